@@ -18,8 +18,17 @@ from ocp.problem.rollout import initial_guesses
 from ocp.routes.homotopy import RouteResult, StageRecord
 from ocp.routes.session import Session
 from ocp.solution import Interrupted, Solution
-from ocp.solve.judging import add_failures, collect_failures, judge_outcome
-from ocp.solve.starts import Rank, accept_standing_still, best_of, check_starts, rank, solve_session
+from ocp.solve.judging import collect_failures, judge_outcome
+from ocp.solve.starts import (
+    Rank,
+    accept_standing_still,
+    best_of,
+    best_solution,
+    check_starts,
+    search_further,
+    searches_of,
+    solve_session,
+)
 from ocp.solve.warm_start import StoredPlan, carry
 from ocp.store.provenance import FilesChanged
 
@@ -248,19 +257,21 @@ def solve_starts(
     except KeyboardInterrupt as stop:
         if not finished:
             raise
-        raise Interrupted(_best_start(session, finished, seed, rank_by)) from stop
+        solutions = _solutions_of(session, finished, seed, rank_by)
+        raise Interrupted(best_of(session, solutions, rank_by)) from stop
     if not finished:
         raise failures[0]
-    return add_failures(_best_start(session, finished, seed, rank_by), failures)
+    solutions = _solutions_of(session, finished, seed, rank_by)
+    return search_further(session, solutions, failures, searches_of(session, seed, progress), rank_by)
 
 
-def _best_start(session: Session, finished: dict[int, StartResult], seed: int, rank_by: Rank) -> Solution:
-    """Return the best of all starts, judged again in this process, which has its graphs."""
+def _solutions_of(session: Session, finished: dict[int, StartResult], seed: int, rank_by: Rank) -> list[Solution]:
+    """Return the solutions of all starts, the best judged again in this process, which has its graphs."""
     results = [finished[place] for place in sorted(finished)]
     solutions_of_starts = [Solution(**start.judged, problem=session.problem) for start in results]
     solutions = accept_standing_still(session, solutions_of_starts)
-    place = min(range(len(results)), key=lambda start: rank(solutions[start], rank_by))
+    place = next(i for i, best in enumerate(solutions) if best is best_solution(solutions, rank_by))
     outcome = results[place].outcome
     judged_here = judge_outcome(session, replace(outcome, nlp=session.nlp_of(outcome.nlp)), seed)
     solutions[place] = replace(solutions[place], derivative=judged_here.derivative)
-    return best_of(session, solutions, rank_by)
+    return solutions

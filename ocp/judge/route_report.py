@@ -27,7 +27,10 @@ class StageRecord:
 
 @dataclass(frozen=True)
 class Attempt:
-    """One of several starts of a solve, counted by ``start``, and what it cost."""
+    """One of several starts of a solve, counted by ``start``, what it cost, and how it was found.
+
+    ``route`` gave it, after ``seconds`` in the solver.
+    """
 
     start: int
     status: str = ""
@@ -36,6 +39,8 @@ class Attempt:
     referee_cost: float = math.nan
     iterations: int = 0
     chosen: bool = False
+    route: str = ""
+    seconds: float = math.nan
 
 
 @dataclass(frozen=True)

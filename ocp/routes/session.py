@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import time
 from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import numpy as np
 
@@ -27,12 +28,18 @@ from ocp.transcription.nlp import NLP, StageCompiler
 
 logger = logging.getLogger(__name__)
 
+Effort = Literal["quick", "normal", "thorough"]
+"""Work beyond the usual route: none; samples as long as they pay; samples under two laws and other routes."""
+DEFAULT_EFFORT: Effort = "normal"
+"""Effort of one solve; each of many, as in a sweep, is quick."""
+
 
 @dataclass
 class Session:
     """Everything that is built once: the closed step and one NLP per reformulation, in ``nlps``.
 
     ``values`` are parameter values by name (problem, law, strategy); turn them and solve again.
+    ``user_guess`` are trajectories that the user asked to begin at, near which one answer is sought.
     """
 
     problem: Problem
@@ -45,6 +52,8 @@ class Session:
     factor: float | None = None
     homotopy_start: float | None = None
     search: bool | None = None
+    effort: Effort = "quick"
+    user_guess: InitialGuess | None = None
     compiled: StageCompiler | None = None
 
     def __post_init__(self) -> None:

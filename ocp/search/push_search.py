@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from ocp.errors import InputError
-from ocp.judge.referee import PENETRATION_SHARE
 from ocp.judge.route_report import SearchedPlan, SearchReport
-from ocp.problem.evaluation import Evaluation
 from ocp.problem.policy import Feedback
 from ocp.programs.solver import Status
-from ocp.routes.homotopy import Progress, RouteResult, StageRecord
+from ocp.routes.homotopy import StageRecord
 from ocp.routes.session import Session, as_swept
 from ocp.search.plan_solver import PlanSolver
 from ocp.search.push_tree import TouchSearch, searchable
 from ocp.search.sampling import can_sample
+from ocp.search.search import Search
+from ocp.search.shortfalls import falls_short, penetrates_between_nodes
 from ocp.solution import Solution
 
 CANDIDATES = 4
@@ -26,8 +26,6 @@ _FIRST = 2
 """Candidates that are solved first; the others follow only where none of them survives."""
 _MANY = 24
 """Pairs of a step above which a scene is searched before anything else."""
-IDLE_SHARE = 0.9
-"""Share of the cost of standing still above which an answer of a scene is searched for anew."""
 
 
 def check_search(session: Session) -> None:
@@ -42,45 +40,31 @@ def check_search(session: Session) -> None:
         raise InputError("the search plans inputs, no feedback gains; leave --search out")
 
 
-def penetrates_between_nodes(solution: Solution) -> bool:
-    """Whether the plan passes through anything between nodes, as far as the referee tolerates."""
-    deepest, depth = solution.referee.between, PENETRATION_SHARE * solution.problem.scales.gap
-    return deepest is not None and deepest.amount > depth
-
-
-def falls_short(solution: Solution) -> bool:
-    """Whether a scene's answer is not to be trusted, or idles.
-
-    That is one without a certificate, one that does not survive the referee, and one that costs
-    more than :data:`IDLE_SHARE` of standing still.
-    """
-    constant = Evaluation(solution.problem, solution.values).least_cost
-    idling = solution.idle_cost - constant
-    idle = idling > 0 and solution.cost - constant > IDLE_SHARE * idling
-    return bool(idle or not solution.certificate.certified or solution.referee.survives is False)
-
-
 @dataclass
-class PushSearch:
-    """Plans of a session's problem, swept, from a tree over pushes drawn from ``seed``.
+class PushSearch(Search):
+    """Plans of a session's problem, swept, from a tree over pushes."""
 
-    ``judge`` makes a solution of a session's outcome and seed;
-    ``report`` tells what was rolled out and what became of it, None before.
-    """
+    def replacements(self) -> Iterable[Solution]:
+        """Yield answers in place of the usual route where the search is chosen, and in scenes of many corners.
 
-    session: Session
-    judge: Callable[[Session, RouteResult, int], Solution]
-    seed: int = 0
-    progress: Progress | None = None
-    report: SearchReport | None = None
+        Relaxations of so many pairs take minutes, and end in the nearest valley.
+        """
+        return self._answers(None) if self._goes_first else ()
 
-    def solutions(self, answer: Solution | None = None) -> Iterator[Solution]:
-        """Answers of the usual path with the way between nodes swept, then those of pushes.
+    def wanted(self, solution: Solution) -> bool:
+        """Return whether the default route goes on to search after an answer that falls short."""
+        return not self._goes_first and self._by_default and falls_short(solution)
 
-        What was ``found`` is where that path starts; where it passes through nothing, or where
-        nothing was found in a scene of many corners, the path is left out. Pushes are tried unless
-        its answer suffices. Under another law than the exact one, or another method, their plans
-        are guesses of the law's own route.
+    def solutions(self, answer: Solution) -> Iterator[Solution]:
+        """Yield answers after that of the usual route."""
+        return self._answers(answer)
+
+    def _answers(self, answer: Solution | None) -> Iterator[Solution]:
+        """Yield answers of the usual path with the way between nodes swept, then those of pushes.
+
+        That path starts at the ``answer``. Where this passes through nothing, or where there is none in a scene of
+        many corners, the path is left out. Pushes are tried unless its answer suffices. Under another law than the
+        exact one, or another method, their plans are guesses of the law's own route.
         """
         swept, few = as_swept(self.session), self.session.problem.system.nlam <= _MANY
         moving = answer is not None and answer.status is not Status.NO_PROGRESS and penetrates_between_nodes(answer)
@@ -96,24 +80,16 @@ class PushSearch:
             yield from self._pushed(swept)
 
     @property
-    def first(self) -> bool:
-        """Whether the search replaces the usual path: where chosen, and in scenes of many corners.
-
-        Relaxations of so many pairs take minutes, and end in the nearest valley.
-        """
-        many = self._own and self.session.problem.system.nlam > _MANY
+    def _goes_first(self) -> bool:
+        many = self._by_default and self.session.problem.system.nlam > _MANY
         return bool(self.session.search or (many and searchable(self.session.problem)))
 
     @property
-    def _own(self) -> bool:
-        """Whether the default route may search of its own accord."""
+    def _by_default(self) -> bool:
+        """Whether the search may begin without being chosen."""
         session = self.session
         plain = session.problem.scenarios.n == 1 and not isinstance(session.policy, Feedback)
         return session.search is None and session.complementary and plain
-
-    def wanted(self, solution: Solution) -> bool:
-        """Whether the default route goes on to search after an answer that falls short."""
-        return self._own and falls_short(solution)
 
     def _pushed(self, swept: Session) -> Iterator[Solution]:
         tree = TouchSearch(swept.problem, swept.values, self.seed)

@@ -2,85 +2,112 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import ClassVar
+from functools import partial
 
 import numpy as np
 
-from ocp.errors import NotConverged
-from ocp.judge.route_report import SearchedPlan, SearchReport
-from ocp.problem.rollout import Rollout, roll_out
-from ocp.routes.homotopy import Progress, RouteResult, StageRecord
+from dynamics.contact import Barrier, Exact
+from ocp.judge.route_report import SearchReport
+from ocp.problem.rollout import Rollout
+from ocp.routes.homotopy import StageRecord
 from ocp.routes.schedules import is_apart
-from ocp.routes.session import Session
-from ocp.search.plan_solver import PlanSolver
-from ocp.search.sampling import InputSampler
+from ocp.search.plan_solver import PlanSolver, exact_rollout
+from ocp.search.sampling import THOROUGH_PAIR_STEPS, InputSampler, SampledPlan
+from ocp.search.search import Search, can_roll_out
+from ocp.search.shortfalls import idles
 from ocp.solution import Solution
 
-CANDIDATES = 6
-"""Sampled plans that are solved locally, each of another contact schedule."""
+NORMAL_PAIR_STEPS = 5e6
+"""Steps of one contact pair of all runs together, at normal effort."""
+NORMAL_FAILING_SHARE = 0.4
+"""Share of samples with a failing step above which none are drawn any more, at normal effort."""
+THOROUGH_CANDIDATES = 6
+"""Sampled plans that are solved locally at thorough effort, each of another contact schedule."""
+NORMAL_CANDIDATES = 3
+"""Sampled plans that are solved locally at normal effort."""
+CATCHING_UP = 0.5
+"""Share of what samples cost above the answer that a stage must take away for the next one, at normal effort."""
+PROMISING = 0.5
+"""Changeable cost of a sampled plan above the answer's, as a share, up to which its branch is solved."""
+HEAVY_PAIRS = 40
+"""Contact pairs from which on rollouts take longer to compile than most solves, and a failing answer is needed."""
 
 
 @dataclass
-class SampleSearch:
+class SampleSearch(Search):
     """Plans of a session's problem from sampled inputs, see :class:`~ocp.search.sampling.InputSampler`.
 
-    ``judge`` makes a solution of a session's outcome and ``seed``; ``report`` tells what was rolled out
-    and what became of it, None before.
+    At ``thorough`` effort all laws and all rounds are sampled; else the exact law, and only as long as samples
+    catch up with the answer.
     """
 
-    session: Session
-    judge: Callable[[Session, RouteResult, int], Solution]
-    seed: int = 0
-    progress: Progress | None = None
-    report: SearchReport | None = None
-
-    first: ClassVar[bool] = False
-    """Sampled plans come beside those of the usual route, not in their place."""
+    thorough: bool = True
 
     def wanted(self, solution: Solution) -> bool:
-        """Return whether samples are searched after the usual route's ``solution``: where chosen."""
-        return self.session.search is True
+        """Return whether samples are drawn after ``solution``: where chosen, or where inputs alone make a plan."""
+        session = self.session
+        if session.search:
+            return True
+        light = session.problem.system.nlam < HEAVY_PAIRS
+        return can_roll_out(session) and (
+            self.thorough or light or not solution.certificate.certified or idles(solution)
+        )
 
-    def solutions(self, solution: Solution | None = None) -> Iterator[Solution]:
+    def solutions(self, answer: Solution) -> Iterator[Solution]:
         """Yield answers from the cheapest sampled plans, one of each contact schedule."""
-        sampler = InputSampler(self.session.evaluation, self.seed)
-        plans = self._distinct(self._rollouts(sampler))
-        self.report = SearchReport(self.seed, sampler.rolled_steps // self.session.problem.N, sampler.rolled_steps)
-        solver = PlanSolver(self.session, self._roll_out, self.judge, "sampling", self.seed, self.progress)
-        for plan, answer in solver.solve(plans):
-            survives = answer.referee.survives
-            self.report.plans.append(SearchedPlan(plan.cost, answer.cost, answer.status.label, survives))
-            yield answer
+        laws = (Exact(), Barrier(mu=1.0)) if self.thorough else (Exact(),)
+        pair_steps = THOROUGH_PAIR_STEPS if self.thorough else NORMAL_PAIR_STEPS
+        failing_share = 1.0 if self.thorough else NORMAL_FAILING_SHARE
+        sampler = InputSampler(self.session.evaluation, self.seed, laws, pair_steps, failing_share)
+        plans = self._distinct(self._rollouts(sampler, answer), answer)
+        roll_out = partial(exact_rollout, self.session)
+        limit = answer.audit.exact_cost if answer.certificate.certified else np.inf
+        solver = PlanSolver(self.session, roll_out, self.judge, "sampling", self.seed, self.progress, limit)
+        steps = sampler.rolled_steps
+        self.report = SearchReport(self.seed, steps // self.session.problem.N, steps, solver.tried)
+        for _, solution in solver.solve(plans):
+            yield solution
 
-    def _rollouts(self, sampler: InputSampler) -> list[Rollout]:
-        """Return the exact rollouts of the sampled plans, the cheapest first, by cost and violated constraints."""
-        rollouts: list[tuple[float, Rollout]] = []
-        for number, plan in enumerate(sampler.plans(), 1):
-            rollout = self._roll_out(plan.inputs)
-            if rollout is not None:
-                rollouts.append((sampler.exact_cost(plan.inputs), rollout))
+    def _sampled(self, sampler: InputSampler, answer: Solution) -> list[SampledPlan]:
+        """Return the cheapest plan of each run, after as many stages as pay."""
+        plans: list[SampledPlan] = []
+        excess_before = answer.idle_cost - answer.audit.exact_cost
+        for number, plans in enumerate(sampler.stages(), 1):
+            best = min((plan.cost for plan in plans), default=np.inf)
             if self.progress is not None:
-                self.progress(
-                    StageRecord("samples", number, plan.cost, np.nan, np.nan, sampler.rolled_steps, np.nan, plan.run)
-                )
-        return [rollout for _, rollout in sorted(rollouts, key=lambda pair: pair[0])]
+                nan = np.nan
+                self.progress(StageRecord("samples", number, best, nan, nan, sampler.rolled_steps, nan, "sampled"))
+            excess = best - answer.audit.exact_cost
+            if not self.thorough and excess > 0 and excess > CATCHING_UP * excess_before:
+                break
+            excess_before = excess
+        return plans
 
-    def _distinct(self, rollouts: list[Rollout]) -> list[Rollout]:
-        """Return the first rollouts of different contact schedules, at most :data:`CANDIDATES`."""
-        sizes, chosen = self.session.problem.scales, list[Rollout]()
-        schedules: list[np.ndarray] = []
+    def _rollouts(self, sampler: InputSampler, answer: Solution) -> list[Rollout]:
+        """Return the exact rollouts of the sampled plans, the cheapest first, by cost and violated constraints."""
+        plans = self._sampled(sampler, answer)
+        costs = [sampler.exact_cost(plan.inputs) for plan in plans]
+        rollouts = (exact_rollout(self.session, plans[i].inputs) for i in np.argsort(costs, kind="stable"))
+        return [rollout for rollout in rollouts if rollout is not None]
+
+    def _distinct(self, rollouts: list[Rollout], answer: Solution) -> list[Rollout]:
+        """Return the first promising rollouts of different contact schedules, other than a cheaper answer's."""
+        session, cost, certified = self.session, answer.audit.exact_cost, answer.certificate.certified
+        limit = THOROUGH_CANDIDATES if self.thorough else NORMAL_CANDIDATES
+        answered = self._schedule(answer.data["lam"].values[0], answer.data["gap"].values[0])
+        chosen, schedules = list[Rollout](), list[np.ndarray]()
         for rollout in rollouts:
-            schedule = (rollout.lam[0] / sizes.impulse > rollout.gap[0] / sizes.gap).T
-            if len(chosen) < CANDIDATES and all(is_apart(schedule, other) for other in schedules):
+            excess, schedule = rollout.cost - cost, self._schedule(rollout.lam[0], rollout.gap[0])
+            promising = not certified or self.thorough or session.evaluation.cost_share(excess, cost) < PROMISING
+            others = [*schedules, answered] if certified and excess > 0 else schedules
+            if promising and len(chosen) < limit and all(is_apart(schedule, other) for other in others):
                 chosen.append(rollout)
                 schedules.append(schedule)
         return chosen
 
-    def _roll_out(self, inputs: np.ndarray) -> Rollout | None:
-        """Return the exact rollout of inputs (N, nu), or None where a step is not solved."""
-        try:
-            return roll_out(self.session.problem, inputs[None], self.session.values)
-        except NotConverged:
-            return None
+    def _schedule(self, lam: np.ndarray, gap: np.ndarray) -> np.ndarray:
+        """Return which contacts act, (nlam, N), of impulses and gaps (N, nlam)."""
+        sizes = self.session.problem.scales
+        return (lam / sizes.impulse > gap / sizes.gap).T

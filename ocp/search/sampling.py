@@ -8,15 +8,17 @@ the exact law has no gradient from afar but needs none, and the barrier law narr
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import warnings
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import product
-from typing import Literal
+from typing import Literal, get_args
 
 import casadi as ca
 import numpy as np
 
-from dynamics.batch import RolloutFunction, open_loop
+from dynamics.batch import BatchWarning, RolloutFunction, open_loop
 from dynamics.contact import Barrier, ContactLaw, Exact, Step
 from ocp.problem.batch_rollouts import batch_rollouts
 from ocp.problem.evaluation import Evaluation
@@ -29,7 +31,9 @@ MAX_SAMPLES = 1000
 """Most samples of a round."""
 MIN_SAMPLES = 64
 """Fewest samples of a round with which a distribution can be fitted."""
-BUDGET = 2e7
+STAGE_ROUNDS = 10
+"""Rounds after which the dearer half of the runs ends."""
+THOROUGH_PAIR_STEPS = 1e8
 """Steps of one contact pair of all runs together: a step's work grows with the square of its pairs."""
 ELITE_SHARE = 0.1
 """Share of a round's samples that the next distribution is fitted to."""
@@ -43,6 +47,9 @@ BARRIER_DECADES = 4
 """Decades over which a run under the barrier law narrows mu, from the product of characteristic sizes."""
 PENALTY_WEIGHT = 100.0
 """Cost of violating a constraint of states by its characteristic size, in characteristic costs."""
+
+MU = "contact.mu"
+"""Parameter of the barrier law."""
 
 Basis = Literal["linear", "constant"]
 
@@ -69,46 +76,109 @@ def can_sample(problem: Problem) -> bool:
     return problem.scenarios.n == 1 and problem.start is None and problem.system.nu > 0
 
 
+@dataclass(eq=False)
+class SamplingRun:
+    """One run of the cross-entropy method: its law, basis (N, K), and normal distribution (K, nu).
+
+    ``best`` (K, nu) is its cheapest sample with ``best_cost``, after ``rounds`` of :data:`ROUNDS`.
+    """
+
+    law: ContactLaw
+    weights: np.ndarray
+    mean: np.ndarray
+    deviation: np.ndarray
+    generator: np.random.Generator
+    name: str
+    best: np.ndarray
+    best_cost: float = np.inf
+    rounds: int = 0
+
+    @property
+    def narrows(self) -> bool:
+        """Whether the law changes from round to round, so that costs of two rounds cannot be compared."""
+        return isinstance(self.law, Barrier)
+
+    def advance(self, costs_of: Callable[[np.ndarray, float], np.ndarray], samples: int, rounds: int) -> None:
+        """Fit the distribution to the cheapest samples, ``rounds`` times.
+
+        ``costs_of`` maps inputs (S, N, nu) and the progress from 0 to 1 of the whole run to costs (S,).
+        """
+        elites = max(4, int(ELITE_SHARE * samples))
+        for _ in range(rounds):
+            z = self.mean + self.deviation * self.generator.standard_normal((samples, *self.mean.shape))
+            z[0], z[1] = self.best, self.mean
+            costs = costs_of(self.weights @ z, self.rounds / (ROUNDS - 1))
+            order = np.argsort(costs, kind="stable")[:elites]
+            if costs[order[0]] < self.best_cost or self.narrows:
+                self.best, self.best_cost = z[order[0]], float(costs[order[0]])
+            self.mean = SMOOTHING * self.mean + (1 - SMOOTHING) * z[order].mean(axis=0)
+            self.deviation = SMOOTHING * self.deviation + (1 - SMOOTHING) * z[order].std(axis=0)
+            self.rounds += 1
+
+
 class InputSampler:
     """Runs of the cross-entropy method on the inputs of a problem that :func:`can_sample` takes.
 
-    Bounds of states and constraints in states and inputs cost :data:`PENALTY_WEIGHT` by violation.
-    ``samples`` are those of a round, ``rolled_steps`` the steps rolled out so far. Same ``seed``, same plans, whatever
+    All ``runs`` begin; after every stage of :data:`STAGE_ROUNDS` the dearer half of those under one law ends.
+    Bounds of states and constraints in states and inputs cost :data:`PENALTY_WEIGHT` by violation. ``samples`` are
+    those of a round, as many as ``pair_steps``, the steps of one contact pair of all runs together, allow;
+    ``rolled_steps`` are the steps rolled out so far. No other run begins where more than ``failing_share`` of the
+    first one's samples have a step without solution, which takes long to notice. Same ``seed``, same plans, whatever
     the number of threads.
     """
 
-    def __init__(self, evaluation: Evaluation, seed: int = 0) -> None:
+    def __init__(
+        self,
+        evaluation: Evaluation,
+        seed: int = 0,
+        laws: Sequence[ContactLaw] = (Exact(), Barrier(mu=1.0)),
+        pair_steps: float = THOROUGH_PAIR_STEPS,
+        failing_share: float = 1.0,
+    ) -> None:
         problem, limits = evaluation.problem, evaluation.limits
-        self.problem, self.evaluation, self.seed = penalized(problem), evaluation, seed
+        self.problem, self.evaluation, self.failing_share = penalized(problem), evaluation, failing_share
         self.lower, self.upper = limits.u_lower, limits.u_upper
         guess, size = evaluation.initial_guess[1].mean(axis=0), problem.scales.u
         bounded = np.isfinite(self.upper - self.lower)
         with np.errstate(invalid="ignore"):
             centre = np.where(bounded, (self.lower + self.upper) / 2, guess)
             reach = np.where(bounded, (self.upper - self.lower) / 2, UNBOUNDED_REACH * size)
-        self.beginnings = {"bounds": (centre, reach), "guess": (guess, np.minimum(size, reach))}
-        knots = sorted({min(knots, problem.N) for knots in KNOTS})
-        self.runs = [*product((Exact(), Barrier(mu=1.0)), ("linear", "constant"), knots, self.beginnings)]
+        beginnings = {"bounds": (centre, reach), "guess": (guess, np.minimum(size, reach))}
+        n_knots = sorted({min(n, problem.N) for n in KNOTS})
+        choices = [*product(laws, get_args(Basis), n_knots, beginnings)]
+        self.runs: list[SamplingRun] = []
+        for (law, basis, knots, beginning), stream in zip(
+            choices, np.random.SeedSequence(seed).spawn(len(choices)), strict=True
+        ):
+            mean, deviation = (np.tile(row, (knots, 1)) for row in beginnings[beginning])
+            name = f"{law.name} law, {knots} {basis} pieces from the {beginning}"
+            weights = input_basis(basis, problem.N, knots)
+            self.runs.append(SamplingRun(law, weights, mean, deviation, np.random.default_rng(stream), name, mean))
         pairs = max(problem.system.nlam, 2)
-        affordable = BUDGET / (pairs**2 * problem.N * ROUNDS * len(self.runs))
+        # Halving runs twice the rounds of one stage of all of them.
+        affordable = pair_steps / (pairs**2 * problem.N * 2 * STAGE_ROUNDS * len(self.runs))
         self.samples = int(np.clip(affordable, MIN_SAMPLES, MAX_SAMPLES))
-        self.rolled_steps = 0
+        self.rolled_steps = self.failures = 0
         self._functions: dict[str, tuple[Step, RolloutFunction]] = {}
 
-    def plans(self) -> Iterator[SampledPlan]:
-        """Yield the cheapest plan of each run, where its cost is finite."""
-        streams = np.random.SeedSequence(self.seed).spawn(len(self.runs))
-        for (law, basis, knots, beginning), stream in zip(self.runs, streams, strict=True):
-            weights = input_basis(basis, self.problem.N, knots)
-            generator = np.random.default_rng(stream)
-            inputs, cost = self._run(*self._function(law), weights, self.beginnings[beginning], generator)
-            if np.isfinite(cost):
-                yield SampledPlan(inputs, cost, f"{law.name} law, {knots} {basis} pieces from the {beginning}")
+    def stages(self) -> Iterator[list[SampledPlan]]:
+        """Yield after every stage the cheapest plan of each run, where its cost is finite."""
+        running = self.runs
+        for first_round in range(0, ROUNDS, STAGE_ROUNDS):
+            for run in running:
+                costs_of = partial(self._costs, *self._function(run.law))
+                run.advance(costs_of, self.samples, min(STAGE_ROUNDS, ROUNDS - first_round))
+                if run is self.runs[0] and self.failures > self.failing_share * self.samples * run.rounds:
+                    return
+            yield [self._plan(run) for run in self.runs if np.isfinite(run.best_cost)]
+            running = _cheaper_half(running)
+
+    def _plan(self, run: SamplingRun) -> SampledPlan:
+        return SampledPlan(np.clip(run.weights @ run.best, self.lower, self.upper), run.best_cost, run.name)
 
     def exact_cost(self, inputs: np.ndarray) -> float:
         """Return the cost of inputs (N, nu) under the exact law, with penalties."""
-        step, function = self._function(Exact())
-        return float(self._costs(function, inputs[None], self._parameters(step, 1.0))[0])
+        return float(self._costs(*self._function(Exact()), inputs[None], 1.0)[0])
 
     def _function(self, law: ContactLaw) -> tuple[Step, RolloutFunction]:
         """Return the step under a law and the function that rolls it out, compiled once."""
@@ -118,52 +188,39 @@ class InputSampler:
             self._functions[law.name] = step, batch_rollouts(self.problem, step, open_loop(system.nx, system.nu))
         return self._functions[law.name]
 
-    def _run(
-        self,
-        step: Step,
-        function: RolloutFunction,
-        weights: np.ndarray,
-        beginning: tuple[np.ndarray, np.ndarray],
-        generator: np.random.Generator,
-    ) -> tuple[np.ndarray, float]:
-        """Return the inputs of the cheapest sample of one run, (N, nu), and its cost."""
-        knots = weights.shape[1]
-        mean, deviation = (np.tile(part, (knots, 1)) for part in beginning)
-        best, best_cost = mean, np.inf
-        elites = max(4, int(ELITE_SHARE * self.samples))
-        narrowing = len(step.p.names) > len(self.problem.parameters.names)
-        for number in range(ROUNDS):
-            z = mean + deviation * generator.standard_normal((self.samples, *mean.shape))
-            z[0], z[1] = best, mean
-            costs = self._costs(function, weights @ z, self._parameters(step, number / (ROUNDS - 1)))
-            order = np.argsort(costs, kind="stable")[:elites]
-            # Costs under a narrower barrier are others: the best of the last round is compared anew.
-            if costs[order[0]] < best_cost or narrowing:
-                best, best_cost = z[order[0]], float(costs[order[0]])
-            mean = SMOOTHING * mean + (1 - SMOOTHING) * z[order].mean(axis=0)
-            deviation = SMOOTHING * deviation + (1 - SMOOTHING) * z[order].std(axis=0)
-        return np.clip(weights @ best, self.lower, self.upper), best_cost
+    def _costs(self, step: Step, function: RolloutFunction, inputs: np.ndarray, progress: float) -> np.ndarray:
+        """Return the costs (S,) of clipped inputs (S, N, nu); infinite where a step is not solved.
 
-    def _parameters(self, step: Step, progress: float) -> np.ndarray:
-        """Return the values of a step's parameters, the barrier's mu as narrow as ``progress`` in [0, 1] tells."""
-        sizes = self.problem.scales
-        mu = sizes.impulse * sizes.gap * 10 ** (-BARRIER_DECADES * progress)
-        values = self.evaluation.values
-        return step.p.pack({**values, "contact.mu": mu} if "contact.mu" in step.p.names else values)
-
-    def _costs(self, function: RolloutFunction, inputs: np.ndarray, parameters: np.ndarray) -> np.ndarray:
-        """Return the costs (S,) of clipped inputs (S, N, nu); infinite where a step is not solved."""
-        limits, clipped = self.evaluation.limits, np.clip(inputs, self.lower, self.upper)
+        The barrier's mu is as narrow as ``progress`` in [0, 1] tells.
+        """
+        sizes, values = self.problem.scales, self.evaluation.values
+        if MU in step.p.names:
+            values = {**values, MU: sizes.impulse * sizes.gap * 10 ** (-BARRIER_DECADES * progress)}
+        clipped = np.clip(inputs, self.lower, self.upper)
         self.rolled_steps += clipped.shape[0] * clipped.shape[1]
-        rollouts = function(
-            self.evaluation.initial_states[0],
-            clipped,
-            parameters,
-            n_samples=len(inputs),
-            u_before=limits.u_before if self.problem.uses_du else None,
-            gradient=False,
-        )
-        return np.where(np.isfinite(rollouts.cost), rollouts.cost, np.inf)
+        with warnings.catch_warnings():
+            # Samples without an answer cost infinitely much, which the search says by itself.
+            warnings.simplefilter("ignore", BatchWarning)
+            rollouts = function(
+                self.evaluation.initial_states[0],
+                clipped,
+                step.p.pack(values),
+                n_samples=len(inputs),
+                u_before=self.evaluation.limits.u_before if self.problem.uses_du else None,
+                gradient=False,
+            )
+        finite = np.isfinite(rollouts.cost)
+        self.failures += int(np.sum(~finite))
+        return np.where(finite, rollouts.cost, np.inf)
+
+
+def _cheaper_half(runs: list[SamplingRun]) -> list[SamplingRun]:
+    """Return the cheaper half of the runs under each law: costs under two laws cannot be compared."""
+    chosen = set[int]()
+    for law in {run.law.name for run in runs}:
+        same = sorted((run for run in runs if run.law.name == law), key=lambda run: run.best_cost)
+        chosen |= {id(run) for run in same[: -(-len(same) // 2)]}
+    return [run for run in runs if id(run) in chosen]
 
 
 def penalized(problem: Problem) -> Problem:

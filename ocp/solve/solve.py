@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, get_args
 
 from dynamics.contact import ContactLaw
 from ocp.errors import InputError, choose, input_errors
@@ -13,7 +13,7 @@ from ocp.problem.problem import Problem
 from ocp.problem.resources import check_memory, solve_memory
 from ocp.programs.solver import Solver
 from ocp.routes.homotopy import StageRecord
-from ocp.routes.session import Session, as_swept
+from ocp.routes.session import DEFAULT_EFFORT, Effort, Session, as_swept
 from ocp.solution import Solution
 from ocp.solve.judging import judge_outcome, keep_best_on_interrupt
 from ocp.solve.refinement import divided_step, refine_step_size
@@ -40,6 +40,7 @@ def solve(
     *,
     guess: GuessLike | None = None,
     search: bool | None = None,
+    effort: Effort = DEFAULT_EFFORT,
     refine: bool = False,
     params: Mapping[str, Any] | None = None,
     contact_settings: Mapping[str, Any] | None = None,
@@ -65,9 +66,13 @@ def solve(
     law or by another method, whose trajectories and multipliers the solver starts at
     (:func:`~ocp.solve.warm_start.carry`). Where it does not converge from there, they are the guess of a usual solve.
     ``guess`` replaces the problem's own guess: states (N+1, nx) and inputs (N, nu); a dataset with ``x`` and ``u``;
-    or a solution, such as a run that :func:`ocp.load` reads, resampled where its horizon differs.
-    ``search=True`` finds plans from nothing (:mod:`ocp.search`); False never. By default a scene is searched whose
-    answer has no certificate, does not survive, or hardly beats standing still.
+    or a solution, such as a run that :func:`ocp.load` reads, resampled where its horizon differs. Under the exact
+    law the guess is also rolled out and solved near itself: the answer is never worse than that rollout.
+
+    ``effort`` beyond the usual route, under the exact law: ``"quick"`` none, unless a scene's answer falls short;
+    ``"normal"`` samples of input sequences as long as they catch up with the answer, and other routes where it idles
+    or has no certificate; ``"thorough"`` samples under two laws and all routes (:mod:`ocp.search`).
+    ``search=True`` begins with the thorough search for plans; ``search=False`` leaves all searches out.
     ``refine`` plans again at half the step, from the last plan, until its cost and that of its replay at half the
     step agree (:func:`~ocp.solve.refinement.refine_step_size`).
 
@@ -77,7 +82,7 @@ def solve(
     _check_beginnings(search, warm_start, guess, n_starts)
     named_settings = {"params": params, "contact_settings": contact_settings, **keywords}
     session = new_session(problem, contact, method, policy, solver, settings, **named_settings)
-    session = begin_at(session, guess, search)
+    session = begin_at(session, guess, search, effort)
     if refine:
         divided_step(session.problem, session.values, 1)
     if warm_start is None:
@@ -96,9 +101,11 @@ def _check_beginnings(search: bool | None, warm_start: Solution | None, guess: G
         raise InputError("warm_start cannot be combined with several starts; leave n_starts at 1")
 
 
-def begin_at(session: Session, guess: GuessLike | None, search: bool | None) -> Session:
-    """Return the session with another guess, where one is given, and with the choice of a search."""
-    session.search = search
+def begin_at(
+    session: Session, guess: GuessLike | None, search: bool | None, effort: Effort = DEFAULT_EFFORT
+) -> Session:
+    """Return the session with another guess, where one is given, with the choice of a search, and its effort."""
+    session.search, session.effort = search, choose("effort", effort, {name: name for name in get_args(Effort)})
     if search:
         from ocp.search.push_search import check_search
 
@@ -106,7 +113,8 @@ def begin_at(session: Session, guess: GuessLike | None, search: bool | None) -> 
     if guess is None:
         return session
     trajectories = given_guess(guess, session.problem, session.values)
-    return replace(session, problem=replace(session.problem, guess=lambda made, p: trajectories))
+    problem = replace(session.problem, guess=lambda made, p: trajectories)
+    return replace(session, problem=problem, user_guess=trajectories)
 
 
 def refine_from(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
@@ -21,15 +21,16 @@ from ocp.solve.judging import add_failures, collect_failures, judge_outcome, kee
 from ocp.validation import Count, Index, validated
 
 if TYPE_CHECKING:
-    from ocp.search.push_search import PushSearch
-    from ocp.search.sample_search import SampleSearch
+    from ocp.search.search import Search
 
 Rank = Literal["planned", "exact", "referee"]
 """Order of several answers: their cost under the law, replayed under the exact one, or by the
 referee."""
 WAYS = 4
 """Ways to try before standing still is called the best, each by a guess of its own."""
-_FEASIBLE = {Status.SOLVED: 0, Status.NOT_OPTIMAL: 1, Status.UNDECIDED: 1, Status.NO_PROGRESS: 2}
+CERTIFIED_SHARE = 0.01
+"""Share of the cost that a certificate is worth: so much dearer an answer may be than one without."""
+_FEASIBLE = {Status.SOLVED: 0, Status.NOT_OPTIMAL: 0, Status.UNDECIDED: 0, Status.NO_PROGRESS: 1}
 """Ends that are feasible, and their order."""
 
 
@@ -59,14 +60,13 @@ def solve_session(
     """
     solutions: list[Solution] = []
     failures: list[Exception] = []
-    search = _searcher(session, seed, progress)
-    n_guesses = WAYS if n_starts == 1 else n_starts
-    guesses = initial_guesses(session.evaluation, n_guesses, seed)
+    searches = searches_of(session, seed, progress)
+    guesses = initial_guesses(session.evaluation, WAYS if n_starts == 1 else n_starts, seed)
     try:
         with interruptible():
-            if search is not None and search.first:
+            for search in searches:
                 with collect_failures(failures):
-                    solutions += search.solutions()
+                    solutions += search.replacements()
             for number, guess in enumerate(guesses if not solutions else ()):
                 stands_still = solutions and session.follows_smoothing and _stands_still(solutions[-1])
                 if number >= n_starts and not stands_still:
@@ -76,34 +76,59 @@ def solve_session(
                 with collect_failures(failures), watching as watch:
                     outcome = session.solve(progress=watch, guess=guess, number=number)
                     solutions.append(judge_outcome(session, outcome, seed))
-            if not solutions:
-                raise failures[0]
-            best = min(solutions, key=lambda solution: rank(solution, rank_by))
-            if search is not None and not search.first and search.wanted(best):
-                with collect_failures(failures):
-                    solutions += search.solutions(best)
     except KeyboardInterrupt as stop:
         if not solutions:
             raise
         raise Interrupted(best_of(session, solutions, rank_by)) from stop
+    return search_further(session, solutions, failures, searches, rank_by)
+
+
+def search_further(
+    session: Session, solutions: list[Solution], failures: list[Exception], searches: list[Search], rank_by: Rank
+) -> Solution:
+    """Return the best of ``solutions`` and of those that searches add; raise the first failure without any.
+
+    Raises :class:`~ocp.solution.Interrupted` with the best so far where Ctrl-C ends a search.
+    """
+    if not solutions:
+        raise failures[0]
+    try:
+        with interruptible():
+            for search in searches:
+                best = best_solution(solutions, rank_by)
+                if search.wanted(best):
+                    with collect_failures(failures):
+                        solutions += search.solutions(best)
+    except KeyboardInterrupt as stop:
+        raise Interrupted(best_of(session, solutions, rank_by)) from stop
     best = solutions[0] if len(solutions) == 1 else best_of(session, solutions, rank_by)
-    return add_failures(best.with_route(search=None if search is None else search.report), failures)
+    reports = [search.report for search in searches if search.report is not None]
+    return add_failures(best.with_route(search=reports[-1] if reports else None), failures)
 
 
-def _searcher(
-    session: Session, seed: int, progress: Callable[[StageRecord], None] | None
-) -> PushSearch | SampleSearch | None:
-    """Return the search over pushes where the problem has pushers, over sampled inputs where it is chosen."""
-    if session.search is False or not (session.search or session.problem.system.scene):
-        return None
+def searches_of(session: Session, seed: int, progress: Callable[[StageRecord], None] | None) -> list[Search]:
+    """Return what is tried beside the usual route, in order."""
+    pushing, eager = bool(session.problem.system.scene), session.effort != "quick" and session.complementary
+    if session.search is False or not (session.search or eager or pushing or session.user_guess is not None):
+        return []
     # Only here: what only searches need is not loaded for other problems.
+    from ocp.search.other_routes import GuessSearch, RouteSearch
     from ocp.search.push_search import PushSearch
     from ocp.search.push_tree import searchable
     from ocp.search.sample_search import SampleSearch
 
-    if session.search and not searchable(session.problem):
-        return SampleSearch(session, judge_outcome, seed, progress)
-    return PushSearch(session, judge_outcome, seed, progress)
+    searches: list[Search] = []
+    thorough = session.effort == "thorough"
+    sampled = bool(session.search) and not searchable(session.problem)
+    if session.user_guess is not None:
+        searches.append(GuessSearch(session, judge_outcome, seed, progress, guess=session.user_guess))
+    if pushing and not sampled:
+        searches.append(PushSearch(session, judge_outcome, seed, progress))
+    if eager:
+        searches.append(RouteSearch(session, judge_outcome, seed, progress, thorough))
+    if eager or sampled:
+        searches.append(SampleSearch(session, judge_outcome, seed, progress, thorough or sampled))
+    return searches
 
 
 def _stands_still(solution: Solution) -> bool:
@@ -116,7 +141,7 @@ def best_of(session: Session, solutions: list[Solution], rank_by: Rank = "planne
     To stand still counts as one where it may, see :func:`accept_standing_still`.
     """
     solutions = accept_standing_still(session, solutions)
-    best = min(solutions, key=lambda solution: rank(solution, rank_by))
+    best = best_solution(solutions, rank_by)
     attempts = [
         Attempt(
             start=index,
@@ -126,6 +151,8 @@ def best_of(session: Session, solutions: list[Solution], rank_by: Rank = "planne
             referee_cost=attempt.referee.cost,
             iterations=attempt.iterations,
             chosen=attempt is best,
+            route=attempt.route.name,
+            seconds=attempt.solve_s,
         )
         for index, attempt in enumerate(solutions)
     ]
@@ -155,12 +182,36 @@ def accept_standing_still(session: Session, solutions: list[Solution]) -> list[S
     ]
 
 
-def rank(solution: Solution, by: Rank = "planned") -> tuple[int, float]:
-    """Order answers: certified ones first, then the others that are feasible, then by cost.
+def best_solution(solutions: Sequence[Solution], by: Rank = "planned") -> Solution:
+    """Return the solution that does best: feasible ones first, then by what the exact replay costs.
 
-    Of a scene, answers that survive the referee come before all others.
+    For another law than the exact one the planned cost counts, as for another order ``by``. Of costs that differ by
+    less than :data:`CERTIFIED_SHARE` a certified answer is preferred, of equal ones one that survives the referee.
+    Of a scene, answers that survive it come before all others.
     """
-    costs = {"planned": solution.cost, "exact": solution.audit.exact_cost, "referee": solution.referee.cost}
-    cost = costs[by]
-    fails_referee = solution.referee.survives_at_h is False and solution.problem.system.scene
-    return _FEASIBLE.get(solution.status, 3) + 4 * fails_referee, cost if np.isfinite(cost) else np.inf
+    least = min(map(_order_of_end, solutions))
+    feasible = [solution for solution in solutions if _order_of_end(solution) == least]
+    costs = {id(solution): _cost_by(solution, by) for solution in feasible}
+    cheapest = min(feasible, key=lambda solution: costs[id(solution)])
+
+    def share(solution: Solution) -> float:
+        excess = costs[id(solution)] - costs[id(cheapest)]
+        return 0.0 if solution is cheapest else solution.cost_share(excess, costs[id(cheapest)])
+
+    close = [s for s in feasible if s.certificate.certified and share(s) < CERTIFIED_SHARE] or [cheapest]
+    cheapest = min(close, key=lambda solution: costs[id(solution)])
+    equal = [solution for solution in close if share(solution) <= COST_GAIN]
+    return min(equal, key=lambda s: (s.referee.survives is not True, costs[id(s)]))
+
+
+def _order_of_end(solution: Solution) -> int:
+    """Order the ends of solves: feasible, standing still, neither; of a scene those that survive first."""
+    fails_referee = solution.referee.survives_at_h is False and bool(solution.problem.system.scene)
+    return _FEASIBLE.get(solution.status, 2) + 3 * fails_referee
+
+
+def _cost_by(solution: Solution, by: Rank) -> float:
+    """Return the cost by which answers are compared, infinite where it is NaN."""
+    planned = solution.audit.exact_cost if solution.record["contact"] == "exact" else solution.cost
+    cost = {"planned": planned, "exact": solution.audit.exact_cost, "referee": solution.referee.cost}[by]
+    return cost if np.isfinite(cost) else np.inf

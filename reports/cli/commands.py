@@ -105,10 +105,11 @@ class SolveOptions(StartsOptions):
     )
     start: str | None = option(None, "--from", metavar="RUN", help="Start from a stored run of the same problem.")
     require: str | None = option(None, metavar="survives", help="Exit 3 unless the plan survives the referee.")
+    effort: str = option("normal", metavar="LEVEL", help="Work beyond the usual route: quick, normal or thorough.")
     search: bool | None = option(
         None,
         "--search/--no-search",
-        help="Search for plans from nothing; by default for a scene whose answer falls short.",
+        help="Search for plans thoroughly, or not at all.",
     )
     refine: bool = option(False, help="Solve again at h/2, h/4, ... until the cost converges.")
     world: str | None = option(None, help="Try the plan in another simulator too: mujoco.")

@@ -14,11 +14,12 @@ from ocp.judge.constraints import describe_violations
 from ocp.problem.resources import check_memory
 from ocp.programs.solver import Status
 from ocp.routes.homotopy import StageRecord
+from ocp.routes.session import Effort
 from ocp.simulators import SIMULATORS
 from ocp.solution import Interrupted, Replay, Solution
 from ocp.solve.refinement import divided_step
 from ocp.solve.request import rebuilder
-from ocp.solve.solve import refine_from, solve_from
+from ocp.solve.solve import begin_at, refine_from, solve_from
 from ocp.solve.starts import Rank, solve_session
 from ocp.store import atomic
 from ocp.store.route_record import record_of
@@ -55,11 +56,7 @@ def check(options: SolveOptions) -> tuple[Request, Solution | None]:
     request = Request.read(options)
     if options.search and (options.starts > 1 or options.start is not None):
         raise InputError("--search finds its own starts; drop --starts and --from")
-    request.session.search = options.search
-    if options.search:
-        from ocp.search.push_search import check_search
-
-        check_search(request.session)
+    begin_at(request.session, None, options.search, cast("Effort", options.effort))
     if options.refine:
         divided_step(request.session.problem, request.session.values, 1)
     if options.world is not None:

@@ -205,7 +205,7 @@ def test_planning_through_the_step_is_planning_against_the_freedom(problem_of, m
 
     The barrier law alone is no remedy: at any mu, ``lam (z - lam) = mu`` has two ends as well.
     """
-    free = solved(problem_of)
+    free = solve(problem_of(), Exact(), effort="quick")
     assert "as the replay does, and the motion from there costs" in free.verdict
     bound = solved(problem_of, Barrier(mu=mu), MultipleShooting())
     assert bound.status is Status.SOLVED and bound.referee.nonuniqueness == ""

@@ -24,7 +24,7 @@ from ocp import (
 )
 from ocp.problem.rollout import initial_guesses
 from ocp.solve.solve import new_session
-from ocp.solve.starts import rank
+from ocp.solve.starts import best_solution
 from problems import get
 from tests.findings import codes
 
@@ -116,10 +116,10 @@ def test_an_audited_answer_beats_a_cheaper_one_that_is_none() -> None:
     base = solve(get("push-1d", N=3), Barrier(mu=1e-2))
     kinds = [Status.SOLVED, Status.NO_PROGRESS, Status.INEXACT, Status.ITERATION_LIMIT]
     answers = [replace(base, status=kind, cost=10.0 - i) for i, kind in enumerate(kinds)]
-    assert min(answers, key=rank).status is Status.SOLVED
-    assert min(answers[1:], key=rank).status is Status.NO_PROGRESS
+    assert best_solution(answers).status is Status.SOLVED
+    assert best_solution(answers[1:]).status is Status.NO_PROGRESS
     nothing = replace(base, cost=float("nan"))
-    assert min([nothing, base], key=rank) is base
+    assert best_solution([nothing, base]) is base
 
 
 # --- scenarios -------------------------------------------------------------------------------

@@ -1,0 +1,48 @@
+"""What every search for answers beside the usual route has in common."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
+
+from ocp.judge.route_report import SearchReport
+from ocp.problem.policy import Feedback
+from ocp.routes.homotopy import Progress, RouteResult
+from ocp.routes.session import Session
+from ocp.search.sampling import can_sample
+from ocp.solution import Solution
+
+Judge = Callable[[Session, RouteResult, int], Solution]
+"""Make a solution of a session's outcome and the seed."""
+
+
+@dataclass
+class Search(ABC):
+    """Search for answers to a session's problem, drawn from ``seed``.
+
+    ``report`` tells what was rolled out and what became of it, None before.
+    """
+
+    session: Session
+    judge: Judge
+    seed: int = 0
+    progress: Progress | None = None
+    report: SearchReport | None = field(default=None, init=False)
+
+    def replacements(self) -> Iterable[Solution]:
+        """Yield answers in place of those of the usual route, which is followed where there are none."""
+        return ()
+
+    @abstractmethod
+    def wanted(self, solution: Solution) -> bool:
+        """Return whether to search after the best ``solution`` so far."""
+
+    @abstractmethod
+    def solutions(self, answer: Solution) -> Iterator[Solution]:
+        """Yield answers beside the best ``answer`` so far."""
+
+
+def can_roll_out(session: Session) -> bool:
+    """Return whether inputs alone make a plan of a session's complementarity problem."""
+    return session.complementary and not isinstance(session.policy, Feedback) and can_sample(session.problem)

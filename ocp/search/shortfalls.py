@@ -1,0 +1,28 @@
+"""Answers after which a search is worth its time: idle ones, and those that no judge confirms."""
+
+from __future__ import annotations
+
+from ocp.judge.referee import PENETRATION_SHARE
+from ocp.problem.evaluation import Evaluation
+from ocp.solution import Solution
+
+IDLE_SHARE = 0.9
+"""Share of the cost of standing still above which an answer is searched for anew."""
+
+
+def idles(solution: Solution) -> bool:
+    """Return whether an answer costs more than :data:`IDLE_SHARE` of standing still, beside what no plan changes."""
+    constant = Evaluation(solution.problem, solution.values).least_cost
+    idling = solution.idle_cost - constant
+    return bool(idling > 0 and solution.cost - constant > IDLE_SHARE * idling)
+
+
+def falls_short(solution: Solution) -> bool:
+    """Return whether an answer has no certificate, does not survive the referee, or idles."""
+    return idles(solution) or not solution.certificate.certified or solution.referee.survives is False
+
+
+def penetrates_between_nodes(solution: Solution) -> bool:
+    """Return whether the plan passes through anything between nodes, as far as the referee tolerates."""
+    deepest, depth = solution.referee.between, PENETRATION_SHARE * solution.problem.scales.gap
+    return deepest is not None and deepest.amount > depth

@@ -1,0 +1,94 @@
+"""Work beyond the usual route: a guess is never lost, samples only improve, and the exact replay decides."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ocp import solve
+from ocp.errors import InputError
+from ocp.problem.evaluation import Evaluation
+from ocp.problem.rollout import roll_out
+from ocp.programs.solver import Status
+from ocp.search import sample_search
+from ocp.solution import Solution
+from ocp.solve.starts import CERTIFIED_SHARE, best_solution
+from problems import get
+
+
+@pytest.fixture(scope="module")
+def solution() -> Solution:
+    return solve(get("push-1d", N=3), contact="exact", effort="quick")
+
+
+def judged(solution: Solution, planned: float, replayed: float, certified: bool = True) -> Solution:
+    """Return a solution with other costs, and with or without a certificate."""
+    certificate = replace(solution.certificate, stationarity="B" if certified else "not")
+    status = Status.SOLVED if certified else Status.NOT_OPTIMAL
+    audit = replace(solution.audit, exact_cost=replayed)
+    return replace(solution, cost=planned, audit=audit, certificate=certificate, status=status)
+
+
+def test_a_plan_whose_replay_is_dear_loses_to_a_rollout_without_certificate(solution: Solution) -> None:
+    planned_well, rolled_out = judged(solution, 0.0174, 0.88), judged(solution, 0.0273, 0.0273, certified=False)
+    assert best_solution([planned_well, rolled_out]) is rolled_out
+    assert best_solution([rolled_out, planned_well]) is rolled_out
+
+
+def test_a_certificate_is_worth_one_percent(solution: Solution) -> None:
+    changeable = 5.0 - solution.cost_share(0, 5.0)
+    rough = judged(solution, 5.0, 5.0, certified=False)
+    near, far = (judged(solution, cost, cost) for cost in (5.0 + 0.9 * CERTIFIED_SHARE * changeable, 5.2))
+    assert best_solution([rough, near]) is near
+    assert best_solution([rough, far]) is rough
+
+
+def test_of_equal_costs_the_one_that_survives_is_taken(solution: Solution) -> None:
+    lost = replace(solution, referee=replace(solution.referee, survives=False))
+    assert best_solution([lost, solution]) is solution
+    assert best_solution([solution, lost]) is solution
+
+
+@pytest.mark.parametrize("name", ["wall-1d", "push-1d"])
+def test_the_answer_is_never_worse_than_the_rollout_of_the_guess(name: str) -> None:
+    problem = get(name, N=10)
+    rng = np.random.default_rng(5)
+    free = solve(problem, contact="exact", effort="quick")
+    limits = Evaluation(problem, problem.parameters.defaults).limits
+    for _ in range(3):
+        noise = 0.2 * problem.scales.u * rng.standard_normal((problem.N, problem.system.nu))
+        u = np.clip(free.data["u"].values[0] + noise, limits.u_lower, limits.u_upper)
+        rollout = roll_out(problem, u[None], problem.parameters.defaults)
+        guessed = solve(problem, contact="exact", effort="quick", guess=(rollout.x[0], u))
+        assert guessed.audit.exact_cost <= rollout.cost * (1 + 1e-9)
+
+
+def test_samples_are_drawn_at_normal_effort_and_not_at_quick() -> None:
+    quick, normal = (solve(get("wall-1d", N=10), contact="exact", effort=effort) for effort in ("quick", "normal"))
+    assert quick.route.search is None
+    assert normal.route.search is not None and normal.route.search.motions > 0
+    assert normal.audit.exact_cost <= quick.audit.exact_cost * (1 + 1e-7)
+
+
+def test_sampling_ends_where_it_does_not_catch_up(monkeypatch) -> None:
+    problem = get("push-1d", N=10)
+    monkeypatch.setattr(sample_search, "CATCHING_UP", 0.0)
+    one_stage = solve(problem, contact="exact", effort="normal")
+    monkeypatch.setattr(sample_search, "CATCHING_UP", np.inf)
+    all_stages = solve(problem, contact="exact", effort="normal")
+    assert one_stage.route.search.motions < all_stages.route.search.motions
+    assert one_stage.cost == pytest.approx(all_stages.cost, rel=1e-6)
+
+
+def test_a_seed_determines_the_answer_and_what_was_tried() -> None:
+    first, again = (solve(get("wall-1d", N=10), contact="exact", seed=3) for _ in range(2))
+    assert first.cost == again.cost
+    assert first.route.search == again.route.search
+    np.testing.assert_array_equal(first.data["u"].values, again.data["u"].values)
+
+
+def test_an_unknown_effort_is_named() -> None:
+    with pytest.raises(InputError, match="unknown effort 'hard'; there are quick, normal, thorough"):
+        solve("wall-1d", effort="hard")
