@@ -18,7 +18,7 @@ from reports.tables.contacts import contact_columns, contact_notes
 
 _GAP_STRIP_IN = 0.5
 """Height of the strips with gaps [inch]."""
-_START_KEYS = ("start", "status", "cost", "exact_cost", "referee_cost", "iterations", "chosen")
+_START_KEYS = ("start", "route", "status", "cost", "exact_cost", "referee_cost", "iterations", "chosen")
 """Columns of the table of starts."""
 _ENDS = 12
 """Number of first and of last stages in a shortened table."""
@@ -69,6 +69,8 @@ def solve_page(view: RunView, cones: bool = False, signals: str | None = None) -
     figures |= row_figures("contacts", panels, columns, _GAP_STRIP_IN)
     if len(stored.stages) > 1:
         figures["homotopy"] = run.homotopy_figure(view)
+    if len(stored.meta["others"]) > 1:
+        figures["candidates"] = run.candidates_figure(view)
     if "K" in stored.data:
         figures["gains"] = run.gains_figure(view)
     return content, {name: figure for name, figure in figures.items() if figure is not None}

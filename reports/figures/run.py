@@ -16,7 +16,17 @@ from ocp.judge.contact_report import active_contacts
 from reports.drawing.notation import label, symbol
 from reports.drawing.style import BLUE, CYCLE, GREEN, GREY, INK, ORANGE, PURPLE, REPLAYED, SKY, VERMILLION, WIDTH
 from reports.drawing.view import RunView
-from reports.figures.panels import Panel, Row, columns_for, draw_lines, fill_band, lay_out_rows, note_zero, shade_spans
+from reports.figures.panels import (
+    Panel,
+    Row,
+    columns_for,
+    draw_lines,
+    fill_band,
+    lay_out_rows,
+    note_zero,
+    shade_spans,
+    use_log_if_wide,
+)
 from reports.figures.trajectories import NEGLIGIBLE, SAME, mean_multiplier
 from reports.tables.console import shown_stages, stage_title
 
@@ -284,7 +294,24 @@ def homotopy_figure(view: RunView) -> Figure:
     if not accepted.all():
         cost_axis.legend(fontsize=7)
     size_axis.set(xlabel="stage", xlim=(number[0] - 0.5, number[-1] + 0.5))
-    size_axis.xaxis.set_major_locator(MaxNLocator(integer=True))
+    size_axis.xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
+    return figure
+
+
+def candidates_figure(view: RunView) -> Figure:
+    """Draw what every answer that was judged costs under the exact law, over the time in the solver."""
+    attempts = view.run.meta["others"]
+    times = np.cumsum([attempt.get("seconds") or 0.0 for attempt in attempts])
+    costs = np.array([attempt["exact_cost"] for attempt in attempts], dtype=float)
+    figure = Figure(figsize=(WIDTH, 1.6))
+    axis = figure.subplots()
+    axis.step(times, np.fmin.accumulate(costs), where="post", color=GREY)
+    for time, cost, attempt in zip(times, costs, attempts, strict=True):
+        axis.plot(time, cost, "o" if attempt["chosen"] else "x", color=BLUE if attempt["chosen"] else VERMILLION)
+        axis.annotate(attempt.get("route", ""), (time, cost), xytext=(3, 3), textcoords="offset points", color=INK)
+    axis.set(xlabel=label("time in the solver", "s"), ylabel="exact cost")
+    axis.margins(x=0.25, y=0.15)
+    use_log_if_wide(axis, costs)
     return figure
 
 

@@ -308,9 +308,9 @@ def violation_rows(audit: Audit) -> list[tuple[str, ...]]:
 
 
 def starts_table(attempts: Sequence[Attempt]) -> Table:
-    """Return a row for every start of a solve from several."""
-    columns = ("start", "status", "cost", "exact_cost", "referee_cost", "iterations")
+    """Return a row for every answer that a solve judged."""
+    columns = ("start", "route", "status", "cost", "exact_cost", "referee_cost", "iterations")
     values = ([getattr(attempt, name) for name in columns] for attempt in attempts)
     rows = ([number(v, 8) if isinstance(v, float) else str(v) for v in row] for row in values)
     heads = (f">{name.replace('_', ' ')}" for name in columns)
-    return table_of(*heads, rows=rows, title="other starts")
+    return table_of(*heads, rows=rows, title="tried")
