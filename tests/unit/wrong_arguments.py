@@ -207,7 +207,7 @@ PROBLEMS: dict[str, Call] = {
     "unknown parameter 'mass'": lambda: get("wall-1d", mass=1.0),
     "parameter m": lambda: get("wall-1d", m="heavy"),
     "unknown estimator 'fo'": lambda: estimate("heaviside", ["fo"]),
-    "number of samples": lambda: estimate("heaviside", samples=1),
+    "samples must be a whole number >= 2": lambda: estimate("heaviside", samples=1),
     "no run": lambda: load("nothing"),
     "inputs": lambda: roll_out(WALL, np.zeros((1, 3, 1)), defaults(WALL)),
     "inputs ": lambda: roll_out(WALL, "u", defaults(WALL)),  # pyright: ignore
