@@ -18,7 +18,7 @@ from ocp.gradients.sampling import (
     NOT_SAVED,
     REFERENCE_KINDS,
     CheckpointKey,
-    ChunkWorkers,
+    ChunkSource,
     EstimatorRun,
     Progress,
     ReferenceGradient,
@@ -204,7 +204,7 @@ def run_sampling(
     seed: np.random.SeedSequence,
     progress: Progress | None = None,
     keep: CheckpointKey = NOT_SAVED,
-    workers: ChunkWorkers | None = None,
+    workers: ChunkSource | None = None,
 ) -> dict[str, Estimate]:
     """Estimate one objective by ``sampling``, with the random streams of ``seed``.
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Protocol
+from functools import partial
 
 import numpy as np
 
 from dynamics.batch import Gaussian, Moments
 from ocp.errors import InputError
-from ocp.gradients.chunks import CHUNK, Chunk, iterate_chunks, mean_cost, mean_of_chunks
+from ocp.gradients.chunks import CHUNK, Chunk, cost_sampler, iterate_chunks, mean_of_chunks
 from ocp.gradients.estimators import SAMPLED, Estimator
 from ocp.gradients.objective import SampledObjective, StaticObjective
 from ocp.store.checkpoint import UNSAVED, SavedWork
@@ -25,12 +25,16 @@ Progress = Callable[[int], None]
 """Called with the number of samples done since the last call."""
 
 
-class ChunkWorkers(Protocol):
-    """Workers that sum chunks elsewhere."""
+ChunkSource = Callable[[Estimator | None, Gaussian, int, int, int], Iterator[Chunk]]
+"""Yields the chunks of samples ``first`` to ``last`` of n in order; of the costs without an estimator."""
 
-    def chunks(self, estimator: Estimator | None, noise: Gaussian, first: int, last: int, n: int) -> Iterator[Chunk]:
-        """Yield the chunks of samples ``first`` to ``last`` of n; of the costs without an estimator."""
-        ...
+
+def local_chunks(
+    objective: SampledObjective, estimator: Estimator | None, noise: Gaussian, first: int, last: int, n: int
+) -> Iterator[Chunk]:
+    """Sum chunks in this process; a :data:`ChunkSource` of an objective."""
+    sampler = cost_sampler(objective) if estimator is None else estimator.make_sampler(objective, noise, n)
+    return iterate_chunks(sampler, noise, first, last)
 
 
 @dataclass(frozen=True)
@@ -54,7 +58,7 @@ def run_estimator(
     n: int,
     progress: Progress | None = None,
     keep: CheckpointKey = NOT_SAVED,
-    workers: ChunkWorkers | None = None,
+    workers: ChunkSource | None = None,
 ) -> EstimatorRun:
     """Sample ``n`` estimates, merging the moments of chunks in order (Welford, Chan).
 
@@ -80,24 +84,16 @@ def _advance(
     estimator: Estimator,
     noise: Gaussian,
     n: int,
-    workers: ChunkWorkers | None,
+    workers: ChunkSource | None,
 ) -> Iterator[int]:
     """Add all samples and yield their numbers: singly while they are kept, then in chunks."""
 
-    def mean_of_all() -> float:
-        if workers is None:
-            return mean_cost(objective, noise, n)
-        return mean_of_chunks(workers.chunks(None, noise, 0, n, n))
-
-    estimator = estimator.with_baseline(objective, mean_of_all)
+    chunks = workers or partial(local_chunks, objective)
+    estimator = estimator.with_baseline(objective, lambda: mean_of_chunks(chunks(None, noise, 0, n, n)))
     sampler = estimator.make_sampler(objective, noise, n)
     while sums.keeps_samples and sums.done < n:
         yield sums.keep(sampler.single(noise.skip_samples(sums.done), min(CHUNK, n - sums.done)))
-    if workers is None:
-        remaining_chunks = iterate_chunks(sampler, noise, sums.done, n)
-    else:
-        remaining_chunks = workers.chunks(estimator, noise, sums.done, n, n)
-    for chunk in remaining_chunks:
+    for chunk in chunks(estimator, noise, sums.done, n, n):
         sums.add(chunk)
         yield chunk.size
 
@@ -185,7 +181,7 @@ def reference_gradient(
     kind: str = "auto",
     progress: Progress | None = None,
     keep: CheckpointKey = NOT_SAVED,
-    workers: ChunkWorkers | None = None,
+    workers: ChunkSource | None = None,
 ) -> ReferenceGradient | None:
     """Return the gradient of the smoothed objective; None for the kind ``none``.
 

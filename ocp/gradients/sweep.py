@@ -14,7 +14,7 @@ from dynamics.batch import Gaussian
 from dynamics.settings import settings_of
 from ocp.gradients.estimation import Sampling, run_sampling
 from ocp.gradients.objective import SampledObjective
-from ocp.gradients.sampling import ChunkWorkers, reference_kind
+from ocp.gradients.sampling import ChunkSource, reference_kind
 from ocp.gradients.verdict import short_verdict
 from ocp.store.checkpoint import UNSAVED, SavedWork
 from ocp.store.json_values import to_json
@@ -75,7 +75,7 @@ class SweepRun:
         sweep: Axis | None = None,
         files: SavedWork = UNSAVED,
         build: Build | None = None,
-        workers: Callable[[dict[str, float]], ChunkWorkers] | None = None,
+        workers: Callable[[dict[str, float]], ChunkSource] | None = None,
     ) -> None:
         self._workers = workers
         self.sampling, self.sweep, self._files = sampling, sweep, files

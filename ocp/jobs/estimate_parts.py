@@ -11,9 +11,10 @@ from typing import Any
 
 from dynamics.batch import Gaussian
 from ocp.gradients.case import ObjectiveCase
-from ocp.gradients.chunks import BULK, Chunk, cost_sampler, iterate_chunks
+from ocp.gradients.chunks import BULK, Chunk
 from ocp.gradients.estimators import Estimator
 from ocp.gradients.objective import SampledObjective
+from ocp.gradients.sampling import local_chunks
 from ocp.jobs.scheduling import Workers, in_order, map_jobs
 
 PIECE = 4 * BULK
@@ -46,12 +47,9 @@ def _cached_objective(case: ObjectiveCase) -> SampledObjective:
 
 def sum_piece(job: PieceJob, report: Callable[[Any], None]) -> list[Chunk]:
     """Sum the chunks of a piece; a :data:`~ocp.jobs.scheduling.Function`."""
-    objective = _cached_objective(job.case)
-    sampler = cost_sampler(objective)
-    if job.estimator is not None:
-        sampler = job.estimator.make_sampler(objective, job.noise, job.n)
     summed = []
-    for chunk in iterate_chunks(sampler, job.noise, job.first, job.last):
+    objective = _cached_objective(job.case)
+    for chunk in local_chunks(objective, job.estimator, job.noise, job.first, job.last, job.n):
         report(chunk.size)
         summed.append(chunk)
     return summed
@@ -59,12 +57,12 @@ def sum_piece(job: PieceJob, report: Callable[[Any], None]) -> list[Chunk]:
 
 @dataclass(frozen=True)
 class JobWorkers:
-    """Workers that sum the chunks of an objective."""
+    """Workers that sum the chunks of an objective; a :data:`~ocp.gradients.sampling.ChunkSource`."""
 
     case: ObjectiveCase
     workers: Workers
 
-    def chunks(self, estimator: Estimator | None, noise: Gaussian, first: int, last: int, n: int) -> Iterator[Chunk]:
+    def __call__(self, estimator: Estimator | None, noise: Gaussian, first: int, last: int, n: int) -> Iterator[Chunk]:
         """Yield the chunks of samples ``first`` to ``last`` of n in order; raise a job's exception.
 
         A sample depends on its number alone, not on the worker that draws it.

@@ -15,7 +15,15 @@ import numpy as np
 
 from ocp.errors import InputError
 from ocp.jobs.case import Case
-from ocp.jobs.sweep_job import ROW_COUNTS, ROW_NUMBERS, ROW_TEXTS, JobResult, LabelledArray, SolveJob
+from ocp.jobs.sweep_job import (
+    ROW_COUNTS,
+    ROW_NUMBERS,
+    ROW_TEXTS,
+    STORED_ARRAYS,
+    JobResult,
+    LabelledArray,
+    SolveJob,
+)
 from ocp.routes.session import Session
 from ocp.solve.request import ProblemSource
 from ocp.solve.starts import Rank
@@ -92,27 +100,11 @@ SECONDS = "seconds"
 """Name of the time of a point's solve."""
 GAIN_NAMES = {"K": "gain_K", "k": "gain_k"}
 """Names of gains in a dataset, where parameters may be called K and k."""
+_DIMENSIONS = ("scenario", "node", "interval", "state", "control", "contact", "contact_exact")
+"""Dimensions of the trajectories at a point."""
 DATASET_NAMES = {
-    "scenario",
-    "node",
-    "interval",
-    "state",
-    "control",
-    "contact",
-    "contact_exact",
-    "time",
-    "x",
-    "u",
-    "lam",
-    "gap",
-    "x_replay",
-    "u_replay",
-    "x_referee",
-    "u_referee",
-    SECONDS,
-    *ROW_NUMBERS,
-    *ROW_TEXTS,
-    *ROW_COUNTS,
+    *(*_DIMENSIONS, "time", SECONDS, *ROW_NUMBERS, *ROW_TEXTS, *ROW_COUNTS),
+    *(name for name in STORED_ARRAYS if name not in GAIN_NAMES),
 }
 """Names that a study's dataset uses itself."""
 

@@ -134,52 +134,42 @@ def failed_result(status: str, sentence: str) -> JobResult:
     return JobResult({**row, "seconds": 0.0}, {})
 
 
-ROW_NUMBERS = (
-    "cost",
-    "exact_cost",
-    "referee_cost",
-    "refined_cost",
-    "idle_cost",
-    "complementarity",
-    "kkt_residual",
-    "dynamics_residual",
-    "penetration",
-    "solve_s",
-    "own_cost",
-)
+ROW_NUMBERS: dict[str, Callable[[Solution], float]] = {
+    "cost": lambda solution: solution.cost,
+    "exact_cost": lambda solution: solution.audit.exact_cost,
+    "referee_cost": lambda solution: solution.referee.cost,
+    "refined_cost": lambda solution: solution.referee.refined_cost,
+    "idle_cost": lambda solution: solution.idle_cost,
+    "complementarity": lambda solution: solution.audit.complementarity,
+    "kkt_residual": lambda solution: solution.certificate.kkt_residual,
+    "dynamics_residual": lambda solution: solution.audit.dynamics_residual,
+    "penetration": lambda solution: solution.audit.penetration,
+    "solve_s": lambda solution: solution.solve_s,
+    "own_cost": lambda _: math.nan,
+}
 """Numbers of a row; ``own_cost`` is the cost of an outlier's own solve, else NaN."""
-ROW_TEXTS = ("status", "stationarity", "kind", "grade", "verdict", "start")
+ROW_TEXTS: dict[str, Callable[[Solution], str]] = {
+    "status": lambda solution: solution.status.label,
+    "stationarity": lambda solution: solution.certificate.stationarity,
+    "kind": lambda solution: solution.certificate.kind,
+    "grade": lambda solution: solution.grade,
+    "verdict": lambda solution: solution.verdict,
+    "start": lambda _: "",
+}
 """Texts of a row; ``start`` is the point whose plan gave the answer of an outlier."""
-ROW_COUNTS = ("success", "survives", "iterations")
+ROW_COUNTS: dict[str, Callable[[Solution], int]] = {
+    "success": lambda solution: solution.success,
+    "survives": lambda solution: -1 if solution.referee.survives is None else solution.referee.survives,
+    "iterations": lambda solution: solution.iterations,
+}
 """Integers of a row; success and survives are 1 or 0, and -1 if unknown."""
 
 
 def _row_of(solution: Solution) -> dict[str, Any]:
-    audit, certificate, referee = solution.audit, solution.certificate, solution.referee
-    numbers = {
-        "cost": solution.cost,
-        "exact_cost": audit.exact_cost,
-        "referee_cost": referee.cost,
-        "refined_cost": referee.refined_cost,
-        "idle_cost": solution.idle_cost,
-        "complementarity": audit.complementarity,
-        "kkt_residual": certificate.kkt_residual,
-        "dynamics_residual": audit.dynamics_residual,
-        "penetration": audit.penetration,
-        "solve_s": solution.solve_s,
-        "own_cost": math.nan,
-    }
     return {
-        **{name: float(value) for name, value in numbers.items()},
-        "status": solution.status.label,
-        "stationarity": certificate.stationarity,
-        "kind": certificate.kind,
-        "grade": solution.grade,
-        "verdict": solution.verdict,
-        "start": "",
-        "success": int(solution.success),
-        "survives": -1 if referee.survives is None else int(referee.survives),
-        "iterations": int(solution.iterations),
+        **{name: float(number(solution)) for name, number in ROW_NUMBERS.items()},
+        **{name: text(solution) for name, text in ROW_TEXTS.items()},
+        **{name: int(count(solution)) for name, count in ROW_COUNTS.items()},
     }
 
 

@@ -133,11 +133,9 @@ class _BodyFrame(NamedTuple):
     moves: list[_Joint]
 
 
-def _body_frame(member: Link | space.Body, number: _Number) -> _BodyFrame:
-    return _link_frame(member, number) if isinstance(member, Link) else _spatial_frame(member)
-
-
-def _spatial_frame(body: space.Body) -> _BodyFrame:
+def _body_frame(body: Link | space.Body, number: _Number) -> _BodyFrame:
+    if isinstance(body, Link):
+        return _link_frame(body, number)
     moves = [] if body.joint == "fixed" else [_Joint(body, body.name, body.joint, body.axis)]
     return _BodyFrame(body, body.parent or WORLD, body.position, body.quaternion, moves)
 
