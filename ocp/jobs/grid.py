@@ -24,6 +24,7 @@ from ocp.jobs.sweep_job import (
     LabelledArray,
     SolveJob,
 )
+from ocp.problem.resources import check_memory, points_memory
 from ocp.routes.session import Session
 from ocp.solve.request import ProblemSource
 from ocp.solve.starts import Rank
@@ -163,10 +164,11 @@ class Grid:
                     neighbours.append(int(np.ravel_multi_index(neighbour, self.shape)))
         return neighbours
 
-    def check(self) -> Session:
-        """Build the first point, and check that no value of an axis is rejected at every point.
+    def check(self, jobs: int = 1) -> Session:
+        """Build the first point; check that no value is rejected at every point, and the memory.
 
-        Raises the :class:`~ocp.errors.InputError` of such a value.
+        Raises the :class:`~ocp.errors.InputError` of such a value, and for ``jobs`` solves at once,
+        or all points together, that need too much memory.
         """
         source = self.source
         refused: dict[tuple[str, float], InputError] = {}
@@ -185,7 +187,15 @@ class Grid:
             for value in axis.values[:: max(1, len(axis.values) - 1)]:
                 if not axis.name.startswith("problem."):
                     first.at({axis.name: value}).session(source)
-        return first.session(source)
+        session = first.session(source)
+        check_memory(f"{jobs} solves in parallel", jobs * session.memory)
+        count = math.prod(self.shape)
+        # Shorter points are padded to the longest.
+        longest = math.prod(
+            max(axis.values) / axis.values[0] for axis in self.axes if axis.name in ("problem.N", "problem.scenarios")
+        )
+        check_memory(f"a grid of {count} points", points_memory(session.problem, count, longest))
+        return session
 
     def checkpoint(self, root: Path | None, name: str) -> Checkpoint:
         """Return its checkpoint in a store; changed files have another one."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Generator, Iterable, Mapping
 from contextlib import closing
 from dataclasses import replace
@@ -25,8 +24,6 @@ from ocp.jobs.sweep_job import (
 )
 from ocp.jobs.sweep_record import describe_point
 from ocp.problem.problem import Problem
-from ocp.problem.resources import check_memory, points_memory
-from ocp.routes.session import Session
 from ocp.solve.request import ProblemLike, split_keywords
 from ocp.solve.starts import Rank, check_starts
 from ocp.store.checkpoint import UNSAVED, SavedWork
@@ -92,9 +89,7 @@ def sweep(
     law_settings = law_settings if isinstance(contact, str) else contact.settings()
     case = Case(name, problem_params, law, law_settings, method, policy, solver, dict(settings or {}))
     study = make_grid(case, parse_axes(over), n_starts, seed, rank_by)
-    session = study.check()
-    check_parallel_memory(session, jobs)
-    check_points(study, session)
+    session = study.check(jobs)
     root = None if store is None else expand_path(store)
     with study.checkpoint(root, session.problem.name) as checkpoint:
         finished = load_points(study, checkpoint)
@@ -132,21 +127,6 @@ def make_grid(case: Case, over: tuple[Axis, ...], starts: int = 1, seed: int = 0
         if case.sets(name):
             raise InputError(f"{axis.name} is swept by --over; drop its own value")
     return Grid(case, tuple(full_axes), starts, seed, rank_by)
-
-
-def check_parallel_memory(session: Session, jobs: int) -> None:
-    """Raise :class:`~ocp.errors.InputError` if so many solves at once need too much memory."""
-    check_memory(f"{jobs} solves in parallel", jobs * session.memory)
-
-
-def check_points(study: Grid, session: Session) -> None:
-    """Raise :class:`~ocp.errors.InputError` if all points together need too much memory."""
-    count = math.prod(study.shape)
-    # Shorter points are padded to the longest.
-    longest = math.prod(
-        max(axis.values) / axis.values[0] for axis in study.axes if axis.name in ("problem.N", "problem.scenarios")
-    )
-    check_memory(f"a grid of {count} points", points_memory(session.problem, count, longest))
 
 
 def solve_grid(

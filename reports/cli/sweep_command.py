@@ -17,7 +17,7 @@ from ocp.continuation.walk import check_range, check_value
 from ocp.errors import InputError, choose, interruptible
 from ocp.jobs.grid import Grid, dimension_name, grid_dataset, load_points, parse_axes
 from ocp.jobs.scheduling import Workers
-from ocp.jobs.sweep import check_parallel_memory, check_points, make_grid, solve_grid
+from ocp.jobs.sweep import make_grid, solve_grid
 from ocp.jobs.sweep_job import JobResult
 from ocp.jobs.sweep_record import describe_point, grid_rows, run_meta
 from ocp.problem.resources import FOLLOWED, check_memory, points_memory
@@ -50,9 +50,7 @@ def check(options: SweepOptions) -> SweepRequest:
         options.seed,
         cast("Rank", options.rank),
     )
-    session = study.check()
-    check_parallel_memory(session, options.jobs)
-    check_points(study, session)
+    session = study.check(options.jobs)
     check_outputs(options.out, options.pdf)
     return SweepRequest(study, session, study.checkpoint(options.out, session.problem.name))
 
