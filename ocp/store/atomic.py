@@ -129,18 +129,18 @@ def netcdf_bytes(data: xr.Dataset, what: str) -> bytes:
 def draft_directory(directory: Path) -> Iterator[Path]:
     """Yield a draft directory in ``directory``, locked while its process lives and removed at the end."""
     directory.mkdir(parents=True, exist_ok=True)
-    folder_lock = acquire_lock(directory, wait=True)
+    folder_lock = _acquire_lock(directory, wait=True)
     try:
         _remove_stale_drafts(directory)
         draft_folder = Path(tempfile.mkdtemp(prefix=_DRAFT_PREFIX, dir=directory))
-        draft_lock = acquire_lock(draft_folder)
+        draft_lock = _acquire_lock(draft_folder, wait=False)
     finally:
-        release_lock(folder_lock)
+        _release_lock(folder_lock)
     try:
         yield draft_folder
     finally:
         shutil.rmtree(draft_folder, ignore_errors=True)
-        release_lock(draft_lock)
+        _release_lock(draft_lock)
 
 
 def remove_directory(directory: Path) -> None:
@@ -170,32 +170,26 @@ def sync_to_disk(path: Path) -> None:
 def _remove_stale_drafts(directory: Path) -> None:
     """Remove drafts of killed processes: the kernel releases a lock when its process ends."""
     for stale in directory.glob(f"{_DRAFT_PREFIX}*"):
-        stale_lock = acquire_lock(stale)
+        stale_lock = _acquire_lock(stale, wait=False)
         if stale_lock is not None:
             shutil.rmtree(stale, ignore_errors=True)
-            release_lock(stale_lock)
+            _release_lock(stale_lock)
 
 
-def acquire_lock(directory: Path, wait: bool = False, without_locks: bool = False) -> int | None:
-    """Open and lock a directory; None if another process holds it or has removed it.
-
-    On a file system that has no locks, None too, or with ``without_locks`` an open handle.
-    """
+def _acquire_lock(directory: Path, wait: bool) -> int | None:
+    """Open and lock a directory; None if another process holds it or the file system has no locks."""
     try:
         handle = os.open(directory, os.O_RDONLY)
     except OSError:
         return None
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
-    except OSError as error:
-        if without_locks and not isinstance(error, BlockingIOError):
-            return handle
+    except OSError:
         os.close(handle)
         return None
     return handle
 
 
-def release_lock(handle: int | None) -> None:
-    """Close the handle of a locked directory, None for none."""
+def _release_lock(handle: int | None) -> None:
     if handle is not None:
         os.close(handle)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import hashlib
 import io
 import itertools
@@ -18,12 +19,14 @@ from typing import Any, Self
 import numpy as np
 
 from dynamics.batch.engines.compiler import compiler_identity
-from ocp.store.atomic import acquire_lock, release_lock, write_errors, write_file
+from ocp.store.atomic import write_errors, write_file
 from ocp.store.json_values import to_json
 from ocp.store.provenance import program_digest, versions
 
 SAVE_INTERVAL_S = 2.0
 """Time [s] between two saves of an unfinished run."""
+_LOCK_FILE = ".lock"
+"""Name of the file in a checkpoint's directory that its process locks."""
 
 
 class SavedWork:
@@ -125,8 +128,9 @@ class Checkpoint(SavedWork):
         if self._folder is None or self._directory is None:
             return
         if _is_empty(self._directory):
-            shutil.rmtree(self._directory, ignore_errors=True)
-        release_lock(self._lock_handle)
+            _remove_held(self._directory)
+        if self._lock_handle is not None:
+            os.close(self._lock_handle)
         self._directory, self._lock_handle = None, None
 
     def other_states(self, key: str) -> Iterator[dict[str, np.ndarray]]:
@@ -140,7 +144,7 @@ class Checkpoint(SavedWork):
     def discard(self) -> None:
         """Remove the directory, once the study is stored as a run."""
         if self.place is not None and self._folder is not None:
-            shutil.rmtree(self.place, ignore_errors=True)
+            _remove_held(self.place)
 
     def _notes(self, others_hold: bool) -> list[str]:
         assert self.place is not None and self._folder is not None
@@ -175,7 +179,23 @@ def _digests_in_name(name: str, asked: str) -> list[str]:
 
 
 def _is_empty(place: Path) -> bool:
-    return not any(file.suffix in (".json", ".npz") for file in place.glob("*"))
+    try:
+        return not any(file.name != _LOCK_FILE for file in place.iterdir())
+    except OSError:
+        return True
+
+
+def _remove_held(place: Path) -> None:
+    """Remove a directory that this process holds, its lock last: until then no other enters it."""
+    # Another process may have entered as soon as the lock was gone.
+    with suppress(OSError):
+        for file in place.iterdir():
+            if file.is_dir():
+                shutil.rmtree(file, ignore_errors=True)
+            elif file.name != _LOCK_FILE:
+                file.unlink(missing_ok=True)
+        (place / _LOCK_FILE).unlink(missing_ok=True)
+        place.rmdir()
 
 
 def _hold_directory(folder: Path, name: str) -> tuple[Path, int, bool]:
@@ -198,12 +218,21 @@ def _hold_directory(folder: Path, name: str) -> tuple[Path, int, bool]:
 
 def _try_lock(place: Path) -> int | None:
     """Lock a directory; return None if another process holds it or has removed it."""
-    handle = acquire_lock(place, without_locks=True)
-    # It may have been removed between opening and locking.
-    with suppress(FileNotFoundError):
-        if handle is None or os.path.samestat(os.fstat(handle), place.stat()):
+    try:
+        handle = os.open(place / _LOCK_FILE, os.O_RDWR | os.O_CREAT, 0o600)
+    except FileNotFoundError:
+        return None
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        # The file may have been removed between the two calls.
+        if os.path.samestat(os.fstat(handle), (place / _LOCK_FILE).stat()):
             return handle
-    release_lock(handle)
+    except (BlockingIOError, FileNotFoundError):
+        pass
+    except OSError:
+        # A file system without locks: assume that no other process is there.
+        return handle
+    os.close(handle)
     return None
 
 

@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ocp.store import atomic
 from ocp.store import checkpoint as module
 from ocp.store.checkpoint import Checkpoint, SavedWork
 from ocp.store.provenance import content_digest
@@ -109,14 +108,15 @@ def test_a_place_that_vanishes_while_it_is_entered_is_not_held(tmp_path: Path, m
 
     def removing(handle: int, how: int) -> None:
         monkeypatch.undo()
+        (place / ".lock").unlink()
         place.rmdir()
-        atomic.fcntl.flock(handle, how)
+        module.fcntl.flock(handle, how)
 
     place.mkdir()
-    monkeypatch.setattr(atomic.fcntl, "flock", removing)
+    monkeypatch.setattr(module.fcntl, "flock", removing)
     with Checkpoint(tmp_path, "toy", ASKED) as entered:
         entered.save_rows(0, [{"mean": 1.0}])
-        assert entered.place is not None and (entered.place / "point-00000.json").exists()
+        assert entered.place is not None and (entered.place / ".lock").exists()
         with Checkpoint(tmp_path, "toy", ASKED) as other:
             assert other.place != entered.place
 
