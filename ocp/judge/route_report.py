@@ -40,7 +40,7 @@ class Attempt:
     iterations: int = 0
     chosen: bool = False
     route: str = ""
-    seconds: float = math.nan
+    seconds: float = 0.0
 
 
 @dataclass(frozen=True)
