@@ -12,8 +12,9 @@ from ocp.errors import InputError
 from ocp.problem.evaluation import Evaluation
 from ocp.problem.rollout import roll_out
 from ocp.programs.solver import Status
+from ocp.routes.homotopy import StageRecord
 from ocp.search import sample_search
-from ocp.solution import Solution
+from ocp.solution import Interrupted, Solution
 from ocp.solve.starts import CERTIFIED_SHARE, best_solution
 from problems import get
 
@@ -92,3 +93,20 @@ def test_a_seed_determines_the_answer_and_what_was_tried() -> None:
 def test_an_unknown_effort_is_named() -> None:
     with pytest.raises(InputError, match="unknown effort 'hard'; there are quick, normal, thorough"):
         solve("wall-1d", effort="hard")
+
+
+@pytest.mark.parametrize("stage", ["samples", "active set"])
+def test_an_interrupt_of_a_search_keeps_the_best_answer(stage: str) -> None:
+    problem = get("wall-1d", N=10)
+    answer = solve(problem, contact="exact", effort="quick")
+    seen: list[str] = []
+
+    def stop(record: StageRecord) -> None:
+        seen.append(record.label)
+        if "samples" in seen and record.label == stage:
+            raise KeyboardInterrupt
+
+    with pytest.raises(Interrupted) as stopped:
+        solve(problem, contact="exact", progress=stop)
+    assert stopped.value.solution.cost == pytest.approx(answer.cost, rel=1e-9)
+    assert stopped.value.solution.certificate.certified

@@ -31,7 +31,7 @@ def stopping_after(polishes: int):
 @pytest.mark.costly
 def test_the_best_finished_start_is_kept() -> None:
     of_one: list[StageRecord] = []
-    solve(get("push-1d"), Exact(), progress=of_one.append)
+    solve(get("push-1d"), Exact(), progress=of_one.append, effort="quick")
     polishes = [stage.label for stage in of_one].count("active set")
     with pytest.raises(Interrupted) as stop:
         solve(get("push-1d"), Exact(), n_starts=5, progress=stopping_after(polishes))
