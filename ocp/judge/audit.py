@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import casadi as ca
 import numpy as np
 
-from dynamics.contact import Step
 from dynamics.systems import ContactSystem
 from ocp.judge.constraints import Violation, broken_constraints, noticeable_violations, tolerance_sizes
 from ocp.judge.contact_report import ContactReport, ContactSummary, contact_report, largest_entry
@@ -30,10 +29,6 @@ _LEAST_IMPULSE = 1e-7
 """Multiplier [N s] below which a pair does not act."""
 _WORST_COUNT = 5
 """Number of violations that are listed."""
-CONTENT = 1e-4
-"""Share of the cost's span below which its gradient is flat: standing still is optimal."""
-STILL = 0.05
-"""Share of the states' characteristic size that an input may move in a horizon and yet hold."""
 
 
 @dataclass(frozen=True)
@@ -153,22 +148,24 @@ def task_gradient(evaluation: Evaluation, replay: Rollout) -> float:
     about: the impulses, and the states that inputs move through contact alone. An arm that goes
     back to its rest is no progress with the object. NaN where the cost depends on neither.
     """
-    mask = _moved_by_contact_alone(evaluation.problem.system)
+    steered, touched = steered_and_touched(evaluation.problem.system)
+    mask = np.where(touched & ~steered, 1.0, 0.0)
     if not ((mask.any() or evaluation.problem.uses_impulses) and np.all(np.isfinite(replay.x))):
         return float("nan")
     largest, size = _slopes(evaluation, replay, mask)
     return largest / size if np.isfinite(size) and size > 0 else float("nan")
 
 
-def _moved_by_contact_alone(system: ContactSystem) -> np.ndarray:
-    """Return 1 for every state that a contact reaches, and no input while all contacts are open."""
+def steered_and_touched(system: ContactSystem) -> tuple[np.ndarray, np.ndarray]:
+    """Return masks (nx,) of states that an input reaches while all contacts are open, and that contacts reach."""
     given = [system.x, system.u, system.parameters.vector]
     free = ca.Function("free", given, [system.reduced.a, system.reduced.B])
-    by_x, by_u = (np.array(ca.DM(free.jac_sparsity(0, i), 1)) for i in range(2))
-    steered, touched = by_u.any(axis=1), np.array(ca.DM(free.sparsity_out(1), 1)).any(axis=1)
+    sparsities = free.jac_sparsity(0, 0), free.jac_sparsity(0, 1), free.sparsity_out(1)
+    by_x, by_u, by_lam = (np.array(ca.DM(sparsity, 1)) for sparsity in sparsities)
+    steered, touched = by_u.any(axis=1, keepdims=True) > 0, by_lam.any(axis=1, keepdims=True) > 0
     for _ in range(system.nx):
         steered, touched = steered | (by_x @ steered > 0), touched | (by_x @ touched > 0)
-    return np.where(touched & ~steered, 1.0, 0.0)
+    return steered.ravel(), touched.ravel()
 
 
 @np.errstate(over="ignore", invalid="ignore")
@@ -229,63 +226,3 @@ def worst_constraints(nlp: NLP, x: np.ndarray, g: np.ndarray, bounds: dict[str, 
         scenario, k = (index[0], index[1]) if len(index) == 3 else (0, index[0])
         worst.append(Violation(name, component, scenario, k, float(violations[position])))
     return worst
-
-
-def cost_span(evaluation: Evaluation, plan: Rollout) -> float:
-    """Return the largest change of the cost as all states and inputs move by a characteristic size.
-
-    They move freely, not along a motion, so that no instability enters.
-    """
-    sizes = evaluation.problem.scales
-    costs = [
-        evaluation.trajectory_costs(plan.x + s * sizes.x, plan.u + s * sizes.u, plan.impulses) for s in (-1.0, 1.0)
-    ]
-    return float(np.nan_to_num([np.abs(c - plan.costs).max() for c in costs]).max())
-
-
-def idle_cost(evaluation: Evaluation, step: Step, plan: Rollout) -> float:
-    """Cost of standing still where the plan starts: the lower one of two ways to do so.
-
-    Either the input before the first is held, under the law. Or the states stay, where one of the
-    plan's inputs can hold them and the cost has a slope in them; the holding itself costs nothing.
-    NaN where neither is possible, or violates constraints that the plan satisfies.
-    """
-    return float(np.fmin(_held_cost(evaluation, step, plan), _still_cost(evaluation, step, plan)))
-
-
-def _held_cost(evaluation: Evaluation, step: Step, plan: Rollout) -> float:
-    held_inputs = np.tile(evaluation.limits.u_before, (1, evaluation.problem.N, 1))
-    idle, unsolved = roll_on(evaluation, held_inputs, step, plan.x[:, 0])
-    if unsolved is not None or broken_constraints(evaluation, idle):
-        return float("nan")
-    return idle.cost
-
-
-def _still_cost(evaluation: Evaluation, step: Step, plan: Rollout) -> float:
-    N, u_before = evaluation.problem.N, evaluation.limits.u_before
-    x, u = np.repeat(plan.x[:, :1], N + 1, axis=1), np.tile(u_before, (len(plan.x), N, 1))
-    tolerance, S, p = STILL * evaluation.problem.scales.x / N, len(x), step.p.pack(evaluation.values)
-    if not all(_holds(step, p, x[s, 0], plan.u[s], tolerance) for s in range(S)):
-        return float("nan")
-    no_impulses = np.zeros_like(plan.impulses)
-    costs = evaluation.trajectory_costs(x, u, no_impulses)
-    still = replace(plan, x=x, u=u, impulses=no_impulses, costs=costs)
-    slope = max(_state_slope(evaluation, x[s, 0]) for s in range(S))
-    if slope <= CONTENT * cost_span(evaluation, still):
-        return float("nan")
-    return float("nan") if broken_constraints(evaluation, still) else still.cost
-
-
-def _state_slope(evaluation: Evaluation, x: np.ndarray) -> float:
-    """Return the largest change of the cost of staying at x (nx,) as one state moves by its size, first order."""
-    problem, u_before = evaluation.problem, evaluation.limits.u_before
-    stage_slope, terminal_slope, _ = problem.state_slopes(x, u_before, 0 * u_before, 0, evaluation.p)
-    slopes = np.abs(problem.N * np.array(stage_slope) + np.array(terminal_slope)).ravel()
-    return float((problem.scales.x * slopes).max(initial=0.0))
-
-
-def _holds(step: Step, p: np.ndarray, x: np.ndarray, inputs: np.ndarray, limit: np.ndarray) -> bool:
-    """Return whether one of ``inputs`` (N, nu) moves no state of x (nx,) by more than ``limit`` (nx,)."""
-    x_start = np.repeat(x[:, None], len(inputs), axis=1)
-    x_next = np.array(step.solve.map(len(inputs))(x_start, inputs.T, p)[0])
-    return bool(np.any(np.all(np.abs(x_next - x_start) <= limit[:, None], axis=0)))

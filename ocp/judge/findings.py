@@ -7,6 +7,11 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 SENTENCES = {
+    # What a solved plan leaves undone.
+    "never-touches": "{bodies} never touch{plural} {others}",
+    "contact-never-acts": "the {contacts} never act{plural}",
+    "nothing-moves": "nothing moves that the cost depends on",
+    "holding-still": "holding still costs {difference}",
     # The status, where a plan is not solved.
     "status": "{explanation}",
     "cost-not-finite": (

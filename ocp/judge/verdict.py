@@ -33,6 +33,8 @@ _SAME_COST = 1e-5
 """Change of the cost under the exact law, in characteristic costs, up to which it is the plan's."""
 _NOTABLE_SHARE = 0.1
 """Share of the cost, or of the characteristic gap, above which a difference is reported."""
+_SAME_SHARE = 1e-3
+"""Share of the cost below which standing still costs as much as the plan."""
 _REPORTED_DEPTH = 0.3
 """Share of the tolerated depth above which penetration between nodes is reported."""
 _LARGE_MU = 0.5
@@ -47,12 +49,12 @@ _MOST_REASONS = 3
 class Judgement:
     """A plan, solved or not, and what the three judges say of it.
 
-    ``certificate`` says whether the point is stationary for the problem as posed, ``referee`` what
-    the sharpest contact makes of it, ``idle_cost`` what standing still would cost under the same
-    law (:func:`~ocp.judge.audit.idle_cost`). ``record`` is what was asked, ready for JSON: problem,
-    contact, method, policy, solver, parameters, settings, seed. ``route`` tells which route gave
-    the answer and what else was tried. ``unbounded`` is a sentence on a ray along which the cost
-    falls without end, or "". ``simulator`` and ``sensitivities``, by parameter, are what was
+    ``certificate`` says whether the point is stationary for the problem as posed, ``referee`` what the
+    sharpest contact makes of it, ``idle_cost`` what standing still would cost under the same law
+    (:func:`~ocp.judge.idling.idle_cost`), ``undone`` what it leaves untouched or unmoved. ``record`` is what
+    was asked, ready for JSON: problem, contact, method, policy, solver, parameters, settings, seed. ``route``
+    tells which route gave the answer and what else was tried. ``unbounded`` is a sentence on a ray along
+    which the cost falls without end, or "". ``simulator`` and ``sensitivities``, by parameter, are what was
     computed after the solve, ready for JSON, each with a ``sentence`` for the verdict.
     """
 
@@ -73,6 +75,7 @@ class Judgement:
     gains: Gains | None = None
     route: RouteReport = field(default_factory=RouteReport)
     unbounded: str = ""
+    undone: list[Finding] = field(default_factory=list)
     simulator: dict[str, Any] | None = None
     sensitivities: dict[str, dict[str, Any]] = field(default_factory=dict)
 
@@ -144,8 +147,7 @@ def _findings(plan: Judgement) -> Iterator[Finding]:
     if not math.isfinite(plan.cost) and not plan.unbounded:
         yield make_finding("cost-not-finite")
         return
-    if not plan.success:
-        yield from join_findings(_status_findings(plan))
+    yield from join_findings(_undone_findings(plan) if plan.success else _status_findings(plan))
     if plan.certificate.reason != UNJUDGED and not plan.unbounded:
         yield from plan.certificate.findings
         yield from jump_findings(plan.problem)
@@ -174,6 +176,18 @@ def _findings(plan: Judgement) -> Iterator[Finding]:
 
 def _has_no_forces(plan: Judgement) -> bool:
     return math.isnan(plan.audit.complementarity)
+
+
+def _undone_findings(plan: Judgement) -> Iterator[Finding]:
+    """Yield what a solved plan leaves undone, and what doing nothing costs where that is nearly as good."""
+    yield from plan.undone
+    gain = plan.idle_cost - plan.cost
+    if plan.route.idle_attempts or not plan.cost_share(gain, plan.idle_cost) < _NOTABLE_SHARE:
+        return
+    share = plan.cost_share(gain, plan.cost)
+    amount = f"{100 * abs(share):.2g} % {'more' if share > 0 else 'less'}"
+    difference = amount if abs(share) >= _SAME_SHARE else "as much"
+    yield make_finding("holding-still", difference=difference, cost=plan.idle_cost)
 
 
 def _status_findings(plan: Judgement) -> Iterator[Finding]:

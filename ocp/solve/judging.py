@@ -14,8 +14,10 @@ import numpy as np
 
 from dynamics.learned.laws import LearnedLaw
 from ocp.errors import InputError, abbreviated, interruptible
-from ocp.judge.audit import CONTENT, STILL, Audit, audit_result, cost_span, idle_cost, is_feasible
+from ocp.judge.audit import Audit, audit_result, is_feasible
 from ocp.judge.certificate import UNJUDGED, Certificate, certify
+from ocp.judge.findings import Finding
+from ocp.judge.idling import CONTENT, STILL, cost_span, idle_cost, undone_findings
 from ocp.judge.referee import Referee, referee_plan, referee_replay
 from ocp.judge.route_report import RouteReport
 from ocp.judge.sensitivity import sensitivity
@@ -53,7 +55,7 @@ def judge_outcome(session: Session, outcome: RouteResult, seed: int) -> Solution
     # Not the solver's f, which may hold a penalty on gains or on products of contact.
     rolled = Rollout.from_trajectories(evaluation, nlp.step, plan.x, plan.u, plan.lam, plan.gap)
     certificate = Certificate("undecided", reason=UNJUDGED)
-    idle, span, derivative = float("nan"), 0.0, None
+    idle, span, derivative, undone = float("nan"), 0.0, None, list[Finding]()
     endless = unbounded_inputs(evaluation, session.step, rolled)
     if feasible:
         span = cost_span(evaluation, rolled)
@@ -66,6 +68,7 @@ def judge_outcome(session: Session, outcome: RouteResult, seed: int) -> Solution
         replay_moved = partial(_replay, session.problem)
         derivative = partial(sensitivity, program, point, judged_values, replay_moved)
         idle = idle_cost(evaluation, session.step, rolled)
+        undone = list(undone_findings(evaluation, rolled, audit.contacts, span))
         limited = all(np.isfinite(limit).all() for limit in evaluation.limits[2:4])
         endless = endless or ("" if limited else unbounded_variables(program, *arguments, point.x))
     if not (endless or result.ok or certificate.certified):
@@ -88,6 +91,7 @@ def judge_outcome(session: Session, outcome: RouteResult, seed: int) -> Solution
         record=session_record(session, seed),
         route=RouteReport(outcome.route, audit_s=time.perf_counter() - start_time),
         unbounded=endless,
+        undone=undone,
         problem=session.problem,
         values=dict(values),
         gains=plan.gains,
