@@ -10,6 +10,7 @@ from ocp.problem.parts import FreeStart, Origin
 from ocp.problem.policy import Feedback, OpenLoop
 from ocp.problem.problem import Constraint, Problem, Scaling, Scenarios
 from ocp.problem.rollout import Gains, Rollout, roll_out
+from ocp.problem.sketch import Sketch
 from ocp.programs.solver import Status
 from ocp.solution import Replay, Solution
 from ocp.solve.request import Settings
@@ -53,6 +54,7 @@ __all__ = [
     "Scenarios",
     "Settings",
     "SingleShooting",
+    "Sketch",
     "Solution",
     "Status",
     "continue_over",

@@ -17,6 +17,7 @@ from ocp.problem.policy import Feedback, Policy
 from ocp.problem.problem import Problem
 from ocp.problem.resources import solve_memory, solve_seconds
 from ocp.problem.rollout import InitialGuess
+from ocp.problem.sketch import UserGuess, Window
 from ocp.programs.program import PENALTY, RELAXATION
 from ocp.programs.solver import Point, Solver
 from ocp.routes.homotopy import Homotopy, HomotopyPath, HomotopyStage, Progress, RouteResult, translate
@@ -39,7 +40,8 @@ class Session:
     """Everything that is built once: the closed step and one NLP per reformulation, in ``nlps``.
 
     ``values`` are parameter values by name (problem, law, strategy); turn them and solve again.
-    ``user_guess`` are trajectories that the user asked to begin at, near which one answer is sought.
+    ``user_guess`` is what the user asked to begin at, near which one answer is sought. ``windows`` are narrower bounds of
+    blocks of variables, of every NLP.
     """
 
     problem: Problem
@@ -53,7 +55,8 @@ class Session:
     homotopy_start: float | None = None
     search: bool | None = None
     effort: Effort = "quick"
-    user_guess: InitialGuess | None = None
+    user_guess: UserGuess | None = None
+    windows: dict[str, Window] = field(default_factory=dict)
     compiled: StageCompiler | None = None
 
     def __post_init__(self) -> None:
@@ -85,6 +88,7 @@ class Session:
             start_time = time.perf_counter()
             graph = Graph(self.problem, self.step, self.policy)
             self.nlps[reformulation] = self.method.transcribe(graph, reformulation, self.compiled)
+            self.nlps[reformulation].windows = self.windows
             seconds = time.perf_counter() - start_time
             self.build_s += seconds
             nlp = self.nlps[reformulation]

@@ -133,4 +133,4 @@ def _order(plan: Rollout, answer: Result | None, difference: float) -> tuple[boo
 
 def is_less(cost: float, limit: float) -> bool:
     """Return whether a cost is less than another by more than rounding."""
-    return cost < limit and not limit - cost <= COST_GAIN * abs(limit)
+    return cost < limit and (np.isinf(limit) or limit - cost > COST_GAIN * abs(limit))

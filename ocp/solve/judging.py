@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from dynamics.learned.laws import LearnedLaw
-from ocp.errors import InputError, abbreviated, interruptible
+from ocp.errors import InputError, NotConverged, abbreviated, interruptible
 from ocp.judge.audit import Audit, audit_result, is_feasible
 from ocp.judge.certificate import UNJUDGED, Certificate, certify
 from ocp.judge.findings import Finding
@@ -251,6 +251,8 @@ def collect_failures(failures: list[Exception]) -> Iterator[None]:
             yield
     except InputError:
         raise
+    except NotConverged as error:
+        failures.append(error)
     except Exception as error:
         logger.exception("a candidate ended in an error")
         failures.append(error)

@@ -67,7 +67,10 @@ def solve(
     (:func:`~ocp.solve.warm_start.carry`). Where it does not converge from there, they are the guess of a usual solve.
     ``guess`` replaces the problem's own guess: states (N+1, nx) and inputs (N, nu); a dataset with ``x`` and ``u``;
     or a solution, such as a run that :func:`ocp.load` reads, resampled where its horizon differs. Under the exact
-    law the guess is also rolled out and solved near itself: the answer is never worse than that rollout.
+    law the guess is also rolled out and solved near itself: the answer is never worse than that rollout. A run of
+    another problem gives the states and inputs that have the same names. A :class:`~ocp.problem.sketch.Sketch`, or its
+    keyframes ``{0: pose, 20: pose}`` alone, says only where a plan passes and which contacts close when; under the
+    exact law plans are sought that do so, and solved on from there.
 
     ``effort`` beyond the usual route, under the exact law: ``"quick"`` none, unless a scene's answer falls short;
     ``"normal"`` samples of input sequences as long as they catch up with the answer, and other routes where it idles
@@ -112,9 +115,11 @@ def begin_at(
         check_search(session)
     if guess is None:
         return session
-    trajectories = given_guess(guess, session.problem, session.values)
-    problem = replace(session.problem, guess=lambda made, p: trajectories)
-    return replace(session, problem=problem, user_guess=trajectories)
+    user_guess = given_guess(guess, session.problem, session.values)
+    if "gap" in user_guess.windows and (search is False or not session.complementary):
+        raise InputError("contacts of a guess need the exact law, direct transcription and a search")
+    problem = replace(session.problem, guess=lambda made, p: user_guess.trajectories)
+    return replace(session, problem=problem, user_guess=user_guess)
 
 
 def refine_from(

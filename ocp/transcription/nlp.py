@@ -14,6 +14,7 @@ from ocp.problem.evaluation import Evaluation, at_steps
 from ocp.problem.policy import Policy
 from ocp.problem.problem import Problem, Scales
 from ocp.problem.rollout import Gains
+from ocp.problem.sketch import Window
 from ocp.programs.layout import Layout
 from ocp.programs.program import PENALTY, RELAXATION, Functions, PairName, Program
 from ocp.programs.solver import Result
@@ -38,7 +39,8 @@ class NLP(Program):
     initial states of all scenarios and the input before the first).
 
     ``trajectories`` maps (x, p) to states, inputs, lam and gap where states are no variables,
-    ``contacts`` to lam and gap where these have none.
+    ``contacts`` to lam and gap where these have none. ``windows`` are narrower bounds, lower and upper, of blocks of
+    variables.
     """
 
     problem: Problem
@@ -58,6 +60,7 @@ class NLP(Program):
     trajectories: ca.Function | None = None
     contacts: ca.Function | None = None
     solvers: dict[str, ca.Function] = field(default_factory=dict)
+    windows: dict[str, Window] = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -108,6 +111,9 @@ class NLP(Program):
         lower, upper = {}, {}
         for name in self.variables.blocks:
             lower[name], upper[name] = block_bounds.get(name, (-np.inf, np.inf))
+            if name in self.windows:
+                lowest, highest = self.windows[name]
+                lower[name], upper[name] = np.maximum(lower[name], lowest), np.minimum(upper[name], highest)
         g_lower, g_upper = self._constraint_bounds(evaluation.p, block_bounds)
         return {"lbx": self.variables.pack(lower), "ubx": self.variables.pack(upper), "lbg": g_lower, "ubg": g_upper}
 

@@ -1,0 +1,180 @@
+"""What a person knows of a plan: poses at some steps, the path of a body, which contacts close when."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ocp.errors import InputError, abbreviated, choose
+from ocp.problem.evaluation import Evaluation
+from ocp.problem.problem import Problem
+from ocp.problem.rollout import InitialGuess
+
+Pose = ArrayLike | Mapping[str, float]
+"""All states (nx,), or the values of some by name."""
+Window = tuple[np.ndarray, np.ndarray]
+"""Lower and upper bounds."""
+SLACK = 0.05
+"""Distance from a keyframe, in characteristic sizes, that a plan may keep."""
+START_TOLERANCE = 1e-6
+"""Distance of a keyframe at step 0 from the start, in characteristic sizes, that is rounding."""
+
+
+@dataclass(frozen=True)
+class UserGuess:
+    """States (N+1, nx) and inputs (N, nu) to begin at.
+
+    Of a sketch only ``windows`` are known: bounds (N, ...) of the blocks x, lam and gap.
+    """
+
+    trajectories: InitialGuess
+    windows: dict[str, Window] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Sketch:
+    """A guess of which only something is known; steps count from 0, the start, to N.
+
+    ``keyframes`` map steps to poses: ``{20: {"hammer": -0.1}, 34: {"hammer": 0.05}}``, or arrays (nx,).
+    ``paths`` map names of states to values that are spread evenly over the horizon, as of a drawn line; keyframes
+    come before them. ``contacts`` map names of contacts to the ranges of steps, both ends among them, at which they are
+    closed: ``{"hammer on nail": [(33, 38)]}``; at all other steps these have no impulse.
+    """
+
+    keyframes: Mapping[int, Pose] = field(default_factory=dict)
+    paths: Mapping[str, ArrayLike] = field(default_factory=dict)
+    contacts: Mapping[str, Sequence[tuple[int, int]]] = field(default_factory=dict)
+
+    def drawn(self, evaluation: Evaluation) -> UserGuess:
+        """Return the states that keyframes and paths give, interpolated, and the windows that a plan must pass.
+
+        Of the other states those follow that the step's rows without inputs and impulses determine, as velocities by
+        the difference of positions do; the rest, and inputs, are the problem's own guess.
+
+        Raises :class:`~ocp.errors.InputError` for a sketch of nothing, unknown names, steps outside the horizon, and
+        values of another shape, not finite, or outside their bounds.
+        """
+        problem = evaluation.problem
+        if not (self.keyframes or self.paths or self.contacts):
+            raise InputError("the guess says nothing; give keyframes, paths or contacts")
+        marks = self.marks(problem)
+        self._check_marks(marks, evaluation)
+        windows = {} if np.isnan(marks).all() else {"x": _around(marks[1:], SLACK * problem.scales.x)}
+        X, U = evaluation.initial_guess
+        return UserGuess((_completed(evaluation, marks, X), U), windows | self._contact_windows(problem))
+
+    def marks(self, problem: Problem) -> np.ndarray:
+        """Return the values that keyframes and paths give, (N+1, nx), NaN where they give none."""
+        N, names = problem.N, [signal.name for signal in problem.system.states]
+        index_of = {name: index for index, name in enumerate(names)}
+        marks = np.full((N + 1, len(names)), np.nan)
+        for name, path in self.paths.items():
+            points = _numbers(f"the path of {name}", path)
+            if points.ndim != 1 or len(points) < 2:
+                raise InputError(f"the path of {name} must be two or more numbers, got the shape {points.shape}")
+            steps = np.round(np.linspace(0, N, min(len(points), N + 1))).astype(int)
+            positions = steps * (len(points) - 1) / N
+            marks[steps, choose("state", name, index_of)] = np.interp(positions, np.arange(len(points)), points)
+        for step, pose in self.keyframes.items():
+            place = f"the keyframe at step {step}"
+            _check_step(place, step, problem)
+            if isinstance(pose, Mapping):
+                for name, value in pose.items():
+                    number = _numbers(f"{place}, {name},", value)
+                    if number.ndim:
+                        raise InputError(f"{place}: {name} must be a number, got {abbreviated(value)}")
+                    marks[step, choose("state", name, index_of)] = number
+                continue
+            values = _numbers(place, pose)
+            if values.shape != (len(names),):
+                raise InputError(f"{place} must have {len(names)} states, {', '.join(names)}; got {values.shape}")
+            marks[step] = values
+        return marks
+
+    @staticmethod
+    def _check_marks(marks: np.ndarray, evaluation: Evaluation) -> None:
+        """Raise :class:`~ocp.errors.InputError` for marks outside the bounds, or at another start."""
+        problem, limits = evaluation.problem, evaluation.limits
+        lower, upper = np.tile(limits.x_lower, (len(marks), 1)), np.tile(limits.x_upper, (len(marks), 1))
+        lower[0], upper[0] = evaluation.start_limits
+        slack = START_TOLERANCE * problem.scales.x
+        outside = np.argwhere((marks < lower - slack) | (marks > upper + slack))
+        for step, index in outside[:1]:
+            name, value = problem.system.states[index].name, marks[step, index]
+            low, high = lower[step, index], upper[step, index]
+            allowed = f"{low:g}" if low == high else f"from {low:g} to {high:g}"
+            raise InputError(f"the guess has {name} = {value:g} at step {step}, where it must be {allowed}")
+
+    def _contact_windows(self, problem: Problem) -> dict[str, Window]:
+        """Return upper bounds (N, nlam) of impulses and gaps: closed contacts have no gap, open ones no impulse."""
+        if not self.contacts:
+            return {}
+        system, N = problem.system, problem.N
+        index_of = {
+            contact.name: index
+            for index, (contact, pair) in enumerate(zip(system.contacts, system.pairs, strict=True))
+            if pair.kind in ("normal", "limit")
+        }
+        impulse_limits, gap_limits = np.full((N, system.nlam), np.inf), np.full((N, system.nlam), np.inf)
+        for name, ranges in self.contacts.items():
+            index = choose("contact", name, index_of)
+            closed = np.zeros(N + 1, dtype=bool)
+            for steps in ranges:
+                if np.shape(steps) != (2,):
+                    raise InputError(f"{name}: a range of steps is two numbers, such as [5, 15]; got {steps!r}")
+                for step in steps:
+                    _check_step(f"the range of {name}", step, problem)
+                if steps[0] > steps[1]:
+                    raise InputError(f"{name}: the range of steps {steps[0]} to {steps[1]} is empty")
+                closed[steps[0] : steps[1] + 1] = True
+            gap_limits[closed[1:], index] = 0.0
+            impulse_limits[~closed[1:], index] = 0.0
+        below = np.full((N, system.nlam), -np.inf)
+        return {"lam": (below, impulse_limits), "gap": (below, gap_limits)}
+
+
+def _check_step(place: str, step: Any, problem: Problem) -> None:
+    if isinstance(step, bool) or not isinstance(step, int | np.integer) or not 0 <= step <= problem.N:
+        raise InputError(f"{place}: {problem.name} has steps 0 to {problem.N}, got {step!r}")
+
+
+def _numbers(place: str, value: Any) -> np.ndarray:
+    try:
+        numbers = np.asarray(value, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(f"{place} must be numbers, got {abbreviated(value)}") from None
+    if not np.isfinite(numbers).all():
+        raise InputError(f"{place} must be finite, got {abbreviated(value)}")
+    return numbers
+
+
+def _around(marks: np.ndarray, slack: np.ndarray) -> Window:
+    return np.nan_to_num(marks - slack, nan=-np.inf), np.nan_to_num(marks + slack, nan=np.inf)
+
+
+def _completed(evaluation: Evaluation, marks: np.ndarray, guess: np.ndarray) -> np.ndarray:
+    """Return states (N+1, nx): marks interpolated from the start on, the last one held; the others to match."""
+    states, known = guess.copy(), ~np.isnan(marks)
+    known[0] |= known.any(axis=0)
+    values, steps = np.where(np.isnan(marks), guess, marks), np.arange(len(marks))
+    for index in np.flatnonzero(known[0]):
+        at = known[:, index]
+        states[:, index] = np.interp(steps, steps[at], values[at, index])
+    system, free = evaluation.problem.system, np.flatnonzero(~known[0])
+    moved = ca.vertcat(system.u, system.lam)
+    rows = [row for row in ca.vertsplit(ca.SX(system.residual)) if not ca.depends_on(row, moved)]
+    if rows and free.size:
+        kinematics = ca.vertcat(*rows)
+        slopes = ca.jacobian(kinematics, system.x_next)
+        arguments = [system.x, system.x_next, evaluation.problem.parameters.vector]
+        linearised = ca.Function("kinematics", arguments, [ca.densify(kinematics), ca.densify(slopes)])
+        for before, after in pairwise(states):
+            residual, slope = (np.array(v) for v in linearised(before, after, evaluation.p))
+            after[free] -= np.linalg.lstsq(slope[:, free], residual.ravel(), rcond=None)[0]
+    return states
