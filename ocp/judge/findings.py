@@ -95,6 +95,7 @@ SENTENCES = {
     "attempts-failed": (
         "{count} other solution attempt{plural} ended in an error of the program ({error}); -v shows where"
     ),
+    "attempts-without-answer": "{count} other solution attempt{plural} found no answer: {reason}",
     "simulator": "{sentence}",
     "sensitivity": "{sentence}",
     # A closed loop.

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from dynamics.systems import LAW_PREFIX
+from ocp.errors import NotConverged
 from ocp.judge.audit import Audit
 from ocp.judge.certificate import UNJUDGED, Certificate
 from ocp.judge.constraints import violation_findings
@@ -296,5 +297,10 @@ def _route_findings(plan: Judgement) -> Iterator[Finding]:
         yield make_finding("time-limit", count=count, runs=len(plan.stages))
     if not route.resumed:
         yield make_finding("not-resumed")
-    if count := len(route.failures):
-        yield make_finding("attempts-failed", count=count, plural="s" * (count > 1), error=route.failures[0])
+    without_answer = [failure for failure in route.failures if failure.startswith(NotConverged.__name__)]
+    if count := len(without_answer):
+        reason = without_answer[0].partition(": ")[2].strip("'")
+        yield make_finding("attempts-without-answer", count=count, plural="s" * (count > 1), reason=reason)
+    errors = [failure for failure in route.failures if failure not in without_answer]
+    if count := len(errors):
+        yield make_finding("attempts-failed", count=count, plural="s" * (count > 1), error=errors[0])

@@ -40,8 +40,8 @@ class Session:
     """Everything that is built once: the closed step and one NLP per reformulation, in ``nlps``.
 
     ``values`` are parameter values by name (problem, law, strategy); turn them and solve again.
-    ``user_guess`` is what the user asked to begin at, near which one answer is sought. ``windows`` are narrower bounds of
-    blocks of variables, of every NLP.
+    ``user_guess`` is what the user asked to begin at, near which one answer is sought. ``windows`` are narrower bounds
+    of blocks of variables, of every NLP.
     """
 
     problem: Problem

@@ -46,7 +46,7 @@ class GuessSearch(Search):
             return
         outcomes = [outcome for outcome in self.within_windows() if outcome.finished]
         if not outcomes:
-            raise NotConverged("the guess: no plan was found that passes its keyframes with its contacts")
+            raise NotConverged("no plan was found that passes the keyframes of the guess with its contacts")
         if can_roll_out(self.session):
             inputs = [outcome.nlp.variables.unpack(outcome.result.point.x)["u"][0] for outcome in outcomes]
             yield from _near(self, "guess", answer, inputs)

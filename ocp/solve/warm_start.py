@@ -185,10 +185,8 @@ def shared_guess(run: xr.Dataset, evaluation: Evaluation) -> tuple[np.ndarray, n
     new_times, old_times = evaluation.node_times(), run["time"].values
     own_names, run_names = _signal_names(evaluation.problem), _names(run)
     if not any(set(own) & set(others) for own, others in zip(own_names, run_names, strict=True)):
-        raise InputError(
-            f"the guess has {', '.join(sum(run_names, []))}, and {evaluation.problem.name} has"
-            f" {', '.join(sum(own_names, []))}: no name in common"
-        )
+        theirs, ours = (", ".join([*states, *inputs]) for states, inputs in (run_names, own_names))
+        raise InputError(f"the guess has {theirs}, and {evaluation.problem.name} has {ours}: no name in common")
     for trajectory, key, own, others in zip((X, U), "xu", own_names, run_names, strict=True):
         run_values = run[key].values.reshape(-1, *run[key].shape[-2:])[0]
         for index, name in enumerate(own):
