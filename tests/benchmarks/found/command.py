@@ -16,14 +16,11 @@ import netCDF4
 import numpy as np
 
 from problems import get
-from tests.benchmarks.found.problems import Plan, source_of
+from tests.benchmarks.found.problems import ROOT, Plan, rounded, source_of
 
-ROOT = Path(__file__).parents[3]
 RUNS = ROOT / "runs" / "found"
 """Folder of the runs; not in the repository."""
 PROGRAM = "from reports.cli.start import main; main()"
-DIGITS = 10
-"""Digits of a stored input: unstable plans need more than they print."""
 
 
 @dataclass(frozen=True)
@@ -50,17 +47,13 @@ class Answer:
         with netCDF4.Dataset(Path(self.run) / "solution.nc") as solution:
             inputs, states = (np.asarray(solution[key][:])[0] for key in ("u", "x"))
         is_start_free = get(source_of(self.name)).start is not None
-        return Plan(self.exact_cost, self.command, _rounded(inputs), _rounded(states[0]) if is_start_free else None)
-
-
-def _rounded(values: np.ndarray) -> list:
-    return np.vectorize(lambda value: float(f"{value:.{DIGITS}g}"))(values).tolist()
+        return Plan(self.exact_cost, self.command, rounded(inputs), rounded(states[0]) if is_start_free else None)
 
 
 def answer_of(name: str, arguments: Sequence[str] = ()) -> Answer:
     """Solve a problem by ``ocp solve`` with more ``arguments``, and wait for it."""
     words = ["solve", source_of(name), *arguments]
-    command = shlex.join(["ocp", *words])
+    command = shlex.join(["ocp", *("@last" if word.startswith(str(RUNS)) else word for word in words)])
     before = _children_seconds()
     program = [sys.executable, "-c", PROGRAM, *words, "--json", "--quiet", "--out", str(RUNS)]
     process = subprocess.run(program, capture_output=True, text=True, cwd=ROOT, check=False)

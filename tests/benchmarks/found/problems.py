@@ -13,12 +13,18 @@ import numpy as np
 
 from ocp.store.atomic import write_file
 
-STRANGERS = Path(__file__).parents[2] / "strangers"
+ROOT = Path(__file__).parents[3]
+"""Folder that paths of problems are relative to."""
+STRANGERS = ROOT / "tests" / "strangers"
 """Folder of the thirty problem files, one folder a theme."""
 NAMED = ("push-box", "push-t")
 """Named problems that stand beside the files: the default command is known to be poor on them."""
 BEST_KNOWN = Path(__file__).parent / "best_known.json"
 """Best known plans, the ways to them, and what the default command gave at first."""
+
+
+DIGITS = 10
+"""Digits of a stored input: unstable plans need more than they print."""
 
 
 @dataclass(frozen=True)
@@ -34,6 +40,11 @@ class Plan:
     start: list[float] | None = None
 
 
+def rounded(values: np.ndarray) -> list:
+    """Return an array as lists of numbers that are short to store."""
+    return np.vectorize(lambda value: float(f"{value:.{DIGITS}g}"))(values).tolist()
+
+
 def problem_files() -> dict[str, Path]:
     """Return the file of every stranger by its stem, in the order of the folders."""
     files = sorted(STRANGERS.glob("*/*.py"))
@@ -47,9 +58,8 @@ def problem_names() -> list[str]:
 
 def source_of(name: str) -> str:
     """Return what ``ocp solve`` takes: the path of a file, relative to the root, or a name."""
-    root = Path(__file__).parents[3]
     file = problem_files().get(name)
-    return name if file is None else str(file.relative_to(root))
+    return name if file is None else str(file.relative_to(ROOT))
 
 
 def module_of(name: str) -> ModuleType:

@@ -6,11 +6,12 @@ A limit is a count of starts, seeds and iterations, never a clock. What is compa
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from fnmatch import fnmatch
 
 from tests.benchmarks.found.command import Answer, answer_of
-from tests.benchmarks.found.problems import keep_better
+from tests.benchmarks.found.problems import Plan, best_plan, keep_better
+from tests.benchmarks.found.sampled import LongSampling, can_sample
 
 EXACT = ("--contact", "exact")
 STRATEGIES = (
@@ -34,6 +35,10 @@ SEARCHES = 3
 """Seeds of the sampled search."""
 STARTS = 8
 """Perturbed guesses of the default route, and of the one strategy that differs most from it."""
+SAMPLED = "sampled"
+"""Name of the way that samples for long, without the program's search."""
+AROUND = "around"
+"""Name of the way that moves every input of the best known plan."""
 Route = list[tuple[str, ...]]
 """Arguments of commands, each of which but the first starts from the run before."""
 
@@ -68,10 +73,28 @@ def followed(name: str, route: Route) -> Iterator[Answer]:
 def find_best(name: str, patterns: Sequence[str] = ()) -> None:
     """Try the routes whose names fit one of the ``patterns``, all by default, and keep what beats all before."""
     for route_name, route in routes().items():
-        if patterns and not any(fnmatch(route_name, pattern) for pattern in patterns):
+        if not chosen(route_name, patterns):
             continue
         for answer in followed(name, route):
             cost = f"{answer.exact_cost:.6g}" if not math.isnan(answer.exact_cost) else answer.status
             better = keep_better(name, [answer.plan()] if math.isfinite(answer.exact_cost) else [])
             told = " best so far" if better else ""
             print(f"{name:<20}{route_name:<28}{cost:>12} {answer.seconds:>7.1f} s{told}", flush=True)
+    if not can_sample(name):
+        return
+    if chosen(SAMPLED, patterns):
+        keep_all(name, LongSampling(name).best_plans())
+    if chosen(AROUND, patterns) and (plan := best_plan(name)) is not None:
+        keep_all(name, LongSampling(name).around(plan))
+
+
+def chosen(route_name: str, patterns: Sequence[str]) -> bool:
+    """Return whether a way is to be tried: its name fits a pattern, or there are none."""
+    return not patterns or any(fnmatch(route_name, pattern) for pattern in patterns)
+
+
+def keep_all(name: str, plans: Iterable[Plan]) -> None:
+    """Keep what is better than all before, and print a line of every plan."""
+    for plan in plans:
+        told = " best so far" if keep_better(name, [plan]) else ""
+        print(f"{name:<20}{plan.command.partition(': ')[2]:<60}{plan.cost:>12.6g}{told}", flush=True)

@@ -1,9 +1,10 @@
 """Lift a block with a pair of tongs, by friction alone; millimetres, grams and milliseconds, so a force is in newtons.
 
-In the manner of the pick-up tasks of manipulation courses. One motor closes both jaws, the other lifts them. The
-block of 200 g weighs 1.96 N, so at friction 0.4 the jaws must squeeze it with 2.45 N each from before it leaves
-the table. The best-known value is believed because a lift is one close, one hold and one rise: the squeeze costs
-at least twenty steps at the edge of the cone, and every route that lifts at all ends within a few per cent.
+In the manner of the pick-up tasks of manipulation courses. One motor closes both jaws, the other lifts them. The block
+of 200 g weighs 1.96 N, so at friction 0.4 the jaws must squeeze it with 2.45 N each from before it leaves the table.
+The best-known value is the cheapest of sampling, relaxations and barrier plans made exact. It is believed because it
+is under that of a slow lift, which holds the least squeeze and the weight over all steps and costs about 0.2: the
+tongs are on their way up already when they close, and the squeeze is short.
 """
 
 import casadi as ca

@@ -1,9 +1,9 @@
 """Tip a crate onto one of its lower edges and leave it balanced there.
 
-In the manner of how movers walk a fridge: a hand on a rail pushes high on the left face, friction under the right
-edge holds it, and the crate must end at rest where its centre of mass is above that edge, atan(0.2 / 0.5) turned.
-Pushing it over costs more than not pushing at all. The best-known value is believed because the energy of the tip is
-fixed and the push is quasi-static in the best plans; longer searches only shave the effort.
+In the manner of how movers walk a fridge: a hand on a rail pushes high on the left face, friction under the right edge
+holds it, and the crate must end at rest where its centre of mass is above that edge, atan(0.2 / 0.5) turned. Pushing
+it over costs more than not pushing at all. The best-known value is believed because the energy of the tip is fixed, so
+that the least effort is that of pushing just long enough, and relaxations and sampling end no lower.
 """
 
 import casadi as ca

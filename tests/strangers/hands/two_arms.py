@@ -3,7 +3,8 @@
 In the manner of bimanual pushing with quasi-dynamic steps: each fingertip hangs on a spring of its arm, the left one
 behind the box's left face and the right one before its right face, and neither may cross the middle. The box must go
 up and turn: both fingers carry it by friction between them, or each pushes its own side. The best-known value is
-believed because searches from both fingers' contact sequences, one after the other and both at once, end at it.
+believed as the cheapest of all relaxations and of sampling: the box must be carried by friction between both fingers,
+and their ways are short.
 """
 
 import casadi as ca

@@ -3,7 +3,7 @@
 In the manner of the tabletop pushes that come with simulators. The arm hangs before its post with the tip above and
 short of the box, which runs on a rail. The tip must come down behind the box and push it 0.25 m on. Leaving the box
 costs 100 x 0.0625, which is 6.25. The best-known value is believed because the box's way is straight and the arm's
-swing down to it short; longer pushes and hits were both sampled.
+swing down to it short; pushes and hits are both among the samples, and cost more.
 """
 
 from pathlib import Path

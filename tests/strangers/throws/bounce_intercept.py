@@ -1,9 +1,9 @@
 """Meet a ball after its bounce and knock it to a mark.
 
-In the manner of ping-pong robots. The ball falls on a plate on a spring, which throws it up again, and crosses in front
-of a round bat that a force moves in the plane. Left alone it ends 1.5 m away from the mark, back on the left and up.
-The best-known value is believed because the ball's way up to the bat is given, and one knock has three numbers, when
-and in which direction and how hard, which searches cover well.
+In the manner of ping-pong robots. The ball falls on a plate on a spring, which throws it up again, and crosses in
+front of a round bat that a force moves in the plane. Left alone it ends 1.5 m away from the mark, back on the left and
+up. The best-known value is believed because the ball's way up to the bat is given, and one knock has three numbers,
+when, in which direction and how hard, which sampling covers.
 """
 
 import casadi as ca

@@ -2,8 +2,8 @@
 
 In the manner of air hockey: no friction on the table, one shot. The bat starts in front of the puck, on the side of
 the mark, must go round it, and may not follow it beyond x = 0.15. So the puck must be hit, at a speed and in a
-direction that both decide where it is at the end. The best-known value is believed because one hit suffices and the
-bat's way round is symmetric but for the mark's side: both sides were searched.
+direction that both decide where it is at the end. The best-known value is believed because one hit suffices, whose
+place, time and direction are three numbers that sampling covers, and the relaxations end at the same hit.
 """
 
 import casadi as ca

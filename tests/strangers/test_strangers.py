@@ -1,0 +1,28 @@
+"""Problems as users write them: each loads, its best known plan does the task, and doing nothing does not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ocp.problem.evaluation import Evaluation
+from ocp.problem.rollout import roll_out
+from problems import get
+from tests.benchmarks.found.problems import best_plan, module_of, problem_files, source_of
+
+ROOT = problem_files()["hammer"].parents[3]
+
+
+@pytest.mark.cheap_cases("brake_mark", "gripper", "hammer", "juggle_twice", "lift_tongs", "slack_tether", "two_blocks")
+@pytest.mark.parametrize("name", problem_files())
+def test_the_best_known_plan_does_the_task_and_holding_still_does_not(name: str) -> None:
+    problem, module, plan = get(str(ROOT / source_of(name))), module_of(name), best_plan(name)
+    assert plan is not None
+    values = dict(zip(problem.parameters.names, map(float, problem.parameters.values), strict=True))
+    evaluation = Evaluation(problem, values)
+    inputs = np.stack([plan.inputs, np.broadcast_to(evaluation.limits.u_before, np.shape(plan.inputs))])
+    start = np.tile(plan.start or evaluation.initial_states[0], (2, 1))
+    rollout = roll_out(problem, inputs, values, x0=start)
+    reached = [module.reached(module.Params(), states[-1]) for states in rollout.x]
+    assert reached == [True, False]
+    assert rollout.costs[0] == pytest.approx(plan.cost, rel=0.01)
