@@ -3,14 +3,92 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
-from ocp.jobs.grid import Grid
-from ocp.jobs.sweep_job import FAULT_STATUS, REJECTED_STATUS, JobResult
+from ocp.jobs.grid import Grid, dimension_name
+from ocp.jobs.sweep_job import FAULT_STATUS, REJECTED_STATUS, JobResult, RollJob, SolveJob
+from ocp.jobs.sweep_record import describe_point
 
 OUTLIER_SHARE = 1e-3
 """Gain of a neighbour's plan that counts, as a share of the cost that a plan can change."""
+
+
+@dataclass
+class Exchange:
+    """Points that take over their neighbours' plans, pass by pass.
+
+    ``solve`` solves jobs by place, saved from a number on; ``roll`` returns by place the costs of other plans there.
+    ``rolled_costs`` has the cost at a place of a neighbour's present plan, ``tried`` the places with neighbours from
+    whose present plan they were solved.
+    """
+
+    study: Grid
+    points: list[JobResult]
+    solve: Callable[[Mapping[int, SolveJob], int], Iterable[tuple[int, JobResult]]]
+    roll: Callable[[Mapping[int, RollJob]], Iterable[tuple[int, list[float]]]]
+    rolled_costs: dict[tuple[int, int], float] = field(default_factory=dict)
+    tried: set[tuple[int, int]] = field(default_factory=set)
+
+    def run(self) -> list[JobResult]:
+        """Improve points as long as any is better from a neighbour's plan; return all, the rest of the outliers marked.
+
+        In a pass each point is solved from its cheapest neighbour, where that costs less, and then from the plan that
+        costs least at the point's own parameters, where that costs less than the point's.
+        """
+        study, count = self.study, len(self.points)
+        passes, changed = sum(study.shape), set(range(count))
+        for number in range(1, passes):
+            improved = self._improve(cheaper_neighbours(study, self.points, changed), number * count)
+            self._roll_plans()
+            changed = improved | self._improve(self._better_plans(untried=True), (passes + number) * count)
+            if not changed:
+                break
+        self._roll_plans()
+        for place, neighbour in self._better_plans().items():
+            if (point := self.points[place]).row["success"]:
+                marks = {"outlier": 1, "neighbour_cost": self.rolled_costs[place, neighbour]}
+                self.points[place] = replace(point, row={**point.row, **marks})
+        return self.points
+
+    def _improve(self, starts: Mapping[int, int], first: int) -> set[int]:
+        """Solve places from the plans of the neighbours in ``starts``; return the places that are better now."""
+        study, points, places = self.study, self.points, self.study.places
+        jobs = {place: study.job(places[place], points[neighbour]) for place, neighbour in starts.items()}
+        warm_started = dict(self.solve(jobs, first))
+        self.tried.update(starts.items())
+        improved = {place for place in warm_started if is_better(study, warm_started[place].row, points[place].row)}
+        names = [dimension_name(axis.name) for axis in study.axes]
+        for place in improved:
+            neighbour = dict(zip(names, places[starts[place]].values(), strict=True))
+            points[place] = outlier(warm_started[place], points[place], describe_point(neighbour, names))
+        self.tried = {pair for pair in self.tried if pair[1] not in improved}
+        self.rolled_costs = {pair: cost for pair, cost in self.rolled_costs.items() if pair[1] not in improved}
+        return improved
+
+    def _roll_plans(self) -> None:
+        """Roll out all plans at neighbouring places where that has not been done."""
+        jobs, study, neighbours = dict[int, RollJob](), self.study, dict[int, list[int]]()
+        for place, values in enumerate(study.places):
+            new = [k for k in study.neighbours(place) if self.points[k].row["success"]]
+            neighbours[place] = [k for k in new if (place, k) not in self.rolled_costs]
+            if neighbours[place] and self.points[place].row["status"] not in (REJECTED_STATUS, FAULT_STATUS):
+                plans = tuple(self.points[k] for k in neighbours[place])
+                jobs[place] = RollJob(study.case.at(values), study.rank, plans)
+        for place, costs in self.roll(jobs):
+            self.rolled_costs.update(((place, k), cost) for k, cost in zip(neighbours[place], costs, strict=True))
+
+    def _better_plans(self, untried: bool = False) -> dict[int, int]:
+        """Return the neighbour whose plan costs least at each place, where that is better than the place's own."""
+        best: dict[int, int] = {}
+        for (place, neighbour), cost in sorted(self.rolled_costs.items()):
+            own = self.points[place].row
+            if (untried and (place, neighbour) in self.tried) or not math.isfinite(cost):
+                continue
+            if not own["success"] or _gains(self.study, cost, own):
+                best[place] = min(best.get(place, neighbour), neighbour, key=lambda k: self.rolled_costs[place, k])
+        return best
 
 
 def cheaper_neighbours(study: Grid, points: Sequence[JobResult], changed: Collection[int]) -> dict[int, int]:
@@ -40,7 +118,11 @@ def is_better(study: Grid, new: Mapping[str, Any], own: Mapping[str, Any]) -> bo
         return bool(new["success"])
     if new["survives"] < own["survives"]:
         return False
-    cost = _ranking_cost(study, new)
+    return _gains(study, _ranking_cost(study, new), own)
+
+
+def _gains(study: Grid, cost: float, own: Mapping[str, Any]) -> bool:
+    """Return whether a cost is below that of a point's answer by a share of what a plan changes."""
     span = abs(own["idle_cost"] - cost)
     min_gain = OUTLIER_SHARE * (span if math.isfinite(span) else abs(cost))
     return _ranking_cost(study, own) - cost > min_gain

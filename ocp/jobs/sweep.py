@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Generator, Iterable, Mapping
 from contextlib import closing
 from dataclasses import replace
+from functools import partial
 from os import PathLike, fspath
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,16 +15,17 @@ from dynamics.contact import ContactLaw
 from ocp.errors import InputError
 from ocp.jobs import neighbours
 from ocp.jobs.case import Case
-from ocp.jobs.grid import Grid, SavedPoints, dimension_name, grid_dataset, load_points, parse_axes
+from ocp.jobs.grid import Grid, SavedPoints, grid_dataset, load_points, parse_axes
 from ocp.jobs.scheduling import THIS_PROCESS, Workers, map_jobs
 from ocp.jobs.sweep_job import (
     FAULT_STATUS,
     JobResult,
+    RollJob,
     SolveJob,
     failed_result,
+    plan_costs,
     solve_job,
 )
-from ocp.jobs.sweep_record import describe_point
 from ocp.problem.problem import Problem
 from ocp.solve.request import ProblemLike, split_keywords
 from ocp.solve.starts import Rank, check_starts
@@ -71,7 +74,9 @@ def sweep(
     ``jobs`` processes of this computer work side by side, or with ``scheduler``, such as
     ``tcp://127.0.0.1:8786``, a Dask cluster; answers do not depend on them. Each point's answer is
     that of a solve of its own, to the last bit, unless a neighbour's plan is better there: such
-    outliers have the neighbour in ``start`` and the cost of their own solve in ``own_cost``. A
+    outliers have the neighbour in ``start`` and the cost of their own solve in ``own_cost``. Where
+    a neighbour's plan is better, and no solve from it is, ``outlier`` is 1, and ``neighbour_cost``
+    what that plan costs there. A
     point whose worker was killed is begun again. With ``store``, a directory, finished points are
     kept there until all are, and the same call goes on after a stop.
 
@@ -139,9 +144,9 @@ def solve_grid(
 ) -> list[JobResult]:
     """Solve all points of a study that are not ``finished``, and add them to it; return all points.
 
-    Then, pass by pass, each point is solved from its cheapest neighbour's plan if that costs less,
-    and the better answer is taken: a pass starts from the results of the one before, so that
-    neither the order nor the number of workers matters.
+    Then, pass by pass, points are solved from neighbours' plans that cost less
+    (:class:`~ocp.jobs.neighbours.Exchange`), and the better answer is taken: a pass starts from the
+    results of the one before, so that neither the order nor the number of workers matters.
 
     Each solved point is saved in ``files`` and passed to ``on_point``. A point's reports,
     and None at its end, go to ``callback``, which may raise to stop.
@@ -162,20 +167,13 @@ def solve_grid(
         for place, point in solved_points:
             finished[place] = point
             on_point(place, point)
+
+    def roll_plans(jobs: Mapping[int, RollJob]) -> Generator[tuple[int, list[float]], None, None]:
+        with closing(map_jobs(plan_costs, jobs, workers, None, callback, partial(_no_costs, jobs))) as costs_of_jobs:
+            yield from costs_of_jobs
+
     points = [finished[place] for place in range(len(places))]
-    changed = set(range(len(points)))
-    names = [dimension_name(axis.name) for axis in study.axes]
-    for number in range(1, sum(study.shape)):
-        starts = neighbours.cheaper_neighbours(study, points, changed)
-        warm_jobs = {k: study.job(places[k], points[neighbour]) for k, neighbour in starts.items()}
-        warm_started = dict(solve_jobs(warm_jobs, number * len(points)))
-        changed = {k for k in warm_started if neighbours.is_better(study, warm_started[k].row, points[k].row)}
-        for k in changed:
-            neighbour = dict(zip(names, places[starts[k]].values(), strict=True))
-            points[k] = neighbours.outlier(warm_started[k], points[k], describe_point(neighbour, names))
-        if not changed:
-            break
-    return points
+    return neighbours.Exchange(study, points, solve_jobs, roll_plans).run()
 
 
 def _fault(_: int, error: Exception) -> JobResult:
@@ -183,3 +181,9 @@ def _fault(_: int, error: Exception) -> JobResult:
     if isinstance(error, FilesChanged):
         raise error
     return failed_result(FAULT_STATUS, str(error))
+
+
+def _no_costs(jobs: Mapping[int, RollJob], place: int, error: Exception) -> list[float]:
+    """Return the costs of plans that could not be rolled out."""
+    _fault(place, error)
+    return [math.nan] * len(jobs[place].plans)

@@ -14,7 +14,8 @@ import numpy as np
 from ocp.errors import InputError, interruptible
 from ocp.jobs.case import Case, cached_session
 from ocp.jobs.scheduling import THIS_PROCESS, Workers, map_jobs
-from ocp.problem.rollout import initial_guesses
+from ocp.judge.constraints import broken_constraints
+from ocp.problem.rollout import Gains, initial_guesses, roll_on
 from ocp.routes.homotopy import RouteResult, StageRecord
 from ocp.routes.session import Session
 from ocp.solution import Interrupted, Solution
@@ -29,7 +30,7 @@ from ocp.solve.starts import (
     searches_of,
     solve_session,
 )
-from ocp.solve.warm_start import StoredPlan, carry
+from ocp.solve.warm_start import StoredPlan, carried_guess, carry
 from ocp.store.provenance import FilesChanged
 
 STORED_ARRAYS = ("x", "u", "lam", "gap", "x_replay", "u_replay", "x_referee", "u_referee", "K", "k")
@@ -53,6 +54,15 @@ class SolveJob:
     rank: Rank = "planned"
     number: int = 0
     start: JobResult | None = None
+
+
+@dataclass(frozen=True)
+class RollJob:
+    """A case, the rank by which an answer is taken, and plans of neighbouring points to roll out there."""
+
+    case: Case
+    rank: Rank
+    plans: tuple[JobResult, ...]
 
 
 @dataclass(frozen=True)
@@ -118,6 +128,25 @@ def _solve_point(job: SolveJob, report: Callable[[Any], None]) -> JobResult:
     return JobResult({**_row_of(solution), "seconds": time.perf_counter() - start_time}, _labelled_arrays(solution))
 
 
+def plan_costs(job: RollJob, report: Callable[[Any], None]) -> list[float]:
+    """Return the cost of each plan at a job's parameters; a :data:`~ocp.jobs.scheduling.Function`.
+
+    The law is that by whose costs answers are ranked. NaN where a step is not solved, or a constraint is violated.
+    """
+    session = cached_session(job.case)
+    problem, evaluation, costs = session.problem, session.evaluation, list[float]()
+    step = {"exact": problem.exact_step, "referee": problem.referee_step}.get(job.rank, session.step)
+    for point in job.plans:
+        plan = point.plan(session)
+        x, u = carried_guess(plan, problem, session.values)
+        inputs = Gains(plan.data["K"].values, plan.data["k"].values) if "K" in plan.data else u[None]
+        rolled, unsolved = roll_on(evaluation, inputs, step, None if problem.start is None else x[:1])
+        is_plan = unsolved is None and not broken_constraints(evaluation, rolled)
+        costs.append(rolled.cost if is_plan else math.nan)
+        report(None)
+    return costs
+
+
 def failed_result(status: str, sentence: str) -> JobResult:
     """Return a point without an answer, with the reason."""
     no_numbers: dict[str, Any] = dict.fromkeys(ROW_NUMBERS, float("nan"))
@@ -130,6 +159,7 @@ def failed_result(status: str, sentence: str) -> JobResult:
         "success": 0,
         "survives": -1,
         "iterations": 0,
+        "outlier": 0,
     }
     return JobResult({**row, "seconds": 0.0}, {})
 
@@ -146,8 +176,10 @@ ROW_NUMBERS: dict[str, Callable[[Solution], float]] = {
     "penetration": lambda solution: solution.audit.penetration,
     "solve_s": lambda solution: solution.solve_s,
     "own_cost": lambda _: math.nan,
+    "neighbour_cost": lambda _: math.nan,
 }
-"""Numbers of a row; ``own_cost`` is the cost of an outlier's own solve, else NaN."""
+"""Numbers of a row, NaN without an answer; of outliers alone ``own_cost`` is the cost of the own solve, where a
+neighbour's plan gave a better answer, and ``neighbour_cost`` that of a neighbour's plan, where it is still better."""
 ROW_TEXTS: dict[str, Callable[[Solution], str]] = {
     "status": lambda solution: solution.status.label,
     "stationarity": lambda solution: solution.certificate.stationarity,
@@ -161,8 +193,10 @@ ROW_COUNTS: dict[str, Callable[[Solution], int]] = {
     "success": lambda solution: solution.success,
     "survives": lambda solution: -1 if solution.referee.survives is None else solution.referee.survives,
     "iterations": lambda solution: solution.iterations,
+    "outlier": lambda _: 0,
 }
-"""Integers of a row; success and survives are 1 or 0, and -1 if unknown."""
+"""Integers of a row; success and survives are 1 or 0, and -1 if unknown; outlier is 1 where a neighbour's plan is
+better than every answer."""
 
 
 def _row_of(solution: Solution) -> dict[str, Any]:

@@ -111,10 +111,16 @@ def summarise_points(rows: list[dict[str, Any]], dims: list[str]) -> str:
         span = f"from {costs[0]} at {describe_point(cheapest, dims)} to {costs[1]} at {describe_point(dearest, dims)}"
         sentence += f"; cost {costs[0] if costs[0] == costs[1] else span}"
     failures, outliers = ([row for row in rows if not row["success"]], [row for row in rows if row.get("start")])
+    left_outliers = [row for row in rows if row.get("outlier")]
     lines = [
         f"outlier {describe_point(row, dims)}: {row['own_cost']:.6g} alone,"
         f" {row['cost']:.6g} from the plan at {row['start']}"
         for row in outliers[:MAX_LISTED]
+    ]
+    lines += [
+        f"outlier {describe_point(row, dims)}: {row['cost']:.6g}, although a neighbour's plan costs"
+        f" {row['neighbour_cost']:.6g} there"
+        for row in left_outliers[:MAX_LISTED]
     ]
     lines += [f"{describe_point(row, dims)}: {row['verdict']}".partition("\n")[0] for row in failures[:MAX_LISTED]]
     if len(failures) > MAX_LISTED:

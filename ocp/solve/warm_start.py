@@ -139,7 +139,9 @@ def carry(solution: Solution | StoredPlan, nlp: NLP, values: dict[str, float]) -
     return Point(x, nlp.variables.pack(lam_x), nlp.constraints.pack(lam_g))
 
 
-def carried_guess(solution: Solution, problem: Problem, values: dict[str, float]) -> tuple[np.ndarray, np.ndarray]:
+def carried_guess(
+    solution: Solution | StoredPlan, problem: Problem, values: dict[str, float]
+) -> tuple[np.ndarray, np.ndarray]:
     """States (N+1, nx) and inputs (N, nu) of a solution, on the problem's mesh, as a guess."""
     carrier = _Carrier(solution, problem, values)
     x, u = carrier.trajectories()

@@ -59,8 +59,14 @@ def sweep_caption(axes: Sequence[Axis]) -> str:
     row_note = ", a row for each of the others' values" if len(axes) > 2 else ""
     return (
         "Cost under the law, the referee's cost over it (the exact law's where there is no"
-        f" referee), and the verdict{row_note}; crossed cells failed."
+        f" referee), and the verdict{row_note}; crossed cells failed,"
+        " in ringed ones a neighbour's plan is better."
     )
+
+
+def _outliers(data: xr.Dataset) -> np.ndarray:
+    """Return a mask of the points where a neighbour's plan is better; older runs have none."""
+    return data["outlier"].values == 1 if "outlier" in data else np.zeros(data["cost"].shape, dtype=bool)
 
 
 def replayed_ratio(data: xr.Dataset) -> xr.DataArray:
@@ -83,6 +89,9 @@ def _lines(data: xr.Dataset, axis: Axis) -> Figure:
             top.plot(x, values, style, color=color, label=words)
     if "own_cost" in data and np.isfinite(data["own_cost"].values).any():
         top.plot(x, data["own_cost"].values, "x", color=GREY, label="outlier: its own solve")
+    if _outliers(data).any():
+        neighbour_cost = np.where(_outliers(data), data["neighbour_cost"].values, np.nan)
+        top.plot(x, neighbour_cost, "_", color=INK, label="outlier: a neighbour's plan")
     use_log_if_wide(top, data[["cost", "exact_cost"]].to_array().values[:, succeeded])
     top.set_ylabel("cost")
     middle.axhline(1, color=GREY, linewidth=0.8)
@@ -151,6 +160,8 @@ def _maps(data: xr.Dataset, span: tuple[Axis, Axis], slices: Sequence[Mapping[st
         for axes in row:
             upward, across = np.nonzero(~succeeded)
             axes.plot(across, upward, "x", color=INK, markersize=4, linewidth=0)
+            upward, across = np.nonzero(_outliers(slice_data))
+            axes.plot(across, upward, "o", color=INK, markersize=8, linewidth=0, fillstyle="none")
         words = ", ".join(f"{name} = {float(data[name].values[k]):.4g}" for name, k in chosen.items())
         row[0].set_ylabel(_titled(span[1]) + (f"\n{words}" if words else ""))
     for axes, title in zip(grid[0], ("cost", "replayed / planned", "verdict"), strict=True):

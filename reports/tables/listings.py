@@ -178,7 +178,7 @@ def point_rows(rows: Sequence[Mapping[str, Any]], dims: Sequence[str]) -> list[l
             *(number(row[name], 6) for name in ("cost", "exact_cost", "referee_cost")),
             str(row["iterations"]),
             f"{row['seconds']:.1f}",
-            str(row["status"] if row["grade"] == "failed" else row["grade"]),
+            str(row["status"] if row["grade"] == "failed" else row["grade"]) + ", outlier" * bool(row.get("outlier")),
         ]
         for row in rows[:MOST]
     ]

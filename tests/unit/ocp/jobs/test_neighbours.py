@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,7 +14,8 @@ from ocp.jobs import neighbours
 from ocp.jobs.case import Case
 from ocp.jobs.grid import Grid, parse_axes
 from ocp.jobs.sweep import sweep
-from ocp.jobs.sweep_job import failed_result
+from ocp.jobs.sweep_job import JobResult, SolveJob, failed_result, solve_job
+from ocp.jobs.sweep_record import grid_rows, summarise_points
 from tests.unit.ocp.jobs.same import same
 
 GRID = Grid(Case("push-1d"), parse_axes({"problem.M": [1.0, 2.0, 3.0], "problem.K": [1.0, 2.0]}))
@@ -65,6 +68,38 @@ def test_an_outlier_keeps_the_cost_of_its_own_solve() -> None:
     again = neighbours.outlier(point(2.0), first, "M = 2")
     assert (first.row["own_cost"], first.row["start"], first.row["iterations"]) == (5.0, "M = 1", 9)
     assert (again.row["own_cost"], again.row["start"], again.row["cost"]) == (5.0, "M = 2", 2.0)
+
+
+@pytest.mark.costly
+@pytest.mark.parametrize("is_solved_again", [True, False])
+def test_a_point_above_what_a_dearer_neighbours_plan_gives_there_is_repaired_or_marked(
+    is_solved_again: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The weight raises the cost, so that a poor answer at the least weight is cheaper than all neighbours."""
+    request: dict[str, Any] = {"problem": "wall-1d", "over": {"w_x": [1.0, 1.1, 1.2]}, "params": {"N": 5}}
+    costs = sweep(**request)["cost"].values
+    poor_cost = costs[:2].mean()
+
+    def solve_poorly(job: SolveJob, report: Callable[[Any], None]) -> JobResult:
+        point = solve_job(job, report)
+        if job.start is not None and not is_solved_again:
+            return failed_result("not converged", "")
+        is_poor = job.start is None and job.case.params["w_x"] == 1.0
+        return replace(point, row={**point.row, "cost": poor_cost}) if is_poor else point
+
+    monkeypatch.setattr("ocp.jobs.sweep.solve_job", solve_poorly)
+    found = sweep(**request)
+    assert found["outlier"].values.tolist() == [int(not is_solved_again), 0, 0]
+    lines = summarise_points(grid_rows(found), ["w_x"]).split("\n")[1:]
+    if is_solved_again:
+        np.testing.assert_allclose(found["cost"].values, costs, rtol=1e-9)
+        assert (found["start"].values.tolist(), found["own_cost"].values[0]) == (["w_x = 1.1", "", ""], poor_cost)
+        assert lines == [f"outlier w_x = 1: {poor_cost:.6g} alone, {costs[0]:.6g} from the plan at w_x = 1.1"]
+        return
+    offered = found["neighbour_cost"].values
+    assert found["cost"].values[0] == poor_cost and costs[0] <= offered[0] < poor_cost
+    assert np.isnan(offered[1:]).all() and not any(found["start"].values)
+    assert lines == [f"outlier w_x = 1: {poor_cost:.6g}, although a neighbour's plan costs {offered[0]:.6g} there"]
 
 
 @pytest.mark.costly

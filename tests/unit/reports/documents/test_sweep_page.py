@@ -26,6 +26,7 @@ def made(**sizes: int) -> StoredRun:
     data: dict[str, object] = {name: (names, np.zeros(shape)) for name in (*ROW_NUMBERS, "seconds")}
     data |= {name: (names, np.ones(shape, dtype=int)) for name in ROW_COUNTS}
     data |= {name: (names, np.full(shape, "survives", dtype=object)) for name in ROW_TEXTS}
+    data["outlier"] = (names, np.zeros(shape, dtype=int))
     data |= {"cost": (names, cost), "exact_cost": (names, 3 * cost)}
     data["referee_cost"] = (names, 2 * cost)
     values = {name: [float(k + 1) for k in range(size)] for name, size in sizes.items()}
@@ -97,6 +98,19 @@ def test_failed_points_are_crossed_and_have_no_colour() -> None:
     assert np.isnan(cost[1, 1]) and np.isnan(ratio[1, 1]) and verdict[1, 1] == 0
     crosses = figure.axes[0].lines[0]
     assert (crosses.get_xdata().tolist(), crosses.get_ydata().tolist()) == ([1], [1])
+
+
+def test_points_that_a_neighbours_plan_would_improve_are_ringed_and_named() -> None:
+    run = made(M=3, mu=2)
+    run.data["outlier"].values[2, 1] = 1
+    rings = [line for line in drawn(run)[0].axes[0].lines if line.get_marker() == "o"]
+    assert [(line.get_xdata().tolist(), line.get_ydata().tolist()) for line in rings] == [([2], [1])]
+    assert [row[-1] for row in point_rows(grid_rows(run.data), ["M", "mu"])] == ["survives"] * 5 + ["survives, outlier"]
+    line = made(M=3)
+    line.data["outlier"].values[1] = 1
+    line.data["neighbour_cost"].values[1] = 1.5
+    marks = {str(drawn_line.get_label()): drawn_line.get_ydata() for drawn_line in drawn(line)[0].axes[0].lines}
+    assert np.array_equal(marks["outlier: a neighbour's plan"], [np.nan, 1.5, np.nan], equal_nan=True)
 
 
 def test_without_a_referee_the_exact_law_replays() -> None:
