@@ -91,7 +91,7 @@ def _lines(data: xr.Dataset, axis: Axis) -> Figure:
         top.plot(x, data["own_cost"].values, "x", color=GREY, label="outlier: its own solve")
     if _outliers(data).any():
         neighbour_cost = np.where(_outliers(data), data["neighbour_cost"].values, np.nan)
-        top.plot(x, neighbour_cost, "_", color=INK, label="outlier: a neighbour's plan")
+        top.plot(x, neighbour_cost, "_", color=INK, markersize=14, label="outlier: a neighbour's plan")
     use_log_if_wide(top, data[["cost", "exact_cost"]].to_array().values[:, succeeded])
     top.set_ylabel("cost")
     middle.axhline(1, color=GREY, linewidth=0.8)
@@ -161,7 +161,7 @@ def _maps(data: xr.Dataset, span: tuple[Axis, Axis], slices: Sequence[Mapping[st
             upward, across = np.nonzero(~succeeded)
             axes.plot(across, upward, "x", color=INK, markersize=4, linewidth=0)
             upward, across = np.nonzero(_outliers(slice_data))
-            axes.plot(across, upward, "o", color=INK, markersize=8, linewidth=0, fillstyle="none")
+            axes.plot(across, upward, "o", color=INK, markersize=14, linewidth=0, fillstyle="none")
         words = ", ".join(f"{name} = {float(data[name].values[k]):.4g}" for name, k in chosen.items())
         row[0].set_ylabel(_titled(span[1]) + (f"\n{words}" if words else ""))
     for axes, title in zip(grid[0], ("cost", "replayed / planned", "verdict"), strict=True):
