@@ -15,6 +15,7 @@ from ocp.errors import InputError, abbreviated, choose
 from ocp.problem.evaluation import Evaluation
 from ocp.problem.problem import Problem
 from ocp.problem.rollout import InitialGuess
+from ocp.validation import Index, validate_fields
 
 Pose = ArrayLike | Mapping[str, float]
 """All states (nx,), or the values of some by name."""
@@ -50,6 +51,10 @@ class Sketch:
     keyframes: Mapping[int, Pose] = field(default_factory=dict)
     paths: Mapping[str, ArrayLike] = field(default_factory=dict)
     contacts: Mapping[str, Sequence[tuple[int, int]]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        ranges = dict[str, list[tuple[Index, Index]]]
+        validate_fields(self, "the guess", keyframes=dict[Index, Any], paths=dict[str, Any], contacts=ranges)
 
     def drawn(self, evaluation: Evaluation) -> UserGuess:
         """Return the states that keyframes and paths give, interpolated, and the windows that a plan must pass.
@@ -125,23 +130,20 @@ class Sketch:
         for name, ranges in self.contacts.items():
             index = choose("contact", name, index_of)
             closed = np.zeros(N + 1, dtype=bool)
-            for steps in ranges:
-                if np.shape(steps) != (2,):
-                    raise InputError(f"{name}: a range of steps is two numbers, such as [5, 15]; got {steps!r}")
-                for step in steps:
-                    _check_step(f"the range of {name}", step, problem)
-                if steps[0] > steps[1]:
-                    raise InputError(f"{name}: the range of steps {steps[0]} to {steps[1]} is empty")
-                closed[steps[0] : steps[1] + 1] = True
+            for first, last in ranges:
+                _check_step(f"the range of {name}", max(first, last), problem)
+                if first > last:
+                    raise InputError(f"{name}: the range of steps {first} to {last} is empty")
+                closed[first : last + 1] = True
             gap_limits[closed[1:], index] = 0.0
             impulse_limits[~closed[1:], index] = 0.0
         below = np.full((N, system.nlam), -np.inf)
         return {"lam": (below, impulse_limits), "gap": (below, gap_limits)}
 
 
-def _check_step(place: str, step: Any, problem: Problem) -> None:
-    if isinstance(step, bool) or not isinstance(step, int | np.integer) or not 0 <= step <= problem.N:
-        raise InputError(f"{place}: {problem.name} has steps 0 to {problem.N}, got {step!r}")
+def _check_step(place: str, step: int, problem: Problem) -> None:
+    if step > problem.N:
+        raise InputError(f"{place}: {problem.name} has steps 0 to {problem.N}, got {step}")
 
 
 def _numbers(place: str, value: Any) -> np.ndarray:

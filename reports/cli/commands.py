@@ -101,9 +101,13 @@ class SolveOptions(StartsOptions):
         "solve push-disc -p M=2 -p N=40 --contact exact --pdf plan.pdf",
         "solve push-disc --contact adaptive -c sigma=0.05 -s tol=1e-8 --tag soft",
         "solve push-disc -p goal_x=0.5 --from @last",
+        "solve push-disc --contact exact --guess sketch.toml",
         "solve push-disc --contact exact --starts 8 --jobs 2 --rank exact",
     )
     start: str | None = option(None, "--from", metavar="RUN", help="Start from a stored run of the same problem.")
+    guess: str | None = option(
+        None, metavar="RUN|FILE", help="Begin at a run, or at keyframes, paths, contacts of a .json or .toml file."
+    )
     require: str | None = option(None, metavar="survives", help="Exit 3 unless the plan survives the referee.")
     effort: str = option("normal", metavar="LEVEL", help="Work beyond the usual route: quick, normal or thorough.")
     search: bool | None = option(

@@ -27,6 +27,7 @@ from ocp.store.stored_run import StoredRun
 from problems.plugin import edited, law_of, problem_of
 from reports.cli import interrupt
 from reports.cli.commands import ReplayOptions, SolveOptions
+from reports.cli.guess_file import read_guess
 from reports.cli.request import Request, case_of, check_output_file, check_outputs, parse_assignments
 from reports.cli.streams import Output
 from reports.tables import console
@@ -56,7 +57,11 @@ def check(options: SolveOptions) -> tuple[Request, Solution | None]:
     request = Request.read(options)
     if options.search and (options.starts > 1 or options.start is not None):
         raise InputError("--search finds its own starts; drop --starts and --from")
-    begin_at(request.session, None, options.search, cast("Effort", options.effort))
+    if options.guess is not None and (options.starts > 1 or options.start is not None):
+        raise InputError("--guess says where to begin; drop --starts and --from")
+    guess = None if options.guess is None else read_guess(options, options.guess)
+    session = begin_at(request.session, guess, options.search, cast("Effort", options.effort))
+    request = replace(request, session=session)
     if options.refine:
         divided_step(request.session.problem, request.session.values, 1)
     if options.world is not None:

@@ -142,6 +142,9 @@ CASES = {
         ["factor would have no effect"],
     ),
     "figure beyond memory": (["figure", "P1", "-p", "n_samples=1000000000000"], ["GB of memory"]),
+    "guess without a file": ([*SOLVE, "--guess", "no.json"], ["no.json", "No such file"]),
+    "guess without a run": ([*SOLVE, "--guess", "nothing"], ["no run 'nothing'"]),
+    "guess and starts": ([*SOLVE, "--guess", "a.json", "--starts", "2"], ["drop --starts and --from"]),
     "rank of one": ([*SOLVE, "--rank", "referee"], ["--starts 2"]),
     "animation without a name": (["animate", "x", "-o", ""], ["--output is empty"]),
     "what is followed": ([*CONTINUE, "--from", "1", "--to", "2", "-c", "mu=3"], ["drop -c mu"]),
@@ -162,6 +165,37 @@ def test_wrong_usage(ocp, tmp_path: Path, arguments: list[str], words: list[str]
     for word in words:
         assert word in done.err
     assert not list(tmp_path.rglob("meta.json"))
+
+
+GUESSES = {
+    "no JSON": ("guess.json", "{", ["cannot be read as JSON"]),
+    "no TOML": ("guess.toml", "a =", ["cannot be read as TOML"]),
+    "deep JSON": ("guess.json", "[" * 100_000, ["cannot be read as JSON"]),
+    "no text": ("guess.json", "\udcff", ["cannot be read as JSON"]),
+    "no table": ("guess.json", "[1]", ["expected the tables keyframes, paths, contacts"]),
+    "table": ("guess.json", '{"keyframe": {}}', ["did you mean 'keyframes'"]),
+    "table's kind": ("guess.json", '{"contacts": 3}', ["contacts must be a table, got 3"]),
+    "nothing": ("guess.json", "{}", ["says nothing"]),
+    "state": ("guess.toml", "[keyframes.3]\ny = 1", ["unknown state 'y'", "there are x, v"]),
+    "step": ("guess.toml", "[keyframes.99]\nx = 1", ["steps 0 to 30, got 99"]),
+    "step's name": ("guess.toml", "[keyframes.-1]\nx = 1", ["is its step, a whole number; got '-1'"]),
+    "two keyframes": ("guess.json", '{"keyframes": {"3": {"x": 1}, "3": {"x": 2}}}', ["'3' twice"]),
+    "two names": ("guess.json", '{"keyframes": {"3": {"x": 1}, "03": {"x": 2}}}', ["3 twice"]),
+    "shape": ("guess.json", '{"keyframes": {"3": [1]}}', ["must have 2 states, x, v; got (1,)"]),
+    "value": ("guess.json", '{"keyframes": {"3": {"x": [1, 2]}}}', ["x must be a number"]),
+    "not finite": ("guess.json", '{"keyframes": {"3": {"x": NaN}}}', ["must be finite"]),
+    "path": ("guess.json", '{"paths": {"x": 1}}', ["two or more numbers"]),
+    "contact": ("guess.json", '{"contacts": {"floor": [[1, 2]]}}', ["unknown contact 'floor'"]),
+    "range": ("guess.json", '{"contacts": {"wall": [1, 2]}}', ["contacts['wall'][0]"]),
+    "range's step": ("guess.json", '{"contacts": {"wall": [[1, 31]]}}', ["steps 0 to 30, got 31"]),
+}
+
+
+@pytest.mark.one_case_in(6)
+@pytest.mark.parametrize(("file", "text", "words"), GUESSES.values(), ids=GUESSES)
+def test_a_guess_that_does_not_fit(ocp, tmp_path: Path, file: str, text: str, words: list[str]) -> None:
+    (tmp_path / file).write_text(text, errors="surrogateescape")
+    test_wrong_usage(ocp, tmp_path, [*SOLVE, "--contact", "exact", "--guess", file], words)
 
 
 def test_debug_shows_where(ocp) -> None:
