@@ -242,7 +242,8 @@ class Problem:
     def scales(self) -> Scales:
         """The characteristic sizes in SI, signal by signal; those not stated are derived."""
         stated, units = self.scaling, self._units_of_signals
-        derived = derive_sizes(self) if stated.derived else None
+        states = None if stated.x is None else np.broadcast_to(stated.x * units.x, units.x.shape)
+        derived = derive_sizes(self, states) if stated.derived else None
 
         def size(name: str) -> Any:
             multiple = getattr(stated, name)

@@ -23,8 +23,10 @@ DIFFERENCE_ROUNDING = 1e-12
 """Share of the largest entry below which a difference is rounding."""
 
 
-def derive_sizes(problem: Problem) -> Scales:
+def derive_sizes(problem: Problem, x: np.ndarray | None = None) -> Scales:
     """Derive the characteristic sizes of a problem, in SI, at its own parameter values.
+
+    Those of states are ``x`` (nx,) where that is given.
 
     A state's size is the largest of: how far the guess and its exact rollout move it from x0, and
     how far away the goal is, by one Newton step on each cost and on each terminal constraint that
@@ -36,7 +38,7 @@ def derive_sizes(problem: Problem) -> Scales:
     :data:`GAP_SHARE` of what it changes by as the states move by theirs.
     """
     data = _Data(problem)
-    x = data.state_sizes()
+    x = data.state_sizes() if x is None else x
     u = data.input_sizes(x)
     return Scales(data.impulse(x), GAP_SHARE * data.typical_gap_change(x), x, u)
 

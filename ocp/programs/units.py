@@ -24,8 +24,11 @@ DIMENSIONS = {
     "J": (1, 2, -2),
     "rad": (0, 0, 0),
     "1": (0, 0, 0),
+    **dict.fromkeys(("g", "t", "lb"), (1, 0, 0)),
+    **dict.fromkeys(("km", "cm", "mm", "um", "nm", "ft", "in"), (0, 1, 0)),
+    **dict.fromkeys(("ms", "us"), (0, 0, 1)),
 }
-"""Exponents of kg, m and s in the units that others are made of."""
+"""Exponents of kg, m and s in the units that others are made of. A problem keeps to one unit of a kind."""
 SMOOTHING = 1e-3
 """Logarithm of a ratio below which its absolute value is smooth."""
 REWEIGHTINGS = 60

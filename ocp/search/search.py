@@ -45,4 +45,5 @@ class Search(ABC):
 
 def can_roll_out(session: Session) -> bool:
     """Return whether inputs alone make a plan of a session's complementarity problem."""
-    return session.complementary and not isinstance(session.policy, Feedback) and can_sample(session.problem)
+    plain = session.complementary and session.step.branches == 1
+    return plain and not isinstance(session.policy, Feedback) and can_sample(session.problem)

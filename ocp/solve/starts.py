@@ -108,7 +108,8 @@ def search_further(
 
 def searches_of(session: Session, seed: int, progress: Callable[[StageRecord], None] | None) -> list[Search]:
     """Return what is tried beside the usual route, in order."""
-    pushing, eager = bool(session.problem.system.scene), session.effort != "quick" and session.complementary
+    pushing = bool(session.problem.system.scene)
+    eager = session.effort != "quick" and session.complementary and session.step.branches == 1
     if session.search is False or not (session.search or eager or pushing or session.user_guess is not None):
         return []
     # Only here: what only searches need is not loaded for other problems.

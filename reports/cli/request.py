@@ -7,11 +7,10 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ocp import store
 from ocp.errors import InputError
-from ocp.jobs.case import Case
 from ocp.routes.session import Session
 from ocp.solve.solve import new_session
 from ocp.store import atomic
@@ -19,6 +18,9 @@ from ocp.transcription.factories import law_name
 from problems import ProblemSpec
 from problems.plugin import source
 from reports.cli.options.shared import SolverOptions
+
+if TYPE_CHECKING:
+    from ocp.jobs.case import Case
 
 
 def parse_assignments(option: str, words: Iterable[str] | None) -> dict[str, str]:
@@ -130,4 +132,7 @@ def read_names(options: SolverOptions) -> tuple[ProblemSpec, dict[str, Any]]:
 
 def case_of(spec: ProblemSpec, arguments: dict[str, Any]) -> Case:
     """Return the case that any process can build; a problem file is named by its absolute path."""
+    # Only here: one solve in this process needs no jobs.
+    from ocp.jobs.case import Case
+
     return Case(spec.name if spec.path is None else str(spec.path), **arguments).with_content(spec)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -12,12 +12,14 @@ from dynamics.laws import LAWS
 from dynamics.settings import settings_of
 from ocp.store.stored_run import StoredRun
 from problems.spec import Spec
-from problems.studies.study import FigureStudy
 from reports.documents.citations import full_citation
 from reports.drawing.notation import in_symbols, plain, powers, symbol
 from reports.drawing.view import RunView
 from reports.figures.panels import PANEL_COLUMNS, Row, draw_rows
 from reports.tables.console import number
+
+if TYPE_CHECKING:
+    from problems.studies.study import FigureStudy
 
 Page = tuple[dict[str, Any], dict[str, Figure]]
 _NOT_SETTINGS = (

@@ -97,7 +97,7 @@ def _stage_cells(index: int, stage: StageRecord) -> tuple[str, ...]:
         small(stage.complementarity),
         small(stage.residual),
         str(stage.iterations),
-        f"{stage.seconds:.2f}",
+        _seconds(stage),
         "" if stage.accepted else "stepped back",
     )
 
@@ -108,8 +108,12 @@ def stage_line(stage: StageRecord) -> str:
     return (
         f"{stage_title(stage.label)} {small(stage.value)}  cost {number(stage.cost, 7)}"
         f"  lam·gap {small(stage.complementarity)}  {stage.iterations} it"
-        f"  {stage.seconds:.2f} s{tail}"
+        f"  {_seconds(stage)} s{tail}"
     )
+
+
+def _seconds(stage: StageRecord) -> str:
+    return f"{stage.seconds:.2f}" if math.isfinite(stage.seconds) else "–"
 
 
 class StageLines:

@@ -237,8 +237,8 @@ CASES = {
         [*LEARN, "ewda", "--hidden", "8", "-o", "x.nc"],
         "--hidden is a setting of networks",
     ),
-    "hidden": ([*LEARN, "mlp", "--hidden", "8,x", "-o", "x.nc"], "must be whole numbers from 1"),
-    "no layer": ([*LEARN, "mlp", "--hidden", "0", "-o", "x.nc"], "must be whole numbers from 1"),
+    "hidden": ([*LEARN, "mlp", "--hidden", "8,x", "-o", "x.nc"], "must be a whole number >= 1"),
+    "no layer": ([*LEARN, "mlp", "--hidden", "0", "-o", "x.nc"], "must be whole numbers >= 1"),
     "wide": ([*LEARN, "mlp", "--hidden", "99999,99999", "-o", "x.nc"], "of memory, and this"),
     "columns": ([*LEARN, "ewda", "--columns", "a=b", "-o", "x.nc"], "is for tables"),
     "another problem": (

@@ -20,7 +20,7 @@ from dynamics.laws import LAWS
         (lambda: Barrier(mu=0), r"barrier: mu must be a number > 0 \[N s m\], got 0; for mu = 0 use the exact law"),
         (lambda: Barrier(mu=-1), r"barrier: mu must be a number > 0 \[N s m\], got -1"),
         (lambda: Barrier(mu=math.nan), "got nan"),
-        (lambda: Barrier(kappa=math.inf), r"barrier: kappa must be a number > 0 \[1/J\], got inf"),
+        (lambda: Barrier(kappa=math.inf), r"barrier: kappa must be a finite number > 0 \[1/J\], got inf"),
         (lambda: Barrier(mu=1, kappa=1), "give mu or kappa, not both"),
         (lambda: Adaptive(sigma=-0.1), r"adaptive: sigma must be a number > 0 \[m\], got -0.1"),
         (lambda: Adaptive(sigma=0), "adaptive: sigma must be a number > 0"),
