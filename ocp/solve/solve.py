@@ -15,11 +15,12 @@ from ocp.programs.solver import Solver
 from ocp.routes.homotopy import StageRecord
 from ocp.routes.session import DEFAULT_EFFORT, Effort, Session, as_swept
 from ocp.solution import Solution
+from ocp.solve.guesses import GuessLike, given_guess
 from ocp.solve.judging import judge_outcome, keep_best_on_interrupt
 from ocp.solve.refinement import divided_step, refine_step_size
 from ocp.solve.request import ProblemLike, Settings, check_setting_names, rebuilder, resolve_problem
 from ocp.solve.starts import Rank, check_starts, solve_session
-from ocp.solve.warm_start import GuessLike, carried_guess, carry, given_guess
+from ocp.solve.warm_start import carried_guess, carry
 from ocp.transcription import METHODS, Method
 from ocp.transcription.factories import DEFAULT_LAW, make_law, policy_of, split_policy_settings
 from ocp.transcription.nlp import StageCompiler

@@ -51,7 +51,7 @@ def to_a_goal(system, goal: float) -> Problem:
 
 @functools.cache
 def solved(problem_of, law: ContactLaw | None = None, method: Method | None = None) -> Solution:
-    return solve(problem_of(), law or Exact(), method or Direct())
+    return solve(problem_of(), law or Exact(), method or Direct(), effort="quick")
 
 
 # --- true geometry ---------------------------------------------------------------------------
@@ -205,7 +205,7 @@ def test_planning_through_the_step_is_planning_against_the_freedom(problem_of, m
 
     The barrier law alone is no remedy: at any mu, ``lam (z - lam) = mu`` has two ends as well.
     """
-    free = solve(problem_of(), Exact(), effort="quick")
+    free = solved(problem_of)
     assert "as the replay does, and the motion from there costs" in free.verdict
     bound = solved(problem_of, Barrier(mu=mu), MultipleShooting())
     assert bound.status is Status.SOLVED and bound.referee.nonuniqueness == ""

@@ -12,9 +12,9 @@ from dynamics.contact import Barrier
 from ocp import InputError, Sketch, roll_out, solve
 from ocp.problem.evaluation import Evaluation
 from ocp.search.other_routes import GuessSearch
+from ocp.solve.guesses import GuessLike, given_guess
 from ocp.solve.judging import judge_outcome
 from ocp.solve.solve import begin_at, new_session
-from ocp.solve.warm_start import GuessLike, given_guess
 from tests.golden.cases.test_plans_worth_having import nail
 
 N = 20

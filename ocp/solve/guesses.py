@@ -1,0 +1,75 @@
+"""Trajectories that a caller begins at, of whatever form, as states and inputs of the problem."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike
+
+from ocp.errors import InputError
+from ocp.problem.checks import check_guess
+from ocp.problem.evaluation import Evaluation
+from ocp.problem.problem import Problem
+from ocp.problem.sketch import Pose, Sketch, UserGuess
+from ocp.solution import Solution
+from ocp.solve.warm_start import carried_guess
+
+GuessLike = Solution | xr.Dataset | tuple[ArrayLike, ArrayLike] | Sketch | Mapping[int, Pose]
+"""A solution or a run that was loaded, a dataset with x and u, states and inputs, a sketch, or its keyframes alone."""
+
+
+def given_guess(guess: GuessLike, problem: Problem, values: dict[str, float]) -> UserGuess:
+    """Return states (N+1, nx) and inputs (N, nu) of what a caller gives; of scenarios the first.
+
+    A run of another problem gives those that have the same names there (:func:`shared_guess`).
+
+    Raises :class:`~ocp.errors.InputError` for other shapes, what is not finite, and a sketch that does not fit.
+    """
+    if isinstance(guess, Mapping) and not isinstance(guess, xr.Dataset):
+        guess = Sketch(keyframes=guess)
+    if isinstance(guess, Sketch):
+        return guess.drawn(Evaluation(problem, values))
+    if isinstance(guess, Solution):
+        if _names(guess.data) == _signal_names(problem):
+            return UserGuess(carried_guess(guess, problem, values))
+        guess = guess.data
+    if isinstance(guess, xr.Dataset):
+        if missing := {"x", "u"} - set(guess):
+            raise InputError(f"the guess has no {' and no '.join(sorted(missing))}; it needs both")
+        x, u = guess["x"].values, guess["u"].values
+        same = x.shape[-2:] == (problem.N + 1, problem.system.nx) and _names(guess) == _signal_names(problem)
+        if "time" in guess.coords and {"state", "control"} <= set(guess.coords) and not same:
+            return UserGuess(check_guess(problem, shared_guess(guess, Evaluation(problem, values))))
+        guess = (x[0], u[0]) if x.ndim == 3 else (x, u)
+    return UserGuess(check_guess(problem, guess))
+
+
+def shared_guess(run: xr.Dataset, evaluation: Evaluation) -> tuple[np.ndarray, np.ndarray]:
+    """Return the problem's own guess, with the states and inputs that a run has by the same names, resampled in time.
+
+    The last values are held beyond the run's end. Raises :class:`~ocp.errors.InputError` where no name is shared.
+    """
+    X, U = (trajectory.copy() for trajectory in evaluation.initial_guess)
+    new_times, old_times = evaluation.node_times(), run["time"].values
+    own_names, run_names = _signal_names(evaluation.problem), _names(run)
+    if not any(set(own) & set(others) for own, others in zip(own_names, run_names, strict=True)):
+        theirs, ours = (", ".join([*states, *inputs]) for states, inputs in (run_names, own_names))
+        raise InputError(f"the guess has {theirs}, and {evaluation.problem.name} has {ours}: no name in common")
+    for trajectory, key, own, others in zip((X, U), "xu", own_names, run_names, strict=True):
+        run_values = run[key].values.reshape(-1, *run[key].shape[-2:])[0]
+        for index, name in enumerate(own):
+            if name in others:
+                signal = run_values[:, others.index(name)]
+                trajectory[:, index] = np.interp(new_times[: len(trajectory)], old_times[: len(signal)], signal)
+    return X, U
+
+
+def _names(run: xr.Dataset) -> list[list[str]]:
+    """Return the names of a run's states and inputs, where it has them."""
+    return [[str(name) for name in run[axis].values] if axis in run.coords else [] for axis in ("state", "control")]
+
+
+def _signal_names(problem: Problem) -> list[list[str]]:
+    return [[signal.name for signal in signals] for signals in (problem.system.states, problem.system.inputs)]
