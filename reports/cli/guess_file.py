@@ -11,7 +11,7 @@ from typing import Any
 
 from ocp.errors import InputError, abbreviated, choose
 from ocp.problem.sketch import Sketch
-from ocp.solve.warm_start import GuessLike
+from ocp.solve.guesses import GuessLike
 from ocp.validation import expand_path
 from reports.cli.options.shared import StoreOptions
 
