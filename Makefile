@@ -167,3 +167,4 @@ gallery: setup
 		--out runs/gallery --quiet &&) true
 	$(BIN)/python -m docs.generator.readme_pictures runs/gallery docs/pictures --still $(GALLERY) \
 		--moving $(GALLERY)
+	$(BIN)/python -m docs.generator.guess_picture
