@@ -162,21 +162,21 @@ def _around(marks: np.ndarray, slack: np.ndarray) -> Window:
 
 def _completed(evaluation: Evaluation, marks: np.ndarray, guess: np.ndarray) -> np.ndarray:
     """Return states (N+1, nx): marks interpolated from the start on, the last one held; the others to match."""
-    states, known = guess.copy(), ~np.isnan(marks)
-    known[0] |= known.any(axis=0)
+    states, is_marked = np.array(guess, dtype=float), ~np.isnan(marks)
+    is_marked[0] |= is_marked.any(axis=0)
     values, steps = np.where(np.isnan(marks), guess, marks), np.arange(len(marks))
-    for index in np.flatnonzero(known[0]):
-        at = known[:, index]
-        states[:, index] = np.interp(steps, steps[at], values[at, index])
-    system, free = evaluation.problem.system, np.flatnonzero(~known[0])
-    moved = ca.vertcat(system.u, system.lam)
-    rows = [row for row in ca.vertsplit(ca.SX(system.residual)) if not ca.depends_on(row, moved)]
+    for index in np.flatnonzero(is_marked[0]):
+        marked_steps = steps[is_marked[:, index]]
+        states[:, index] = np.interp(steps, marked_steps, values[marked_steps, index])
+    system, free = evaluation.problem.system, np.flatnonzero(~is_marked[0])
+    driving = ca.vertcat(system.u, system.lam)
+    rows = [row for row in ca.vertsplit(ca.SX(system.residual)) if not ca.depends_on(row, driving)]
     if rows and free.size:
         kinematics = ca.vertcat(*rows)
         slopes = ca.jacobian(kinematics, system.x_next)
         arguments = [system.x, system.x_next, evaluation.problem.parameters.vector]
         linearised = ca.Function("kinematics", arguments, [ca.densify(kinematics), ca.densify(slopes)])
-        for before, after in pairwise(states):
-            residual, slope = (np.array(v) for v in linearised(before, after, evaluation.p))
-            after[free] -= np.linalg.lstsq(slope[:, free], residual.ravel(), rcond=None)[0]
+        for state, next_state in pairwise(states):
+            residual, slope = (np.array(output) for output in linearised(state, next_state, evaluation.p))
+            next_state[free] -= np.linalg.lstsq(slope[:, free], residual.ravel(), rcond=None)[0]
     return states

@@ -61,10 +61,10 @@ class GuessSearch(Search):
     def within_windows(self) -> Iterator[RouteResult]:
         """Yield the outcomes within the guess's windows, by Scholtes's relaxation and by the barrier law."""
         session, windows = self.session, self.guess.windows
-        ways: list[dict[str, Any]] = [{"strategy": "scholtes"}]
-        ways += [] if "gap" in windows else [{"law": Barrier(mu=MU_LAST)}]
-        for way in ways:
-            narrowed = replace(session, windows=windows, **way)
+        changes: list[dict[str, Any]] = [{"strategy": "scholtes"}]
+        changes += [] if "gap" in windows else [{"law": Barrier(mu=MU_LAST)}]
+        for change in changes:
+            narrowed = replace(session, windows=windows, **change)
             narrowed.values |= {name: v for name, v in session.values.items() if name in narrowed.values}
             yield narrowed.solve(guess=self.guess.trajectories, progress=self.progress)
 

@@ -51,17 +51,17 @@ def shared_guess(run: xr.Dataset, evaluation: Evaluation) -> tuple[np.ndarray, n
 
     The last values are held beyond the run's end. Raises :class:`~ocp.errors.InputError` where no name is shared.
     """
-    X, U = (trajectory.copy() for trajectory in evaluation.initial_guess)
+    X, U = (np.array(trajectory, dtype=float) for trajectory in evaluation.initial_guess)
     new_times, old_times = evaluation.node_times(), run["time"].values
     own_names, run_names = _signal_names(evaluation.problem), _names(run)
-    if not any(set(own) & set(others) for own, others in zip(own_names, run_names, strict=True)):
+    if not any(set(names) & set(run_signals) for names, run_signals in zip(own_names, run_names, strict=True)):
         theirs, ours = (", ".join([*states, *inputs]) for states, inputs in (run_names, own_names))
         raise InputError(f"the guess has {theirs}, and {evaluation.problem.name} has {ours}: no name in common")
-    for trajectory, key, own, others in zip((X, U), "xu", own_names, run_names, strict=True):
+    for trajectory, key, names, run_signals in zip((X, U), "xu", own_names, run_names, strict=True):
         run_values = run[key].values.reshape(-1, *run[key].shape[-2:])[0]
-        for index, name in enumerate(own):
-            if name in others:
-                signal = run_values[:, others.index(name)]
+        for index, name in enumerate(names):
+            if name in run_signals:
+                signal = run_values[:, run_signals.index(name)]
                 trajectory[:, index] = np.interp(new_times[: len(trajectory)], old_times[: len(signal)], signal)
     return X, U
 
