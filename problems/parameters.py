@@ -50,7 +50,7 @@ def is_structural(parameter: Setting) -> bool:
 
 
 def table(params: BaseModel) -> ParameterTable:
-    """Return the parameters that are no structure as fresh symbols, with their values as defaults."""
+    """Return the parameters that are not structural as fresh symbols, with their values as defaults."""
     return ParameterTable(
         Parameter(name, float(getattr(params, name)), about.unit, about.meaning)
         for name, about in settings_of(type(params)).items()

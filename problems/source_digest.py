@@ -24,12 +24,12 @@ OWN = ("dynamics", "ocp", "problems", "reports")
 
 
 def source_digest(path: Path) -> str:
-    """SHA-256, in hex, of all that a file is made of; where it lies plays no part.
+    """Return the SHA-256, in hex, of a file and all files that it depends on, wherever they lie.
 
-    That is the file, every module that it imports, if need be inside of functions and by way of
-    others, which is neither installed nor this program's, and every file in their folders that they
-    name in a text (``np.load(HERE / "table.npy")``). What a file does only as a program
-    (``if __name__ == "__main__"``) is not asked.
+    These are the modules that it imports, directly or through others and also inside functions,
+    unless they are installed or this program's own, and the files that a string in any of them
+    names in its folder (``np.load(HERE / "table.npy")``). Code that runs only as a program
+    (``if __name__ == "__main__"``) is ignored.
 
     Raises :class:`~ocp.errors.InputError` where a file cannot be read.
     """

@@ -162,7 +162,7 @@ class ProblemSpec(Spec):
 
 @dataclass(frozen=True)
 class UserProblemRecord:
-    """A problem of a user's file at its parameters, which its runs store instead of its code."""
+    """A problem from a user's file at given parameters, as its runs describe it without storing the file's code."""
 
     spec: ProblemSpec
     params: Any

@@ -33,7 +33,7 @@ class RolloutFunction(Rolling):
         cost = sum_{t<N} stage_cost(x_t, u_t, p) + terminal_cost(x_N, p)
         u_t  = policy.law(x_t, theta_t) + w_t,    x_{t+1} = step(x_t, u_t, p)
 
-    A stage cost with four arguments is of (x_t, u_t, u_t - u_{t-1}, p); calls then take `u_before`.
+    A stage cost of four arguments takes (x_t, u_t, u_t - u_{t-1}, p); calls then take `u_before`.
 
     `step` is a system closed by a contact law, the same that the NLP uses; p are its parameters.
     `engine` takes backend, threads and block as `BatchFunction` does; results depend neither on

@@ -39,7 +39,7 @@ def gaussian_mu(z: ca.SX, F: ca.SX, sigma: ca.SX | float) -> ca.SX:
 
 
 def quartic_mu(distance: ca.SX, mu_max: ca.SX | float, scale: ca.SX | float, power: ca.SX | float) -> ca.SX:
-    """``mu_max (scale d² + 1)^-power`` of abs, eq. C.2; d [m]."""
+    """Return ``mu_max (scale d² + 1)^-power`` (adaptive barrier smoothing, eq. C.2), d the ``distance`` [m]."""
     return mu_max * (scale * distance**2 + 1) ** (-power)
 
 
@@ -55,9 +55,9 @@ class Adaptive(ContactLaw):
     contact mu is 1e-10. ``law="quartic-per-contact"`` takes each contact's own |z|.
     ``law=f``: any function ``f(z, F) -> mu`` of CasADi expressions.
 
-    ``gradient="total"`` differentiates mu as well; ``"frozen"`` holds it, as algorithm 2 of the
-    paper does, which is another direction, no gradient of the rollout, and only the step map
-    takes it.
+    ``gradient="total"`` differentiates mu as well; ``"frozen"`` treats it as a constant, as
+    algorithm 2 of the paper does. The direction is then not the gradient of the rollout, and a
+    direct transcription rejects the law.
     """
 
     name: ClassVar[str] = "adaptive"
@@ -86,7 +86,7 @@ class Adaptive(ContactLaw):
 
     @property
     def frozen(self) -> bool:
-        """Whether gradients hold mu."""
+        """Whether gradients treat mu as a constant."""
         return self.gradient == "frozen"
 
     def schedule(self, impulse: float, gap: float) -> Schedule | None:

@@ -15,10 +15,10 @@ _REFINEMENTS = 2
 
 
 class ImplicitStep(Step):
-    """The next states of all branches are inner unknowns beside lam, ``inner = (states, lam)``.
+    """Step whose unknowns are lam and the next states of all branches, ``inner = (states, lam)``.
 
-    Derivatives go through residual and gap as they stand, whose graphs are smaller than what
-    putting in ``x_next = a + B lam`` leaves. The exact law is the end of the path.
+    Derivatives are those of residual and gap as they stand, whose graphs are smaller than after
+    substituting ``x_next = a + B lam``. The exact law is the end of the central path.
     """
 
     @cached_property

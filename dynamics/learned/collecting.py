@@ -44,7 +44,7 @@ def collect_transitions(step: Step, region: Region, n: int, seed: int) -> Transi
 
 @dataclass(frozen=True)
 class Piece:
-    """Rows that one worker draws from a random stream of their own: in the ranges, and the tube."""
+    """Numbers of rows that one worker draws in the ranges and in the tube, from a random stream of its own."""
 
     in_ranges: int
     in_tube: int

@@ -29,10 +29,10 @@ class Cloud:
 
 @dataclass(frozen=True)
 class NumpyMoments:
-    """Sums over the points, of which c is the nearest to the query q.
+    """Weighted sums over data points z_i about queries q, computed by NumPy.
 
-    The weights are ``w_i = exp((|q - c|² - |q - z_i|²) / 2 sigma²)``, 1 for c. Distances are
-    products of matrices, a block of queries at a time.
+    The weights are ``w_i = exp((|q - c|² - |q - z_i|²) / 2 sigma²)``, 1 for c, the point nearest to
+    q. Distances are computed as products of matrices, a block of queries at a time.
     """
 
     points: Cloud

@@ -32,11 +32,12 @@ def check_cone(name: str, cone: str) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Space:
-    """Additional maps of contacts in space: ``sliding`` gives 2 nc rows, of both tangents.
+    """What contacts in space need besides those in the plane; ``sliding`` then gives 2 nc rows, for two tangents.
 
-    ``velocities`` nv of the rows, which multiply v where that is not dq/dt: ``pressing`` maps q to
-    J_n (nc, nv), ``tangent`` to ``dq/dt`` by v (nq, nv). Friction's cone is a pyramid with 4 or 8
-    ``edges``; with 2, of a machine that moves in a plane, there are nc rows of one tangent.
+    Rows multiply the velocities v, of which there are ``velocities`` (nv) and which need not be
+    dq/dt: ``pressing`` maps q to J_n (nc, nv), ``tangent`` maps q to the derivative of dq/dt by v
+    (nq, nv). The friction cone is a pyramid with 4 or 8 ``edges``; 2 are those of a machine that
+    moves in a plane, with nc rows for its one tangent.
     """
 
     velocities: int

@@ -165,7 +165,7 @@ class ParameterTable:
 
 
 def _entry(name: str) -> tuple[str, tuple[int, ...]]:
-    """Name of the matrix and the index that ``name`` is an entry by; no index where it is none."""
+    """Split a name such as ``A[0,1]`` into the matrix's name and the index, which is empty for other names."""
     matrix_name, bracket, indices = name.partition("[")
     return matrix_name, tuple(int(index) for index in indices.rstrip("]").split(",")) if bracket else ()
 

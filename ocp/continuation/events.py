@@ -86,7 +86,7 @@ def _event_identity(event: Event) -> tuple[str, str, str]:
 
 
 def describe_events(events: list[Event], parameter: str) -> str:
-    """Describe events in a sentence, three of a kind, bounds by their number; empty without events."""
+    """Describe events in a sentence, at most three of each kind, bounds by number alone; "" without events."""
     sentences = []
     for kind, words in EVENT_NAMES.items():
         events_of_kind = [event for event in events if event.kind == kind]

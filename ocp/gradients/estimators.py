@@ -63,9 +63,9 @@ class ZeroOrder(Estimator):
         return replace(self, value=mean_cost() if self.baseline == "mean" else objective.nominal_cost())
 
     def make_sampler(self, objective: SampledObjective, noise: Gaussian, n: int) -> Sampler:
-        """Return the sampler of ``(V - b) s``; b is computed if it has no value yet.
+        """Return the sampler of ``(V - b) s``, cost V, baseline b and score s; b is computed if not given.
 
-        Raises :class:`~ocp.errors.InputError` for the mean of the others of a single sample.
+        Raises :class:`~ocp.errors.InputError` for one sample with the mean of the others as its baseline.
         """
         factor = 1.0
         if self.baseline == "mean":
@@ -209,9 +209,9 @@ def bernstein_distance(n: int, d: int, variance: float, deviation: float, delta:
 
 @dataclass(frozen=True)
 class ConfidenceTest(Configured):
-    """Least variance subject to ``alpha B + epsilon <= gamma``.
+    """Weight alpha of the first order, of least variance subject to ``alpha B + epsilon <= gamma``.
 
-    B is the distance of the two estimates and epsilon bounds the error of the zeroth order with
+    B is the distance between the two estimates and epsilon bounds the error of the zeroth order with
     failure probability ``delta``, so that the error of the interpolated gradient stays below
     ``gamma`` with probability 1 - delta (the rule of Suh, Simchowitz, Zhang and Tedrake, ICML 2022,
     used by pathologies, sec. IV-C). ``gamma`` None is a tenth of the zeroth-order gradient's size.

@@ -165,10 +165,10 @@ class Grid:
         return neighbours
 
     def check(self, jobs: int = 1) -> Session:
-        """Build the first point; check that no value is rejected at every point, and the memory.
+        """Build the first valid point; check that every value is accepted at some point, and that memory suffices.
 
-        Raises the :class:`~ocp.errors.InputError` of such a value, and for ``jobs`` solves at once,
-        or all points together, that need too much memory.
+        Raises the :class:`~ocp.errors.InputError` of a value that no point accepts, and one where
+        ``jobs`` solves at once, or all points together, need too much memory.
         """
         source = self.source
         refused: dict[tuple[str, float], InputError] = {}

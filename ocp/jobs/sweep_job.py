@@ -256,8 +256,8 @@ def solve_starts(
 ) -> Solution:
     """Solve from ``starts`` guesses side by side.
 
-    ``session`` is that of ``case`` here. The answer is :func:`~ocp.solve.starts.solve_session`'s, to the
-    last bit, and so is what it raises.
+    ``session`` is the session of ``case`` in this process. The solution is the same as that of
+    :func:`~ocp.solve.starts.solve_session`, to the last bit, and so are the errors raised.
     """
     check_starts(starts, seed, rank_by)
     if starts == 1 or workers.serial:

@@ -135,24 +135,24 @@ def certify(
 ) -> Certificate:
     """Judge a feasible point ``x`` of ``nlp`` to first order, and count negative curvature.
 
-    A mathematical program with complementarity constraints is to be given as reformulation "none",
-    whose only statement of contact is its pairs; ``bounds`` are the problem's own. At the point the
-    objective and constraints are linearised, and directions ``|d_i| <= rho`` (in characteristic
-    sizes) are searched for one that lowers the cost:
+    A mathematical program with complementarity constraints must be given as reformulation "none",
+    in which the pairs alone state the contact; ``bounds`` are the problem's own. The objective and
+    constraints are linearised at the point, and a direction ``|d_i| <= rho`` (in characteristic
+    sizes) that lowers the cost is sought:
 
-    1. by weak duality from ``multipliers`` of the rows, where a solver left some, and from those
-       that fit best, which are without the trace that an interior point's barrier leaves at every
-       bound of a long horizon: no program;
-    2. by a linear program in which both members of pairs near zero may grow: no descent there is
-       strong stationarity, which implies B-stationarity;
-    3. by the linear program with complementarity constraints (LPEC), one binary a near pair.
+    1. by weak duality, without solving a program, from the solver's ``multipliers`` of the rows, if
+       given, and from those that fit best, which lack the residue that an interior point's barrier
+       leaves at every bound of a long horizon;
+    2. by a linear program in which both members of pairs near zero may grow: where it finds no
+       descent the point is strongly stationary, which implies B-stationarity;
+    3. by the linear program with complementarity constraints (LPEC), with one binary per near pair.
 
-    B-stationary is a point at which the LPEC finds no descent for some rho; rho falls from 1e-3 to
-    1e-4, so that a descent has to persist as the region shrinks (Leyffer and Munson 2007;
-    Nurkanovic and Leyffer, arXiv 2501.13835). Constraints and bounds within 1e-4 count as active.
+    A point is B-stationary if the LPEC finds no descent for some rho; rho falls from 1e-3 to 1e-4,
+    so that a descent has to persist as the region shrinks (Leyffer and Munson 2007; Nurkanovic and
+    Leyffer, arXiv 2501.13835). Constraints and bounds within 1e-4 count as active.
 
-    A direction that gains less than 1e-6 of the typical change, curvature counted, is none:
-    nothing else distinguishes a gradient from rounding where the cost is flat.
+    A direction that gains less than 1e-6 of the typical change, curvature included, does not count
+    as descent: nothing else tells a gradient from rounding where the cost is flat.
     """
     start_time = time.perf_counter()
     model = LinearModel.at(nlp, x, p, bounds)

@@ -190,9 +190,10 @@ def _constraints_off(
 
 
 def row_sizes(problem: Problem, expressions: ca.SX, x_sizes: np.ndarray) -> ca.SX:
-    """Return the change of entries (n, 1), to first order, as each signal moves by its size.
+    """Return the change (n, 1) of expressions, to first order, as signals move by their sizes.
 
-    ``of_x`` (nx,) are the sizes of the states; x and x_next, inputs and impulses each count once.
+    ``x_sizes`` (nx,) are the sizes of the states. It is the sum of the largest changes by one entry
+    of x, of u, of x_next and of lam.
     """
     system, scales = problem.system, problem.scales
     impulses = np.full(system.nlam, scales.impulse)

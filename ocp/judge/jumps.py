@@ -172,7 +172,7 @@ def _nodes(expression: ca.SX) -> Iterator[ca.SX]:
 
 
 def _calls(expression: ca.SX) -> dict[str, None]:
-    """Return the names of the functions that a graph calls, which have no graph in it."""
+    """Return the names of the functions that a graph calls without showing what they compute."""
     calls = (str(node) for node in _nodes(expression) if node.op() in _CALLS)
     return dict.fromkeys(call.partition("(")[0] for call in calls)
 

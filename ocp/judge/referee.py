@@ -81,9 +81,9 @@ def referee_replay(evaluation: Evaluation, inputs: np.ndarray | Gains, x0: np.nd
 
 @dataclass(frozen=True)
 class StepSize:
-    """Place of the step size h of a model: a ``parameter`` by name, or a ``state`` by its index.
+    """Source of the step size h of a model: a ``parameter`` by name, or a ``state`` by its index.
 
-    A "fixed" step size discretises nothing that could be refined; ``reason`` says why.
+    A step size that is "fixed" cannot be refined; ``reason`` says why.
     """
 
     kind: Literal["fixed", "parameter", "state"]
@@ -236,10 +236,10 @@ def referee_plan(
 
 
 def _other_solution(evaluation: Evaluation, plan: Rollout, gains: Gains | None) -> tuple[str, float]:
-    """Describe a step of a plan whose contact has another solution, and cost the plan with it.
+    """Describe a step of a plan at which contact has another solution; return also the cost of the plan with it.
 
-    It is the solution that the replay takes, or else the one that costs most. ``("", nan)`` where
-    no step has one; NaN where its motion cannot be followed to the end.
+    Of several, this is the solution that the replay takes, or else the costliest. ``("", nan)`` where
+    no step has one; the cost is NaN where the motion cannot be followed to the end.
     """
     problem, nonuniqueness = evaluation.problem, find_nonuniqueness(evaluation, plan)
     if nonuniqueness is None:

@@ -95,11 +95,11 @@ class EpisodeSteps:
 
 
 class Explorer:
-    """Episodes of ``task`` under the exact law at ``values`` of its parameters, by name.
+    """Simulation of episodes of ``task`` under the exact law, its parameters set by name in ``values``.
 
-    Episodes that ended, were not solved, or are as long as the task's begin again by
-    :meth:`Task.reset`. ``count`` is told how many steps were simulated. Results do not depend on
-    threads.
+    Episodes that end, fail to be solved, or reach the task's horizon are started again by
+    :meth:`Task.reset`. ``count`` is called with the number of steps simulated. Results do not
+    depend on the number of threads.
     """
 
     def __init__(

@@ -138,11 +138,11 @@ ROW_STREAM = 2
 
 @dataclass(frozen=True, eq=False)
 class Identification:
-    """Identified psi, ``values`` (n,) in the order of ``names``, and the course of the search.
+    """Identified parameters psi, ``values`` (n,) in the order of ``names``, and the course of the search.
 
-    ``loss`` is eq. 4.1's over all transitions, over their number; ``model_params`` (k, n) are the
-    means of the cloud, first its start, and ``spread`` (k, n) its standard deviations of log psi;
-    each pass begins where the last one ended.
+    ``loss`` is that of eq. 4.1 on all transitions, divided by their number. ``model_params`` (k, n)
+    are the means of the search distribution, first its start, and ``spread`` (k, n) its standard
+    deviations of log psi; each pass begins where the last one ended.
     """
 
     names: tuple[str, ...]

@@ -1,4 +1,4 @@
-"""A complementarity problem given as expressions, and its programs, differentiated once."""
+"""A program with complementarity constraints given as expressions, and its reformulations, differentiated once."""
 
 from __future__ import annotations
 

@@ -56,9 +56,9 @@ def split_constant(cost: ca.SX, moving: ca.SX, depth: int = _DEPTH) -> tuple[ca.
 
 
 def least_value(expression: ca.SX, depth: int = _DEPTH, bounds: dict[int, float] | None = None) -> float:
-    """Lower bound of a scalar, as far as sums, squares and growing functions of them show one.
+    """Lower bound of a scalar expression, from bounds of its sums, products, squares and the like.
 
-    Minus infinity where they do not.
+    Minus infinity where none is found.
     """
     bounds = {} if bounds is None else bounds
     if expression.is_constant() or depth == 0 or expression.is_leaf():

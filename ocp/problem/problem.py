@@ -234,7 +234,7 @@ class Problem:
 
     @property
     def step_symbols(self) -> list[ca.SX]:
-        """``(x, u, x_next, lam, p)``, which the equations of a step are in."""
+        """Symbols ``(x, u, x_next, lam, p)`` of the equations of a step."""
         system = self.system
         return [system.x, system.u, system.x_next, system.lam, self.parameters.vector]
 

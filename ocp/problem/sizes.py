@@ -79,9 +79,9 @@ def gap_changes(problem: Problem, x_sizes: np.ndarray) -> np.ndarray:
 
 
 def residual_changes(problem: Problem, x_sizes: np.ndarray) -> np.ndarray:
-    """Return what each row (nx,) of the step's residual changes by as one state moves by its size.
+    """Return the largest change (nx,) of each row of the step's residual as one next state moves by its size.
 
-    Of the next state, to first order, at x0.
+    To first order, at x0.
     """
     system = problem.system
     changes = _Data(problem).at_start(ca.jacobian(system.residual, system.x_next))

@@ -195,7 +195,7 @@ class Solver:
         return result
 
     def _thrown(self, nlp: Program, start: Point, p: np.ndarray, error: RuntimeError, seconds: float) -> Result:
-        """Tell as an outcome that a plugin threw; some refuse their options only when called."""
+        """Return a failed result for a plugin's exception; raise it as an InputError where it is about options."""
         word = str(error).strip().splitlines()[-1]
         if "option" in word or "logger" in word:
             raise InputError(f"{self.name} refused its options {self.options}: {word}") from error
@@ -252,11 +252,11 @@ def _check_bounds(nlp: Program, bounds: dict[str, np.ndarray]) -> None:
 
 @contextmanager
 def noted() -> Iterator[list[int]]:
-    """Yield a list that receives SIGINT; the previous handler runs too.
+    """Yield a list to which every SIGINT is appended; the previous handler runs too.
 
-    CasADi asks Python for signals at every evaluation of a function. IPOPT's interface catches what
-    the handler then raises, stops, and returns its last iterate silently;
-    other plugins let it through. What CasADi warns of then is not printed.
+    CasADi lets Python handle signals at every evaluation of a function. IPOPT's interface catches
+    what the handler raises, stops, and returns its last iterate silently; other plugins let the
+    exception through. CasADi's warnings about it are not printed.
     """
     signals: list[int] = []
     previous_handler = signal.getsignal(signal.SIGINT)

@@ -190,9 +190,9 @@ def _medians(group: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
 def row_scaled(x: np.ndarray, at: Entries, p: np.ndarray, cost: float, largest: float = np.inf) -> Scale | None:
     """Scale of a program whose variables have the units ``x`` (n,); None where all are 1.
 
-    A row's unit is the power of two beside the largest change of it by a variable that moves by its
-    unit, up to ``largest``, and 1 where that is ordinary: a constraint means the same in whatever
-    unit it is written.
+    A row's unit is the power of two nearest to its largest change as one variable moves by its unit,
+    at most ``largest``, and 1 where that change is of ordinary size. So a constraint means the same
+    to a solver in whatever unit it is written.
     """
     g = np.minimum(row_units(x, at, p), largest)
     ones = np.all(x == 1) and np.all(g == 1) and cost == 1

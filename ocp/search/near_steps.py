@@ -24,12 +24,12 @@ _NEAR = 8
 
 
 class NearSteps:
-    """Steps ``x_next = step(x, u)`` under the exact law, (S, nx) and (S, nu).
+    """Steps ``x_next = step(x, u)`` under the exact law, from states (S, nx) and inputs (S, nu).
 
-    In the pairs of the :data:`_NEAR` nearest contacts of every state and of the bodies on tables,
-    ``0 <= lam ⟂ gap(x_next, lam) >= 0`` is linearised at the last x_next and lam and solved, until
-    they stay (Josephy and Newton's method); the other pairs have no impulse. A state is NaN where
-    that does not converge, or where a contact that was left out is penetrated.
+    Impulses act only at the :data:`_NEAR` contacts nearest in each state, and between bodies and
+    tables. Their pairs ``0 <= lam ⟂ gap(x_next, lam) >= 0`` are linearised at the last x_next and
+    lam and solved, until neither changes (Josephy and Newton's method). The next state is NaN where
+    this does not converge, or where it penetrates a contact that was left out.
     """
 
     def __init__(self, evaluation: Evaluation, system: ContactSystem) -> None:

@@ -1,4 +1,4 @@
-"""Answers of other routes, and of a user's guess on its own contacts, beside that of the usual route."""
+"""Searches for better plans than the usual route's: by other routes, and from a user's guess and its contacts."""
 
 from __future__ import annotations
 

@@ -201,7 +201,7 @@ class TouchSearch:
             states[:, places] -= (gap / size)[:, None] * slope
 
     def _paths(self, x: np.ndarray, coordinates: np.ndarray, goals: np.ndarray) -> list[list[np.ndarray] | None]:
-        """Shortest ways of a pusher from x to each goal, by stops that are clear; None without."""
+        """Shortest collision-free paths of a pusher from x to each goal, by random stops; None where none is found."""
         nu, sizes = self._nu, self.problem.scales
         middle = np.vstack([x[-nu:], goals])
         low, high = middle.min(axis=0), middle.max(axis=0)

@@ -30,7 +30,7 @@ def record_of(solution: Solution) -> dict[str, Any]:
 
 
 def route_to_record(route: RouteReport) -> dict[str, Any]:
-    """Return the entries of a record: fields that are not their defaults, and a warm start whole."""
+    """Return the record's entries for a route: fields that differ from their defaults, and all of a warm start."""
     values, defaults = asdict(route), asdict(RouteReport())
     warm = ("resumed", "swept") if route.started_from is not None else ()
     return {key: values[name] for name, key in _RECORDED.items() if name in warm or values[name] != defaults[name]}

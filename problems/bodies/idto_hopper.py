@@ -43,7 +43,7 @@ golden = {
 
 
 class Params(Parameters):
-    """Parameters of ``idto-hopper``, the source's."""
+    """Parameters of ``idto-hopper``, with the values of its source as defaults."""
 
     m: float = quantity(1.0, "kg", "mass of the torso", above=0)
     m_leg: float = quantity(0.2, "kg", "mass of the leg", above=0)

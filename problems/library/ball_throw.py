@@ -172,7 +172,7 @@ def _guess(params: Params):
 
 
 def draw(params: Any, state: np.ndarray) -> list[Shape]:
-    """Draw floor, hand, goal and the ball, whose size is for the eye only; of the task as well."""
+    """Draw floor, hand, goal and ball, of the problem or of its task; the ball is a point, drawn larger."""
     radius = 0.05
     return [
         Wall(0, 0, 0, 1),

@@ -138,5 +138,5 @@ def pole_shapes(position: float, tip: float, height: float, wall: float) -> list
 
 
 def pole_frames(tip: float, height: float) -> list[ContactFrame]:
-    """Return the frames of the right wall and of the left on the tip."""
+    """Return the contact frames at the tip, of the right wall and of the left one."""
     return [ContactFrame(tip, height, -1, 0), ContactFrame(tip, height, 1, 0)]

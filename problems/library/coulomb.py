@@ -1,4 +1,4 @@
-"""Coulomb friction with a slip tolerance: continuous, and biased for all who sample little."""
+"""Coulomb friction with a slip tolerance: continuous, yet first-order gradients from few samples are biased."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A T on a table, pushed at one of its eight sides at a time, to a pose."""
+"""A T on a table, to be pushed to a goal pose at one of its eight sides at a time."""
 
 from __future__ import annotations
 

@@ -105,7 +105,7 @@ def build(params: Params) -> Problem:
 
 
 def cost_to_go(A: ca.SX, B: ca.SX, Q: ca.SX, R: ca.SX) -> ca.SX:
-    """Return P (n, n) of the discrete Riccati equation (soft-walls.5), symbolic in all that it is made of.
+    """Return P (n, n) of the discrete Riccati equation (soft-walls.5), as an expression in A, B, Q and R.
 
     Structure-preserving doubling, which converges quadratically: Chu, Fan and Lin, "A
     structure-preserving doubling algorithm for continuous-time algebraic Riccati equations", 2005.

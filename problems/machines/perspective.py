@@ -79,7 +79,7 @@ class PinholeCamera:
         return math.dist(self.eye, self.target)
 
     def scale(self, depth: Array) -> Array:
-        """Return the length of a metre in the picture, at depths of at least a quarter of the distance."""
+        """Return the length of a metre in the picture; below a quarter of the target's distance it grows no more."""
         return self.focal * self.distance / np.maximum(depth, NEAREST_DEPTH * self.distance)
 
     def project(self, points: Array) -> tuple[Array, Array]:

@@ -113,7 +113,7 @@ def touching(model: Any, machine: SpatialMachine, poses: Sequence[BodyFrame]) ->
 
 
 def _parts(model: Any, poses: Sequence[BodyFrame], geoms: list[int], ignored: list[str]) -> dict[int, SpatialPart]:
-    """Return parts by geom; say of ``geoms``, which may touch anything, what is no part."""
+    """Return parts by geom; append to ``ignored`` what is left out of ``geoms``, those that may touch anything."""
     parts: dict[int, SpatialPart] = {}
     for g in range(model.ngeom):
         name, note = model.geom(g).name, ""
@@ -202,7 +202,7 @@ def pairs_of(model: Any) -> dict[tuple[int, int], float]:
 
 
 def _friction(model: Any, a: int, b: int) -> float:
-    """Return friction of the geom with the higher priority, or the larger one."""
+    """Return the friction coefficient of the geom with the higher priority; of equals, the larger coefficient."""
     ranks = model.geom_priority[[a, b]]
     deciding = [a, b] if ranks[0] == ranks[1] else [a if ranks[0] > ranks[1] else b]
     return float(model.geom_friction[deciding][:, 0].max()) if model.geom_condim[deciding].max() > 1 else 0.0

@@ -20,10 +20,10 @@ PARALLEL_TOLERANCE = 1e-9
 def never_collide(model: Any, data: Any, above: list[list[int]], one: int, other: int) -> bool:
     """Return True where two geoms can never meet; False where that is not known.
 
-    ``above`` has the joints that move each body; ``data`` is overwritten.
-    The ranges of the joints between them are cut into pieces. They never meet if they are further
-    apart in the middle of every piece than the joints can move them within it, or if they move in
-    parallel planes, beside each other.
+    ``above`` lists the joints that move each body; ``data`` is overwritten.
+    The ranges of the joints between the geoms are cut into pieces. The geoms never meet if, in the
+    middle of every piece, they are further apart than the joints can move them within the piece, or
+    if they move beside each other in parallel planes.
     """
     mujoco, geoms = import_module("mujoco"), (one, other)
     chains = [above[model.geom_bodyid[g]] for g in geoms]

@@ -142,9 +142,9 @@ class Place:
     folder: Path
 
     def resolve(self, name: str, tag: str) -> Path:
-        """Return where a file that is named beside the robot's lies; no links lead out.
+        """Return the path of a file that is named relative to the robot's file, with links resolved.
 
-        Raises :class:`~ocp.errors.InputError` for one outside the folder.
+        Raises :class:`~ocp.errors.InputError` for a path outside the folder.
         """
         path = (self.file.parent.resolve() / name).resolve()
         if not path.is_relative_to(self.folder):

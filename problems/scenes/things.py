@@ -61,7 +61,7 @@ class Thing:
         return ca.SX(0, 1)
 
     def pose(self, q: ca.SX) -> Pose:
-        """Return its pose at its own coordinates ``q``."""
+        """Return the pose of this thing at its own coordinates ``q``."""
         return Pose(as_column(self.at), -ca.SX(self.angle))
 
 
@@ -134,7 +134,7 @@ class Body(Thing):
         return ca.vertcat(as_column(self.at), self.angle) if self.turns else as_column(self.at)
 
     def pose(self, q: ca.SX) -> Pose:
-        """Return its pose at its own coordinates ``q``."""
+        """Return the pose of this thing at its own coordinates ``q``."""
         return Pose(q[:2], -ca.SX(q[2] if self.turns else self.angle))
 
 
@@ -164,13 +164,13 @@ class Pusher(Thing):
         return as_column(self.at) if self.axis is None else ca.SX.zeros(1)
 
     def pose(self, q: ca.SX) -> Pose:
-        """Return its pose at its own coordinates ``q``."""
+        """Return the pose of this thing at its own coordinates ``q``."""
         place = q if self.axis is None else as_column(self.at) + q * as_column(self.axis)
         return Pose(place, -ca.SX(self.angle))
 
     @property
     def directions(self) -> ca.SX:
-        """Unit vectors in which its coordinates move it, as columns."""
+        """Unit vectors along which the coordinates move the pusher, as columns."""
         return ca.SX.eye(2) if self.axis is None else as_column(self.axis)
 
 

@@ -111,7 +111,7 @@ def claims(data: xr.Dataset) -> list[Claim]:
 
 
 def _on_top(law: str, fixed: list[str], ends: dict[str, np.ndarray], areas: dict[str, np.ndarray]) -> list[Claim]:
-    """Check that an adaptive law is above every fixed mu."""
+    """Check that returns under an adaptive law are higher than under every fixed mu."""
     place, name = "our check", "The law matched to Gaussian noise"
     if law == _ADAPTIVE[0]:
         place, name = _SECTION_7_4, "The adaptive law"

@@ -94,10 +94,9 @@ class Claim:
 
 @dataclass(frozen=True)
 class Statement:
-    """A sentence of a paper on its way to a :class:`Claim`; the last call decides whether it holds.
+    """A sentence to be checked against data: :meth:`holds` and the comparisons turn it into a :class:`Claim`.
 
-    A condition must hold for every entry, and there must be one: no condition holds for an empty
-    array or for NaN.
+    A condition must hold for every entry of its array. None holds for an empty array or for NaN.
     """
 
     sentence: str

@@ -1,4 +1,4 @@
-"""A3: variance of the first-order gradient over the length of unrolls, along a training."""
+"""A3: variance of the first-order gradient against the length of unrolls, over the course of training."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The ball throw as a task: an angle and a speed at the first step, and the flight's end."""
+"""The ball throw as a task: the first action sets angle and speed, the end of the flight the reward."""
 
 from __future__ import annotations
 

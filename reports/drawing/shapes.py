@@ -258,7 +258,7 @@ def show(axis: Axes, shapes: Iterable[Shape]) -> None:
 
 
 def view_around(box: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return middle and size of the view of a box ((low), (high)), with a margin and a least width."""
+    """Return middle and size of the view of a box (low, high), with a margin and no side much the shorter."""
     low, high = box
     size = high - low
     # A fixed point has no size: show one metre.

@@ -298,9 +298,9 @@ def _strongest(forces: Forces) -> int | None:
 
 
 def draw_motion(axis: Axes, plays: list[list[Shape]], strongest: int | None = None) -> np.ndarray:
-    """Draw shapes at several instants of ``plays``, early ones faint; return the instants.
+    """Draw the shapes of several instants of a motion, early ones faint; return the instants.
 
-    The instant ``strongest`` is one of them.
+    ``plays`` holds the shapes at every instant. ``strongest`` is drawn too where more than two are.
     """
     chosen = _instants(plays)
     if strongest is not None and len(chosen) > 2:

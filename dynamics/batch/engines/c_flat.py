@@ -82,10 +82,10 @@ i64 run(i64 *next, i64 n, i64 chunk, const double *const *a, const i64 *shared,
 
 
 class CompiledEngine:
-    """Evaluates a kernel over samples by the function `run` of a C text, see :func:`batch_driver`.
+    """Engine that evaluates a kernel over samples by the function `run` of C code, see :func:`batch_driver`.
 
-    `evaluate(inputs, outputs)` takes arrays `(n_samples, nnz)` or `(1, nnz)`, fills `outputs`, and
-    returns how many samples have a value that is not finite. Raises `CompilerError`.
+    `evaluate(inputs, outputs, n)` takes arrays `(n, nnz)` or `(1, nnz)`, fills `outputs`, and
+    returns how many samples are not finite. Raises `CompilerError`.
     """
 
     def __init__(self, threads: int, text: str) -> None:

@@ -30,7 +30,7 @@ class Objective(ABC):
 
     @property
     def end_entry(self) -> int | None:
-        """The entry of `carried` that is zero once a rollout has ended early; None: none does."""
+        """Index of the entry of `carried` that is zero once a rollout has ended early; None where none ends early."""
         return None
 
     @abstractmethod
@@ -70,12 +70,12 @@ class Costs(Objective):
 
     @property
     def with_change(self) -> bool:
-        """Whether the stage cost is of the change of inputs too."""
+        """Whether the stage cost depends on the change of inputs."""
         return self.stage.n_in() == 4 + self.with_impulses
 
     @property
     def with_impulses(self) -> bool:
-        """Whether the stage cost is of the impulses of contact too."""
+        """Whether the stage cost depends on the contact impulses."""
         return "lam" in self.stage.name_in()
 
     @cached_property
@@ -185,7 +185,7 @@ class Episode(Objective):
         return self.carried[0] > 0
 
     def carry_cotangent(self, bars: ca.SX, xbar: ca.SX) -> ca.SX:
-        """A state that stays has the cotangent of the one after it, and the weight has none."""
+        """The cotangents before a step: once the episode is over, that of the next state, and zero for `carried`."""
         n = bars.numel() - self.carried.numel()
         state_bars = [ca.if_else(self.is_alive, bars[k], xbar[k]) for k in range(n)]
         return ca.vertcat(*state_bars, ca.SX.zeros(self.carried.numel()))

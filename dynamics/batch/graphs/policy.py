@@ -47,7 +47,7 @@ class RolloutPolicy:
         return ParameterTable()
 
     def total(self, horizon: int) -> int:
-        """Parameters of a whole rollout."""
+        """Number of the policy's parameters over a whole rollout."""
         return self.n_theta * (horizon if self.per_step else 1)
 
     def acting_parameters(self, noise: np.ndarray) -> np.ndarray:

@@ -146,7 +146,7 @@ class ClosedStep:
         return cost_dependence(outputs, self.terminal_cost, self.x, self.w)
 
     def _acting(self, noise_ways: CostDependence) -> ca.SX:
-        """The noise, zero where a gate is shut."""
+        """Return the noise, set to zero in states in which it does nothing (`gates` of :class:`CostDependence`)."""
         noise = ca.vertsplit(self.w)
         for j, s in np.argwhere(noise_ways.gates).tolist():
             noise[j] = ca.if_else(self.x[s] != 0, noise[j], 0)

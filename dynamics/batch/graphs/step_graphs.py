@@ -1,7 +1,7 @@
-"""The graphs of one step of a rollout, as engines take them, and which noise has a way to the cost.
+"""The graphs of one step of a rollout, as engines take them, and which noise affects the cost.
 
-A score `w_t / sigma^2` whose noise does not reach the cost has mean zero beside it, and only adds
-its variance. What is left out is known not to act before it is drawn, so that no mean changes.
+Where noise does not affect the cost, the cost times the score `w_t / sigma^2` has mean zero and only
+adds variance. Such noise is left out by the graphs alone, before it is drawn, so that no mean changes.
 """
 
 from __future__ import annotations

@@ -88,12 +88,12 @@ class Member(Protocol):
 
     @property
     def name(self) -> str:
-        """Its name."""
+        """Name of the member."""
         ...
 
     @property
     def parent(self) -> str | None:
-        """The name of what it hangs on."""
+        """Name of the member that it hangs on, None where there is none."""
         ...
 
 

@@ -1,4 +1,4 @@
-"""Contacts between shapes of the plane: one object with all its maps."""
+"""Shapes in the plane and the contacts between them, with distance, normal, point and Jacobians."""
 
 from dynamics.systems.shapes.contact import Contact
 from dynamics.systems.shapes.planar import Box, Capsule, Disc, HalfPlane, Point, Pose, Shape

@@ -147,10 +147,10 @@ class FrictionSpec:
 
 
 class ConeForm(NamedTuple):
-    """A form of the cone: how many rows it adds to the normal one, and all of them.
+    """A formulation of the friction cone as complementarity pairs: their number, and their rows.
 
-    ``n_further`` maps the number of directions to the number of those rows. ``pairs`` returns the rows, the normal
-    one first, and the impulses along the normal and along every direction.
+    ``n_further`` maps the number of tangential directions to the number of rows besides the normal one. ``pairs``
+    returns all rows, the normal one first, and the impulses along the normal and along every direction.
     """
 
     n_further: Callable[[int], int]

@@ -197,7 +197,7 @@ def by_psi(source: TransitionData, n: int, seed: int, params: Params) -> dict[st
 
 
 def in_flight(source: TransitionData) -> dict[str, np.ndarray]:
-    """Return upper ends of intervals over the truth, from transitions without contact."""
+    """Return upper ends of confidence intervals, as multiples of the true values, from transitions without contact."""
     flying = source.pool[np.flatnonzero(~source.landed)[:JUDGES]]
     scale = OneStepLoss.increments(source.pool)
     loss = OneStepLoss(Exact().close(source.task.system), PSI, scale=scale)

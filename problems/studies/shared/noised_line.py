@@ -48,9 +48,9 @@ class LinePusher:
         return self.q + self.rho * sigma * (scaled_distance * norm.cdf(scaled_distance) + norm.pdf(scaled_distance))
 
     def noised(self, u: ArrayLike, sigma: float, low: float, high: float) -> np.ndarray:
-        """g_sigma(u), noising, eq. 7, for data that are uniform on [low, high], low <= c <= high.
+        """Return g_sigma(u) of noising, eq. 7: the mean of f over a Gaussian around u, truncated to [low, high].
 
-        This is the mean of f over a Gaussian around u, truncated at both ends.
+        The data are uniform on [low, high], low <= c <= high.
         """
         u = np.asarray(u)
         ends = [(end - u) / sigma for end in (low, self.c, high)]

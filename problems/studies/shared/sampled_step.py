@@ -175,7 +175,7 @@ Density = Callable[[Any], Any]
 
 
 def student_density(F: float, mu: float) -> Density:
-    """Return the density of the noise of constant mu: Student's t_2 of scale sqrt(2 F mu)."""
+    """Return the density of the noise that a constant mu averages over: Student's t_2 of scale sqrt(2 F mu)."""
     return lambda w: t.pdf(w, 2, 0, np.sqrt(2 * F * mu))
 
 

@@ -32,7 +32,7 @@ LAST = 5
 
 
 class Params(StudyParams):
-    """Parameters of N2; those of the problems are the problems' own defaults."""
+    """Parameters of study N2; those of its problems keep their defaults."""
 
     mu: float = setting(1e-3, "N s m", "central-path parameter of the barrier law", CODE, above=0)
     spread: float = setting(0.02, "m", "width of the adaptive law", above=0)

@@ -104,10 +104,10 @@ EVERY = 10
 
 
 def descend_gains(problem: Problem, law: ContactLaw, rate: float, iterations: int) -> dict[str, np.ndarray]:
-    """Minimise noising, eq. 14, over K_t and k_t from K = 0, k the actuator's start.
+    """Minimise the cost of eq. 14 of noising over the gains K_t and k_t by Adam.
 
-    Costs on the model and under the exact law, recorded every tenth iteration and at the end, and
-    the last policy's states under the exact law (N+1, nx).
+    K starts at 0, k at the actuator's start. Returns the costs on the model and under the exact law
+    at every tenth iteration, and the states (N+1, nx) of the last of these policies under the exact law.
     """
     exact = RolloutObjective(problem, Exact(), Feedback())
     # For one rollout at a time interpreted graphs are faster than arrays of one sample.

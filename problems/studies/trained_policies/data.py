@@ -166,7 +166,7 @@ def _against_plans(
 
 
 def _job(task: str, method: Method, params: Params, run: int, shown: list[Curves]) -> TrainingJob:
-    """Build a training that spends the budget, or MBPO's iterations."""
+    """Build a training job that spends the budget of steps or, for MBPO, that of iterations."""
     seed = params.seed * 1000 + run
     start = fit_network(task, shown, seed) if method.shown else None
     length: dict[str, Any] = {"budget": Budget(1000 * params.kilosteps, params.judged)}
