@@ -192,8 +192,8 @@ def _constraints_off(
 def row_sizes(problem: Problem, expressions: ca.SX, x_sizes: np.ndarray) -> ca.SX:
     """Return the change (n, 1) of expressions, to first order, as signals move by their sizes.
 
-    ``x_sizes`` (nx,) are the sizes of the states. It is the sum of the largest changes by one entry
-    of x, of u, of x_next and of lam.
+    ``x_sizes`` (nx,) are the sizes of the states. The largest changes by one entry of x, by one of
+    u, by one of x_next and by one of lam are added up.
     """
     system, scales = problem.system, problem.scales
     impulses = np.full(system.nlam, scales.impulse)
