@@ -59,8 +59,8 @@ class Sketch:
     def drawn(self, evaluation: Evaluation) -> UserGuess:
         """Return the states that keyframes and paths give, interpolated, and the windows that a plan must pass.
 
-        Of the other states those follow that the step's rows without inputs and impulses determine, as velocities by
-        the difference of positions do; the rest, and inputs, are the problem's own guess.
+        Of the other states those follow that rows of the step without inputs and impulses determine, as velocities
+        follow from the difference of given positions; the rest, and inputs, are the problem's own guess.
 
         Raises :class:`~ocp.errors.InputError` for a sketch of nothing, unknown names, steps outside the horizon, and
         values of another shape, not finite, or outside their bounds.
@@ -169,8 +169,9 @@ def _completed(evaluation: Evaluation, marks: np.ndarray, guess: np.ndarray) -> 
         marked_steps = steps[is_marked[:, index]]
         states[:, index] = np.interp(steps, marked_steps, values[marked_steps, index])
     system, free = evaluation.problem.system, np.flatnonzero(~is_marked[0])
-    driving = ca.vertcat(system.u, system.lam)
-    rows = [row for row in ca.vertsplit(ca.SX(system.residual)) if not ca.depends_on(row, driving)]
+    driving, given = ca.vertcat(system.u, system.lam), system.x_next[np.flatnonzero(is_marked[0]).tolist()]
+    residuals = ca.vertsplit(ca.SX(system.residual))
+    rows = [row for row in residuals if ca.depends_on(row, given) and not ca.depends_on(row, driving)]
     if rows and free.size:
         kinematics = ca.vertcat(*rows)
         slopes = ca.jacobian(kinematics, system.x_next)
