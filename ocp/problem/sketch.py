@@ -1,4 +1,4 @@
-"""What a person knows of a plan: poses at some steps, the path of a body, which contacts close when."""
+"""Sketches of a plan: poses at some steps, the path of a body, which contacts close when."""
 
 from __future__ import annotations
 
