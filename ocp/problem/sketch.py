@@ -15,12 +15,12 @@ from ocp.errors import InputError, abbreviated, choose
 from ocp.problem.evaluation import Evaluation
 from ocp.problem.problem import Problem
 from ocp.problem.rollout import InitialGuess
-from ocp.validation import Index, validate_fields
+from ocp.validation import Index, Number, validate_fields, validated
 
 Pose = ArrayLike | Mapping[str, float]
 """All states (nx,), or the values of some by name."""
 Window = tuple[np.ndarray, np.ndarray]
-"""Lower and upper bounds."""
+"""Lower and upper bounds, NaN where there are none."""
 SLACK = 0.05
 """Distance from a keyframe, in characteristic sizes, that a plan may keep."""
 START_TOLERANCE = 1e-6
@@ -70,7 +70,8 @@ class Sketch:
             raise InputError("the guess says nothing; give keyframes, paths or contacts")
         marks = self.marks(problem)
         self._check_marks(marks, evaluation)
-        windows = {} if np.isnan(marks).all() else {"x": _around(marks[1:], SLACK * problem.scales.x)}
+        slack = SLACK * problem.scales.x
+        windows = {} if np.isnan(marks).all() else {"x": (marks[1:] - slack, marks[1:] + slack)}
         X, U = evaluation.initial_guess
         return UserGuess((_completed(evaluation, marks, X), U), windows | self._contact_windows(problem))
 
@@ -91,10 +92,7 @@ class Sketch:
             _check_step(place, step, problem)
             if isinstance(pose, Mapping):
                 for name, value in pose.items():
-                    number = _numbers(f"{place}, {name},", value)
-                    if number.ndim:
-                        raise InputError(f"{place}: {name} must be a number, got {abbreviated(value)}")
-                    marks[step, choose("state", name, index_of)] = number
+                    marks[step, choose("state", name, index_of)] = validated(f"{place}: {name}", value, Number)
                 continue
             values = _numbers(place, pose)
             if values.shape != (len(names),):
@@ -126,7 +124,7 @@ class Sketch:
             for index, (contact, pair) in enumerate(zip(system.contacts, system.pairs, strict=True))
             if pair.kind in ("normal", "limit")
         }
-        impulse_limits, gap_limits = np.full((N, system.nlam), np.inf), np.full((N, system.nlam), np.inf)
+        unbounded, impulse_limits, gap_limits = np.full((3, N, system.nlam), np.nan)
         for name, ranges in self.contacts.items():
             index = choose("contact", name, index_of)
             closed = np.zeros(N + 1, dtype=bool)
@@ -137,8 +135,7 @@ class Sketch:
                 closed[first : last + 1] = True
             gap_limits[closed[1:], index] = 0.0
             impulse_limits[~closed[1:], index] = 0.0
-        below = np.full((N, system.nlam), -np.inf)
-        return {"lam": (below, impulse_limits), "gap": (below, gap_limits)}
+        return {"lam": (unbounded, impulse_limits), "gap": (unbounded, gap_limits)}
 
 
 def _check_step(place: str, step: int, problem: Problem) -> None:
@@ -154,10 +151,6 @@ def _numbers(place: str, value: Any) -> np.ndarray:
     if not np.isfinite(numbers).all():
         raise InputError(f"{place} must be finite, got {abbreviated(value)}")
     return numbers
-
-
-def _around(marks: np.ndarray, slack: np.ndarray) -> Window:
-    return np.nan_to_num(marks - slack, nan=-np.inf), np.nan_to_num(marks + slack, nan=np.inf)
 
 
 def _completed(evaluation: Evaluation, marks: np.ndarray, guess: np.ndarray) -> np.ndarray:

@@ -113,7 +113,7 @@ class NLP(Program):
             lower[name], upper[name] = block_bounds.get(name, (-np.inf, np.inf))
             if name in self.windows:
                 lowest, highest = self.windows[name]
-                lower[name], upper[name] = np.maximum(lower[name], lowest), np.minimum(upper[name], highest)
+                lower[name], upper[name] = np.fmax(lower[name], lowest), np.fmin(upper[name], highest)
         g_lower, g_upper = self._constraint_bounds(evaluation.p, block_bounds)
         return {"lbx": self.variables.pack(lower), "ubx": self.variables.pack(upper), "lbg": g_lower, "ubg": g_upper}
 

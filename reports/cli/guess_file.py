@@ -12,7 +12,7 @@ from typing import Any
 from ocp.errors import InputError, abbreviated, choose
 from ocp.problem.sketch import Sketch
 from ocp.solve.guesses import GuessLike
-from ocp.validation import expand_path
+from ocp.validation import expand_path, validated
 from reports.cli.options.shared import StoreOptions
 
 
@@ -35,15 +35,11 @@ def read_sketch(file: Path) -> Sketch:
     except OSError as error:
         raise InputError(f"--guess {file}: {error.strerror or error}") from None
     except (ValueError, RecursionError) as error:
-        reason = abbreviated(str(error)) if str(error) else type(error).__name__
+        reason = abbreviated(str(error) or type(error).__name__)
         raise InputError(f"--guess {file} cannot be read as {file.suffix[1:].upper()}: {reason}") from None
-    known_tables = {field.name: field for field in fields(Sketch)}
-    if not isinstance(tables, dict):
-        raise InputError(f"--guess {file}: expected the tables {', '.join(known_tables)}; got {abbreviated(tables)}")
-    for name, table in tables.items():
-        choose(f"table of {file}:", name, known_tables)
-        if not isinstance(table, dict):
-            raise InputError(f"--guess {file}: {name} must be a table, got {abbreviated(table)}")
+    tables = validated(f"--guess {file}", tables, dict[str, dict[str, Any]])
+    for name in tables:
+        choose(f"table of {file}:", name, {field.name: field for field in fields(Sketch)})
     keyframes = _unique((_step(file, text), pose) for text, pose in tables.pop("keyframes", {}).items())
     return Sketch(keyframes, **tables)
 
