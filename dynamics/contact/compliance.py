@@ -89,20 +89,40 @@ class PushedCoordinates:
         self.E = ca.jacobian(gap, system.lam)
 
 
+_PROBES = 8
+"""Random points at which two pairs are compared."""
+_PROBE_REACH = 1.5
+"""Largest entry of a random point."""
+_SWITCHES = frozenset(
+    (*(ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_IF_ELSE_ZERO, ca.OP_FMIN, ca.OP_FMAX, ca.OP_FABS, ca.OP_SIGN),)
+)
+"""Operations whose formula differs from region to region."""
+
+
 def _representative_pairs(system: ContactSystem, P: ca.SX, Q: ca.SX) -> tuple[list[int], ca.DM, ca.DM]:
     """Pairs that stand for others, and the signs of all, (own, n) and (n, own); by random numbers.
 
-    The columns of P and the rows of Q of pairs that belong together agree but for their signs.
+    The columns of P and the rows of Q of pairs that belong together agree but for their signs. Numbers show it
+    for one formula. Where shapes switch between several, as at the faces of a box, two contacts may agree in one
+    region alone: there only the pairs of one contact stand for each other.
     """
-    p = system.parameters.vector
-    symbols = ca.vertcat(system.x, system.u, p, system.x_next, system.lam)
-    point = np.random.default_rng(0).uniform(0.5, 1.5, symbols.numel())
-    values = ca.Function("probe", [symbols], [P.T, Q])(point)
-    columns, rows = (np.array(value) for value in values)
+    symbols = ca.vertcat(system.x, system.u, system.parameters.vector, system.x_next, system.lam)
+    rng, probe = np.random.default_rng(0), ca.Function("probe", [symbols], [P.T, Q])
+    points = rng.uniform(-_PROBE_REACH, _PROBE_REACH, (_PROBES, symbols.numel()))
+    points[: _PROBES // 2] = rng.uniform(0.5, _PROBE_REACH, (_PROBES // 2, symbols.numel()))
+    values = [[np.array(matrix) for matrix in probe(point)] for point in points]
+    columns, rows = (np.hstack(matrices) for matrices in zip(*values, strict=True))
+    switches = [_has_switch(symbols, ca.vertcat(P[:, i], Q[i, :].T)) for i in range(len(rows))]
+    contacts = [pair.contact for pair in system.pairs]
     representatives: list[int] = []
     signs = [ca.DM(len(rows), len(rows)) for _ in range(2)]
     for i in range(len(rows)):
-        relative_signs = [[_sign(vectors[i], vectors[j]) for vectors in (columns, rows)] for j in representatives]
+        relative_signs = [
+            [_sign(vectors[i], vectors[j]) for vectors in (columns, rows)]
+            if contacts[i] == contacts[j] or not (switches[i] or switches[j])
+            else [0, 0]
+            for j in representatives
+        ]
         k = next((k for k, signs_found in enumerate(relative_signs) if all(signs_found)), len(representatives))
         if k == len(representatives):
             representatives.append(i)
@@ -110,10 +130,17 @@ def _representative_pairs(system: ContactSystem, P: ca.SX, Q: ca.SX) -> tuple[li
     return representatives, signs[0][:, : len(representatives)].T, signs[1][:, : len(representatives)]
 
 
+def _has_switch(symbols: ca.SX, expression: ca.SX) -> bool:
+    """Return whether an expression has another formula in another region."""
+    graph = ca.Function("graph", [symbols], [ca.densify(expression)])
+    return any(graph.instruction_id(k) in _SWITCHES for k in range(graph.n_instructions()))
+
+
 def _sign(first: np.ndarray, second: np.ndarray) -> int:
     """1 or -1 where ``first`` is so many times ``second``, 0 where it is neither."""
-    tolerance = 1e-12 * np.abs(first).max(initial=0)
-    return next((k for k in (1, -1) if np.all(np.abs(first - k * second) <= tolerance)), 0)
+    tolerance = 1e-12 * np.nanmax(np.abs(first), initial=0)
+    differences = (np.nan_to_num(np.abs(first - k * second)) for k in (1, -1))
+    return next((k for k, difference in zip((1, -1), differences, strict=True) if np.all(difference <= tolerance)), 0)
 
 
 @dataclass(frozen=True, eq=False)
