@@ -86,7 +86,7 @@ def test_what_is_not_certified_is_not_done(ocp) -> None:
 
 
 def test_what_obeys_no_dynamics_is_not_called_unstable(ocp) -> None:
-    found = ocp("solve", "wall-1d", *EXACT, "-s", "max_iter=2", *QUIET).json
+    found = ocp("solve", "wall-1d", *EXACT, "-s", "max_iter=2", "--effort", "quick", *QUIET).json
     assert found["dynamics_residual"] > 1e-3 and not found["success"]
     assert "unstable-motion" not in {finding["code"] for finding in found["findings"]}
 
@@ -156,7 +156,7 @@ def build(params):
 @pytest.mark.parametrize("law", ["exact", "barrier"])
 def test_a_start_without_a_cost_is_told_in_a_sentence(ocp, tmp_path: Path, law: str) -> None:
     (tmp_path / "bad.py").write_text(NO_NUMBER)
-    done = ocp("solve", "bad.py", "--contact", law, "--quiet")
+    done = ocp("solve", "bad.py", "--contact", law, "--effort", "quick", "--quiet")
     assert done.code == 3
     assert done.out.splitlines()[0].startswith("Not converged: cost ")
     assert "The cost is NaN or infinite at the last iterate" in done.out
@@ -164,7 +164,7 @@ def test_a_start_without_a_cost_is_told_in_a_sentence(ocp, tmp_path: Path, law: 
     run = re.findall(r"^run: (.*)$", done.out, re.M)[0]
     assert json.loads((Path(run) / "meta.json").read_text())["grade"] == "failed"
     (tmp_path / "bad.py").write_text(NO_NUMBER.replace("SX([1, 0])", "SX([0, 0])"))
-    refused = ocp("solve", "bad.py", "--contact", law, "--quiet")
+    refused = ocp("solve", "bad.py", "--contact", law, "--effort", "quick", "--quiet")
     assert refused.code == 2, "without a cost at x0 nothing is tried"
     assert "the cost is not a finite number at x0" in refused.err and refused.err.count("\n") == 1
 
