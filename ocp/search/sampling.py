@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import product
@@ -185,7 +186,9 @@ class InputSampler:
         if law.name not in self._functions:
             system = self.problem.system
             step = law.close(replace(system, parameters=self.problem.parameters))
-            self._functions[law.name] = step, batch_rollouts(self.problem, step, open_loop(system.nx, system.nu))
+            with _quietly():
+                function = batch_rollouts(self.problem, step, open_loop(system.nx, system.nu))
+            self._functions[law.name] = step, function
         return self._functions[law.name]
 
     def _costs(self, step: Step, function: RolloutFunction, inputs: np.ndarray, progress: float) -> np.ndarray:
@@ -198,9 +201,7 @@ class InputSampler:
             values = {**values, MU: sizes.impulse * sizes.gap * 10 ** (-BARRIER_DECADES * progress)}
         clipped = np.clip(inputs, self.lower, self.upper)
         self.rolled_steps += clipped.shape[0] * clipped.shape[1]
-        with warnings.catch_warnings():
-            # Samples without an answer cost infinitely much, which the search says by itself.
-            warnings.simplefilter("ignore", BatchWarning)
+        with _quietly():
             rollouts = function(
                 self.evaluation.initial_states[0],
                 clipped,
@@ -212,6 +213,14 @@ class InputSampler:
         finite = np.isfinite(rollouts.cost)
         self.failures += int(np.sum(~finite))
         return np.where(finite, rollouts.cost, np.inf)
+
+
+@contextmanager
+def _quietly() -> Iterator[None]:
+    """Hide warnings of the batch engine: samples may fail, and without a C compiler NumPy is fast enough."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", BatchWarning)
+        yield
 
 
 def _cheaper_half(runs: list[SamplingRun]) -> list[SamplingRun]:
