@@ -13,8 +13,8 @@ from ocp.judge.route_report import SearchReport
 from ocp.problem.rollout import Rollout
 from ocp.routes.homotopy import StageRecord
 from ocp.routes.schedules import is_apart
-from ocp.search.plan_solver import PlanSolver, exact_rollout
-from ocp.search.sampling import THOROUGH_PAIR_STEPS, InputSampler, SampledPlan
+from ocp.search.plan_solver import PlanSolver, exact_rollout, is_less
+from ocp.search.sampling import ROUNDS, THOROUGH_PAIR_STEPS, InputSampler, SampledPlan
 from ocp.search.search import Search, can_roll_out
 from ocp.search.shortfalls import idles
 from ocp.solution import Solution
@@ -27,6 +27,8 @@ THOROUGH_CANDIDATES = 6
 """Sampled plans that are solved locally at thorough effort, each of another contact schedule."""
 NORMAL_CANDIDATES = 3
 """Sampled plans that are solved locally at normal effort."""
+THOROUGH_ROUNDS_AROUND = 120
+"""Rounds of the run around the answer at thorough effort."""
 CATCHING_UP = 0.5
 """Share of what samples cost above the answer that a stage must take away for the next one, at normal effort."""
 PROMISING = 0.5
@@ -71,7 +73,7 @@ class SampleSearch(Search):
             yield solution
 
     def _sampled(self, sampler: InputSampler, answer: Solution) -> list[SampledPlan]:
-        """Return the cheapest plan of each run, after as many stages as pay."""
+        """Return the cheapest plan of each run, after as many stages as pay, and a better one around the answer."""
         plans: list[SampledPlan] = []
         excess_before = answer.idle_cost - answer.audit.exact_cost
         for number, plans in enumerate(sampler.stages(), 1):
@@ -83,6 +85,10 @@ class SampleSearch(Search):
             if not self.thorough and excess > 0 and excess > CATCHING_UP * excess_before:
                 break
             excess_before = excess
+        if plans:
+            rounds = THOROUGH_ROUNDS_AROUND if self.thorough else ROUNDS
+            around = sampler.around(answer.data["u"].values[0], rounds)
+            plans = [*plans, around] if is_less(around.cost, answer.audit.exact_cost) else plans
         return plans
 
     def _rollouts(self, sampler: InputSampler, answer: Solution) -> list[Rollout]:

@@ -40,6 +40,10 @@ ELITE_SHARE = 0.1
 """Share of a round's samples that the next distribution is fitted to."""
 SMOOTHING = 0.2
 """Weight of the old mean and deviation in the new ones."""
+AROUND_SHARE = 0.1
+"""Deviation of every input around an answer, as a share of half the width of its bounds."""
+AROUND_SAMPLES = 4
+"""Samples of a round around an answer, as a multiple of those of other runs: every input is drawn."""
 KNOTS = (5, 8, 16)
 """Knots of the bases of input sequences."""
 UNBOUNDED_REACH = 3.0
@@ -144,13 +148,13 @@ class InputSampler:
         with np.errstate(invalid="ignore"):
             centre = np.where(bounded, (self.lower + self.upper) / 2, guess)
             reach = np.where(bounded, (self.upper - self.lower) / 2, UNBOUNDED_REACH * size)
+        self.reach = reach
         beginnings = {"bounds": (centre, reach), "guess": (guess, np.minimum(size, reach))}
         n_knots = sorted({min(n, problem.N) for n in KNOTS})
         choices = [*product(laws, get_args(Basis), n_knots, beginnings)]
         self.runs: list[SamplingRun] = []
-        for (law, basis, knots, beginning), stream in zip(
-            choices, np.random.SeedSequence(seed).spawn(len(choices)), strict=True
-        ):
+        *streams, self._last_stream = np.random.SeedSequence(seed).spawn(len(choices) + 1)
+        for (law, basis, knots, beginning), stream in zip(choices, streams, strict=True):
             mean, deviation = (np.tile(row, (knots, 1)) for row in beginnings[beginning])
             name = f"{law.name} law, {knots} {basis} pieces from the {beginning}"
             weights = input_basis(basis, problem.N, knots)
@@ -173,6 +177,15 @@ class InputSampler:
                     return
             yield [self._plan(run) for run in self.runs if np.isfinite(run.best_cost)]
             running = _cheaper_half(running)
+
+    def around(self, inputs: np.ndarray, rounds: int) -> SampledPlan:
+        """Return the cheapest plan of a run that moves each of the inputs (N, nu) alone, under the exact law."""
+        deviation = np.tile(AROUND_SHARE * self.reach, (len(inputs), 1))
+        generator = np.random.default_rng(self._last_stream)
+        name = "exact law, every input, around the answer"
+        run = SamplingRun(Exact(), np.eye(len(inputs)), inputs, deviation, generator, name, inputs)
+        run.advance(partial(self._costs, *self._function(run.law)), AROUND_SAMPLES * self.samples, rounds)
+        return self._plan(run)
 
     def _plan(self, run: SamplingRun) -> SampledPlan:
         return SampledPlan(np.clip(run.weights @ run.best, self.lower, self.upper), run.best_cost, run.name)

@@ -101,3 +101,13 @@ def test_search_samples_where_inputs_are_forces() -> None:
 def test_no_search_from_several_starts_at_once() -> None:
     with pytest.raises(InputError, match="one scenario"):
         solve(get("push-disc", scenarios=8), contact="exact", search=True)
+
+
+def test_a_run_around_an_answer_only_improves_it() -> None:
+    problem = wall()
+    sampler = InputSampler(evaluation(problem), seed=2)
+    plan = solve(problem, contact="exact", effort="quick").data["u"].values[0] + 0.3
+    around = sampler.around(plan, 20)
+    assert around.cost < 0.9 * sampler.exact_cost(plan)
+    again = InputSampler(evaluation(problem), seed=2).around(plan, 20)
+    np.testing.assert_array_equal(around.inputs, again.inputs)
