@@ -18,7 +18,7 @@ from ocp.routes.homotopy import Homotopy, RouteResult, translate
 from ocp.routes.relaxations import MU_LAST
 from ocp.search.plan_solver import PlanSolver, exact_rollout, is_less
 from ocp.search.search import Search, can_roll_out
-from ocp.search.shortfalls import idles
+from ocp.search.shortfalls import is_poor
 from ocp.solution import Solution
 from ocp.transcription import Direct
 
@@ -77,7 +77,7 @@ class RouteSearch(Search):
 
     def wanted(self, solution: Solution) -> bool:
         """Return whether other routes are followed: at thorough effort, or where the usual one led nowhere."""
-        led_nowhere = not solution.certificate.certified or solution.status is Status.NO_PROGRESS or idles(solution)
+        led_nowhere = is_poor(solution) or solution.status is Status.NO_PROGRESS
         return self.session.complementary and (self.thorough or led_nowhere)
 
     def solutions(self, answer: Solution) -> Iterator[Solution]:

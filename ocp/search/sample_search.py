@@ -9,14 +9,14 @@ from functools import partial
 import numpy as np
 
 from dynamics.contact import Barrier, Exact
-from ocp.judge.route_report import SearchReport
+from ocp.judge.route_report import SearchedPlan, SearchReport
 from ocp.problem.rollout import Rollout
 from ocp.routes.homotopy import StageRecord
 from ocp.routes.schedules import is_apart
 from ocp.search.plan_solver import PlanSolver, exact_rollout, is_less
 from ocp.search.sampling import ROUNDS, THOROUGH_PAIR_STEPS, InputSampler, SampledPlan
 from ocp.search.search import Search, can_roll_out
-from ocp.search.shortfalls import idles
+from ocp.search.shortfalls import is_poor
 from ocp.solution import Solution
 
 NORMAL_PAIR_STEPS = 5e6
@@ -29,6 +29,8 @@ NORMAL_CANDIDATES = 3
 """Sampled plans that are solved locally at normal effort."""
 THOROUGH_ROUNDS_AROUND = 120
 """Rounds of the run around the answer at thorough effort."""
+PASSES_AROUND = 3
+"""Times that inputs are sampled around an answer of this search, while it becomes better."""
 CATCHING_UP = 0.5
 """Share of what samples cost above the answer that a stage must take away for the next one, at normal effort."""
 PROMISING = 0.5
@@ -42,7 +44,7 @@ class SampleSearch(Search):
     """Plans of a session's problem from sampled inputs, see :class:`~ocp.search.sampling.InputSampler`.
 
     At ``thorough`` effort all laws and all rounds are sampled; else the exact law, and only as long as samples
-    catch up with the answer.
+    catch up with an answer that is certified and does not idle.
     """
 
     thorough: bool = True
@@ -53,24 +55,28 @@ class SampleSearch(Search):
         if session.search:
             return True
         light = session.problem.system.nlam < HEAVY_PAIRS
-        return can_roll_out(session) and (
-            self.thorough or light or not solution.certificate.certified or idles(solution)
-        )
+        return can_roll_out(session) and (self.thorough or light or is_poor(solution))
 
     def solutions(self, answer: Solution) -> Iterator[Solution]:
         """Yield answers from the cheapest sampled plans, one of each contact schedule."""
         laws = (Exact(), Barrier(mu=1.0)) if self.thorough else (Exact(),)
-        pair_steps = THOROUGH_PAIR_STEPS if self.thorough else NORMAL_PAIR_STEPS
+        pair_steps = THOROUGH_PAIR_STEPS if self.thorough or is_poor(answer) else NORMAL_PAIR_STEPS
         failing_share = 1.0 if self.thorough else NORMAL_FAILING_SHARE
         sampler = InputSampler(self.session.evaluation, self.seed, laws, pair_steps, failing_share)
-        plans = self._distinct(self._rollouts(sampler, answer), answer)
-        roll_out = partial(exact_rollout, self.session)
-        limit = answer.audit.exact_cost if answer.certificate.certified else np.inf
-        solver = PlanSolver(self.session, roll_out, self.judge, "sampling", self.seed, self.progress, limit)
-        steps = sampler.rolled_steps
-        self.report = SearchReport(self.seed, steps // self.session.problem.N, steps, solver.tried)
-        for _, solution in solver.solve(plans):
-            yield solution
+        plans = self._distinct(self._rollouts(sampler, self._sampled(sampler, answer)), answer)
+        roll_out, best, solved = partial(exact_rollout, self.session), answer, list[SearchedPlan]()
+        for _ in range(1 + PASSES_AROUND):
+            limit = best.audit.exact_cost if best.certificate.certified else np.inf
+            solver = PlanSolver(self.session, roll_out, self.judge, "sampling", self.seed, self.progress, limit, solved)
+            steps = sampler.rolled_steps
+            self.report = SearchReport(self.seed, steps // self.session.problem.N, steps, solved)
+            before = best
+            for _, solution in solver.solve(plans):
+                yield solution
+                best = min(best, solution, key=lambda each: each.audit.exact_cost)
+            if best is before:
+                return
+            plans = self._rollouts(sampler, self._around(sampler, best))
 
     def _sampled(self, sampler: InputSampler, answer: Solution) -> list[SampledPlan]:
         """Return the cheapest plan of each run, after as many stages as pay, and a better one around the answer."""
@@ -82,18 +88,20 @@ class SampleSearch(Search):
                 nan = np.nan
                 self.progress(StageRecord("samples", number, best, nan, nan, sampler.rolled_steps, nan, "sampled"))
             excess = best - answer.audit.exact_cost
-            if not self.thorough and excess > 0 and excess > CATCHING_UP * excess_before:
+            patient = self.thorough or is_poor(answer)
+            if not patient and excess > 0 and excess > CATCHING_UP * excess_before:
                 break
             excess_before = excess
-        if plans:
-            rounds = THOROUGH_ROUNDS_AROUND if self.thorough else ROUNDS
-            around = sampler.around(answer.data["u"].values[0], rounds)
-            plans = [*plans, around] if is_less(around.cost, answer.audit.exact_cost) else plans
-        return plans
+        return [*plans, *self._around(sampler, answer)] if plans else []
 
-    def _rollouts(self, sampler: InputSampler, answer: Solution) -> list[Rollout]:
-        """Return the exact rollouts of the sampled plans, the cheapest first, by cost and violated constraints."""
-        plans = self._sampled(sampler, answer)
+    def _around(self, sampler: InputSampler, answer: Solution) -> list[SampledPlan]:
+        """Return the plan that moving every input of an answer alone leads to, where it is better."""
+        rounds = THOROUGH_ROUNDS_AROUND if self.thorough else ROUNDS
+        plan = sampler.around(answer.data["u"].values[0], rounds)
+        return [plan] if is_less(plan.cost, answer.audit.exact_cost) else []
+
+    def _rollouts(self, sampler: InputSampler, plans: list[SampledPlan]) -> list[Rollout]:
+        """Return the exact rollouts of sampled plans, the cheapest first, by cost and violated constraints."""
         costs = [sampler.exact_cost(plan.inputs) for plan in plans]
         rollouts = (exact_rollout(self.session, plans[i].inputs) for i in np.argsort(costs, kind="stable"))
         return [rollout for rollout in rollouts if rollout is not None]

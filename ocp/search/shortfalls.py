@@ -17,9 +17,14 @@ def idles(solution: Solution) -> bool:
     return bool(idling > 0 and solution.cost - constant > IDLE_SHARE * idling)
 
 
+def is_poor(solution: Solution) -> bool:
+    """Return whether an answer has no certificate or idles."""
+    return idles(solution) or not solution.certificate.certified
+
+
 def falls_short(solution: Solution) -> bool:
     """Return whether an answer has no certificate, does not survive the referee, or idles."""
-    return idles(solution) or not solution.certificate.certified or solution.referee.survives is False
+    return is_poor(solution) or solution.referee.survives is False
 
 
 def penetrates_between_nodes(solution: Solution) -> bool:

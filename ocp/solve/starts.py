@@ -125,10 +125,10 @@ def searches_of(session: Session, seed: int, progress: Callable[[StageRecord], N
         searches.append(GuessSearch(session, judge_outcome, seed, progress, guess=session.user_guess))
     if pushing and not sampled:
         searches.append(PushSearch(session, judge_outcome, seed, progress))
-    if eager:
-        searches.append(RouteSearch(session, judge_outcome, seed, progress, thorough))
     if eager or sampled:
         searches.append(SampleSearch(session, judge_outcome, seed, progress, thorough or sampled))
+    if eager:
+        searches.append(RouteSearch(session, judge_outcome, seed, progress, thorough))
     return searches
 
 
