@@ -22,6 +22,9 @@ from ocp.search.shortfalls import is_poor
 from ocp.solution import Solution
 from ocp.transcription import Direct
 
+SEARCHED = ("guess", "sampling")
+"""Routes of answers that searches gave: at normal effort no other routes follow, certified or not."""
+
 
 @dataclass
 class GuessSearch(Search):
@@ -78,6 +81,7 @@ class RouteSearch(Search):
     def wanted(self, solution: Solution) -> bool:
         """Return whether other routes are followed: at thorough effort, or where the usual one led nowhere."""
         led_nowhere = is_poor(solution) or solution.status is Status.NO_PROGRESS
+        led_nowhere = led_nowhere and solution.route.name not in SEARCHED
         return self.session.complementary and (self.thorough or led_nowhere)
 
     def solutions(self, answer: Solution) -> Iterator[Solution]:
