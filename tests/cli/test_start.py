@@ -52,7 +52,7 @@ def test_ctrl_c_while_the_program_is_still_imported(seconds: float, tmp_path: Pa
     out, err = process.communicate(timeout=60)
     if process.returncode == 3:
         # On a busy computer the signal comes late: the solve had begun, and its best point is kept.
-        assert out.startswith("Interrupted: ")
+        assert "Interrupted: " in out
         return
     assert process.returncode == 130
     assert err.startswith("stopped by the user") and err.count("\n") == 1
