@@ -32,7 +32,7 @@ def check_cone(name: str, cone: str) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Space:
-    """What contacts in space need besides those in the plane; ``sliding`` then gives 2 nc rows, for two tangents.
+    """Maps that contacts in space need besides those in the plane; ``sliding`` then gives 2 nc rows, for two tangents.
 
     Rows multiply the velocities v, of which there are ``velocities`` (nv) and which need not be
     dq/dt: ``pressing`` maps q to J_n (nc, nv), ``tangent`` maps q to the derivative of dq/dt by v

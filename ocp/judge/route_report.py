@@ -43,6 +43,10 @@ class Attempt:
     seconds: float = 0.0
 
 
+NOT_BETTER = "not better"
+"""Status of a searched plan that was solved and not judged, since another answer costs less."""
+
+
 @dataclass(frozen=True)
 class SearchedPlan:
     """A plan of the search over pushes that was solved locally.
@@ -69,10 +73,12 @@ class SearchReport:
 
     def __str__(self) -> str:
         """Return what was tried, in one sentence."""
-        count, survivors = len(self.plans), sum(bool(plan.survives) for plan in self.plans)
+        judged = [plan for plan in self.plans if plan.status != NOT_BETTER]
+        count, survivors = len(self.plans), sum(bool(plan.survives) for plan in judged)
+        outcome = f"{survivors} survive" if judged else "none better"
         return (
             f"Search: {self.motions} motions of {self.steps} steps rolled out;"
-            f" {count} {'plan' if count == 1 else 'plans'} solved, {survivors} survive."
+            f" {count} {'plan' if count == 1 else 'plans'} solved, {outcome}."
         )
 
 

@@ -18,7 +18,7 @@ from ocp.programs.program import Program
 from ocp.programs.solver import Point, Result, Status
 from ocp.routes.branches import Branches, polish
 from ocp.routes.homotopy import Homotopy, HomotopyPath, RouteResult, lower
-from ocp.routes.schedules import improved, is_apart
+from ocp.routes.schedules import acting, improved, is_apart
 from ocp.transcription.nlp import NLP
 
 _SIZES = 0.03, 3.0
@@ -97,13 +97,13 @@ class RolloutStarts:
 
     def _active(self, rolled: Rollout) -> np.ndarray:
         sizes = self.problem.scales
-        return rolled.lam / sizes.impulse > rolled.gap / sizes.gap
+        return acting(rolled.lam, rolled.gap, sizes)
 
     def _distinct_schedules(self, rolled: Rollout, limit: int) -> list[int]:
         """The first of every kind of schedule, at most so many."""
         active, chosen = self._active(rolled), list[int]()
         for s, schedule in enumerate(active):
-            if len(chosen) < limit and all(is_apart(schedule.T, active[k].T) for k in chosen):
+            if len(chosen) < limit and all(is_apart(schedule, active[k]) for k in chosen):
                 chosen.append(s)
         return chosen
 

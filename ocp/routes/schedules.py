@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ocp.problem.parts import Scales
 from ocp.programs.solver import Point, Result
 from ocp.routes.branches import MIN_MULTIPLIER, NEIGHBOUR, Branches
 from ocp.routes.homotopy import lower
@@ -187,6 +188,11 @@ def _ordered(branches: Branches, points: Sequence[Point], below: float) -> Itera
             yield point
     if np.isinf(below):
         yield from (point for _, point in sorted(broken, key=lambda one: one[0]))
+
+
+def acting(lam: np.ndarray, gap: np.ndarray, sizes: Scales) -> np.ndarray:
+    """Return which contacts act, (..., nlam, N), of impulses and gaps (..., N, nlam)."""
+    return np.swapaxes(lam / sizes.impulse > gap / sizes.gap, -1, -2)
 
 
 def is_apart(one: np.ndarray, other: np.ndarray) -> bool:

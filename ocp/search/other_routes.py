@@ -18,7 +18,7 @@ from ocp.routes.homotopy import Homotopy, RouteResult, translate
 from ocp.routes.relaxations import MU_LAST
 from ocp.search.plan_solver import PlanSolver, exact_rollout, is_less
 from ocp.search.search import Search, can_roll_out
-from ocp.search.shortfalls import is_poor
+from ocp.search.shortfalls import cost_to_beat, is_poor, replay_cost
 from ocp.solution import Solution
 from ocp.transcription import Direct
 
@@ -101,7 +101,7 @@ class RouteSearch(Search):
             outcome = follow()
             if outcome.finished and self._is_better(outcome, best):
                 solution = self.judge(session, replace(outcome, route=name), self.seed)
-                best = min(best, solution, key=lambda each: each.audit.exact_cost)
+                best = min(best, solution, key=replay_cost)
                 yield solution
         if smoothed.finished and can_roll_out(session):
             inputs = smoothed.nlp.variables.unpack(smoothed.result.point.x)["u"][0]
@@ -119,6 +119,6 @@ def _near(search: Search, name: str, best: Solution, inputs: Sequence[np.ndarray
     roll_out = partial(exact_rollout, search.session)
     rollouts = (roll_out(np.clip(plan_inputs, limits.u_lower, limits.u_upper)) for plan_inputs in inputs)
     plans = [plan for plan in rollouts if plan is not None]
-    limit = best.audit.exact_cost if best.certificate.certified else np.inf
+    limit = cost_to_beat(best)
     solver = PlanSolver(search.session, roll_out, search.judge, name, search.seed, search.progress, limit)
     yield from (solution for _, solution in solver.solve(plans))

@@ -9,7 +9,7 @@ import numpy as np
 
 from ocp.errors import NotConverged
 from ocp.judge.constraints import broken_constraints
-from ocp.judge.route_report import SearchedPlan
+from ocp.judge.route_report import NOT_BETTER, SearchedPlan
 from ocp.problem.rollout import Rollout, roll_out
 from ocp.programs.solver import Point, Result, Status
 from ocp.routes.branches import Branches
@@ -82,7 +82,7 @@ class PlanSolver:
                         yield plan, self._listed(plan, self._judge(branches, answer))
                     limit = min(limit, solution.audit.exact_cost)
                 else:
-                    self.tried.append(SearchedPlan(plan.cost, cost, "not better", None))
+                    self.tried.append(SearchedPlan(plan.cost, cost, NOT_BETTER, None))
             if not follows and is_less(plan.cost, limit) and not broken_constraints(session.evaluation, plan):
                 yield plan, self._listed(plan, self._judge(branches, self._rolled_out(branches, plan)))
                 limit = plan.cost

@@ -12,11 +12,11 @@ from dynamics.contact import Barrier, Exact
 from ocp.judge.route_report import SearchedPlan, SearchReport
 from ocp.problem.rollout import Rollout
 from ocp.routes.homotopy import StageRecord
-from ocp.routes.schedules import is_apart
+from ocp.routes.schedules import acting, is_apart
 from ocp.search.plan_solver import PlanSolver, exact_rollout, is_less
 from ocp.search.sampling import ROUNDS, THOROUGH_PAIR_STEPS, InputSampler, SampledPlan
 from ocp.search.search import Search, can_roll_out
-from ocp.search.shortfalls import is_poor
+from ocp.search.shortfalls import cost_to_beat, is_poor, replay_cost
 from ocp.solution import Solution
 
 NORMAL_PAIR_STEPS = 5e6
@@ -66,14 +66,14 @@ class SampleSearch(Search):
         plans = self._distinct(self._rollouts(sampler, self._sampled(sampler, answer)), answer)
         roll_out, best, solved = partial(exact_rollout, self.session), answer, list[SearchedPlan]()
         for _ in range(1 + PASSES_AROUND):
-            limit = best.audit.exact_cost if best.certificate.certified else np.inf
+            limit = cost_to_beat(best)
             solver = PlanSolver(self.session, roll_out, self.judge, "sampling", self.seed, self.progress, limit, solved)
             steps = sampler.rolled_steps
             self.report = SearchReport(self.seed, steps // self.session.problem.N, steps, solved)
             before = best
             for _, solution in solver.solve(plans):
                 yield solution
-                best = min(best, solution, key=lambda each: each.audit.exact_cost)
+                best = min(best, solution, key=replay_cost)
             if best is before:
                 return
             plans = self._rollouts(sampler, self._around(sampler, best))
@@ -81,13 +81,13 @@ class SampleSearch(Search):
     def _sampled(self, sampler: InputSampler, answer: Solution) -> list[SampledPlan]:
         """Return the cheapest plan of each run, after as many stages as pay, and a better one around the answer."""
         plans: list[SampledPlan] = []
-        excess_before = answer.idle_cost - answer.audit.exact_cost
+        excess_before = answer.idle_cost - replay_cost(answer)
         for number, plans in enumerate(sampler.stages(), 1):
             best = min((plan.cost for plan in plans), default=np.inf)
             if self.progress is not None:
                 nan = np.nan
                 self.progress(StageRecord("samples", number, best, nan, nan, sampler.rolled_steps, nan, "sampled"))
-            excess = best - answer.audit.exact_cost
+            excess = best - replay_cost(answer)
             patient = self.thorough or is_poor(answer)
             if not patient and excess > 0 and excess > CATCHING_UP * excess_before:
                 break
@@ -98,7 +98,7 @@ class SampleSearch(Search):
         """Return the plan that moving every input of an answer alone leads to, where it is better."""
         rounds = THOROUGH_ROUNDS_AROUND if self.thorough else ROUNDS
         plan = sampler.around(answer.data["u"].values[0], rounds)
-        return [plan] if is_less(plan.cost, answer.audit.exact_cost) else []
+        return [plan] if is_less(plan.cost, replay_cost(answer)) else []
 
     def _rollouts(self, sampler: InputSampler, plans: list[SampledPlan]) -> list[Rollout]:
         """Return the exact rollouts of sampled plans, the cheapest first, by cost and violated constraints."""
@@ -108,20 +108,17 @@ class SampleSearch(Search):
 
     def _distinct(self, rollouts: list[Rollout], answer: Solution) -> list[Rollout]:
         """Return the first promising rollouts of different contact schedules, other than a cheaper answer's."""
-        session, cost, certified = self.session, answer.audit.exact_cost, answer.certificate.certified
+        session, cost, certified = self.session, replay_cost(answer), answer.certificate.certified
         limit = THOROUGH_CANDIDATES if self.thorough else NORMAL_CANDIDATES
-        answered = self._schedule(answer.data["lam"].values[0], answer.data["gap"].values[0])
+        sizes = session.problem.scales
+        answered = acting(answer.data["lam"].values[0], answer.data["gap"].values[0], sizes)
         chosen, schedules = list[Rollout](), list[np.ndarray]()
         for rollout in rollouts:
-            excess, schedule = rollout.cost - cost, self._schedule(rollout.lam[0], rollout.gap[0])
-            promising = not certified or self.thorough or session.evaluation.cost_share(excess, cost) < PROMISING
+            excess, schedule = rollout.cost - cost, acting(rollout.lam[0], rollout.gap[0], sizes)
+            promising = not certified or self.thorough or excess < 0
+            promising = promising or session.evaluation.cost_share(excess, cost) < PROMISING
             others = [*schedules, answered] if certified and excess > 0 else schedules
             if promising and len(chosen) < limit and all(is_apart(schedule, other) for other in others):
                 chosen.append(rollout)
                 schedules.append(schedule)
         return chosen
-
-    def _schedule(self, lam: np.ndarray, gap: np.ndarray) -> np.ndarray:
-        """Return which contacts act, (nlam, N), of impulses and gaps (N, nlam)."""
-        sizes = self.session.problem.scales
-        return (lam / sizes.impulse > gap / sizes.gap).T

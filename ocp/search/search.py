@@ -1,4 +1,4 @@
-"""What every search for answers beside the usual route has in common."""
+"""Base of all searches for answers beside the usual route."""
 
 from __future__ import annotations
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from ocp.judge.referee import PENETRATION_SHARE
 from ocp.problem.evaluation import Evaluation
 from ocp.solution import Solution
@@ -15,6 +17,17 @@ def idles(solution: Solution) -> bool:
     constant = Evaluation(solution.problem, solution.values).least_cost
     idling = solution.idle_cost - constant
     return bool(idling > 0 and solution.cost - constant > IDLE_SHARE * idling)
+
+
+def replay_cost(solution: Solution) -> float:
+    """Return the cost of an answer's exact replay, infinite where that failed."""
+    cost = solution.audit.exact_cost
+    return cost if np.isfinite(cost) else np.inf
+
+
+def cost_to_beat(solution: Solution) -> float:
+    """Return the cost that another answer must be below: infinite where this one has no certificate."""
+    return replay_cost(solution) if solution.certificate.certified else np.inf
 
 
 def is_poor(solution: Solution) -> bool:

@@ -19,7 +19,7 @@ from ocp.solve.guesses import GuessLike, given_guess
 from ocp.solve.judging import judge_outcome, keep_best_on_interrupt
 from ocp.solve.refinement import divided_step, refine_step_size
 from ocp.solve.request import ProblemLike, Settings, check_setting_names, rebuilder, resolve_problem
-from ocp.solve.starts import Rank, check_starts, solve_session
+from ocp.solve.starts import Rank, can_exceed_route, check_starts, solve_session
 from ocp.solve.warm_start import carried_guess, carry
 from ocp.transcription import METHODS, Method
 from ocp.transcription.factories import DEFAULT_LAW, make_law, policy_of, split_policy_settings
@@ -84,6 +84,8 @@ def solve(
     """
     check_starts(n_starts, seed, rank_by)
     _check_beginnings(search, warm_start, guess, n_starts)
+    if warm_start is not None and effort == "thorough":
+        raise InputError("effort thorough would have no effect with warm_start; leave one of them out")
     named_settings = {"params": params, "contact_settings": contact_settings, **keywords}
     session = new_session(problem, contact, method, policy, solver, settings, **named_settings)
     session = begin_at(session, guess, search, effort)
@@ -109,6 +111,11 @@ def begin_at(
     session: Session, guess: GuessLike | None, search: bool | None, effort: Effort = DEFAULT_EFFORT
 ) -> Session:
     """Return the session with another guess, where one is given, with the choice of a search, and its effort."""
+    if effort == "thorough" and (search is False or not can_exceed_route(session)):
+        raise InputError(
+            "effort thorough would have no effect: it searches under the exact law, by the direct method and without"
+            " --no-search; leave it out"
+        )
     session.search, session.effort = search, choose("effort", effort, {name: name for name in get_args(Effort)})
     if search:
         from ocp.search.push_search import check_search

@@ -106,10 +106,15 @@ def search_further(
     return add_failures(best.with_route(search=reports[-1] if reports else None), failures)
 
 
+def can_exceed_route(session: Session) -> bool:
+    """Return whether more effort than the usual route's is possible: for pairs of one exact law in the program."""
+    return session.complementary and session.step.branches == 1
+
+
 def searches_of(session: Session, seed: int, progress: Callable[[StageRecord], None] | None) -> list[Search]:
     """Return what is tried beside the usual route, in order."""
     pushing = bool(session.problem.system.scene)
-    eager = session.effort != "quick" and session.complementary and session.step.branches == 1
+    eager = session.effort != "quick" and can_exceed_route(session)
     if session.search is False or not (session.search or eager or pushing or session.user_guess is not None):
         return []
     # Only here: what only searches need is not loaded for other problems.

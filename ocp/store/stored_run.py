@@ -125,6 +125,11 @@ class StoredRun:
             **{name: self._described(float, name) for name in numbers},
         )
 
+    @property
+    def route(self) -> RouteReport:
+        """The way to the answer of a solve."""
+        return self._route()[0]
+
     def _route(self) -> tuple[RouteReport, dict[str, Any]]:
         try:
             return route_from_record(self.record, self.meta["others"])

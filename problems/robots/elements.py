@@ -72,7 +72,7 @@ here: loop_joint; it reads another file: model; it makes copies: replicate
 """)
 """Elements without which the robot would be another, and why they are not read."""
 REFUSED_OF_URDF = {"include", "loop_joint"}
-"""Those of them that a URDF may have."""
+"""Elements of this table that a URDF may have."""
 
 
 def listed(what: str, names: Iterable[str]) -> str:

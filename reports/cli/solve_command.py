@@ -55,6 +55,8 @@ def check(options: SolveOptions) -> tuple[Request, Solution | None]:
         format_of(options.plot)
         check_output_file(options.plot, "figure")
     request = Request.read(options)
+    if options.start is not None and options.effort == "thorough":
+        raise InputError("--effort thorough would have no effect with --from; drop one of them")
     if options.search and (options.starts > 1 or options.start is not None):
         raise InputError("--search finds its own starts; drop --starts and --from")
     if options.guess is not None and (options.starts > 1 or options.start is not None):

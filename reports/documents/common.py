@@ -36,6 +36,7 @@ _NOT_SETTINGS = (
     "learned_at",
     "sensitivities",
     "unbounded",
+    "search",
 )
 """Keys of a run's record that are shown elsewhere, or nowhere."""
 _REQUEST_KEYS = ("contact", "method", "policy", "solver")

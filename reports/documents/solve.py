@@ -52,6 +52,7 @@ def solve_page(view: RunView, cones: bool = False, signals: str | None = None) -
         "worst": [] if is_solved else violation_rows(stored.audit),
         "starts": [key.replace("_", " ") for key in _starts(view)],
         "others": [[as_text(other.get(key)) for key in _starts(view)] for other in stored.meta["others"]],
+        "searched": "" if stored.route.search is None else str(stored.route.search),
         "contacts": rows,
         "contact_heads": heads,
         "contact_notes": contact_notes(stored.audit),

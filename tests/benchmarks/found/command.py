@@ -25,7 +25,7 @@ PROGRAM = "from reports.cli.start import main; main()"
 
 @dataclass(frozen=True)
 class Answer:
-    """What one command answered; costs are NaN where there is no answer.
+    """Answer of one command; costs are NaN where there is no answer.
 
     ``exact_cost`` is what the exact law makes of the inputs, infinite where that breaks a constraint; ``survives`` is
     the referee's word, ``survives_at_h`` that of the step size itself, and ``seconds`` processor time.

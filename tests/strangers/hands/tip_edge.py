@@ -47,7 +47,7 @@ def build(params: Params) -> Problem:
         return ca.vertcat(corner(q, -1)[1], corner(q, 1)[1], face)
 
     def sliding(q: ca.SX) -> ca.SX:
-        """Both corners slide along the floor; the hand is smooth."""
+        """Rows of sliding: of both corners along the floor; the hand is smooth."""
         feet = ca.vertcat(corner(q, -1)[0], corner(q, 1)[0])
         return ca.vertcat(ca.jacobian(feet, q), ca.SX(1, 4))
 

@@ -23,7 +23,7 @@ START = np.array([0.2, 1.9, 0.0])  # shoulder, elbow [rad], box [m]
 
 
 class Params(Parameters):
-    """Where the box is to go; what the robot is stands in its file."""
+    """Goal of the box; the robot stands in its file."""
 
     goal: float = quantity(0.25, "m", "how far to push")
     effort: float = quantity(0.01, "1", "weight of the inputs", least=0)

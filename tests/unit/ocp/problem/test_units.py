@@ -82,7 +82,7 @@ def test_sizes_are_those_of_the_motion() -> None:
 
 @pytest.mark.parametrize("name", ["impulse", "gap", "x", "u"])
 def test_a_stated_size_wins_and_the_others_are_derived(name: str) -> None:
-    """Those of states decide over the others."""
+    """Sizes of states decide over the others."""
     scales = wall(SI, **{name: 7.5}).scales
     derived = derive_sizes(wall(SI), np.full(2, 7.5) if name == "x" else None)
     for size in ("impulse", "gap", "x", "u"):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from ocp.problem.rollout import roll_out
 from ocp.programs.solver import Status
 from ocp.routes.homotopy import StageRecord
 from ocp.search import sample_search
+from ocp.search.shortfalls import cost_to_beat
 from ocp.solution import Interrupted, Solution
 from ocp.solve.starts import CERTIFIED_SHARE, best_solution
 from problems import get
@@ -110,3 +112,26 @@ def test_an_interrupt_of_a_search_keeps_the_best_answer(stage: str) -> None:
         solve(problem, contact="exact", progress=stop)
     assert stopped.value.solution.cost == pytest.approx(answer.cost, rel=1e-9)
     assert stopped.value.solution.certificate.certified
+
+
+@pytest.mark.parametrize(
+    "words",
+    [{"contact": "barrier"}, {"contact": "exact", "method": "single-shooting"}, {"contact": "exact", "search": False}],
+    ids=["another law", "shooting", "no search"],
+)
+def test_effort_that_would_change_nothing_is_refused(words: dict[str, Any]) -> None:
+    with pytest.raises(InputError, match="effort thorough would have no effect"):
+        solve("wall-1d", effort="thorough", **words)
+
+
+def test_samples_replace_a_certified_plan_whose_replay_failed(solution: Solution) -> None:
+    lost = judged(solution, 0.01, np.nan)
+    assert cost_to_beat(lost) == np.inf
+    assert best_solution([lost, solution]) is solution
+
+
+@pytest.mark.parametrize("N", [1, 2])
+def test_one_step_is_sampled_too(N: int) -> None:
+    quick, normal = (solve(get("wall-1d", N=N), contact="exact", effort=effort) for effort in ("quick", "normal"))
+    assert not normal.route.failures
+    assert normal.audit.exact_cost <= quick.audit.exact_cost * (1 + 1e-7)
