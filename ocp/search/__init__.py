@@ -1,1 +1,1 @@
-"""Plans found from nothing: a tree over pushes, each plan solved on its own branch."""
+"""Searches for plans in addition to the usual route: by pushes, by samples, by other routes, near a user's guess."""

@@ -1,6 +1,6 @@
-"""One step of many states at once, with the contacts that are near alone, without a compiler.
+"""Steps of many states at once with only the nearest contacts, without a compiler.
 
-A scene of many corners has a hundred pairs, of which a step meets a few: without the others, and
+A scene of many corners has a hundred pairs, of which a step closes a few: without the others, and
 with dense linear algebra over all states at once, no graph of the whole step is built.
 """
 
@@ -16,11 +16,11 @@ from ocp.problem.evaluation import Evaluation
 
 _ITERATIONS, _LINEARISATIONS, _TO_EDGE, _LEAST = 40, 10, 0.995, 1e-12
 _SOLVED, _DEEP = 1e-9, 1e-6
-"""Error of steps, and depth of a contact that was left out, in characteristic units."""
+"""Error below which a step is solved, and largest depth of a contact that was left out, in characteristic units."""
 _LOOSE = 1e-6
-"""Friction, in characteristic impulses, below which a contact has none."""
+"""Impulse of friction, in characteristic impulses, up to which a contact counts as having none."""
 _NEAR = 8
-"""Contacts that a step looks at, the nearest."""
+"""Number of nearest contacts that a step includes."""
 
 
 class NearSteps:
@@ -57,11 +57,11 @@ class NearSteps:
         self._distance = BatchFunction(phi, backend="numpy")
 
     def __call__(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """The next states (S, nx)."""
+        """Return the next states (S, nx)."""
         return self.solved(x, u)[0]
 
     def solved(self, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The next states (S, nx), multipliers and gaps (S, nlam) of all pairs."""
+        """Return the next states (S, nx), and the multipliers and gaps (S, nlam) of all pairs."""
         S, zeros = len(x), np.zeros((len(x), self.n))
         residual, by_state, by_lam = self._once(x, u, np.zeros_like(x), zeros, self.p)
         inverse = np.linalg.inv(by_state)
@@ -87,8 +87,8 @@ class NearSteps:
         lam[s, rows[s, k]] = near_lam[s, k] * self.of_lam[rows[s, k]]
         gap = self._along(x, u, x_next, lam, self.p)[0][:, :, 0]
         for slip, sides in self.slips:
-            # A contact without an impulse leaves its slip open above what the motion asks for: one
-            # that is larger makes no pair of its own (0, 0).
+            # Without an impulse the motion only bounds a contact's slip from below. A larger slip
+            # keeps its pairs of friction from being (0, 0).
             extra_slip = np.maximum(0.0, self.of_lam[slip] - gap[:, sides].min(axis=1))
             extra_slip[lam[:, sides].max(axis=1) > _LOOSE * self.of_gap[slip]] = 0.0
             lam[:, slip] += extra_slip
@@ -109,8 +109,8 @@ class NearSteps:
         rows: np.ndarray,
         real: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Next states (S, nx) with the gaps expanded ``at`` (S, nx) and ``near`` (S, rows), and
-        the multipliers."""
+        """Return next states (S, nx) and multipliers (S, rows) for gaps linearised at states ``at`` (S, nx)
+        and multipliers ``near`` (S, rows)."""
         sample_index = np.arange(len(x))[:, None]
         full_lam = np.zeros((len(x), self.n))
         s, k = np.nonzero(real)
@@ -132,7 +132,7 @@ class NearSteps:
 def linear_complementarity(F: np.ndarray, z: np.ndarray, real: np.ndarray) -> np.ndarray:
     """Solve ``0 <= lam ⟂ z + F lam >= 0`` for many (S, n, n) and (S, n); NaN where it fails.
 
-    Mehrotra's predictor and corrector; pairs that are not ``real`` (S, n) have no part in it.
+    The method is Mehrotra's predictor-corrector; pairs for which ``real`` (S, n) is False are ignored.
     """
     lam = np.where(real, 1.0, 0.0)
     slack = np.maximum(z + (F @ lam[:, :, None])[:, :, 0], 1.0)
@@ -169,7 +169,7 @@ def _direction(
     mu: np.ndarray,
     is_real: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Newton's direction of multipliers and gaps, (S, n) each."""
+    """Return Newton's direction of multipliers and gaps, (S, n) each."""
     matrix, n = F.copy(), np.arange(lam.shape[1])
     safe = np.where(is_real, lam, 1.0)
     matrix[:, n, n] += np.where(is_real, slack / safe + _LEAST, 1.0)
@@ -177,7 +177,7 @@ def _direction(
     try:
         dl = np.linalg.solve(matrix, right[:, :, None])[:, :, 0]
     except np.linalg.LinAlgError:
-        # One singular matrix ends the solve of all: only that state is lost.
+        # NumPy solves none where one matrix is singular: solve the others without it.
         regular = np.linalg.cond(matrix) < 1 / np.finfo(float).eps
         dl = np.full(lam.shape, np.nan)
         dl[regular] = np.linalg.solve(matrix[regular], right[regular][:, :, None])[:, :, 0]
@@ -185,6 +185,6 @@ def _direction(
 
 
 def _to_edge(lam: np.ndarray, dl: np.ndarray, slack: np.ndarray, ds: np.ndarray, is_real: np.ndarray) -> np.ndarray:
-    """Longest step (S, 1), at most 1, that keeps both positive."""
+    """Return the longest step (S, 1), at most 1, that keeps multipliers and slacks positive."""
     edge_steps = [np.where(is_real & (d < 0), -v / np.where(d < 0, d, -1), np.inf) for v, d in ((lam, dl), (slack, ds))]
     return np.minimum(1.0, _TO_EDGE * np.minimum(*edge_steps).min(axis=1))[:, None]

@@ -1,4 +1,4 @@
-"""Searches for better plans than the usual route's: by other routes, and from a user's guess and its contacts."""
+"""Searches for better plans than the usual route finds: along other routes, and near a user's guess."""
 
 from __future__ import annotations
 
@@ -23,27 +23,27 @@ from ocp.solution import Solution
 from ocp.transcription import Direct
 
 SEARCHED = ("guess", "sampling")
-"""Routes of answers that searches gave: at normal effort no other routes follow, certified or not."""
+"""Names of routes that are searches: at normal effort no other routes are followed after their answers."""
 
 
 @dataclass
 class GuessSearch(Search):
-    """A user's ``guess``, rolled out exactly and solved near itself: a wide relaxation forgets it.
+    """Search near a user's ``guess``: it is rolled out and solved on its branch, since a wide relaxation loses it.
 
-    Of a sketch inputs are found by Scholtes's relaxation within its windows and, unless it has contacts, by the barrier
-    law: each finds plans that the other misses. On the nail of ``tests/golden/cases/test_plans_worth_having.py`` one
-    keyframe of the hammer drawn back, or two, or the steps of the blow, lead so from 1.208 to 0.027, 0.029 and 0.030 in
-    two seconds; on ``push-disc`` keyframes of the best plan lead to it, others to dearer plans.
+    For a sketch, Scholtes's relaxation finds inputs within its windows, and so does the barrier law unless the sketch
+    has contacts: each finds plans that the other misses. On the nail of
+    ``tests/golden/cases/test_plans_worth_having.py`` one keyframe of the hammer drawn back, two keyframes, or the steps
+    of the blow reduce the cost from 1.208 to 0.027, 0.029 and 0.030 in two seconds.
     """
 
     guess: UserGuess = field(kw_only=True)
 
     def wanted(self, solution: Solution) -> bool:
-        """Return whether the guess's inputs alone, or its windows, make a plan of the complementarity problem."""
+        """Return whether the guess has windows of a complementarity problem, or inputs that alone determine a plan."""
         return self.session.complementary if self.guess.windows else can_roll_out(self.session)
 
     def solutions(self, answer: Solution) -> Iterator[Solution]:
-        """Yield the answers on the branches of the guess's rollouts, and the rollouts themselves, that are better."""
+        """Yield answers better than ``answer`` on the branches of the guess's rollouts, and the rollouts themselves."""
         if not self.guess.windows:
             yield from _near(self, "guess", answer, [self.guess.trajectories[1]])
             return
@@ -62,7 +62,7 @@ class GuessSearch(Search):
                 yield self.judge(session, replace(released, route="guess"), self.seed)
 
     def within_windows(self) -> Iterator[RouteResult]:
-        """Yield the outcomes within the guess's windows, by Scholtes's relaxation and by the barrier law."""
+        """Yield the outcomes of solves within the guess's windows, by Scholtes's relaxation and by the barrier law."""
         session, windows = self.session, self.guess.windows
         changes: list[dict[str, Any]] = [{"strategy": "scholtes"}]
         changes += [] if "gap" in windows else [{"law": Barrier(mu=MU_LAST)}]
@@ -74,18 +74,18 @@ class GuessSearch(Search):
 
 @dataclass
 class RouteSearch(Search):
-    """The relaxation of Scholtes, and the barrier law's plan as a start of the exact law."""
+    """Search by Scholtes's relaxation, and by solving the exact law from the barrier law's plan."""
 
     thorough: bool = True
 
     def wanted(self, solution: Solution) -> bool:
-        """Return whether other routes are followed: at thorough effort, or where the usual one led nowhere."""
+        """Return whether to follow other routes: at thorough effort, or where the usual one gave a poor answer."""
         led_nowhere = is_poor(solution) or solution.status is Status.NO_PROGRESS
         led_nowhere = led_nowhere and solution.route.name not in SEARCHED
         return self.session.complementary and (self.thorough or led_nowhere)
 
     def solutions(self, answer: Solution) -> Iterator[Solution]:
-        """Yield the answers that are better."""
+        """Yield answers of other routes that cost less than ``answer``, or any where that has no certificate."""
         session, best = self.session, answer
         barrier = session.sub_session(Barrier(mu=MU_LAST), Direct())
         smoothed = barrier.solve(progress=self.progress)
@@ -114,7 +114,7 @@ class RouteSearch(Search):
 
 
 def _near(search: Search, name: str, best: Solution, inputs: Sequence[np.ndarray]) -> Iterator[Solution]:
-    """Yield what rollouts of inputs (N, nu) and their branches give that is better than the best answer so far."""
+    """Yield answers on the branches of rollouts of inputs (N, nu), and the rollouts, that cost less than ``best``."""
     limits = search.session.evaluation.limits
     roll_out = partial(exact_rollout, search.session)
     rollouts = (roll_out(np.clip(plan_inputs, limits.u_lower, limits.u_upper)) for plan_inputs in inputs)

@@ -1,4 +1,4 @@
-"""From a rollout to an answer: the branch of its own contacts is solved, then neighbouring ones."""
+"""Answers near rollouts: a plan is solved with its contacts fixed (on its branch), then on neighbouring branches."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from ocp.search.search import Judge
 from ocp.solution import Solution
 
 ITERATIONS = 100
-"""Iterations of the solver on a plan's branch, after which it is given up."""
+"""Maximum number of solver iterations on a plan's branch."""
 REPLAYS = 3
-"""Branches solved one from the replay of another."""
+"""Maximum number of branches solved for a plan, each after the first from the replay of the last."""
 SAME_STATES = 1e-3
-"""Difference of states, in characteristic sizes, up to which a replay is the plan."""
+"""Largest difference of states, in characteristic sizes, at which a replay agrees with its plan."""
 
 
 def exact_rollout(session: Session, inputs: np.ndarray) -> Rollout | None:
@@ -37,11 +37,11 @@ def exact_rollout(session: Session, inputs: np.ndarray) -> Rollout | None:
 
 @dataclass(frozen=True)
 class PlanSolver:
-    """Solves a session near given rollouts.
+    """Solver of a session's problem near given rollouts.
 
     ``roll_out`` maps inputs (N, nu) to their rollout, or to None where a step is not solved.
-    ``route`` names the outcomes. Under the exact law no plan is judged that costs as much as ``cost_limit``;
-    ``tried`` lists all of them.
+    ``route`` names the outcomes. Under the exact law only plans that cost less than ``cost_limit`` are judged;
+    ``tried`` lists all plans.
     """
 
     session: Session
@@ -54,11 +54,11 @@ class PlanSolver:
     tried: list[SearchedPlan] = field(default_factory=list)
 
     def solve(self, plans: Iterable[Rollout]) -> Iterator[tuple[Rollout, Solution]]:
-        """Yield plans with what their branches give, the cheapest first, each improved in its turn.
+        """Yield each plan with its judged answer, improved on neighbouring branches, the cheapest first.
 
-        The unimproved answer follows where the improved one does not survive, and the plan itself where its branch
-        has no answer that its replay keeps. Under another law than the exact one, or another method, plans are
-        guesses of the law's own route.
+        The unimproved answer follows where the improved one does not survive the referee, and the plan's own rollout
+        where no answer on its branch agrees with its replay. Under a law other than the exact one, or another method,
+        plans are guesses of the law's own route.
         """
         session = self.session
         if not session.complementary:
@@ -93,9 +93,9 @@ class PlanSolver:
         return solution
 
     def _settle(self, branches: Branches, plan: Rollout) -> tuple[Result | None, float]:
-        """Return the answer on a plan's branch, or on that of its replay where contacts differ there.
+        """Return the answer on a plan's branch and the largest difference of its replay's states, in their sizes.
 
-        With it comes by how much the states of its replay differ, in characteristic sizes.
+        Where they differ, the replay's branch is solved instead. The answer is None where the first has none.
         """
         settled, program = None, branches.program
         for _ in range(REPLAYS):
@@ -115,22 +115,22 @@ class PlanSolver:
 
     @staticmethod
     def _rolled_out(branches: Branches, plan: Rollout) -> Result:
-        """Return a plan's rollout as it is; the certificate says what it is worth."""
+        """Return a plan's rollout as a result, unsolved and without multipliers."""
         point = Point(pack_rollout(branches.program, plan, None))
         return Result.at(branches.program, point, branches.p, Status.SOLVED, "rolled out")
 
     def _judge(self, branches: Branches, answer: Result) -> Solution:
-        """Judge an answer; the work so far counts as its own."""
+        """Return the judged solution of an answer; it counts all solver work since the previous one."""
         trace, branches.follower.trace = branches.follower.trace, Trace()
         outcome = RouteResult(answer, branches.program, True, trace, route=self.route)
         return self.judge(self.session, outcome, self.seed)
 
 
 def _order(plan: Rollout, answer: Result | None, difference: float) -> tuple[bool, float]:
-    """Order answers that their replay keeps by their cost, then the others."""
+    """Return the key by which answers are sorted: those that agree with their replay first, then by cost."""
     return difference > SAME_STATES, plan.cost if answer is None else answer.f
 
 
 def is_less(cost: float, limit: float) -> bool:
-    """Return whether a cost is less than another by more than rounding."""
+    """Return whether a cost is below ``limit`` by more than the share :data:`COST_GAIN`."""
     return cost < limit and (np.isinf(limit) or limit - cost > COST_GAIN * abs(limit))

@@ -1,4 +1,4 @@
-"""Search over how to touch: plans found from nothing by pushes, each solved on its own branch."""
+"""Search by a tree over pushes, which needs no guess; each plan is solved on its own branch."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ from ocp.search.shortfalls import falls_short, penetrates_between_nodes
 from ocp.solution import Solution
 
 CANDIDATES = 4
-"""Plans of the tree that are solved locally."""
+"""Maximum number of the tree's plans that are solved locally."""
 _FIRST = 2
-"""Candidates that are solved first; the others follow only where none of them survives."""
+"""Number of candidates that are solved first; the others follow only where none of them survives the referee."""
 _MANY = 24
-"""Pairs of a step above which a scene is searched before anything else."""
+"""Number of contact pairs above which a scene is searched before the usual route is followed."""
 
 
 def check_search(session: Session) -> None:
-    """Raise :class:`~ocp.errors.InputError` where no pushes can be searched for."""
+    """Raise :class:`~ocp.errors.InputError` where neither pushes nor sampled inputs can be searched."""
     problem = session.problem
     if not (searchable(problem) or can_sample(problem)):
         raise InputError(
@@ -42,29 +42,29 @@ def check_search(session: Session) -> None:
 
 @dataclass
 class PushSearch(Search):
-    """Plans of a session's problem, swept, from a tree over pushes."""
+    """Search by a tree over pushes, for plans that also keep bodies apart between nodes (``swept``)."""
 
     def replacements(self) -> Iterable[Solution]:
-        """Yield answers in place of the usual route where the search is chosen, and in scenes of many corners.
+        """Yield answers that replace the usual route where the search is chosen, and in scenes of many corners.
 
-        Relaxations of so many pairs take minutes, and end in the nearest valley.
+        Relaxations of so many pairs take minutes, and end in the nearest local minimum.
         """
         return self._answers(None) if self._goes_first else ()
 
     def wanted(self, solution: Solution) -> bool:
-        """Return whether the default route goes on to search after an answer that falls short."""
+        """Return whether to search by default after a ``solution`` that falls short."""
         return not self._goes_first and self._by_default and falls_short(solution)
 
     def solutions(self, answer: Solution) -> Iterator[Solution]:
-        """Yield answers after that of the usual route."""
+        """Yield answers in addition to the usual route's ``answer``."""
         return self._answers(answer)
 
     def _answers(self, answer: Solution | None) -> Iterator[Solution]:
-        """Yield answers of the usual path with the way between nodes swept, then those of pushes.
+        """Yield the usual route's answer to the swept problem, then the answers of pushes.
 
-        That path starts at the ``answer``. Where this passes through nothing, or where there is none in a scene of
-        many corners, the path is left out. Pushes are tried unless its answer suffices. Under another law than the
-        exact one, or another method, their plans are guesses of the law's own route.
+        The route starts at ``answer``. It is left out where ``answer`` passes through nothing, and without one in a
+        scene of many corners. Pushes are left out where a swept answer from ``answer`` does not fall short. Under a
+        law other than the exact one, or another method, their plans are guesses of the law's own route.
         """
         swept, few = as_swept(self.session), self.session.problem.system.nlam <= _MANY
         moving = answer is not None and answer.status is not Status.NO_PROGRESS and penetrates_between_nodes(answer)
@@ -86,7 +86,7 @@ class PushSearch(Search):
 
     @property
     def _by_default(self) -> bool:
-        """Whether the search may begin without being chosen."""
+        """Whether the search may begin although the user did not choose it."""
         session = self.session
         plain = session.problem.scenarios.n == 1 and not isinstance(session.policy, Feedback)
         return session.search is None and session.complementary and plain
@@ -102,7 +102,7 @@ class PushSearch(Search):
         plans = [plan for node in nodes[:CANDIDATES] if (plan := tree.rollout(tree.whole(node))) is not None]
         plans.sort(key=lambda plan: plan.cost)
         solver = PlanSolver(swept, tree.rollout, self.judge, "push search", self.seed, self.progress)
-        # The best few first: those that follow are solved only where none of these survives.
+        # The others are solved only where none of the cheapest survives.
         for batch in (slice(0, _FIRST), slice(_FIRST, None)):
             is_good = False
             for plan, solution in solver.solve(plans[batch]):

@@ -1,8 +1,7 @@
-"""Search over how to touch: where a pusher goes, which side it presses, and for how long.
+"""Tree search over pushes: where a pusher goes, which side it presses, and for how long.
 
-A tree over pushes: from a state the pusher goes round whatever stands in its way to a point on a
-body, and pushes it; every such motion is rolled out under the exact law, so that what is found
-happens as planned.
+From each state the pusher moves around obstacles to a point on a body, and pushes it. Every such
+motion is rolled out under the exact law.
 """
 
 from __future__ import annotations
@@ -22,21 +21,21 @@ from ocp.problem.rollout import Rollout
 from ocp.search.near_steps import NearSteps
 
 _ROUNDS, _BEAM = 4, 8
-"""Pushes one after the other, and states that are pushed on from."""
+"""Maximum numbers of successive pushes, and of plans that each round extends."""
 _TOUCHES, _PUSHES = 12, 4
-"""Points touched from a state, and pushes at each."""
+"""Maximum number of points of a contact touched from a state, and number of pushes at each."""
 _STOPS, _ALONG = 40, 12
-"""Points that paths go by, and places at which a way between two is checked."""
+"""Number of random stops that paths may pass, and of checks for collision along the line between two."""
 _REACH = 3.0
-"""Half the width, in characteristic sizes, of where points to touch are drawn."""
+"""Longest push, and half the width of the region where points to touch are drawn, in characteristic sizes."""
 _NEWTON = 6
 _CLEAR, _TOUCHED = 0.02, 1e-3
-"""Distances in characteristic gaps that a path keeps from bodies, and within which one touches."""
+"""Distance that a path keeps from bodies, and distance within which a pusher touches, in characteristic gaps."""
 
 
 @dataclass(frozen=True)
 class Node:
-    """A plan so far: states (k+1, nx), inputs (k, nu), cost, and cost if all then stands still."""
+    """First k steps of a plan: states (k+1, nx), inputs (k, nu), cost, and the cost if all then stands still."""
 
     x: np.ndarray
     u: np.ndarray
@@ -45,7 +44,7 @@ class Node:
 
 
 def searchable(problem: Problem) -> bool:
-    """Whether inputs are places that springs draw pushers to, and distances are known."""
+    """Return whether inputs are commanded positions of pushers on springs, and signed distances are known."""
     system = problem.system
     if system.stiffness is None or system.mass is None or problem.signed_distance is None:
         return False
@@ -56,9 +55,9 @@ def searchable(problem: Problem) -> bool:
 
 
 class TouchSearch:
-    """Pushes of a ``problem`` at parameter ``values`` by name, drawn from ``seed``.
+    """Tree search over random pushes for a ``problem`` at parameter ``values``.
 
-    ``rolled`` counts the steps that were rolled out, ``tried`` the motions.
+    ``tried`` counts the motions that were rolled out, ``rolled`` their steps.
     """
 
     def __init__(self, problem: Problem, values: dict[str, float], seed: int = 0) -> None:
@@ -79,7 +78,7 @@ class TouchSearch:
 
     @cached_property
     def _slope(self) -> Callable[[np.ndarray], np.ndarray]:
-        """Gradients of all distances by the pushers' coordinates, (n, nc, nu)."""
+        """Function from states (n, nx) to the gradients (n, nc, nu) of distances in the pushers' coordinates."""
         system = self.problem.system
         assert system.phi is not None
         J = ca.densify(ca.jacobian(system.phi, system.x)[:, -system.nu :])
@@ -89,7 +88,7 @@ class TouchSearch:
 
     @cached_property
     def _pressed(self) -> list[tuple[int, np.ndarray]]:
-        """Contacts of a pusher with a body, each with the pusher's coordinates."""
+        """Indices of contacts between a pusher and a body, each with the indices of the pusher's coordinates."""
         system = self.problem.system
         assert system.phi is not None
         by = np.array(ca.DM(ca.jacobian(system.phi, system.x).sparsity(), 1).full(), dtype=bool)
@@ -103,13 +102,13 @@ class TouchSearch:
         return lower, upper
 
     def first(self) -> Node:
-        """The start, where everything stands still."""
+        """Return the node of the start, without steps."""
         x0, u_before = (np.array(v).ravel() for v in self.problem.limits(self.evaluation.p)[:2])
         resting = self._resting(x0[None], np.zeros(1))[0]
         return Node(x0[None], np.zeros((0, u_before.size)), 0.0, resting)
 
     def rounds(self, rounds: int = _ROUNDS) -> Iterator[list[Node]]:
-        """After every round the plans so far, the cheapest first; their last inputs are held."""
+        """Yield after every round the best plans so far, the cheapest first with their last inputs held."""
         beam = [self.first()]
         pushed_nodes = list(beam)
         for _ in range(rounds):
@@ -122,7 +121,7 @@ class TouchSearch:
                 break
 
     def _apart(self, nodes: list[Node], most: int) -> list[Node]:
-        """The first of those whose bodies end in other places."""
+        """Return the first ``most`` nodes whose bodies end in different places."""
         free, sizes = slice(0, -self.problem.system.nu), self.problem.scales.x
         distinct: list[Node] = []
         for node in nodes:
@@ -132,7 +131,7 @@ class TouchSearch:
         return distinct
 
     def pushed(self, beam: list[Node]) -> list[Node]:
-        """What follows from pushes of every state, of those that pass through no body."""
+        """Return the nodes after pushes from every node of ``beam``, without those that pass through a body."""
         plans: dict[int, list[tuple[Node, np.ndarray]]] = {}
         for node in beam:
             u_before = node.u[-1] if len(node.u) else self._before
@@ -147,7 +146,7 @@ class TouchSearch:
         return self.problem.system.nu
 
     def _ways(self, x: np.ndarray, before: np.ndarray) -> list[np.ndarray]:
-        """Polylines (n, nu) of commands: round the bodies to a point that is touched, and on."""
+        """Return polylines (n, nu) of commands: around the bodies to a point on one, and into it."""
         polylines = []
         for contact, coordinates in self._pressed:
             points = self._touching(x, contact, coordinates)
@@ -176,7 +175,7 @@ class TouchSearch:
         return np.clip(point + length * polyline, *self._bounds)
 
     def _touching(self, x: np.ndarray, contact: int, own: np.ndarray) -> np.ndarray:
-        """Places (n, nu) of the pushers where one touches, by Newton's method from drawn ones."""
+        """Return positions (n, nu) of the pushers where ``contact`` touches, by Newton's method from random ones."""
         sizes, nu = self.problem.scales, self._nu
         touch_states = np.repeat(x[None], 4 * _TOUCHES, axis=0)
         sampled_places = self.rng.uniform(-_REACH, _REACH, (len(touch_states), len(own)))
@@ -243,7 +242,7 @@ class TouchSearch:
         return paths
 
     def _outwards(self, x: np.ndarray, places: np.ndarray, own: np.ndarray) -> np.ndarray:
-        """Every place moved away from what is nearest to it."""
+        """Return each of the ``places`` (n, nu) moved away from the body nearest to it."""
         states = np.repeat(x[None], len(places), axis=0)
         states[:, -self._nu :] = places
         slope = self._slope(states)
@@ -252,14 +251,14 @@ class TouchSearch:
         return places + 1.5 * self.problem.scales.gap * nearest
 
     def _timed(self, polyline: np.ndarray, steps: int) -> np.ndarray:
-        """Commands (steps, nu) that go along a polyline evenly."""
+        """Return commands (steps, nu) at equal distances along a polyline."""
         lengths = np.linalg.norm(np.diff(polyline, axis=0), axis=1)
         travelled = np.concatenate([[0.0], np.cumsum(lengths)])
         arc_lengths = travelled[-1] * np.arange(1, steps + 1) / steps
         return np.column_stack([np.interp(arc_lengths, travelled, column) for column in polyline.T])
 
     def _rolled(self, plans: Sequence[tuple[Node, np.ndarray]]) -> list[Node]:
-        """Roll inputs (K, nu) on from nodes; those that fail or pass through a body are left."""
+        """Return the nodes after inputs (K, nu), without those where a step fails or passes through a body."""
         nodes, u = [node for node, _ in plans], np.array([inputs for _, inputs in plans])
         S, K = u.shape[:2]
         x = np.full((S, K + 1, self.problem.system.nx), np.nan)
@@ -288,14 +287,14 @@ class TouchSearch:
         return self.evaluation.limits.u_before
 
     def _cut(self, x: np.ndarray) -> np.ndarray:
-        """Deepest penetration (S,) on the straight way between nodes."""
+        """Return the deepest penetration (S,) on the straight lines between nodes."""
         states_between = [x[:, :-1] * (1 - s) + x[:, 1:] * s for s in SHARES]
         gap = self._distance(np.concatenate(states_between, axis=1).reshape(-1, x.shape[2]))
         gap = gap.reshape(len(x), len(SHARES) * (x.shape[1] - 1), gap.shape[-1])
         return -gap.min(axis=(1, 2), initial=np.inf)
 
     def _stages(self, x: np.ndarray, u: np.ndarray, before: np.ndarray) -> np.ndarray:
-        """Sum of stage costs and penalties (S,) of states x (S, K+1, nx), inputs u (S, K, nu)."""
+        """Return the sums (S,) of stage costs and penalties for states x (S, K+1, nx) and inputs u (S, K, nu)."""
         du = np.diff(u, axis=1, prepend=before[:, None])
         none = np.zeros((*u.shape[:2], self.problem.system.nlam))
         stage, _ = at_steps(self.problem.cost_terms, x[:, :-1], u, du, none, p=self.evaluation.p)
@@ -304,7 +303,7 @@ class TouchSearch:
 
     @cached_property
     def _over(self) -> ca.Function:
-        """Penalty for violated path constraints: a cost's size for a characteristic length."""
+        """Penalty on violated path constraints: one characteristic cost for a violation of one characteristic size."""
         problem, system = self.problem, self.problem.system
         total = ca.SX(0)
         for constraint in problem.path:
@@ -318,13 +317,13 @@ class TouchSearch:
         return ca.Function("over", symbols, [ca.densify(total)])
 
     def _resting(self, x: np.ndarray, gone: np.ndarray) -> np.ndarray:
-        """Cost (S,) of standing still from states x (S, nx) to the end of the horizon."""
+        """Return the cost (S,) of standing still at states x (S, nx) from step ``gone`` to the end of the horizon."""
         u, none = x[:, None, -self._nu :], np.zeros((len(x), 1, self.problem.system.nlam))
         stage, terminal = at_steps(self.problem.cost_terms, x[:, None], u, 0 * u, none, p=self.evaluation.p)
         return (self.problem.N - gone) * stage[:, 0, 0] + terminal[:, 0, 0]
 
     def rollout(self, inputs: np.ndarray) -> Rollout | None:
-        """What inputs (N, nu) do under the model's own exact law; None where a step fails."""
+        """Return the rollout of inputs (N, nu) under the model's own exact law, or None where a step fails."""
         step = self.problem.exact_step
         x, contacts = [self.first().x], []
         for u in inputs:
@@ -338,6 +337,6 @@ class TouchSearch:
         return Rollout.from_trajectories(self.evaluation, step, states, inputs[None], lam, gap)
 
     def whole(self, node: Node) -> np.ndarray:
-        """Inputs (N, nu) of a plan, the last held to the end."""
+        """Return the inputs (N, nu) of a plan, the last one held to the end."""
         last = node.u[-1] if len(node.u) else self._before
         return np.vstack([node.u, np.repeat(last[None], self.problem.N - len(node.u), axis=0)])

@@ -1,4 +1,4 @@
-"""Search for any system: sampled input sequences, the best of each kind of contact solved on its own branch."""
+"""Search by sampled input sequences, for any system; the best of each contact schedule are solved on their branches."""
 
 from __future__ import annotations
 
@@ -20,37 +20,37 @@ from ocp.search.shortfalls import cost_to_beat, is_poor, replay_cost
 from ocp.solution import Solution
 
 NORMAL_PAIR_STEPS = 5e6
-"""Steps of one contact pair of all runs together, at normal effort."""
+"""Budget of all sampling runs at normal effort: steps rolled out times the square of the contact pairs."""
 NORMAL_FAILING_SHARE = 0.4
-"""Share of samples with a failing step above which none are drawn any more, at normal effort."""
+"""Share of samples with a failing step above which sampling ends, at normal effort."""
 THOROUGH_CANDIDATES = 6
-"""Sampled plans that are solved locally at thorough effort, each of another contact schedule."""
+"""Maximum number of sampled plans that are solved locally at thorough effort, each with another contact schedule."""
 NORMAL_CANDIDATES = 3
-"""Sampled plans that are solved locally at normal effort."""
+"""Maximum number of sampled plans that are solved locally at normal effort."""
 THOROUGH_ROUNDS_AROUND = 120
-"""Rounds of the run around the answer at thorough effort."""
+"""Rounds of the sampling run around an answer at thorough effort."""
 PASSES_AROUND = 3
-"""Times that inputs are sampled around an answer of this search, while it becomes better."""
+"""Maximum number of times that inputs are sampled around the search's last answer, while answers improve."""
 CATCHING_UP = 0.5
-"""Share of what samples cost above the answer that a stage must take away for the next one, at normal effort."""
+"""Ratio of the samples' excess cost over the answer to that one stage before, above which normal sampling ends."""
 PROMISING = 0.5
-"""Changeable cost of a sampled plan above the answer's, as a share, up to which its branch is solved."""
+"""Excess of a sampled plan's cost over the answer's, as a share of what a plan can change, below which it is solved."""
 HEAVY_PAIRS = 40
-"""Contact pairs from which on rollouts take longer to compile than most solves, and a failing answer is needed."""
+"""Number of contact pairs from which rollouts compile longer than most solves take; only poor answers are sampled."""
 
 
 @dataclass
 class SampleSearch(Search):
-    """Plans of a session's problem from sampled inputs, see :class:`~ocp.search.sampling.InputSampler`.
+    """Search for plans by sampled inputs, see :class:`~ocp.search.sampling.InputSampler`.
 
-    At ``thorough`` effort all laws and all rounds are sampled; else the exact law, and only as long as samples
-    catch up with an answer that is certified and does not idle.
+    ``thorough`` effort samples under two laws in all rounds; normal effort samples under the exact law, and ends where
+    samples no longer catch up with an answer that is certified and does not idle.
     """
 
     thorough: bool = True
 
     def wanted(self, solution: Solution) -> bool:
-        """Return whether samples are drawn after ``solution``: where chosen, or where inputs alone make a plan."""
+        """Return whether to sample: where the search is chosen, or where inputs alone determine a plan."""
         session = self.session
         if session.search:
             return True
@@ -58,7 +58,7 @@ class SampleSearch(Search):
         return can_roll_out(session) and (self.thorough or light or is_poor(solution))
 
     def solutions(self, answer: Solution) -> Iterator[Solution]:
-        """Yield answers from the cheapest sampled plans, one of each contact schedule."""
+        """Yield answers on the branches of the cheapest sampled plans, one of each contact schedule."""
         laws = (Exact(), Barrier(mu=1.0)) if self.thorough else (Exact(),)
         pair_steps = THOROUGH_PAIR_STEPS if self.thorough or is_poor(answer) else NORMAL_PAIR_STEPS
         failing_share = 1.0 if self.thorough else NORMAL_FAILING_SHARE
@@ -79,7 +79,7 @@ class SampleSearch(Search):
             plans = self._rollouts(sampler, self._around(sampler, best))
 
     def _sampled(self, sampler: InputSampler, answer: Solution) -> list[SampledPlan]:
-        """Return the cheapest plan of each run, after as many stages as pay, and a better one around the answer."""
+        """Return the cheapest plan of each run, and a better one near the answer where sampling finds one."""
         plans: list[SampledPlan] = []
         excess_before = answer.idle_cost - replay_cost(answer)
         for number, plans in enumerate(sampler.stages(), 1):
@@ -95,19 +95,19 @@ class SampleSearch(Search):
         return [*plans, *self._around(sampler, answer)] if plans else []
 
     def _around(self, sampler: InputSampler, answer: Solution) -> list[SampledPlan]:
-        """Return the plan that moving every input of an answer alone leads to, where it is better."""
+        """Return the plan that sampling every input around an answer gives; empty where it is not cheaper."""
         rounds = THOROUGH_ROUNDS_AROUND if self.thorough else ROUNDS
         plan = sampler.around(answer.data["u"].values[0], rounds)
         return [plan] if is_less(plan.cost, replay_cost(answer)) else []
 
     def _rollouts(self, sampler: InputSampler, plans: list[SampledPlan]) -> list[Rollout]:
-        """Return the exact rollouts of sampled plans, the cheapest first, by cost and violated constraints."""
+        """Return the exact rollouts of sampled plans in order of cost with penalties, without those that fail."""
         costs = [sampler.exact_cost(plan.inputs) for plan in plans]
         rollouts = (exact_rollout(self.session, plans[i].inputs) for i in np.argsort(costs, kind="stable"))
         return [rollout for rollout in rollouts if rollout is not None]
 
     def _distinct(self, rollouts: list[Rollout], answer: Solution) -> list[Rollout]:
-        """Return the first promising rollouts of different contact schedules, other than a cheaper answer's."""
+        """Return the first promising rollouts with contact schedules unlike each other and a cheaper answer's."""
         session, cost, certified = self.session, replay_cost(answer), answer.certificate.certified
         limit = THOROUGH_CANDIDATES if self.thorough else NORMAL_CANDIDATES
         sizes = session.problem.scales

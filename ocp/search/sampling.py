@@ -1,9 +1,9 @@
-"""Plans from nothing: the cross-entropy method over input sequences, rolled out by the batch engine.
+"""Sampled plans: the cross-entropy method over input sequences, rolled out by the batch engine.
 
 A sequence of inputs is ``u = clip(B z, u_lower, u_upper)``, with B (N, K) a basis of K knots and z (K, nu) drawn
 from a normal distribution. Each round rolls all samples out and fits the distribution to the cheapest tenth.
-Several runs differ in the law, the basis and where they begin, since none of them is the best on all problems:
-the exact law has no gradient from afar but needs none, and the barrier law narrows from a force at a distance.
+Runs differ in the law, the basis and the initial distribution, since none of them is best on all problems. The exact
+law has no gradient away from contact, but sampling needs none; the barrier law starts with forces at a distance.
 """
 
 from __future__ import annotations
@@ -27,40 +27,40 @@ from ocp.problem.parts import Constraint
 from ocp.problem.problem import Problem
 
 ROUNDS = 40
-"""Rounds of a run, after which the distribution is narrow."""
+"""Number of rounds of a run, after which the distribution is narrow."""
 MAX_SAMPLES = 1000
-"""Most samples of a round."""
+"""Maximum number of samples in a round."""
 MIN_SAMPLES = 64
-"""Fewest samples of a round with which a distribution can be fitted."""
+"""Minimum number of samples in a round, enough to fit a distribution to."""
 STAGE_ROUNDS = 10
 """Rounds after which the dearer half of the runs ends."""
 THOROUGH_PAIR_STEPS = 1e8
-"""Steps of one contact pair of all runs together: a step's work grows with the square of its pairs."""
+"""Budget of all runs: steps rolled out times the square of the contact pairs, with which a step's work grows."""
 ELITE_SHARE = 0.1
 """Share of a round's samples that the next distribution is fitted to."""
 SMOOTHING = 0.2
 """Weight of the old mean and deviation in the new ones."""
 AROUND_SHARE = 0.1
-"""Deviation of every input around an answer, as a share of half the width of its bounds."""
+"""Standard deviation of every input around an answer, as a share of half the width of its bounds."""
 AROUND_SAMPLES = 4
-"""Samples of a round around an answer, as a multiple of those of other runs: every input is drawn."""
+"""Samples of a round around an answer, as a multiple of those of other runs, since every input is drawn."""
 KNOTS = (5, 8, 16)
-"""Knots of the bases of input sequences."""
+"""Numbers of knots of the bases of input sequences."""
 UNBOUNDED_REACH = 3.0
-"""Deviation of an input without bounds, in characteristic sizes."""
+"""Initial standard deviation of an input without bounds, in characteristic sizes."""
 BARRIER_DECADES = 4
-"""Decades over which a run under the barrier law narrows mu, from the product of characteristic sizes."""
+"""Decades by which a run under the barrier law reduces mu, from the characteristic impulse times the gap's size."""
 PENALTY_WEIGHT = 100.0
 """Cost of violating a constraint of states by its characteristic size, in characteristic costs."""
 
 MU = "contact.mu"
-"""Parameter of the barrier law."""
+"""Name of the barrier law's parameter mu."""
 
 Basis = Literal["linear", "constant"]
 
 
 def input_basis(basis: Basis, N: int, knots: int) -> np.ndarray:
-    """Return the weights (N, knots) of piecewise constant or linear interpolation of N inputs."""
+    """Return the weights (N, knots) that interpolate N inputs between knots, piecewise constant or linear."""
     if basis == "constant":
         return np.eye(knots)[np.arange(N) * knots // N]
     position = np.linspace(0, knots - 1, N)
@@ -69,7 +69,7 @@ def input_basis(basis: Basis, N: int, knots: int) -> np.ndarray:
 
 @dataclass(frozen=True)
 class SampledPlan:
-    """The cheapest inputs (N, nu) of a run, their cost with penalties, and the run in words."""
+    """The cheapest inputs (N, nu) of a run, their cost with penalties, and the run's name."""
 
     inputs: np.ndarray
     cost: float
@@ -77,7 +77,7 @@ class SampledPlan:
 
 
 def can_sample(problem: Problem) -> bool:
-    """Return whether inputs alone, from one given state, determine a plan."""
+    """Return whether inputs alone determine a plan: with one scenario and a given start."""
     return problem.scenarios.n == 1 and problem.start is None and problem.system.nu > 0
 
 
@@ -100,7 +100,7 @@ class SamplingRun:
 
     @property
     def narrows(self) -> bool:
-        """Whether the law changes from round to round, so that costs of two rounds cannot be compared."""
+        """Whether mu decreases from round to round, so that costs of two rounds cannot be compared."""
         return isinstance(self.law, Barrier)
 
     def advance(self, costs_of: Callable[[np.ndarray, float], np.ndarray], samples: int, rounds: int) -> None:
@@ -122,14 +122,13 @@ class SamplingRun:
 
 
 class InputSampler:
-    """Runs of the cross-entropy method on the inputs of a problem that :func:`can_sample` takes.
+    """Runs of the cross-entropy method on the inputs of a problem for which :func:`can_sample` is true.
 
-    All ``runs`` begin; after every stage of :data:`STAGE_ROUNDS` the dearer half of those under one law ends.
-    Bounds of states and constraints in states and inputs cost :data:`PENALTY_WEIGHT` by violation. ``samples`` are
-    those of a round, as many as ``pair_steps``, the steps of one contact pair of all runs together, allow;
-    ``rolled_steps`` are the steps rolled out so far. No other run begins where more than ``failing_share`` of the
-    first one's samples have a step without solution, which takes long to notice. Same ``seed``, same plans, whatever
-    the number of threads.
+    All ``runs`` start; after every stage of :data:`STAGE_ROUNDS` rounds the costlier half under each law ends.
+    Violated bounds of states and constraints on states and inputs cost :data:`PENALTY_WEIGHT`. The budget
+    ``pair_steps`` (:data:`THOROUGH_PAIR_STEPS`) determines the ``samples`` of a round; ``rolled_steps`` counts the
+    steps rolled out so far. Sampling ends where more than ``failing_share`` of the first run's samples have a step
+    without solution, since such steps are slow. Plans depend on ``seed`` but not on the number of threads.
     """
 
     def __init__(
@@ -167,7 +166,7 @@ class InputSampler:
         self._functions: dict[str, tuple[Step, RolloutFunction]] = {}
 
     def stages(self) -> Iterator[list[SampledPlan]]:
-        """Yield after every stage the cheapest plan of each run, where its cost is finite."""
+        """Yield after every stage the cheapest plan of each run that has one of finite cost."""
         running = self.runs
         for first_round in range(0, ROUNDS, STAGE_ROUNDS):
             for run in running:
@@ -179,7 +178,7 @@ class InputSampler:
             running = _cheaper_half(running)
 
     def around(self, inputs: np.ndarray, rounds: int) -> SampledPlan:
-        """Return the cheapest plan of a run that moves each of the inputs (N, nu) alone, under the exact law."""
+        """Return the cheapest plan of a run around inputs (N, nu), each sampled separately, under the exact law."""
         deviation = np.tile(AROUND_SHARE * self.reach, (len(inputs), 1))
         generator = np.random.default_rng(self._last_stream)
         name = "exact law, every input, around the answer"
@@ -207,7 +206,7 @@ class InputSampler:
     def _costs(self, step: Step, function: RolloutFunction, inputs: np.ndarray, progress: float) -> np.ndarray:
         """Return the costs (S,) of clipped inputs (S, N, nu); infinite where a step is not solved.
 
-        The barrier's mu is as narrow as ``progress`` in [0, 1] tells.
+        The barrier law's mu decreases as ``progress`` rises from 0 to 1.
         """
         sizes, values = self.problem.scales, self.evaluation.values
         if MU in step.p.names:
@@ -248,7 +247,7 @@ def _cheaper_half(runs: list[SamplingRun]) -> list[SamplingRun]:
 def penalized(problem: Problem) -> Problem:
     """Return the problem with violations of state bounds and constraints as costs.
 
-    Rollouts know no constraints. Those in the next state or in impulses are left to the solver.
+    Rollouts have no constraints. Those on the next state or on impulses are left to the solver.
     """
     system = problem.system
     bounds = Constraint("bounds", system.x, problem.x_lower, problem.x_upper)
@@ -268,7 +267,7 @@ def penalized(problem: Problem) -> Problem:
 
 
 def _violation(constraint: Constraint, problem: Problem) -> ca.SX:
-    """Return the sum of violations, each in what states and inputs change by as they move by their sizes."""
+    """Return the sum of violations, each divided by its change as states and inputs move by their sizes."""
     x, u, expression = problem.system.x, problem.system.u, constraint.expression
     sizes = (
         ca.fabs(ca.jacobian(expression, x)) @ problem.scales.x + ca.fabs(ca.jacobian(expression, u)) @ problem.scales.u

@@ -1,4 +1,4 @@
-"""Base of all searches for answers beside the usual route."""
+"""Base class of searches for answers in addition to the usual route's."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from ocp.search.sampling import can_sample
 from ocp.solution import Solution
 
 Judge = Callable[[Session, RouteResult, int], Solution]
-"""Make a solution of a session's outcome and the seed."""
+"""Function from a session, the outcome of its solve and the seed to a judged solution."""
 
 
 @dataclass
 class Search(ABC):
-    """Search for answers to a session's problem, drawn from ``seed``.
+    """Search for answers to a session's problem; its random choices depend on ``seed`` alone.
 
-    ``report`` tells what was rolled out and what became of it, None before.
+    ``report`` counts what was rolled out and lists the plans solved; None before the search.
     """
 
     session: Session
@@ -31,7 +31,7 @@ class Search(ABC):
     report: SearchReport | None = field(default=None, init=False)
 
     def replacements(self) -> Iterable[Solution]:
-        """Yield answers in place of those of the usual route, which is followed where there are none."""
+        """Yield answers that replace the usual route, which is followed only where there are none."""
         return ()
 
     @abstractmethod
@@ -40,10 +40,10 @@ class Search(ABC):
 
     @abstractmethod
     def solutions(self, answer: Solution) -> Iterator[Solution]:
-        """Yield answers beside the best ``answer`` so far."""
+        """Yield answers in addition to the best ``answer`` so far."""
 
 
 def can_roll_out(session: Session) -> bool:
-    """Return whether inputs alone make a plan of a session's complementarity problem."""
+    """Return whether inputs alone determine a plan of a session's complementarity problem."""
     plain = session.complementary and session.step.branches == 1
     return plain and not isinstance(session.policy, Feedback) and can_sample(session.problem)

@@ -1,4 +1,4 @@
-"""Answers after which a search is worth its time: idle ones, and those that no judge confirms."""
+"""Tests of an answer that decide whether to search on: it idles, lacks a certificate or fails the referee."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from ocp.problem.evaluation import Evaluation
 from ocp.solution import Solution
 
 IDLE_SHARE = 0.9
-"""Share of the cost of standing still above which an answer is searched for anew."""
+"""Share of the cost of standing still above which an answer idles."""
 
 
 def idles(solution: Solution) -> bool:
-    """Return whether an answer costs more than :data:`IDLE_SHARE` of standing still, beside what no plan changes."""
+    """Return whether an answer costs over :data:`IDLE_SHARE` of standing still, less the cost that no plan changes."""
     constant = Evaluation(solution.problem, solution.values).least_cost
     idling = solution.idle_cost - constant
     return bool(idling > 0 and solution.cost - constant > IDLE_SHARE * idling)
@@ -41,6 +41,6 @@ def falls_short(solution: Solution) -> bool:
 
 
 def penetrates_between_nodes(solution: Solution) -> bool:
-    """Return whether the plan passes through anything between nodes, as far as the referee tolerates."""
+    """Return whether the plan penetrates anything between nodes by more than the referee tolerates."""
     deepest, depth = solution.referee.between, PENETRATION_SHARE * solution.problem.scales.gap
     return deepest is not None and deepest.amount > depth

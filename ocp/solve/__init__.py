@@ -1,4 +1,4 @@
-"""One solve: from a checked request, or from a solution, to a judged answer."""
+"""A solve: from a checked request, or from a solution, to a judged answer."""
 
 from ocp.solve.solve import solve
 

@@ -1,4 +1,4 @@
-"""Trajectories that a caller begins at, of whatever form, as states and inputs of the problem."""
+"""Conversion of the guesses that a caller may give to states and inputs of a problem."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from ocp.solution import Solution
 from ocp.solve.warm_start import carried_guess
 
 GuessLike = Solution | xr.Dataset | tuple[ArrayLike, ArrayLike] | Sketch | Mapping[int, Pose]
-"""A solution or a run that was loaded, a dataset with x and u, states and inputs, a sketch, or its keyframes alone."""
+"""A solution (also a loaded run), a dataset with x and u, a pair of states and inputs, a sketch, or its keyframes."""
 
 
 def given_guess(guess: GuessLike, problem: Problem, values: dict[str, float]) -> UserGuess:
-    """Return states (N+1, nx) and inputs (N, nu) of what a caller gives; of scenarios the first.
+    """Return a caller's guess as states (N+1, nx) and inputs (N, nu); of a dataset with scenarios the first one's.
 
-    A run of another problem gives those that have the same names there (:func:`shared_guess`).
+    Of a run of another problem, states and inputs with the problem's names are used (:func:`shared_guess`).
 
-    Raises :class:`~ocp.errors.InputError` for other shapes, what is not finite, and a sketch that does not fit.
+    Raises :class:`~ocp.errors.InputError` for other shapes, values that are not finite, and a sketch that does not fit.
     """
     if isinstance(guess, Mapping) and not isinstance(guess, xr.Dataset):
         guess = Sketch(keyframes=guess)
@@ -47,7 +47,7 @@ def given_guess(guess: GuessLike, problem: Problem, values: dict[str, float]) ->
 
 
 def shared_guess(run: xr.Dataset, evaluation: Evaluation) -> tuple[np.ndarray, np.ndarray]:
-    """Return the problem's own guess, with the states and inputs that a run has by the same names, resampled in time.
+    """Return the problem's own guess, with states and inputs of the same names replaced by a run's, resampled in time.
 
     The last values are held beyond the run's end. Raises :class:`~ocp.errors.InputError` where no name is shared.
     """
@@ -67,7 +67,7 @@ def shared_guess(run: xr.Dataset, evaluation: Evaluation) -> tuple[np.ndarray, n
 
 
 def _names(run: xr.Dataset) -> list[list[str]]:
-    """Return the names of a run's states and inputs, where it has them."""
+    """Return the names of a run's states and those of its inputs, each empty where the run has none."""
     return [[str(name) for name in run[axis].values] if axis in run.coords else [] for axis in ("state", "control")]
 
 

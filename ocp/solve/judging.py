@@ -1,4 +1,4 @@
-"""Judge a result, or the best point of an interrupted solve, by three independent judges."""
+"""Judgement of a result, or of an interrupted solve's best point, by audit, certificate and referee."""
 
 from __future__ import annotations
 
@@ -37,13 +37,13 @@ from ocp.transcription.factories import law_record
 from ocp.transcription.nlp import Trajectories, trajectories
 
 _NO_TASK_GRADIENT = 1e-7
-"""Relative task gradient below which no input moves what the task is about."""
+"""Relative gradient of the task's cost below which no input changes it."""
 _IDLE = 1e-6
-"""Relative gain over standing still below which nothing was achieved."""
+"""Cost saved relative to standing still, as a share, below which a plan achieves nothing."""
 
 
 def judge_outcome(session: Session, outcome: RouteResult, seed: int) -> Solution:
-    """Audit an outcome, certify and referee it, label it, and give it a status."""
+    """Return the labelled solution of an outcome, with its audit, certificate, referee's report and status."""
     start_time = time.perf_counter()
     nlp, result = outcome.nlp, outcome.result
     evaluation = session.evaluation
@@ -52,7 +52,7 @@ def judge_outcome(session: Session, outcome: RouteResult, seed: int) -> Solution
     plan = trajectories(nlp, result, p)
     audit, replay, contacts = audit_result(nlp, result, plan, evaluation, p, bounds)
     feasible = is_feasible(nlp, audit)
-    # Not the solver's f, which may hold a penalty on gains or on products of contact.
+    # Not the solver's f, which may include a penalty on gains or on products of contact pairs.
     rolled = Rollout.from_trajectories(evaluation, nlp.step, plan.x, plan.u, plan.lam, plan.gap)
     certificate = Certificate("undecided", reason=UNJUDGED)
     idle, span, derivative, undone = float("nan"), 0.0, None, list[Finding]()
@@ -72,7 +72,7 @@ def judge_outcome(session: Session, outcome: RouteResult, seed: int) -> Solution
         limited = all(np.isfinite(limit).all() for limit in evaluation.limits[2:4])
         endless = endless or ("" if limited else unbounded_variables(program, *arguments, point.x))
     if not (endless or result.ok or certificate.certified):
-        # Iterates also run away uphill, as from the kinks of |u|: that is no fault of the problem.
+        # Iterates may also diverge to higher costs, as from the kinks of |u|: the problem is not unbounded then.
         uphill = rolled.cost > idle_cost(evaluation, session.step, rolled)
         endless = "" if uphill else runaway_inputs(session.problem, plan.u)
     report, replays = referee_plan(evaluation, session.step, rolled, plan.gains)
@@ -115,7 +115,7 @@ def status_of(
     evaluation: Evaluation,
     unbounded: bool,
 ) -> Status:
-    """Combine audit, certificate and, where these find no answer, the solver's status."""
+    """Return the status by audit and certificate, or the solver's own where these confirm no answer."""
     result = outcome.result
     if result.status is Status.INTERRUPTED:
         return result.status
@@ -125,8 +125,8 @@ def status_of(
         return Status.DIVERGED
     if not is_feasible(outcome.nlp, audit):
         return Status.INEXACT if result.ok else result.status
-    # A force from afar moves what its exact replay does not: that is smoothing, and no dead end.
-    # And where standing still breaks constraints that the plan keeps, the plan is better.
+    # A force at a distance moves bodies that stay where they are in the exact replay: that is smoothing, no dead end.
+    # Where standing still violates constraints that the plan satisfies, the plan is better.
     stands_still = audit.state_gap <= STILL * outcome.nlp.problem.scales.x.max() and np.isfinite(idle)
     blind = audit.active_steps == 0 and audit.task_gradient < _NO_TASK_GRADIENT and stands_still
     sloped = certificate.slope > CONTENT * span
@@ -141,7 +141,7 @@ def status_of(
 
 
 def session_record(session: Session, seed: int) -> dict[str, Any]:
-    """Return everything that determines an answer, ready for JSON."""
+    """Return a JSON-serialisable dict of everything that determines an answer."""
     problem, policy = session.problem, session.policy
     learned = session.law if isinstance(session.law, LearnedLaw) else None
     return {
@@ -170,16 +170,16 @@ def session_record(session: Session, seed: int) -> dict[str, Any]:
 
 logger = logging.getLogger(__name__)
 FEASIBLE = 1e-6
-"""Violation of a constraint, in natural units, up to which a point keeps it."""
+"""Largest violation of a constraint or bound, in natural units, of a feasible point."""
 
 
 @contextmanager
 def keep_best_on_interrupt(session: Session, seed: int, progress: Progress | None) -> Iterator[Progress]:
     """Yield the callback that a solve of the session calls after each stage.
 
-    If Ctrl-C ends the solve, raises :class:`~ocp.solution.Interrupted` with the best
-    point of it, judged, its status :attr:`~ocp.programs.solver.Status.INTERRUPTED`; before a solver
-    has run at all, there is none, and KeyboardInterrupt is raised as it came.
+    If Ctrl-C ends the solve, raises :class:`~ocp.solution.Interrupted` with its best point as a judged
+    solution of status :attr:`~ocp.programs.solver.Status.INTERRUPTED`; before the first run of the
+    solver has ended, KeyboardInterrupt propagates.
     """
     recorder = InterruptRecorder(session, progress)
     session.solver.on_result = lambda program, result: recorder.ends.append((program, result))
@@ -197,7 +197,7 @@ def keep_best_on_interrupt(session: Session, seed: int, progress: Progress | Non
 
 @dataclass
 class InterruptRecorder:
-    """Stages of a solve, and where each run of the solver ended, in whatever program."""
+    """Recorder of a solve's stages, and of the program and result of each run of the solver."""
 
     session: Session
     progress: Progress | None
@@ -205,13 +205,13 @@ class InterruptRecorder:
     ends: list[tuple[Program, Result]] = field(default_factory=list)
 
     def add_stage(self, stage: StageRecord) -> None:
-        """Record a stage, and pass it on."""
+        """Record a stage, and pass it to the ``progress`` callback."""
         self.records.append(stage)
         if self.progress is not None:
             self.progress(stage)
 
     def solution(self, seed: int) -> Solution:
-        """Return the best point as a judged solution, with all work counted."""
+        """Return the best point as a judged solution, with the iterations and seconds of all runs."""
         nlp = self.session.nlp_of("product")
         results = [result for _, result in self.ends]
         trace = Trace(
@@ -242,9 +242,9 @@ class InterruptRecorder:
 
 @contextmanager
 def collect_failures(failures: list[Exception]) -> Iterator[None]:
-    """Append to ``failures`` what one of several candidates raises, so that others go on.
+    """Append to ``failures`` the exception that one of several candidates raises, so that the others are tried.
 
-    An :class:`~ocp.errors.InputError`, which every candidate would raise, goes through.
+    An :class:`~ocp.errors.InputError`, which every candidate would raise, propagates.
     """
     try:
         with interruptible():
@@ -259,6 +259,6 @@ def collect_failures(failures: list[Exception]) -> Iterator[None]:
 
 
 def add_failures(solution: Solution, failures: list[Exception]) -> Solution:
-    """Put the errors that other candidates ended in, if any, into a solution's route."""
+    """Return the solution with the errors of failed candidates, if any, in its route report."""
     messages = [f"{type(error).__name__}: {abbreviated(str(error))}" for error in failures]
     return solution.with_route(failures=messages)

@@ -1,4 +1,4 @@
-"""Label trajectories: names, units and times on every array."""
+"""Datasets of solutions: trajectories with names, units and times on every array."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 Variables = dict[str, Any]
-"""What a Dataset is built of, by name: dimensions, values and attributes."""
+"""Mapping from the name of a Dataset's variable to its dimensions, values and attributes."""
 
 
 def label(
@@ -31,12 +31,12 @@ def label(
     evaluation: Evaluation,
     refereed: Rollout,
 ) -> xr.Dataset:
-    """Return the dataset that :class:`~ocp.solution.Solution` documents."""
+    """Return a solution's dataset, whose variables :class:`~ocp.solution.Solution` documents."""
     import xarray as xr
 
     problem = nlp.problem
     system = problem.system
-    # A law that averages has each contact often.
+    # A law that averages over branches has each contact once per branch.
     signals = {
         "state": system.states,
         "control": system.inputs,
@@ -44,7 +44,7 @@ def label(
         "contact": nlp.step.contacts,
     }
     entry_units, units = units_of(signals)
-    # Collected and built at once: each variable that is set in a Dataset aligns all the others.
+    # The Dataset is built at once: setting one variable would align all the others each time.
     variables = _trajectories(nlp, plan, replay, refereed, units)
     for name, x in (("phi", plan.x), ("phi_replay", replay.x)):
         phi = evaluation.signed_distances(x)

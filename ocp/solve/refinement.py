@@ -19,15 +19,15 @@ from ocp.programs.solver import Status
 from ocp.solution import Solution
 
 AGREED = 0.05
-"""Largest difference of a plan's cost and that of its replay at h/2, as a share of the cost, that counts as none."""
+"""Largest difference between the costs of a plan and of its replay at h/2, as a share, at which they agree."""
 HALVINGS = 4
 """Maximum number of halvings: at h/16 a solve has sixteen times the variables."""
 _PERTURBATION = 1e-7
-"""Change of a state at the start, in its characteristic size, whose growth is measured."""
+"""Perturbation of an initial state, in its characteristic size, whose growth is measured."""
 
 
 def replay_level(solution: Solution) -> Level:
-    """Replay the inputs, or the policy, of a solution at half its step and compare the costs."""
+    """Return the cost of a solution and that of its inputs, or policy, replayed at half the step."""
     problem, x0 = solution.problem, solution.data["x"].values[:, 0]
     evaluation = Evaluation(problem, solution.values)
     replay, _ = refined_replay(evaluation, solution.inputs, x0, factor=2)
@@ -38,9 +38,9 @@ def replay_level(solution: Solution) -> Level:
 
 
 def perturbation_growth(solution: Solution) -> float:
-    """Return the largest factor by which a small change of the start grows along a plan.
+    """Return the largest factor by which a small change of the initial state grows along a plan.
 
-    Measured by replays from starts with one state changed each, in characteristic sizes.
+    Each replay starts with one state changed; changes are in characteristic sizes.
     """
     problem, inputs = solution.problem, solution.inputs
     sizes = problem.scales.x
@@ -51,10 +51,10 @@ def perturbation_growth(solution: Solution) -> float:
 
 
 def divided_step(problem: Problem, values: dict[str, float], factor: int) -> dict[str, Any]:
-    """Return N and the step size, by name, for the same duration in ``factor`` times as many steps.
+    """Return a dict of N and the step size's parameter for the same duration in ``factor`` times as many steps.
 
     Where the step size is a state, the parameters that bound it are divided.
-    Raises :class:`~ocp.errors.InputError` where h is no step of a discretisation.
+    Raises :class:`~ocp.errors.InputError` where h is not the step of a discretisation.
     """
     step_size = step_size_kind(problem.system)
     if step_size.kind == "fixed":
@@ -71,11 +71,10 @@ def divided_step(problem: Problem, values: dict[str, float], factor: int) -> dic
 
 
 def refine_step_size(coarse: Solution, solve_again: Callable[[dict[str, Any], Solution], Solution]) -> Solution:
-    """Plan at h/2, h/4, ... from the last plan, until plan and replay at half the step agree.
+    """Solve at h/2, h/4, ... from the last plan, until the costs of plan and replay at half the step agree.
 
-    ``solve_again`` solves at other values by name (:func:`divided_step`), from a solution. The last
-    plan that is solved is returned, with every level in its ``route.refinement``. Raises as
-    :func:`divided_step` does.
+    ``solve_again`` solves with the values of :func:`divided_step`, from a solution. Returns the last
+    plan that is solved, with every level in its ``route.refinement``. Raises as :func:`divided_step` does.
     """
     finest, levels, stopped, iterations = coarse, [replay_level(coarse)], "", coarse.iterations
     divided = [divided_step(coarse.problem, coarse.values, 2**k) for k in range(1, HALVINGS + 1)]

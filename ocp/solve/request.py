@@ -20,8 +20,7 @@ from ocp.transcription.factories import law_settings, laws_with
 ProblemSource: TypeAlias = Any
 """Builder of a problem at any parameters: a :class:`problems.ProblemSpec`."""
 ProblemLike = Problem | ProblemSource | str | PathLike[str]
-"""A problem, what builds one (:class:`problems.ProblemSpec`), the ``Params`` of one, a registered
-name, or a file."""
+"""A problem, a :class:`problems.ProblemSpec`, the ``Params`` of one, a registered name, or the path of a file."""
 
 
 def resolve_problem(
@@ -32,12 +31,12 @@ def resolve_problem(
     keywords: Mapping[str, Any],
     solver: str,
 ) -> tuple[Problem, dict[str, Any]]:
-    """Build the problem at its parameters, and collect the settings of the law.
+    """Return the problem at its parameters, and a dict of the law's settings.
 
-    ``keywords`` are parameters of the problem or settings of the law, whichever has the name.
+    Each of ``keywords`` is a parameter of the problem or a setting of the law.
 
-    Raises :class:`~ocp.errors.InputError` for a keyword that neither has, that both have, or that
-    ``params`` or ``contact_settings`` give too, and for parameters of a problem that is built.
+    Raises :class:`~ocp.errors.InputError` for a keyword that neither has, that both have, or that is also in
+    ``params`` or ``contact_settings``, and for parameters where ``problem`` is already built.
     """
     if hasattr(type(problem), "model_fields"):
         problem = plugins.problems.get(problem)
@@ -56,7 +55,7 @@ def resolve_problem(
 def rebuilder(problem: ProblemLike) -> Callable[[Problem, dict[str, Any]], Problem]:
     """Return a function ``(problem, values) -> Problem`` that rebuilds the problem with other parameter values.
 
-    A problem object changes its N and keeps all else; a named one is built as with these parameters.
+    Of a problem object only N and recorded settings change; a named one is built again from its parameters.
     """
 
     def build(built: Problem, changed_values: dict[str, Any]) -> Problem:
@@ -79,7 +78,7 @@ def split_keywords(
     keywords: Mapping[str, Any],
     solver: str,
 ) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Parameters of the problem and settings of the law; raises as :func:`resolve_problem` does."""
+    """Return the parameters of the problem and the settings of the law; raise as :func:`resolve_problem` does."""
     takes = () if isinstance(source, Problem) else tuple(source.Params.model_fields)
     for_problem, for_law = dict(params or {}), dict(contact_settings or {})
     settings = law_settings(contact)
@@ -100,9 +99,9 @@ def split_keywords(
 
 
 def check_setting_names(settings: Mapping[str, Any], solver: str) -> None:
-    """Refuse a setting that is neither ours nor an option of the solver.
+    """Raise :class:`~ocp.errors.InputError` for a setting that is neither of ``ocp solve`` nor of the solver.
 
-    Raises :class:`~ocp.errors.InputError` with the one that was meant, and where all are listed.
+    The message suggests the nearest name, and says how to list all.
     """
     choose("solver", solver, SOLVERS)
     for key in sorted(set(settings) - set(SOLVE_SETTINGS)):
@@ -132,7 +131,7 @@ def _unknown_keyword(
     settings: tuple[str, ...],
     solver: str,
 ) -> str:
-    """Say where a keyword belongs that neither the problem nor the law has."""
+    """Return the message for a keyword that neither the problem nor the law has."""
     if key.startswith("policy") or key in SOLVE_SETTINGS or has_option(solver, key):
         return f"{key} is not an argument of solve; use settings={{{key!r}: ...}}"
     built_parts = [
@@ -159,7 +158,7 @@ def _unknown_keyword(
 
 @dataclass(frozen=True)
 class Settings(Configured):
-    """Validated settings; ``options`` go to the solver, which knows their types."""
+    """Validated settings of a solve; ``options`` are those of the solver, which checks them."""
 
     homotopy: bool | None = setting(
         None,
@@ -182,25 +181,25 @@ class Settings(Configured):
     options: dict[str, Any] = field(default_factory=dict)
 
     def given(self) -> dict[str, Any]:
-        """Return the settings that differ from their defaults, and the solver's options, by name."""
+        """Return a dict of the settings that differ from their defaults, and of the solver's options."""
         values = {key: getattr(self, key) for key in SOLVE_SETTINGS}
         changed = {key: value for key, value in values.items() if value != SOLVE_SETTINGS[key].default}
         return {**changed, **self.options}
 
     @classmethod
     def read(cls, raw: Mapping[str, Any]) -> Settings:
-        """Read strings (or values) by key; raises :class:`~ocp.errors.InputError`."""
+        """Return the settings in a dict of strings or values; raise :class:`~ocp.errors.InputError` for bad values."""
         values = {key: about.read(raw[key], "setting ") for key, about in SOLVE_SETTINGS.items() if key in raw}
         options = {k.removeprefix("ipopt."): literal(v) for k, v in raw.items() if k not in SOLVE_SETTINGS}
         return cls(**values, options=options)
 
 
 SOLVE_SETTINGS = settings_of(Settings)
-"""Our own settings of a solve by name."""
+"""Mapping from the name to the description of each setting of a solve, without the solver's options."""
 
 
 def literal(value: Any) -> Any:
-    """Turn a word into an int, float or bool where it reads as one (:mod:`dynamics.settings`)."""
+    """Return a string as an int, float or bool where it reads as one (:mod:`dynamics.settings`), else unchanged."""
     if not isinstance(value, str):
         return value
     if (number := parse_float(value)) is not None:

@@ -1,4 +1,4 @@
-"""The one entry: a problem, a law, a method, a policy and a solver in, a judged solution out."""
+"""Entry point of a solve: from a problem, a law, a method, a policy and a solver to a judged solution."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def solve(
     contact_settings: Mapping[str, Any] | None = None,
     **keywords: Any,
 ) -> Solution:
-    """Solve ``problem``, audit the answer, certify it and have it refereed, as ``ocp solve`` does.
+    """Solve ``problem`` and judge the answer by audit, certificate and referee, as ``ocp solve`` does.
 
     Problem, law, method and policy are objects or names, with the defaults of the command line::
 
@@ -56,12 +56,12 @@ def solve(
 
     ``problem`` may also be the path of a file, or parameters, which editors complete: ``push_disc.Params(M=2.0)``.
     A named problem or law takes its settings as ``keywords``, or in ``params`` (of the problem) and
-    ``contact_settings`` (of the law) where a name stands for two things. ``settings`` are those of ``-s``: the
-    method's, the solver's, and ``policy.<name>``, or an :class:`ocp.Settings`.
+    ``contact_settings`` (of the law) where both have the name. ``settings`` are those of ``-s``: the method's, the
+    solver's, and ``policy.<name>``, or an :class:`ocp.Settings`.
 
     ``n_starts`` > 1 solves from as many guesses, the first the problem's own, the others perturbed by seeded noise of
-    0.3 characteristic units; the best certified answer wins, by its own cost or, with ``rank_by``, by what it costs
-    under the ``"exact"`` law or by the ``"referee"``. ``Solution.route.attempts`` lists the others.
+    0.3 characteristic units; the best certified answer is returned, by its own cost or, with ``rank_by``, by its cost
+    when replayed under the ``"exact"`` law or by the ``"referee"``. ``Solution.route.attempts`` lists all of them.
 
     ``warm_start`` is a solution of the same problem, at other parameters, on another mesh or horizon, under another
     law or by another method, whose trajectories and multipliers the solver starts at
@@ -80,7 +80,7 @@ def solve(
     ``refine`` plans again at half the step, from the last plan, until its cost and that of its replay at half the
     step agree (:func:`~ocp.solve.refinement.refine_step_size`).
 
-    Raises :class:`~ocp.errors.InputError` for settings, names or combinations that cannot be.
+    Raises :class:`~ocp.errors.InputError` for invalid settings, names or combinations.
     """
     check_starts(n_starts, seed, rank_by)
     _check_beginnings(search, warm_start, guess, n_starts)
@@ -99,7 +99,7 @@ def solve(
 
 
 def _check_beginnings(search: bool | None, warm_start: Solution | None, guess: GuessLike | None, n_starts: int) -> None:
-    """Raise :class:`~ocp.errors.InputError` where two arguments say where to begin."""
+    """Raise :class:`~ocp.errors.InputError` where another argument conflicts with ``warm_start``."""
     for name, exclusive in (("search", search), ("guess", guess is not None)):
         if exclusive and warm_start is not None:
             raise InputError(f"warm_start and {name} both say where to begin; give one of them")
@@ -110,7 +110,7 @@ def _check_beginnings(search: bool | None, warm_start: Solution | None, guess: G
 def begin_at(
     session: Session, guess: GuessLike | None, search: bool | None, effort: Effort = DEFAULT_EFFORT
 ) -> Session:
-    """Return the session with another guess, where one is given, with the choice of a search, and its effort."""
+    """Return the session with a user's guess, if any, choice of search and effort; check that they go together."""
     if effort == "thorough" and (search is False or not can_exceed_route(session)):
         raise InputError(
             "effort thorough would have no effect: it searches under the exact law, by the direct method and without"
@@ -139,7 +139,7 @@ def refine_from(
 ) -> Solution:
     """Refine a session's solution, see :func:`~ocp.solve.refinement.refine_step_size`.
 
-    ``build`` makes the problem anew, of that one, at other values by name.
+    ``build`` rebuilds a problem with other parameter values, a dict from name to value.
     """
 
     def again(changed_values: dict[str, Any], warm_start: Solution) -> Solution:
@@ -156,11 +156,11 @@ def refine_from(
 def solve_from(
     session: Session, start: Solution, seed: int = 0, progress: Callable[[StageRecord], None] | None = None
 ) -> Solution:
-    """Solve a session from a solution; the record says which, and whether it converged so.
+    """Solve a session from the solution ``start``; the route says which it was, and whether that converged.
 
-    Where it did not, the usual path was followed with its trajectories as the guess. Raises as
-    :func:`~ocp.solve.warm_start.carry` does, and :class:`~ocp.solution.Interrupted` with the best point,
-    where Ctrl-C ends it.
+    Where it did not, its trajectories are the guess of a usual solve. Raises as
+    :func:`~ocp.solve.warm_start.carry` does, and :class:`~ocp.solution.Interrupted` with the best point
+    where Ctrl-C ends the solve.
     """
     if start.route.swept:
         session = as_swept(session)
@@ -188,10 +188,10 @@ def new_session(
     contact_settings: Mapping[str, Any] | None = None,
     **keywords: Any,
 ) -> Session:
-    """Build what a solve, or a whole study, needs once; arguments as :func:`solve` has them.
+    """Return the session of a solve, or of a whole study; the arguments are those of :func:`solve`.
 
-    Raises :class:`~ocp.errors.InputError` for what cannot be, what would not fit into memory, and
-    a setting that would change nothing.
+    Raises :class:`~ocp.errors.InputError` for invalid arguments, for a problem that would not fit into memory, and
+    for a setting that would change nothing.
     """
     raw_settings = settings.given() if isinstance(settings, Settings) else settings or {}
     policy_values, own_settings = split_policy_settings(raw_settings)
@@ -222,7 +222,7 @@ def new_session(
 
 
 def _check_use(session: Session, given_names: set[str]) -> None:
-    """Raise InputError for a setting of ours that this law and method have no use for."""
+    """Raise InputError for a setting that has no effect under the session's law and method."""
     follows_path = not session.step.exact and session.schedule() is not None
     useful = {"strategy"} if session.complementary else set()
     if follows_path or (session.step.exact and not session.complementary):
@@ -236,5 +236,5 @@ def _check_use(session: Session, given_names: set[str]) -> None:
             f"{' and '.join(unused)} would have no effect for the {session.law.name} law by"
             f" {session.method.name}{advice}; drop {'it' if len(unused) == 1 else 'them'}"
         )
-    # Now, so that a path of too many stages is refused before any work.
+    # Raises where the path has too many stages, before any work.
     _ = session.seconds

@@ -1,4 +1,4 @@
-"""Solutions from one or several guesses and from a search, and the best of them."""
+"""Solutions from one or several guesses and from searches, and the choice of the best."""
 
 from __future__ import annotations
 
@@ -24,18 +24,17 @@ if TYPE_CHECKING:
     from ocp.search.search import Search
 
 Rank = Literal["planned", "exact", "referee"]
-"""Order of several answers: their cost under the law, replayed under the exact one, or by the
-referee."""
+"""Cost by which answers are ranked: under the law, replayed under the exact law, or replayed by the referee."""
 WAYS = 4
-"""Ways to try before standing still is called the best, each by a guess of its own."""
+"""Number of guesses to solve from before standing still is accepted as the best answer."""
 CERTIFIED_SHARE = 0.01
-"""Share of the cost that a certificate is worth: so much dearer an answer may be than one without."""
+"""Excess cost, as a share, below which a certified answer is preferred to a cheaper one without a certificate."""
 _FEASIBLE = {Status.SOLVED: 0, Status.NOT_OPTIMAL: 0, Status.UNDECIDED: 0, Status.NO_PROGRESS: 1}
-"""Ends that are feasible, and their order."""
+"""Mapping from each status of a feasible end to its rank, lower is better."""
 
 
 def check_starts(n_starts: int, seed: int = 0, rank_by: str = "planned") -> None:
-    """Raise :class:`~ocp.errors.InputError` for starts, a seed or a rank that cannot be."""
+    """Raise :class:`~ocp.errors.InputError` for an invalid number of starts, seed or rank."""
     if not 1 <= validated("n_starts", n_starts, Count) <= 10_000:
         raise InputError(f"n_starts must be from 1 to 10000, got {n_starts}")
     validated("seed", seed, Index)
@@ -51,12 +50,12 @@ def solve_session(
 ) -> Solution:
     """Solve a session from one or several guesses.
 
-    A search over pushes replaces these where it is chosen, or the scene has many corners, and it
-    finds anything; it comes after them where their answer falls short
+    A search over pushes replaces the guesses where the search is chosen or the scene has many corners, and
+    yields an answer; it follows them where their answer falls short
     (:meth:`ocp.search.push_search.PushSearch.wanted`).
 
-    Raises :class:`~ocp.solution.Interrupted`, with the best answer so far, or in the first start
-    with the best point so far, where Ctrl-C ends it.
+    Raises :class:`~ocp.solution.Interrupted` where Ctrl-C ends it, with the best answer so far, or during
+    the first start with the best point so far.
     """
     solutions: list[Solution] = []
     failures: list[Exception] = []
@@ -86,7 +85,7 @@ def solve_session(
 def search_further(
     session: Session, solutions: list[Solution], failures: list[Exception], searches: list[Search], rank_by: Rank
 ) -> Solution:
-    """Return the best of ``solutions`` and of those that searches add; raise the first failure without any.
+    """Return the best of ``solutions`` and of those that searches add; without solutions raise the first failure.
 
     Raises :class:`~ocp.solution.Interrupted` with the best so far where Ctrl-C ends a search.
     """
@@ -107,12 +106,12 @@ def search_further(
 
 
 def can_exceed_route(session: Session) -> bool:
-    """Return whether more effort than the usual route's is possible: for pairs of one exact law in the program."""
+    """Return whether searches can add to the usual route: complementarity of one exact law is part of the NLP."""
     return session.complementary and session.step.branches == 1
 
 
 def searches_of(session: Session, seed: int, progress: Callable[[StageRecord], None] | None) -> list[Search]:
-    """Return what is tried beside the usual route, in order."""
+    """Return the searches to run in addition to the usual route, in order."""
     pushing = bool(session.problem.system.scene)
     eager = session.effort != "quick" and can_exceed_route(session)
     if session.search is False or not (session.search or eager or pushing or session.user_guess is not None):
@@ -142,9 +141,9 @@ def _stands_still(solution: Solution) -> bool:
 
 
 def best_of(session: Session, solutions: list[Solution], rank_by: Rank = "planned") -> Solution:
-    """Return the best certified answer, with the others listed and the work of all counted.
+    """Return the best answer, with all attempts listed and their iterations and seconds added up.
 
-    To stand still counts as one where it may, see :func:`accept_standing_still`.
+    Standing still counts as solved where :func:`accept_standing_still` says so.
     """
     solutions = accept_standing_still(session, solutions)
     best = best_solution(solutions, rank_by)
@@ -168,10 +167,10 @@ def best_of(session: Session, solutions: list[Solution], rank_by: Rank = "planne
 
 
 def accept_standing_still(session: Session, solutions: list[Solution]) -> list[Solution]:
-    """The solutions, of which those that rightly stand still count as solved.
+    """Return the solutions, with status SOLVED where standing still is the best answer.
 
-    That is certified, costs no more than any feasible end, and is what was found by several ways
-    that feel contact from afar. ``route.idle_attempts`` counts those with a certified end.
+    It is where it is certified, costs no more than any feasible end, and several solves that follow a smoothing
+    had certified ends, which ``route.idle_attempts`` counts.
     """
     certified_solutions = [
         solution for solution in solutions if solution.status in _FEASIBLE and solution.certificate.certified
@@ -189,11 +188,11 @@ def accept_standing_still(session: Session, solutions: list[Solution]) -> list[S
 
 
 def best_solution(solutions: Sequence[Solution], by: Rank = "planned") -> Solution:
-    """Return the solution that does best: feasible ones first, then by what the exact replay costs.
+    """Return the best solution: a feasible one of the lowest cost, as ``by`` defines the cost.
 
-    For another law than the exact one the planned cost counts, as for another order ``by``. Of costs that differ by
-    less than :data:`CERTIFIED_SHARE` a certified answer is preferred, of equal ones one that survives the referee.
-    Of a scene, answers that survive it come before all others.
+    Under the exact law the planned cost is that of the exact replay. Among costs that differ by less than
+    :data:`CERTIFIED_SHARE` a certified answer is preferred, among equal ones one that survives the referee.
+    In a scene, answers that survive it at the plan's step come before all others.
     """
     least = min(map(_order_of_end, solutions))
     feasible = [solution for solution in solutions if _order_of_end(solution) == least]
@@ -211,7 +210,7 @@ def best_solution(solutions: Sequence[Solution], by: Rank = "planned") -> Soluti
 
 
 def _order_of_end(solution: Solution) -> int:
-    """Order the ends of solves: feasible, standing still, neither; of a scene those that survive first."""
+    """Return the rank of an end: 0 feasible, 1 standing still, 2 other; 3 more where a scene's referee fails it."""
     fails_referee = solution.referee.survives_at_h is False and bool(solution.problem.system.scene)
     return _FEASIBLE.get(solution.status, 2) + 3 * fails_referee
 

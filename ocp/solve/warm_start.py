@@ -1,7 +1,7 @@
-"""Carry a solution to another NLP of its problem: other parameters, mesh, horizon, law, method.
+"""Transfer of a solution to an NLP of its problem with other parameters, mesh, horizon, law or method.
 
-A solution is the trajectories and, block by block, the multipliers that :func:`multipliers` adds
-to its arrays. Quantities of an interval belong to its end, as the implicit steps here have it.
+A solution consists of trajectories and, block by block, of the multipliers that :func:`multipliers` adds
+to its arrays. Values of an interval belong to the time of its end, since steps are implicit.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from ocp.transcription.nlp import NLP
 
 
 class StoredPlan(NamedTuple):
-    """Trajectories, ``problem``, ``method`` and status of a solution, as :func:`carry` reads them."""
+    """The parts of a solution that :func:`carry` reads: dataset, record (``problem``, ``method``) and status."""
 
     data: xr.Dataset
     record: dict[str, Any]
@@ -37,24 +37,24 @@ SIGNAL_BLOCKS = {
     "control": ("u", "policy", "u_bound"),
     "contact": ("lam", "gap", "gap_definition", "contact", "separation"),
 }
-"""Blocks whose last axis is states, inputs or contacts."""
+"""Mapping from a kind of signals to the blocks of an NLP whose last axis consists of such signals."""
 BLOCK_SIGNALS = {name: kind for kind, names in SIGNAL_BLOCKS.items() for name in names}
 """Kind of the signals along the last axis of each block."""
 _ONCE = {"terminal", "x0", "periodic"}
-"""Blocks that belong to no step."""
+"""Blocks that occur once in an NLP instead of once per step."""
 _WHOLE = {"dynamics", "contact", "separation", "K", "k"}
-"""Multipliers that a finer mesh leaves as they are; all others are shared out among the steps."""
+"""Blocks whose multipliers do not depend on the mesh; all others are proportional to the step size."""
 _IMPULSE = "N s"
-"""Unit of what scales with the step: half the step, half the impulse."""
+"""Unit of signals that are proportional to the step size: half the step, half the impulse."""
 _LEAST = 1e-12
-"""Smallest mu, in characteristic units, whose path a pair is put on."""
+"""Minimum mu, in characteristic units, of the central path that a pair is moved to."""
 
 
 def multipliers(nlp: NLP, point: Point) -> dict[str, Any]:
-    """Name a point's multipliers by block, as variables of the dataset of a solution.
+    """Return a point's multipliers by block, as variables of a solution's dataset.
 
-    ``lam_g_<block>`` belong to constraints, ``lam_x_<block>`` to bounds; both are zero where
-    nothing holds, positive at upper bounds. A point without multipliers has none.
+    ``lam_g_<block>`` belong to constraints, ``lam_x_<block>`` to bounds; both are zero where the
+    limit is inactive, positive at upper limits. The dict is empty for a point without multipliers.
     """
     variables: dict[str, Any] = {}
     for prefix, vector, layout in (("lam_g", point.lam_g, nlp.constraints), ("lam_x", point.lam_x, nlp.variables)):
@@ -78,7 +78,7 @@ def _dimensions(name: str, shape: tuple[int, ...], nlp: NLP) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class _Mesh:
-    """Ends [s] of old and new intervals, matched by time unless there are as many."""
+    """Ends [s] of old and new intervals, matched by time where their numbers differ, else one by one."""
 
     old: np.ndarray
     new: np.ndarray
@@ -98,7 +98,7 @@ class _Mesh:
         return np.full(len(self.new), False) if self.same else starts > self.old[-1] * (1 - 1e-9)
 
     def interpolate(self, values: np.ndarray, axis: int, first: np.ndarray | None = None) -> np.ndarray:
-        """Interpolate along an axis of intervals, ``first`` at time 0; hold beyond the ends."""
+        """Return values interpolated along an axis of intervals, ``first`` at time 0, constant beyond the ends."""
         if self.same or values.shape[axis] == 1:
             return values
         interval_values, times = np.moveaxis(values, axis, 0), self.old
@@ -111,15 +111,15 @@ class _Mesh:
 
 
 def carry(solution: Solution | StoredPlan, nlp: NLP, values: dict[str, float]) -> Point:
-    """Write a solution into the variables and multipliers of ``nlp`` at parameter ``values``.
+    """Return a solution as variables and multipliers of ``nlp`` at parameter ``values``.
 
-    As many steps are taken over one by one. With another number trajectories are interpolated in
-    time, impulses scaled with the step; beyond the old end the last state and input are held with
-    the contact that they have, and a shorter horizon cuts. Contacts of another law are solved
-    anew. Where the law smooths, each pair is put on its central path, the larger member kept.
+    With equal numbers of steps values are copied step by step. Otherwise trajectories are interpolated
+    in time, and impulses scaled with the step; beyond the old end the last state and input are held, with
+    their contact solved for. So are contacts of another law. Where the law smooths, each pair is moved to
+    its central path, with the larger member kept.
 
-    Raises :class:`~ocp.errors.InputError` for a solution of another problem, or of one with other
-    states or inputs, or one that is not finite.
+    Raises :class:`~ocp.errors.InputError` for a solution of another problem, with other states or
+    inputs, or that is not finite.
     """
     _check(solution, nlp)
     carrier = _Carrier(solution, nlp.problem, values)
@@ -127,7 +127,7 @@ def carry(solution: Solution | StoredPlan, nlp: NLP, values: dict[str, float]) -
     lam_g = carrier.duals("lam_g", nlp.constraints, nlp.method)
     lam_x = carrier.duals("lam_x", nlp.variables, nlp.method)
     if not lam_x or ("dynamics" in nlp.constraints and "dynamics" not in lam_g):
-        # Without those of the dynamics the rest says little: the solver had better estimate all.
+        # Without the multipliers of the dynamics the others help little: the solver estimates all.
         return Point(x)
     if "contact" in nlp.constraints and "contact" not in lam_g and "gap" in lam_x:
         blocks = nlp.variables.unpack(x)
@@ -138,7 +138,7 @@ def carry(solution: Solution | StoredPlan, nlp: NLP, values: dict[str, float]) -
 def carried_guess(
     solution: Solution | StoredPlan, problem: Problem, values: dict[str, float]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """States (N+1, nx) and inputs (N, nu) of a solution, on the problem's mesh, as a guess."""
+    """Return the mean states (N+1, nx) and inputs (N, nu) over a solution's scenarios, on the problem's mesh."""
     carrier = _Carrier(solution, problem, values)
     x, u = carrier.trajectories()
     return np.concatenate([carrier.first_states(len(x)), x], axis=1).mean(axis=0), u.mean(axis=0)
@@ -165,9 +165,9 @@ def _check(solution: Solution | StoredPlan, nlp: NLP) -> None:
 
 
 def _contact_duals(lam: np.ndarray, gap: np.ndarray, lam_x: dict[str, np.ndarray], exact: bool) -> np.ndarray:
-    """Multipliers of ``lam gap = mu`` (or <= t) from those of fixed pairs; changes ``lam_x``."""
-    # A fixed pair's smaller member is held at zero by a force of either sign. It equals the
-    # product's multiplier times the larger member; a bound takes what pulls below zero.
+    """Return the multipliers of ``lam gap = mu`` (or <= t) from those of fixed pairs, and change ``lam_x``."""
+    # The multiplier of a fixed pair's smaller member, held at zero, has either sign. It equals the
+    # product's multiplier times the larger member; under the exact law its negative part stays with the bound.
     active = lam > gap
     pair_forces = np.where(active, lam_x["gap"], lam_x["lam"])
     product_forces = np.maximum(pair_forces, 0.0) if exact else pair_forces
@@ -177,7 +177,7 @@ def _contact_duals(lam: np.ndarray, gap: np.ndarray, lam_x: dict[str, np.ndarray
 
 
 class _Carrier:
-    """One solution on its way to another mesh of its problem."""
+    """Transfer of one solution to another mesh of its problem."""
 
     def __init__(self, solution: Solution | StoredPlan, problem: Problem, values: dict[str, float]) -> None:
         self.solution, self.data = solution, solution.data
@@ -191,12 +191,12 @@ class _Carrier:
 
     @property
     def free_steps(self) -> list[int]:
-        """States that the step size is made of."""
+        """Indices of the states on which the step size depends."""
         system = self.problem.system
         return ca.jacobian(ca.SX(system.h), system.x).sparsity().get_col()
 
     def first_states(self, rows: int) -> np.ndarray:
-        """States x_0 (rows, 1, nx): the problem's, or the old ones where the start is chosen."""
+        """Return initial states (rows, 1, nx): the problem's, or the old ones where the start is optimised."""
         start_states = self.evaluation.initial_states[:, None]
         if self.problem.start is not None:
             start_states = self.data["x"].values[:, :1].mean(axis=0, keepdims=True)
@@ -204,14 +204,14 @@ class _Carrier:
         return np.broadcast_to(start_states, (rows, *start_states.shape[1:]))
 
     def _scenarios(self, array: np.ndarray) -> np.ndarray:
-        """As many rows as there are scenarios; where that changed, each the mean of the old."""
+        """Return an array with one row per scenario; where their number changed, each row is the mean of the old."""
         S = self.problem.scenarios.n
         if len(array) == S:
             return array
         return np.broadcast_to(array.mean(axis=0, keepdims=True), (S, *array.shape[1:]))
 
     def trajectories(self) -> tuple[np.ndarray, np.ndarray]:
-        """States at the ends of intervals (S, N, nx) and inputs (S, N, nu)."""
+        """Return states at the ends of intervals (S, N, nx) and inputs (S, N, nu)."""
         mesh, problem, old_states = self.mesh, self.problem, self.data["x"].values
         u_before = self.evaluation.limits.u_before if problem.uses_du else None
         x = mesh.interpolate(old_states[:, 1:], 1, old_states[:, 0].mean(axis=0)).copy()
@@ -220,7 +220,7 @@ class _Carrier:
         return self._scenarios(x), self._scenarios(u)
 
     def variables(self, nlp: NLP) -> dict[str, np.ndarray]:
-        """Values of the blocks of variables."""
+        """Return a dict from each block of the NLP's variables to its values."""
         x, u = self.trajectories()
         blocks = {"x": x, "u": u, **self._gains(u, nlp)}
         if "x0" in nlp.variables:
@@ -232,7 +232,7 @@ class _Carrier:
         return {name: value for name, value in blocks.items() if name in nlp.variables}
 
     def _sizes(self, signals: tuple[Signal, ...]) -> np.ndarray:
-        """Factors (n,) of signals: impulses scale with the step, the rest stays."""
+        """Return factors (n,) of signals: the ratio of step sizes for impulses, 1 for others."""
         return np.array([self.mesh.ratio if s.unit == _IMPULSE else 1.0 for s in signals])
 
     def _gains(self, u: np.ndarray, nlp: NLP) -> dict[str, np.ndarray]:
@@ -245,7 +245,7 @@ class _Carrier:
         return gains if steps > 1 else {n: v.mean(axis=0, keepdims=True) for n, v in gains.items()}
 
     def _contacts(self, x: np.ndarray, u: np.ndarray, step: Step) -> tuple[np.ndarray, np.ndarray]:
-        """Multipliers and gaps of all intervals (S, N, n)."""
+        """Return the contact multipliers and gaps of all intervals, (S, N, n) each."""
         p = step.p.pack(self.values)
         ahead = np.concatenate([self.first_states(len(x)), x[:, :-1]], axis=1)
         _, lam, gap, _ = at_steps(step.solve, ahead, u, p=p)
@@ -261,7 +261,7 @@ class _Carrier:
         return self._on_path(lam, gap, mu)
 
     def _on_path(self, lam: np.ndarray, gap: np.ndarray, mu: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Keep the larger of each pair, in characteristic sizes; the other follows from mu."""
+        """Return pairs with ``lam gap = mu``: the larger member, in characteristic sizes, is kept."""
         size = self.problem.scales
         mu = np.maximum(mu, _LEAST * size.impulse * size.gap)
         active = lam / size.impulse > gap / size.gap
@@ -271,7 +271,7 @@ class _Carrier:
         return np.where(active, large, small) * size.impulse, np.where(active, small, large) * size.gap
 
     def duals(self, prefix: str, layout: Layout, method: str) -> dict[str, np.ndarray]:
-        """Multipliers of the blocks that both sides have."""
+        """Return a dict from each block that both NLPs have to its multipliers; empty where some are not finite."""
         duals: dict[str, np.ndarray] = {}
         same_method = self.solution.record.get("method") == method
         for name, block in layout.blocks.items():
