@@ -11,7 +11,7 @@ _PAPERS = {
     "C": "shirai2024linear",
     "T": "zhang2023adaptive",
 }
-"""Key of a study's paper in references.bib, by the first letter of its identifier."""
+"""Mapping from the first letter of a study's identifier to the key of its paper in references.bib."""
 _FIGURES = (
     ("N0", "theory_of_noising", "Theory of noising data", "lemmas 1 to 3 and sec. IV-C"),
     ("N1", "noised_contact", "What noised data make of contact along a line", "Fig. 1, sec. IV-B and IV-C"),
@@ -67,12 +67,12 @@ _FIGURES = (
         "Thm. 4.4, 4.5, 5.1, 5.4, prop. 5.2, 5.3; and lemmas III.1, III.4 of Pathologies",
     ),
 )
-"""Identifier, module, title, and the place in the paper."""
+"""Identifier, module, title and place in the paper of every study."""
 STUDIES = {
     identifier: FigureStudy(identifier, f"{__name__}.{module}", title, Citation(_PAPERS[identifier[0]], place))
     for identifier, module, title, place in _FIGURES
 }
-"""In the order of the papers."""
+"""Mapping from identifier to study, in the order of the papers."""
 
 
 def ids() -> list[str]:
@@ -81,9 +81,9 @@ def ids() -> list[str]:
 
 
 def get(name: str) -> FigureStudy:
-    """Return the study called ``name``, upper or lower case.
+    """Return the study with the identifier ``name``, in upper or lower case.
 
-    Raises :class:`~ocp.errors.InputError` for an unknown one.
+    Raises :class:`~ocp.errors.InputError` for an unknown name.
     """
     identifiers = {identifier.lower(): identifier for identifier in STUDIES}
     return choose("figure", identifiers.get(name.lower(), name), STUDIES)

@@ -30,27 +30,27 @@ NOTES = (
 )
 
 MUS = (0.01, 0.1, 1.0)
-"""Constant mu of the curves [N s m]."""
+"""Values of the constant mu of the curves [N s m]."""
 NAMED = 0.1
-"""The one mu that the caption of fig. 1d names."""
+"""Value of mu [N s m] in the caption of fig. 1d."""
 GAPS = np.array([0.0, 1.0, 2.0, 3.0, 4.0])
 """Gaps over sigma at which mu(z) and its error are evaluated."""
 WIDTHS = np.array([0.5, 1.0, 2.0, 4.0, 8.0, 16.0])
-"""sigma over sqrt(F mu): the two softenings depend on nothing else once z is over sigma."""
+"""Ratios sigma/sqrt(F mu), on which alone the comparison of adaptive and constant mu at gaps over sigma depends."""
 COMPLIANCES = np.array([0.3, 1.0, 2.5])
-"""F at which factors of F show; eq. C.2 is monotone at the first alone."""
+"""Values of F [m/(N s)] at which missing factors F are visible; lam(z) by eq. C.2 is monotone at the first alone."""
 READINGS = {"the tail as printed": printed_kappa, "the ordinary one": ordinary_kappa}
-"""Readings of the error function that eq. 5.1 names."""
+"""Mapping from a reading of the error function in eq. 5.1 to the kappa that it gives."""
 SETTINGS = tuple((F, s) for F in (0.5, 1.0, 2.0) for s in (0.5, 1.0, 2.0))
-"""F and variance of the noise at which eq. 5.1 is held against its smoothed solution."""
+"""Pairs of F and variance of the noise at which eq. 5.1 is compared with the smoothed solution."""
 TANGENTS = np.array([-1.0, -0.5, 0.5, 1.0])
 """Gaps over sigma at which prop. 5.3's best lines are computed."""
 _REACHES = np.array([10.0, 100.0, 1000.0, 10000.0])
-"""Truncations of the noise over its scale, for its variance within."""
+"""Distances over the noise's scale within which its variance is integrated."""
 
 
 class Params(StudyParams):
-    """Parameters of A1; the paper's caption states mu = 0.1 and no other value."""
+    """Parameters of A1; the caption of the figure states mu = 0.1 and no other value."""
 
     F: float = setting(1.0, "m/(N s)", "compliance of the contact", above=0)
     sigma: float = setting(1.0, "m", "standard deviation matched by mu(z)", above=0)
@@ -59,7 +59,7 @@ class Params(StudyParams):
 
 
 def run(params: Params) -> xr.Dataset:
-    """Compute curves under the exact law, three constant mu and the adaptive law, and their checks."""
+    """Compute curves under the exact law, three constant mu and the adaptive law, and the data of the claims."""
     curves, places = _curves(params)
     checks = {**_tradeoff(params), **_noise(params), **_printed(params)}
     return dataset(
@@ -105,7 +105,7 @@ def _curves(params: Params) -> tuple[dict, dict]:
 
 
 def _tradeoff(params: Params) -> dict:
-    """Compute mu(z), error and curvature over gaps in sigma, beside the constant mu of the caption."""
+    """Compute mu(z), and error and curvature of adaptive and constant mu, at gaps in units of sigma."""
     F = params.F
     adaptive = gaussian_contact(GAPS * params.sigma, F, params.sigma)
     error, bend = np.empty((2, len(WIDTHS), len(GAPS))), np.empty((2, len(WIDTHS)))
@@ -123,7 +123,7 @@ def _tradeoff(params: Params) -> dict:
 
 
 def _noise(params: Params) -> dict:
-    """Compare each softening with an average over noise of a known density."""
+    """Compare each softened law with the exact law averaged over noise of known density."""
     F, sigma = params.F, params.sigma
     probe = np.linspace(-2, 2, 9)
     widths = np.sqrt(F * np.array(MUS))
@@ -149,15 +149,15 @@ def _noise(params: Params) -> dict:
 
 
 def _printed(params: Params) -> dict:
-    """Fit eq. 5.1 by its constants c1, c2, and compute the best lines of prop. 5.3."""
+    """Fit the constants c1, c2 of eq. 5.1 as printed, and compute the best lines of prop. 5.3."""
     F, sigma = params.F, params.sigma
     misfits = np.empty((len(READINGS), len(SETTINGS)))
     for column, (C, variance) in enumerate(SETTINGS):
         z = np.sqrt(variance) * np.linspace(-3, 3, 121)
         true = gaussian_contact(z, C, np.sqrt(variance)).lam
         for row, printed in enumerate(READINGS.values()):
-            # In N(0, sigma) and exp(-z²/(2 sigma)) of the text sigma is the variance, in its erf
-            # and Q the deviation. The better fit of the two counts.
+            # In N(0, sigma) and exp(-z²/(2 sigma)) of the paper sigma is the variance, in its erf
+            # and Q the standard deviation. The better fit of both counts.
             readings_of_sigma = (affine_misfit(printed(z, symbol), true, z) for symbol in (variance, variance**0.5))
             misfits[row, column] = min(readings_of_sigma) * C / np.sqrt(variance)
     soft = gaussian_contact(TANGENTS * sigma, F, sigma)
@@ -171,11 +171,11 @@ def _printed(params: Params) -> dict:
 
 
 _FAR_GAP = 3.0
-"""Gap over sigma from which a contact is far."""
+"""Gap over sigma from which a contact counts as far."""
 
 
 def claims(data: xr.Dataset) -> list[Claim]:
-    """Return the claims of fig. 1 (c, d) and of prop. 5.2 and 5.3, in this order."""
+    """Return the claims of Zhang et al. 2023, fig. 1c and 1d, prop. 5.2 and prop. 5.3."""
     return [*_tradeoff_claims(data), *_smoothing(data), *_printed_claims(data), *_lines(data)]
 
 

@@ -31,9 +31,9 @@ class Params(StudyParams):
 
 
 def eq5(x: np.ndarray, v: np.ndarray, u: np.ndarray, kappa: np.ndarray, m: float, h: float) -> np.ndarray:
-    """Return the next position by pathologies eq. 5: ``x+ = h s``, ``s = (s0 + sqrt(s0² + 4/(kappa m)))/2``.
+    """Return the next position [m] of Suh et al. 2022, eq. 5: ``x+ = h s``, ``s = (s0 + sqrt(s0² + 4/(kappa m)))/2``.
 
-    ``s0 = x/h + v + u/m``; for s0 < 0 the same root as ``2/(kappa m)/(r - s0)``.
+    ``s0 = x/h + v + u/m``; for s0 < 0 the same root is computed as ``2/(kappa m)/(r - s0)``.
     """
     s0 = x / h + v + u / m
     r = np.sqrt(s0**2 + 4 / (kappa * m))
@@ -41,7 +41,7 @@ def eq5(x: np.ndarray, v: np.ndarray, u: np.ndarray, kappa: np.ndarray, m: float
 
 
 def solve_qp(x: np.ndarray, v: np.ndarray, u: np.ndarray, m: float, h: float) -> tuple[np.ndarray, np.ndarray]:
-    """Solve the QP of pathologies eq. 3 at n points by an active-set method: x+ [m], lam [N s].
+    """Return x+ [m] and lam [N s] from the QP of Suh et al. 2022, eq. 3, at n points, by an active-set method.
 
     ``min m/2 (v+ - v)² - u v+`` subject to ``x/h + v+ >= 0``; lam is the constraint's multiplier.
     """
@@ -58,10 +58,7 @@ def solve_qp(x: np.ndarray, v: np.ndarray, u: np.ndarray, m: float, h: float) ->
 def newton_step(
     x: np.ndarray, v: np.ndarray, u: np.ndarray, kappa: np.ndarray, x_next: np.ndarray, m: float, h: float
 ) -> np.ndarray:
-    """Return Newton's step [m] from ``x_next`` (n,) to the minimiser of eq. 4.
-
-    Derivatives are CasADi's of the objective, which is strictly convex.
-    """
+    """Return Newton's step (n,) [m] from ``x_next`` (n,) to the minimiser of eq. 4, a strictly convex objective."""
     inputs = [ca.SX.sym(name) for name in ("x", "v", "u", "kappa", "w")]
     position, velocity, push, weight, w = inputs
     objective = m / 2 * (w - velocity) ** 2 - push * w - ca.log(position / h + w) / weight
@@ -124,7 +121,7 @@ def run(params: Params) -> xr.Dataset:
 
 
 def claims(data: xr.Dataset) -> list[Claim]:
-    """Return the claims of ex. IV.1, ex. IV.2 and fig. 6."""
+    """Return the claims of Suh et al. 2022, ex. IV.1, ex. IV.2 and fig. 6."""
     m, h = data.attrs["m"], data.attrs["h"]
     error, newton = (float(np.abs(data[name]).max()) for name in ("eq5_error", "newton"))
     qp, multiplier = (float(np.abs(data[name]).max()) for name in ("qp_error", "lam_error"))

@@ -26,15 +26,15 @@ NOTES = (
 def in_log_height(mu: float, q0: float, g: float, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return height [m] and vertical velocity [m/s] at ``times`` [s], (n,), of a ball thrown level from q0 [m].
 
-    ``s = ln y``: ``s' = v exp(-s)``, ``v' = mu exp(-s) - g`` per unit mass, mu in J/kg; in y
-    itself the least height, about ``q0 exp(-g q0/mu)``, is lost (abs, C.1 in other variables).
+    Integrates Zhang et al. 2023, eq. C.1, in ``s = ln y``: ``s' = v exp(-s)``, ``v' = mu exp(-s) - g``, mu
+    in J/kg; in y itself the minimum height, about ``q0 exp(-g q0/mu)``, would be lost to rounding.
     """
     trajectory = _integrate(mu, q0, g, times[-1], times)
     return np.exp(trajectory.y[0]), trajectory.y[1]
 
 
 def turning_points(mu: float, q0: float, g: float) -> tuple[float, float, float]:
-    """Return the least height [m], the height regained [m] and its time [s], for mu < g q0."""
+    """Return the minimum height [m], and height [m] and time [s] of the rebound, for mu [J/kg] below g q0."""
 
     def velocity(_: float, state: np.ndarray) -> float:
         return state[1]
@@ -42,7 +42,7 @@ def turning_points(mu: float, q0: float, g: float) -> tuple[float, float, float]
     longest = 20 * float(np.sqrt(q0 / g))
     trajectory = _integrate(mu, q0, g, longest, None, velocity)
     heights = np.exp(trajectory.y_events[0][:, 0])
-    # The ball starts level, which may be an event of its own at time 0.
+    # The vertical velocity is zero at the start, which may count as an event at time 0.
     moving = trajectory.t_events[0] > 0
     times, heights = trajectory.t_events[0][moving], heights[moving]
     return float(heights[0]), float(heights[1]), float(times[1])
@@ -60,7 +60,7 @@ def _integrate(mu: float, q0: float, g: float, end: float, times: Any, events: A
 
 
 def as_printed(mu: float, q0: float, g: float, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return contact force and vertical velocity at ``times`` by the pair (gamma, e) of abs, C.1."""
+    """Return contact force per mass [m/s²] and vertical velocity at ``times``, by Zhang et al. 2023, eq. C.1."""
 
     def slope(_: float, state: np.ndarray) -> list[float]:
         gamma, e, _ = state
@@ -71,7 +71,7 @@ def as_printed(mu: float, q0: float, g: float, times: np.ndarray) -> tuple[np.nd
 
 
 def least_height(mu: float, q0: float, g: float) -> float:
-    """Return the height at which all energy is potential: ``-(mu/g) W0(-(g/mu) exp(-E/mu))`` [m].
+    """Return the minimum height [m], where all energy is potential: ``-(mu/g) W0(-(g/mu) exp(-E/mu))``.
 
     ``E = g q0 - mu ln q0``; W0 is Lambert's function.
     """
@@ -82,13 +82,13 @@ def least_height(mu: float, q0: float, g: float) -> float:
 MUS = (1.0, 2.0, 3.0, 5.0)
 """Central-path parameters of the force [J/kg]."""
 FINE = (1e-2, 3e-3, 1e-3, 3e-4, 1e-4)
-"""Steps of time stepping at which the rebound is measured [s]."""
+"""Step sizes [s] at which the rebound is measured."""
 REBOUND_MU = 3.0
 """mu at which the rebound is measured [J/kg]."""
 
 
 class Params(StudyParams):
-    """Parameters of A2; mass and horizontal velocity are the paper's, so that q_x equals the time."""
+    """Parameters of A2; mass and horizontal velocity are the paper's, so that q_x [m] equals the time [s]."""
 
     g: float = setting(9.81, "m/s^2", "gravity", above=0)
     q0: float = setting(1.0, "m", "height of the throw", above=0)
@@ -99,7 +99,7 @@ class Params(StudyParams):
 
 
 def step_ball(params: Params, h: float, mu: float | None) -> tuple[np.ndarray, np.ndarray]:
-    """Return height and vertical velocity (N+1,) by time stepping; the impulse's mu is mu h m."""
+    """Return height and vertical velocity (N+1,) by time stepping; mu None is the exact law, else the impulse has mu h m."""
     system = get("ball-bounce", h=h, g=params.g, m=params.m).system
     law = Exact() if mu is None else Barrier(mu=h * params.m * mu)
     start = np.array([[0.0, params.q0, params.v0, 0.0]])
@@ -108,7 +108,7 @@ def step_ball(params: Params, h: float, mu: float | None) -> tuple[np.ndarray, n
 
 
 def run(params: Params) -> xr.Dataset:
-    """Compute height, velocity and its derivative along q_x for the laws and mu of fig. 2."""
+    """Compute height, velocity and its derivative by q_x, for the laws and mu of fig. 2 of Zhang et al. 2023."""
     fine = np.linspace(0, params.duration, 4001)
     ode = [in_log_height(mu, params.q0, params.g, fine) for mu in MUS]
     steps = round(params.duration / params.h)
@@ -119,7 +119,7 @@ def run(params: Params) -> xr.Dataset:
     turns = [turning_points(mu, params.q0, params.g) for mu in MUS]
     regained = turning_points(REBOUND_MU, params.q0, params.g)[2]
     longer = params.model_copy(update={"duration": regained})
-    # The greatest height after the least one.
+    # The rebound is the maximum after the minimum height.
     fallen = [step_ball(longer, h, REBOUND_MU)[0] for h in FINE]
     rebound = [float(y[int(y.argmin()) :].max()) for y in fallen]
     rates = [np.diff(v) / params.h / params.v0 for _, v in (*soft, exact)]
@@ -169,7 +169,7 @@ def run(params: Params) -> xr.Dataset:
 
 
 def claims(data: xr.Dataset) -> list[Claim]:
-    """Return the claims of fig. 2, sec. 7.1 and C.1."""
+    """Return the claims of Zhang et al. 2023, fig. 2, sec. 7.1 and sec. C.1."""
     g, q0, h = data.attrs["g"], data.attrs["q0"], data.attrs["h"]
     peak = data["rate"].values.max(axis=1)
     peak_step = data["rate_step"].values.max(axis=1)

@@ -1,4 +1,4 @@
-"""AT: plain gradient ascent on the throw of a ball, and the bound on its smallest gradient."""
+"""AT: gradient ascent on the throw of a ball, and a theorem's bound on its smallest gradient."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ LAWS: dict[str, ContactLaw] = {
     **{f"barrier {mu:g}": Barrier(mu=mu) for mu in (1e-4, 1e-3, 1e-2)},
     "adaptive": Adaptive("quartic"),
 }
-"""Laws that the gradient is taken through, by name; mu in N s m."""
+"""Mapping from name to contact law that the gradient is taken through; mu in N s m."""
 _TAIL_DEVIATIONS = 5.0
 """Reach of the grid of returns beyond the window, in standard deviations of the noise."""
 
@@ -49,14 +49,14 @@ class Params(StudyParams):
 
 @dataclass(frozen=True)
 class Landscape:
-    """J and its gradient on a grid of theta, from exact returns folded with Gaussian noise."""
+    """Expected return J (n, n) under Gaussian noise and its gradient (n, n, 2), on a grid of theta."""
 
     axes: tuple[np.ndarray, np.ndarray]
     value: np.ndarray
     slope: np.ndarray
 
     def at(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Interpolate J (n,) and its gradient (n, 2) linearly; NaN outside the window."""
+        """Return J (n,) and its gradient (n, 2) at ``theta`` (n, 2), interpolated linearly; NaN outside the grid."""
         from scipy.interpolate import RegularGridInterpolator
 
         options = {"bounds_error": False, "fill_value": np.nan}
@@ -65,14 +65,14 @@ class Landscape:
 
     @property
     def lipschitz(self) -> float:
-        """Largest norm of the Hessian of J on the grid, by differences of the gradient."""
+        """Largest spectral norm of J's Hessian on the grid, by differences of the gradient."""
         second = [np.gradient(self.slope[..., i], *self.axes) for i in (0, 1)]
         hessian = np.moveaxis(np.array(second), (0, 1), (-2, -1))
         return float(np.linalg.norm(hessian, ord=2, axis=(-2, -1)).max())
 
 
 def run(params: Params) -> xr.Dataset:
-    """Compute iterates, bias, variance and gradient norm of every step of every run."""
+    """Compute iterates, values of J, and the gradient's norm, bias and variance at every step of every run."""
     task = get("ball-throw")
     judge = Experiment(task=task, algorithm=FOPG(), law=SHARP_LAW, hidden=None)
     middle = np.array([0.2, -0.45])
@@ -113,10 +113,10 @@ def run(params: Params) -> xr.Dataset:
 
 
 def bound_sides(data: xr.Dataset, law: str) -> tuple[float, float]:
-    """Return both sides of theorem 4.2 for one law, with means over runs for expectations.
+    """Return both sides of Zhang et al. 2023, thm. 4.2, for one law, with means over runs for expectations.
 
     ``min_n E|grad J|² <= 4c/N E[J_N - J_0] + 4/N sum_n (c (2 delta b_n + eta/2 v_n) + b_n² + v_n)``
-    with ``c = 1/(eta - L eta²)``.
+    with ``c = 1/(eta - L eta²)``, bias b_n, variance v_n, step eta, and delta the largest |theta|.
     """
     runs = data.sel(law=law)
     eta, lipschitz = float(data["eta"]), float(data["lipschitz"])
@@ -132,7 +132,7 @@ def bound_sides(data: xr.Dataset, law: str) -> tuple[float, float]:
 
 
 def _landscape(judge: Experiment, middle: np.ndarray, params: Params) -> Landscape:
-    """Convolve exact returns on a grid with the noise: ``grad J = V * grad of its density``."""
+    """Convolve exact returns V on a grid with the noise's density p: ``J = V * p``, ``grad J = V * grad p``."""
     from scipy.signal import fftconvolve
 
     wide = params.reach + _TAIL_DEVIATIONS * params.sigma
@@ -157,7 +157,7 @@ def _landscape(judge: Experiment, middle: np.ndarray, params: Params) -> Landsca
 def _moments(
     judge: Experiment, law: ContactLaw, theta: np.ndarray, n: int, params: Params, key: tuple[int, ...]
 ) -> tuple[np.ndarray, float]:
-    """Return the mean gradient (2,) of n throws and the trace of the covariance of one."""
+    """Return the mean gradient (2,) of n throws and the trace of the covariance of one throw's gradient."""
     seed = np.random.SeedSequence(params.seed, spawn_key=key)
     x0 = judge.task.reset(1, np.random.default_rng(0))
     moments = judge.rollouts(judge.task.horizon, law).moments(
@@ -168,7 +168,7 @@ def _moments(
 
 
 def claims(data: xr.Dataset) -> list[Claim]:
-    """Return claims on the bound, on its ratio to what it bounds, and on bias and variance."""
+    """Return claims on the bound, on how tight it is, and on bias and variance."""
     laws = [str(law) for law in data["law"].values]
     sides = [bound_sides(data, law) for law in laws]
     is_bounded = [mean_square <= right_side for mean_square, right_side in sides]

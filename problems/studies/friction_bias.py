@@ -1,4 +1,4 @@
-"""P3: Coulomb friction relaxed within a slip tolerance, and its empirical bias."""
+"""P3: Coulomb friction relaxed within a slip tolerance, and the empirical bias of its gradient."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ NOTES = (
 )
 
 ORDERS = ("zobg", "fobg")
-"""Estimators that are compared."""
+"""Names of the estimators that are compared."""
 _PANEL_NUS = (1e-3, 0.2)
 """Slip tolerances of the panel over sliding velocity [m/s]."""
 BATCHES = (1, 3, 10, 30, 100, 300, 1000)
 """Batch sizes for which the share of zero batches is measured."""
 _RATIOS = np.geomspace(1e-4, 10, 21)
-"""nu/sigma at which theta = nu/2 is evaluated; the text means small ones."""
+"""Ratios nu/sigma at which theta = nu/2 is evaluated; the paper's text is about small ones."""
 
 
 class Params(StudyParams):
-    """Parameters of P3; values of the authors' code, fewer tolerances."""
+    """Parameters of P3, from the authors' code but for fewer tolerances."""
 
     sigma: float = setting(0.1, "m/s", "standard deviation of the noise", CODE, above=0)
     theta: float = setting(0.1, "m/s", "decision of the panel over samples", CODE)
@@ -41,7 +41,7 @@ class Params(StudyParams):
 
 
 def run(params: Params) -> xr.Dataset:
-    """Compute estimates over sample count, variances over tolerance, and those of the block on a belt."""
+    """Compute estimates over the number of samples, and variances over the tolerance, of sign and block on a belt."""
     nus = params.sigma * np.geomspace(1e-4, 1, params.tolerances)
     coarse = nus[:: max(1, params.tolerances // 8)]
     widths = _stick_width() * np.geomspace(1e-3, 10, 9)
@@ -97,7 +97,7 @@ def run(params: Params) -> xr.Dataset:
 
 
 def _at_half(coulomb: SampledObjective, params: Params) -> np.ndarray:
-    """Evaluate theta = nu/2, (ratios, 4): F', chance and share of nonzero samples, largest sample outside nu."""
+    """Return, at theta = nu/2, F', chance and share of nonzero samples, and largest sample outside nu, (ratios, 4)."""
     rows = []
     for index, nu in enumerate(params.sigma * _RATIOS):
         objective = coulomb.at({"theta": nu / 2, "nu": nu})
@@ -140,20 +140,20 @@ def _variances(objective: SampledObjective, key: int, n: int, params: Params) ->
 
 
 _RARE_SAMPLES = 0.3
-"""Expected samples of a run within nu, below which most runs have none."""
+"""Expected number of a run's samples within nu, below which most runs have none."""
 _FREQUENT_SAMPLES = 20.0
-"""Expected samples of a run within nu, above which every run has some."""
+"""Expected number of a run's samples within nu, above which every run has some."""
 _SMALL_NU = 0.1
 """Largest nu/sigma that counts as small: a relaxation much narrower than the noise."""
 
 
 def claims(data: xr.Dataset) -> list[Claim]:
-    """Return the claims of ex. III.5 and fig. 3."""
+    """Return the claims of Suh et al. 2022, ex. III.5 and fig. 3."""
     return [*_variance(data), *_few_samples(data), *_empirical_bias(data), _block(data)]
 
 
 def _variance(data: xr.Dataset) -> list[Claim]:
-    """Check expected variances over nu, for nu small against sigma."""
+    """Check the expected variances over nu, for nu small compared with sigma."""
     sigma, many = data.attrs["sigma"], data.attrs["many"]
     c = 1 / (np.sqrt(2 * np.pi) * sigma)
     small = data["nu"].values <= _SMALL_NU * sigma
@@ -185,7 +185,7 @@ def _variance(data: xr.Dataset) -> list[Claim]:
 
 
 def _few_samples(data: xr.Dataset) -> list[Claim]:
-    """Check that a run with few samples sees neither gradient nor variance."""
+    """Check that few samples show neither gradient nor variance."""
     n, nu = data.attrs["n_samples"], data["nu"].values
     p = float(data["truth"]) * data.attrs["nu"] / 2
     sizes, silent = data["batch"].values, data["silent"].values
@@ -194,7 +194,7 @@ def _few_samples(data: xr.Dataset) -> list[Claim]:
     reach = f"up to {sizes[few].max()}" if few.any() else "none"
     hits = n * data["chance"].values
     empty = data["variance"].sel(order="fobg").values == 0
-    # If all samples fall within nu, they do not vary either; the claim does not mean those.
+    # If all samples fall within nu, they do not vary either; the claim is not about those.
     rare, often = hits < _RARE_SAMPLES, (hits > _FREQUENT_SAMPLES) & (data["chance"].values < 0.5)
     share = float(np.mean(empty[rare])) if rare.any() else np.nan
     return [
@@ -215,7 +215,7 @@ def _few_samples(data: xr.Dataset) -> list[Claim]:
 
 
 def _empirical_bias(data: xr.Dataset) -> list[Claim]:
-    """Check gradient, both readings of the probability, and the triple at theta = nu/2."""
+    """Check gradient, probability of zero samples in two readings, and empirical bias at theta = nu/2."""
     sigma, many, ratio = data.attrs["sigma"], data.attrs["many"], data["ratio"].values
     c = 1 / (np.sqrt(2 * np.pi) * sigma)
     F, p = data["half_gradient"].values, data["half_chance"].values

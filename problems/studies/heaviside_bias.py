@@ -20,13 +20,13 @@ NOTES = (
 )
 
 ESTIMATORS = ("zobg", "zobg-zero-noise", "zobg-mean", "fobg")
-"""Estimators that are compared, by name."""
+"""Names of the estimators that are compared."""
 _BOX_WIDTHS = (0.1, 0.01, 0.001)
-"""Widths, over sigma, of the boxes of area one that narrow to the delta."""
+"""Widths over sigma of boxes of area one that approximate the Dirac delta."""
 
 
 class Params(StudyParams):
-    """Parameters of P2, from the authors' public code: the paper's text has none."""
+    """Parameters of P2, from the authors' public code: the paper gives no numbers."""
 
     sigma: float = setting(0.2, "1", "standard deviation of the noise", CODE, above=0)
     reach: float = setting(1.5, "1", "largest |theta| drawn", CODE, above=0)
@@ -35,7 +35,7 @@ class Params(StudyParams):
 
 
 def run(params: Params) -> xr.Dataset:
-    """Compute objective, estimates and variances over theta, beside their closed forms."""
+    """Compute the objective, gradient estimates and their variances over theta, and closed forms of all."""
     thetas = np.linspace(-params.reach, params.reach, params.points)
     shape = (len(ESTIMATORS), len(thetas))
     mean, variance, error = np.empty(shape), np.empty(shape), np.empty(shape)
@@ -80,16 +80,16 @@ def run(params: Params) -> xr.Dataset:
 
 
 _SAMPLES_PER_SIDE = 30
-"""Expected samples on each side of the jump, from which errors are nearly normal."""
+"""Expected samples on each side of the jump from which errors are nearly normally distributed."""
 
 
 def claims(data: xr.Dataset) -> list[Claim]:
-    """Return the claims of ex. III.2 and fig. 2."""
+    """Return the claims of Suh et al. 2022, ex. III.2 and fig. 2."""
     return [*_objective(data), *_first_order(data)]
 
 
 def _objective(data: xr.Dataset) -> list[Claim]:
-    """Check the smoothed objective and the zeroth order where samples fall on both sides of the jump."""
+    """Check the smoothed objective and the zeroth-order gradient where samples fall on both sides of the jump."""
     n, F = data.attrs["n_samples"], data["F"].values
     has_both_sides = n * F * (1 - F) >= _SAMPLES_PER_SIDE
     zeroth = data.sel(estimator="zobg")
@@ -118,7 +118,7 @@ def _objective(data: xr.Dataset) -> list[Claim]:
 
 
 def _first_order(data: xr.Dataset) -> list[Claim]:
-    """Check mean, variance and expectation of the first order."""
+    """Check mean, variance and expectation of the first-order gradient."""
     true, first = data["gradient"].values, data.sel(estimator="fobg")
     mean, limit = first["mean"].values, data["fobg_mean"].values
     apart = np.abs(mean - limit)

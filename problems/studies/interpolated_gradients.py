@@ -1,4 +1,4 @@
-"""P7: interpolation of first- and zeroth-order gradients where the first order is wrong."""
+"""P7: interpolation of first- and zeroth-order gradients where the first-order one is biased."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ NOTES = (
 )
 
 ESTIMATORS = ("zobg-mean", "fobg", "alpha-fixed", "alpha-variance", "alpha")
-"""Estimators that are compared, by name."""
+"""Names of the estimators that are compared."""
 CASES = ("heaviside", "coulomb", "ball-wall")
-"""Objectives on which they are compared, by name."""
+"""Names of the objectives on which they are compared."""
 
 QUICK = {"n_samples": 500, "repeats": 8}
 
 
 class Params(StudyParams):
-    """Parameters of P7, all our choice: the paper draws no figure of it."""
+    """Parameters of P7, all our choice: the paper has no figure of interpolation."""
 
     n_samples: int = setting(2000, "1", "samples of each order", least=2)
     points: int = setting(21, "1", "decisions", least=3)
@@ -38,7 +38,7 @@ class Params(StudyParams):
 
 
 def _grids(params: Params) -> dict[str, tuple[SampledObjective, np.ndarray, float]]:
-    """Return objective, decisions and noise of each case."""
+    """Return a mapping from case to its objective, decisions and standard deviation of the noise."""
     coulomb = objective_spec("coulomb").objective({"nu": params.nu})
     return {
         "heaviside": (objective_spec("heaviside").objective(), np.linspace(-0.8, 0.8, params.points), 0.2),
@@ -48,7 +48,7 @@ def _grids(params: Params) -> dict[str, tuple[SampledObjective, np.ndarray, floa
 
 
 def run(params: Params) -> xr.Dataset:
-    """Compute estimates, weights and errors of every run, over the decision of each case."""
+    """Compute the true gradient, and estimates and weights of every run, over the decisions of each case."""
     shape = (len(CASES), len(ESTIMATORS), params.points, params.repeats)
     mean, alpha = np.full(shape, np.nan), np.full(shape, np.nan)
     thetas, truth, gammas = [], [], []
@@ -86,7 +86,7 @@ def run(params: Params) -> xr.Dataset:
 
 
 def _worst(data: xr.Dataset, case: str, estimator: str) -> float:
-    """Return the largest root-mean-square error over decisions, as a share of the largest gradient."""
+    """Return the largest root-mean-square error over all decisions, as a share of the largest gradient."""
     runs = data.sel(case=case)
     errors = runs["mean"].sel(estimator=estimator) - runs["truth"]
     size = float(np.abs(runs["truth"]).max())
@@ -94,7 +94,7 @@ def _worst(data: xr.Dataset, case: str, estimator: str) -> float:
 
 
 def claims(data: xr.Dataset) -> list[Claim]:
-    """Return the claims of sec. IV-C."""
+    """Return the claims of Suh et al. 2022, sec. IV-C, and our own checks."""
     gamma, delta = data.attrs["gamma"], data.attrs["delta"]
     steps = data.sel(case="heaviside")
     zeros = steps["alpha"].sel(estimator="alpha-variance") == 1

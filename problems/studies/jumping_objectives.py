@@ -1,6 +1,6 @@
-"""P1: three simple systems, their smoothed objectives and estimated gradients.
+"""P1: objectives with jumps of three simple systems, their smoothing and gradient estimates.
 
-The systems are those of pathologies, fig. 1: a dropped ball, a throw past a wall, a pivoted bar.
+The systems are those of Suh et al. 2022, fig. 1: a dropped ball, a throw past a wall, a pivoted bar.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ NOTES = (
 
 
 class Params(StudyParams):
-    """Parameters of P1: the authors' code for throw and noise; drop and pivot made physical."""
+    """Parameters of P1, from the authors' code, and those that physical models of drop and pivot add."""
 
     g: float = setting(9.81, "m/s^2", "gravity", CODE, above=0)
     step_height: float = setting(1.0, "m", "height of the step", CODE, above=0)
@@ -45,7 +45,7 @@ class Params(StudyParams):
 
 
 def run(params: Params) -> xr.Dataset:
-    """Compute objective, smoothing and estimates along the three decisions."""
+    """Compute objective, smoothed objective and gradient estimates over the decision of each system."""
     systems = {
         "drop": (drop_ball(params.step_height, params.start, params.g), np.pi / 2, "m", "m"),
         "throw": (throw_wall(params.v0_throw, params.wall, params.wall_height, params.g), np.pi / 2, "m^2", "rad"),
@@ -80,7 +80,7 @@ def run(params: Params) -> xr.Dataset:
 
 
 def drop_ball(step_height: float, start: float, g: float) -> StaticObjective:
-    """Build the drop of a ball at x = theta over a step: minus its final height, -y [m].
+    """Build the objective of a ball dropped at x = theta over a step: minus its final height, -y [m].
 
     It falls freely until it would be below both levels; the inelastic landing is the exact law
     ``0 <= lam ⟂ y - ground + lam >= 0`` with ``ground = step_height`` for theta >= 0, else 0.
@@ -94,10 +94,10 @@ def drop_ball(step_height: float, start: float, g: float) -> StaticObjective:
 
 
 def throw_wall(v0: float, distance: float, height: float, g: float) -> StaticObjective:
-    """Build the throw of a ball at angle theta past a wall that stops it: -x² [m²].
+    """Build the objective of a ball thrown at angle theta at a wall: minus its squared distance, -x² [m²].
 
-    The ball lands at ``v0² sin(2 theta)/g`` unless it reaches the wall's face below its top; then
-    it drops there, an inelastic impact.
+    The ball lands at ``v0² sin(2 theta)/g`` unless it hits the wall below its top; after that
+    inelastic impact it falls down along the wall.
     """
     theta = ca.SX.sym("theta")
     flight = 2 * v0**2 * ca.sin(theta) * ca.cos(theta) / g
@@ -109,12 +109,12 @@ def throw_wall(v0: float, distance: float, height: float, g: float) -> StaticObj
 
 
 def hit_bar(v0: float, distance: float, length: float, mass: float, inertia: float) -> StaticObjective:
-    """Build the impact of a ball on a bar that pivots at (distance, 0): -omega² [1/s²].
+    """Build the objective of a ball that hits a bar pivoted at (distance, 0): -omega² [1/s²].
 
-    The ball flies straight at angle theta and meets the bar, which reaches ``length`` to both
-    sides, at the lever arm ``r = distance tan(theta)``. Frictionless plastic impact by the exact
-    law on the approach: ``0 <= lam ⟂ -v_x + (1/mass + r²/inertia) lam >= 0``, omega = r lam /
-    inertia. Beyond the tip it misses.
+    The ball flies straight at angle theta and hits the bar, which extends ``length`` to both
+    sides, at the lever arm ``r = distance tan(theta)``. The frictionless plastic impact is the exact
+    law ``0 <= lam ⟂ -v_x + (1/mass + r²/inertia) lam >= 0``, omega = r lam/inertia. Beyond the tip
+    the ball misses the bar, omega = 0.
     """
     theta = ca.SX.sym("theta")
     arm = distance * ca.tan(theta)
@@ -130,24 +130,24 @@ def _objective(name: str, theta: ca.SX, cost: ca.SX, unit: str, meaning: str) ->
 
 
 NAMES = ("drop", "throw", "pivot")
-"""The three systems of fig. 1."""
+"""Names of the three systems of fig. 1."""
 
 
 def jump_decisions(data: xr.Dataset, name: str, share: float = 0.1) -> np.ndarray:
-    """Return the decisions at which f jumps by more than ``share`` of its range."""
+    """Return the decisions at which the objective f jumps by more than ``share`` of its range."""
     f, theta = data[f"f_{name}"].values, data[f"fine_{name}"].values
     return theta[:-1][np.abs(np.diff(f)) > share * np.ptp(f)]
 
 
 def _bias(data: xr.Dataset, name: str) -> float:
-    """Return the largest error of FoBG over the largest slope."""
+    """Return the largest error of the first-order gradient over the largest slope."""
     slope = data[f"slope_{name}"].values
     errors = np.abs(data[f"first_{name}"].values[:, 0] - slope)
     return float(errors.max() / np.abs(slope).max())
 
 
 def _steps(data: xr.Dataset, name: str) -> float:
-    """Return the largest step of F on its grid over its bound ``spacing range(f)/(sqrt(2 pi) sigma)``."""
+    """Return the largest step of the smoothed F on its grid over its bound ``spacing range(f)/(sqrt(2 pi) sigma)``."""
     step = np.abs(np.diff(data[f"F_{name}"].values)).max()
     spacing = float(data[f"theta_{name}"][1] - data[f"theta_{name}"][0])
     steepest = np.ptp(data[f"f_{name}"].values) * norm.pdf(0, 0, data.attrs[f"sigma_{name}"])
@@ -155,16 +155,16 @@ def _steps(data: xr.Dataset, name: str) -> float:
 
 
 def _scatter(data: xr.Dataset, name: str) -> tuple[float, float, int]:
-    """Return mean times sqrt(points), and rms, of ZoBG's errors in standard errors, and the points."""
+    """Return mean times sqrt(n) and root mean square of n errors of ZoBG over their standard errors, and n."""
     estimate, slope = data[f"zeroth_{name}"].values, data[f"slope_{name}"].values
-    # Where the slope is small, too few samples meet the jump for a standard error.
+    # Where the slope is small, too few samples cross the jump to estimate a standard error.
     steep = np.abs(slope) > 0.3 * np.abs(slope).max()
     score = (estimate[steep, 0] - slope[steep]) / estimate[steep, 1]
     return float(score.mean() * np.sqrt(score.size)), float(np.sqrt(np.mean(score**2))), score.size
 
 
 def claims(data: xr.Dataset) -> list[Claim]:
-    """Return the claims of fig. 1 and sec. III-A."""
+    """Return the claims of Suh et al. 2022, fig. 1 and sec. III-A."""
     biases = [_bias(data, name) for name in NAMES]
     offset, scatter, number = np.transpose([_scatter(data, name) for name in NAMES])
     is_unbiased = np.all(np.abs(scatter - 1) < 5 / np.sqrt(2 * number)) and np.all(np.abs(offset) < 5)

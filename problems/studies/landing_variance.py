@@ -21,7 +21,7 @@ NOTES = (
 MUS = 10.0 ** np.arange(-6, 1)
 """Central-path parameters [N s m]."""
 STEPS = (0.02, 0.01, 0.005, 0.0025)
-"""Steps of time stepping [s]."""
+"""Step sizes of time stepping [s]."""
 
 
 class Params(StudyParams):
@@ -46,11 +46,11 @@ class Params(StudyParams):
 
 
 def run(params: Params) -> xr.Dataset:
-    """Compute the largest variance over both parameters and over the end of the rollout.
+    """Compute the variance of both gradients, the largest over both parameters and all ends of the rollout.
 
-    The parameters are the throw's two velocities, thrust in the first step alone; the return is
-    the squared distance of (q, v) to (v0, 0, v0, 0) at the end. Likelihood ratio after evolution
-    strategies, in antithetic pairs: ``(R(theta + w) - R(theta - w)) w / (2 sigma²)``.
+    The parameters are the two velocities of the throw, given by a thrust in the first step; the
+    return R is the squared distance of (q, v) from (v0, 0, v0, 0) at the end. The likelihood-ratio
+    gradient is that of evolution strategies: ``(R(theta + w) - R(theta - w)) w / (2 sigma²)``.
     """
     shape = (len(STEPS), len(MUS))
     first, ratio = np.empty(shape), np.empty(shape)
@@ -70,7 +70,7 @@ def run(params: Params) -> xr.Dataset:
 
 
 def _variances(params: Params, h: float, steps: int) -> np.ndarray:
-    """Return the largest variances over the parameters, first order and ratio, (2, len(MUS))."""
+    """Return the larger variance of both parameters, (2, len(MUS)): first-order and likelihood-ratio gradient."""
     problem = get("ball-bounce", h=h, g=params.g)
     step = Barrier(mu=1.0).close(problem.system)
     x, u, p = ca.SX.sym("x", 4), ca.SX.sym("u", 2), ca.SX.sym("p", len(step.p))
@@ -102,11 +102,11 @@ def _variances(params: Params, h: float, steps: int) -> np.ndarray:
 
 
 _STIFF_MU = 1e-3
-"""mu up to which the landing is stiff [N s m]."""
+"""Value of mu [N s m] up to which the landing counts as stiff."""
 
 
 def claims(data: xr.Dataset) -> list[Claim]:
-    """Return the claims of sec. 4.3 and 7.2."""
+    """Return the claims of Zhang et al. 2023, sec. 4.3 and 7.2."""
     mu, h = data["mu"].values, data["h"].values
     first, ratio = data["first_order"].values, data["likelihood_ratio"].values
     soft = int(np.abs(np.log(mu / 1e-1)).argmin())

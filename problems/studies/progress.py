@@ -1,4 +1,4 @@
-"""Progress of a study's loops, for a listener."""
+"""Progress of a study's loops, reported to a listener."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from typing import TypeVar
 T = TypeVar("T")
 """Item of a tracked loop."""
 Listener = Callable[[str, int, int], None]
-"""Callback with the name of a loop, its finished items, and all items."""
+"""Callback with the name of a loop, the number of its finished items and the number of all items."""
 _LISTENER: ContextVar[Listener | None] = ContextVar("listener", default=None)
-"""Listener of the current context."""
+"""Listener of the current context, or None."""
 
 
 @contextmanager
@@ -26,13 +26,13 @@ def listen_to_progress(listener: Listener) -> Iterator[None]:
 
 
 def report_progress(what: str, done: int, total: int) -> None:
-    """Report to the listener, if any, that ``done`` of ``total`` items are finished."""
+    """Report to the listener, if any, that ``done`` of ``total`` items of the loop ``what`` are finished."""
     if listener := _LISTENER.get():
         listener(what, done, total)
 
 
 def track_items(what: str, items: Sequence[T]) -> Iterator[T]:
-    """Yield the ``items`` of a loop and report each that is done."""
+    """Yield the ``items`` of the loop ``what`` and report each finished one to the listener."""
     for done, item in enumerate(items):
         report_progress(what, done, len(items))
         yield item

@@ -1,4 +1,4 @@
-"""A5: first-order policy gradients on the half-cheetah through contact of different mu."""
+"""A5: first-order policy gradients of the half-cheetah through contact laws of different mu."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ QUICK = {"runs": 2, "iterations": 4, "judged": 2}
 RESUMES = True
 
 TASK = "half-cheetah"
-"""Task of all trainings."""
+"""Task of all training runs."""
 LAWS: dict[str, ContactLaw] = {
     **{f"mu {mu:g}": Barrier(mu=mu) for mu in (1e-10, 1e-6, 1e-4, 1e-2)},
     "adaptive": Adaptive("quartic"),
     "adaptive, gaussian": Adaptive(sigma=0.02),
 }
-"""Laws that gradients are taken through, by name; mu in N s m, sigma in m."""
+"""Mapping from name to contact law that gradients are taken through; mu in N s m, sigma in m."""
 
 
 class Params(StudyParams):
@@ -36,7 +36,7 @@ class Params(StudyParams):
 
 
 def run(params: Params, finished: FinishedParts) -> xr.Dataset:
-    """Compute exact returns and gradient variances of every run over its iterations."""
+    """Compute exact returns, speeds and gradient variances of every run over its iterations."""
     every = max(1, params.iterations // params.judged)
     jobs = {
         f"{name}-{r}": make_job(
@@ -69,13 +69,13 @@ def run(params: Params, finished: FinishedParts) -> xr.Dataset:
 
 
 _SECTION_7_4 = "ABS, sec. 7.4"
-"""Source of the claims of the paper."""
+"""Source of the paper's claims."""
 _SHARP = "mu 1e-10"
-"""Law with the least mu of the paper."""
+"""Name of the law with the smallest mu that the paper names."""
 _WIDE = "mu 0.01"
-"""Law with the largest mu of the paper."""
+"""Name of the law with the largest mu that the paper names."""
 _ADAPTIVE = ("adaptive", "adaptive, gaussian")
-"""Adaptive laws."""
+"""Names of the adaptive laws."""
 
 
 def claims(data: xr.Dataset) -> list[Claim]:

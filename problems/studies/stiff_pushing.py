@@ -1,4 +1,4 @@
-"""P5: pushing through a stiff spring: gradient variance over stiffness, and its stability limit."""
+"""P5: pushing through a stiff spring: variance of gradients over stiffness, and the stability limit."""
 
 from __future__ import annotations
 
@@ -31,17 +31,17 @@ NOTES = (
 )
 
 _STATE_SIGNALS = "x1 [m]; x2 [m]; v1 [m/s]; v2 [m/s]"
-"""States of the two bodies."""
+"""Positions and velocities of the two bodies."""
 _BODY_DISTANCE = 1.0
-"""Distance of the bodies at which they touch [m]."""
+"""Distance [m] of the bodies' positions at which they touch."""
 MUS = (1e-6, 1e-4, 1e-2)
-"""mu of the barriers [J]."""
+"""Central-path parameters of the barrier laws [J]."""
 DAMPINGS = np.array([0.1, 0.9, 0.99, 0.998])
-"""Factors on the velocity: 0.1 of the authors' sweep, 0.99 and 0.998 of their task runs."""
+"""Factors on the velocity in each step: 0.1 is that of the authors' sweep, 0.99 and 0.998 those of their task runs."""
 
 
 class Params(StudyParams):
-    """Parameters of P5: the authors' code, as far as it gives the published crossing."""
+    """Parameters of P5, from the authors' code as far as they give the published crossing of the curves."""
 
     m: float = setting(0.1, "kg", "mass of each body", CODE, above=0)
     h: float = setting(0.005, "s", "step size", CODE, above=0)
@@ -57,7 +57,7 @@ class Params(StudyParams):
 
 
 class _Pushing:
-    """Rollouts of one model with cost ``sum_t (x2 - goal)²``, and their gradients' variances."""
+    """Rollouts of one pushing model with the cost ``sum_t (x2 - goal)²``, and the variances of their gradients."""
 
     def __init__(self, params: Params, step: Step) -> None:
         self._params, self._step = params, step
@@ -72,7 +72,10 @@ class _Pushing:
         )
 
     def variances(self, p: np.ndarray) -> tuple[float, float]:
-        """Return the traces of the covariance of FoBG and of ZoBG with the zero-noise baseline."""
+        """Return the covariance traces of the first-order gradient (FoBG) and the zeroth-order one (ZoBG).
+
+        ZoBG has the cost without noise as baseline.
+        """
         start, theta = np.array([0.0, _BODY_DISTANCE, 0.0, 0.0]), np.full((self._params.N, 1), 0.0)
         theta += self._params.u0
         quiet = self._rollout(start, theta, p, gradient=False).cost[0]
@@ -90,12 +93,12 @@ class _Pushing:
 
 
 def stability_limit(params: Params) -> float:
-    """Return the stiffness from which semi-implicit integration diverges: ``m (1 + c)/h²``."""
+    """Return the stiffness [N/m] from which semi-implicit integration diverges: ``m (1 + c)/h²``."""
     return params.m * (1 + params.c) / params.h**2
 
 
 def _sweep(params: Params, k: np.ndarray) -> np.ndarray:
-    """Compute variances of FoBG and ZoBG at stiffnesses ``k`` (n,): (n, 2)."""
+    """Return the variances (n, 2) of FoBG and ZoBG at stiffnesses ``k`` (n,) [N/m]."""
     model = _Pushing(params, Exact().close(pushing_system(1.0, *_arguments(params))))
     with np.errstate(all="ignore"):
         return np.array([model.variances(np.array([value])) for value in k])
@@ -106,9 +109,9 @@ def _arguments(params: Params) -> tuple[float, float, float, float]:
 
 
 def _unstable(params: Params) -> float:
-    """Return the stiffness at which the spectral radius of the closed contact's step passes 1."""
+    """Return the stiffness [N/m] at which the spectral radius of the step in contact passes 1; NaN if it does not."""
     spring = Exact().close(pushing_system(1.0, *_arguments(params)))
-    # In touch by 1 mm: the spring acts, and the Jacobian is that of the closed contact.
+    # The bodies overlap by 1 mm, so that the spring acts and the Jacobian is that of the closed contact.
     fine = stability_limit(params) * np.linspace(0.5, 1.5, 2001)
     touch = np.array([[0.001, _BODY_DISTANCE, 0.0, 0.0]])
     jacobians = SampledStep(spring)(touch, np.zeros((1, 1)), {"k": fine}).x_by_x
@@ -118,7 +121,7 @@ def _unstable(params: Params) -> float:
 
 
 def run(params: Params) -> xr.Dataset:
-    """Compute variances of both estimators over k, and of the implicit model, which has no k."""
+    """Compute variances of both estimators over the stiffness k, and for implicit time stepping, which has none."""
     k = np.geomspace(params.k_least, params.k_most, params.points)
     penalty = _sweep(params, k)
     others = [params.model_copy(update={"c": c}) for c in DAMPINGS]
@@ -150,12 +153,12 @@ def run(params: Params) -> xr.Dataset:
 
 
 def pushing_system(k: float | None, m: float, c: float, h: float, length: float) -> ContactSystem:
-    """Build two bodies on a line, pushed together: ``v+ = c v + (h/m) f``, ``x+ = x + h v+`` a step.
+    """Build the system of two bodies on a line: ``v+ = c v + (h/m) f``, ``x+ = x + h v+`` in a step.
 
-    u [N] pushes body 1 towards body 2, the gap is ``x2 - x1 - length``. With a stiffness ``k``
-    [N/m] contact is the penalty method under semi-implicit integration, ``f = k max(0, -gap(x))``:
-    as a complementarity problem ``0 <= lam ⟂ gap(x) + lam/k >= 0``, whose exact law is that spring;
-    lam is a force [N]. Without one it is implicit time stepping, ``0 <= lam ⟂ gap(x+) >= 0``.
+    u [N] pushes body 1 towards body 2; the gap is ``x2 - x1 - length``. With a stiffness ``k``
+    [N/m] contact is a penalty method under semi-implicit integration, ``f = k max(0, -gap(x))``,
+    written as ``0 <= lam ⟂ gap(x) + lam/k >= 0``, whose exact solution is that spring; lam is a
+    force [N]. With ``k`` None it is implicit time stepping, ``0 <= lam ⟂ gap(x+) >= 0``.
     """
     rate = h / m
     table = ParameterTable([] if k is None else [Parameter("k", k, "N/m", "stiffness")])
@@ -179,11 +182,11 @@ def pushing_system(k: float | None, m: float, c: float, h: float, length: float)
 
 
 _LIGHT_DAMPING = 0.99
-"""Factor from which the bodies keep their velocity over the spring's own time."""
+"""Factor on the velocity from which damping is light: it is slow compared with the spring's oscillation."""
 
 
 def crossing_stiffness(k: np.ndarray, first: np.ndarray, zeroth: np.ndarray) -> float:
-    """Return the stiffness at which FoBG's variance passes ZoBG's, on log axes, or NaN."""
+    """Return the stiffness at which FoBG's variance passes ZoBG's, interpolated on log axes; NaN if it does not."""
     excess = np.log(first / zeroth)
     above = np.flatnonzero(excess > 0)
     if not above.size or above[0] == 0:
@@ -194,12 +197,12 @@ def crossing_stiffness(k: np.ndarray, first: np.ndarray, zeroth: np.ndarray) -> 
 
 
 def claims(data: xr.Dataset) -> list[Claim]:
-    """Return the claims of ex. III.7, fig. 5 and sec. IV-A."""
+    """Return the claims of Suh et al. 2022, ex. III.7, fig. 5 and sec. IV-A."""
     return [*_spring(data), *_implicit(data)]
 
 
 def _spring(data: xr.Dataset) -> list[Claim]:
-    """Check the penalty method over stiffness, for every factor on the velocity."""
+    """Check the variances under the penalty method over stiffness, for every factor on the velocity."""
     share, c = data["share"].values, data["damping"].values
     first, zeroth = data["damped"].values.transpose(2, 0, 1)
     light, factors = c >= _LIGHT_DAMPING, list(c)

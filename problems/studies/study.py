@@ -1,4 +1,4 @@
-"""Study of a paper's figure: parameters, a run that gives data with units, claims to check."""
+"""Studies of papers' figures: parameters, a run that returns data with units, and claims checked against them."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from problems.parameters import Parameters
 from problems.spec import Citation, check_parameters
 
 WITHIN_NOISE = "within noise"
-"""Verdict of a claim whose margin is small."""
+"""Verdict on a claim whose statistic lies too near to its threshold to decide."""
 _NOISE_MARGIN = 3.0
-"""Margin below which a claim is within noise, in standard errors."""
+"""Distance from the threshold, in standard errors, below which a claim is within noise."""
 PAPER = "paper"
 """Origin of a value that the paper's text states."""
 CODE = "authors' code"
@@ -32,27 +32,27 @@ CHOICE = "our choice"
 
 
 def setting(default: float, unit: str, meaning: str, origin: str = CHOICE, **limits: Unpack[Range]) -> Any:
-    """Declare a study's parameter in SI ``unit``, with its range and its :data:`origin <PAPER>`."""
+    """Declare a study's parameter in SI ``unit``, with its range ``limits`` and the ``origin`` of its default."""
     return declare(default, meaning, unit, limits, origin=origin)
 
 
 def origin_of(field: FieldInfo) -> str:
-    """Return where the value of a study's parameter comes from."""
+    """Return the origin of a parameter's default: :data:`PAPER`, :data:`CODE` or :data:`CHOICE`."""
     extra = field.json_schema_extra
     return str(extra.get("origin", CHOICE)) if isinstance(extra, dict) else CHOICE
 
 
 class StudyParams(Parameters):
-    """Base of every study's parameters; a study without noise leaves the seed unused."""
+    """Base class of every study's parameters; a study without noise does not use the seed."""
 
     seed: int = setting(0, "1", "seed of everything random", least=0, most=2**31 - 1)
 
 
 class FinishedParts:
-    """Finished parts of a study by their keys, stored in a checkpoint where there is one.
+    """Results of a study's finished parts, each under a key, stored in a checkpoint where there is one.
 
-    Parts that are independent jobs go to ``jobs`` processes, by default one a CPU, or to the
-    cluster of ``scheduler``.
+    Independent parts are computed in ``jobs`` processes, by default one per CPU, or on the cluster
+    of ``scheduler``.
     """
 
     def __init__(self, checkpoint: SavedWork = UNSAVED, jobs: int | None = None, scheduler: str | None = None) -> None:
@@ -60,16 +60,16 @@ class FinishedParts:
         self.jobs = len(os.sched_getaffinity(0)) if jobs is None else jobs
 
     def get(self, key: str, compute: Callable[[], Mapping[str, ArrayLike]]) -> dict[str, np.ndarray]:
-        """Return the arrays of a part; compute and store them where they are not stored."""
+        """Return the arrays of the part ``key``; compute and store them first if it is not finished."""
         arrays = self.load(key)
         return self.save(key, compute()) if arrays is None else arrays
 
     def load(self, key: str) -> dict[str, np.ndarray] | None:
-        """Return the stored arrays of a part, or None where it is not finished."""
+        """Return the stored arrays of the part ``key``, or None if it is not finished."""
         return self._checkpoint.state(key)
 
     def save(self, key: str, computed: Mapping[str, ArrayLike]) -> dict[str, np.ndarray]:
-        """Store the arrays of a part, and return them."""
+        """Store the arrays ``computed`` for the part ``key``, and return them as NumPy arrays."""
         arrays = {name: np.asarray(array) for name, array in computed.items()}
         self._checkpoint.save_state(key, **arrays)
         return arrays
@@ -77,11 +77,11 @@ class FinishedParts:
 
 @dataclass(frozen=True)
 class Claim:
-    """Sentence of a paper, and its measured verdict.
+    """Sentence of a paper, what was expected and measured, and whether it holds.
 
     ``source`` is the paper and the place in it; ``expected`` and ``measured`` are short texts with
-    units, ``holds`` whether the sentence is true as it stands. Where a statistic of samples decides
-    that, ``margin`` is how far it lies from its threshold, in its standard errors; None elsewhere.
+    units; ``holds`` is whether the sentence is true as it stands. Where a statistic of samples
+    decides that, ``margin`` is its distance from the threshold in standard errors; else it is None.
     """
 
     claim: str
@@ -94,9 +94,9 @@ class Claim:
 
 @dataclass(frozen=True)
 class Statement:
-    """A sentence to be checked against data: :meth:`holds` and the comparisons turn it into a :class:`Claim`.
+    """Sentence to be checked against data: :meth:`holds` and the comparisons turn it into a :class:`Claim`.
 
-    A condition must hold for every entry of its array. None holds for an empty array or for NaN.
+    A comparison must hold for every entry of its array. It fails for an empty array and for NaN.
     """
 
     sentence: str
@@ -105,50 +105,50 @@ class Statement:
     observation: str = ""
 
     def expected(self, words: str) -> Statement:
-        """Add what the source says, with units."""
+        """Return a copy of the statement with ``words``, a text with units, for what the source says."""
         return replace(self, expectation=words)
 
     def measured(self, words: str) -> Statement:
-        """Add what the data say, with units."""
+        """Return a copy of the statement with ``words``, a text with units, for what the data show."""
         return replace(self, observation=words)
 
     def holds(self, *conditions: ArrayLike, margin: float | None = None) -> Claim:
-        """Decide by truth values, all of which must be true; see :class:`Claim` for ``margin``."""
+        """Return the claim, which holds if all truth values are true; see :class:`Claim` for ``margin``."""
         marks = [np.asarray(condition, dtype=bool) for condition in conditions]
         holds = all(mark.size > 0 and bool(mark.all()) for mark in marks)
         return Claim(self.sentence, self.source, self.expectation, self.observation, holds, margin)
 
     def below(self, values: ArrayLike, limit: ArrayLike) -> Claim:
-        """Require ``values < limit``."""
+        """Return the claim, which holds if ``values < limit``."""
         return self.holds(np.less(values, limit))
 
     def at_most(self, values: ArrayLike, limit: ArrayLike) -> Claim:
-        """Require ``values <= limit``."""
+        """Return the claim, which holds if ``values <= limit``."""
         return self.holds(np.less_equal(values, limit))
 
     def above(self, values: ArrayLike, limit: ArrayLike) -> Claim:
-        """Require ``values > limit``."""
+        """Return the claim, which holds if ``values > limit``."""
         return self.holds(np.greater(values, limit))
 
     def at_least(self, values: ArrayLike, limit: ArrayLike) -> Claim:
-        """Require ``values >= limit``."""
+        """Return the claim, which holds if ``values >= limit``."""
         return self.holds(np.greater_equal(values, limit))
 
     def between(self, values: ArrayLike, low: ArrayLike, high: ArrayLike) -> Claim:
-        """Require ``low < values < high``."""
+        """Return the claim, which holds if ``low < values < high``."""
         return self.holds(np.greater(values, low), np.less(values, high))
 
     def equals(self, values: ArrayLike, target: ArrayLike, within: float = 0.0) -> Claim:
-        """Require ``|values - target| < within``, or equality where that is zero."""
+        """Return the claim, which holds if ``|values - target| < within``, or if both are equal for ``within = 0``."""
         if within == 0:
             return self.holds(np.equal(values, target))
         return self.below(np.abs(np.subtract(values, target)), within)
 
 
 def claim(sentence: str, source: str) -> Statement:
-    """Begin a claim of ``source``, which names the paper and the place in it.
+    """Return a statement of ``source``, the paper and the place in it, from which to build a claim.
 
-    Every claim is made as ``claim(sentence, source).expected(words).measured(words).below(values,
+    A claim is built by ``claim(sentence, source).expected(words).measured(words).below(values,
     limit)``, or with another condition of :class:`Statement` at the end.
     """
     return Statement(sentence, source)
@@ -158,13 +158,12 @@ def claim(sentence: str, source: str) -> Statement:
 class FigureStudy:
     """Study of one figure: its run, its claims and its source.
 
-    ``module`` in ``problems.studies`` is loaded on first use, because that is slow and a list of
-    studies needs none. It defines ``Params``; ``run(params)``, which returns pure data, where every
-    numeric variable and coordinate has ``units`` (:func:`dataset`); ``claims(data)``, which
-    reads that data, whose attributes hold the parameters; and ``NOTES``, what a reader must know of
-    choices and corrections. A long study sets ``RESUMES``: its ``run(params, finished)`` looks up
-    each finished part first. ``QUICK`` are sizes at which it takes at most 20 s, and its claims
-    carry little weight.
+    ``module`` in ``problems.studies`` is imported on first use, because that is slow and a list of
+    studies does not need it. It defines ``Params``; ``run(params)``, which returns a dataset with
+    ``units`` on every numeric variable and coordinate (:func:`dataset`); ``claims(data)``, which
+    checks that dataset, with the parameters as attributes; and ``NOTES``, sentences on choices and
+    corrections. A long study sets ``RESUMES``: its ``run(params, finished)`` loads finished parts.
+    ``QUICK`` maps parameters to sizes at which it takes at most 20 s; its claims then prove little.
     """
 
     id: str
@@ -178,12 +177,12 @@ class FigureStudy:
 
     @property
     def Params(self) -> type[StudyParams]:
-        """The pydantic model of the parameters."""
+        """Pydantic model of the study's parameters."""
         return self._module.Params
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Choices and corrections that a reader must know."""
+        """Sentences on choices and corrections that a reader of the figure must know."""
         return self._module.NOTES
 
     @property
@@ -193,15 +192,15 @@ class FigureStudy:
 
     @property
     def quick(self) -> Mapping[str, int]:
-        """Sizes of a quick look."""
+        """Mapping from parameter to value for a quick run of at most 20 s; empty if the study needs none."""
         return getattr(self._module, "QUICK", {})
 
     def claims(self, data: xr.Dataset) -> list[Claim]:
-        """Return every sentence of the paper beside what ``data`` show."""
+        """Return the claims of the study, checked against its ``data``."""
         return self._module.claims(data)
 
     def params(self, values: Mapping[str, Any]) -> Any:
-        """Check ``values`` and fill in the defaults.
+        """Return the parameters: ``values``, checked, and defaults for the others.
 
         Raises :class:`~ocp.errors.InputError` that names the parameter, its unit and its range.
         """
@@ -214,10 +213,10 @@ class FigureStudy:
         jobs: int | None = None,
         scheduler: str | None = None,
     ) -> xr.Dataset:
-        """Run at ``values``, the rest at their defaults; the parameters become attributes.
+        """Run the study at ``values`` and defaults for the others; return its data, with the parameters as attributes.
 
-        Parts of a study that resumes are loaded from ``checkpoint`` and stored there, and computed where
-        :class:`FinishedParts` states.
+        A study that resumes loads finished parts from ``checkpoint`` and stores new ones there; for
+        ``jobs`` and ``scheduler`` see :class:`FinishedParts`.
 
         Raises :class:`~ocp.errors.InputError` for a bad parameter and ``ValueError`` where a
         variable has no units.
@@ -232,10 +231,10 @@ class FigureStudy:
 
 
 def dataset(variables: Mapping[str, Any], coordinates: Mapping[str, Any]) -> xr.Dataset:
-    """Label arrays with ``units`` and ``long_name``.
+    """Build a dataset whose arrays have the attributes ``units`` and ``long_name``.
 
-    A variable is (dims, values, unit, meaning), or (dims, values) of words; a coordinate
-    (values, unit, meaning) or (values, unit), or a list of words.
+    A variable is (dims, values, unit, meaning), or (dims, values) for strings; a coordinate is
+    (values, unit, meaning) or (values, unit), or a list of strings.
     """
 
     def labelled(dims: Any, values: ArrayLike, *unit_and_meaning: str) -> Any:
@@ -249,25 +248,25 @@ def dataset(variables: Mapping[str, Any], coordinates: Mapping[str, Any]) -> xr.
 
 
 def share_margin(marks: ArrayLike, least: float) -> float:
-    """Return the distance of the share of ``marks`` from ``least``, in binomial standard errors at ``least``."""
+    """Return how far the share of true ``marks`` lies above ``least``, in binomial standard errors at ``least``."""
     truths = np.asarray(marks, dtype=float)
     return float((truths.sum() - least * truths.size) / np.sqrt(least * (1 - least) * truths.size))
 
 
 def largest_value(values: ArrayLike) -> float:
-    """Return the largest of ``values``; NaN, under which no claim holds, where there are none."""
+    """Return the largest of ``values``, or NaN, for which every comparison fails, if there are none."""
     return float(np.max(values)) if np.size(values) else float("nan")
 
 
 def format_values(values: Iterable[float], form: str) -> str:
-    """Write all of ``values`` in the format ``form``: ``0.10, 0.25``."""
+    """Return ``values`` in the format ``form``, separated by commas: ``0.10, 0.25``."""
     return ", ".join(format(value, form) for value in values)
 
 
 def settings_text(settings: Sequence[object], marks: ArrayLike) -> str:
-    """Say at which of ``settings`` a sentence held: ``for all``, ``for a, b, not for c``.
+    """Return a text that says at which ``settings`` a claim holds: ``for all of a, b`` or ``for a, not for b``.
 
-    Numbers are shortened to four digits; ``marks`` has one truth value a setting.
+    Numbers have four digits; ``marks`` has one truth value for each setting.
     """
     words = [f"{s:.4g}" if isinstance(s, int | float) else str(s) for s in settings]
     truths = np.asarray(marks, dtype=bool)
@@ -281,9 +280,9 @@ def settings_text(settings: Sequence[object], marks: ArrayLike) -> str:
 
 
 def claim_verdict(holds: bool, margin: float | None = None) -> str:
-    """Say whether a claim holds, or that its statistic is within 3 standard errors of deciding.
+    """Return the verdict on a claim: ``holds``, ``does not hold`` or, for a ``margin`` below 3, ``within noise``.
 
-    Other seeds, or another processor's rounding, may change a verdict that is within noise.
+    Other seeds or another processor's rounding may reverse a claim that is within noise.
     """
     if margin is not None and abs(margin) < _NOISE_MARGIN:
         return WITHIN_NOISE
@@ -291,9 +290,9 @@ def claim_verdict(holds: bool, margin: float | None = None) -> str:
 
 
 def count_text(claims: Iterable[Claim | Mapping[str, Any]]) -> str:
-    """Say how many claims hold, of how many, and how many are within noise.
+    """Return a text that counts the claims that hold and those within noise: ``5 of 7 (1 within noise)``.
 
-    Claims may be rows of a run's record.
+    Claims may also be mappings, as in a run's record.
     """
     rows = [claim if isinstance(claim, Mapping) else vars(claim) for claim in claims]
     verdicts = [claim_verdict(row["holds"], row.get("margin")) for row in rows]
@@ -302,7 +301,7 @@ def count_text(claims: Iterable[Claim | Mapping[str, Any]]) -> str:
 
 
 def claims_sentence(claims: Sequence[Claim]) -> str:
-    """Say in one sentence how many claims hold."""
+    """Return a sentence that says how many claims hold; raise ``InputError`` if there are none."""
     if not claims:
         raise InputError("a study without claims checks nothing; give it at least one")
     return f"{count_text(claims)} claims hold."

@@ -1,4 +1,4 @@
-"""A7: the throw of a ball learned by gradients of four kinds, and the landscapes of its return."""
+"""A7: throws of a ball learned by policy gradients of four kinds, and landscapes of their return."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ NOTES = (
 QUICK = {"runs": 3, "iterations": 60}
 
 MUS = (1e-4, 1e-3, 1e-2)
-"""Barrier smoothing's central-path parameters [N s m]."""
+"""Central-path parameters of the barrier laws [N s m]."""
 ANGLES = (-0.8, 1.2)
-"""Window of the landscapes [rad]."""
+"""Range of the angles in the landscapes [rad]."""
 SPEEDS = (1.5, 4.5)
-"""Window of the landscapes [m/s]."""
+"""Range of the speeds in the landscapes [m/s]."""
 
 
 class Params(StudyParams):
@@ -47,7 +47,7 @@ class Params(StudyParams):
 
 
 def make_methods(params: Params) -> dict[str, tuple[Algorithm, ContactLaw]]:
-    """Return every method with the law that it learns through."""
+    """Return a mapping from method to its algorithm and the contact law that it learns through."""
     n_even = params.samples + params.samples % 2
     options = {"samples": n_even, "unroll": get("ball-throw").horizon, "sigma": params.sigma, "rate": params.rate}
     first = FOPG(**options)
@@ -61,7 +61,7 @@ def make_methods(params: Params) -> dict[str, tuple[Algorithm, ContactLaw]]:
 
 
 def run(params: Params) -> xr.Dataset:
-    """Compute decisions and exact returns of every run, and the return over all decisions by law."""
+    """Compute decisions and exact returns of every run, and each law's return over a grid of decisions."""
     task, algorithms = get("ball-throw"), make_methods(params)
     names = list(algorithms)
     decisions = np.zeros((len(algorithms), params.runs, params.iterations + 1, 2))
@@ -98,13 +98,13 @@ def run(params: Params) -> xr.Dataset:
 
 
 def parameters_of(task: Task, decision: np.ndarray) -> np.ndarray:
-    """Return the policy's parameters that give these angles and speeds (..., 2)."""
+    """Return the policy's parameters (..., 2) whose actions are ``decision`` (..., 2), angle [rad] and speed [m/s]."""
     half_range, middle = (task.upper - task.lower) / 2, (task.upper + task.lower) / 2
     return np.arctanh((decision - middle) / half_range)
 
 
 def _learned(task: Task, algorithm: Algorithm, law: ContactLaw, params: Params, run: int) -> np.ndarray:
-    """Return the decisions (iterations + 1, 2) of one run."""
+    """Return the decisions (iterations + 1, 2), angle [rad] and speed [m/s], of one run."""
     seed = params.seed * 1000 + run
     experiment = Experiment(task=task, algorithm=algorithm, law=law, hidden=None, seed=seed, normalise=False)
     state = algorithm.begin(experiment)
@@ -118,7 +118,7 @@ def _learned(task: Task, algorithm: Algorithm, law: ContactLaw, params: Params, 
 
 
 def _returns(experiment: Experiment, law: ContactLaw, decisions: np.ndarray) -> np.ndarray:
-    """Return the returns (n,) of decisions (n, 2) without noise."""
+    """Compute the returns (n,) [m²] of decisions (n, 2) under ``law``, without noise."""
     task = experiment.task
     theta = parameters_of(task, decisions)
     x0 = task.reset(1, np.random.default_rng(0))
@@ -126,15 +126,15 @@ def _returns(experiment: Experiment, law: ContactLaw, decisions: np.ndarray) -> 
 
 
 _SECTION_7_3 = "ABS, sec. 7.3"
-"""Source of the claims of the paper."""
+"""Source of the paper's claims."""
 _GOAL_RETURN = -0.01
-"""Return above which the ball reaches the goal [m²]."""
+"""Return [m²] above which the ball counts as at the goal."""
 _PROMINENCE = 1e-3
-"""Least prominence of a local maximum, over the range of values."""
+"""Minimum prominence of a local maximum, over the range of values."""
 
 
 def claims(data: xr.Dataset) -> list[Claim]:
-    """Return claims on the throw of the ball and on the landscapes."""
+    """Return claims on the learned throws and on the landscapes."""
     names = [str(name) for name in data["algorithm"].values]
     curves = {name: data["exact_return"].sel(algorithm=name).values for name in names}
     last = {name: curve[:, -1] for name, curve in curves.items()}

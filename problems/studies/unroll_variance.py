@@ -1,4 +1,4 @@
-"""A3: variance of the first-order gradient against the length of unrolls, over the course of training."""
+"""A3: variance of the first-order gradient over the length of unrolls, at several stages of training."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ LAWS: dict[str, ContactLaw] = {
     **{f"mu {mu:g}": Barrier(mu=mu) for mu in (1e-2, 1e-4, 1e-6, 1e-8, 1e-10)},
     "adaptive": Adaptive("quartic"),
 }
-"""Laws that gradients are taken through, by name; mu in N s m."""
+"""Mapping from name to contact law that gradients are taken through; mu in N s m."""
 LENGTHS = (1, 2, 3, 5, 7, 10, 15, 20)
-"""Lengths of unrolls [steps]."""
+"""Numbers of steps of the unrolls."""
 
 
 class Params(StudyParams):
@@ -48,7 +48,7 @@ class Params(StudyParams):
 
 
 def run(params: Params, finished: FinishedParts) -> xr.Dataset:
-    """Compute variances of all laws, lengths and policies of both tasks, and Lipschitz constants."""
+    """Compute gradient variances for all tasks, policies, laws and lengths, and Lipschitz constants."""
     task_results = [finished.get(task, lambda task=task: _task(task, params)) for task in track_items("tasks", TASKS)]
     every = ("task", "stage", "law", "length")
     return dataset(
@@ -107,7 +107,7 @@ def _task(task: str, params: Params) -> dict[str, np.ndarray]:
 
 
 def _visited(experiment: Experiment, trained: Trained, params: Params, stage: int) -> np.ndarray:
-    """Draw states (n, nx) from episodes of the policy under noise."""
+    """Draw states (n, nx) from episodes of the policy with noise on its actions."""
     rng = experiment.rng(stage, "visited")
     x0 = experiment.first_states(params.unrolls, rng)
     episodes = experiment.rollouts(experiment.task.horizon, LAWS["mu 1e-10"])(
@@ -145,18 +145,18 @@ def _lipschitz_policy(experiment: Experiment, trained: Trained, x: np.ndarray) -
 
 
 _SECTION_7_2 = "ABS, sec. 7.2"
-"""Source of the claims of the paper."""
-# Names of the laws with the least and the largest mu, and of the adaptive one.
+"""Source of the paper's claims."""
+# Names of the laws with the smallest and the largest mu, and of the adaptive one.
 _SHARP = "mu 1e-10"
 _WIDE = "mu 0.01"
 _ADAPTIVE = "adaptive"
 _SHORTEST_FITTED = 5
-"""Least length that the growth is fitted to: shorter unrolls may meet no contact."""
+"""Shortest unroll [steps] in the fit of the growth; shorter ones may have no contact."""
 
 
 @dataclass(frozen=True)
 class Growth:
-    """Slope of log variance over the unroll length, and its interval over the policies."""
+    """Growth rate of the log variance per step of the unroll, and its 95 % interval over the policies."""
 
     rate: float
     low: float
@@ -168,7 +168,7 @@ class Growth:
         return (self.high - self.low) / 4
 
     def above(self, other: Growth) -> float:
-        """Return the distance of the rate from another, in standard errors of the difference."""
+        """Return how far the rate lies above that of ``other``, in standard errors of the difference."""
         return (self.rate - other.rate) / np.hypot(self.error, other.error)
 
     def __str__(self) -> str:
@@ -176,7 +176,7 @@ class Growth:
 
 
 def variance_growth(data: xr.Dataset, task: str, law: str) -> Growth:
-    """Return the mean over stages of the fitted slope, with twice its standard error."""
+    """Return the fitted growth rate: its mean over stages, plus and minus two standard errors; NaN if too few fits."""
     variances = data["variance"].sel(task=task, law=law)
     lengths = variances["length"].values
     chosen = lengths >= _SHORTEST_FITTED
@@ -192,14 +192,14 @@ def variance_growth(data: xr.Dataset, task: str, law: str) -> Growth:
 
 
 def bound_rate(data: xr.Dataset, task: str, law: str) -> float:
-    """Return the growth of theorem 4.4's bound a step: ``4 log(sqrt 2 L_f L_pi)``, both at least 1."""
+    """Return the growth per step of theorem 4.4's log bound, ``4 log(sqrt 2 L_f L_pi)``, L_f and L_pi at least 1."""
     slope = data["lipschitz"].sel(task=task, law=law).max("stage")
     policy = data["lipschitz_policy"].sel(task=task).max("stage")
     return float(4 * np.log(np.sqrt(2) * np.maximum(slope, 1) * np.maximum(policy, 1)))
 
 
 def claims(data: xr.Dataset) -> list[Claim]:
-    """Return the claims of the figure's text, and on theorem 4.4."""
+    """Return the claims of Zhang et al. 2023, sec. 7.2, on fig. 3, and claims on theorem 4.4."""
     rates = {(t, law): variance_growth(data, t, law) for t in TASKS for law in LAWS}
     mean = data["variance"].mean("stage")
     last = mean.isel(length=-1)

@@ -1,4 +1,4 @@
-"""P4: a ball against a rectangular wall, whose corner is a jump, and against a dome on it."""
+"""P4: a ball thrown at a rectangular wall, at whose corner the objective jumps, and at a dome on the wall."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ class Wall:
 
 
 def flight_step(wall: Wall, g: float, h: float) -> ca.Function:
-    """Build one step of (x, y, vx, vy), with a mirror reflection in it where the ball meets the wall.
+    """Build one step of the ball's state (x, y, vx, vy), in which the wall reflects it without loss.
 
-    ``v+ = v - g h``, then along the straight way ``h v+`` up to the first impact at the fraction s
-    of it, ``v+ <- v+ - 2 (v+·n) n``, and on for (1 - s) h. The normal n is (-1, 0) at the face,
-    (0, 1) on a flat top, radial on the dome.
+    ``v+ = v - g h``; the ball moves along ``h v+`` up to the first impact, after the fraction s of
+    the step, then ``v+ <- v+ - 2 (v+·n) n`` for the rest, (1 - s) h. The normal n is (-1, 0) at the
+    face, (0, 1) on a flat top, and radial on the dome.
     """
     state = ca.SX.sym("state", 4)
     v = state[2:] - ca.DM([0, g * h])
@@ -73,15 +73,15 @@ def flight_step(wall: Wall, g: float, h: float) -> ca.Function:
 
 
 def _fraction(distance: ca.SX, displacement: ca.SX) -> ca.SX:
-    """Return ``distance/displacement``, finite where the displacement is zero."""
+    """Return ``distance/displacement``, or the distance where the displacement is zero."""
     is_still = ca.fabs(displacement) < 1e-12
     return distance / ca.if_else(is_still, 1.0, displacement)
 
 
 class ThrownBall(SampledObjective):
-    """Minus the distance x [m] after ``steps``, of a ball thrown from the origin at angle theta.
+    """Objective: minus the distance x [m] after ``steps`` steps of a ball thrown from the origin at angle theta [rad].
 
-    Gradients are propagated forward through the steps, with the state.
+    Gradients are propagated forward through the steps together with the state.
     """
 
     def __init__(self, wall: Wall, v0: float, g: float, h: float, steps: int) -> None:
@@ -106,26 +106,26 @@ class ThrownBall(SampledObjective):
         return np.stack(positions, axis=1)
 
     def costs(self, noise: np.ndarray) -> np.ndarray:
-        """Return minus the final x at theta + noise."""
+        """Return minus the final x (n,) [m] at theta + noise (n, 1)."""
         state = self._start(self.theta + noise[:, 0])[0]
         for _ in range(self._steps):
             state = self._move(state)
         return -state[:, 0]
 
     def sample_scores(self, noise: Gaussian, n: int) -> CostSamples:
-        """Return costs, and w / sigma²."""
+        """Return n costs and the scores ``w / sigma²`` of their noise w."""
         w = noise.draw(n, 1, 1)[:, 0]
         return CostSamples(self.costs(w), w / noise.component_scales(1) ** 2)
 
     def sample_gradients(self, noise: Gaussian, n: int) -> CostSamples:
-        """Return costs, and derivatives through every impact."""
+        """Return n costs and their derivatives by theta, propagated through every impact."""
         state, tangent = self._start(self.theta + noise.draw(n, 1, 1)[:, 0, 0])
         for _ in range(self._steps):
             state, tangent = self._both(state, tangent)
         return CostSamples(-state[:, 0], -tangent[:, :1])
 
     def _start(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return state and its derivative by theta at the throw, (n, 4) each."""
+        """Return the initial state and its derivative by theta, (n, 4) each, at angles ``theta`` (n,)."""
         angle = np.ravel(theta)
         zero = np.zeros_like(angle)
         v_x, v_y = self._v0 * np.cos(angle), self._v0 * np.sin(angle)
@@ -135,13 +135,13 @@ class ThrownBall(SampledObjective):
 SHAPES = ("rectangle", "dome")
 """Shapes of the top of the wall."""
 _DOMES = 5
-"""Domes of the sweep, each half as wide as the last."""
+"""Number of domes in the sweep, each half as wide as the one before."""
 _FINER_STEPS = 20
-"""Divisor of the step for the paths drawn, which otherwise seem not to touch."""
+"""Divisor of the step size for the drawn paths, which else seem not to touch the wall."""
 
 
 class Params(StudyParams):
-    """Parameters of P4, from the authors' code; the noise, which it lacks, is our choice."""
+    """Parameters of P4, from the authors' code; the noise, which that lacks, is our choice."""
 
     v0: float = setting(5.0, "m/s", "speed of the throw", CODE, above=0)
     g: float = setting(9.81, "m/s^2", "gravity", CODE, above=0)
@@ -158,13 +158,13 @@ class Params(StudyParams):
 
 
 def make_throw(params: Params, dome: bool, width: float | None = None) -> ThrownBall:
-    """Build the throw; ``width`` [m] replaces the wall's."""
+    """Build the objective of the throw at the dome or the rectangle; ``width`` [m] replaces the wall's."""
     wall = Wall(params.place, width or params.width, params.height, dome)
     return ThrownBall(wall, params.v0, params.g, params.h, params.T)
 
 
 def _shrinking(params: Params, corner: float) -> dict:
-    """Compute ``beta, Delta, S`` of pathologies, def. III.3, at the corner's angle as the dome narrows."""
+    """Compute the empirical bias (beta, Delta, S), Suh et al. 2022, def. III.3, at the corner as the dome narrows."""
     # The event is that the dome is missed: the slope is then at most that of the rectangle.
     width = params.width / 2.0 ** np.arange(_DOMES)
     at_flat = make_throw(params, False).at({"theta": corner})
@@ -198,7 +198,7 @@ def _shrinking(params: Params, corner: float) -> dict:
 
 
 def run(params: Params) -> xr.Dataset:
-    """Compute paths, landing objective, gradients along the angle, and domes that shrink."""
+    """Compute paths, objectives and gradient estimates over the angle, and the empirical bias of shrinking domes."""
     angles, fine = np.linspace(0.68, 0.73, 15), np.linspace(0.5, 0.9, 4001)
     theta = np.linspace(params.least, params.most, params.points)
     balls = {name: make_throw(params, name == "dome") for name in SHAPES}
@@ -244,17 +244,17 @@ def run(params: Params) -> xr.Dataset:
 
 
 def _chance(n: int) -> float:
-    """Return the mean square of n unbiased scores that chance exceeds by five deviations."""
+    """Return an upper limit on the mean square of n standard normal scores: five deviations above its mean 1."""
     return 1 + 5 * np.sqrt(2 / max(n, 1))
 
 
 def claims(data: xr.Dataset) -> list[Claim]:
-    """Return the claims of ex. III.6 and fig. 4."""
+    """Return the claims of Suh et al. 2022, ex. III.6 and fig. 4."""
     return [*_shapes(data), *_narrowing_domes(data)]
 
 
 def _shapes(data: xr.Dataset) -> list[Claim]:
-    """Compare rectangle and dome: jumps of the objective, and errors of both orders."""
+    """Compare rectangle and dome by jumps of the objective and errors of first- and zeroth-order gradients."""
     step = np.abs(np.diff(data["f"].values, axis=1)).max(axis=1)
     size = float(data["fine"][1] - data["fine"][0])
     slope_away = np.abs(data["slope"].values[1][0])

@@ -1,4 +1,7 @@
-"""Checks of single-contact propositions, of lemmas on estimators, and of growth over a horizon."""
+"""Bounds that two papers state on contact slopes, gradient estimators and variance, and random tests of them.
+
+The theorems 4.4 to 5.4 are those of Zhang et al. 2023, the lemmas III those of Suh et al. 2022.
+"""
 
 from __future__ import annotations
 
@@ -32,16 +35,16 @@ GROWTH_NOISE = 0.1
 
 
 CONSTANTS = ((0.0, 0.0), (-0.5, 0.0), (-1.0, 0.0), (0.0, 0.5))
-"""Pairs c1, c2 of eq. 5.1 at which thm. 5.4 is tested; the text leaves them open."""
+"""Pairs of the constants (c1, c2) of eq. 5.1 at which thm. 5.4 is tested; the paper leaves them open."""
 
 
 def smoothing_pairs(rng: np.random.Generator, n: int) -> dict[str, np.ndarray]:
-    """Compare softened solutions at n random (F, scale, z) with quadratures and printed forms, (n,) each.
+    """Return errors of softened single contacts at n random compliances F, noise scales and gaps z, (n,) each.
 
-    ``barrier``, ``gaussian``: the laws' lam less E S_0(z + w); ``mass``: integral of rho as prop.
-    5.2 prints it; ``misfit``: kappa of eq. 5.1 at its best c1, c2 less the Gaussian
-    expectation over |z| <= 3 scales, over scale/F; ``bias``, ``tail``: slope error of the corrected
-    law and its closed form, times F.
+    ``barrier``, ``gaussian``: lam of the law less E S_0(z + w) by quadrature; ``mass``: integral of
+    the density in prop. 5.2 as printed; ``misfit``: largest error of eq. 5.1 at its best c1, c2 over
+    |z| <= 3 scales, over scale/F; ``bias``, ``tail``: slope error of the corrected adaptive law and
+    its closed form, times F.
     """
     F, scale = 10 ** rng.uniform(-1, 1, (2, n))
     z = scale * rng.uniform(-2, 2, n)
@@ -62,19 +65,19 @@ def smoothing_pairs(rng: np.random.Generator, n: int) -> dict[str, np.ndarray]:
 
 
 def _misfit(F: float, scale: float) -> float:
-    """Return the misfit of eq. 5.1 over scale/F, with its sigma read as deviation or variance."""
+    """Return the misfit of eq. 5.1 over scale/F: the smaller one for its sigma read as deviation and as variance."""
     z = scale * np.linspace(-3, 3, 121)
     true = gaussian_contact(z, F, scale).lam
     return F / scale * min(affine_misfit(printed_kappa(z, s), true, z) for s in (scale, scale**2))
 
 
 def theorem_5_4(rng: np.random.Generator, n: int) -> dict[str, np.ndarray]:
-    """Compute slope errors of the model softened by eq. 5.1 as printed, and thm. 5.4's bound.
+    """Return slope errors of the contact softened by eq. 5.1 as printed, and the bound of thm. 5.4.
 
-    For n random (F, sigma, z), each at every pair of :data:`CONSTANTS`: ``bias`` and ``bound``
-    (len(CONSTANTS), n), for C = D = 1 and E = 0. The softened solution is the root of
-    ``lam (z + F lam) = kappa (z + F kappa)`` that is not negative, with its total derivative;
-    where there is none (mu < 0) the bias is infinite.
+    ``bias`` and ``bound`` (len(CONSTANTS), n) are those at n random (F, sigma, z) and every pair of
+    :data:`CONSTANTS`, for C = D = 1 and E = 0. The softened solution is the nonnegative root of
+    ``lam (z + F lam) = kappa (z + F kappa)``, differentiated totally; where there is none (mu < 0)
+    the bias is infinite.
     """
     F, sigma = 10 ** rng.uniform(-1, 1, (2, n))
     z = sigma * rng.uniform(-2, 2, n)
@@ -96,7 +99,7 @@ def theorem_5_4(rng: np.random.Generator, n: int) -> dict[str, np.ndarray]:
 
 
 def _printed_mass(F: np.ndarray, mu: np.ndarray) -> np.ndarray:
-    """Integrate S_mu'', a density by prop. 5.2, over z, (n,)."""
+    """Return the integral (n,) of S_mu'' over z, which is 1 if S_mu'' is a density, as prop. 5.2 says."""
     positive_grid = np.geomspace(1e-5, 1e5, 4001)
     grid = np.concatenate((-positive_grid[::-1], positive_grid))
     spread = np.sqrt(F * mu)[:, None] * grid
@@ -106,15 +109,16 @@ def _printed_mass(F: np.ndarray, mu: np.ndarray) -> np.ndarray:
 
 
 def empirical_bias_pairs(rng: np.random.Generator, n: int) -> dict[str, np.ndarray]:
-    """Draw n discrete vectors: variance, the bound of lemma III.4 and the sharp one, (n,) each.
+    """Draw n discrete random vectors; return their variance and its bounds by lemma III.4, printed and sharp, (n,).
 
-    The event holds all outcomes but one; beta is the probability of that one, Delta as defined.
+    The lemma's event is every outcome but one, whose probability is beta; Delta is the distance of
+    the mean on the event from the mean.
     """
     rows = []
     for _ in range(n):
         size, d = rng.integers(2, 6), rng.integers(1, 4)
         p = rng.dirichlet(np.full(size, 0.5))
-        # The lemma is about a rare outcome.
+        # The excluded outcome should be rare.
         z = rng.standard_normal((size, d)) * np.exp(rng.uniform(-2, 2, (size, 1)))
         beta = p[0]
         mean, inside = p @ z, p[1:] @ z[1:] / (1 - beta)
@@ -125,9 +129,9 @@ def empirical_bias_pairs(rng: np.random.Generator, n: int) -> dict[str, np.ndarr
 
 
 def compare_orders(seed: int, n: int) -> dict[str, float]:
-    """Compare first- and zeroth-order means on ``wall-1d`` under the exact law, over all inputs.
+    """Compare first- and zeroth-order gradients of ``wall-1d`` under the exact law, over all inputs.
 
-    ``z_score``: largest difference of the means over their joint standard error.
+    ``z_score`` is the largest difference of the means over its standard error, ``components`` the number of inputs.
     """
     problem = get("wall-1d", N=15, x0=0.3)
     step = Exact().close(problem.system)
@@ -144,12 +148,12 @@ def compare_orders(seed: int, n: int) -> dict[str, float]:
 
 
 def variance_growth(seed: int, n: int, horizons: np.ndarray, gains: np.ndarray) -> np.ndarray:
-    """Compute first-order variance, (len(gains), len(horizons)), of ``x+ = a x + b u`` with a far wall.
+    """Return variances of first-order gradients, (len(gains), len(horizons)), of ``x+ = a x + b u``, its wall far off.
 
-    a = b = L/sqrt(2), so that the dynamics' Lipschitz constant in (x, u) is L; the policy is
-    ``u = x + theta + s w``, of constant sqrt(1 + s²) in (x, w), s = :data:`GROWTH_NOISE` and w
-    standard normal; the cost at the end is sqrt(s² + x²), of constant 1. It starts at x = 0, where
-    the side to which noise throws it, and so the sign of the gradient, is open.
+    a = b = L/sqrt(2), so that the dynamics' Lipschitz constant in (x, u) is the gain L; the policy
+    ``u = x + theta + s w`` has the constant sqrt(1 + s²) in (x, w), s = :data:`GROWTH_NOISE` and w
+    standard normal; the terminal cost sqrt(s² + x²) has the constant 1. From the start x = 0 the
+    noise decides the sign of the final x, and so of the gradient.
     """
     variances = np.empty((len(gains), len(horizons)))
     for row, gain in enumerate(gains):
@@ -182,9 +186,9 @@ KINDS = ("symmetric", "P-matrix")
 
 
 def random_p_matrix(rng: np.random.Generator, n: int, kind: str) -> np.ndarray:
-    """Draw a P-matrix (n, n): symmetric positive definite, or that plus a skew part, rescaled.
+    """Draw a P-matrix (n, n): symmetric positive definite, or that plus a skew part, with rows and columns rescaled.
 
-    Positive scalings of rows and columns keep the P property, not definiteness.
+    Positive scalings of rows and columns preserve the P property, but not definiteness.
     """
     G = rng.standard_normal((n, n))
     symmetric = G @ G.T / n + 0.1 * np.eye(n)
@@ -200,7 +204,7 @@ def random_p_matrix(rng: np.random.Generator, n: int, kind: str) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Softened:
-    """Solutions at k points: ``lam`` and ``gap`` (k, n), ``slope`` = dlam/dz (k, n, n)."""
+    """Solutions of k softened contact problems: ``lam`` and ``gap`` (k, n), ``slope`` = dlam/dz (k, n, n)."""
 
     lam: np.ndarray
     gap: np.ndarray
@@ -216,7 +220,7 @@ def solve_softened(z: np.ndarray, F: np.ndarray, mu: np.ndarray) -> Softened:
 
 @cache
 def _solver(n: int) -> SampledStep:
-    """Return the step ``x+ = lam`` of the system whose state is z; F is made of parameters."""
+    """Return the step ``x+ = lam`` of n contacts, whose state is z and whose parameters are the entries of F."""
     zeros, identity = np.zeros((n, n)), np.eye(n)
     table = ParameterTable(matrix_parameters("F", identity))
     system = lcs(
@@ -238,49 +242,49 @@ def spectral_norms(matrices: np.ndarray) -> np.ndarray:
 
 
 def theorem_4_5(reach: np.ndarray, F: np.ndarray, mu: np.ndarray, sign: int) -> np.ndarray:
-    """Return the bound of abs, thm. 4.5 with l(mu) *equal* to its lower bound; C = D = I, A = B = E = 0.
+    """Return the bound (k,) of thm. 4.5 on the slope, l(mu) *equal* to its lower bound, C = D = I, A = B = E = 0.
 
     ``n² |I|_F² l``, ``l = e/mu + 1/|F| + sign e sqrt(1/mu² + 2/(e mu |F|))``,
-    ``e = reach²/(2 |F|²)`` with ``reach`` (k,) the largest |z| of the domain, on which the bound is
-    one of the slope; printed with sign +1, derived correctly it is -1.
+    ``e = reach²/(2 |F|²)`` with ``reach`` (k,) the largest |z| of the domain on which the slope is
+    bounded; the theorem is printed with ``sign`` +1, the correct derivation gives -1.
     """
     n, size = F.shape[1], np.linalg.norm(F, axis=(1, 2))
     e = reach**2 / (2 * size**2)
     inverse, under_root = 1 / mu, 2 / (e * mu * size)
     root = np.sqrt(inverse**2 + under_root)
     if sign < 0:
-        # The sum cancels; this form of it does not.
+        # The difference of large terms would cancel; this equal form does not.
         return n**3 * under_root / (size * (inverse + root) ** 2)
     return n**3 * (e * inverse + 1 / size + e * root)
 
 
 def pointwise_4_5(lam: np.ndarray, mu: np.ndarray) -> np.ndarray:
-    """Return thm. 4.5's bound with ``l = |diag(lam)|_F²/mu`` at the point, from the theorem's proof."""
+    """Return the bound (k,) of thm. 4.5 with ``l = |diag(lam)|_F²/mu`` at the point, as in the theorem's proof."""
     n = lam.shape[1]
     return n**2 * n * np.sum(lam**2, axis=1) / mu
 
 
 def definite_bound(F: np.ndarray) -> np.ndarray:
-    """Return ``1/lambda_min(S)``, S the symmetric part of F; infinite where S is not definite."""
+    """Return the slope's bound ``1/lambda_min(S)`` (k,), S the symmetric part of F; infinite if S is not definite."""
     smallest_eigenvalue = np.linalg.eigvalsh((F + F.transpose(0, 2, 1)) / 2)[:, 0]
     return np.where(smallest_eigenvalue > 0, 1 / np.where(smallest_eigenvalue > 0, smallest_eigenvalue, 1), np.inf)
 
 
 def theorem_5_1(z: np.ndarray, mu: np.ndarray) -> np.ndarray:
-    """Return the bound of abs, thm. 5.1 for z > 0: ``|I|_F² n mu sum 1/z_i²``."""
+    """Return the slope's bound (k,) of thm. 5.1 for z > 0: ``|I|_F² n mu sum 1/z_i²``."""
     n = z.shape[1]
     return n * n * mu * np.sum(1 / z**2, axis=1)
 
 
 def corrected_5_1(z: np.ndarray, F: np.ndarray, mu: np.ndarray) -> np.ndarray:
-    """Return ``min(1/lambda_min(S), n² mu / min z²)`` for z > 0 and S definite, else infinity."""
+    """Return the corrected bound of thm. 5.1, ``min(1/lambda_min(S), n² mu / min z²)``; infinite for indefinite S."""
     n, definite = z.shape[1], definite_bound(F)
     near_contact = n**2 * mu / np.min(z, axis=1) ** 2
     return np.where(np.isfinite(definite), np.minimum(definite, near_contact), np.inf)
 
 
 def printed_a26(lam: np.ndarray, gap: np.ndarray, F: np.ndarray) -> np.ndarray:
-    """Return dlam/dz by abs, eq. A.26, which couples no contacts: ``-lam_i/(gap_i + lam_i F_ii)``."""
+    """Return dlam/dz by eq. A.26 of Zhang et al. 2023, which couples no contacts: ``-lam_i/(gap_i + lam_i F_ii)``."""
     diagonal = np.diagonal(F, axis1=1, axis2=2)
     diagonal_slope = -lam / (gap + lam * diagonal)
     return diagonal_slope[:, :, None] * np.eye(lam.shape[1])

@@ -11,11 +11,11 @@ from ocp.gradients.objective import SampledObjective
 from ocp.gradients.sampling import EstimatorRun, run_estimator
 
 _QUADRATURE_NODES = 4001
-"""Nodes of the quadrature over the noise."""
+"""Number of nodes of the quadrature over the noise."""
 
 
 def both_orders(objective: SampledObjective, sigma: float, n: int, seed: int, stream: int) -> list[EstimatorRun]:
-    """Run FoBG and ZoBG with the mean as baseline, on independent noise of a ``stream``."""
+    """Run the first-order estimator and the zeroth-order one with the mean as baseline, on independent noise."""
     seeds = np.random.SeedSequence(seed, spawn_key=(stream,)).spawn(2)
     return [
         run_estimator(objective, SAMPLED[name], Gaussian(sigma, own_seed), n)
@@ -26,12 +26,11 @@ def both_orders(objective: SampledObjective, sigma: float, n: int, seed: int, st
 def sweep_decision(
     objective: SampledObjective, theta: np.ndarray, sigma: float, n: int, seed: int
 ) -> dict[str, np.ndarray]:
-    """Evaluate ``objective``, whose noise is added to its one decision, at ``theta`` (k,).
+    """Return the smoothed objective and gradient estimates at ``theta`` (k,), the decision that noise is added to.
 
-    ``F`` and ``slope`` (k,), its smoothing and F' by quadrature over +-6 sigma: ``F' = E[f w]/
-    sigma²``, which needs no derivative; ``first``, ``zeroth`` (k, 2), mean and standard error of
-    FoBG and of ZoBG with the mean as baseline; ``first_variance``, ``zeroth_variance`` (k,) of one
-    sample.
+    ``F`` and ``slope`` (k,) are the smoothed objective and its derivative by quadrature over +-6
+    sigma, ``F' = E[f w]/sigma²``; ``first`` and ``zeroth`` (k, 2) mean and standard error of both
+    estimators of :func:`both_orders`; ``first_variance`` and ``zeroth_variance`` (k,) of one sample.
     """
     w = np.linspace(-6, 6, _QUADRATURE_NODES) * sigma
     weight = norm.pdf(w, 0, sigma)

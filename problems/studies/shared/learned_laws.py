@@ -1,4 +1,4 @@
-"""Transitions of a problem at its defaults, and laws learned from them."""
+"""Transitions of a problem at its default parameters, and contact laws learned from them."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from problems.registry import spec
 
 
 def draw_transitions(name: str, n: int, seed: int) -> Transitions:
-    """Draw n transitions of a problem at its defaults, in its own region."""
+    """Draw n exact transitions of the problem called ``name`` at its defaults, in the problem's own region."""
     problem_spec = spec(name)
     problem = problem_spec.problem()
     return collect_transitions(problem.exact_step, region_of(problem_spec, problem_spec.params({}), problem), n, seed)
 
 
 def average_law(data: Transitions, sigma: float, seed: int, trust: float = 0.0) -> Ewda:
-    """Return the distance-weighted average g_sigma, sigma in normalised units."""
+    """Return the law of the distance-weighted average g_sigma; sigma in units of the data's standard deviations."""
     model = EwdaModel(data.z, data.x_next, data.normalisation, sigma, data.origin, seed)
     return Ewda(model, trust)
 
 
 def network_law(data: Transitions, sigma: float, seed: int, epochs: int, batch: int = Recipe.batch) -> Mlp:
-    """Train the network h_sigma, or h for sigma = 0; return the best of all ``epochs``."""
+    """Train a network on inputs with noise sigma, or clean ones for 0; return the law of its best epoch."""
     model = train_network(data.samples(), sigma, seed, epochs=epochs, patience=epochs, batch=batch)
     return Mlp(model)

@@ -1,6 +1,6 @@
-"""Contact along a line, and its averages over noised data; sigma in metres, without scaling.
+"""One-dimensional contact and its averages over noised data; sigma [m], data not normalised.
 
-Two systems of noising, sec. IV: a block that a pusher moves, and a block at rest between two walls.
+Both systems of Suh et al. 2023, sec. IV: a block that a pusher moves, and a block between two walls.
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ from dynamics.systems.parameters import Signal
 from ocp.errors import InputError
 
 ORIGIN = DataOrigin((Signal("z", "m"),), (Signal("y", "m"),))
-"""Signals of a model along the line."""
+"""Input z and output y of a model along the line, both [m]."""
 _METRES = Normalisation(np.zeros(1), np.ones(1))
-"""Normalisation of data that stay in metres."""
+"""Normalisation that leaves data in metres."""
 
 
 @dataclass(frozen=True)
 class LinePusher:
-    """Block pushed along a line: ``q+ = q + rho max(0, u - c)`` after a pusher was sent to u.
+    """Block on a line that a pusher, commanded to u, moves in one step: ``q+ = q + rho max(0, u - c)``.
 
-    The pusher meets it at c; ``rho = h² K/(m + h² K)`` for a mass m that a spring K commands
-    over a step h. This solves noising, eq. 13, without friction.
+    The pusher touches the block at c; ``rho = h² K/(m + h² K)`` for a block of mass m, a pusher of
+    stiffness K and a step h. This solves eq. 13 of Suh et al. 2023 without friction.
     """
 
     rho: float = 0.99
@@ -39,18 +39,18 @@ class LinePusher:
     c: float = 0.0
 
     def step(self, u: ArrayLike) -> np.ndarray:
-        """Return f(u) [m]."""
+        """Return the block's next position f(u) [m] at the command u [m]."""
         return self.q + self.rho * np.maximum(0, np.asarray(u) - self.c)
 
     def smoothed(self, u: ArrayLike, sigma: float) -> np.ndarray:
-        """Return f_sigma(u) = E f(u + w), w ~ N(0, sigma²), noising, eq. 2."""
+        """Return the smoothed step f_sigma(u) = E f(u + w) [m], w ~ N(0, sigma²); Suh et al. 2023, eq. 2."""
         scaled_distance = (np.asarray(u) - self.c) / sigma
         return self.q + self.rho * sigma * (scaled_distance * norm.cdf(scaled_distance) + norm.pdf(scaled_distance))
 
     def noised(self, u: ArrayLike, sigma: float, low: float, high: float) -> np.ndarray:
-        """Return g_sigma(u) of noising, eq. 7: the mean of f over a Gaussian around u, truncated to [low, high].
+        """Return g_sigma(u) [m]: the mean of f over a Gaussian around u, truncated to [low, high].
 
-        The data are uniform on [low, high], low <= c <= high.
+        It averages data uniform on [low, high], low <= c <= high; Suh et al. 2023, eq. 7.
         """
         u = np.asarray(u)
         ends = [(end - u) / sigma for end in (low, self.c, high)]
@@ -62,27 +62,30 @@ class LinePusher:
 
 @dataclass(frozen=True)
 class Walls:
-    """A block that rests where it is put, ``f(x) = x``, in ``[low, high]`` between two walls."""
+    """Block that stays where it is put, ``f(x) = x``, between walls at ``low`` and ``high`` [m]."""
 
     low: float = -1.0
     high: float = 1.0
 
     def noised(self, x: ArrayLike, sigma: float) -> np.ndarray:
-        """g_sigma(x) [m] for data uniform between the walls: the mean of a truncated normal."""
+        """Return g_sigma(x) [m] for data uniform between the walls: the mean of a truncated normal."""
         return np.asarray(x) + self.displacement(x, sigma)
 
     def displacement(self, x: ArrayLike, sigma: float) -> np.ndarray:
-        """Return ``g_sigma(x) - x = sigma (pdf(a) - pdf(b))/(cdf(b) - cdf(a))``, a, b the walls from x."""
+        """Return ``g_sigma(x) - x = sigma (pdf(a) - pdf(b))/(cdf(b) - cdf(a))``, a, b = (walls - x)/sigma."""
         side, ratio, mass, _, _ = self._relative_to_walls(x, sigma)
         return -side * sigma * (1 - ratio) / mass
 
     def slope(self, x: ArrayLike, sigma: float) -> np.ndarray:
-        """Return ``dg_sigma/dx``: the variance of that normal over sigma²."""
+        """Return ``dg_sigma/dx``: the variance of the truncated normal over sigma²."""
         _, ratio, mass, near_wall, far_wall = self._relative_to_walls(x, sigma)
         return 1 + (near_wall - far_wall * ratio) / mass - ((1 - ratio) / mass) ** 2
 
     def _relative_to_walls(self, x: ArrayLike, sigma: float) -> tuple[np.ndarray, ...]:
-        """Return the side of x, the walls' pdf ratio, the mass between them, and their distances in sigma."""
+        """Return the sign of x from the middle, the ratio of the walls' densities, mass, and distances over sigma.
+
+        The mass is the probability between the walls over the density at the nearer one.
+        """
         # Relative to the nearer wall's density nothing underflows, however far outside x is.
         from_middle = np.asarray(x) - 0.5 * (self.low + self.high)
         half_width, distance = 0.5 * (self.high - self.low), np.abs(from_middle)
@@ -93,24 +96,24 @@ class Walls:
 
 
 def _mills(s: np.ndarray) -> np.ndarray:
-    """Return the upper tail of the standard normal at s over its density there."""
+    """Return Mills' ratio at s, the upper tail of the standard normal over its density."""
     return np.sqrt(np.pi / 2) * erfcx(s / np.sqrt(2))
 
 
 def average_of(z: np.ndarray, y: np.ndarray, sigma: float) -> EwdaModel:
-    """Return g_sigma, noising, eq. 11, of pairs z, y (n,) [m]."""
+    """Build the distance-weighted average g_sigma of pairs z, y (n,) [m]; Suh et al. 2023, eq. 11."""
     return EwdaModel(z[:, None], y[:, None], _METRES, sigma, ORIGIN)
 
 
 def network_of(z: np.ndarray, y: np.ndarray, sigma: float, seed: int, **recipe: Any) -> MlpModel:
-    """Train h_sigma, noising, eq. 3, on pairs z, y (n,) [m].
+    """Train a network h_sigma on pairs z, y (n,) [m] with noise sigma [m] on z; Suh et al. 2023, eq. 3.
 
-    ``recipe`` is that of :class:`~dynamics.learned.training.Recipe`. Raises
-    :class:`~ocp.errors.InputError` where the libraries for training are not installed.
+    ``recipe`` are fields of :class:`~dynamics.learned.training.Recipe`. Raises
+    :class:`~ocp.errors.InputError` if the libraries for training are not installed.
     """
     pairs = Samples(z[:, None], y[:, None], ORIGIN)
     try:
-        # Training measures noise in deviations of its inputs, and here it is in metres.
+        # Training expects noise in units of the inputs' standard deviation.
         return train_network(pairs, sigma / float(z.std()), seed, **recipe)
     except ValueError as error:
         raise InputError(f"this figure trains networks: {error}") from error

@@ -22,9 +22,9 @@ from dynamics.systems import Parameter, ParameterTable, Signal, lcs
 
 @dataclass(frozen=True)
 class StepValues:
-    """Values at n points: ``x_next`` (n, nx), ``lam`` (n, nlam), ``gap`` and ``mu`` (n, nlam),
+    """Values of a step at n points: ``x_next`` (n, nx), ``lam``, ``gap`` and ``mu`` (n, nlam), and derivatives.
 
-    ``x_by_x`` (n, nx, nx), ``x_by_u`` (n, nx, nu), ``lam_by_x`` (n, nlam, nx): the total
+    ``x_by_x`` (n, nx, nx), ``x_by_u`` (n, nx, nu) and ``lam_by_x`` (n, nlam, nx) are the total
     derivatives of x_next and lam through the contact.
     """
 
@@ -38,15 +38,15 @@ class StepValues:
 
 
 class SampledStep:
-    """A closed step evaluated at arrays of states, inputs and parameters.
+    """Step of a system under a contact law, compiled for arrays of states, inputs and parameters.
 
     Derivatives are :meth:`dynamics.contact.Step.contact_jacobian` at the solved impulse.
     """
 
     def __init__(self, step: Step) -> None:
         self._step = step
-        # The path solver of several contacts is hundreds of iterations, most of them skipped by
-        # CasADi's conditionals: unrolled and compiled it would take minutes to build.
+        # The path solver of several contacts has hundreds of iterations, most of them skipped by
+        # CasADi's conditionals: to unroll and compile them would take minutes.
         backend = "auto" if step.system.nlam <= 1 else "casadi"
         self._solve = BatchFunction(step.solve, backend)
         x, u, p, lam = step.system.x, step.system.u, step.p.vector, step.lam
@@ -60,10 +60,10 @@ class SampledStep:
     def __call__(
         self, x: ArrayLike, u: ArrayLike, values: Mapping[str, ArrayLike] | None = None, **law: ArrayLike
     ) -> StepValues:
-        """Evaluate at ``x`` (n, nx) and ``u`` (n, nu), either shared by all points as one row.
+        """Evaluate the step at ``x`` (n, nx) and ``u`` (n, nu); one row serves all points.
 
-        ``values`` of parameters and ``law`` of the law's replace those of the step, each a number,
-        or one for each point, see :meth:`dynamics.systems.ParameterTable.pack`.
+        ``values`` replace parameters of the system and ``law`` those of the law, each by a number
+        or by one for each point; see :meth:`dynamics.systems.ParameterTable.pack`.
         """
         system = self._step.system
         states, inputs, p = self._rows(x, u, self._step.p.pack(values, **law))
@@ -85,9 +85,9 @@ class SampledStep:
         )
 
     def roll_out(self, x: ArrayLike, u: ArrayLike, steps: int) -> tuple[np.ndarray, np.ndarray]:
-        """Repeat the step under a constant input: states (n, steps + 1, nx), lam (n, steps, nlam).
+        """Return states (n, steps + 1, nx) and lam (n, steps, nlam) from ``x`` under the constant input ``u``.
 
-        ``x`` and ``u`` as for a call.
+        ``x`` and ``u`` are as for a call.
         """
         states, inputs, p = self._rows(x, u, self._step.p.values)
         n = len(states)
@@ -107,7 +107,7 @@ class SampledStep:
 
 @dataclass(frozen=True)
 class ScalarContact:
-    """Solution of one contact over z, all (n,): ``lam``, ``mu``, and total derivatives of lam by z."""
+    """Solution of one contact at n gaps z: ``lam``, ``mu``, and first and second total derivative of lam by z, (n,)."""
 
     lam: np.ndarray
     mu: np.ndarray
@@ -115,7 +115,7 @@ class ScalarContact:
     curvature: np.ndarray
 
 
-# One object each, since a law is compiled once an object; their own parameters are inputs.
+# A law is compiled once for each object; mu and sigma are inputs that every call replaces.
 _BARRIER = Barrier(mu=1.0)
 _GAUSSIAN = Adaptive(sigma=1.0)
 
@@ -131,7 +131,7 @@ def gaussian_contact(z: ArrayLike, F: ArrayLike, sigma: ArrayLike) -> ScalarCont
 
 
 def scalar_contact(law: ContactLaw, z: ArrayLike, F: ArrayLike, **law_values: ArrayLike) -> ScalarContact:
-    """Evaluate ``0 <= lam ⟂ z + F lam >= 0`` as ``law`` closes it, at gaps ``z`` (n,) [m].
+    """Solve ``0 <= lam ⟂ z + F lam >= 0``, exactly or softened as ``law`` says, at gaps ``z`` (n,) [m].
 
     lam is an impulse [N s]; F [m/(N s)] and ``law_values`` (``mu``, ``sigma``) are numbers
     or (n,). The system is ``x+ = lam`` with the gap as its state.
@@ -146,7 +146,7 @@ def scalar_contact(law: ContactLaw, z: ArrayLike, F: ArrayLike, **law_values: Ar
 
 @lru_cache(maxsize=8)
 def _built(law: ContactLaw) -> tuple[BatchFunction, BatchFunction, ParameterTable]:
-    """Compile the step of ``law`` and its derivatives, of (z, u, p) and of (z, u, p, lam)."""
+    """Return the step of ``law``, a function of (z, u, p), its derivatives, of (z, u, p, lam), and its parameters."""
     table = ParameterTable([Parameter("F", 1.0, "m/(N s)")])
     compliance = table["F"]
     system = lcs(
@@ -171,31 +171,31 @@ def _built(law: ContactLaw) -> tuple[BatchFunction, BatchFunction, ParameterTabl
 
 
 Density = Callable[[Any], Any]
-"""Probability density of the noise on the gap, over arrays of w [m]."""
+"""Function from noise w [m] on the gap, an array, to its probability density [1/m]."""
 
 
 def student_density(F: float, mu: float) -> Density:
-    """Return the density of the noise that a constant mu averages over: Student's t_2 of scale sqrt(2 F mu)."""
+    """Return the density of the noise that a constant mu averages over: Student's t_2 with scale sqrt(2 F mu)."""
     return lambda w: t.pdf(w, 2, 0, np.sqrt(2 * F * mu))
 
 
 def gaussian_density(sigma: float) -> Density:
-    """Return the density of N(0, sigma²)."""
+    """Return the density of N(0, sigma²), the noise that the adaptive law averages over."""
     return lambda w: norm.pdf(w, 0, sigma)
 
 
 def printed_kappa(z: np.ndarray, sigma: float | np.ndarray) -> np.ndarray:
-    """Return abs, eq. 5.1 as printed, c1 = c2 = 0; it has no F, and its erf lacks a half in the exponent.
+    """Return kappa by eq. 5.1 of Zhang et al. 2023 as printed, for c1 = c2 = 0.
 
     ``z erf(z) + exp(-z²/(2 sigma))/sqrt(pi)``, erf(y) = int_y^inf exp(-s²/sigma²)/(sqrt(2 pi)
-    sigma) ds.
+    sigma) ds. F is missing, and so is a factor 1/2 in the exponent of erf.
     """
     tail = norm.sf(z * np.sqrt(2) / sigma) / np.sqrt(2)
     return z * tail + np.exp(-(z**2) / (2 * sigma)) / np.sqrt(np.pi)
 
 
 def ordinary_kappa(z: np.ndarray, sigma: float | np.ndarray) -> np.ndarray:
-    """Return abs, eq. 5.1 with the ordinary error function for its erf, c1 = c2 = 0."""
+    """Return kappa by eq. 5.1 of Zhang et al. 2023 with the ordinary error function for its erf, c1 = c2 = 0."""
     return z * erf(z) + np.exp(-(z**2) / (2 * sigma)) / np.sqrt(np.pi)
 
 
@@ -207,14 +207,14 @@ def affine_misfit(printed: np.ndarray, true: np.ndarray, z: np.ndarray) -> float
 
 
 def averaged_exact(z: float, F: float, density: Density) -> float:
-    """Integrate E[max(0, -(z + w))/F] over the distribution of w."""
+    """Return the mean exact impulse E[max(0, -(z + w))/F] over noise w of ``density``, by quadrature."""
     return quad(lambda w: -(z + w) / F * density(w), -np.inf, -z, epsabs=1e-13)[0]
 
 
 def least_residual(z: float, F: float, sigma: float) -> float:
-    """Return ``min E|S_0(z + w) - W w - K|`` over K, W for w ~ N(0, sigma²): delta of abs, prop. 5.3.
+    """Return the minimum over K, W of ``E|S_0(z + w) - W w - K|``, w ~ N(0, sigma²); Zhang et al. 2023, prop. 5.3.
 
-    S_0 is homogeneous, so it is sigma/F times that of z/sigma.
+    S_0 is homogeneous, so that this is sigma/F times the value at z/sigma.
     """
     (K, W), _ = best_lines(z / sigma, 1.0, 1.0)
     w = np.linspace(-8, 8, 8001)
@@ -223,7 +223,7 @@ def least_residual(z: float, F: float, sigma: float) -> float:
 
 
 def best_lines(z: float, F: float, sigma: float) -> np.ndarray:
-    """Fit (K, W) of S_0(z + w) ~ W w + K for w ~ N(0, sigma²): rows for |.| and for (.)²."""
+    """Return (K, W) of the lines ``W w + K`` closest to S_0(z + w), w ~ N(0, sigma²), in mean |.| and mean square."""
     w, weight = np.polynomial.hermite_e.hermegauss(200)
     is_weighty = weight > 1e-16
     w, weight = sigma * w[is_weighty], weight[is_weighty] / weight.sum()

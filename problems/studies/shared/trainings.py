@@ -1,4 +1,4 @@
-"""Trainings of a study, run side by side, each stored when it is finished."""
+"""Training runs of a study, computed in parallel and stored, and comparisons of their returns."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from problems.tasks.registry import default_settings, make_algorithm
 from problems.tasks.training import TrainingJob, trained
 
 Curves = dict[str, np.ndarray]
-"""Arrays of a training, by name."""
+"""Mapping from name to array of one training run."""
 
 
 def make_job(task: str, algorithm: str, law: ContactLaw, seed: int, **changed: Any) -> TrainingJob:
-    """Build a training at the task's default settings, except those ``changed``."""
+    """Build the job of one training run at the task's default settings, except those in ``changed``."""
     cls = choose("algorithm", algorithm, ALGORITHMS)
     values = {**default_settings(registry.spec(task), algorithm, cls), **changed}
     chosen, options = make_algorithm(cls, values)
@@ -31,7 +31,7 @@ def make_job(task: str, algorithm: str, law: ContactLaw, seed: int, **changed: A
 
 
 def training_curves(jobs: Mapping[str, TrainingJob], finished: FinishedParts) -> dict[str, Curves]:
-    """Return every array of every training, by the key of its job; see :func:`side_by_side`.
+    """Run all training jobs; return a mapping from each job's key to its arrays, see :func:`side_by_side`.
 
     Except ``wall_s``, results do not depend on the number of processes.
     """
@@ -39,16 +39,16 @@ def training_curves(jobs: Mapping[str, TrainingJob], finished: FinishedParts) ->
 
 
 def trained_curves(job: TrainingJob, tell: Report) -> Curves:
-    """Run a training; a :data:`~ocp.jobs.scheduling.Function`."""
+    """Run one training job and return its arrays, as a :data:`~ocp.jobs.scheduling.Function` does."""
     data = trained(job, tell)
     return {str(name): data[name].values for name in data.data_vars}
 
 
 def side_by_side(function: Function, jobs: Mapping[str, Any], finished: FinishedParts) -> dict[str, Curves]:
-    """Return the arrays that ``function`` gives for every job, by the key of the job.
+    """Apply ``function`` to all jobs in parallel; return a mapping from each job's key to its arrays.
 
-    Stored results are not computed again; the others go where ``finished`` states. Raises the
-    error that a job raised.
+    Stored results are not computed again; the others are computed as :class:`FinishedParts` says.
+    Raises the error that a job raised.
     """
     results: dict[str, Curves] = {}
     report_progress("jobs", 0, len(jobs))
@@ -59,21 +59,18 @@ def side_by_side(function: Function, jobs: Mapping[str, Any], finished: Finished
 
 
 def interpolate_finite(grid: np.ndarray, steps: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Interpolate ``values`` over ``steps`` at the points of ``grid`` (n,).
-
-    Linear from one evaluation to the next; NaN before the first and after the last.
-    """
+    """Interpolate the finite ``values`` at ``steps`` linearly at ``grid`` (n,); NaN outside their range."""
     measured = np.isfinite(values) & np.isfinite(steps)
     return np.interp(grid, steps[measured], values[measured], left=np.nan, right=np.nan)
 
 
 RESAMPLES = 4000
-"""Bootstrap resamples of the runs."""
+"""Number of bootstrap resamples of the runs."""
 
 
 @dataclass(frozen=True)
 class Difference:
-    """Difference of two means, and its bootstrap interval of 95 %."""
+    """Difference of two means, and its 95 % bootstrap interval."""
 
     mean: float
     low: float
@@ -81,12 +78,12 @@ class Difference:
 
     @property
     def better(self) -> bool:
-        """Whether zero lies below the interval."""
+        """Whether the whole interval lies above zero."""
         return self.low > 0
 
     @property
     def margin(self) -> float:
-        """The mean in standard errors, of which a normal interval of 95 % holds 3.92."""
+        """Mean over its standard error; the interval is 3.92 standard errors wide, as for a normal distribution."""
         width = self.high - self.low
         return self.mean / (width / 3.92) if width > 0 else float(np.copysign(np.inf, self.mean))
 
@@ -95,7 +92,7 @@ class Difference:
 
 
 def mean_difference(runs: np.ndarray, other_runs: np.ndarray, paired: bool = True) -> Difference:
-    """Return ``mean(runs) - mean(other_runs)`` (n,) with its percentile bootstrap.
+    """Return the difference of the means of ``runs`` and ``other_runs`` (n,), with its percentile bootstrap interval.
 
     ``paired`` runs share seeds and starts, and are resampled together. The resampling has seed 0,
     so that the same runs give the same interval.
@@ -109,19 +106,19 @@ def mean_difference(runs: np.ndarray, other_runs: np.ndarray, paired: bool = Tru
 
 
 def smallest_margin(gains: Iterable[Difference]) -> float:
-    """Return the margin of the sentence that all of ``gains`` are gains."""
+    """Return the smallest margin of ``gains``, that of the claim that all of them are positive."""
     return min(gain.margin for gain in gains)
 
 
 def claim_gains(
     sentence: str, source: str, expected: str, settings: Sequence[object], gains: list[Difference]
 ) -> Claim:
-    """Claim that ``gains``, one at each of ``settings``, are all gains."""
+    """Return the claim that the intervals of all ``gains``, one for each of ``settings``, lie above zero."""
     better = [gain.better for gain in gains]
     measured = f"{settings_text(settings, better)}: {', '.join(map(str, gains))}"
     return claim(sentence, source).expected(expected).measured(measured).holds(better, margin=smallest_margin(gains))
 
 
 def mean_height(curve: np.ndarray) -> np.ndarray:
-    """Return the mean height of curves (..., iterations): the area under them over their length."""
+    """Return the mean height of curves (..., iterations): the area under each over its length."""
     return (curve[..., 1:] + curve[..., :-1]).mean(axis=-1) / 2
