@@ -1,4 +1,4 @@
-"""Named contact problems, one a file; ``get(name, **params)`` builds one."""
+"""Named contact problems, one per module; ``get(name, **params)`` builds one."""
 
 from problems.parameters import Parameters, quantity, structure, table
 from problems.registry import get, load, names, spec

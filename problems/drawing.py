@@ -1,12 +1,12 @@
-"""Shapes of a picture of a problem, as plain data: the reports decide how to draw them.
+"""Shapes in the picture of a problem, as plain data that the package ``reports`` draws.
 
-Lengths in metres, angles in radians. Every shape is a frozen value, so those of several instants
-that are equal (walls, goals) can be drawn once. ``role`` is ``"object"``, ``"actuator"``,
-``"environment"`` or ``"goal"``.
+Lengths are in metres, angles in radians. Shapes are immutable and can be compared, so that one that
+is equal at several instants (a wall, a goal) can be drawn once. ``role`` is ``"object"``,
+``"actuator"``, ``"environment"`` or ``"goal"``.
 
-A picture of space (:mod:`problems.machines.perspective`) needs shapes that hide what comes before
-them in their list. These have a ``shade``: how dark, up to 1 for the full colour of the role; with
-the shade 0 one sees through. Shaded segments are lines on a floor.
+In a picture in perspective (:mod:`problems.machines.perspective`), a shape hides those before it in
+the list. Its ``shade`` says how dark it is, up to 1 for the full colour of the role; shapes of
+shade 0 are transparent. Shaded segments are lines on a floor.
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ class Circle:
 class Rectangle:
     """A rectangle centred at (x, y), turned counter-clockwise by ``angle``.
 
-    ``width`` and ``height`` are outer measures; ``rounding`` is the radius of the corners, which
-    lies within them.
+    ``width`` and ``height`` are outer dimensions, which include ``rounding``, the radius of the
+    corners.
     """
 
     x: Number
@@ -55,7 +55,7 @@ class Rectangle:
 
 @dataclass(frozen=True)
 class Outline:
-    """A convex polygon with the ``corners`` of its core, counter-clockwise, grown by ``radius``."""
+    """A convex polygon with ``corners`` (counter-clockwise), expanded by ``radius`` on all sides."""
 
     corners: tuple[tuple[float, float], ...]
     radius: NotNegative = 0.0
@@ -63,13 +63,13 @@ class Outline:
     shade: Shade = 0.0
 
     def __post_init__(self) -> None:
-        # Those of a stored run are lists, which have no hash.
+        # The corners of a stored run are lists, which cannot be hashed.
         object.__setattr__(self, "corners", tuple((x, y) for x, y in self.corners))
 
 
 @dataclass(frozen=True)
 class Stadium:
-    """A link with round ends: all within ``radius`` of the segment (x1, y1) to (x2, y2)."""
+    """A link with round ends: all points within ``radius`` of the segment (x1, y1) to (x2, y2)."""
 
     x1: Number
     y1: Number
@@ -105,7 +105,7 @@ class Spring:
 
 @dataclass(frozen=True)
 class Mark:
-    """A mark at (x, y)."""
+    """A marked point (x, y), of no size."""
 
     x: Number
     y: Number
@@ -114,7 +114,7 @@ class Mark:
 
 @dataclass(frozen=True)
 class Wall:
-    """Everything on the side of the line through (x, y) that its normal (nx, ny) points away from.
+    """The half-plane behind the line through (x, y) with the outward normal (nx, ny).
 
     A floor at height zero is ``Wall(0, 0, 0, 1)``.
     """
@@ -135,12 +135,12 @@ STORED_KINDS: dict[str, type[Shape]] = {
     "HalfPlane": Wall,
     **{kind.__name__: kind for kind in (Segment, Spring, Mark)},
 }
-"""Shapes by the words under which runs store them."""
+"""Mapping from the word under which a run stores a shape to the shape's class."""
 
 
 @dataclass(frozen=True)
 class ContactFrame:
-    """The place at which a contact acts, and its unit directions.
+    """Point at which a contact acts, with its unit normal and tangent.
 
     The object is pushed at (x, y) by ``normal_impulse * normal + friction_impulse * tangent``;
     normal = (nx, ny) points into the object and tangent = (ny, -nx) is the normal turned by -90
@@ -149,8 +149,8 @@ class ContactFrame:
 
     ``friction`` is Coulomb's coefficient; the force lies within atan(friction) of the normal.
 
-    A frame seen in space is not ``flat``: its normal is as long as it looks, and of its force the
-    normal part alone is drawn.
+    ``flat`` is False for a contact drawn in perspective: its normal has the projected length, and
+    only the normal part of the force is drawn.
     """
 
     x: Number
@@ -167,9 +167,9 @@ class ContactFrame:
 
 
 def solid(shape: shapes.Shape, x: float, y: float, angle: float, role: str = "object") -> Shape:
-    """Draw ``shape``, whose numbers are no symbols, on a body at (x, y).
+    """Return the drawing of ``shape`` (of numbers, not of symbols) on a body at (x, y) [m].
 
-    ``angle`` counts as that of a :class:`~dynamics.systems.shapes.Pose`: clockwise.
+    ``angle`` [rad] is clockwise, as in :class:`~dynamics.systems.shapes.Pose`.
     """
     cos, sin = math.cos(angle), math.sin(angle)
 

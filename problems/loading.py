@@ -1,4 +1,4 @@
-"""Files of users that define a problem or a law: imported, read, and checked before a command uses them."""
+"""Import and checks of users' files that define a problem or a contact law."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ from problems.user_code import guarded, reason, user_code
 
 
 def import_file(path: Path) -> ModuleType:
-    """Import the module at ``path`` (absolute), each time afresh.
+    """Import the module at the absolute ``path``, again at each call.
 
-    It may import modules that lie beside it, as a program may; one that has changed, or that came
-    from another file's folder, is imported afresh too.
+    The file may import modules from its folder. These are imported again too if one of them has
+    changed or was imported from another folder.
 
-    Raises :class:`~ocp.errors.InputError` where there is no such file, or it raises.
+    Raises :class:`~ocp.errors.InputError` if there is no such file, or if the file raises.
     """
     check_file(path)
     name = f"user_problem_{path.stem}"
@@ -44,7 +44,7 @@ def import_file(path: Path) -> ModuleType:
     if spec is None or spec.loader is None:
         raise InputError(f"{path}: not a Python file; expected one that defines a problem or a law")
     module = importlib.util.module_from_spec(spec)
-    # pydantic looks a model's annotations up in the module of that name.
+    # pydantic looks up a model's annotations in sys.modules.
     sys.modules[spec.name] = module
     open_to_imports(path.parent)
     _forget_others(path)
@@ -54,7 +54,7 @@ def import_file(path: Path) -> ModuleType:
 
 
 def check_file(path: Path) -> None:
-    """Raise :class:`~ocp.errors.InputError` where there is no such file."""
+    """Raise :class:`~ocp.errors.InputError` unless ``path`` is an existing regular file."""
     if not path.is_file():
         other = "is a directory" if path.is_dir() else "is not a regular file"
         kind = other if path.exists() else "there is no such file"
@@ -62,7 +62,7 @@ def check_file(path: Path) -> None:
 
 
 class _Afresh(SourceFileLoader):
-    """Loader that compiles the file as it is: bytecode beside it is matched by whole seconds and size alone."""
+    """Loader that compiles the source and ignores cached bytecode, which may be stale within the same second."""
 
     def get_code(self, fullname: str) -> CodeType:
         content = self.get_data(self.path)
@@ -71,7 +71,7 @@ class _Afresh(SourceFileLoader):
 
 @contextmanager
 def _no_bytecode() -> Iterator[None]:
-    """Keep Python from writing bytecode of modules that a user's file imports; see :class:`_Afresh`."""
+    """Keep Python from writing bytecode of the modules that a user's file imports; see :class:`_Afresh`."""
     setting, sys.dont_write_bytecode = sys.dont_write_bytecode, True
     try:
         yield
@@ -80,11 +80,11 @@ def _no_bytecode() -> Iterator[None]:
 
 
 _contents: dict[str, tuple[str, str]] = {}
-"""File and digest of every module beside a user's file, as it was imported."""
+"""Mapping from the name of a module in a user's folder to its file and digest at the latest import."""
 
 
 def _forget_others(path: Path) -> None:
-    """Drop modules that the file would now import from another text, and all that may use them."""
+    """Drop all loaded modules of the file's folder if one of them has changed or came from another folder."""
     modules = folder_modules(path)
     now = {name: (str(file), file_digest(file)) for name, file in modules.items()}
     loaded = {name: file for name in now if (file := _loaded_from(name))}
@@ -95,9 +95,9 @@ def _forget_others(path: Path) -> None:
 
 
 def _loaded_from(name: str) -> str:
-    """Return the file that a loaded module of a user came from; "" for Python's and installed modules.
+    """Return the file of a loaded module from a user's folder; "" for all other names.
 
-    Those stay whatever lies beside the file: the whole program uses them.
+    Standard and installed modules are never dropped, since the whole program uses them.
     """
     file = getattr(sys.modules.get(name), "__file__", None)
     if file is None or name in sys.stdlib_module_names or "site-packages" in Path(file).parts:
@@ -108,7 +108,7 @@ def _loaded_from(name: str) -> str:
 def check(spec: ProblemSpec) -> None:
     """Build the problem at its defaults and evaluate every part of it once.
 
-    Raises :class:`~ocp.errors.InputError` naming the part whose dimension or value does not fit.
+    Raises :class:`~ocp.errors.InputError` that names the part whose dimension or value does not fit.
     """
     problem = spec.problem()
     p = problem.parameters.values
@@ -138,7 +138,7 @@ def check(spec: ProblemSpec) -> None:
 
 
 def _check_words(spec: ProblemSpec, params: BaseModel) -> None:
-    """Refuse values that a run's record cannot hold, and words that a terminal cannot show."""
+    """Reject parameter values that a run cannot store, and names and descriptions that a terminal cannot show."""
     for about in describe(spec):
         parameter = f"parameter {validated(f'{spec.path}: a parameter', about['name'], Line)}"
         for key in ("unit", "description"):
@@ -150,11 +150,11 @@ def _check_words(spec: ProblemSpec, params: BaseModel) -> None:
 REQUIRED_NAMES = ("name", "title", "Params", "build")
 """Names that a problem's file must define."""
 LONGEST_NAME = 100
-"""Most characters of a problem's or a law's name."""
+"""Maximum number of characters in the name of a problem or a law."""
 
 
 def check_name(name: str) -> str:
-    """Return the name of a problem; raises ValueError unless it is one word."""
+    """Return the name of a problem or a law unchanged; raise ValueError unless it is one word."""
     if not re.fullmatch(r"\w[\w.-]*", name) or len(name) > LONGEST_NAME:
         raise ValueError(
             "a name must be a word of letters, digits, '-' and '_', of at most"
@@ -196,22 +196,22 @@ DEFINED_TYPES: dict[str, Any] = {
     "frames": _MaybeFunction,
     "region": _MaybeFunction,
 }
-"""Types of what a problem's file may define."""
+"""Mapping from each name that a problem's file may define to its required type."""
 CALLS = {
     "build": ("build(params)", None),
     "draw": ("draw(params, state)", list[Shape]),
     "frames": ("frames(params, state)", list[ContactFrame]),
     "region": ("region(params)", None),
 }
-"""How each function is called, and what it must return where no other place checks that."""
+"""Mapping from a function of a problem's file to its call, for messages, and the type to check its result for."""
 
 
 def read(module: ModuleType, file: Path, digest: str) -> ProblemSpec:
-    """Make the spec of what ``module``, the file at ``file`` with that digest, defines.
+    """Return the specification of the problem that ``module`` defines, imported from ``file`` with that digest.
 
-    Its functions raise nothing but :class:`~ocp.errors.InputError` from then on.
+    Its functions are wrapped so that they raise only :class:`~ocp.errors.InputError`.
 
-    Raises :class:`~ocp.errors.InputError` where a name is missing or of the wrong kind.
+    Raises :class:`~ocp.errors.InputError` if a name is missing or has the wrong type.
     """
     missing = [key for key in REQUIRED_NAMES if not hasattr(module, key)]
     if missing:
@@ -231,11 +231,11 @@ def read(module: ModuleType, file: Path, digest: str) -> ProblemSpec:
 
 
 def read_law(module: ModuleType, file: Path, digest: str) -> type[ContactLaw]:
-    """Return the contact law that ``module``, the file at ``file`` with that digest, defines.
+    """Return the class of the contact law that ``module`` defines, imported from ``file`` with that digest.
 
-    Its functions raise nothing but :class:`~ocp.errors.InputError` from then on.
+    Its functions are wrapped so that they raise only :class:`~ocp.errors.InputError`.
 
-    Raises :class:`~ocp.errors.InputError` where there is none, or several, or a part is missing.
+    Raises :class:`~ocp.errors.InputError` if there is no law or more than one, or if it lacks a part.
     """
     from dynamics.laws import LAWS
 
@@ -265,7 +265,7 @@ def read_law(module: ModuleType, file: Path, digest: str) -> type[ContactLaw]:
 
 
 LAW_TYPES: dict[str, Any] = {"name": Annotated[Line, AfterValidator(check_name)], "summary": Line}
-"""Types of the attributes that a law must have."""
+"""Mapping from each attribute that the class of a law must define to its type."""
 
 
 def _check_types(law: type[ContactLaw], file: Path) -> None:

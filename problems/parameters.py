@@ -15,9 +15,9 @@ from ocp.programs.units import SI, Units, fitted
 
 
 class Parameters(BaseModel):
-    """Base of every problem's parameters: finite numbers, nothing unknown, never changed.
+    """Base class of a problem's parameters: immutable and finite; unknown names are rejected.
 
-    A ``float`` field becomes a symbol that a study may turn; an ``int`` field, or one made by
+    A ``float`` field becomes a symbol that a study may vary; an ``int`` field, or one made by
     :func:`structure`, shapes the problem (horizon, number of scenarios, seed) and stays a number.
     """
 
@@ -35,7 +35,7 @@ def structure(default: float, meaning: str, *, unit: str = "1", **limits: Unpack
 
 
 def choice(words: tuple[str, ...], meaning: str) -> Any:
-    """Declare a word out of ``words``, the first by default; it shapes the problem."""
+    """Declare a parameter whose value is one of ``words``, by default the first; it is never a symbol."""
     return Field(
         words[0],
         pattern=f"^({'|'.join(words)})$",
@@ -59,9 +59,9 @@ def table(params: BaseModel) -> ParameterTable:
 
 
 def natural_units(params: BaseModel, problem: Problem) -> Units:
-    """Return natural units that follow the parameters of a problem from their defaults.
+    """Return units fitted to the ratios of a problem's parameters to their defaults; SI if all ratios are 1.
 
-    A parameter that is zero or has changed its sign has no scale, nor has a word or a structural parameter. See
+    Words, structural parameters, and parameters that are zero or have changed sign are left out. See
     :func:`~ocp.programs.units.fitted`.
     """
     symbols = {name: about for name, about in settings_of(type(params)).items() if not is_structural(about)}
@@ -79,9 +79,9 @@ def natural_units(params: BaseModel, problem: Problem) -> Units:
 
 
 def friction_of(p: ParameterTable) -> tuple[ParameterTable, ca.SX | None]:
-    """Return the parameters and Coulomb's coefficient; where it is zero, the other parameters and None.
+    """Return the parameters and Coulomb's coefficient; if it is zero, the other parameters and None.
 
-    A cone that has shrunk to a line has no interior for a central path: without friction there are
+    The friction cone of a zero coefficient has no interior, as a central path needs: the system then has
     no friction pairs, and no parameter ``friction`` to vary.
     """
     if p.get("friction").value > 0:
@@ -90,9 +90,9 @@ def friction_of(p: ParameterTable) -> tuple[ParameterTable, ca.SX | None]:
 
 
 def pose_problem(params: Any, system: ContactSystem, **parts: Any) -> Problem:
-    """Return the problem of ``params.N`` steps of ``system``, with its name and its parameters.
+    """Return the problem of ``params.N`` steps of ``system``, with the system's name and parameters.
 
-    Inputs stay within ``±u_max`` where there is such a parameter; ``parts`` are the other fields of
+    Inputs are bounded by ``±u_max`` if there is such a parameter; ``parts`` are the other fields of
     :class:`~ocp.problem.problem.Problem`.
     """
     p = system.parameters

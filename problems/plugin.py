@@ -20,9 +20,9 @@ from problems.spec import ProblemSpec, Spec
 
 
 def source(name: str) -> ProblemSpec:
-    """Return the problem called ``name``, or that of a file.
+    """Return the problem called ``name``, or the one that the file ``name`` defines.
 
-    Raises :class:`~ocp.errors.InputError` for a name that is neither, or an objective's.
+    Raises :class:`~ocp.errors.InputError` if ``name`` is neither, or is an objective.
     """
     if name in objective_names():
         raise InputError(
@@ -33,9 +33,9 @@ def source(name: str) -> ProblemSpec:
 
 
 def named_file(source: Path | str | None, runs: Sequence[StoredRun]) -> ProblemSpec | None:
-    """Return the problem in the file that a person names for ``runs``, None where none is named.
+    """Return the problem in the user's file ``source`` from which ``runs`` came; None if ``source`` is None.
 
-    Raises :class:`~ocp.errors.InputError` where it cannot be read, or is none of theirs.
+    Raises :class:`~ocp.errors.InputError` if the file cannot be read, or defines another problem.
     """
     if source is None:
         return None
@@ -53,7 +53,7 @@ def named_file(source: Path | str | None, runs: Sequence[StoredRun]) -> ProblemS
 
 
 def edited(run: StoredRun, own: ProblemSpec | None) -> str | None:
-    """Return a sentence where a user's file has changed since the run was stored, else None."""
+    """Return a warning if the user's file of the problem has changed since the run was stored, else None."""
     if own is None or own.name != run.meta["problem"]:
         return None
     if own.digest == run.meta.get("source_digest"):
@@ -67,11 +67,11 @@ def edited(run: StoredRun, own: ProblemSpec | None) -> str | None:
 def law_of(
     run: StoredRun, contact: str | None, settings: Mapping[str, Any], system: ContactSystem
 ) -> tuple[ContactLaw, str | None]:
-    """Return the law called ``contact``, None for the run's, and a warning where its file changed.
+    """Return the law called ``contact`` (None: the run's law), and a warning if its file has changed, else None.
 
-    The run's law without ``settings`` has those of the run.
+    Without ``settings``, the run's own law has the settings stored in the run.
 
-    Raises :class:`~ocp.errors.InputError` where a user's file defines the law and is not named.
+    Raises :class:`~ocp.errors.InputError` if the law comes from a user's file that is not named.
     """
     record, digest = run.record, run.record.get("contact_digest")
     name = str(record.get("contact")) if contact is None else contact
@@ -91,10 +91,10 @@ def law_of(
 
 
 def spec_of(run: StoredRun, own: ProblemSpec | None = None) -> ProblemSpec:
-    """Return a run's problem: a registered one, or ``own``, which a person named.
+    """Return the problem of a run: one that ships with the workbench, or ``own``, from a file the user named.
 
-    A run is data, so the file that it says it came from is never loaded. Raises
-    :class:`~ocp.errors.InputError` where neither is the run's.
+    The file whose path the run stores is never loaded by itself. Raises
+    :class:`~ocp.errors.InputError` if neither is the problem of the run.
     """
     name = str(run.meta["problem"])
     if not _is_own(run):
@@ -110,17 +110,16 @@ def spec_of(run: StoredRun, own: ProblemSpec | None = None) -> ProblemSpec:
 
 
 def _is_own(run: StoredRun) -> bool:
-    """Return whether a run's problem is none that ships with the workbench."""
+    """Return whether the problem of a run comes from a user's file or was built in Python."""
     name = run.meta["problem"]
     ships_with_the_workbench = run.kind in ("train", "figure") or name in names() or name in objective_names()
     return bool(run.record.get("source")) or not ships_with_the_workbench
 
 
 def problem_of(run: StoredRun, own: ProblemSpec | None = None) -> tuple[ProblemSpec, Any, Problem]:
-    """Return a run's spec, its parameters and the problem, built again.
+    """Return the specification, the parameters, and the rebuilt problem of a run.
 
-    Raises :class:`~ocp.errors.InputError` as :func:`spec_of` does, and where the problem no longer
-    fits.
+    Raises :class:`~ocp.errors.InputError` as :func:`spec_of` does, and if the problem cannot be built.
     """
     problem_spec = spec_of(run, own)
     values = known_parameters(run, problem_spec)
@@ -128,6 +127,6 @@ def problem_of(run: StoredRun, own: ProblemSpec | None = None) -> tuple[ProblemS
 
 
 def known_parameters(run: StoredRun, found: Spec) -> dict[str, Any]:
-    """Return the parameters of a run that its spec still has."""
+    """Return those stored parameters of a run that its problem's specification still defines."""
     field_names = found.Params.model_fields
     return {k: v for k, v in run.record.get("params", {}).items() if k in field_names}

@@ -1,4 +1,4 @@
-"""Regions in which a problem's transitions are drawn: as its file says, or around its task."""
+"""Regions from which a problem's transitions are sampled: declared in its file, or built around its task."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from problems import registry
 from problems.spec import ProblemSpec
 
 TUBE_SPREAD = 0.3
-"""Standard deviation of states in the tube, in characteristic sizes of the states."""
+"""Standard deviation of sampled states about the line from start to goal, in characteristic sizes of the states."""
 
 
 @dataclass(frozen=True)
 class CollectJob:
-    """A piece of the transitions of a problem, which a worker builds by its name or file."""
+    """Arguments for a worker that samples one piece of the transitions of a problem (a name or a file)."""
 
     problem: str
     params: dict[str, Any]
@@ -33,9 +33,9 @@ class CollectJob:
 
 
 def collect_piece(job: CollectJob, report: Report) -> Drawn:
-    """Draw the transitions of a piece; a :data:`~ocp.jobs.scheduling.Function`.
+    """Sample the transitions of one piece; a :data:`~ocp.jobs.scheduling.Function` for workers.
 
-    Raises :class:`~ocp.store.provenance.FilesChanged` where the problem's file has changed.
+    Raises :class:`~ocp.store.provenance.FilesChanged` if the problem's file has changed.
     """
     spec = registry.spec(job.problem)
     check_content(job.problem, job.content, [spec.digest], {})
@@ -63,12 +63,12 @@ def region_of(spec: ProblemSpec, params: Any, problem: Problem) -> Region:
 
 
 def around_task(problem: Problem) -> Region:
-    """Return a box around start, goal and guess, widened by the scales; inputs between their bounds.
+    """Return a region of states around start, goal and guess, widened by their scales, and of inputs in their bounds.
 
-    The goal is the least point of the terminal cost, taken as quadratic at the start; coordinates
-    that it leaves open stay where they start. Inputs without bounds have the guess's range, wider
-    by their scale; states keep to their bounds. A state that no step changes, such as a step size
-    that is chosen, has what its start may be, and in the tube what the guess has.
+    The goal is the minimum of the terminal cost, taken as quadratic at the start; coordinates that
+    the cost leaves free keep their start values. Inputs without bounds have the guess's range,
+    widened by their scale; states stay in their bounds. A state that no step changes, such as a step
+    size to be chosen, has the range of its start, and between start and goal its value at the start.
     """
     p, sizes, system = problem.parameters.values, problem.scales, problem.system
     x0, _, *bounds = (np.array(value).ravel() for value in problem.limits(p))
@@ -93,7 +93,7 @@ def around_task(problem: Problem) -> Region:
 
 
 def _unchanging(system: ContactSystem) -> np.ndarray:
-    """Return a mask (nx,) of the states that the residual only carries on."""
+    """Return a mask (nx,) of the states that no step changes: their residual is x_next - x."""
     pairs = zip(*(ca.vertsplit(vector) for vector in (system.x, system.x_next)), strict=True)
     still = [next_state - state for state, next_state in pairs]
     rows = ca.vertsplit(system.residual)
@@ -101,7 +101,7 @@ def _unchanging(system: ContactSystem) -> np.ndarray:
 
 
 def _goal(problem: Problem, x0: np.ndarray, p: np.ndarray) -> np.ndarray:
-    """Return the state after one Newton step on the terminal cost; the start where it leads nowhere."""
+    """Return the state (nx,) after one Newton step from ``x0`` on the terminal cost; ``x0`` if that is not finite."""
     x = problem.system.x
     curvature, slope = ca.hessian(problem.terminal_cost, x)
     symbols = [x, problem.parameters.vector]

@@ -1,4 +1,4 @@
-"""Every problem and static objective by name, and problems and laws of users' files."""
+"""Look-up of problems and static objectives by name, and of problems and contact laws in users' files."""
 
 from __future__ import annotations
 
@@ -53,11 +53,11 @@ PROBLEM_MODULES = {
     "push-cube": "problems.library.push_cube",
     "reorient": "problems.library.reorient",
 }
-"""Modules of the problems by name, in the order of lists."""
+"""Mapping from the name of a problem to its module, in the order in which problems are listed."""
 ROBOT_FILES = (".urdf", ".xacro", ".sdf", ".xml", ".mjcf")
-"""How the names of robots' files end."""
+"""File extensions of robot descriptions."""
 READING_ATTEMPTS = 3
-"""Attempts to read a file that is being edited; one that writes to what it names is never at rest."""
+"""Maximum number of attempts to read a file that changes meanwhile, for example because it writes its own data."""
 
 
 def names() -> list[str]:
@@ -77,7 +77,7 @@ def spec(name: str) -> ProblemSpec:
 def registered(name: str) -> ProblemSpec:
     """Return the problem called ``name`` that ships with the workbench; no file is ever loaded.
 
-    Raises :class:`~ocp.errors.InputError` for a name that there is not.
+    Raises :class:`~ocp.errors.InputError` for an unknown name.
     """
     _require_known(name, names())
     return defined(ProblemSpec, importlib.import_module(PROBLEM_MODULES[name]))
@@ -93,7 +93,7 @@ def _require_known(name: str, known_names: list[str]) -> None:
 
 
 def refuse_robot_file(name: str) -> None:
-    """Raise :class:`~ocp.errors.InputError` for a robot's description: it is no problem."""
+    """Raise :class:`~ocp.errors.InputError` if ``name`` is a robot's description, which defines no problem."""
     if name.lower().endswith(ROBOT_FILES):
         raise InputError(
             f"{name}: a robot's file says what moves and not what to do; ocp new NAME --robot FILE"
@@ -104,7 +104,7 @@ def refuse_robot_file(name: str) -> None:
 def get(name: str | Parameters, **params: Any) -> Problem:
     """Build the problem ``name`` with ``params``, the rest at their defaults.
 
-    In place of both, the problem's own parameters, which editors complete and type checkers check:
+    ``name`` can also be the problem's ``Params``, which editors complete and type checkers check:
     ``get(push_disc.Params(M=2.0))``.
 
     Raises :class:`~ocp.errors.InputError` for an unknown name or a bad parameter.
@@ -122,10 +122,10 @@ def load(path: str | Path) -> ProblemSpec:
 
     The file defines ``name``, ``title``, ``Params`` (a pydantic model, :mod:`problems.parameters`)
     and ``build(params) -> Problem``, and may define ``equations``, ``draw``, ``frames``, ``axes``,
-    ``golden``, ``citation`` and ``region``, as the files beside this one do.
+    ``golden``, ``citation`` and ``region``, as the modules of :mod:`problems.library` do.
 
-    Raises :class:`~ocp.errors.InputError` where there is no such file, it raises (with the line),
-    a name is missing or of the wrong kind, or the problem's dimensions do not fit.
+    Raises :class:`~ocp.errors.InputError` if there is no such file, if it raises (with the line), if
+    a name is missing or has the wrong type, or if the problem's dimensions do not fit.
     """
     file = expand_path(path).resolve()
     check_file(file)
@@ -136,17 +136,17 @@ def load(path: str | Path) -> ProblemSpec:
 
 
 _laws: dict[Path, type[ContactLaw]] = {}
-"""Contact law of each file that was read, as it was then."""
+"""Mapping from a user's file to the contact law that was last read from it."""
 
 
 def load_law(path: str | Path) -> type[ContactLaw]:
-    """Read the contact law of a user's file; it is imported again only where the file has changed.
+    """Read the contact law of a user's file; the file is imported again only if it has changed.
 
     The file defines one class derived from :class:`dynamics.contact.ContactLaw`, as
     ``examples/logistic.py`` does.
 
-    Raises :class:`~ocp.errors.InputError` as :func:`problems.loading.read_law` does, and where
-    there is no such file or it raises.
+    Raises :class:`~ocp.errors.InputError` as :func:`problems.loading.read_law` does, and if there is
+    no such file or it raises.
     """
     file = expand_path(path).resolve()
     check_file(file)
@@ -157,10 +157,10 @@ def load_law(path: str | Path) -> type[ContactLaw]:
 
 
 def _imported(file: Path) -> tuple[ModuleType, str]:
-    """Return a file's module, and the digest of all that it was made of."""
+    """Import a file; return its module, and the digest of the file and all that it depends on."""
     earlier_digest, tries = source_digest(file), 1
     module = import_file(file)
-    # Edited while it was read, neither text is known to be the module's.
+    # If the file changed during the import, it is not known which text the module was made from.
     while (digest := source_digest(file)) != earlier_digest and tries < READING_ATTEMPTS:
         earlier_digest, tries = digest, tries + 1
         module = import_file(file)
@@ -173,29 +173,29 @@ OBJECTIVE_MODULES = {
     "belt-block": "problems.library.belt_block",
     "ball-wall": "problems.library.ball_wall",
 }
-"""Modules of the static objectives by name."""
+"""Mapping from the name of a static objective to its module."""
 DECISION = "theta"
-"""Name of the parameter that an objective decides on."""
+"""Name of the parameter that is the decision variable of an objective."""
 NOISE = "sigma"
-"""Name of the parameter that is the spread of the noise on the decision."""
+"""Name of the parameter that is the standard deviation of the noise on the decision."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ObjectiveSpec(Spec):
-    """One named objective, at any parameters; ``Params`` holds the decision and ``sigma`` too.
+    """Specification of a static objective; its ``Params`` include the decision ``theta`` and the noise ``sigma``.
 
-    ``cost(params, theta, p)`` is the expression of the decision's symbol and of the symbols of all
-    parameters but these two; ``closed_form(values, sigma)`` is what is known of it.
+    ``cost(params, theta, p)`` returns an expression in the symbol of the decision and the symbols
+    ``p`` of the other parameters; ``closed_form(values, sigma)`` returns its exact moments.
     """
 
     cost: Callable[[Any, ca.SX, ParameterTable], ca.SX]
     closed_form: Callable[[dict[str, float], float], ClosedForm] | None = None
 
     def objective(self, values: Mapping[str, Any] | None = None, **engine: Any) -> StaticObjective:
-        """Build the objective at ``values``; ``engine`` is that of its batched evaluation.
+        """Build the objective at ``values``, with other parameters at their defaults.
 
-        Takes ``backend``, ``threads`` and ``block`` of :class:`dynamics.batch.BatchFunction`;
-        raises as :meth:`params` does.
+        ``engine`` can set ``backend``, ``threads`` and ``block`` of
+        :class:`dynamics.batch.BatchFunction`; raises as :meth:`params` does.
         """
         from ocp.gradients.objective import StaticObjective
 
@@ -215,14 +215,14 @@ class ObjectiveSpec(Spec):
 
     @property
     def golden(self) -> dict[str, Any]:
-        """Known optima: none, as an objective is only sampled."""
+        """Known optima, which are none: an objective is sampled and not solved."""
         return {}
 
 
 def named(name: str) -> ObjectiveSpec | ProblemSpec:
     """Return the objective or the contact problem called ``name``, or a problem from a file.
 
-    Raises :class:`~ocp.errors.InputError` for a name that is none of them.
+    Raises :class:`~ocp.errors.InputError` for an unknown name.
     """
     if name in OBJECTIVE_MODULES:
         return objective_spec(name)
@@ -238,5 +238,5 @@ def objective_names() -> list[str]:
 
 @cache
 def objective_spec(name: str) -> ObjectiveSpec:
-    """Return the objective called ``name``; raises :class:`~ocp.errors.InputError` for no name."""
+    """Return the objective called ``name``; raises :class:`~ocp.errors.InputError` if it is unknown."""
     return defined(ObjectiveSpec, importlib.import_module(choose("objective", name, OBJECTIVE_MODULES)))

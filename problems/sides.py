@@ -22,18 +22,18 @@ Corner = tuple[ca.SX | float, ca.SX | float]
 class SidePushing:
     """Quasi-static motion of a body with ``corners`` (counter-clockwise, in its own frame) [m].
 
-    The input has a force F_i >= 0 [N] for each side and a moment m [N m]. The side whose force
-    exceeds the sum of all others pushes with what is left, ``w_i = max(F_i - sum_(j != i) F_j, 0)``
+    The inputs are a force F_i >= 0 [N] for each side and a moment m [N m]. A side pushes with the
+    excess of its force over the sum of all others, ``w_i = max(F_i - sum_(j != i) F_j, 0)``, stated
     as ``0 <= w_i ⟂ w_i - F_i + sum_(j != i) F_j >= 0``: at most one side pushes, anywhere along
-    its length, so that ``|m| <= sum_i w_i L_i / 2``. With the limit surface a sphere in (force,
-    moment / ``reach``), and ``friction m g`` [N] the largest force of friction with the table::
+    its length, so that ``|m| <= sum_i w_i L_i / 2``. The limit surface is a sphere in (force,
+    moment / ``reach``), and ``friction m g`` [N] is the largest force of friction with the table::
 
         (x', y') = R(theta) sum_i w_i n_i / (friction m g)
         theta' = (m + sum_i w_i (c_i x n_i)) / (reach friction m g)
 
     with n_i the inner normal, c_i the middle and L_i the length of side i; ``reach`` [m] is a
-    characteristic length times a factor, the other numbers are ``parameters``. Steps are those of
-    Euler's method, h long.
+    characteristic length times a factor, the other numbers are ``parameters``. A step is one of
+    Euler's explicit method, of length h.
     """
 
     name: str
@@ -53,7 +53,7 @@ class SidePushing:
 
     @cached_property
     def system(self) -> ContactSystem:
-        """The system; states x, y, theta, inputs F_i and m, one multiplier w_i [N] a side."""
+        """Contact system with states x, y, theta, inputs F_i and m, and one multiplier w_i [N] per side."""
         n, p = len(self.corners), self.parameters
         x, x_next, u, w = (ca.SX.sym(s, k) for s, k in (("x", 3), ("x_next", 3), ("u", n + 1), ("w", n)))
         force, moment = ca.SX(2, 1), u[n]
@@ -98,7 +98,7 @@ class SidePushing:
 
     @property
     def u_lower(self) -> ca.SX:
-        """Lower bounds of the inputs: forces push."""
+        """Lower bounds of the inputs: 0 for the forces, none for the moment."""
         return ca.vertcat(ca.SX.zeros(len(self.corners)), -ca.inf)
 
 

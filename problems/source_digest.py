@@ -1,6 +1,6 @@
-"""Files that a user's file is made of: its own text, what it imports from its folder, and data beside it.
+"""Digest of a user's file, of the modules that it imports from its folder, and of data files in its folder.
 
-Installed modules, and the four packages of this program, are told by their versions instead
+Installed modules, and the four packages of this program, are identified by their versions instead
 (:mod:`ocp.store.provenance`).
 """
 
@@ -24,7 +24,7 @@ OWN = ("dynamics", "ocp", "problems", "reports")
 
 
 def source_digest(path: Path) -> str:
-    """Return the SHA-256, in hex, of a file and all files that it depends on, wherever they lie.
+    """Return the SHA-256, in hex, of a file and all files that it depends on; their folder does not matter.
 
     These are the modules that it imports, directly or through others and also inside functions,
     unless they are installed or this program's own, and the files that a string in any of them
@@ -41,7 +41,7 @@ def source_digest(path: Path) -> str:
 
 
 def parts(path: Path) -> dict[str, Path]:
-    """Return the files of :func:`source_digest`: ``""`` the file, modules by name, data as ``./name``."""
+    """Return the files of :func:`source_digest`; keys are ``""`` for the file, names of modules, and ``./name``."""
     file = path.resolve()
     search = _Search(searched(file.parent))
     search.take("", file)
@@ -49,18 +49,18 @@ def parts(path: Path) -> dict[str, Path]:
 
 
 _folders: list[str] = []
-"""Folders of files that were imported, the last first; they stand at the end of ``sys.path``."""
+"""Folders of users' files imported so far, the latest first; they are at the end of ``sys.path``."""
 
 
 def searched(folder: Path) -> list[str]:
-    """Return where a file in ``folder`` finds modules: where all do, then beside it."""
+    """Return the search path of modules for a file in ``folder``, without the folders of other users' files."""
     return [*(place for place in sys.path if place not in _folders), str(folder)]
 
 
 def open_to_imports(folder: Path) -> None:
-    """Let modules in ``folder`` be found from now on, also by imports inside of functions.
+    """Add ``folder`` to ``sys.path`` for the whole process, so that imports inside functions work too.
 
-    They come after all that is installed, so that none of them hides what others mean.
+    It comes after all installed packages, so that its modules hide none of them.
     """
     places, others = searched(folder), [other for other in _folders if other != str(folder)]
     _folders[:] = [str(folder), *others]
@@ -68,7 +68,7 @@ def open_to_imports(folder: Path) -> None:
 
 
 def folder_modules(path: Path) -> dict[str, Path]:
-    """Return the modules among :func:`parts` by name."""
+    """Return the modules among the :func:`parts` of a file, as a mapping from name to file."""
     return {name: file for name, file in parts(path).items() if name and "/" not in name}
 
 
@@ -78,7 +78,7 @@ class _Search:
     found: dict[str, Path] = field(default_factory=dict)
 
     def take(self, name: str, file: Path, package: str = "") -> None:
-        """Take a module and all that it needs."""
+        """Add a file to ``found``, and, if it is a module, all that it imports or names."""
         self.found[name] = file
         if file.suffix != ".py":
             return
@@ -95,7 +95,7 @@ class _Search:
                 self.found[f"./{data}"] = file.parent / data
 
     def _module(self, name: str) -> None:
-        """Take a module by its whole name, and the packages around it."""
+        """Add the module with the full name ``name`` and its parent packages, up to an installed one."""
         path, module = self.path, ""
         for word in name.split("."):
             module = f"{module}.{word}" if module else word
@@ -111,7 +111,10 @@ class _Search:
 
 
 def _spec(name: str, path: Sequence[str]) -> ModuleSpec | None:
-    """Find a module by the last part of its name, without loading the package around it."""
+    """Return the import specification of a module without importing its package; None if there is none.
+
+    ``name`` is the last part of the module's full name.
+    """
     try:
         spec = PathFinder.find_spec(name, path)
     except (ImportError, OSError, ValueError):
@@ -121,7 +124,7 @@ def _spec(name: str, path: Sequence[str]) -> ModuleSpec | None:
 
 @cache
 def _places() -> set[Path]:
-    """Return folders of what is installed."""
+    """Return the folders of the standard library and of installed packages."""
     kinds = ("stdlib", "platstdlib", "purelib", "platlib")
     places = [sysconfig.get_path(kind) for kind in kinds]
     places += [*site.getsitepackages(), site.getusersitepackages()]
@@ -129,7 +132,7 @@ def _places() -> set[Path]:
 
 
 def _nodes(tree: ast.AST) -> Iterator[ast.AST]:
-    """Yield all nodes but those of the part that runs as a program only."""
+    """Yield all nodes but those under ``if __name__ == "__main__"``."""
     waiting = [tree]
     while waiting:
         node = waiting.pop()
@@ -141,7 +144,7 @@ def _nodes(tree: ast.AST) -> Iterator[ast.AST]:
 
 
 def _imported(node: ast.AST, package: str) -> Iterator[str]:
-    """Yield whole names of modules that a statement may import; a part of one may be no module."""
+    """Yield full names of modules that a node may import; the last part of one may be an attribute instead."""
     if isinstance(node, ast.Import):
         yield from (alias.name for alias in node.names)
     elif isinstance(node, ast.ImportFrom):
@@ -160,7 +163,7 @@ def _imported(node: ast.AST, package: str) -> Iterator[str]:
 
 
 def _named(node: ast.AST) -> str:
-    """Return the place of a file that a text, or texts joined by ``/``, could mean."""
+    """Return the relative path that a string, or strings joined by ``/``, may name; "" for other nodes."""
     steps: list[str] = []
     while isinstance(node, ast.BinOp) and isinstance(node.op, ast.Div):
         if not (isinstance(node.right, ast.Constant) and isinstance(node.right.value, str)):

@@ -25,12 +25,12 @@ from problems.user_code import guarded, user_code
 
 S = TypeVar("S", bound="Spec")
 MOST_NODES = 20_000
-"""Longest motion that a run stores as drawn, in nodes."""
+"""Maximum number of nodes, over all motions, for which a run stores drawings."""
 
 
 @dataclass(frozen=True)
 class Citation:
-    """Source of a problem: the key in the bibliography, and the place in words."""
+    """Source of a problem: its key in the bibliography, and the section or equation in words."""
 
     key: Line
     text: Line
@@ -38,15 +38,15 @@ class Citation:
 
 @dataclass(frozen=True)
 class Golden:
-    """The best known value at the default parameters, under the exact law unless ``law`` says another.
+    """Best known cost of a problem at its default parameters, under the contact law ``law``.
 
     Solving with ``settings`` from guess ``start`` (0 is the problem's own, k the k-th perturbed one
-    of seed 0, see :mod:`ocp.problem.rollout`) ends at ``cost``, within ``tolerance`` relative, with
-    a certificate (:mod:`ocp.judge.certificate`) that says ``stationarity`` and ``kind``.
-    ``tried`` counts the solves, over strategies and guesses, of which no certified one ends lower.
+    of seed 0, see :mod:`ocp.problem.rollout`) ends at ``cost``, within the relative ``tolerance``,
+    with the ``stationarity`` and ``kind`` of certificate (:mod:`ocp.judge.certificate`). ``tried``
+    is the number of solves, over strategies and guesses; no certified one ended at a lower cost.
 
-    ``independent`` names what confirms the value without the workbench, "" where nothing does;
-    ``note`` tells of other minima and of what the default settings end at, where that is another.
+    ``independent`` names a confirmation from outside the workbench, "" if there is none; ``note``
+    describes other minima, and where the default settings end if elsewhere.
     """
 
     cost: Number
@@ -68,7 +68,7 @@ class Golden:
 
     @property
     def remarks(self) -> str:
-        """Settings of ``ocp solve`` beside its defaults, what confirms the value, and the note."""
+        """Remarks in one line: options of ``ocp solve`` besides its defaults, the confirmation, and the note."""
         options = [f"-s {name}={value}" for name, value in self.settings.items()]
         options += [f"--starts {self.start + 1}"] if self.start else []
         how = f"found with {' '.join(options)}" if options else ""
@@ -77,13 +77,13 @@ class Golden:
 
 
 def smoothed(cost: float, **more: Any) -> Golden:
-    """Return the best known value under the barrier law, whose certificate is KKT and has no kinds."""
+    """Return the best known cost under the barrier law, where the certificate is KKT and has no kind."""
     return Golden(cost, law="barrier", stationarity="KKT", kind="", **more)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Spec:
-    """A name with parameters, equations in typst's mathematics, and a source."""
+    """Specification of a problem or an objective: name, parameters, equations in typst's mathematics, and source."""
 
     name: str
     title: str
@@ -101,13 +101,13 @@ class Spec:
 
 @dataclass(frozen=True, kw_only=True)
 class ProblemSpec(Spec):
-    """One named problem, at any parameters.
+    """Specification of a named problem, which can be built at any parameters.
 
-    ``build(params)`` gives the :class:`~ocp.problem.problem.Problem`; ``draw(params, state)`` the shapes at
-    one state (nx,), ``frames(params, state)`` the place and direction of each contact; ``axes``
-    label the drawing; ``region(params)`` says where transitions are drawn, else
-    :mod:`problems.regions` does; ``path`` is the user's file, None for a problem that ships with
-    the workbench, ``digest`` that of all it is made of (:mod:`problems.source_digest`).
+    ``build(params)`` returns the :class:`~ocp.problem.problem.Problem`, ``draw(params, state)`` the
+    shapes at one state (nx,), ``frames(params, state)`` the point and direction of each contact,
+    ``region(params)`` the region from which transitions are sampled (None: see
+    :mod:`problems.regions`). ``axes`` are labels of the drawing, ``path`` is the user's file (None if
+    the problem ships with the workbench), and ``digest`` its :func:`problems.source_digest.source_digest`.
     """
 
     build: Callable[[Any], Problem]
@@ -130,8 +130,8 @@ class ProblemSpec(Spec):
         """Build the problem at ``values``, the rest at their defaults.
 
         Raises :class:`~ocp.errors.InputError` for a bad parameter, and for a user's ``build`` that
-        raises, returns no problem, one whose dimensions do not fit, or one without mechanics, as
-        without mass.
+        raises or returns no problem, one whose dimensions do not fit, or one without physical
+        meaning, for example without mass.
         """
         params = self.params(values or {})
         problem = self.build(params)
@@ -162,7 +162,7 @@ class ProblemSpec(Spec):
 
 @dataclass(frozen=True)
 class UserProblemRecord:
-    """A problem from a user's file at given parameters, as its runs describe it without storing the file's code."""
+    """Description of a user's problem at given parameters, which its runs store instead of the file's code."""
 
     spec: ProblemSpec
     params: Any
@@ -170,8 +170,8 @@ class UserProblemRecord:
     def told(self, motions: Mapping[str, np.ndarray]) -> dict[str, Any]:
         """Return title, equations, parameters, and the drawings at the states (n, nx) of each motion.
 
-        Of the form of :class:`ocp.store.meta.OwnProblem`. A motion ends with its last finite
-        state; ``undrawn`` says why there is no drawing.
+        The format is :class:`ocp.store.meta.OwnProblem`. Drawings of a motion end before its first state
+        that is not finite; ``undrawn`` says why there are no drawings, "" if there are.
         """
         spec = self.spec
         record = {
@@ -260,10 +260,10 @@ def describe(spec: Spec) -> list[dict[str, Any]]:
 
 
 def defined(kind: type[S], module: ModuleType, **more: Any) -> S:
-    """Make the spec of what ``module`` defines under the names of its fields.
+    """Return the specification whose fields are the names that ``module`` defines, and ``more``.
 
-    Of the equations, a text, each line is one; a line that begins with a space continues the one
-    before.
+    Each line of the text ``equations`` is one equation; a line that begins with a space continues
+    the line before.
     """
     names = (field.name for field in fields(kind) if field.name not in more)
     values = {name: getattr(module, name) for name in names if hasattr(module, name)}

@@ -1,4 +1,4 @@
-"""Calls into a user's file: errors in one sentence, and what it sets for the process set back."""
+"""Calls of code in a user's file: errors become one sentence, and changes to the process are undone."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ Function = Callable[..., Any]
 def guarded(
     function: Function, what: str, path: Path, check: Function | None = None, through: type[Exception] | tuple[()] = ()
 ) -> Function:
-    """Return ``function`` of the file at ``path`` with every error as one sentence.
+    """Return ``function`` of the file at ``path``, wrapped so that every error is an InputError of one sentence.
 
-    ``check`` converts its result, or raises :class:`~ocp.errors.InputError`. Errors of the type
-    ``through`` are raised as they are.
+    ``check`` converts the result, or raises :class:`~ocp.errors.InputError`. Errors of the type
+    ``through`` are raised unchanged.
     """
 
     @functools.wraps(function)
@@ -44,11 +44,11 @@ def guarded(
 
 @contextmanager
 def user_code(what: str, path: Path, through: type[Exception] | tuple[()] = ()) -> Iterator[None]:
-    """Run code of the file at ``path``; what it sets for the whole process is set back.
+    """Run code of the file at ``path``, then undo its changes to the whole process.
 
-    Raises :class:`~ocp.errors.InputError` with ``what``, the line and the reason for whatever is
-    raised inside, ``SystemExit`` and the like included. Only a Ctrl-C, and what is let ``through``,
-    go on as they came.
+    Raises :class:`~ocp.errors.InputError` with ``what``, the line and the reason for any exception
+    raised inside, including ``SystemExit``. Only Ctrl-C and errors of the type ``through`` pass
+    unchanged.
     """
     try:
         with _set_back():
@@ -63,7 +63,7 @@ def user_code(what: str, path: Path, through: type[Exception] | tuple[()] = ()) 
 
 @contextmanager
 def _set_back() -> Iterator[None]:
-    """Restore folder, paths of import, streams, and how NumPy and warnings deal with trouble."""
+    """Restore working directory, ``sys.path``, standard streams, NumPy's error state, and warning filters."""
     folder, limit = _folder(), sys.getrecursionlimit()
     paths, streams = list(sys.path), (sys.stdout, sys.stderr)
     try:
@@ -86,7 +86,7 @@ def _folder() -> str | None:
 
 
 def _was_pressed(error: BaseException, path: Path) -> bool:
-    """Return True where a KeyboardInterrupt came from a signal; Python's own handler leaves no frame."""
+    """Return whether a KeyboardInterrupt came from Ctrl-C, and not from a ``raise`` in the file at ``path``."""
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         return True
     frames = traceback.extract_tb(error.__traceback__)
@@ -94,7 +94,7 @@ def _was_pressed(error: BaseException, path: Path) -> bool:
 
 
 def where(error: BaseException, path: Path) -> str:
-    """Say what was raised and at which line of the user's file."""
+    """Return the line of the user's file at which ``error`` was raised, its type, and its reason, as one text."""
     if isinstance(error, SyntaxError) and error.lineno is not None:
         return f"line {error.lineno}: {type(error).__name__}: {error.msg}"
     lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if Path(frame.filename) == path]
@@ -107,7 +107,7 @@ def where(error: BaseException, path: Path) -> str:
 
 
 def reason(error: BaseException) -> str:
-    """Return the line of the message that says what happened; CasADi puts it below a location."""
+    """Return the line of an error's message that gives the reason; CasADi writes it below the location."""
     try:
         text = str(error)
     except Exception:

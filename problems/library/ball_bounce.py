@@ -1,4 +1,4 @@
-"""A ball with thrusters over a floor that does not bounce it."""
+"""A ball with thrusters above a floor, with plastic impacts."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class Params(Parameters):
 
 
 def build(params: Params) -> Problem:
-    """Plastic time stepping (ball-bounce.1) of a point; u is a force [N], lam an impulse [N s]."""
+    """Return the problem of a point with plastic time steps (ball-bounce.1); u is a force [N], lam an impulse [N s]."""
     p = table(params)
     weight = ca.vertcat(0, p["m"] * p["g"])
     system = time_stepping(
@@ -77,7 +77,7 @@ def build(params: Params) -> Problem:
 
 
 def draw(params: Params, state: np.ndarray) -> list[Shape]:
-    """Draw floor, goal and the ball, whose size is for the eye only: the model's ball is a point."""
+    """Draw floor, goal and ball; the ball, a point in the model, has a radius only in the picture."""
     radius = 0.05
     return [
         Wall(0, 0, 0, 1),
@@ -87,5 +87,5 @@ def draw(params: Params, state: np.ndarray) -> list[Shape]:
 
 
 def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
-    """Return the frame of the floor, which pushes upwards."""
+    """Return the contact frame of the floor, whose normal points upwards."""
     return [ContactFrame(float(state[0]), float(state[1]), 0, 1)]

@@ -32,16 +32,16 @@ golden = {
         settings={"tol": 1e-10},
         tried=33,
         independent="Nelder-Mead over angle and speed of a simulation in closed form",
-        # The N - 1 idle speeds, u of the fastest, have cost u² and the bound u >= 0. An interior-
-        # point method ends where 2 u² = mu <= tol, which costs (N - 1) tol / 2 in all: 2.7e-7 of
-        # the optimum at tol = 1e-10, 2.7e-5 at 1e-8 (9e-7 seen in direct, 2e-6 in shooting).
+        # The N - 1 speeds after the throw, as shares u of the largest, cost u² each and have the
+        # bound u >= 0. An interior-point method ends where 2 u² = mu <= tol, which costs
+        # (N - 1) tol / 2 in all: 2.7e-7 of the optimum at tol = 1e-10, 2.7e-5 at 1e-8.
         tolerance=1e-6,
     )
 }
 
 
 class Params(Parameters):
-    """Parameters of ``ball-throw``; the goal is the state that theta = 0.6 at 3 m/s leads to."""
+    """Parameters of ``ball-throw``; the default goal is where a throw at theta = 0.6 rad and 3 m/s ends."""
 
     m: float = quantity(1.0, "kg", "mass", above=0)
     g: float = quantity(9.81, "m/s^2", "gravity", above=0)
@@ -63,18 +63,18 @@ class Params(Parameters):
 
 
 def build(params: Params) -> Problem:
-    """Time stepping (ball-throw.2) with restitution (ball-throw.3); lam is an impulse [N s].
+    """Return the problem with time steps (ball-throw.2) and restitution (ball-throw.3); lam is an impulse [N s].
 
-    In free flight the nodes lie on a parabola, the velocity of a step being that in its middle. The
-    pair keeps the next node from falling below ``-R(s)``, s the height one step before: two steps
-    at the floor, heights a > c before them, end at ``-R(a)``, ``-R(c)``. With ``R(s) = e s`` that
-    is the published scheme: the velocity after a bounce is e times that before, wherever between
-    two nodes the impact falls. But gravity acts on in between, so the velocity would be a sawtooth
-    over the place of the impact, whose slope has the wrong sign however small h is, and every tooth
-    would be a local minimum. The quadratic term reflects the parabola instead of its tangent,
-    which leaves a delay of two steps. The node in between lies below the floor, by at most e h V.
+    In free flight the nodes lie on a parabola, since the velocity of a step is the one in its
+    middle. The contact keeps the next node above ``-R(s)``, where s is the height one node before
+    the present one: two steps in contact, with heights a > c one node before, end at ``-R(a)`` and
+    ``-R(c)``. ``R(s) = e s`` is the published scheme, in which the velocity after a bounce is e times
+    that before, wherever the impact is between two nodes. But gravity acts in between too, so that
+    the velocity is a sawtooth over the place of the impact: its slope has the wrong sign for every
+    h, and each tooth is a local minimum. The quadratic term of R reflects the parabola instead of
+    its tangent, which leaves a delay of two steps. The node in between is at most e h V below the floor.
 
-    Paoli and Schatzman, SIAM J. Numer. Anal. 40(2), 702-733, 2002 (paoli2002numerical).
+    Source: Paoli and Schatzman, SIAM J. Numer. Anal. 40(2), 702-733, 2002 (paoli2002numerical).
     """
     p = table(params)
     system = thrown_ball(p)
@@ -99,7 +99,7 @@ def build(params: Params) -> Problem:
 
 
 def thrown_ball(p: ParameterTable, fixed_speed: ca.SX | None = None) -> ContactSystem:
-    """Return the system of :func:`build`; with a ``fixed_speed`` [m/s] the angle is the only input."""
+    """Return the contact system of :func:`build`; with ``fixed_speed`` [m/s] the angle is the only input."""
     x, x_next = ca.SX.sym("x", 6), ca.SX.sym("x_next", 6)
     theta, lam = ca.SX.sym("theta"), ca.SX.sym("lam")
     speed = ca.SX.sym("speed") if fixed_speed is None else fixed_speed
@@ -111,7 +111,7 @@ def thrown_ball(p: ParameterTable, fixed_speed: ca.SX | None = None) -> ContactS
     thrown = v + hand * (speed * ca.vertcat(ca.cos(theta), ca.sin(theta)) + lift)
     push = ca.vertcat(0, lam - h * m * g)
     last = q[1] - h * thrown[1]
-    # Just after a bounce there is no fall to speak of, and its square can even be negative.
+    # Just after a bounce the state `fall` is small, and can even be negative.
     mirrored = e * last + (1 + e) * g * last**2 / (2 * ca.fmax(fall, (g * h) ** 2))
     return ContactSystem(
         name=name,
@@ -136,7 +136,7 @@ def thrown_ball(p: ParameterTable, fixed_speed: ca.SX | None = None) -> ContactS
         parameters=p,
         phi=q[1],
         mu_per_kappa=h,
-        # The law of the bounce is in the gap, which is therefore no expansion of the distance.
+        # The gap contains the law of the bounce, so it is not an expansion of the distance.
         referee_model=RefereeModel(),
         refinable=True,
     )
@@ -172,7 +172,7 @@ def _guess(params: Params):
 
 
 def draw(params: Any, state: np.ndarray) -> list[Shape]:
-    """Draw floor, hand, goal and ball, of the problem or of its task; the ball is a point, drawn larger."""
+    """Draw floor, hand, goal and ball; the ball, a point in the model, has a radius only in the picture."""
     radius = 0.05
     return [
         Wall(0, 0, 0, 1),
@@ -183,5 +183,5 @@ def draw(params: Any, state: np.ndarray) -> list[Shape]:
 
 
 def frames(params: Any, state: np.ndarray) -> list[ContactFrame]:
-    """Return the frame of the floor, which pushes upwards."""
+    """Return the contact frame of the floor, whose normal points upwards."""
     return [ContactFrame(float(state[0]), float(state[1]), 0, 1)]

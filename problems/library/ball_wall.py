@@ -1,4 +1,4 @@
-"""A ball thrown at a wall with a sharp corner: over it or back, and nothing between."""
+"""A ball thrown at a wall with a sharp corner: it flies over or bounces back, so that the cost jumps."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ f = -x(T), quad "or" -(2 d - x(T)) "where" y < y_"top" "at the wall's face," x =
 
 
 class Params(Parameters):
-    """Parameters of ``ball-wall``, from the authors' public code but for sigma."""
+    """Parameters of ``ball-wall``; the defaults are from the authors' public code, except sigma."""
 
     theta: float = quantity(0.68, "rad", "angle of the throw", above=0, most=1.5)
     v0: float = quantity(5.0, "m/s", "speed of the throw", above=0)
@@ -30,7 +30,7 @@ class Params(Parameters):
 
 
 def cost(params: Params, theta: ca.SX, p: ParameterTable) -> ca.SX:
-    """Free flight and one elastic reflection, in closed form: no time step blurs the corner."""
+    """Return the cost in closed form, of free flight with at most one elastic reflection at the wall."""
     forward = p["v0"] * ca.cos(theta)
     meets = p["d"] / forward
     height = p["v0"] * meets * ca.sin(theta) - p["g"] * meets**2 / 2

@@ -1,4 +1,4 @@
-"""A block on a belt: the body behind a friction that is relaxed within a slip tolerance."""
+"""A block dragged by a belt: relaxed friction acts on a body with inertia."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ f = m v_N \/ (N h F): "the impulse on the block as a share of the largest, from 
 
 
 class Params(Parameters):
-    """Parameters of ``belt-block``; all our choice, the paper shows a drawing alone."""
+    """Parameters of ``belt-block``; the defaults are ours, since the paper shows only a drawing."""
 
     theta: float = quantity(0.0, "m/s", "velocity of the belt")
     nu: float = quantity(0.01, "m/s", "slip tolerance", above=0)
@@ -31,11 +31,11 @@ class Params(Parameters):
 
 
 def cost(params: Params, theta: ca.SX, p: ParameterTable) -> ca.SX:
-    """Implicit in the sliding velocity, so that every nu is stable.
+    """Return the block's impulse as a share of the largest, after steps implicit in the sliding velocity.
 
-    Inside the tolerance ``v+ = (v + c b)/(1 + c)`` with ``c = 2 h F/(m nu)``; outside the friction
-    is at its limit. A block that is carried along slides no more: over N steps the impulse is
-    ``clip(m b, +-N h F)`` for nu = 0, whose slope is bounded by the mass.
+    The steps are stable for every nu: within the tolerance ``v+ = (v + c b)/(1 + c)`` with
+    ``c = 2 h F/(m nu)``, otherwise friction is at its limit. A block as fast as the belt slides no
+    more: for nu = 0 the impulse of N steps is ``clip(m b, +-N h F)``, with the mass as largest slope.
     """
     v = ca.SX(0)
     kick = p["h"] * p["friction_force"] / p["m"]

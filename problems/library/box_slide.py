@@ -24,7 +24,7 @@ golden = {"exact": Golden(0.354703374, tried=33, independent="all 820 schedules 
 
 
 class Params(Parameters):
-    """Parameters of ``box-slide``; mass, friction and step are those of figure A6."""
+    """Parameters of ``box-slide``; default mass, friction and step are those of the workbench's figure A6."""
 
     m: float = quantity(1.0, "kg", "mass of the box", above=0)
     g: float = quantity(9.81, "m/s^2", "gravity", above=0)
@@ -41,11 +41,10 @@ class Params(Parameters):
 
 
 def build(params: Params) -> Problem:
-    """The box of adaptive barrier smoothing, fig. 6b: (box-slide.1) with the pairs (box-slide.2).
+    """Return the problem of the box in Zhang et al. (2023), fig. 6b: (box-slide.1) with the pairs (box-slide.2).
 
-    The floor's normal force is m g. The step from rest, softened, is
-    ``v+ = -(2 mu/h) f/(b² - f²)``. At rest no push below friction m g moves
-    the box, and the exact law has no gradient there.
+    The floor's normal force is m g. The smoothed step from rest is ``v+ = -(2 mu/h) f/(b² - f²)``.
+    A push below friction m g does not move a box at rest, so the exact law's gradient is zero there.
     """
     p = table(params)
     system = time_stepping(
@@ -73,11 +72,11 @@ def build(params: Params) -> Problem:
 
 
 def draw(params: Params, state: np.ndarray) -> list[Shape]:
-    """Draw floor, goal and the box, whose size is for the eye only."""
+    """Draw floor, goal and box; the model has no size of the box."""
     side = 0.2
     return [Wall(0, 0, 0, 1), Mark(params.goal, side / 2, "goal"), Rectangle(float(state[0]), side / 2, side, side)]
 
 
 def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
-    """Return the frame of the floor, which carries the box and rubs on it."""
+    """Return the contact frame of the floor, with friction, below the box."""
     return [ContactFrame(float(state[0]), 0, 0, 1, params.friction)]

@@ -1,4 +1,4 @@
-"""A cart carries a box by friction alone, and shifts it by braking hard."""
+"""A cart that carries a box by friction alone, and shifts it by braking hard."""
 
 from __future__ import annotations
 
@@ -65,11 +65,10 @@ class Params(Parameters):
 
 
 def build(params: Params) -> Problem:
-    """Cart and box (cart-transport.1) in relative coordinates, with friction (cart-transport.4).
+    """Return the problem of cart and box (cart-transport.1), relative to the cart, with friction (cart-transport.4).
 
-    u is a force [N]. Up to |u| = friction g (mc + mb) the box rides along. It slides forward only
-    where the cart brakes harder than that, which is how it gets from one end of the cart to
-    the other.
+    u is a force [N]. Up to |u| = friction g (mc + mb) the box moves with the cart. It slides from one
+    end of the cart to the other only if the cart brakes harder than that.
     """
     p = table(params)
     mc, mb, h = p["mc"], p["mb"], p["h"]
@@ -107,7 +106,7 @@ BOX_SIDE = 0.15
 
 
 def draw(params: Params, state: np.ndarray) -> list[Shape]:
-    """Draw floor, cart, the box on it, and where both shall end; heights are for the eye only."""
+    """Draw floor, cart, box, and the goals of both; the model has no heights."""
     cart, offset = float(state[0]), float(state[1])
     return [
         Wall(0, 0, 0, 1),
@@ -119,5 +118,5 @@ def draw(params: Params, state: np.ndarray) -> list[Shape]:
 
 
 def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
-    """Return the frame of the cart, which carries the box and rubs on it."""
+    """Return the contact frame of the cart, with friction, below the box."""
     return [ContactFrame(float(state[0] + state[1]), CART_HEIGHT, 0, 1, params.friction)]

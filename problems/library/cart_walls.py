@@ -1,4 +1,4 @@
-"""A pole on a cart between two soft walls, upright linearisation: an LCS."""
+"""A pole on a cart between two soft walls, linearised about upright: a linear complementarity system."""
 
 from __future__ import annotations
 
@@ -63,10 +63,10 @@ class Params(Parameters):
 
 
 def build(params: Params) -> Problem:
-    """Implicit Euler (cart-walls.1) on the upright linearisation; u and lam are forces [N].
+    """Return the problem with implicit Euler steps (cart-walls.1) about upright; u and lam are forces [N].
 
-    The walls are compliant, so there is no signed distance to audit: that the tip runs into a wall
-    is the model, and the gap, which has the wall's spring in it, is what must not be negative.
+    There is no signed distance to audit: the walls are compliant, so the tip may enter them. Only
+    the gap, which includes the deflection of the wall's spring, must not be negative.
     """
     p = table(params)
     system = _system(p)
@@ -103,19 +103,19 @@ def _system(p: ParameterTable) -> ContactSystem:
         contacts=signals("right [N] force of the right wall; left [N] force of the left wall"),
         h=p["h"],
         parameters=p,
-        # A spring has no gap that could be truer.
+        # The gap of a spring is exact already.
         referee_model=RefereeModel(),
         refinable=True,
     )
 
 
 def draw(params: Params, state: np.ndarray) -> list[Shape]:
-    """Draw cart, pole with its tip, and the springs of both walls at the height of the tip."""
+    """Draw cart, pole and tip, and the springs of both walls at the height of the tip."""
     return pole_shapes(float(state[0]), *_tip(params, state), params.wall)
 
 
 def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
-    """Return the frames of the walls: the right one pushes the tip to the left, the left one to the right."""
+    """Return the contact frames of the right wall, which pushes the tip to the left, and of the left wall."""
     return pole_frames(*_tip(params, state))
 
 
@@ -126,7 +126,7 @@ def _tip(params: Params, state: np.ndarray) -> tuple[float, float]:
 def pole_shapes(position: float, tip: float, height: float, wall: float) -> list[Shape]:
     """Draw a cart at ``position``, a pole with its ``tip`` at a ``height``, and the walls' springs.
 
-    The model is linear in the angle, and so is the picture: then contact looks like contact.
+    The picture is linear in the angle, as the model is, so that it shows contact where the model does.
     """
     return [
         Rectangle(position, -0.05, 0.2, 0.1, role="actuator"),
@@ -138,5 +138,5 @@ def pole_shapes(position: float, tip: float, height: float, wall: float) -> list
 
 
 def pole_frames(tip: float, height: float) -> list[ContactFrame]:
-    """Return the contact frames at the tip, of the right wall and of the left one."""
+    """Return the contact frames at the tip, of the right wall and of the left wall."""
     return [ContactFrame(tip, height, -1, 0), ContactFrame(tip, height, 1, 0)]

@@ -19,9 +19,9 @@ f(theta, w) = macron(H)_nu (theta + w), quad macron(H)_nu (t) = "clip"(2 t \/ nu
 (dif F) / (dif theta) = 2 / nu (Phi((theta + nu \/ 2) / sigma) - Phi((theta - nu \/ 2) / sigma))
 """
 GAUSS_RULE = np.polynomial.legendre.leggauss(96)
-"""Nodes and weights of Gauss's rule on [-1, 1]."""
+"""Nodes and weights of the Gauss-Legendre rule on [-1, 1]."""
 NOISE_REACH = 12.0
-"""Noise beyond so many standard deviations has no weight in double precision."""
+"""Number of standard deviations beyond which noise has no weight in double precision."""
 
 
 class Params(Parameters):
@@ -33,18 +33,18 @@ class Params(Parameters):
 
 
 def cost(params: Params, theta: ca.SX, p: ParameterTable) -> ca.SX:
-    """The objective of pathologies, ex. III.5; the relaxation is one of the sign, 2 H - 1."""
+    """Return the objective of Suh et al. (2022), ex. III.5: a relaxation of the sign function, 2 H - 1."""
     inside = ca.fabs(theta) <= p["nu"] / 2
     return ca.if_else(inside, 2 * theta / p["nu"], ca.sign(theta))
 
 
 def closed_form(values: dict[str, float], sigma: float) -> ClosedForm:
-    """Return mean and variances of the estimators.
+    """Return the exact mean, and the means and variances of the estimators of its gradient.
 
     With ``G(y) = y Phi(y/sigma) + sigma phi(y/sigma)``: ``F = (2/nu) (G(theta + nu/2) -
     G(theta - nu/2)) - 1`` and ``F' = (2/nu) p``, p the probability that the derivative, 2/nu, is
-    not zero; so one FoBG sample varies by ``(4/nu^2) p (1 - p)``. The text's closed form of F and
-    its gradient at nu/2 are wrong (they are half of these), and it states 1 - p for p.
+    not zero; so one FoBG sample has the variance ``(4/nu^2) p (1 - p)``. The paper's closed form of
+    F and its gradient at nu/2 are wrong (half of these), and it states 1 - p for p.
     """
     from scipy.stats import norm
 
@@ -80,7 +80,7 @@ def zobg_variance(theta: float, nu: float, sigma: float, baseline: float) -> flo
     f = np.clip(2 * (theta + w) / nu, -1, 1)
 
     def tail(y: float) -> float:
-        """Return E[w^2; w > y]."""
+        """Return the integral E[w^2; w > y] over the tail of the noise."""
         return sigma**2 * float(norm.sf(y / sigma) + y / sigma * norm.pdf(y / sigma))
 
     second = (1 - baseline) ** 2 * tail(high) + (1 + baseline) ** 2 * (sigma**2 - tail(low))

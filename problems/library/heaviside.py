@@ -1,4 +1,4 @@
-"""A step: the smallest objective whose first-order gradient is biased."""
+"""A step function: the simplest objective whose first-order gradient is biased."""
 
 from __future__ import annotations
 
@@ -27,17 +27,17 @@ class Params(Parameters):
 
 
 def cost(params: Params, theta: ca.SX, p: ParameterTable) -> ca.SX:
-    """The objective of pathologies, ex. III.2."""
+    """Return the step function H(theta) of Suh et al. (2022), ex. III.2."""
     return theta >= 0
 
 
 def closed_form(values: dict[str, float], sigma: float) -> ClosedForm:
-    """Return mean and variances of the estimators (pathologies, ex. III.2, and by parts).
+    """Return the exact mean, and the means and variances of the estimators (Suh et al. (2022), ex. III.2).
 
     With ``t = theta/sigma`` and ``A = Phi(t) - t phi(t)``: ``F = Phi(t)``, ``F' = phi(t)/sigma``,
-    one ZoBG sample varies by ``(A - phi(t)^2)/sigma^2``; FoBG is zero without variance. The text
-    writes ``erf(-theta; sigma^2)`` for the tail Phi(t), and calls the mean of the Dirac impulse
-    zero, which it is not: it is the mean of the derivative almost everywhere that vanishes.
+    one ZoBG sample has the variance ``(A - phi(t)^2)/sigma^2``; FoBG is always zero. The paper writes
+    ``erf(-theta; sigma^2)`` for the tail Phi(t), and calls the mean of the Dirac impulse zero;
+    only the mean of the pointwise derivative, which is zero almost everywhere, is.
     """
     from scipy.stats import norm
 
@@ -54,7 +54,7 @@ def closed_form(values: dict[str, float], sigma: float) -> ClosedForm:
 def zobg_variance(theta: float, sigma: float, baseline: float) -> float:
     """Return the variance of one ZoBG sample with a constant baseline b.
 
-    ``((1 - 2 b) A + b^2 - phi(t)^2)/sigma^2``, least at b = A.
+    It is ``((1 - 2 b) A + b^2 - phi(t)^2)/sigma^2``, minimal at b = A; see :func:`closed_form` for A, t.
     """
     from scipy.stats import norm
 

@@ -1,4 +1,4 @@
-"""A hopper on a vertical rail that jumps as high as it can: bang-bang, in closed form."""
+"""A hopper on a vertical rail that jumps as high as it can, with a bang-bang optimum in closed form."""
 
 from __future__ import annotations
 
@@ -59,10 +59,10 @@ class Params(Parameters):
 
 
 def build(params: Params) -> Problem:
-    """Body (hopper-1d.1) and foot (hopper-1d.2) on a rail, the stops of the leg (hopper-1d.4).
+    """Return the problem of body (hopper-1d.1) and foot (hopper-1d.2), with stops of the leg (hopper-1d.4).
 
-    lam are impulses [N s]. Within the flight the leg's force is not determined, since it moves
-    nothing that counts.
+    lam are impulses [N s]. In flight the leg's force is not determined, since the centre of mass, on
+    which the cost depends, is not affected by it.
     """
     p = table(params)
     mb, mf, h = p["mb"], p["mf"], p["h"]
@@ -93,14 +93,14 @@ def build(params: Params) -> Problem:
 
 
 def _standing(problem: Problem, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return a guess that stands still, the leg carrying the body: a force of zero would let the body fall."""
+    """Return a guess that stands still, where the force of the leg equals the weight of the body."""
     values = problem.parameters.unpack(p)
     states = np.tile([values["leg0"], 0, 0, 0], (problem.N + 1, 1))
     return states, np.full((problem.N, 1), values["mb"] * values["g"])
 
 
 def draw(params: Params, state: np.ndarray) -> list[Shape]:
-    """Draw ground, body, leg and foot; sizes are for the eye only."""
+    """Draw ground, body, leg and foot; the model has points for body and foot."""
     body, foot = float(state[0]), float(state[1])
     radius = 0.04
     return [
@@ -112,6 +112,6 @@ def draw(params: Params, state: np.ndarray) -> list[Shape]:
 
 
 def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
-    """Return the frames of the ground on the foot, and of the leg's stops on body and foot."""
+    """Return the contact frames of the ground on the foot, and of the leg's two stops on the body."""
     body, foot = float(state[0]), float(state[1])
     return [ContactFrame(0, foot, 0, 1), ContactFrame(0, body, 0, 1), ContactFrame(0, body, 0, -1)]

@@ -46,13 +46,13 @@ golden = {
 }
 
 _DISCS = ((0.0, 1 / 3, 2 / 3, 1.0), (0.5, 1.0))
-"""Where the published discs sit along link 1 and link 2, as shares of the link's length."""
+"""Positions of the published discs along link 1 and link 2, as shares of the link's length."""
 _RIGHT = ((0.0, math.pi / 2), (0.0, 2.4))
 """Limits [rad] of the right arm's joints; the left arm's are mirrored."""
 
 
 Numbers = ParameterTable | Mapping[str, float]
-"""Parameters by name: symbols, or numbers."""
+"""Mapping from the name of a parameter to its symbol or its number."""
 
 
 class Params(Parameters):
@@ -95,7 +95,7 @@ class Params(Parameters):
 
     @property
     def joints(self) -> tuple[float, float, float, float]:
-        """Start of the joints [rad]."""
+        """Angles of the joints (l1, l2, r1, r2) at the start [rad]."""
         return self.l1, self.l2, self.r1, self.r2
 
     @model_validator(mode="after")
@@ -129,7 +129,7 @@ def _limits() -> tuple[list[float], list[float]]:
 
 @dataclass(frozen=True, eq=False)
 class _Link:
-    """A link of an arm: its name, its pose at the joint, and its end in its own frame."""
+    """A link of an arm: its name, its pose at the joint, and its end [m] in its own frame."""
 
     name: str
     pose: shapes.Pose
@@ -137,7 +137,7 @@ class _Link:
 
 
 def _links(q: ca.SX, p: Numbers) -> list[_Link]:
-    """Return the four links at ``q``, both arms from the base outwards."""
+    """Return the four links at the state ``q``, the left arm first, each arm from its base outwards."""
     links = []
     for arm, side, (first, second) in (("l", -1, (q[3], q[4])), ("r", 1, (q[5], q[6]))):
         start, angle = ca.vertcat(side * ca.SX(p["base"]), 0), ca.SX(0)
@@ -150,7 +150,7 @@ def _links(q: ca.SX, p: Numbers) -> list[_Link]:
 
 
 def _touches(q: ca.SX, p: Numbers, discs: bool = False) -> dict[str, shapes.Contact]:
-    """Return the contacts of the ball with the arms, link by link, or disc by disc."""
+    """Return the contacts of the ball, a mapping from the name of a link, or of a disc of one, to its contact."""
     ball, R, r, arm_shapes = shapes.Pose(q[:2], -q[2]), ca.SX(p["R"]), ca.SX(p["r"]), []
     for link in _links(q, p):
         if not discs:
@@ -163,10 +163,10 @@ def _touches(q: ca.SX, p: Numbers, discs: bool = False) -> dict[str, shapes.Cont
 
 
 def build(params: Params) -> Problem:
-    """The quasi-dynamic model of noising, eq. 13: (planar-hand.3), two rows a contact.
+    """Return the problem with quasi-dynamic steps (planar-hand.3) of Suh et al. (2023), eq. 13.
 
-    u are the commanded joint angles [rad], lam the impulses [N s] along the edges of the friction
-    cones. Without friction there is one row a contact, and no parameter ``friction`` to turn.
+    u are the commanded joint angles [rad], lam the impulses [N s] along the two edges of each friction
+    cone. Without friction there is one impulse per contact, and no parameter ``friction``.
     """
     p, friction = friction_of(table(params))
     discs = params.links == "discs"
@@ -218,7 +218,7 @@ def build(params: Params) -> Problem:
 
 
 def region(params: Params) -> Region:
-    """Return the ball above the bases, the joints within their limits; in the tube they stay around."""
+    """Return the region of transitions: balls above the bases; in the tube the joints stay near their start."""
     joints, reach = ("l1", "l2", "r1", "r2"), (-params.reach, params.reach)
     limits = dict(zip(joints, zip(*_limits(), strict=True), strict=True))
     return Region(
@@ -232,7 +232,7 @@ def region(params: Params) -> Region:
 
 
 def draw(params: Params, state: np.ndarray) -> list[Shape]:
-    """Draw the ball with a mark that turns, the goal with its own, and the four links."""
+    """Draw the four links, and the ball and its goal, each with a radius that shows its angle."""
     ball = Circle(float(state[0]), float(state[1]), params.R)
     goal = Circle(params.goal_x, params.goal_y, params.R, "goal")
     shapes: list[Shape] = [goal, _hand(goal, params.goal_angle), ball, _hand(ball, float(state[2]))]
@@ -245,13 +245,13 @@ def draw(params: Params, state: np.ndarray) -> list[Shape]:
 
 
 def _hand(ball: Circle, angle: float) -> Segment:
-    """Return the radius, upright at angle zero, that shows how a ball has turned."""
+    """Return a radius that shows the angle [rad] of a ball; it points upwards at angle zero."""
     x, y = ball.x - ball.radius * math.sin(angle), ball.y + ball.radius * math.cos(angle)
     return Segment(ball.x, ball.y, x, y, ball.role)
 
 
 def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
-    """Return the frame of every link, or disc of one, where the ball's rim is nearest to it."""
+    """Return the contact frame of every link, or of its discs, at the nearest point of the ball's rim."""
     contact_frames = []
     for touch in _touches(ca.SX(ca.DM(state)), params.model_dump(), params.links == "discs").values():
         x, y, nx, ny = (float(v) for vector in (touch.point, touch.normal) for v in ca.vertsplit(vector))

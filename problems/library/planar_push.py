@@ -84,7 +84,7 @@ class Params(Parameters):
         return self
 
     def _distance(self, x: float, y: float, angle: float) -> float:
-        """Return the distance [m] of the pusher, where it starts, from the box at a pose."""
+        """Return the signed distance [m] between the pusher at its start and the box at a pose."""
         state = ca.SX([x, y, angle, self.ax0, self.ay0])
         return float(_touch(state, ca.SX(self.side), ca.SX(self.r)).phi)
 
@@ -96,10 +96,10 @@ def _touch(q: ca.SX, side: ca.SX, r: ca.SX) -> shapes.Contact:
 
 
 def build(params: Params) -> Problem:
-    """The quasi-dynamic model of noising, eq. 13: (planar-push.2), two rows for the contact.
+    """Return the problem with quasi-dynamic steps (planar-push.2) of Suh et al. (2023), eq. 13.
 
-    u is the commanded position of the pusher [m], lam the impulses [N s] along the edges of the
-    friction cone. Without friction there is one row, and no parameter ``friction`` to turn.
+    u is the commanded position of the pusher [m], lam the impulses [N s] along the two edges of the
+    friction cone. Without friction there is one impulse, and no parameter ``friction``.
     """
     p, friction = friction_of(table(params))
 
@@ -137,7 +137,7 @@ def build(params: Params) -> Problem:
 
 
 def region(params: Params) -> Region:
-    """Return the table around box and goal; in the tube the pusher goes along with the box."""
+    """Return the region of transitions: a square of fixed size; in the tube the pusher moves with the box."""
     start = (params.ox0, params.oy0, params.angle0, params.ax0, params.ay0)
     goal = (params.goal_x, params.goal_y, params.goal_angle)
     pusher_goal = (params.ax0 + goal[0] - params.ox0, params.ay0 + goal[1] - params.oy0)
@@ -164,7 +164,7 @@ def draw(params: Params, state: np.ndarray) -> list[Shape]:
 
 
 def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
-    """Return the frame of the pusher, where its rim is nearest to the box, into the box."""
+    """Return the contact frame at the box's point nearest to the pusher, with the normal into the box."""
     touch = _touch(ca.SX(ca.DM(state)), ca.SX(params.side), ca.SX(params.r))
     x, y = (float(value) for value in ca.vertsplit(touch.point - touch.phi * touch.normal))
     nx, ny = (-float(value) for value in ca.vertsplit(touch.normal))

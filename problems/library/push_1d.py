@@ -57,7 +57,7 @@ class Params(Parameters):
 
 
 def build(params: Params) -> Problem:
-    """Steps (push-1d.1) of noising, sec. IV-B; u is a commanded position [m], lam in N s."""
+    """Return the problem with steps (push-1d.1) of Suh et al. (2023), sec. IV-B; u is in m, lam in N s."""
     p = table(params)
     system = quasi_dynamic(
         name,
@@ -85,7 +85,7 @@ def build(params: Params) -> Problem:
 
 
 def region(params: Params) -> Region:
-    """Return the line from start to goal and half a metre more; in the tube the pusher goes along."""
+    """Return the region of transitions: from start to goal and 0.5 m beyond, where the pusher moves with the object."""
     low, high = sorted((params.qu0, params.goal_x))
     pusher = params.qa0 + params.goal_x - params.qu0
     behind, front = min(params.qa0, pusher), max(params.qa0, pusher)
@@ -110,5 +110,5 @@ def draw(params: Params, state: np.ndarray) -> list[Shape]:
 
 
 def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
-    """Return the frame of the pusher on the object's left face."""
+    """Return the contact frame of the pusher on the object's left face."""
     return [ContactFrame(float(state[0]) - params.width / 2, 0, 1, 0)]

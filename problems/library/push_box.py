@@ -1,4 +1,4 @@
-"""A box on a table, pushed at one side at a time, to a place and a heading."""
+"""A box on a table, pushed at one side at a time to a goal position and heading."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ golden = {"exact": Golden(5.5740820650, settings={"strategy": "scholtes-exact"},
 
 
 class Params(Parameters):
-    """Parameters of ``push-box``: the source's, whose headings are k pi/9, k = 0 to 17."""
+    """Parameters of ``push-box``, with the source's values; it has the headings k pi/9, k = 0 to 17."""
 
     a: float = quantity(0.5, "m", "half the length of the box", above=0)
     b: float = quantity(0.25, "m", "half its width", above=0)
@@ -43,9 +43,9 @@ class Params(Parameters):
 
 
 def build(params: Params) -> Problem:
-    """Steps (push-box.1), (push-box.2); cost (push-box.3).
+    """Return the problem with steps (push-box.1), (push-box.2) and cost (push-box.3).
 
-    The cost on F is that on w at the optimum: a force that does not push only costs.
+    At the optimum the cost of F equals that of w, since a force that does not push only adds cost.
     """
     p = table(params)
     a, b = p["a"], p["b"]
@@ -78,5 +78,5 @@ def draw(params: Params, state: np.ndarray) -> list[Shape]:
 
 
 def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
-    """Return the frames of every side."""
+    """Return the contact frame of every side."""
     return side_frames(_corners(params), state)

@@ -1,4 +1,4 @@
-"""A fingertip pushes a cube over a table in space, or tips it over an edge."""
+"""A fingertip that pushes a cube over a table in space, or tips it over an edge."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ class Params(Parameters):
 
 
 def fingertip(called: str, stiffness: Number) -> tuple[Body, ...]:
-    """Return three slides along x, y and z with servos; the last one, ``<called>z``, carries the tip."""
+    """Return the bodies of a fingertip: slides along x, y and z with servos; the last, ``<called>z``, is the tip."""
     x, y, z = (f"{called}{axis}" for axis in "xyz")
     return (
         Body(x, None, 0.0, joint="slide", axis=(1.0, 0.0, 0.0), servo=stiffness),
@@ -89,7 +89,7 @@ def fingertip(called: str, stiffness: Number) -> tuple[Body, ...]:
 
 
 def machine(p: ParameterTable | Mapping[str, float]) -> SpatialMachine:
-    """Return cube, fingertip and table, with numbers or with the symbols of a table."""
+    """Return the machine of cube, fingertip and table, whose parameters are numbers or symbols."""
     a, m = p["a"], p["m"]
     return SpatialMachine(
         (Body("cube", None, m, (m * a**2 / 6,) * 3, joint="free"), *fingertip("tip", p["K"])),
@@ -104,23 +104,23 @@ def machine(p: ParameterTable | Mapping[str, float]) -> SpatialMachine:
 
 
 def goal_turn(yaw: ca.SX, over: bool) -> ca.SX:
-    """Return the unit quaternion (4, 1): ``yaw`` about z, after a quarter turn about y where ``over``."""
+    """Return the goal's unit quaternion (4, 1): ``yaw`` [rad] about z, after a quarter turn about y if ``over``."""
     about_z = ca.vertcat(ca.cos(yaw / 2), 0, 0, ca.sin(yaw / 2))
     return rotation.product(about_z, ca.SX([math.sqrt(0.5), 0, math.sqrt(0.5), 0])) if over else about_z
 
 
 def turn_between(one: ca.SX, other: ca.SX) -> ca.SX:
-    """Return the squared turn between unit quaternions, ``4 sin^2`` of half of the angle [rad^2]."""
+    """Return the squared size of the turn between unit quaternions, ``4 sin^2`` of half its angle [rad^2]."""
     inverse = ca.vertcat(one[0], -one[1:])
     return 4 * ca.sumsqr(rotation.product(inverse, other)[1:])
 
 
 def build(params: Params) -> Problem:
-    """Steps (push-cube.2) to (push-cube.4), contact (push-cube.5), (push-cube.6), cost
-    (push-cube.10) with (push-cube.8).
+    """Return the problem with steps (push-cube.2) to (push-cube.4), contact (push-cube.5), (push-cube.6) and
+    cost (push-cube.10) of the error (push-cube.8).
 
-    The gap is the true distance. State (q, v); inputs are commanded positions [m], which a free
-    fingertip takes at once; lam in N s.
+    The gap is the true distance, the state is (q, v). Inputs are commanded positions [m], which a
+    fingertip without contact reaches in one step; lam is in N s.
     """
     p = table(params)
     corners = ca.repmat(p["friction"], 8)
@@ -141,7 +141,7 @@ def build(params: Params) -> Problem:
 
 
 def _carried(problem: Problem, p: np.ndarray, over: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return a guess that brings the cube evenly to the goal, over its lower front edge, the tip at its back."""
+    """Return a guess that moves the cube evenly to its goal, tipped by ``over`` [rad], with the tip at its back."""
     values, N = problem.parameters.unpack(p), problem.N
     a, s = values["a"], np.linspace(0, 1, N + 1)
     X = np.tile(problem.initial_states(p)[0], (N + 1, 1))
@@ -174,7 +174,7 @@ def _pictured(dumped: str) -> SpatialMachine:
 
 
 def with_goal(shown: SpatialMachine, body: str, place: ca.SX, turn: ca.SX) -> SpatialMachine:
-    """Return ``shown`` with a second ``body`` called goal, which never moves and touches nothing."""
+    """Return ``shown`` with a fixed copy of ``body`` called goal, at a position and quaternion, without contacts."""
     x, y, z, *q = (float(v) for v in ca.vertsplit(ca.evalf(ca.vertcat(place, turn))))
     goal = Body("goal", None, 0.0, joint="fixed", position=(x, y, z), quaternion=(q[0], q[1], q[2], q[3]))
     goal_parts = (SpatialPart(f"goal {part.name}", "goal", part.shape) for part in shown.parts if part.body == body)
@@ -182,7 +182,7 @@ def with_goal(shown: SpatialMachine, body: str, place: ca.SX, turn: ca.SX) -> Sp
 
 
 def seen_with_goal(shown: SpatialMachine, camera: PinholeCamera, state: np.ndarray, tips: set[str]) -> list[Shape]:
-    """Draw a machine whose fingertips are ``tips``; one sees through its goal."""
+    """Draw a machine whose fingertips are the bodies ``tips``; its goal is transparent."""
     visible = [
         replace(shape, shade=0.0) if shape.role == "goal" and isinstance(shape, Circle | Outline) else shape
         for shape in spatial_shapes(shown, camera, state, tips, {"goal"})
@@ -202,6 +202,6 @@ def draw(params: Params, state: np.ndarray) -> list[Shape]:
 
 
 def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
-    """Return the frames of every corner on the table, and of the fingertip on the cube."""
+    """Return the contact frames of every corner on the table, and of the fingertip on the cube."""
     picture = _pictured(params.model_dump_json()), _camera(params), state
     return [*spatial_frames(*picture, params.friction)[:-1], spatial_frames(*picture, params.grip)[-1]]

@@ -66,7 +66,7 @@ class Params(Parameters):
 
 
 def build(params: Params) -> Problem:
-    """The model (push-disc.1) of noising, eq. 13, with the gap (push-disc.2) linearised at q.
+    """Return the problem of Suh et al. (2023), eq. 13: steps (push-disc.1), gap (push-disc.2) linearised at q.
 
     u is the commanded position of the pusher [m], lam an impulse [N s].
     """
@@ -104,7 +104,7 @@ def build(params: Params) -> Problem:
 
 
 def region(params: Params) -> Region:
-    """Return a square around start and goal of both; in the tube the pusher goes along with the object."""
+    """Return the region of transitions: around starts and goals; in the tube the pusher moves with the object."""
     start = np.array([params.ox0, params.oy0, params.ax0, params.ay0])
     goal = np.array([params.goal_x, params.goal_y])
     goal = np.concatenate([goal, start[2:] + goal - start[:2]])
@@ -127,7 +127,7 @@ def draw(params: Params, state: np.ndarray) -> list[Shape]:
 
 
 def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
-    """Return the frame of the pusher on the object, along the line of centres."""
+    """Return the contact frame of the pusher on the object, along the line of centres."""
     normal = np.asarray(state[:2]) - np.asarray(state[2:])
     nx, ny = (float(value) for value in normal / np.linalg.norm(normal))
     return [ContactFrame(float(state[0]) - params.R * nx, float(state[1]) - params.R * ny, nx, ny)]

@@ -1,4 +1,4 @@
-"""A T on a table, to be pushed to a goal pose at one of its eight sides at a time."""
+"""A T-shaped body on a table, pushed to a goal pose at one of its eight sides at a time."""
 
 from __future__ import annotations
 
@@ -31,19 +31,19 @@ golden = {
         start=5,
         tried=40,
         note="with FMA the same solve ends in the neighbouring local minimum 0.8620344554",
-        # Minima whose contact schedules differ by one step lie 1e-5 to 1e-4 apart, relative; the
-        # last bit of a sine decides which of two is met: 4.2e-5 on processors with FMA.
+        # The relative difference of minima whose contact schedules differ by one step is 1e-5 to 1e-4;
+        # the last bit of a sine decides between two that differ by 4.2e-5, on processors with FMA.
         tolerance=5e-5,
     )
 }
 
 _CENTRE = 2.6429
-"""Height of the centre of mass above the foot of the stem, in widths."""
+"""Height of the centre of mass above the foot of the stem, in widths of the stem."""
 Width = TypeVar("Width", ca.SX, float)
 
 
 class Params(Parameters):
-    """Parameters of ``push-t``: the source's; of widths, the bar is 4 long and the stem 3."""
+    """Parameters of ``push-t``, with the source's values; the bar is 4 and the stem 3 widths long."""
 
     width: float = quantity(0.05, "m", "width of bar and stem", above=0)
     m: float = quantity(1.0, "kg", "mass of the T", above=0)
@@ -64,13 +64,13 @@ class Params(Parameters):
 
 
 def _corners(width: Width) -> list[tuple[Width, Width]]:
-    """Return the T with its stem downwards, counter-clockwise from its foot, about the centre of mass."""
+    """Return the corners of the T, stem down, counter-clockwise from its foot, relative to the centre of mass."""
     corners = (-0.5, 0), (0.5, 0), (0.5, 3), (2, 3), (2, 4), (-2, 4), (-2, 3), (-0.5, 3)
     return [(x * width, (y - _CENTRE) * width) for x, y in corners]
 
 
 def build(params: Params) -> Problem:
-    """Steps (push-t.1), (push-t.2); by (push-t.3) the angle counts by cosine and sine."""
+    """Return the problem with steps (push-t.1), (push-t.2) and the error (push-t.3) in cosine and sine of the angle."""
     p = table(params)
     pushed = SidePushing(name, _corners(p["width"]), p["c"] * 2.8 * p["width"], p)
     system = pushed.system
@@ -91,12 +91,12 @@ def build(params: Params) -> Problem:
 
 
 def draw(params: Params, state: np.ndarray) -> list[Shape]:
-    """Draw T and goal."""
+    """Draw the T and its goal."""
     goal = np.array([params.goal_x, params.goal_y, params.goal_angle])
     corners = _corners(params.width)
     return [*outline(corners, goal, "goal"), *outline(corners, state, "object")]
 
 
 def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
-    """Return the frames of every side."""
+    """Return the contact frame of every side."""
     return side_frames(_corners(params.width), state)

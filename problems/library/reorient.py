@@ -1,4 +1,4 @@
-"""Three fingertips turn a ball or a cube on a table, in space."""
+"""Three fingertips that turn a ball or a cube on a table, in space."""
 
 from __future__ import annotations
 
@@ -80,13 +80,13 @@ class Params(Parameters):
 
 
 def _starts(away: ca.SX | float, z: ca.SX | float) -> ca.SX:
-    """Return the start of the fingertips (9, 1) [m]: behind the object, and at either side in front."""
+    """Return the start positions (9, 1) [m] of the fingertips: around the object, 120 degrees apart."""
     angles = (math.pi / 2 + 2 * math.pi / 3 * k for k in range(3))
     return ca.vertcat(*(ca.vertcat(away * math.cos(t), away * math.sin(t), z) for t in angles))
 
 
 def machine(p: ParameterTable | Mapping[str, float], body: str) -> SpatialMachine:
-    """Return object, fingertips and table, with numbers or with the symbols of a table."""
+    """Return the machine of object, fingertips and table, whose parameters are numbers or symbols."""
     a, m = p["a"], p["m"]
     share, shape = (2 / 5, Sphere(a)) if body == "ball" else (2 / 3, Box((a, a, a)))
     fingers = [body for tip in TIPS for body in fingertip(tip, p["K"])]
@@ -103,16 +103,15 @@ def machine(p: ParameterTable | Mapping[str, float], body: str) -> SpatialMachin
 
 
 def _turned(axis: str, angle: ca.SX | float) -> ca.SX:
-    """Return the unit quaternion (4, 1) of a turn by ``angle`` about an axis of the world."""
+    """Return the unit quaternion (4, 1) of a rotation by ``angle`` [rad] about the world's x, y or z axis."""
     return ca.vertcat(ca.cos(angle / 2), ca.sin(angle / 2) * ca.SX(np.eye(3)["xyz".index(axis)]))
 
 
 def build(params: Params) -> Problem:
-    """Steps (reorient.2) to (reorient.4), contact (reorient.5), cost (reorient.10) with
-    (reorient.8).
+    """Return the problem with steps (reorient.2) to (reorient.4), contact (reorient.5) and cost (reorient.10).
 
-    The gap is the true distance. State (q, v); inputs are commanded positions [m], which a free
-    fingertip takes at once; lam in N s.
+    The gap is the true distance, the state is (q, v). Inputs are commanded positions [m], which a
+    fingertip without contact reaches in one step; lam is in N s.
     """
     p = table(params)
     resting = 1 if params.body == "ball" else 8
@@ -136,7 +135,7 @@ def build(params: Params) -> Problem:
 
 @cache
 def _pictured(dumped: str) -> SpatialMachine:
-    """Return the machine with the goal, and with marks on a ball, which show how it has turned."""
+    """Return the machine to draw: with its goal, and with marks on a ball that show its rotation."""
     params = Params.model_validate_json(dumped)
     pictured_machine, a = machine(params.model_dump(), params.body), params.a
     places = ((0.0, 0.0, a), (a, 0.0, 0.0), (-a, 0.0, 0.0), (0.0, a, 0.0), (0.0, -a, 0.0))
@@ -159,6 +158,6 @@ def draw(params: Params, state: np.ndarray) -> list[Shape]:
 
 
 def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
-    """Return the frames of every point on the table, and of every fingertip on the object."""
+    """Return the contact frames of the object on the table, and of every fingertip on the object."""
     picture = _pictured(params.model_dump_json()), _camera(params), state
     return [*spatial_frames(*picture, params.friction)[:-3], *spatial_frames(*picture, params.grip)[-3:]]

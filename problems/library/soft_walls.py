@@ -1,4 +1,4 @@
-"""A pole on a cart between soft walls over a short horizon, with the regulator's cost to go."""
+"""A pole on a cart between soft walls over a short horizon; the terminal cost is the regulator's cost to go."""
 
 from __future__ import annotations
 
@@ -36,11 +36,11 @@ golden = {
 }
 
 _DOUBLINGS = 14
-"""Leave an error of r^(2^15) for a closed loop whose slowest mode shrinks by r in a step."""
+"""Number of doublings; the error is r^(2^15) if the closed loop's slowest mode shrinks by the factor r per step."""
 
 
 class Params(Parameters):
-    """Parameters of ``soft-walls``, the source's; it has N = 5."""
+    """Parameters of ``soft-walls``, with the source's values, except for N, which is 5 there."""
 
     mc: float = quantity(0.978, "kg", "mass of the cart", above=0)
     mp: float = quantity(0.411, "kg", "mass of the pole", above=0)
@@ -63,10 +63,10 @@ class Params(Parameters):
 
 
 def build(params: Params) -> Problem:
-    """Explicit Euler (soft-walls.1), (soft-walls.2) on the upright linearisation; u, lam in N.
+    """Return the problem with explicit Euler steps (soft-walls.1), (soft-walls.2) about upright; u, lam in N.
 
-    Walls (soft-walls.3) push by the state at the start of a step, so that the input moves them a
-    step later. Without walls (soft-walls.4) is the cost of the regulator, whatever N.
+    The walls' forces (soft-walls.3) depend on the state at the start of a step, so that the input
+    changes them a step later. Without walls the optimum of (soft-walls.4) is the regulator's for any N.
     """
     p = table(params)
     h, mc, mp, lp, lc = (p[key] for key in ("h", "mc", "mp", "lp", "lc"))
@@ -95,7 +95,7 @@ def build(params: Params) -> Problem:
     x, Q = system.x, ca.diag(ca.vertcat(p["w_p"], p["w_theta"], p["w_dp"], p["w_dtheta"]))
     return pose_problem(
         params,
-        # A spring has no gap that could be truer.
+        # The gap of a spring is exact already.
         replace(system, gap_unit="m", referee_model=RefereeModel(), refinable=True),
         stage_cost=ca.bilin(Q, x) + p["w_u"] * system.u**2,
         terminal_cost=ca.bilin(cost_to_go(A, B, Q, p["w_u"]), x),
@@ -107,7 +107,7 @@ def build(params: Params) -> Problem:
 def cost_to_go(A: ca.SX, B: ca.SX, Q: ca.SX, R: ca.SX) -> ca.SX:
     """Return P (n, n) of the discrete Riccati equation (soft-walls.5), as an expression in A, B, Q and R.
 
-    Structure-preserving doubling, which converges quadratically: Chu, Fan and Lin, "A
+    The method is structure-preserving doubling, which converges quadratically: Chu, Fan and Lin, "A
     structure-preserving doubling algorithm for continuous-time algebraic Riccati equations", 2005.
     """
     G, P, eye = B @ ca.solve(R, B.T), Q, ca.SX.eye(A.shape[0])
@@ -118,11 +118,11 @@ def cost_to_go(A: ca.SX, B: ca.SX, Q: ca.SX, R: ca.SX) -> ca.SX:
 
 
 def draw(params: Params, state: np.ndarray) -> list[Shape]:
-    """Draw cart, pole with its tip, and the springs of both walls at the height of the tip."""
+    """Draw cart, pole and tip, and the springs of both walls at the height of the tip."""
     tip = float(state[0]) - params.lp * float(state[1])
     return pole_shapes(float(state[0]), tip, params.lp, params.wall)
 
 
 def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
-    """Return the frames of the walls: the right one pushes the tip to the left, the left one to the right."""
+    """Return the contact frames of the right wall, which pushes the tip to the left, and of the left wall."""
     return pole_frames(float(state[0]) - params.lp * float(state[1]), params.lp)

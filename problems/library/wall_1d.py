@@ -48,7 +48,7 @@ class Params(Parameters):
 
 
 def build(params: Params) -> Problem:
-    """Steps (wall-1d.1) of pathologies, ex. IV.1-2, with a task; u and lam are impulses [N s]."""
+    """Return the problem with steps (wall-1d.1) of Suh et al. (2022), ex. IV.1-2; u and lam are impulses [N s]."""
     p = table(params)
     system = time_stepping(
         name,
@@ -79,5 +79,5 @@ def draw(params: Params, state: np.ndarray) -> list[Shape]:
 
 
 def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
-    """Return the frame of the wall, which pushes towards positive x."""
+    """Return the contact frame of the wall, whose normal points to positive x."""
     return [ContactFrame(float(state[0]), 0, 1, 0)]
