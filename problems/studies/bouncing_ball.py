@@ -99,7 +99,7 @@ class Params(StudyParams):
 
 
 def step_ball(params: Params, h: float, mu: float | None) -> tuple[np.ndarray, np.ndarray]:
-    """Return height and vertical velocity (N+1,) by time stepping; mu None is the exact law, else the impulse has mu h m."""
+    """Return height and vertical velocity (N+1,) by time stepping, exact for ``mu`` None; impulses have mu h m."""
     system = get("ball-bounce", h=h, g=params.g, m=params.m).system
     law = Exact() if mu is None else Barrier(mu=h * params.m * mu)
     start = np.array([[0.0, params.q0, params.v0, 0.0]])
