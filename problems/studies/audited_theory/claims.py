@@ -1,4 +1,4 @@
-"""Claims of T1 on theorems on stiffness, smoothing, bias and variance."""
+"""Claims of T1 on the papers' theorems on stiffness, smoothing, bias and variance."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from problems.studies.study import Claim, claim, format_values, settings_text
 
 
 def claims(data: xr.Dataset) -> list[Claim]:
-    """Return a claim for each theorem, and for one that fails its corrected form too."""
+    """Return a claim for each theorem and, where that fails, another for its corrected form."""
     return [
         *_stiffness(data),
         *_near_contact(data),
@@ -21,7 +21,7 @@ def claims(data: xr.Dataset) -> list[Claim]:
 
 
 def _holds(data: xr.Dataset, bound: str) -> tuple[float, float, str]:
-    """Return the share of symmetric and of P-matrices for which a bound holds, and both as a text."""
+    """Return the shares of symmetric and of P-matrices for which a bound holds, and a text of both."""
     share = []
     for kind in data["kind"].values:
         ratio = data["ratio"].sel(bound=bound, kind=kind).values
@@ -180,7 +180,7 @@ def _estimators(data: xr.Dataset) -> list[Claim]:
 
 
 def _growth(data: xr.Dataset) -> list[Claim]:
-    """Compare the exponential rate of variance/H⁴ at long horizons with both theorems."""
+    """Compare the growth rate of variance/H⁴ at long horizons H with theorem 4.4 as printed and as corrected."""
     horizon, gains = data["horizon"].values, data["gain"].values
     late = horizon >= np.median(horizon)
     scaled = np.log(data["growth"].values / horizon**4.0)

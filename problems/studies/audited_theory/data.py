@@ -13,11 +13,11 @@ SIZES = tuple(range(1, 9))
 MUS = 10.0 ** np.arange(-8, 1)
 """Central-path parameters of the sweep."""
 GAINS = np.array([0.8, 1.0, 1.2])
-"""Lipschitz constants of the dynamics in the growth of variance."""
+"""Lipschitz constants of the dynamics in the check of the variance's growth."""
 _DOMAIN_POINTS = 5
-"""Points of each system's domain over which slope and supremum of thm. 4.5 are taken."""
+"""Number of points in each system's domain over which the largest slope and |z| for thm. 4.5 are taken."""
 HORIZONS = np.array([2, 4, 6, 8, 10, 12, 14, 16, 18, 20])
-"""Horizons of the growth of variance [steps]."""
+"""Horizons [steps] in the check of the variance's growth."""
 BOUNDS = (
     "4.5 as printed",
     "4.5, sign corrected",
@@ -27,7 +27,7 @@ BOUNDS = (
     "5.1 corrected",
     "A.26 for the slope",
 )
-"""Bounds whose ratio to the true slope is audited."""
+"""Names of the bounds that are compared with the true slope."""
 
 QUICK = {"draws": 50, "sweep": 4, "pairs": 15, "n_samples": 4000}
 
@@ -42,7 +42,7 @@ class Params(StudyParams):
 
 
 def _audit(params: Params, rng: np.random.Generator) -> dict:
-    """Compute slope over bound, (kind, size, bound, draw): a bound holds where this is at most one."""
+    """Compute slope over bound, (kind, size, bound, draw); a bound holds where this is at most one."""
     shape = (len(bounds.KINDS), len(SIZES), len(BOUNDS), params.draws)
     ratio = np.full(shape, np.nan)
     step = np.zeros(shape[:2])
@@ -88,7 +88,7 @@ def _over_domain(
 
 
 def _sweep(params: Params, rng: np.random.Generator, n: int = 4) -> dict:
-    """Compute the largest slope, curvature at a kink and printed bound over mu, (kind, mu)."""
+    """Compute the largest slope, the largest curvature at a kink and the printed bound over mu, (kind, mu) each."""
     slope, curvature, bound = np.empty((3, len(bounds.KINDS), len(MUS)))
     for row, kind in enumerate(bounds.KINDS):
         F = np.stack([bounds.random_p_matrix(rng, n, kind) for _ in range(params.sweep)])
@@ -117,7 +117,7 @@ def _sweep(params: Params, rng: np.random.Generator, n: int = 4) -> dict:
 
 
 def _counterexamples() -> dict:
-    """Evaluate the two systems of the errata that break the final inequalities."""
+    """Evaluate two systems that violate the bounds of thm. 4.5 and thm. 5.1."""
     F = np.array([[[1.0, -1000.0], [0.0, 1.0]], [[1.0, -100.0], [0.0, 1.0]]])
     z, mu = np.array([[1000.0, 0.0], [1.0, 1.0]]), np.ones(2)
     softened = bounds.solve_softened(z, F, mu)
@@ -136,7 +136,7 @@ def _counterexamples() -> dict:
 
 
 def run(params: Params) -> xr.Dataset:
-    """Run all checks; each claim says what its check is for."""
+    """Compute the data of all checks, from one stream of random numbers."""
     rng = np.random.default_rng(params.seed)
     audit, sweep = _audit(params, rng), _sweep(params, rng)
     pairs = bounds.smoothing_pairs(rng, params.pairs)

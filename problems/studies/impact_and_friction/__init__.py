@@ -1,4 +1,4 @@
-"""A6: derivatives of impact and of friction by barrier, adaptive and randomized smoothing."""
+"""A6: derivatives of an impact and of friction under barrier, adaptive and randomized smoothing."""
 
 from problems.studies.impact_and_friction.claims import claims
 from problems.studies.impact_and_friction.data import Params, run

@@ -1,4 +1,4 @@
-"""Claims of A6 on impact, friction and closed forms."""
+"""Claims of A6 on impact, friction and closed forms of the softened box."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import xarray as xr
 from problems.studies.study import Claim, claim, format_values, settings_text
 
 _NOISY_ERROR = 0.02
-"""Standard error over h/m above which an average is noisy."""
+"""Standard error over the slope h/m above which an average counts as noisy."""
 
 
 def claims(data: xr.Dataset) -> list[Claim]:
@@ -22,7 +22,7 @@ def _impact_claims(data: xr.Dataset) -> list[Claim]:
     counts = data["count"].values
     constant = quiet > 0.8
     pairs = [f"({step:g} s, {count})" for step in steps for count in counts]
-    # Samples expected in the one step of the impact, at its middle.
+    # Expected number of samples in the one step of the impact, for an average around it.
     expected = steps[:, None] * counts / (sigma * np.sqrt(2 * np.pi))
     rare = expected < 0.1
     least_quiet = quiet[rare].min() if rare.any() else np.nan

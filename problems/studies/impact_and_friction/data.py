@@ -1,4 +1,4 @@
-"""A6: derivatives of impact and of friction by barrier, adaptive and randomized smoothing."""
+"""A6: derivatives of an impact and of friction under barrier, adaptive and randomized smoothing (RS)."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from problems.studies.study import StudyParams, dataset, setting
 def softened_box(
     u: np.ndarray, mu: float, m: float, g: float, friction: float, h: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the next velocity [m/s] from rest and its derivative by the push u [m/(N s)], both (n,).
+    """Return a box's next velocity [m/s] from rest under pushes u [N], and its derivative by u [m/(N s)], (n,) each.
 
-    A barrier on both faces of |f| <= b = friction h m g, f an impulse, gives
-    ``v+ = r(f) = -(2 mu/h) f/(b² - f²)`` with ``m v+ = h u + f``, one root f; mu in N s m. Its
-    derivative is ``(h/m) c/(1 + c)``, ``c = -m r'(f) = (2 m mu/h) (b² + f²)/(b² - f²)²``, which
+    A barrier on both faces of |f| <= b = friction h m g, f the friction impulse, gives
+    ``v+ = r(f) = -(2 mu/h) f/(b² - f²)`` with ``m v+ = h u + f``, one root f; mu in N s m. The
+    derivative is ``(h/m) c/(1 + c)``, ``c = -m r'(f) = (2 m mu/h) (b² + f²)/(b² - f²)²``; it
     tends to 0 in stick and to h/m in slip.
     """
     b = friction * h * m * g
@@ -41,9 +41,9 @@ def softened_box(
 def smoothed_box(
     u: np.ndarray, sigma: float, m: float, g: float, friction: float, h: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return mean and variance, (n,) each, of the exact dv+/du [m/(N s)] at pushes N(u, sigma²).
+    """Return mean and variance, (n,) each, of a box's exact dv+/du [m/(N s)] at pushes N(u, sigma²).
 
-    The exact one is h/m where |u| > friction m g, else 0, so p = P(slip) decides both.
+    The exact derivative is h/m where |u| > friction m g, else 0, so that p = P(slip) decides both.
     """
     bound = friction * m * g
     p = norm.sf((bound - u) / sigma) + norm.sf((bound + u) / sigma)
@@ -52,11 +52,11 @@ def smoothed_box(
 
 @dataclass(frozen=True)
 class Cost:
-    """Cost of one solve of a softened box, in exact solves averaged over noise of equal bias.
+    """Cost of averaging exact slopes of the box instead of solving the softened box once, at equal bias.
 
     ``bias`` [m/(N s)]: root mean square over the pushes of softened less exact slope; ``sigma``
-    [N]: noise whose average has the same; ``single``: error of one exact solve over that bias;
-    ``needed``: solves after which the error is within a tenth of it.
+    [N]: noise whose average has the same bias; ``single``: error of one exact solve over that bias;
+    ``needed``: number of exact solves after which the error is within a tenth of the bias.
     """
 
     bias: float
@@ -66,7 +66,7 @@ class Cost:
 
 
 def cost_of_averaging(u: np.ndarray, mu: float, **box: float) -> Cost:
-    """Compare both smoothings of the slope over pushes ``u``, a fine grid past both steps."""
+    """Compare barrier and randomized smoothing of the slope on a fine grid of pushes ``u`` [N] past both steps."""
     exact = np.where(np.abs(u) > box["friction"] * box["m"] * box["g"], box["h"] / box["m"], 0.0)
 
     def root_mean_square(values: np.ndarray) -> float:
@@ -77,7 +77,7 @@ def cost_of_averaging(u: np.ndarray, mu: float, **box: float) -> Cost:
     def excess(sigma: float) -> float:
         return root_mean_square(smoothed_box(u, sigma, **box)[0] - exact) - bias
 
-    # Far below the grid's spacing RS is exact on it; far above its reach it slips everywhere.
+    # For sigma far below the grid's spacing RS is exact on it; far above its length RS slips everywhere.
     smallest_sigma, largest_sigma = 1e-2 * float(u[1] - u[0]), 1e6 * float(np.ptp(u))
     sigma = float(brentq(excess, smallest_sigma, largest_sigma))  # pyright: ignore[reportArgumentType]
     variance = float(np.mean(smoothed_box(u, sigma, **box)[1]))
@@ -85,19 +85,19 @@ def cost_of_averaging(u: np.ndarray, mu: float, **box: float) -> Cost:
 
 
 COUNTS = (10, 100, 1000)
-"""Samples of an RS average."""
+"""Numbers of samples in an average of randomized smoothing."""
 BALL_MUS = (1e-4, 1e-3, 1e-2)
-"""mu of the ball's barriers [N s m]."""
+"""Central-path parameters of the ball's barrier laws [N s m]."""
 BOX_MUS = np.array([1 / 300, 1 / 30, 1 / 3])
-"""mu of the box over h b²/m, b = friction h m g, the impulse that its friction can hold."""
+"""Central-path parameters of the box over h b²/m, b = friction h m g its largest friction impulse."""
 _POINTS_NEAR_IMPACT = 2000
-"""Places within sigma of the impact at which RS is evaluated."""
+"""Number of positions within sigma of the impact at which randomized smoothing is evaluated."""
 FINER = (1, 10, 100)
-"""h over the step of the exact ball: RS at the step of BS, and at smaller ones."""
+"""Ratios of h, the barrier's step, to the step of the exact ball that is averaged."""
 
 
 class Params(StudyParams):
-    """Parameters of A6, all our choice: the paper gives no numbers and no equations of the box."""
+    """Parameters of A6, all our choice: the paper gives no numbers, and no equations of the box."""
 
     g: float = setting(9.81, "m/s^2", "gravity", above=0)
     q0: float = setting(1.0, "m", "height of the throw", above=0)
@@ -109,7 +109,7 @@ class Params(StudyParams):
 
 
 def _velocity(params: Params, law: ContactLaw, h: float) -> np.ndarray:
-    """Return the vertical velocity at every node of the throw, (N+1,), of a ball of 1 kg and 1 m/s."""
+    """Return the vertical velocity (N+1,) of a ball of 1 kg, thrown horizontally at 1 m/s."""
     system = get("ball-bounce", h=h, g=params.g).system
     start = np.array([[0.0, params.q0, 1.0, 0.0]])
     steps = round(1.6 * np.sqrt(2 * params.q0 / params.g) / h)
@@ -124,7 +124,7 @@ def _impact(params: Params, rng: np.random.Generator) -> tuple[dict, dict]:
     q = np.linspace(impact - 5 * params.sigma, impact + 5 * params.sigma, 201)
     averaged = np.empty((len(FINER), len(COUNTS), len(q)))
     quiet = np.empty((len(FINER), len(COUNTS)))
-    # Within one sigma of the impact the average is not small, so that RS should show it.
+    # Within one sigma of the impact the expected average is not small, so that RS should show it.
     near_impact = impact + params.sigma * np.linspace(-1, 1, _POINTS_NEAR_IMPACT)
     for row, finer in enumerate(FINER):
         h = params.h / finer
@@ -154,7 +154,7 @@ def _impact(params: Params, rng: np.random.Generator) -> tuple[dict, dict]:
 def _averaged(
     rates: np.ndarray, h: float, q: np.ndarray, sigma: float, count: int, rng: np.random.Generator
 ) -> np.ndarray:
-    """Average the steps' ``rates`` around places ``q`` (n,) over ``count`` samples each, (n,)."""
+    """Return the mean (n,) of the steps' ``rates`` at ``count`` random positions around each of ``q`` (n,)."""
     place = q[:, None] + sigma * rng.standard_normal((len(q), count))
     node = np.clip((place / h).astype(int), 0, len(rates) - 1)
     return rates[node].mean(axis=1)
@@ -223,7 +223,7 @@ def _box_mus(params: Params) -> np.ndarray:
 
 
 def run(params: Params) -> xr.Dataset:
-    """Compute both panels of fig. 6."""
+    """Compute both panels of fig. 6 of Zhang et al. 2023."""
     rng = np.random.default_rng(params.seed)
     impact, places = _impact(params, rng)
     push, pushes = _push(params, rng)

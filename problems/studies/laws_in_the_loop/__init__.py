@@ -1,4 +1,4 @@
-"""C1: the cost of closed loops that plan again at every sample, by contact law."""
+"""C1: costs of closed loops that plan again at every sample, compared over contact laws."""
 
 from problems.studies.laws_in_the_loop.claims import claims
 from problems.studies.laws_in_the_loop.data import QUICK, Params, run

@@ -12,17 +12,17 @@ from problems.studies.shared.trainings import Difference, mean_difference, small
 from problems.studies.study import Claim, claim, settings_text
 
 _EQUAL_COST = 0.01
-"""Relative difference of mean costs up to which they are equal."""
+"""Relative difference of mean costs up to which they count as equal."""
 _CLOSE_COST = 0.1
-"""Relative excess over planning again up to which feedback is sufficient."""
+"""Relative excess of a mean cost over another up to which both count as close."""
 _SETTINGS_SHARE = 0.75
-"""Share of the settings in which a sentence about all of them must hold."""
+"""Minimum share of the settings in which a claim must hold."""
 _OUR_CHECK = "our check"
 """Source of claims that no paper makes."""
 _SHIRAI = "Linear feedback, its title; its abstract: seems not"
 """Source of the claims on linear feedback."""
 _BARRIERS = tuple(law for law in LAWS if law.startswith("barrier"))
-"""Names of the barriers, by falling mu."""
+"""Names of the barrier laws, in the order of falling mu."""
 
 
 def claims(data: xr.Dataset) -> list[Claim]:
@@ -31,13 +31,13 @@ def claims(data: xr.Dataset) -> list[Claim]:
 
 
 def _costs(data: xr.Dataset, span: str, setting: tuple[str, str]) -> dict[str, np.ndarray]:
-    """Return costs over the best of all seeds, by controller, at a ``setting`` of task and plant."""
+    """Return a mapping from controller to its relative costs, one per seed, at a ``setting`` (task, plant)."""
     costs = relative_cost(data).sel(span=span, task=setting[0], plant=setting[1])
     return {str(name): costs.sel(controller=name).values for name in data["controller"].values}
 
 
 def _settings_text(settings_run: list[tuple[str, str]], marks: list[bool]) -> str:
-    """Say in how many settings a sentence holds, and in which it does not."""
+    """Return a text that says in how many settings a claim holds, and in which it does not."""
     missed = [f"{task} on {plant}" for (task, plant), mark in zip(settings_run, marks, strict=True) if not mark]
     return f"{sum(marks)} of {len(marks)} settings" + f"; not {', '.join(missed)}" * bool(missed)
 
@@ -65,7 +65,7 @@ def _exact_gain(costs: dict[str, np.ndarray]) -> Difference:
 
 
 def _over_mu(data: xr.Dataset) -> list[Claim]:
-    """Check the order of the barriers, and the distance of the sharpest from the exact law."""
+    """Check that costs fall with the barrier's mu, and that those of the smallest mu are close to the exact law's."""
     settings_run = run_settings(data)
     means = [
         {law: float(values.mean()) for law, values in _costs(data, "run", setting).items()} for setting in settings_run
@@ -88,7 +88,7 @@ def _over_mu(data: xr.Dataset) -> list[Claim]:
 
 
 def _feedback(data: xr.Dataset) -> list[Claim]:
-    """Compare gains along one plan with its inputs alone and with planning again."""
+    """Compare linear feedback along one plan with the plan's inputs alone and with planning again."""
     settings_run, results = run_settings(data), []
     means = [
         {law: float(values.mean()) for law, values in _costs(data, "first horizon", setting).items()}
@@ -115,7 +115,7 @@ def _feedback(data: xr.Dataset) -> list[Claim]:
 
 
 def _surviving(data: xr.Dataset) -> list[Claim]:
-    """Compare survival of all laws, on the model and over all plants."""
+    """Compare the shares of runs that survive under each law, on the model and over all plants."""
     survivals, settings_run = survival(data).sel(span="run"), run_settings(data)
     shares = {
         law: np.concatenate([survivals.sel(controller=law, task=t, plant=p).values for t, p in settings_run])

@@ -1,7 +1,7 @@
 """C1: closed loops of every controller on every plant of every task.
 
-Parts, each stored when it is finished: of one task, one controller and one plant the costs and
-ends of all seeds, and the time of a sample.
+A part, stored when it is finished, has the costs and ends of all seeds and the computing time of a
+sample, for one task, one controller and one plant.
 """
 
 from __future__ import annotations
@@ -30,37 +30,37 @@ TASKS = {
     "finger-disc": "m",
     "spinner": "m",
 }
-"""Tasks, each with the parameter that the plant ``mismatch`` changes."""
+"""Mapping from task to the parameter that the plant ``mismatch`` changes."""
 PLANTS = ("model", "referee", "h/4", "mismatch", "noise")
-"""Plants that the loop is closed on."""
+"""Names of the plants that are controlled."""
 LAWS: dict[str, ContactLaw] = {
     "exact": Exact(),
     **{f"barrier {mu:g}": Barrier(mu=mu) for mu in (1e-1, 1e-2, 1e-3)},
     "adaptive": Adaptive(),
     "randomized": Randomized(),
 }
-"""Laws that plans are made under; mu in N s m, adaptive and randomized at their defaults."""
+"""Mapping from name to the contact law of plans; mu in N s m, adaptive and randomized at their defaults."""
 FOLLOWED = ("exact", "barrier 0.01")
-"""Laws whose one plan is followed by gains or inputs."""
+"""Names of the laws under which one plan is made and then followed by gains or inputs."""
 FEEDBACK = tuple(f"gains, {law}" for law in FOLLOWED)
-"""Controllers that follow one plan by gains."""
+"""Names of the controllers that follow one plan by linear feedback."""
 INPUTS = tuple(f"inputs, {law}" for law in FOLLOWED)
-"""Controllers that apply one plan's inputs."""
+"""Names of the controllers that apply one plan's inputs."""
 CONTROLLERS = (*LAWS, *FEEDBACK, *INPUTS)
-"""All controllers, in the order of the data."""
+"""Names of all controllers, in the order of the data."""
 QUICK = {"tasks": 1, "seeds": 2}
 _MISMATCH_FACTOR = 1.3
 """Factor on the mismatched parameter of the plant."""
 _RUN_HORIZONS = 2
-"""Length of a run, in horizons."""
+"""Number of horizons in a run."""
 _LARGEST_RATIO = 1000.0
-"""Largest stored cost over the best; a plant that diverged has it."""
+"""Upper limit on a cost over the best one; runs whose cost is NaN get this value."""
 _SURVIVAL_RATIO = 2.0
-"""Largest cost over the best of its seed at which a loop survives."""
+"""Maximum ratio of a cost to the best of its seed on the model at which a loop survives."""
 
 
 class Params(StudyParams):
-    """Parameters of C1; those of the problems and laws are their own defaults."""
+    """Parameters of C1; problems and laws keep their defaults."""
 
     tasks: int = setting(len(TASKS), "1", "the first of the tasks", least=1, most=len(TASKS))
     seeds: int = setting(20, "1", "seeds of starts and noise", least=2, most=200)
@@ -68,7 +68,7 @@ class Params(StudyParams):
 
 
 class TaskLoops:
-    """Controllers of one task, each built at its first use."""
+    """Closed loops of one task; each controller is built at its first use."""
 
     def __init__(self, name: str, params: Params) -> None:
         self.name, self.params, self.problem = name, params, get(name)
@@ -85,7 +85,7 @@ class TaskLoops:
 
     @property
     def plants(self) -> list[str]:
-        """Plants that differ from each other."""
+        """Names of the plants for this task: ``referee`` and ``h/4`` only where they differ from the model."""
         alike = {
             "referee": self.problem.referee_step is self.problem.exact_step,
             "h/4": step_size_kind(self.problem.system).kind == "fixed",
@@ -93,13 +93,13 @@ class TaskLoops:
         return [plant for plant in PLANTS if not alike.get(plant)]
 
     def loop(self, name: str, plant: str) -> dict[str, np.ndarray]:
-        """Simulate: costs over one horizon and over the run (seeds, 2), ends, and the time of a sample."""
+        """Simulate a loop; return costs of one horizon and the run (seeds, 2), diverged runs, and time of a sample."""
         parameter, N = TASKS[self.name], self.problem.N
         larger = {parameter: _MISMATCH_FACTOR * self.problem.parameters.defaults[parameter]}
         disturbance = Disturbance(mismatch=larger if plant == "mismatch" else {})
         physics = plant if plant in ("referee", "h/4", "noise") else "exact"
         with warnings.catch_warnings():
-            # Candidates of a step may diverge; the plan then takes another one.
+            # Candidate steps of a plan may diverge; the planner then takes another one.
             warnings.simplefilter("ignore", BatchWarning)
             closed_loop = simulate(
                 self.controller(name),
@@ -115,7 +115,7 @@ class TaskLoops:
 
 
 def initial_states(problem: Problem, params: Params) -> np.ndarray:
-    """Return the problem's start and others around it, none in penetration (seeds, nx)."""
+    """Return initial states (seeds, nx): the problem's own and random ones around it without penetration."""
     p, system = problem.parameters.values, problem.system
     nominal = np.array(problem.limits(p)[0]).ravel()
     phi = ca.SX(0) if system.phi is None else system.phi
@@ -129,7 +129,7 @@ def initial_states(problem: Problem, params: Params) -> np.ndarray:
 
 
 def cost_at(closed_loop: ClosedLoop, N: int) -> np.ndarray:
-    """Return the cost of the first ``N`` samples and the terminal cost of the next state (S,)."""
+    """Return costs (seeds,) of the first ``N`` samples, the terminal cost of the state after them included."""
     x, u, stage_costs = (closed_loop.data[name].values for name in ("x", "u", "cost"))
     problem, last = closed_loop.problem, u[:, N - 1]
     terms, p = problem.cost_terms, problem.parameters.values
@@ -139,7 +139,7 @@ def cost_at(closed_loop: ClosedLoop, N: int) -> np.ndarray:
 
 
 def run(params: Params, finished: FinishedParts) -> xr.Dataset:
-    """Run every controller on every plant of every task, except finished parts."""
+    """Run every controller on every plant of every task, except for finished parts."""
     names = list(TASKS)[: params.tasks]
     shape = len(names), len(PLANTS), len(CONTROLLERS)
     costs = np.full((*shape, params.seeds, 2), np.nan)
@@ -170,19 +170,19 @@ def run(params: Params, finished: FinishedParts) -> xr.Dataset:
 
 
 def relative_cost(data: xr.Dataset) -> xr.DataArray:
-    """Return cost over the best controller's on the same task, plant and seed; NaN if not run."""
+    """Return costs over the best controller's on the same task, plant and seed; NaN if not run."""
     ratio = data["cost"] / data["cost"].min("controller")
     return ratio.fillna(_LARGEST_RATIO).clip(max=_LARGEST_RATIO).where(data["ended"].notnull())
 
 
 def survival(data: xr.Dataset) -> xr.DataArray:
-    """Return whether a cost is at most twice the best of its seed on the model; NaN if not run."""
+    """Return 1 where a cost is at most twice the best of its seed on the model, else 0; NaN if not run."""
     best = data["cost"].sel(plant="model", drop=True).min("controller")
     return (data["cost"] <= _SURVIVAL_RATIO * best).astype(float).where(data["ended"].notnull())
 
 
 def run_settings(data: xr.Dataset) -> list[tuple[str, str]]:
-    """Return the pairs of a task and a plant that were run."""
+    """Return the pairs (task, plant) that were run."""
     ran = data["ended"].notnull().all(["controller", "seed"]).values
     tasks, plants = data["task"].values, data["plant"].values
     return [(str(tasks[i]), str(plants[j])) for i, j in np.argwhere(ran)]

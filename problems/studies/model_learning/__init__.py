@@ -1,4 +1,4 @@
-"""AM: one-step errors over transitions, psi against a network, and psi with its intervals."""
+"""AM: one-step errors of a hopper model with learned parameters psi and of a network, over the number of data."""
 
 from problems.studies.model_learning.claims import claims
 from problems.studies.model_learning.data import QUICK, RESUMES, Params, run

@@ -1,4 +1,4 @@
-"""Claims of AM on one-step errors, psi, noise and drag."""
+"""Claims of AM on one-step errors, on the learned parameters psi, and on noise and drag."""
 
 from __future__ import annotations
 
@@ -8,20 +8,20 @@ import xarray as xr
 from problems.studies.study import Claim, claim, format_values, largest_value, settings_text, share_margin
 
 _MODEL_LEARNING = "Adaptive barrier smoothing, sec. 7, model learning"
-"""Source of the claims of the paper."""
+"""Source of the paper's claims."""
 _PSI_TOLERANCE = 0.05
-"""Relative distance of psi from the truth up to which it is found."""
+"""Relative error up to which a parameter in psi counts as found."""
 _COVERED_SHARE = 0.85
-"""Share of the intervals of 95 % that must hold the truth: they are few and not independent."""
+"""Minimum share of the 95 % intervals that must contain the truth; they are few and not independent."""
 
 
 def claims(data: xr.Dataset) -> list[Claim]:
-    """Return claims on errors of both models, on psi, and on both where data are not exact."""
+    """Return claims on errors of both models, on psi, and on both for data with noise and with drag."""
     return [*_errors(data), *_found(data), *_noise(data), *_drag(data)]
 
 
 def _both(data: xr.Dataset, kind: str, where: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return errors (transitions, seeds) of psi and of networks, where both have learned."""
+    """Return errors (transitions, seeds) of psi and of networks, at the numbers of transitions used for psi."""
     errors = data["errors"].sel(data=kind, where=where)
     psi, network = errors.sel(model="psi").values, errors.sel(model="network").values
     learned = ~np.isnan(psi).all(axis=1)
@@ -61,7 +61,7 @@ def _errors(data: xr.Dataset) -> list[Claim]:
 
 
 def _full(data: xr.Dataset, name: str, kind: str) -> np.ndarray:
-    """Return values of psi at the full number of transitions, (seeds, parameters)."""
+    """Return the variable ``name`` of psi at the full number of transitions, (seeds, parameters)."""
     return data[name].sel(data=kind, transitions=data.attrs["data"]).values
 
 

@@ -1,4 +1,4 @@
-"""AM: one-step errors over transitions, psi against a network, and psi with its bootstrap_intervals."""
+"""AM: one-step errors of a hopper model with learned parameters psi and of a network, over the number of data."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ RESUMES = True
 
 
 WHERE = ("all", "flight", "contact")
-"""Groups of held-out transitions that errors are averaged over."""
+"""Names of the groups of held-out transitions over which errors are averaged."""
 MODELS = ("psi", "network")
-"""Models that are compared."""
+"""Names of the models that are compared."""
 MIXED = "m, rad, m/s, rad/s"
-"""Unit of one-step errors, whose coordinates are added as the paper does."""
+"""Units of one-step errors, which add coordinates of different units as the paper does."""
 
 
 class Params(StudyParams):
@@ -47,12 +47,12 @@ class Params(StudyParams):
 
 
 def transition_counts(params: Params) -> list[int]:
-    """Return the numbers of transitions; only networks learn from the last, four times the full number."""
+    """Return the numbers of transitions to learn from; the last, four times the full number, is for networks alone."""
     return [params.data // 40, params.data // 10, params.data // 4, params.data, 4 * params.data]
 
 
 def run(params: Params, finished: FinishedParts) -> xr.Dataset:
-    """Learn from exact transitions over their number, and from noise and drag at the full number."""
+    """Learn from exact transitions of every number, and from those with noise or drag at the full number."""
     sizes = transition_counts(params)
     errors = np.full((len(DATA), len(MODELS), len(sizes), params.seeds, len(WHERE)), np.nan)
     shape = len(DATA), len(sizes), params.seeds, len(PSI)
@@ -111,25 +111,25 @@ def run(params: Params, finished: FinishedParts) -> xr.Dataset:
 LINKS = ("torso", "thigh", "leg", "foot")
 """Links of the hopper with a mass and an inertia to learn."""
 PSI = ("friction", "spring", "damping", *(f"mass_{link}" for link in LINKS), *(f"inertia_{link}" for link in LINKS))
-"""Parameters to learn."""
+"""Names of the hopper's parameters to learn."""
 DATA = ("exact", "noise", "drag")
-"""Kinds of transitions."""
+"""Kinds of transitions: exact, with noise on next states, with a drag that the model lacks."""
 DRAG = 50.0
-"""Drag of the torso that the model lacks, as the source's parser sets it [N s/m, N m s/rad]."""
+"""Drag [N s/m, N m s/rad] on the torso that the model lacks, as large as in the authors' code."""
 POOL = 1
-"""Random stream of transitions to learn from."""
+"""Number of the random stream of transitions to learn from."""
 HELD = 2
-"""Random stream of held-out transitions."""
+"""Number of the random stream of held-out transitions."""
 JUDGES = 1000
-"""Largest number of transitions that intervals are computed from."""
+"""Maximum number of transitions from which intervals are computed."""
 
 
 @dataclass(frozen=True, eq=False)
 class TransitionData:
-    """Transitions of one kind: ``pool`` to learn from in random order, ``held`` to judge by.
+    """Transitions of one kind: ``pool`` to learn from, in random order, and held-out ones, ``held``.
 
-    ``held`` is always exact; ``touched`` (n,) says where bodies touch in its next states, and
-    ``landed`` in those of the pool.
+    ``held`` has no noise. Where bodies touch in the next states of ``held``, ``touched`` (n,) is
+    True, and where they touch in those of ``pool``, ``landed``.
     """
 
     task: Task
@@ -140,7 +140,7 @@ class TransitionData:
 
     @classmethod
     def of(cls, kind: str, params: Params, n: int) -> TransitionData:
-        """Draw ``n`` transitions of ``kind``, and held-out ones."""
+        """Draw ``n`` transitions of ``kind``, one of :data:`DATA`, and held-out ones."""
         task = get("hopper")
         explorer = Explorer(task, values={"base_damping": DRAG} if kind == "drag" else None)
         transitions, landed = random_transitions(explorer, n, [params.seed, POOL])
@@ -156,9 +156,9 @@ class TransitionData:
         return cls(task, transitions, landed[order], held, touched)
 
     def errors(self, x_next: np.ndarray) -> np.ndarray:
-        """Return mean distances [m, rad, m/s, rad/s] to held-out next states: all, in flight, in contact.
+        """Return mean errors (3,) of predicted held-out next states ``x_next``: all, in flight, in contact.
 
-        Steps without a prediction are left out.
+        Units are :data:`MIXED`. NaN predictions are left out.
         """
         distances = np.linalg.norm(x_next - self.held.x_next, axis=1)
         row_sets = np.ones(len(distances), bool), ~self.touched, self.touched
@@ -166,17 +166,17 @@ class TransitionData:
 
     @property
     def still(self) -> np.ndarray:
-        """Errors of the prediction that nothing moves."""
+        """Errors (3,) of the prediction that nothing moves."""
         return self.errors(self.held.x)
 
     @cached_property
     def truth(self) -> np.ndarray:
-        """True values of psi, the parameters of the hopper."""
+        """True values of psi, the hopper's parameters."""
         return np.array([self.task.parameters.defaults[name] for name in PSI])
 
 
 def by_psi(source: TransitionData, n: int, seed: int, params: Params) -> dict[str, np.ndarray]:
-    """Learn psi from the first ``n`` transitions; return errors, values, intervals and the search's means."""
+    """Learn psi from the first ``n`` transitions; return errors, and psi, its intervals and search path over truth."""
     transitions = source.pool[:n]
     step = Exact().close(source.task.system)
     loss = OneStepLoss(step, PSI, scale=OneStepLoss.increments(transitions))
@@ -197,7 +197,7 @@ def by_psi(source: TransitionData, n: int, seed: int, params: Params) -> dict[st
 
 
 def in_flight(source: TransitionData) -> dict[str, np.ndarray]:
-    """Return upper ends of confidence intervals, as multiples of the true values, from transitions without contact."""
+    """Return upper ends of psi's intervals over the true values, from transitions without contact."""
     flying = source.pool[np.flatnonzero(~source.landed)[:JUDGES]]
     scale = OneStepLoss.increments(source.pool)
     loss = OneStepLoss(Exact().close(source.task.system), PSI, scale=scale)
@@ -205,7 +205,7 @@ def in_flight(source: TransitionData) -> dict[str, np.ndarray]:
 
 
 def by_network(source: TransitionData, n: int, seed: int, params: Params) -> dict[str, np.ndarray]:
-    """Train four layers on the first ``n`` transitions, next state from state and input."""
+    """Train a network of four layers on the first ``n`` transitions; return its held-out errors."""
     transitions, judges, system = source.pool[:n], source.held, source.task.system
     origin = DataOrigin((*system.states, *system.inputs), system.states)
     samples = Samples(np.hstack([transitions.x, transitions.u]), transitions.x_next, origin)

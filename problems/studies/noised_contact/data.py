@@ -1,4 +1,4 @@
-"""N1: a pusher and a block between walls, learned from noised data, sparse and dense."""
+"""N1: a pushed block and a block between walls, learned from noised data, sparse and dense."""
 
 from __future__ import annotations
 
@@ -14,25 +14,25 @@ from problems.studies.shared.noised_line import LinePusher, Walls, average_of, m
 from problems.studies.study import CODE, StudyParams, dataset, setting
 
 REGIMES = ("sparse", "dense")
-"""Amounts of data."""
+"""Names of the two amounts of data."""
 STARTS = np.array([-1.6, -1.25, -1.05, 1.05, 1.25, 1.6])
-"""States in penetration [m], at most six sigma deep."""
+"""Initial states of the rollouts [m], in penetration by at most six sigma."""
 DOTS = np.linspace(-1.4, 1.4, 29)
 """Commands at which f_sigma is sampled [m]."""
 SPARSE_STATES = 5
-"""States of the block in sparse data."""
+"""Number of states of the block in sparse data."""
 SPARSE_REACH = 0.5
 """Largest distance of these states from the middle [m]."""
 STEPS = 12
-"""Steps of a rollout."""
+"""Number of steps of a rollout."""
 _TRAINING_ROWS = 2000
-"""Rows of data of a network, few data repeated, so that a minibatch averages over noise."""
+"""Number of rows that a network gets; few data are repeated, so that a minibatch averages over noise."""
 _ROWS_TRAINED_ON = 1600
-"""Rows that the network is trained on; the others choose the epoch, for the last weights still jitter."""
+"""Number of rows to train on; the others choose the best epoch, since the last weights still fluctuate."""
 
 
 class Params(StudyParams):
-    """Parameters of N1; the paper's text has none."""
+    """Parameters of N1; the paper gives no numbers."""
 
     rho: float = setting(0.99, "1", "slope of the pusher's step in contact", above=0, most=1)
     sigma: float = setting(0.1, "m", "standard deviation of the noise", CODE, above=0)
@@ -48,7 +48,7 @@ QUICK = {"dense": 200, "draws": 100, "networks": 1, "units": 32, "epochs": 200}
 
 
 def run(params: Params) -> xr.Dataset:
-    """Compute curves of fig. 1 and rollouts, and sampling errors over many sets of data."""
+    """Compute the curves of fig. 1, rollouts, and sampling errors over many sets of data."""
     pusher, walls, sigma = LinePusher(params.rho), Walls(), params.sigma
     rng = np.random.default_rng([params.seed, 0])
     u, x = np.linspace(-1.4, 1.4, 421), np.linspace(-2, 2, 401)
@@ -99,7 +99,7 @@ def _learned(
     f: Callable[[np.ndarray], np.ndarray],
     params: Params,
 ) -> dict[str, Any]:
-    """Compute g_sigma and networks h_sigma over ``places`` (k,), and rms distances over noised data."""
+    """Compute g_sigma and networks h_sigma of a map f at ``places`` (k,), and rms distances over noised data."""
     g = np.empty((len(REGIMES), len(places)))
     h = np.empty((len(REGIMES), params.networks, len(places)))
     rms, effect = np.empty(h.shape[:2]), np.empty(len(REGIMES))
@@ -147,7 +147,7 @@ def _network(z: np.ndarray, y: np.ndarray, params: Params, seed: int) -> MlpMode
 
 
 def roll_out_model(model: EwdaModel | MlpModel) -> np.ndarray:
-    """Return states (n_starts, STEPS + 1) from :data:`STARTS`, each the model's value at the last one."""
+    """Return the states (n_starts, STEPS + 1) of the model's rollouts from :data:`STARTS`."""
     path = [STARTS]
     for _ in range(STEPS):
         path.append(model_values(model, path[-1]))
@@ -155,18 +155,18 @@ def roll_out_model(model: EwdaModel | MlpModel) -> np.ndarray:
 
 
 SETS = 20
-"""Sets of random data over which sampling errors are measured."""
+"""Number of random data sets over which sampling errors are measured."""
 WIDTHS = np.array([0.05, 0.1, 0.2])
-"""sigma [m], for commands in [-1, 1] m."""
+"""Standard deviations sigma [m] of the noise, for data in [-1, 1] m."""
 DEPTHS = np.array([0.0, 0.05, 0.1, 0.2, 0.5, 1.0, 10.0])
-"""Penetration [m]."""
+"""Penetrations [m] of the states that the average should move inside."""
 
 
 def sample_sets(pusher: LinePusher, sparse: int, dense: int, seed: int) -> dict[str, Any]:
-    """Compute distances of g_sigma from f_sigma in standard errors, slopes, and states in penetration.
+    """Compute errors of g_sigma over their standard errors, its slopes, and where it moves penetrating states.
 
-    A weighted mean of random data has the standard error ``|w (y - g)|/sum w``; over it
-    the error of g_sigma has variance 1 if only the choice of data makes it differ from f_sigma.
+    A weighted mean of random data has the standard error ``|w (y - g)|/sum w``; errors over it have
+    variance 1 if g_sigma differs from f_sigma by the random choice of data alone.
     """
     shape = (len(WIDTHS), SETS)
     square, bias, error, at_end, steepest, flattest, inside = np.empty((7, *shape))
@@ -179,7 +179,7 @@ def sample_sets(pusher: LinePusher, sparse: int, dense: int, seed: int) -> dict[
             u, few = rng.uniform(-1, 1, dense), rng.uniform(-1, 1, sparse)
             g, deviation = _with_error(u, pusher.step(u), sigma, middle)
             errors = g - true
-            # Where the pusher stays away, f and every error are 0.
+            # Where the pusher does not touch the block, f and every error are 0.
             has_error = deviation > 1e-3 * sigma
             square[row, i] = np.mean((errors / deviation)[has_error] ** 2)
             bias[row, i], error[row, i] = np.sqrt(np.mean(errors**2)), np.sqrt(np.mean(deviation**2))
@@ -202,7 +202,7 @@ def sample_sets(pusher: LinePusher, sparse: int, dense: int, seed: int) -> dict[
 
 
 def _with_error(z: np.ndarray, y: np.ndarray, sigma: float, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return g_sigma at ``places`` (k,) and its standard error, for data drawn at random."""
+    """Return g_sigma at ``places`` (k,) and its standard error over random draws of the data, (k,) each."""
     g = average_of(z, y, sigma).values(places[:, None])[:, 0]
     weight = np.exp(-0.5 * ((places[:, None] - z) / sigma) ** 2)
     spread = np.sqrt(np.sum((weight * (y - g[:, None])) ** 2, axis=1))
@@ -210,7 +210,7 @@ def _with_error(z: np.ndarray, y: np.ndarray, sigma: float, places: np.ndarray) 
 
 
 def _slopes(pusher: LinePusher, z: np.ndarray, sigma: float) -> tuple[float, float]:
-    """Return the largest and the least slope over rho, in contact from sigma on, within the data."""
+    """Return the largest and the smallest slope of g_sigma over rho, from sigma above the kink to the last datum."""
     model = average_of(z, pusher.step(z), sigma)
     places = np.linspace(pusher.c + sigma, z.max(), 400)
     slope = model.jacobians(places[:, None])[1][:, 0, 0] / pusher.rho

@@ -1,4 +1,4 @@
-"""N3: which smoothing to trust, by what its plans cost under the exact law."""
+"""N3: smoothed and learned contact laws compared by the cost of their plans under the exact law."""
 
 from problems.studies.smoothings_compared.claims import claims
 from problems.studies.smoothings_compared.data import QUICK, Params, run

@@ -11,15 +11,15 @@ from problems.studies.smoothings_compared.data import ANALYTIC, LEARNED, WITHIN,
 from problems.studies.study import Claim, claim, settings_text
 
 _PROGRESS_SHARE = 0.8
-"""Share of the cost at rest that a plan must save on its own model, to make progress."""
+"""Share of the cost at rest that a plan must save on its own model to count as progress."""
 _EQUAL_EXCESS = 0.01
-"""Relative difference of costs up to which they are equal."""
+"""Relative difference of costs up to which they count as equal."""
 _SEED_SPREAD = 1.5
-"""Largest over smallest exact cost over seeds, up to which plans are about the same."""
+"""Ratio of the largest to the smallest exact cost over seeds up to which plans count as the same."""
 _PLANS_SHARE = 0.75
-"""Share of the plans for which a sentence about all of them must hold."""
+"""Minimum share of the plans for which a claim must hold."""
 _SHARP_LAWS = ("barrier", "sharp barrier", "adaptive")
-"""Analytic laws close to the exact one."""
+"""Names of the analytic laws close to the exact one."""
 _OUR_CHECK = "our check"
 """Source of claims that no paper makes."""
 
@@ -34,7 +34,7 @@ def _names(data: xr.Dataset) -> list[str]:
 
 
 def _each(names: Sequence[str], values: np.ndarray, form: str) -> str:
-    """Write every name with its value: ``push-1d +1.4%, push-disc +44%``."""
+    """Return a text of every name with its value: ``push-1d +1.4%, push-disc +44%``."""
     return ", ".join(f"{name} {format(v, form)}" for name, v in zip(names, values, strict=True))
 
 
@@ -60,7 +60,7 @@ def _progress(data: xr.Dataset) -> list[Claim]:
 
 
 def _close(data: xr.Dataset) -> list[Claim]:
-    """Compare each law's plan with the exact optimum, and plans over mu."""
+    """Compare the exact cost of each law's plan with the exact optimum, and check its fall with mu."""
     names, excesses = _names(data), _middle(excess_cost(data))
     others = excesses.drop_sel(law="exact").min("law", skipna=False).values
     expected = f"its exact replay costs at most {WITHIN:.0%} more, on every problem"
@@ -133,7 +133,7 @@ def _seeds(data: xr.Dataset) -> list[Claim]:
 
 
 def _surviving(data: xr.Dataset) -> list[Claim]:
-    """Check that survival, which needs no exact optimum, predicts a good plan."""
+    """Check that plans which survive the referee are close to the exact optimum."""
     best = data["cost"].sel(law="exact", motion="exact replay")
     trusting = data["trusting_cost"].sel(motion="exact replay") / best - 1
     analytic, learned = (

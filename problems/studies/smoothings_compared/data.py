@@ -1,7 +1,7 @@
 """N3: plans under every contact law, and their cost under the exact one.
 
-Parts, each stored when it is finished: of one problem, one law and one seed the plan's cost and
-its replay's, whether it survives, iterations, and seconds of learning and of solving.
+A part, stored when it is finished, has the costs of plan and replay, whether the plan survives,
+iterations, and seconds of learning and solving, for one problem, one law and one seed.
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ from problems.studies.shared.learned_laws import average_law, draw_transitions, 
 from problems.studies.study import FinishedParts, StudyParams, dataset, setting
 
 PROBLEMS = ("push-1d", "push-disc", "planar-push", "planar-hand")
-"""Problems that are planned."""
+"""Names of the problems that are planned."""
 QUICK = {"seeds": 1, "data": 1000, "epochs": 1, "samples": 2}
 SHARES = (0.001, 0.01, 0.1, 1.0)
-"""Weights of the data's log-density, as shares of a step's cost at rest."""
+"""Weights of trust, that is of the data's log-density in the cost, as shares of a step's cost at rest."""
 TRUSTED = 0.001
-"""Weight that stands among the laws: its replays cost the least."""
+"""Weight of trust in the law ``trusting ewda``; its replays cost the least."""
 
 
 class Params(StudyParams):
-    """Parameters of N3; those of the problems are the problems' own defaults."""
+    """Parameters of N3; problems keep their defaults."""
 
     mu: float = setting(1e-3, "N s m", "central-path parameter of the barrier law", above=0)
     spread: float = setting(0.02, "m", "width of the adaptive law", above=0)
@@ -48,7 +48,7 @@ class Params(StudyParams):
 
 
 class TaskData:
-    """Data of one problem and seed, and laws made of them, built at first use."""
+    """Source of transitions, laws and plans of one problem and seed."""
 
     def __init__(self, name: str, seed: int, params: Params) -> None:
         self.name, self.seed, self.params, self.problem = name, seed, params, get(name)
@@ -57,13 +57,13 @@ class TaskData:
 
     @property
     def data(self) -> Transitions:
-        """Transitions of the problem."""
+        """Transitions of the problem, drawn at first use."""
         if self._data is None:
             self._data = draw_transitions(self.name, self.params.data, self.seed)
         return self._data
 
     def law(self, name: str) -> ContactLaw:
-        """Return the law called ``name``, except the one with trust, which starts at the one without."""
+        """Return the contact law ``name``; ``trusting ewda`` has no entry, its plans come from :meth:`trusting`."""
         params, seed = self.params, self.seed
         makers: dict[str, Callable[[], ContactLaw]] = {
             "exact": Exact,
@@ -84,7 +84,7 @@ class TaskData:
         return network_law(self.data, sigma, self.seed, params.epochs, params.batch)
 
     def planned(self, name: str) -> dict[str, np.ndarray]:
-        """Plan from the problem's guess."""
+        """Plan under the law ``name`` from the problem's guess; return the numbers of its plan and replay."""
         _loaded()
         self._data = None
         began_s = time.process_time()
@@ -96,7 +96,7 @@ class TaskData:
         return _plan_row(solution, learned_s - began_s, time.process_time() - learned_s)
 
     def trusting(self, share: float) -> dict[str, np.ndarray]:
-        """Plan under the law with trust, from the plan under the law without."""
+        """Plan with trust of weight ``share``, warm-started by the plan without; return the numbers of the plan."""
         _loaded()
         if self._bare is None:
             self._bare = solve(self.problem, self.law("ewda"), Direct())
@@ -116,7 +116,7 @@ def rest_cost(name: str) -> float:
 
 
 def run(params: Params, finished: FinishedParts) -> xr.Dataset:
-    """Plan under every law, and with every trust, except finished parts."""
+    """Plan under every law and with every weight of trust, except for finished parts."""
     shape, shares = (len(PROBLEMS), len(LAWS), params.seeds), (0.0, *SHARES)
     rows = np.full((*shape, 6), np.nan)
     trust_rows = np.full((len(PROBLEMS), len(shares), params.seeds, 6), np.nan)
@@ -177,26 +177,26 @@ def _plan_row(solution: Solution, learning: float, solving: float) -> dict[str, 
 
 @cache
 def _loaded() -> None:
-    """Load all modules of a solve, whose time belongs to none of the laws."""
+    """Load all modules that a solve needs, so that no law's time includes the imports."""
     solve(get("push-1d", N=2), Exact(), Direct())
 
 
 ANALYTIC = ("gentle barrier", "barrier", "sharp barrier", "adaptive", "randomized")
-"""Smoothed laws without data."""
+"""Names of the smoothed laws, which need no data."""
 LEARNED = ("ewda", "wide ewda", "trusting ewda", "clean mlp", "noised mlp")
-"""Laws learned from data."""
+"""Names of the laws learned from data."""
 LAWS = ("exact", *ANALYTIC, *LEARNED)
-"""All laws, in the order of the data."""
+"""Names of all laws, in the order of the dataset."""
 DRAWN = ("randomized", *LEARNED)
-"""Laws that depend on the seed."""
+"""Names of the laws that depend on the seed."""
 WITHIN = 0.1
-"""Relative excess of an exact replay over the exact optimum, up to which a plan is close to it."""
+"""Relative excess of a replay's cost over the exact optimum up to which a plan counts as close to it."""
 TENFOLD = 10.0
-"""Factor between mu and those of the gentle and the sharp barrier."""
+"""Ratio of the gentle barrier's mu to the barrier's, and of that to the sharp barrier's."""
 
 
 def law_texts(settings: Mapping[str, Any]) -> dict[str, str]:
-    """Name every law with its settings, from the study's parameters."""
+    """Return a mapping from law to a text of it with its settings, from the study's parameters."""
     mu, width, wide = settings["mu"], settings["width"], settings["wide"]
     texts = (
         "exact",
@@ -213,12 +213,12 @@ def law_texts(settings: Mapping[str, Any]) -> dict[str, str]:
 
 
 def excess_cost(data: xr.Dataset) -> xr.DataArray:
-    """Return exact replay over the exact law's own optimum, less one (problem, law, seed)."""
+    """Return the cost of exact replays over that of the exact law's plan, less one, (problem, law, seed)."""
     best = data["cost"].sel(law="exact", motion="exact replay")
     return data["cost"].sel(motion="exact replay") / best - 1
 
 
 def replay_gap(cost: xr.DataArray) -> xr.DataArray:
-    """Return replay less plan, over the plan's cost."""
+    """Return the replay's cost less the plan's, over the plan's."""
     plan, replay = cost.sel(motion="plan"), cost.sel(motion="exact replay")
     return (replay - plan) / abs(plan)

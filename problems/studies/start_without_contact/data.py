@@ -1,8 +1,8 @@
-"""N2: pushing and turning from a start without contact, through exact, smoothed, learned dynamics.
+"""N2: pushing and turning from a start without contact, through exact, smoothed and learned dynamics.
 
 Parts, each stored when it is finished: plans of input sequences by IPOPT under four contact laws;
 gains learned by Adam through the five dynamics of the paper, over seeds; the same gains by IPOPT;
-and what width of noise and how many data make of the learned ones.
+and gains through learned dynamics, over the width of noise and the number of data.
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ from problems.studies.start_without_contact.dynamics import DYNAMICS, EVERY, by_
 from problems.studies.study import CODE, FinishedParts, StudyParams, dataset, setting
 
 SWEPT = ("g_sigma", "h_sigma")
-"""Learned dynamics that are swept over width and amount."""
+"""Names of the learned dynamics whose width of noise and number of data are varied."""
 WIDTHS = (0.05, 0.1, 0.2, 0.4)
-"""Noise on the data in their scales."""
+"""Widths of the noise on the data, in units of the data's scales."""
 LAST = 5
-"""Last records whose median is the final cost: with fresh noise one alone is a draw."""
+"""Number of last records whose median is the final cost, since fresh noise makes each record random."""
 
 
 class Params(StudyParams):
-    """Parameters of study N2; those of its problems keep their defaults."""
+    """Parameters of N2; those of its problems keep their defaults."""
 
     mu: float = setting(1e-3, "N s m", "central-path parameter of the barrier law", CODE, above=0)
     spread: float = setting(0.02, "m", "width of the adaptive law", above=0)
@@ -48,20 +48,20 @@ class Params(StudyParams):
 
 
 class _TaskData:
-    """Transitions and laws of one problem, built at first use."""
+    """Source of transitions and laws of one problem; the last transitions drawn are kept."""
 
     def __init__(self, name: str, params: Params) -> None:
         self.problem, self.params, self.name = get(name), params, name
         self._data: dict[tuple[int, int], Transitions] = {}
 
     def data(self, n: int, seed: int) -> Transitions:
-        """Return n transitions of a seed."""
+        """Return n transitions drawn with ``seed``."""
         if (n, seed) not in self._data:
             self._data = {(n, seed): draw_transitions(self.name, n, seed)}
         return self._data[n, seed]
 
     def law(self, kind: str, sigma: float, n: int, seed: int) -> ContactLaw:
-        """Return one of the five dynamics."""
+        """Return the law of the dynamics ``kind``; a learned one is of n transitions with noise ``sigma``."""
         params, step = self.params, self.problem.exact_step
         data = self.data(n, seed)
         return make_law(kind, data, sigma, params.epochs, seed, step, params.draws)
@@ -71,7 +71,7 @@ QUICK = {"seeds": 1, "data": 1000, "draws": 10, "steps": 100, "epochs": 1}
 
 
 def run(params: Params, finished: FinishedParts) -> xr.Dataset:
-    """Plan and learn both problems through all dynamics, except finished parts."""
+    """Compute plans and gains of both problems through all dynamics, except for finished parts."""
     variables, coordinates = label_plans(finished.get("plans", lambda: plan_problems(params)))
     sources = {name: _TaskData(name, params) for name in PROBLEMS}
     variables |= _learned(params, finished, sources) | _swept(params, finished, sources)
@@ -102,7 +102,7 @@ def _learned(params: Params, finished: FinishedParts, sources: dict[str, _TaskDa
     for row, column in track_items("problems and dynamics", list(np.ndindex(shape))):
         (name, source), kind = named[row], DYNAMICS[column]
         for seed in range(params.seeds):
-            # f has no data and no noise: every seed is the first.
+            # f has no data and no noise, so that every seed gives the same result.
             run_seed = params.seed + (seed if kind != "f" else 0)
             descent = _descent(finished, source, kind, params.width, params.data, run_seed)
             learned[row, column, seed] = np.stack([descent["model"], descent["exact"]], axis=1)
@@ -160,11 +160,11 @@ def _swept(params: Params, finished: FinishedParts, sources: dict[str, _TaskData
 
 
 PROBLEMS = ("planar-push", "planar-hand")
-"""Problems that are planned and learned."""
+"""Names of the problems."""
 LAWS = ("exact", "barrier", "adaptive", "randomized")
-"""Laws that plans are made under."""
+"""Names of the contact laws under which plans are made."""
 _PLAN_NODES = 21
-"""Nodes of every plan, of twenty steps."""
+"""Number of nodes of every plan, which has twenty steps."""
 
 
 def law_of(name: str, params: Params) -> ContactLaw:
@@ -179,9 +179,9 @@ def law_of(name: str, params: Params) -> ContactLaw:
 
 
 def plan_problem(problem: Problem, law: ContactLaw) -> Solution:
-    """Plan by single shooting from the problem's guess, where everything stands still.
+    """Plan by single shooting from the problem's guess, in which everything stands still.
 
-    The exact law is given no homotopy, which would begin under another law.
+    The exact law is solved without homotopy, which would start under another law.
     """
     settings = {"homotopy": False} if isinstance(law, Exact) else {}
     return solve(problem, law, SingleShooting(), settings=settings)
@@ -196,14 +196,14 @@ def object_cost(name: str, x: np.ndarray) -> float:
 
 
 def object_costs(name: str, solution: Solution) -> tuple[float, float, float]:
-    """Return the object's cost at rest, as planned, and as replayed under the exact law."""
+    """Return the object's part of the cost at rest, of the plan, and of its replay under the exact law."""
     planned, replay = solution.data["x"].values[0], solution.data["x_replay"].values[0]
     start = np.broadcast_to(planned[0], planned.shape)
     return object_cost(name, start), object_cost(name, planned), object_cost(name, replay)
 
 
 def plan_problems(params: Params) -> dict[str, Any]:
-    """Plan both problems under every law; return the object's costs, and the paths."""
+    """Plan both problems under every law; return costs, iterations, status and paths as arrays."""
     shape = (len(PROBLEMS), len(LAWS))
     total = np.empty((*shape, 2))
     cost, iterations = np.empty((*shape, 3)), np.empty(shape, dtype=int)

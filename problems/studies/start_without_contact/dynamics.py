@@ -1,4 +1,4 @@
-"""The five dynamics of noising, fig. 2, as laws that close a problem's system."""
+"""The five dynamics of Suh et al. 2023, fig. 2, as contact laws, and gains learned through them."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ from ocp.problem.rollout import Gains, roll_on
 from problems.studies.shared.learned_laws import average_law, network_law
 
 DYNAMICS = ("f", "f_sigma", "g_sigma", "h", "h_sigma")
-"""The five dynamics of the paper."""
+"""Names of the dynamics: exact f, smoothed f_sigma, average g_sigma, networks h of clean and h_sigma of noised data."""
 
 
 @dataclass(eq=False)
 class Bundle:
-    """Averages ``E f(z + w)`` and ``E f'(z + w)``, w ~ N(0, diag(width)²), over ``samples`` draws a query.
+    """Averages of ``f(z + w)`` and ``f'(z + w)``, w ~ N(0, diag(width)²), over ``samples`` draws for each query z.
 
-    Every evaluation draws anew, each draw with its mirror image, so that a slope is a sample of
-    that of f_sigma (paper's eq. 7). Draws whose step is not solved are left out.
+    Every evaluation has new draws, each with its mirror image, so that a slope is a random estimate
+    of that of f_sigma (the paper's eq. 7). Draws whose step is not solved are left out.
     """
 
     step: Step
@@ -60,7 +60,7 @@ class Bundle:
         return np.nanmean(steps.x_next.reshape(shape), axis=1), np.nanmean(slopes, axis=1)
 
     def curvatures(self, z: np.ndarray, weights: np.ndarray) -> np.ndarray:
-        """Raise ``NotImplementedError``: the exact step's second derivatives are zero but at its kinks."""
+        """Raise ``NotImplementedError``: the exact step's second derivatives are zero except at its kinks."""
         raise NotImplementedError("bundled gradients cannot be differentiated again; use Adam")
 
 
@@ -74,22 +74,22 @@ class Bundled(ContactLaw):
         self.bundle = bundle
 
     def parameters(self, system: ContactSystem) -> ParameterTable:
-        """Return an empty table."""
+        """Return an empty table, since the law has no parameters."""
         return ParameterTable()
 
     def target(self, system: ContactSystem, z: ca.SX, F: ca.SX, p: ParameterTable) -> ca.SX:
-        """Return an empty vector: the pairs were solved at every draw."""
+        """Return an empty vector, since every draw has solved its contact pairs."""
         return ca.SX(0, 1)
 
     def close_at_nodes(self, system: ContactSystem, law: Closure, p: ParameterTable, nodes: tuple[Branch, ...]) -> Step:
-        """Close the system by the bundle's map."""
+        """Return the step whose next state is the bundle's mean."""
         return LearnedStep(system, law, p, nodes, CasadiMap(self.bundle))
 
 
 def make_law(
     kind: str, data: Transitions, sigma: float, epochs: int, seed: int, problem_step: Step, samples: int = 100
 ) -> ContactLaw:
-    """Return the law called ``kind``, sigma in normalised units of the data."""
+    """Return the contact law of the dynamics ``kind``; sigma is in units of the data's standard deviations."""
     if kind == "f":
         return Exact()
     if kind == "f_sigma":
@@ -100,17 +100,17 @@ def make_law(
 
 
 EVERY = 10
-"""Iterations of Adam from one record to the next."""
+"""Number of iterations of Adam from one record to the next."""
 
 
 def descend_gains(problem: Problem, law: ContactLaw, rate: float, iterations: int) -> dict[str, np.ndarray]:
-    """Minimise the cost of eq. 14 of noising over the gains K_t and k_t by Adam.
+    """Minimise the cost of Suh et al. 2023, eq. 14, over the gains K_t and k_t by Adam.
 
     K starts at 0, k at the actuator's start. Returns the costs on the model and under the exact law
     at every tenth iteration, and the states (N+1, nx) of the last of these policies under the exact law.
     """
     exact = RolloutObjective(problem, Exact(), Feedback())
-    # For one rollout at a time interpreted graphs are faster than arrays of one sample.
+    # For one rollout at a time interpreted graphs are faster than compiled arrays of one sample.
     backend = {} if isinstance(law, Exact) else {"backend": "casadi", "threads": 1}
     model = RolloutObjective(problem, law, Feedback(), **backend)
     steps = islice(adam(model.cost_and_gradient, model.theta, rate), iterations + 1)
@@ -123,7 +123,7 @@ def descend_gains(problem: Problem, law: ContactLaw, rate: float, iterations: in
 
 
 def gains_of(problem: Problem, theta: np.ndarray) -> Gains:
-    """Return K (N, nu, nx) and k (N, nu) from the rows of both, step after step."""
+    """Return the gains K (N, nu, nx) and k (N, nu) from ``theta``, which lists K's and k's rows step by step."""
     nx, nu = problem.system.nx, problem.system.nu
     rows = theta.reshape(problem.N, nu * nx + nu)
     return Gains(rows[:, : nu * nx].reshape(-1, nu, nx), rows[:, nu * nx :])
@@ -135,10 +135,10 @@ def replay_gains(problem: Problem, gains: Gains) -> np.ndarray:
 
 
 def by_ipopt(problem: Problem, law: ContactLaw) -> dict[str, np.ndarray]:
-    """Return the costs, on the model and under the exact law, of IPOPT's gains, and its iterations.
+    """Return the costs of IPOPT's gains, on the model and under the exact law, and its number of iterations.
 
-    The exact law is given no homotopy, which would begin under another law. NaN where there is no
-    answer.
+    The exact law is solved without homotopy, which would start under another law. Costs are NaN if
+    IPOPT does not converge.
     """
     settings = {"homotopy": False} if isinstance(law, Exact) else {}
     method = Direct() if isinstance(law, LearnedLaw) else SingleShooting()

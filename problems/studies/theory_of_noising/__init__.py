@@ -1,4 +1,4 @@
-"""N0: averages and networks of noised data, where their theory can be checked."""
+"""N0: theory of learning from noised data, checked on weighted averages and networks."""
 
 from problems.studies.theory_of_noising.claims import claims
 from problems.studies.theory_of_noising.data import QUICK, Params, run

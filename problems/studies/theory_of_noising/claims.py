@@ -1,4 +1,4 @@
-"""Claims of N0 on lemmas 1 to 3 and on sec. III and IV."""
+"""Claims of N0 on Suh et al. 2023, lemmas 1 to 3, sec. III and sec. IV."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ import xarray as xr
 from problems.studies.study import Claim, claim, format_values, settings_text
 
 _END_DISTANCE = 2.0
-"""Distance from an end of the data over sigma, within which g_sigma differs from f_sigma."""
+"""Distance from an end of the data, over sigma, within which g_sigma differs from f_sigma."""
 _FEW_NEIGHBOURS = 10.0
 """Effective neighbours below which data are too sparse to average."""
 _USUAL_SIGMA = 0.2
-"""Usual noise on data, over their deviation."""
+"""Usual ratio of the noise's to the data's standard deviation."""
 _MANY_NEIGHBOURS = 400.0
-"""Effective neighbours from which one draw of data tells their number."""
+"""Effective neighbours from which their number in one draw of data deviates by at most 5 %."""
 
 
 def claims(data: xr.Dataset) -> list[Claim]:
@@ -207,7 +207,7 @@ def _ends(data: xr.Dataset) -> list[Claim]:
 def _neighbours(data: xr.Dataset) -> list[Claim]:
     counts, law = data["neighbours"].values, data["neighbours_law"].values
     dims, widths = data["dim"].values, data["normalised"].values
-    # The count near one query has the relative deviation 1/sqrt(count).
+    # The count near one query has the relative standard deviation 1/sqrt(count).
     is_many = law >= _MANY_NEIGHBOURS
     apart = np.abs(counts / law - 1)[is_many]
     column = int(np.argmin(np.abs(widths - _USUAL_SIGMA)))

@@ -1,4 +1,4 @@
-"""N0: averages and networks of noised data, where their theory can be checked."""
+"""N0: theory of learning from noised data, checked on weighted averages and networks."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from problems.studies.theory_of_noising import lemmas
 
 
 class Params(StudyParams):
-    """Parameters of N0; the paper's text has none."""
+    """Parameters of N0; the paper gives no numbers."""
 
     rho: float = setting(0.99, "1", "slope of the pusher's step in contact", above=0, most=1)
     sigma: float = setting(0.1, "m", "noise of the networks and of the rollouts", CODE, above=0)
@@ -33,10 +33,10 @@ QUICK = {"epochs": 15, "repeats": 1, "n_samples": 2000}
 
 
 def run(params: Params) -> xr.Dataset:
-    """Compute lemmas, walls, ends, networks and neighbours, each in two independent ways."""
+    """Compute the checks of the lemmas, of walls, ends of the data, networks and effective neighbours."""
     rho, sigma, seed = params.rho, params.sigma, params.seed
     variables = {
-        # First the networks: the libraries for training may be missing.
+        # The networks come first, since the libraries for training may be missing.
         **train_networks(rho, sigma, params.epochs, params.repeats, seed),
         **lemmas.uniform_data(),
         **lemmas.noised_risks(rho, seed),
@@ -73,19 +73,19 @@ def run(params: Params) -> xr.Dataset:
 
 
 PAIRS = np.array([32, 128, 512, 2048])
-"""Noised pairs that networks are trained on."""
+"""Numbers of noised pairs that networks are trained on."""
 UNITS = np.array([2, 4, 16])
-"""Units in each of two layers."""
+"""Numbers of units in each of a network's two layers."""
 _COMMANDS = 200
-"""Commands that networks learn from."""
+"""Number of commands that networks learn from."""
 _NETWORK_QUERIES = 2000
-"""Points at which networks are compared with g_sigma."""
+"""Number of points at which networks are compared with g_sigma."""
 
 
 def train_networks(rho: float, sigma: float, epochs: int, repeats: int, seed: int) -> dict[str, Any]:
     """Compute the root mean square of h_sigma - g_sigma over noised data of the same 200 commands.
 
-    Every network sees another draw of ``n`` noised pairs, all of them in each step.
+    Every network is trained on its own draw of noised pairs, with all of them in each step.
     """
     pusher, rng = LinePusher(rho), np.random.default_rng([seed, 4])
     u = rng.uniform(-1, 1, _COMMANDS)
@@ -108,22 +108,22 @@ def train_networks(rho: float, sigma: float, epochs: int, repeats: int, seed: in
 
 
 DIMENSIONS = np.arange(1, 13)
-"""Dimensions of the uniform cloud."""
+"""Numbers of dimensions of the uniform cloud."""
 SPREADS = np.array([0.1, 0.2, 0.4])
-"""sigma over the deviation of the data in each coordinate."""
+"""Ratios of sigma to the data's standard deviation in each coordinate."""
 PROBLEMS = ("planar-push", "planar-hand")
-"""Problems whose data are counted."""
+"""Names of the problems whose effective neighbours are counted."""
 DRAWN = ("ranges alone", "half in the tube")
-"""Regions that transitions are drawn from."""
+"""Names of the regions that transitions are drawn from."""
 _NEIGHBOUR_QUERIES = 100
-"""Points whose neighbours are counted."""
+"""Number of points whose effective neighbours are counted."""
 
 
 def effective_neighbours(z: np.ndarray, scales: Normalisation, sigma: float, queries: np.ndarray) -> np.ndarray:
     """Return the effective neighbours ``(sum w)²/sum w²`` (k,) of data z (n, d) at ``queries`` (k, d).
 
-    w² are the weights of width sigma/sqrt(2), so that both sums are densities, whose
-    logarithm is in lemma 3's denominator: ``(sqrt(4 pi) sigma)^d n p_sigma²/p_(sigma/sqrt(2))``.
+    w² are the weights of width sigma/sqrt(2), so that both sums are densities, as in the
+    denominator of lemma 3: ``(sqrt(4 pi) sigma)^d n p_sigma²/p_(sigma/sqrt(2))``.
     """
     names = tuple(Signal(f"z{i}", "1") for i in range(z.shape[1]))
     wide, narrow = (
@@ -135,9 +135,9 @@ def effective_neighbours(z: np.ndarray, scales: Normalisation, sigma: float, que
 
 
 def uniform_cloud(n: int, seed: int) -> dict[str, Any]:
-    """Compute median neighbours near the middle of n points, uniform in every coordinate, deviation 1.
+    """Compute median effective neighbours near the middle of n points, uniform in each coordinate with deviation 1.
 
-    Where many are near, it is ``n (2 sqrt(pi) sigma/length)^d``, the quotient of the integrals.
+    If they are many, their number is ``n (2 sqrt(pi) sigma/length)^d``, the quotient of the integrals.
     """
     rng = np.random.default_rng([seed, 5])
     half_width, largest_dimension = np.sqrt(3.0), int(DIMENSIONS[-1])
@@ -159,7 +159,7 @@ def uniform_cloud(n: int, seed: int) -> dict[str, Any]:
 
 
 def along_the_task(n: int, seed: int) -> dict[str, Any]:
-    """Count neighbours in the papers' two problems: n transitions, queries in the tube to the goal."""
+    """Compute effective neighbours among n transitions of two problems, near the line from start to goal."""
     shape = (len(PROBLEMS), len(DRAWN), len(SPREADS))
     counts, size = np.empty(shape), np.empty(len(PROBLEMS))
     for row, name in enumerate(track_items("neighbours along tasks", PROBLEMS)):

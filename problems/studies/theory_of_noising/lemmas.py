@@ -1,4 +1,4 @@
-"""Checks of lemmas 1 to 3 and of the score, by integrals, risks and differences."""
+"""Checks of lemmas 1 to 3 of Suh et al. 2023, of the score, and of uniform data between walls."""
 
 from __future__ import annotations
 
@@ -13,32 +13,32 @@ from dynamics.systems.parameters import Signal
 from problems.studies.shared.noised_line import LinePusher, Walls, average_of, model_values
 
 WIDTHS = np.array([0.05, 0.1, 0.2])
-"""sigma [m], from a fortieth to a tenth of the length of the data."""
+"""Noise deviations sigma [m], from a fortieth to a tenth of the length of the data."""
 SPACINGS = np.array([1.0, 0.5, 0.25, 0.125])
-"""Distance of neighbouring data over sigma."""
+"""Distances of neighbouring data over sigma."""
 COMMANDS = np.array([0.25, 0.556, 0.99])
-"""rho of pushers, from heavy blocks to light ones; the second is the authors'."""
+"""Slopes rho of a pushed block's step, from heavy blocks to light ones; the second is the authors'."""
 PLACES = np.array([0.0, 0.5])
-"""Place of the kink between two data, over their spacing: where the sum errs the most."""
+"""Positions of the kink between two data, over their spacing, at which the sum has the largest errors."""
 CASES = ("3 data", "10 data", "100 data", "a ramp", "a bell")
-"""Data and densities on which risks are compared."""
+"""Names of the data sets and densities on which risks are compared."""
 CHANGES = np.array([-0.1, -0.07, -0.04, -0.01, 0.01, 0.04, 0.07, 0.1])
-"""Root mean square of a perturbation [m], with its sign."""
+"""Root mean squares of the perturbations [m], with signs."""
 CANDIDATES = ("f", "f_sigma", "nearest")
-"""Other maps whose noised risk is computed."""
+"""Names of the other maps whose noised risks are computed."""
 DIMENSIONS = (1, 2, 5, 11)
-"""Dimensions in which the score is checked."""
+"""Numbers of dimensions in which the score is checked."""
 SPREADS = np.array([0.1, 0.3, 1.0])
-"""sigma over the deviation of the data."""
+"""Ratios of sigma to the data's standard deviation."""
 _PERTURBATIONS = 40
-"""Random perturbations of g_sigma for each case and width."""
+"""Number of random perturbations of g_sigma for each case and width."""
 
 
 def uniform_data() -> dict[str, Any]:
-    """Check lemma 1: g_sigma of data a spacing D apart against f_sigma, both over ``rho sigma``.
+    """Check lemma 1: compute errors of g_sigma from f_sigma over ``rho sigma``, for data spaced D apart.
 
-    By the formula of Euler and Maclaurin such a sum misses its integral by ``D² B2(t)/2`` times the
-    jump of the derivative, here ``rho pdf(0)/sigma``, where the kink lies t D behind a datum.
+    By the Euler-Maclaurin formula such a sum differs from its integral by ``D² B2(t)/2`` times the
+    jump of the derivative, here ``rho pdf(0)/sigma``, if the kink lies t D behind a datum.
     """
     places = np.linspace(-4, 4, 161)
     errors = np.empty((len(COMMANDS), len(WIDTHS), len(PLACES), len(SPACINGS)))
@@ -63,9 +63,9 @@ def uniform_data() -> dict[str, Any]:
 
 
 def noised_risks(rho: float, seed: int) -> dict[str, Any]:
-    """Check lemmas 2 and 3: noised risks of perturbed g_sigma, and of other maps, above that of g_sigma.
+    """Check lemmas 2 and 3: compute how far noised risks of perturbed g_sigma and other maps exceed that of g_sigma.
 
-    The expectation over the noise is a trapezoidal sum, exact to rounding for what is smooth.
+    The expectation over the noise is a trapezoidal sum, exact to rounding for smooth integrands.
     """
     pusher, rng = LinePusher(rho), np.random.default_rng([seed, 1])
     higher = np.empty((len(CASES), len(WIDTHS), len(CHANGES), _PERTURBATIONS))
@@ -108,28 +108,28 @@ def noised_risks(rho: float, seed: int) -> dict[str, Any]:
 
 
 def _distribution(case: str, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Return values of x in [-1, 1] m and the chance of each: data, or nodes of a density."""
+    """Return values of x in [-1, 1] m and their probabilities: data, or quadrature nodes of a density."""
     if "data" in case:
         n = int(case.split()[0])
-        # One datum in each n-th part, so that the pusher is in contact in some of them.
+        # One datum lies in each of n equal parts, so that the pusher is in contact at some of them.
         return 2 * (np.arange(n) + rng.uniform(size=n)) / n - 1, np.full(n, 1 / n)
     node, weight = np.polynomial.legendre.leggauss(100)
-    # In halves, between which f has its kink.
+    # The interval is split at the kink of f.
     x, weight = np.append(node - 1, node + 1) / 2, np.tile(weight, 2)
     chance = weight * (1.2 + x if case == "a ramp" else np.exp(-0.5 * (x / 0.4) ** 2))
     return x, chance / chance.sum()
 
 
 def _risk(joint: np.ndarray, y: np.ndarray, map_values: np.ndarray) -> float:
-    """Return ``E |g(z) - y|²``, noising, eq. 3, for the joint chances (n, k) of y (n,) and z (k,)."""
+    """Return the noised risk ``E |g(z) - y|²``, Suh et al. 2023, eq. 3, for joint probabilities (n, k) of y and z."""
     return float(np.sum(joint * (map_values - y[:, None]) ** 2))
 
 
 def score_error(seed: int, n: int = 300, queries: int = 50) -> dict[str, Any]:
     """Check ``g(z) = z + sigma² grad log p_sigma(z)`` for f(x) = x, by differences of log p.
 
-    Central differences of fourth order and a step of 1e-3 sigma err by about 1e-11, and rounding
-    by as much.
+    Central differences of fourth order with a step of 1e-3 sigma have errors of about 1e-11, and as
+    much from rounding.
     """
     rng, step = np.random.default_rng([seed, 2]), 1e-3
     errors = np.empty((len(DIMENSIONS), len(SPREADS)))
@@ -148,24 +148,24 @@ def score_error(seed: int, n: int = 300, queries: int = 50) -> dict[str, Any]:
 
 
 DEPTHS = np.array([0.0, 0.1, 0.3, 1, 2, 3, 5, 10, 20, 50, 100, 1000])
-"""Penetration of a wall over sigma."""
+"""Penetrations of a wall over sigma."""
 DISTANCES = np.linspace(0, 6, 121)
-"""Distance from the end of the data, inwards, over sigma."""
+"""Distances over sigma from an end of the data towards their middle."""
 ENDS = ("upper", "lower")
-"""Ends of uniform data."""
+"""Names of the ends of uniform data."""
 GAPS = np.array([0.5, 2.0, 8.0])
-"""Distance of the walls [m]."""
+"""Distances between the walls [m]."""
 SAMPLES = np.array([10, 100, 1000, 10000])
-"""Random states between the walls."""
+"""Numbers of random states between the walls."""
 _STATES = 4000
-"""States between the walls at which maps are evaluated."""
+"""Number of states between the walls at which maps are evaluated."""
 
 
 def truncated_normal() -> dict[str, Any]:
-    """Compare evenly spaced data between walls with the mean of a truncated normal.
+    """Compare g_sigma of evenly spaced data between walls with the mean of a truncated normal.
 
     The midpoint rule misses an integral by ``D²/24`` times the change of the integrand's derivative
-    between the ends; carried through the quotient, at each wall w of density k,
+    between the ends. For the quotient g_sigma this gives, at each wall w with density k,
 
         D²/24 k(w)/mass (1 + (w - g)(x - w)/sigma²).
     """
@@ -196,7 +196,7 @@ def _midpoint(block: Walls, x: np.ndarray, g: np.ndarray, sigma: float, spacing:
 
 
 def _outside() -> dict[str, Any]:
-    """Compute how far inside g_sigma puts a penetrating state, and its slope there."""
+    """Compute how far inside the walls g_sigma moves penetrating states, and its slope at these."""
     inside, slope = np.empty((2, len(GAPS), len(WIDTHS), len(DEPTHS)))
     for row, gap in enumerate(GAPS):
         block = Walls(-gap / 2, gap / 2)
@@ -212,7 +212,7 @@ def _outside() -> dict[str, Any]:
 
 
 def _fixed_points() -> dict[str, Any]:
-    """Count sign changes of g(x) - x, and the share of states that move to a wall."""
+    """Compute the number of sign changes of g_sigma(x) - x, and the share of states that move towards a wall."""
     count, outwards = np.empty((2, len(GAPS), len(WIDTHS)))
     for index in np.ndindex(count.shape):
         gap, sigma = float(GAPS[index[0]]), float(WIDTHS[index[1]])
@@ -230,7 +230,7 @@ def _fixed_points() -> dict[str, Any]:
 
 
 def climb_density(sigma: float, seed: int) -> dict[str, Any]:
-    """Find the ends of rollouts with random states as data, and the growth of density along them."""
+    """Compute where rollouts of g_sigma of random states end, and the least growth of log density in a step."""
     x = np.linspace(-1, 1, _STATES)
     attractors, climb, centre = np.empty((3, len(SAMPLES)))
     for i, n in enumerate(SAMPLES):
@@ -249,7 +249,7 @@ def climb_density(sigma: float, seed: int) -> dict[str, Any]:
 
 
 def near_the_ends(rho: float) -> dict[str, Any]:
-    """Compute ``(g_sigma - f_sigma)/(rho sigma)`` at distances from both ends of uniform data, 2 m long."""
+    """Compute ``(g_sigma - f_sigma)/(rho sigma)`` at distances from both ends of data uniform on [-1, 1] m."""
     pusher, block = LinePusher(rho), Walls()
     bias = np.empty((len(ENDS), len(WIDTHS), len(DISTANCES)))
     for column, sigma in enumerate(WIDTHS):

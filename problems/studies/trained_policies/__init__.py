@@ -1,4 +1,4 @@
-"""A4: policies for machines, trained by seven algorithms and evaluated under the exact law."""
+"""A4: policies of hopper and half-cheetah, trained by seven algorithms and evaluated under the exact law."""
 
 from problems.studies.trained_policies.claims import claims
 from problems.studies.trained_policies.data import QUICK, RESUMES, Params, run

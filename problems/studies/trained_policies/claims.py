@@ -1,4 +1,4 @@
-"""Claims of A4 on learning speed, running and plans."""
+"""Claims of A4 on speed of learning, running and plans."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from problems.studies.study import Claim, claim, settings_text
 from problems.studies.trained_policies.data import MODEL_BASED, NETWORK, SHOWN, STEPS
 
 _EQUAL_RETURN = 1e-2
-"""Relative difference up to which a plan and its replay have one return."""
+"""Relative difference up to which the returns of a plan and of its replay are equal."""
 _FIGURE_4 = "ABS, sec. 7.3, fig. 4"
-"""Source of the claims of the paper."""
+"""Source of the paper's claims."""
 _OURS = "FOPG-ABS"
-"""The paper's own method."""
+"""Name of the paper's own method."""
 _RUNNING_SPEEDS = {"hopper": 1.0, "half-cheetah": 1.5}
-"""Least mean forward speed of a policy that runs [m/s]."""
+"""Mapping from task to the minimum mean forward speed [m/s] at which a policy counts as running."""
 
 
 def claims(data: xr.Dataset) -> list[Claim]:
@@ -63,14 +63,14 @@ def claims(data: xr.Dataset) -> list[Claim]:
 
 
 def _untrained(task_data: xr.Dataset) -> str:
-    """Name the algorithms whose best policy is the initial one in every run."""
+    """Return a text that names the algorithms whose best policy is the initial one in every run; empty if none."""
     initial = (task_data["best"] <= task_data["by_steps"].isel(steps=0)).all("run")
     names = ", ".join(map(str, task_data["algorithm"].values[initial.values]))
     return f"; never above their initial policy: {names}" if names else ""
 
 
 def _of_plans(task: str, task_data: xr.Dataset) -> list[Claim]:
-    """Check plans as a start to learn from, and as a measure of policies."""
+    """Check whether learning starts better from plans, and whether any policy exceeds them."""
     areas = [mean_height(task_data["by_steps"].sel(algorithm=name).values) for name in (SHOWN, NETWORK)]
     gain = mean_difference(*areas, paired=False)
     best = task_data["replayed"].max("guess")

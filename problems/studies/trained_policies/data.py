@@ -1,4 +1,4 @@
-"""A4: policies for machines, trained by seven algorithms and evaluated under the exact law."""
+"""A4: policies of hopper and half-cheetah, trained by seven algorithms and evaluated under the exact law."""
 
 from __future__ import annotations
 
@@ -29,22 +29,22 @@ RESUMES = True
 TASKS = ("hopper", "half-cheetah")
 """Tasks that policies are trained on."""
 POINTS = 60
-"""Points along each axis of the returns."""
+"""Number of points on each axis over which returns are interpolated."""
 HIDDEN = (32, 32)
-"""Layers of the networks that are trained and fitted to plans."""
+"""Widths of the hidden layers of all networks."""
 EPISODES = 16
-"""Episodes of each evaluation."""
+"""Number of episodes in each evaluation."""
 
 
 @dataclass(frozen=True)
 class Method:
-    """An algorithm, the law that it learns through, and the layers of its policy."""
+    """Algorithm, contact law that it learns through, and hidden layers of its policy, none for an affine one."""
 
     algorithm: str
     law: ContactLaw
     hidden: tuple[int, ...] = ()
     shown: bool = False
-    """Whether it begins at a policy fitted to plans."""
+    """Whether learning starts from a network fitted to plans."""
 
 
 _SHARP_LAW = Barrier(mu=1e-10)
@@ -52,11 +52,11 @@ _SHARP_LAW = Barrier(mu=1e-10)
 _ABS_LAW = Adaptive("quartic")
 """The paper's adaptive law."""
 NETWORK = "FOPG-ABS, network"
-"""Method whose network begins at random weights."""
+"""Name of the method whose network starts from random weights."""
 SHOWN = "the same, from plans"
-"""Method whose network begins at plans."""
+"""Name of the method whose network starts from a fit to plans."""
 MODEL_BASED = "MBPO"
-"""Method with iterations instead of the budget: its updates a step take too long."""
+"""Name of the method that runs a number of iterations instead of the budget of steps: its updates take too long."""
 METHODS = {
     "FOPG-ABS": Method("fopg", _ABS_LAW),
     "FOPG": Method("fopg", _SHARP_LAW),
@@ -68,11 +68,11 @@ METHODS = {
     NETWORK: Method("fopg", _ABS_LAW, hidden=HIDDEN),
     SHOWN: Method("fopg", _ABS_LAW, hidden=HIDDEN, shown=True),
 }
-"""All methods, in the order of the data."""
+"""Mapping from name to method, in the order of the data."""
 
 
 class Params(StudyParams):
-    """Parameters of A4; the paper states only the number of seeds."""
+    """Parameters of A4; the paper states the number of seeds alone."""
 
     runs: int = setting(5, "1", "seeds of each algorithm and task", least=2)
     kilosteps: int = setting(200, "1", "thousand simulated steps of each run", least=1)
@@ -82,7 +82,7 @@ class Params(StudyParams):
 
 
 def run(params: Params, finished: FinishedParts) -> xr.Dataset:
-    """Compute returns of every run over simulated steps and over time, and the best policy's motion."""
+    """Compute returns over simulated steps and wall time, best policies' returns and speeds, and returns of plans."""
     plans_shown = make_plans(TASKS, params.plans, finished)
     jobs = {
         f"{task}-{name}-{r}": _job(task, METHODS[name], params, r, plans_shown[task])
@@ -136,7 +136,7 @@ def _against_plans(
     jobs: Mapping[str, TrainingJob],
     trainings: Mapping[str, Curves],
 ) -> dict[str, Any]:
-    """Compute returns over as many steps as a plan has: of both kinds of plans, and of every policy."""
+    """Compute the returns of both kinds of plans, and of every policy over as many steps."""
     n = params.plans
     policies = {key: Policy(job.task, policy_of(trainings[key]), job.options["hidden"]) for key, job in jobs.items()}
     reached = {key: policy.returns(n) for key, policy in policies.items()}
@@ -166,7 +166,7 @@ def _against_plans(
 
 
 def _job(task: str, method: Method, params: Params, run: int, shown: list[Curves]) -> TrainingJob:
-    """Build a training job that spends the budget of steps or, for MBPO, that of iterations."""
+    """Build a training job that runs for the budget of steps or, for MBPO, for a number of iterations."""
     seed = params.seed * 1000 + run
     start = fit_network(task, shown, seed) if method.shown else None
     length: dict[str, Any] = {"budget": Budget(1000 * params.kilosteps, params.judged)}
@@ -179,37 +179,37 @@ def _job(task: str, method: Method, params: Params, run: int, shown: list[Curves
 
 
 STEPS = 20
-"""Steps of a plan: longer ones are not certified in minutes."""
+"""Number of steps of a plan; longer plans are not certified within minutes."""
 _DEMONSTRATIONS = 8
-"""Copies of each state of a plan in the demonstrations."""
+"""Number of noisy copies of each state of a plan in the demonstrations."""
 _DEMONSTRATION_SPREAD = 0.02
-"""Normal noise on the copies, in characteristic sizes."""
+"""Standard deviation of the noise on the copies, in characteristic sizes of the states."""
 _START_SEED = 31
-"""Seed of the states that plans start from."""
+"""Random seed of the states that plans start from."""
 
 
 @dataclass(frozen=True)
 class Policy:
-    """Learned policy of a task, with the sizes of its layers."""
+    """Learned policy of a task, with the widths of its hidden layers."""
 
     task: str
     trained: Trained
     hidden: tuple[int, ...]
 
     def over(self, steps: int) -> Experiment:
-        """Build the experiment that evaluates the policy over ``steps``."""
+        """Build the experiment that evaluates the policy over episodes of ``steps`` steps."""
         task = registry.get(self.task, horizon=steps)
         return Experiment(task=task, algorithm=FOPG(), hidden=self.hidden, threads=1)
 
     def returns(self, n: int) -> np.ndarray:
-        """Compute returns (n,) over as many steps as a plan has, from the plans' starts."""
+        """Compute exact returns (n,) over as many steps as a plan has, from the plans' first ``n`` starts."""
         episodes = evaluate_from(self.over(STEPS), self.trained, EXACT, initial_states(self.task, n))
         return episodes.returns
 
 
 @dataclass(frozen=True)
 class PlanJob:
-    """Plan from the ``number``-th start, guessed from constant inputs or from a policy's motion."""
+    """Job of planning from the ``number``-th start; the guess has constant inputs or is the motion of ``near``."""
 
     task: str
     number: int
@@ -217,10 +217,10 @@ class PlanJob:
 
 
 def make_plan(job: PlanJob, _: Report) -> dict[str, np.ndarray]:
-    """Plan one start; a :data:`~ocp.jobs.scheduling.Function`.
+    """Plan from one start, as a :data:`~ocp.jobs.scheduling.Function` of the job, and return arrays.
 
-    ``states`` and ``inputs`` are what the plan shows, ``returned`` and ``replayed`` its return and
-    that of its inputs under the exact law, ``certified`` whether it is.
+    ``states`` and ``inputs`` are demonstrations of the plan, ``returned`` its return, ``replayed``
+    that of its inputs under the exact law, and ``certified`` whether the plan is certified.
     """
     task = registry.get(job.task, horizon=STEPS)
     x0 = initial_states(job.task, job.number + 1)[job.number]
@@ -239,7 +239,7 @@ def make_plan(job: PlanJob, _: Report) -> dict[str, np.ndarray]:
 
 
 def initial_states(task: str, n: int) -> np.ndarray:
-    """Return the first ``n`` states that plans start from (n, nx)."""
+    """Return the first ``n`` states (n, nx) that plans of a task start from."""
     task_object = registry.get(task)
     return np.concatenate([task_object.reset(1, np.random.default_rng([_START_SEED, number])) for number in range(n)])
 
@@ -247,7 +247,7 @@ def initial_states(task: str, n: int) -> np.ndarray:
 def make_plans(
     tasks: tuple[str, ...], n: int, finished: FinishedParts, best: Mapping[str, Policy] | None = None
 ) -> dict[str, list[dict[str, np.ndarray]]]:
-    """Compute ``n`` plans of each task, side by side, from constant inputs or ``best`` policies."""
+    """Compute ``n`` plans of each task in parallel, from guesses with constant inputs or ``best`` policies."""
     word = "plan" if best is None else "near"
     jobs = {
         f"{word}-{task}-{k}": PlanJob(task, k, None if best is None else best[task]) for task in tasks for k in range(n)
@@ -257,6 +257,6 @@ def make_plans(
 
 
 def fit_network(task: str, shown: list[dict[str, np.ndarray]], seed: int) -> Trained:
-    """Fit a network to plans."""
+    """Fit a policy network to the demonstrations of plans ``shown``."""
     states, inputs = (np.concatenate([plan_arrays[of] for plan_arrays in shown]) for of in ("states", "inputs"))
     return fit_actions(registry.get(task), states, inputs, HIDDEN, seed)
