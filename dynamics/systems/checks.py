@@ -1,4 +1,4 @@
-"""Checks of what a constructor is given: names, numbers and points, which may be symbols."""
+"""Checks of constructor arguments: names, numbers and points, which may be symbolic."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ def require_text(name: str, value: Any) -> None:
 
 
 def parse_number(name: str, value: Any) -> float | None:
-    """The number ``value``, or None for a scalar expression with symbols.
+    """Return ``value`` as a float, or None where it is a symbolic scalar expression.
 
-    Raises ``ValueError`` for anything else, and for what is not finite.
+    Raises ``ValueError`` for anything else, and for a number that is not finite.
     """
     if isinstance(value, ca.SX) and value.is_scalar() and not value.is_constant():
         return None
@@ -51,7 +51,7 @@ def require_not_negative(name: str, value: Any) -> None:
 
 
 def parse_point(name: str, value: Any) -> list[float | None]:
-    """The two coordinates of a point or vector of the plane, None for each with symbols.
+    """Return the two coordinates of a point or vector in the plane, None for a symbolic one.
 
     Raises ``ValueError`` unless ``value`` has two entries, each a number or a scalar expression.
     """
@@ -72,7 +72,7 @@ def require_limits(owner: str, value: Any) -> None:
 
 
 def require_unit_vector(name: str, value: Any) -> None:
-    """Raise ``ValueError`` unless ``value`` is a vector of length 1, or has symbols."""
+    """Raise ``ValueError`` unless ``value`` is a vector of length 1 or symbolic."""
     x, y = parse_point(name, value)
     if x is None or y is None:
         return
@@ -83,7 +83,7 @@ def require_unit_vector(name: str, value: Any) -> None:
 
 
 def require_items(name: str, kinds: type[T] | tuple[type[T], ...], values: Any) -> tuple[T, ...]:
-    """``values`` as a tuple; raise ``ValueError`` unless each is of one of the ``kinds``."""
+    """Return ``values`` as a tuple; raise ``ValueError`` unless each is an instance of one of the ``kinds``."""
     kinds = kinds if isinstance(kinds, tuple) else (kinds,)
     names = " or ".join(kind.__name__ for kind in kinds)
     if not isinstance(values, Iterable) or isinstance(values, str):

@@ -1,4 +1,4 @@
-"""The complementarity pairs of contacts with Coulomb friction, and of the limits of joints."""
+"""Complementarity pairs of contacts with Coulomb friction, and of joint limits."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from dynamics.systems.shapes.contact import EDGES, LINEARISED, SECOND_ORDER, Con
 from dynamics.systems.system import ContactSystem, check_shape
 
 Cone = Literal["linearised", "second-order", "edges"]
-# Forms of the friction cone by name.
+# Mapping from names to formulations of the friction cone.
 FORMS: dict[str, ConeForm] = {
     "linearised": LINEARISED,
     "second-order": SECOND_ORDER,
@@ -24,7 +24,7 @@ FORMS: dict[str, ConeForm] = {
 
 
 def check_cone(name: str, cone: str) -> None:
-    """Raise ``ValueError`` for an unknown form of friction's cone."""
+    """Raise ``ValueError`` for an unknown formulation of the friction cone."""
     if cone not in FORMS:
         kinds = ", ".join(map(repr, FORMS))
         raise ValueError(f"system {name!r}: cone must be one of {kinds}, got {cone!r}")
@@ -36,8 +36,8 @@ class Space:
 
     Rows multiply the velocities v, of which there are ``velocities`` (nv) and which need not be
     dq/dt: ``pressing`` maps q to J_n (nc, nv), ``tangent`` maps q to the derivative of dq/dt by v
-    (nq, nv). The friction cone is a pyramid with 4 or 8 ``edges``; 2 are those of a machine that
-    moves in a plane, with nc rows for its one tangent.
+    (nq, nv). The friction cone is a pyramid with 4 or 8 ``edges``. A machine that moves in a plane
+    has 2, and ``sliding`` gives nc rows, for one tangent.
     """
 
     velocities: int
@@ -46,14 +46,14 @@ class Space:
     edges: int
 
     def directions(self, rows: list[ca.SX]) -> list[ca.SX]:
-        """Rows along half of the edges, the others being their negatives, from the tangents'."""
+        """Return rows along half of the edges from rows along the tangents; the other half are their negatives."""
         if self.edges < 8:
             return rows
         first, second = rows
         return [first, second, *((first + sign * second) / math.sqrt(2) for sign in (1, -1))]
 
     def components(self, impulses: list[ca.SX]) -> ca.SX:
-        """Impulses along the tangents, one after the other, from those along all directions."""
+        """Return impulses along the tangents, stacked, from those along :meth:`directions`."""
         if self.edges < 8:
             return ca.vertcat(*impulses)
         first, second, rise, fall = impulses
@@ -63,9 +63,9 @@ class Space:
 
 @dataclass(frozen=True, eq=False)
 class ContactSpec:
-    """Contacts of a mechanism, nc of them, and the limits of its joints, nl.
+    """The nc contacts of a mechanism, and the nl limits of its joints; ``space`` is None in the plane.
 
-    As the arguments of :func:`~dynamics.systems.timestepping.time_stepping` of these names.
+    The other fields are those arguments of :func:`~dynamics.systems.timestepping.time_stepping`.
     """
 
     contacts: tuple[Signal, ...]
@@ -80,13 +80,13 @@ class ContactSpec:
 
     @property
     def frictional_contacts(self) -> tuple[list[int], ca.SX]:
-        """Contacts whose friction is not the number zero, and Coulomb's coefficients (nc, 1)."""
+        """Indices of contacts whose friction is not the number zero, and Coulomb's coefficients (nc, 1) of all."""
         nc = len(self.contacts)
         f = ca.SX.zeros(nc) if self.friction is None else ca.SX.ones(nc) * self.friction
         return [i for i in range(nc) if not f[i].is_zero()], f
 
     def referee_model(self, curved: bool, build: Callable[[ContactSpec], ContactSystem]) -> RefereeModel:
-        """Return the most exact model of the system that ``build`` makes of these contacts."""
+        """Return the most exact model of the system built by ``build``; ``curved``: a distance is not affine in q."""
         notes = [TRUE_GAPS] if self.linearised and curved else []
         true = replace(self, linearised=False)
         if self.cone == "edges" and self.friction is not None and self.sliding is not None:
@@ -97,10 +97,10 @@ class ContactSpec:
 
 @dataclass(frozen=True, eq=False)
 class ContactRows:
-    """The pairs of one step: ``lam`` (nlam, 1), ``gap`` (nlam, 1), and ``push`` (nq, 1) their
-    generalised impulse [N s]; ``signals`` and ``pairs`` describe each, ``forces`` what they add
-    up to, None where there is no friction. ``phi`` are the distances at q of contacts and limits,
-    ``curved``: one of these is not affine in q.
+    """The pairs of one step: ``lam`` (nlam, 1), ``gap`` (nlam, 1) and their generalised impulse ``push`` (nq, 1) [N s].
+
+    ``signals`` and ``pairs`` describe each pair, ``forces`` are total impulses, None without friction.
+    ``phi`` are the distances at q of contacts and limits; ``curved``: one of them is not affine in q.
     """
 
     lam: ca.SX
@@ -121,12 +121,12 @@ def contact_rows(
     step_along: Callable[[ca.SX], ca.SX],
     h: ca.SX | float,
 ) -> ContactRows:
-    """Write the pairs of ``spec`` for a step of h from q to q_next.
+    """Return the pairs of ``spec`` for a step of h from q to q_next.
 
-    ``way(J)`` is how far a step goes along the rows J. The pairs are the normal ones, those of the
-    limits, and what else friction's cone needs, in this order. A contact whose friction is the
-    number zero has its normal pair alone; where a parameter is zero at present it has all its
-    pairs, but they neither see its slip nor push.
+    ``step_along(J)`` is the displacement of the step along the rows J. The pairs are the normal
+    ones, those of limits, then those of the friction cone. A contact whose friction is the number
+    zero has only its normal pair. Where friction is a parameter whose value is zero, the contact has
+    all pairs, but those of friction ignore its slip and exert no impulse.
 
     Raises ``ValueError`` where a dimension does not fit.
     """
@@ -134,7 +134,7 @@ def contact_rows(
     nv = q.numel() if space is None else space.velocities
 
     def approached(argument: str, distance: Callable[[ca.SX], ca.SX], count: int) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """Distance at q, its slope there, and the gap."""
+        """Return the distance at q, its Jacobian there, and the gap."""
         distance_now = distance(q)
         check_shape(name, argument, distance_now, (count, 1))
         if space is None:
@@ -183,10 +183,10 @@ def _friction_rows(
     step_along: Callable[[ca.SX], ca.SX],
     h: ca.SX | float,
 ) -> tuple[ca.SX, list[Row], ContactForces]:
-    """Return all multipliers, the rows that friction's cone needs, and the contacts' forces.
+    """Return all multipliers, the rows of the friction cone, and the total impulses of contacts.
 
-    The first row stands in place of that of the normals of contacts with friction; ``tangent_rows``
-    (nc, nv) are those along one tangent or two.
+    The first row replaces the normal row of contacts with friction; ``tangent_rows`` has one matrix
+    (nc, nv) for each tangent.
     """
     nc, nl, space, form = len(spec.contacts), len(spec.limit_names), spec.space, FORMS[spec.cone]
     rough, f = spec.frictional_contacts
@@ -215,7 +215,7 @@ def _friction_rows(
 
 
 def _replaced(row: Row, replacement: Row, places: list[int]) -> Row:
-    """``row`` with ``replacement`` at the places ``places``."""
+    """Return ``row`` with its entries at the indices ``places`` taken from ``replacement``."""
     if len(places) == len(row.signals):
         return replacement
     gap, direction, signals = ca.SX(row.gap), ca.SX(row.direction), list(row.signals)

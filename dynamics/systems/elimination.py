@@ -16,7 +16,7 @@ class LUFactors:
     def __init__(self, A: ca.SX) -> None:
         n = A.shape[0]
         A = ca.sparsify(A)
-        # Columns of every row, what elimination fills in last: sums keep their order.
+        # Columns of each row, fill-in last, so that sums keep their order.
         columns: list[dict[int, None]] = [{} for _ in range(n)]
         for i, j in zip(*A.sparsity().get_triplet(), strict=True):
             columns[i][j] = None
@@ -37,7 +37,7 @@ class LUFactors:
                 self._lower[i][pivot] = factor
                 columns[i] |= dict.fromkeys(beside)
             if beside:
-                # One product for all entries: a graph of thousands is built in milliseconds.
+                # One product updates all entries: a graph of thousands of nodes is built in milliseconds.
                 A[below, beside] -= factors @ ca.densify(row[beside]).reshape((1, -1))
 
     def solve(self, b: ca.SX) -> ca.SX:
@@ -59,10 +59,10 @@ def solve_without_pivoting(A: ca.SX, b: ca.SX) -> ca.SX:
 
 
 def solve_in_order(A: ca.SX, b: ca.SX, order: list[int], refinements: int) -> ca.SX:
-    """Solve ``A y = b``, rows and columns eliminated in this ``order``, and refine the solution.
+    """Solve ``A y = b`` with rows and columns eliminated in this ``order``, then refine the solution.
 
-    An order that keeps a sparse A sparse may meet pivots that are small beside their rows. What
-    digits they cost, every refinement, which takes a product with A, brings back.
+    An order that keeps A sparse may give pivots that are small relative to their rows. Each of the
+    ``refinements`` multiplies by A and solves again, and recovers digits that such pivots lose.
     """
     ordered, factors = A[order, order], LUFactors(A[order, order])
     y = factors.solve(b[order, :])

@@ -27,12 +27,12 @@ def lcs(
     h: ca.SX | float = 1.0,
     parameters: ParameterTable | None = None,
 ) -> ContactSystem:
-    """Linear complementarity system (adaptive barrier smoothing, eq. 2.1-2.2).
+    """Build a linear complementarity system (adaptive barrier smoothing, eq. 2.1-2.2).
 
     ``x+ = A x + B u + C lam + c``, ``0 <= lam ⟂ D x + E u + F lam + d >= 0``; matrices numeric or
     symbolic in ``parameters``. It has one solution for every (x, u) iff F is a P-matrix, see
-    :func:`is_p_matrix`. Where h is a parameter and x stands still at h = 0 but for contact, h only
-    discretises, and h/4 is the same system, sampled more often.
+    :func:`is_p_matrix`. Where h is a parameter and ``x+ = x`` at h = 0 without contact, h is only a
+    step size, and h/4 gives the same system with finer steps.
 
     Raises ``ValueError`` where a matrix has the wrong shape.
     """
@@ -69,7 +69,7 @@ def lcs(
 
 
 def _discretises(h: ca.SX | float, A: ca.SX, B: ca.SX, c: ca.SX) -> bool:
-    """Whether h is a symbol at whose zero ``x+ = A x + B u + c`` stands still."""
+    """Whether h is a symbol and ``A x + B u + c = x`` for all x and u at h = 0."""
     if not isinstance(h, ca.SX) or not h.is_symbolic():
         return False
     A, B, c = ca.substitute([A - ca.SX.eye(A.shape[0]), B, c], [h], [ca.SX(0)])
@@ -84,7 +84,7 @@ def _column(value: ArrayLike | ca.SX, size: int, name: str) -> ca.SX:
 
 
 def is_p_matrix(F: ArrayLike) -> bool:
-    """Tell whether every principal minor of F is positive, F of shape (n, n), n up to about 16.
+    """Return whether every principal minor of F (n, n) is positive; n may be up to about 16.
 
     Uses Tsatsomeros and Li's recursion on Schur complements, 2^n steps without a determinant:
     F is a P-matrix iff F[0,0] > 0 and both F without row and column 0 and the Schur complement of

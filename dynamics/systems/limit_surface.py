@@ -1,4 +1,4 @@
-"""Friction of a body with the table that it lies on."""
+"""Friction between a body and the table that it lies on."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from dynamics.systems.parameters import Signal
 
 @dataclass(frozen=True, eq=False)
 class LimitSurface:
-    """Friction of the body ``name``, whose coordinates x, y (and angle) start at number ``first``.
+    """Friction of the body ``name`` on a table; its coordinates x, y (and angle) start at the index ``first``.
 
-    Its wrench w = (f_x, f_y, m) stays within the ellipsoid ``|g| <= 1``, ``g = (f_x, f_y, m /
+    The friction wrench w = (f_x, f_y, m) stays within the ellipsoid ``|g| <= 1``, ``g = (f_x, f_y, m /
     reach) / force`` (Goyal, Ruina and Papadopoulos, doi 10.1016/0043-1648(91)90104-3; Lynch, doi
     10.1109/70.508439), and the body slides along its normal where w lies on it::
 
         (dx, dy, reach dangle) = s g,   0 <= s ⟂ h force (1 - |g|²) / 2 >= 0
 
-    with s [m] the way slid in a step. As the step is affine in its multipliers, ``s g`` is the
-    difference of p and n, ``0 <= p ⟂ m/h (p - s g) >= 0`` and ``0 <= n ⟂ m/h (n + s g) >= 0``.
+    with s [m] the distance slid in a step. To keep the step affine in its multipliers, ``s g`` is
+    written ``p - n``, with ``0 <= p ⟂ m/h (p - s g) >= 0`` and ``0 <= n ⟂ m/h (n + s g) >= 0``.
 
     ``force`` [N] is Coulomb's coefficient times the weight, ``reach`` [m] the mean distance of the
-    pressure from the centre of mass, None for a body that never turns. Where the body is not
-    ``inertial``, w is what pushes it (quasi-static); else what is left after ``M dq / h²``.
+    pressure from the centre of mass, None for a body that never rotates. w is the applied wrench,
+    less ``M dq / h²`` where the body is ``inertial``; otherwise it is quasi-static.
     """
 
     name: str
@@ -38,7 +38,7 @@ class LimitSurface:
 
     @property
     def lengths(self) -> ca.SX:
-        """By what coordinates become ways [m]: 1, 1 and ``reach``."""
+        """Factors from changes of coordinates to distances [m]: 1, 1 and ``reach``."""
         angle_length = ca.SX(0, 1) if self.reach is None else ca.SX(self.reach)
         return ca.vertcat(ca.SX.ones(2), angle_length)
 
@@ -52,7 +52,7 @@ def add_table_friction(
     surfaces: Sequence[LimitSurface],
     h: ca.SX | float,
 ) -> tuple[ContactRows, ca.SX]:
-    """Add the pairs of bodies on a table to ``rows``, and put their motion into ``residual``.
+    """Return ``rows`` with the pairs of bodies on a table, and ``residual`` with their sliding motion.
 
     ``pushed`` are the impulses of contacts and load (nq, 1) [N s], ``mass`` is M (nq, nq).
     """

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from dynamics.systems.system import ContactSystem
 
 WORLD = "world"
-"""The link or body of parts that never move, of machines in the plane and in space."""
+"""Name of the link or body that parts which never move belong to."""
 
 
 class PlacedShape(NamedTuple):
@@ -34,10 +34,10 @@ class PlacedShape(NamedTuple):
 
 
 class StepOptions(TypedDict, total=False):
-    """Settings that a step has in the plane and in space.
+    """Settings of a step, in the plane and in space.
 
-    One unit of input is ``scale`` times the gear [N m, N]; ``cone`` is how friction's is written;
-    with ``linearised`` gaps are expanded at the current pose.
+    One unit of input is ``scale`` times the gear [N m, N]; ``cone`` is the formulation of the
+    friction cone; with ``linearised`` gaps are expanded at the current pose.
     """
 
     scale: float
@@ -46,10 +46,9 @@ class StepOptions(TypedDict, total=False):
 
 
 class Multibody(ABC):
-    """A machine in the plane or in space: bodies joined to trees, shapes on them, and which of these meet.
+    """A machine in the plane or in space: trees of bodies, shapes on them, and pairs of shapes that may touch.
 
-    Two shapes that may touch are a pair of names in ``collision_pairs``; their contact is called
-    ``<one> on <other>``.
+    ``collision_pairs`` are pairs of names of shapes; their contact is called ``<one> on <other>``.
     """
 
     collision_pairs: tuple[tuple[str, str], ...]
@@ -57,12 +56,12 @@ class Multibody(ABC):
     @property
     @abstractmethod
     def members(self) -> Sequence[Any]:
-        """Links or bodies."""
+        """Links of a machine in the plane, bodies of a machine in space."""
 
     @property
     @abstractmethod
     def shapes(self) -> tuple[PlacedShape, ...]:
-        """Everything that may touch something."""
+        """All shapes that may touch each other or the ground."""
 
     @abstractmethod
     def tree(self) -> Chain | Tree:
@@ -70,9 +69,9 @@ class Multibody(ABC):
 
     @abstractmethod
     def contacts(self, q: ca.SX, spheres: Collection[str] | None = None) -> Mapping[str, Contact | SpatialContact]:
-        """Return the contacts at the pose ``q`` (nq, 1) by name.
+        """Return a mapping from names to contacts at the pose ``q`` (nq, 1).
 
-        Of ``spheres``, which machines in the plane have, those named touch the ground, by default all.
+        In the plane ``spheres`` are the names of those that may touch the ground, by default all.
         """
 
     @abstractmethod
@@ -85,10 +84,10 @@ class Multibody(ABC):
         friction: ca.SX | float | None,
         **options: Any,
     ) -> ContactSystem:
-        """Return one step of h [s] with Coulomb's ``friction``, None without, and :class:`StepOptions`."""
+        """Return one step of ``h`` [s]; ``friction`` is Coulomb's or None, ``options`` are :class:`StepOptions`."""
 
     def meeting_shapes(self) -> Iterator[tuple[tuple[str, str], PlacedShape, PlacedShape]]:
-        """Yield each collision pair and its two shapes; one on the world comes last."""
+        """Yield each collision pair and its two shapes; a shape fixed to the world comes second."""
         by_name = {placed.name: placed for placed in self.shapes}
         for pair in self.collision_pairs:
             first, second = (by_name[name] for name in pair)
@@ -97,10 +96,10 @@ class Multibody(ABC):
 
 @dataclass(frozen=True, eq=False)
 class Mechanism:
-    """The ``machine`` that a system steps, in the plane or in space.
+    """The ``machine`` that a system was built from, and settings of its step.
 
-    One unit of input is ``scale`` times a joint's gear; ``spheres`` may touch the ground, by
-    default all. ``gyroscopic`` says how the step takes velocity forces in the plane.
+    One unit of input is ``scale`` times a joint's gear; ``spheres`` may touch the ground, all where
+    None. ``gyroscopic`` is how the step integrates velocity forces in the plane.
     """
 
     machine: Multibody
@@ -116,7 +115,7 @@ def check_parts(
     parts: Sequence[tuple[str, str]],
     collision_pairs: Sequence[tuple[str, str]],
 ) -> None:
-    """Raise ``ValueError`` for links or bodies that are no tree, and for wrong names on them.
+    """Raise ``ValueError`` for links or bodies that form no tree, and for invalid names of parts or pairs.
 
     ``moving`` and ``parts`` are pairs (name, link or body); only the latter may be on the world.
     """

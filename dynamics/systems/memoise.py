@@ -1,4 +1,4 @@
-"""Expressions that are built once for each pose."""
+"""Cache of expressions that depend on a pose."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ Built = TypeVar("Built")
 
 
 class OncePerPose(Generic[Built]):
-    """A function of a pose q, called once for each: mass, forces and contacts share sines and cosines."""
+    """A function of a pose q that is evaluated once per pose, so that expressions share sines and cosines."""
 
     def __init__(self, build: Callable[[ca.SX], Built]) -> None:
         self._build = build
-        # The q beside a result keeps its elements alive: a hash of others could be given out again.
+        # A result is stored with its q, since the hash of an element that is freed could be reused.
         self._results: dict[tuple[int, ...], tuple[ca.SX, Built]] = {}
 
     def __call__(self, q: ca.SX) -> Built:

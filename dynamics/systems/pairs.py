@@ -1,4 +1,4 @@
-"""Complementarity pairs of a system: kinds, forces, uniqueness; and its sharpest contact."""
+"""Complementarity pairs of a system: kinds, forces, uniqueness; and the most exact model of a system."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ Kind = Literal["normal", "friction", "slip", "limit", "table"]
 
 @dataclass(frozen=True)
 class Pair:
-    """One pair ``lam ⟂ gap``: its kind, and the number of the contact or limit it belongs to.
+    """One complementarity pair ``lam ⟂ gap``: its kind, and the index of its contact or limit.
 
     ``normal``: an impulse along the normal (or along an edge of the friction cone) against a
     distance. ``friction``: an impulse along the tangent against the slip in its direction.
-    ``slip``: the slip against what is left of the friction cone. ``limit``: the impulse of a joint
-    limit against the way to it. ``table``: ways that a body slides on a table against what is left
-    of the friction there; all of one body have one number.
+    ``slip``: the slip against the margin of the friction cone. ``limit``: the impulse of a joint
+    limit against the distance from it. ``table``: distances that a body slides on a table against
+    the margin of friction there; all pairs of one body have the same index.
     """
 
     kind: Kind
@@ -34,13 +34,13 @@ class Pair:
 
 @dataclass(frozen=True, eq=False)
 class ContactForces:
-    """Total forces of the pairs of every contact, for audits and pictures.
+    """Total impulses at each contact, for audits and figures.
 
     ``normal`` and ``tangential`` (points, 1) are impulses [N s], expressions in (x, u, lam) and the
-    parameters; ``slip`` (points, 1) the tangential velocity [m/s] that the law of friction sees, in
-    (x, u, x_next); ``friction`` (points, 1) Coulomb's coefficients. In space ``tangential`` and
-    ``slip`` are (2 points, 1), along first and then along second tangents, and friction's pyramid
-    has so many ``edges``.
+    parameters; ``slip`` (points, 1) is the tangential velocity [m/s] that the friction law uses, in
+    (x, u, x_next); ``friction`` (points, 1) are Coulomb's coefficients. In space ``tangential`` and
+    ``slip`` are (2 points, 1), along first and then along second tangents; ``edges`` is the number
+    of edges of the friction pyramid.
     """
 
     names: tuple[str, ...]
@@ -53,13 +53,13 @@ class ContactForces:
 
 @dataclass(frozen=True, eq=False)
 class EnergyBalance:
-    """Energy [J] of a state, and the work [J] done over one step by all but contact.
+    """Energy [J] and momentum of a state, and the work and the external impulse of one step.
 
-    ``energy`` is an expression in x, ``work`` in (x, u, x_next): actuation and damping. What is
-    left of ``energy(x_next) - energy(x) - work`` is what contact gave or took, and the
+    ``energy`` is an expression in x, ``work`` [J] of actuation and damping in (x, u, x_next);
+    ``energy(x_next) - energy(x) - work`` is the energy that contact adds or removes, plus the
     integrator's error. ``momentum`` (2 or 3, 1) [N s] is an expression in x, ``external`` [N s]
-    the impulse from outside over one step, contact included, in (x, u, x_next, lam); what
-    ``momentum`` gains beyond it is the integrator's error, of the order of h² in a step.
+    the external impulse over one step, contact included, in (x, u, x_next, lam); the change of
+    ``momentum`` beyond it is the integrator's error, of the order of h² in a step.
     """
 
     energy: ca.SX
@@ -69,32 +69,32 @@ class EnergyBalance:
 
 
 def deciding_pairs(pairs: tuple[Pair, ...]) -> list[int]:
-    """For every pair the number of the pair whose distance decides its mu.
+    """Return, for each pair, the index of the pair whose distance sets its mu.
 
-    A friction or slip pair goes with the normal pair of its contact: how soft a contact is depends
-    on how near it is, not on how fast it slides. Edges of a cone, normal pairs both, decide for
-    themselves, and so do the pairs of a contact whose normal force is known.
+    For a friction or slip pair this is the normal pair of its contact: how soft a contact is depends
+    on its distance, not on its sliding speed. For edges of a cone, which are normal pairs, and for
+    pairs of a contact whose normal force is known, it is the pair itself.
     """
     normal = {pair.contact: i for i, pair in enumerate(pairs) if pair.kind == "normal"}
     return [normal.get(pair.contact, i) if pair.kind in ("friction", "slip") else i for i, pair in enumerate(pairs)]
 
 
-# Random states at which F is looked at.
+# Number of random states at which F is evaluated.
 _N_PROBES = 3
-# Relative size of a singular value, and of a gap, that counts as zero.
+# Relative size up to which a singular value or the change of a gap counts as zero.
 _RANK_TOLERANCE = 1e-9
 _MAX_ENUMERATED_CONTACTS = 10
-"""Contacts up to which every set of them is looked at where F has not full rank."""
+"""Maximum number of pairs whose subsets are all checked where F does not have full rank."""
 
 
 def has_open_multipliers(pairs: tuple[Pair, ...], contact: ca.Function, parameters: np.ndarray) -> bool:
-    """Whether contacts may leave multipliers open, so that F is no P-matrix.
+    """Whether multipliers may be non-unique, so that F is not a P-matrix.
 
-    ``contact`` maps (x, u, p) to F (n, n) and z (n, 1), the gap being ``z + F lam``.
-    Friction may, and the edges of a friction cone, which are one contact where it closes. Of other
-    contacts a set may whose block of F is singular, at any state and the parameters' defaults,
-    unless its gaps have a combination ``n' gap = n' z`` that no multiplier moves and that is the
-    same everywhere and not zero, as the distance of two walls: such a set never closes at once.
+    ``contact`` maps (x, u, p) to F (n, n) and z (n, 1), the gap being ``z + F lam``. Multipliers may
+    be non-unique with friction, and with edges of a friction cone, which close together. For other
+    contacts they may be where a set of them has a singular block of F, at random states and default
+    parameters, unless a combination ``n' gap = n' z`` of its gaps, independent of lam, is a nonzero
+    constant, such as the distance between two walls: such a set never closes all at once.
     """
     owners = [pair.contact for pair in pairs if pair.kind == "normal"]
     if any(pair.kind == "friction" for pair in pairs) or len(set(owners)) < len(owners):
@@ -109,7 +109,7 @@ def has_open_multipliers(pairs: tuple[Pair, ...], contact: ca.Function, paramete
 
 
 def _probes(contact: ca.Function, parameters: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-    """F and z at random states and inputs, where they are numbers."""
+    """Return F (n, n) and z (n,) at random states and inputs, without samples that are not finite."""
     sizes = contact.numel_in(0), contact.numel_in(1)
     rng, samples = np.random.default_rng(0), []
     for _ in range(_N_PROBES):
@@ -119,7 +119,7 @@ def _probes(contact: ca.Function, parameters: np.ndarray) -> list[tuple[np.ndarr
 
 
 def _may_close_at_once(probes: list[tuple[np.ndarray, np.ndarray]], rows: list[int]) -> bool:
-    """Whether the block of F is singular and nothing keeps these gaps from closing together."""
+    """Whether the block of F at these ``rows`` is singular and their gaps may close together."""
     gap_sizes = []
     for F, z in probes:
         left_vectors, size, _ = np.linalg.svd(F[np.ix_(rows, rows)])
@@ -135,7 +135,7 @@ def _may_close_at_once(probes: list[tuple[np.ndarray, np.ndarray]], rows: list[i
 ITSELF = "the model itself"
 TRUE_GAPS = "true gaps"
 COULOMB = "Coulomb friction with maximum dissipation"
-# Random poses at which a gap is compared with a distance.
+# Number of random poses at which a gap is compared with a distance.
 _N_REST_POSES = 5
 # Tolerance of this comparison, relative and absolute [m].
 _REST_TOLERANCE = 1e-9
@@ -143,10 +143,10 @@ _REST_TOLERANCE = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class RefereeModel:
-    """The most exact model of the same system: ``note`` states its improvement.
+    """The most exact model of a system; ``note`` states what it improves.
 
-    ``build`` makes it: the same x, u, x_next and parameters, lam and gap its own, so that the same
-    states and inputs can be replayed. None where nothing sharper than the model is known.
+    ``build`` returns it, with the same x, u, x_next and parameters but its own lam and gap, so that
+    states and inputs can be replayed. It is None where no model more exact than the system is known.
     """
 
     note: str = ITSELF
@@ -154,11 +154,11 @@ class RefereeModel:
 
 
 def by_true_distance(system: ContactSystem) -> RefereeModel | None:
-    """Sharpen a system written by hand, without a builder; None without geometry.
+    """Return the most exact model of a system written without a builder; None without geometry.
 
-    Where its gaps are those of frictionless contacts, one for each distance ``phi`` [m], and equal
-    phi for bodies that rest, they are taken for expansions of phi, and the true ones put in their
-    place. A gap with the law of a bounce or of a spring in it is left as it is.
+    Where the gaps are those of frictionless contacts, one for each distance ``phi`` [m], and equal
+    phi for bodies at rest, they are taken for expansions of phi and replaced by the true distances
+    of the next state. Gaps with a law of restitution or a spring are left unchanged.
     """
     phi = system.phi
     if phi is None:
@@ -180,7 +180,7 @@ def by_true_distance(system: ContactSystem) -> RefereeModel | None:
 
 
 def _is_distance_at_rest(system: ContactSystem, phi: ca.SX) -> bool:
-    """Whether the gap is phi where neither state nor positions change, at a few random poses."""
+    """Whether the gap equals ``phi`` for bodies at rest, ``x_next = x``, at a few random poses."""
     gaps_at_rest = ca.Function(
         "both",
         [system.x, system.u, system.parameters.vector],

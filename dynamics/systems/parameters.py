@@ -1,4 +1,4 @@
-"""Named symbols with units: what a state, an input, a contact or a parameter is called."""
+"""Names, units and symbols of states, inputs, contacts and parameters."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from numpy.typing import ArrayLike
 from dynamics.systems.checks import parse_number, require_items, require_text
 
 LAW_PREFIX = "contact."
-"""What the name of a parameter of a contact law begins with, unlike those of a problem."""
+"""Prefix of the names of a contact law's parameters, which a problem's parameters do not have."""
 
 
 @dataclass(frozen=True)
 class Signal:
     """One component of a state, an input or a contact vector: its name, unit and meaning.
 
-    Raises ``ValueError`` for no name, and for signs that cannot be printed.
+    Raises ``ValueError`` for an empty name and for unprintable characters.
     """
 
     name: str
@@ -36,7 +36,7 @@ class Signal:
 
 @dataclass(frozen=True, eq=False)
 class Parameter:
-    """A scalar that a study may turn: a symbol in the graph with a default value.
+    """A scalar that studies may vary: a symbol of the expression graph with a default value.
 
     Raises ``ValueError`` for an empty name and a value that is not a finite number.
     """
@@ -56,7 +56,7 @@ class Parameter:
 
 
 def matrix_parameters(name: str, values: ArrayLike, unit: str = "1") -> list[Parameter]:
-    """Make the parameters ``name[i,j]`` of the entries of a matrix (or ``name[i]`` of a vector)."""
+    """Return a parameter for each entry of a matrix, called ``name[i,j]`` (of a vector, ``name[i]``)."""
     return [
         Parameter(f"{name}[{','.join(map(str, index))}]", float(value), unit)
         for index, value in np.ndenumerate(np.asarray(values))
@@ -64,13 +64,13 @@ def matrix_parameters(name: str, values: ArrayLike, unit: str = "1") -> list[Par
 
 
 class ParameterTable:
-    """An ordered set of parameters, read by name, as one symbolic vector or as its values.
+    """An ordered set of named parameters, also available as a symbolic vector and its values.
 
-    Values travel by name as mappings, which :meth:`pack` makes the vector's and :meth:`unpack`
-    reads back from it. Parameters of a contact law are called ``contact.<name>``; the entries of a
-    matrix, ``F[i,j]``, are also read and given together as ``F``.
+    :meth:`pack` converts a mapping from names to values into the vector, :meth:`unpack` converts
+    back. Parameters of a contact law are called ``contact.<name>``; the entries of a matrix,
+    ``F[i,j]``, can also be read and set together as ``F``.
 
-    Raises ``ValueError`` for what is not a :class:`Parameter`, and for two that share a name.
+    Raises ``ValueError`` for an item that is not a :class:`Parameter`, and for two of the same name.
     """
 
     def __init__(self, parameters: Iterable[Parameter] = ()) -> None:
@@ -107,35 +107,35 @@ class ParameterTable:
 
     @property
     def names(self) -> list[str]:
-        """Names, in order."""
+        """Names of the parameters, in the order of :attr:`vector`."""
         return list(self._by_name)
 
     @property
     def vector(self) -> ca.SX:
-        """All symbols as one column, shape (n, 1)."""
+        """Symbols of all parameters as one column, shape (n, 1)."""
         return ca.vertcat(ca.SX(0, 1), *(self[name] for name in self._by_name))
 
     @property
     def values(self) -> np.ndarray:
-        """Default values, shape (n,)."""
+        """Default values of all parameters, shape (n,)."""
         return np.array([parameter.value for parameter in self], dtype=float)
 
     @property
     def units(self) -> dict[str, str]:
-        """Unit of every parameter, by name."""
+        """Mapping from each parameter's name to its unit."""
         return {parameter.name: parameter.unit for parameter in self}
 
     @property
     def defaults(self) -> dict[str, float]:
-        """Default values, by name."""
+        """Mapping from each parameter's name to its default value."""
         return self.unpack(self.values)
 
     def pack(self, values: Mapping[str, ArrayLike] | None = None, **law: ArrayLike) -> np.ndarray:
-        """Values by name in the order of :attr:`vector`, (n,); the others keep their defaults.
+        """Return ``values``, a mapping from names, as a vector (n,); parameters not named keep their defaults.
 
         ``law`` are parameters of a contact law, without prefix. Values may be arrays over samples,
-        (k,) for a number or (k, rows, columns) for a matrix; then the result is (k, n). Names of
-        other tables' parameters are ignored, unknown parameters of a law raise ``KeyError``.
+        (k,) for a number or (k, rows, columns) for a matrix; then the result is (k, n). Unknown
+        names in ``values`` are ignored, unknown names in ``law`` raise ``KeyError``.
         """
         for name in law:
             if LAW_PREFIX + name not in self:
@@ -145,11 +145,11 @@ class ParameterTable:
         try:
             return np.array(packed, dtype=float).T
         except ValueError:
-            # Numbers beside arrays over samples.
+            # Some values are numbers, others are arrays over samples.
             return np.array(np.broadcast_arrays(*packed), dtype=float).T
 
     def unpack(self, vector: ArrayLike) -> dict[str, float]:
-        """Values by name of a vector (n,)."""
+        """Return a mapping from names to the values in a vector (n,)."""
         return dict(zip(self._by_name, np.asarray(vector, float).ravel().tolist(), strict=True))
 
     @staticmethod
@@ -173,14 +173,14 @@ def _entry(name: str) -> tuple[str, tuple[int, ...]]:
 def signals(definition: str) -> tuple[Signal, ...]:
     """Read ``"x [m] position; v [m/s] velocity"`` into signals.
 
-    Raises ``ValueError`` for anything else than text of this form.
+    Raises ``ValueError`` for anything but text of this form.
     """
     require_text("signals", definition)
     parsed = []
     for item in definition.split(";"):
         name, opened, after_bracket = item.strip().partition("[")
         unit, closed, description = after_bracket.partition("]")
-        # One word alone is a name without a unit; of several, one may be meant as the unit.
+        # A single word is a name without unit; among several words one may be meant as the unit.
         if opened != "[" * len(closed) or (not opened and len(name.split()) > 1):
             raise ValueError(
                 f"signals: {item.strip()!r} needs its unit in brackets; write it as 'x [m]"

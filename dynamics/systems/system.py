@@ -1,4 +1,4 @@
-"""A mechanical system with contact, before a law closes its contact."""
+"""A mechanical system with contact, independent of the contact law."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ from dynamics.systems.parameters import ParameterTable, Signal
 
 @dataclass(frozen=True, eq=False)
 class ReducedContact:
-    """The system solved for the next state: ``x_next = a + B lam``.
+    """The step of a system solved for the next state: ``x_next = a + B lam``.
 
-    ``a`` (nx, 1), ``B`` (nx, nlam), ``z`` (nlam, 1) the gap at ``lam = 0`` and ``F``
-    (nlam, nlam) its derivative by lam are expressions in the state, the input and the parameters
+    ``a`` (nx, 1), ``B`` (nx, nlam), the gap ``z`` (nlam, 1) at ``lam = 0`` and its derivative ``F``
+    (nlam, nlam) with respect to lam are expressions in the state, the input and the parameters
     alone. Where ``affine``, ``gap = z + F lam`` for every lam. Elsewhere the derivative is taken at
-    ``x_next = x``, where bodies have not turned and F is the symmetric ``J M^-1 J'`` of a
-    linearised gap, whose value at ``lam = 0`` is ``z_linear``.
+    ``x_next = x``, before any rotation, so that F is the symmetric ``J M^-1 J'`` of a linearised
+    gap, whose value at ``lam = 0`` is ``z_linear``.
     """
 
     a: ca.SX
@@ -43,35 +43,35 @@ class ReducedContact:
 
 @dataclass(frozen=True, eq=False)
 class ContactSystem:
-    """One implicit step of a system: ``residual(x, u, x_next, lam, p) = 0`` and ``lam ⟂ gap``.
+    """One implicit step of a mechanical system: ``residual(x, u, x_next, lam, p) = 0`` and ``0 <= lam ⟂ gap >= 0``.
 
     ``residual`` (nx, 1) and ``gap`` (nlam, 1) are expressions in the symbols ``x`` (nx, 1), ``u``
-    (nu, 1), ``x_next`` (nx, 1), ``lam`` (nlam, 1) and the parameters. The law of contact, which
-    closes ``0 <= lam ⟂ gap >= 0``, is chosen later (:mod:`dynamics.contact`).
+    (nu, 1), ``x_next`` (nx, 1), ``lam`` (nlam, 1) and the parameters. The contact law, which solves
+    or smooths the complementarity, is chosen later (:mod:`dynamics.contact`).
 
-    ``phi`` are the true signed distances [m] as an expression in ``x`` alone, for the audit: a gap
-    may be a linearisation of one. ``mu_per_kappa`` converts the log-barrier weight kappa [1/J] to
+    ``phi`` are the true signed distances [m] as an expression in ``x`` alone, for the audit, since a
+    gap may be a linearisation. ``mu_per_kappa`` converts the log-barrier weight kappa [1/J] to
     the central-path parameter, ``mu = mu_per_kappa / kappa``.
 
-    ``pairs`` give the meaning of each entry of ``lam``, by default the normal impulse of a contact
-    of its own; ``forces`` add them up where there is friction, ``book`` has energy and momentum.
+    ``pairs`` give the meaning of each entry of ``lam``, by default the normal impulse of a separate
+    contact; ``forces`` are total impulses per contact, None without friction.
 
-    Where the Jacobian of ``residual`` by ``x_next`` depends on the state, as where a mass matrix
-    does, it must have positive leading minors, as a mass matrix has.
+    Where the Jacobian of ``residual`` with respect to ``x_next`` depends on the state, it must have
+    positive leading minors, as a mass matrix has.
 
-    ``sharp`` leads to the sharpest contact that is known for the system, see :attr:`most_exact`.
-    ``refinable``: h only discretises, and ``h / 4`` is the same system, sampled more often.
-    ``mass`` and ``stiffness`` are what must be positive definite, expressions in x and the
-    parameters, where the system has them: M (nq, nq), of quasi-dynamics that of the free
-    coordinates alone, and its actuators' K. ``scene``: bodies, pushers and obstacles of a scene
-    with true gaps make it, so that the default route may search over pushes (:mod:`ocp.search.push_search`).
-    ``machine``: what it was built from, where that was a machine.
+    ``referee_model`` is the most exact model known of the system, see :attr:`most_exact`.
+    ``refinable``: h is only a step size, and ``h / 4`` gives the same system with finer steps.
+    ``mass`` M (nq, nq), in quasi-dynamics that of the unactuated coordinates, and ``stiffness`` K of
+    the actuators must be positive definite; they are expressions in x and the parameters, or None.
+    ``scene``: whether the system is a scene of bodies, pushers and obstacles with true gaps, for which
+    the default route may search over pushes (:mod:`ocp.search.push_search`).
+    ``machine`` is the machine that the system was built from, or None.
 
-    ``turning`` are the places in x of quaternions, and of origins that turn with one about another
-    point: their rows of the residual are ``x_next[i] - f`` with f an expression in (x, u) and the
-    other entries of x_next, and need not be affine.
+    ``rotating_entries`` are the indices into x of quaternions, and of origins that rotate about a
+    centre of mass: their rows of the residual are ``x_next[i] - f`` with f an expression in (x, u)
+    and the other entries of x_next, and need not be affine.
 
-    Raises ``ValueError`` when a dimension does not fit or a symbol is not declared.
+    Raises ``ValueError`` where a dimension does not fit or a symbol is not declared.
     """
 
     name: str
@@ -157,7 +157,7 @@ class ContactSystem:
 
     @property
     def nlam(self) -> int:
-        """Number of contacts."""
+        """Number of contact multipliers."""
         return len(self.contacts)
 
     @cached_property
@@ -166,11 +166,11 @@ class ContactSystem:
 
     @cached_property
     def most_exact(self) -> ContactSystem:
-        """The same system under the sharpest contact known for it, or the system itself.
+        """The most exact model known of the same system, or the system itself.
 
-        True gaps at the next position and Coulomb friction with maximum dissipation, where the
-        model has expanded gaps or convex friction: same x, u, x_next, h and parameters, its own lam
-        and gap.
+        It has true gaps at the next position in place of linearised ones, and Coulomb friction with
+        maximum dissipation in place of convex friction. Its x, u, x_next, h and parameters are the
+        same, its lam and gap are its own.
         """
         sharp = self._referee_model
         return self if sharp is None or sharp.build is None else sharp.build()
@@ -182,7 +182,7 @@ class ContactSystem:
 
     @property
     def gap_kind(self) -> str | None:
-        """``"true"`` or ``"linearised"``, what the model's own gaps are; None without distances."""
+        """Kind of the model's gaps, ``"true"`` or ``"linearised"``; None without distances."""
         if self.phi is None or not self.phi.numel() or self._referee_model is None:
             return None
         return "linearised" if TRUE_GAPS in self._referee_model.note else "true"
@@ -199,16 +199,15 @@ class ContactSystem:
 
     @cached_property
     def deciding_pairs(self) -> list[int]:
-        """For every pair the number of the pair whose gap decides its mu."""
+        """For each pair, the index of the pair whose gap sets its mu."""
         return deciding_pairs(self.pairs)
 
     @cached_property
     def without_rotations(self) -> tuple[ca.SX, ca.SX]:
-        """Residual and gap with x_next's quaternions taken out of both.
+        """Residual that is affine in (x_next, lam), and gap without the rotating entries of x_next.
 
-        Where they turn, the residual has its expansion about no motion, and the gap has what the
-        other entries make of them: the residual is affine in (x_next, lam), and its quaternions
-        decide nothing else.
+        The residual's rows of rotating entries are linearised about no motion. In the gap these
+        entries are replaced by their exact update from the other entries of x_next.
         """
         if not self.rotating_entries:
             return self.residual, self.gap
@@ -223,7 +222,7 @@ class ContactSystem:
 
     @cached_property
     def expansion_state(self) -> ca.SX:
-        """x_next about which gaps are expanded (nx, 1): x, without the velocities that turn."""
+        """The x_next (nx, 1) about which gaps are expanded: x, with velocities that rotate bodies set to zero."""
         start, rows = ca.SX(self.x), self.residual[list(self.rotating_entries)]
         for i in range(self.nx):
             if i not in self.rotating_entries and ca.depends_on(rows, self.x_next[i]):
@@ -231,24 +230,24 @@ class ContactSystem:
         return start
 
     def integrate_rotations(self, x_next: ca.SX) -> ca.SX:
-        """Quaternions of the next state (n, 1) from its other entries."""
+        """Rotating entries (n, 1) of the next state, computed from its other entries."""
         rows = list(self.rotating_entries)
         quaternions = self.x_next[rows] - self.residual[rows]
         return ca.substitute(quaternions, self.x_next, x_next)
 
     @cached_property
     def _by_state(self) -> ca.SX:
-        """Jacobian of the residual by x_next (nx, nx)."""
+        """Jacobian (nx, nx) of the residual with respect to x_next."""
         return ca.jacobian(self.without_rotations[0], self.x_next)
 
     @cached_property
     def has_variable_inertia(self) -> bool:
-        """Whether the inertia of the step depends on the state that it starts from."""
+        """Whether the inertia of a step depends on the state that it starts from."""
         return bool(self.rotating_entries) or ca.depends_on(self._by_state, ca.vertcat(self.x, self.u))
 
     @cached_property
     def is_lcp(self) -> bool:
-        """Whether contact is a linear complementarity problem with a P-matrix of small graphs."""
+        """Whether contact is a linear complementarity problem with constant inertia and a P-matrix."""
         affine = self.reduced.affine and not self.has_variable_inertia
         if not affine:
             return False
@@ -270,7 +269,7 @@ class ContactSystem:
         constant = ca.substitute(residual, unknown, ca.SX.zeros(unknown.numel()))
         solve = solve_without_pivoting if self.has_variable_inertia else ca.solve
         solved = -solve(jacobian[:, :nx], ca.horzcat(constant, jacobian[:, nx:]))
-        # What is put in for a symbol must have an entry even where it is zero.
+        # CasADi substitutes a symbol only by an expression that has an entry, even where it is zero.
         a, B = ca.densify(solved[:, 0]), solved[:, 1:]
         by_state, by_lam = (ca.jacobian(gap, symbols) for symbols in (self.x_next, self.lam))
         affine = not ca.depends_on(ca.vertcat(ca.vec(by_state), ca.vec(by_lam)), unknown)
@@ -292,11 +291,11 @@ class ContactSystem:
 
     @cached_property
     def motion(self) -> ca.SX:
-        """The residual in a form whose Jacobian by x_next has positive leading minors (nx, 1)."""
+        """Residual (nx, 1) in a form whose Jacobian with respect to x_next has positive leading minors."""
         return self.residual if self.has_variable_inertia else self.x_next - self.x_next_expr
 
 
 def check_shape(system: str, argument: str, expression: ca.SX, shape: tuple[int, int]) -> None:
-    """Raise ``ValueError`` where a builder's argument has another shape than documented."""
+    """Raise ``ValueError`` unless ``expression``, an argument of a builder, has this ``shape``."""
     if ca.SX(expression).shape != shape:
         raise ValueError(f"system {system!r}: {argument} has shape {ca.SX(expression).shape}, expected {shape}")

@@ -1,4 +1,4 @@
-"""Steps of mechanical systems with contact: time stepping of velocities, quasi-dynamic pushing."""
+"""Implicit steps of mechanical systems with contact: Stewart and Trinkle's, and quasi-dynamic ones."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def time_stepping(
     linearised: bool = False,
     energy_balance: EnergyBalanceFunction | None = None,
 ) -> ContactSystem:
-    """Implicit time stepping of Stewart and Trinkle, plastic impacts, Coulomb friction.
+    """Build a system with Stewart and Trinkle's implicit time stepping, plastic impacts and Coulomb friction.
 
     ``M(q) (v+ - v) = impulse(q, v, u) - h (D v+ + K q+) + J_n' gamma + J_t' (beta+ - beta-)
     + J_l' nu`` and ``q+ = q + h v+``, with gamma, beta±, nu impulses [N s] and the pairs
@@ -48,20 +48,20 @@ def time_stepping(
     - normal ``0 <= gamma ⟂ phi(q+) >= 0``: no penetration at the next position,
     - limit ``0 <= nu ⟂ limits(q+) >= 0``,
     - friction ``0 <= beta± ⟂ psi ± h J_t v+ >= 0`` and slip ``0 <= psi ⟂ f gamma - beta+ - beta- >=
-      0``: maximum dissipation over the linearised cone, psi [m] the way slid in a step.
+      0``: maximum dissipation over the linearised cone, psi [m] the distance slid in a step.
 
-    ``lam`` holds gamma, nu, beta+, beta-, psi in this order; all products are in N s m, so one mu
-    suits all, and with phi in place the log-barrier weight converts as ``mu = h / kappa``
-    (pathologies, eq. 2-5). The state is ``(q, v)``, each (nq, 1); where the step size is to be
-    chosen, one state more: h, a symbol that never changes.
+    ``lam`` stacks gamma, nu, beta+, beta-, psi in this order. All products lam gap are in N s m, so
+    one mu suits all pairs, and where ``distance`` is given the log-barrier weight converts as
+    ``mu = h / kappa`` (Suh et al. on pathologies of differentiable simulators, eq. 2-5). The state is
+    ``(q, v)``, each (nq, 1); where the step size is optimised, it is the last state, a symbol h.
 
-    ``mass`` is M (nq, nq), a function of q or none; ``impulse`` maps (q, v, u) to the smooth
-    impulse over one step (nq, 1) [N s], but for ``damping`` D and ``stiffness`` K (nq, nq), which
-    act implicitly: stiff joints stay stable. Of the ``contacts``, nc of them, ``distance`` maps q
-    to phi (nc, 1) [m], ``sliding`` to the rows J_t (nc, nq) with slip velocity J_t v [m/s];
-    ``friction`` is Coulomb's f, a scalar or (nc, 1), which may be zero, or None for none.
-    ``limits`` maps q to the way left to every joint limit. ``energy_balance`` makes the energy book of
-    (q, v, u, v+, gamma, beta+ - beta-).
+    ``mass`` is M (nq, nq), constant or a function of q; ``impulse`` maps (q, v, u) to the smooth
+    impulse over one step (nq, 1) [N s], without that of ``damping`` D and ``stiffness`` K (nq, nq),
+    which act implicitly so that stiff joints stay stable. For the nc ``contacts``, ``distance`` maps
+    q to phi (nc, 1) [m], ``sliding`` to the rows J_t (nc, nq) with slip velocity J_t v [m/s];
+    ``friction`` is Coulomb's f, a scalar or (nc, 1), which may be zero, or None for frictionless.
+    ``limits`` maps q to the distance from every joint limit, ``energy_balance`` maps
+    (q, v, u, v+, gamma, beta+ - beta-) to the :class:`~dynamics.systems.EnergyBalance`.
 
     With ``cone="second-order"`` friction is that of the second-order cone ``|beta| <= f gamma``,
     whose barrier ``log((f gamma)² - beta²)`` pairs eigenvalues of the cone and of its dual,
@@ -69,12 +69,12 @@ def time_stepping(
     ``upper ⟂ dual + 2 h J_t v+`` and ``dual ⟂ 2 f gamma - upper``, upper = f gamma + beta, dual =
     psi - h J_t v+. At mu = 0 both cones are the same law; their central paths differ.
 
-    With ``cone="edges"`` a step is convex where its gaps are, at the price that a sliding contact
-    opens, see :func:`~dynamics.systems.timestepping.quasi_dynamic`; its sharpest contact has
+    With ``cone="edges"`` a step is a convex program where its gaps are affine, but a sliding contact
+    opens, see :func:`~dynamics.systems.timestepping.quasi_dynamic`; its most exact model has
     maximum dissipation.
 
-    With ``linearised`` the gaps are expanded at the current q, whose true distance rotating bodies
-    may violate; the sharpest contact is that without. With ``load`` [N] in place of ``distance``
+    With ``linearised`` the gaps are expanded at the current q, so that rotating bodies may violate
+    the true distances, which its most exact model has. With ``load`` [N] in place of ``distance``
     the contacts never open, see :func:`~dynamics.systems.timestepping.pressed_rows`.
 
     Stewart and Trinkle, doi 10.1002/(SICI)1097-0207(19960815)39:15<2673::AID-NME972>3.0.CO;2-I.
@@ -161,7 +161,7 @@ def _check_arguments(
     parameters: ParameterTable,
     cone: str,
 ) -> None:
-    """Raise ``ValueError`` for a wrong type, a step size that is not positive, a cone unknown."""
+    """Raise ``ValueError`` for a wrong type, a step size that is not positive, or an unknown cone."""
     for argument, signals in (("states", states), ("inputs", inputs), ("contacts", contacts)):
         require_items(f"system {name!r}: {argument}", Signal, signals)
     require_positive(f"system {name!r}: h", h)
@@ -183,17 +183,17 @@ def pressed_rows(
     v_next: ca.SX,
     h: ca.SX | float,
 ) -> ContactRows:
-    """Coulomb friction of maximal dissipation, ``|f| <= b = friction h load``, f [N s].
+    """Return pairs of Coulomb friction under a known normal load: ``|f| <= b = friction h load``, f [N s].
 
-    The way slid in a step is split, ``h J v+ = forward - backward``, and the pairs are
+    The distance slid in a step is split, ``h J v+ = forward - backward``, and the pairs are
 
     ``0 <= forward ⟂ b + f >= 0``  and  ``0 <= backward ⟂ b - f >= 0``:
 
-    the multipliers are ways [m], the gaps what is left of the friction cone [N s], so lam gap is in
-    N s m as everywhere. J = ``slide`` (nc, nq), ``load`` > 0 the normal forces [N], a scalar or
+    the multipliers are distances [m] and the gaps margins of the friction cone [N s], so ``lam gap``
+    is in N s m as for other pairs. J = ``slide`` (nc, nq), ``load`` > 0 the normal forces [N], a scalar or
     (nc, 1); ``inertia`` A (nq, nq) and ``free`` (nq, 1) give ``v+ = free + A^-1 J' f``. On the
-    central path ``h J v+ = -2 mu f/(b² - f²)``, a barrier on both faces of the cone. Two ways
-    instead of two impulses and a way keep the multipliers unique in stick.
+    central path ``h J v+ = -2 mu f/(b² - f²)``, a barrier on both faces of the cone. Two
+    distances, not two impulses and a distance, keep the multipliers unique in stick.
 
     The pairs are those of Li, Gong and Chalvatzaki, IMPACT, arXiv 2605.09127, and of adaptive
     barrier smoothing, fig. 6b.
@@ -241,25 +241,24 @@ def quasi_dynamic(
     load: ca.SX | None = None,
     tables: Sequence[LimitSurface] = (),
 ) -> ContactSystem:
-    """Quasi-dynamic model of noising, eq. 13, with the transposes it lacks put in.
+    """Build a quasi-dynamic system, after Suh et al. on noising contact data, eq. 13, with missing transposes added.
 
     ``(1/h) M dq_u = J_u' lam + h load``, ``h K (q_a+ - u) = J_a' lam``, ``gap = phi(q+)``, with
     ``q = (q_u, q_a)`` the unactuated and actuated coordinates, ``dq = q+ - q``, u the commanded
     ``q_a`` [m], ``mass`` M (n_u, n_u) [kg], ``stiffness`` K (n_a, n_a) [N/m], ``lam`` an impulse
     [N s], ``load`` (n_u, 1) [N] a constant force such as weight, none by default.
     ``distance`` maps q to phi [m]. With ``linearised``, as the paper has it, ``gap = phi(q) + J
-    dq``: the step is a convex QP, and bodies that turn may cut a corner.
+    dq``: the step is a convex QP, and rotating bodies may penetrate.
 
     ``friction`` are Coulomb's coefficients, and ``sliding`` maps q to the rows J_t (nc, nq). With
-    the ``cone`` written by its edges each contact has the two rows ``gap ± friction J_t dq``,
-    edges of its friction cone, and the impulse ``sum (J ± friction J_t)' lam±``: convex where the
-    gap is, at the price that a sliding contact opens at the rate ``friction |J_t dq|``. The pairs
-    are then ``<name>+`` of all contacts and ``<name>-`` of all. The sharpest contact has phi at q+
-    and Coulomb friction with maximum dissipation, as
-    :func:`~dynamics.systems.timestepping.time_stepping` writes it.
+    ``cone="edges"`` each contact has the two gaps ``gap ± friction J_t dq``, one for each edge of its
+    friction cone, and the impulse ``sum (J ± friction J_t)' lam±``. The step is a convex program
+    where the gap is affine, but a sliding contact opens by ``friction |J_t dq|``. The pairs are
+    ``<name>+`` of all contacts, then ``<name>-`` of all. The most exact model has phi at q+ and
+    Coulomb friction with maximum dissipation, see :func:`~dynamics.systems.timestepping.time_stepping`.
 
-    Bodies with a surface in ``tables`` lie on a table and slide as
-    :class:`~dynamics.systems.limit_surface.LimitSurface` says.
+    Bodies with a surface in ``tables`` lie on a table and slide on it, see
+    :class:`~dynamics.systems.limit_surface.LimitSurface`.
 
     As the QP ``min 1/2 dq' P dq - b' dq`` has the unit J s, the log-barrier weight converts as
     ``mu = 1 / kappa``.

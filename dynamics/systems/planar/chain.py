@@ -16,14 +16,14 @@ from dynamics.systems.shapes.planar import Pose
 
 @dataclass(frozen=True, eq=False)
 class _Frame(Pose):
-    """Pose of a link, and the step to its origin from the parent's."""
+    """Pose of a link, and the vector ``step`` (2, 1) [m] from its parent's origin to its own."""
 
     step: ca.SX
 
 
 @dataclass(frozen=True, eq=False)
 class _Motion:
-    """Motion of a link by one coordinate: turn about the joint, or move along ``direction``."""
+    """Motion of a link per unit of one coordinate: rotation about the joint, or translation along ``direction``."""
 
     turn: float
     direction: ca.SX
@@ -34,7 +34,7 @@ _WORLD = _Frame(ca.SX.zeros(2), ca.SX(0), ca.SX.zeros(2))
 
 
 def _swing(r: ca.SX) -> ca.SX:
-    """Velocity of a point at ``r`` from a centre turning at 1 rad/s about +y."""
+    """Return the velocity (2, 1) of a point at ``r`` from a centre that rotates at 1 rad/s about +y."""
     return ca.vertcat(r[1], -r[0])
 
 
@@ -43,20 +43,20 @@ def _moment(r: ca.SX, force: ca.SX) -> ca.SX:
 
 
 class Chain:
-    """Rigid links joined to trees in the vertical plane.
+    """Equations of motion of trees of rigid links in the vertical plane.
 
     ``M(q) dv/dt + bias(q, v) = B u + spring(q) + damping(v) + contact forces``, the
     Euler-Lagrange equations of ``L = kinetic - potential`` where no force acts. M comes from
     composite rigid bodies and the rest from Newton-Euler recursions (Featherstone, Rigid Body
-    Dynamics Algorithms, 2008, ch. 5-6), whose graphs are several times smaller than what
-    differentiating L leaves. Coordinates ``q`` (nq, 1) stand in the order of the links given.
+    Dynamics Algorithms, 2008, ch. 5-6), whose graphs are several times smaller than
+    those from differentiating L. Coordinates ``q`` (nq, 1) have the order of the links given.
     All methods take and return SX expressions; q and v may be any expressions.
 
-    Raises ``ValueError`` where the links are no tree or not physical, see :class:`Link`.
+    Raises ``ValueError`` where the links form no tree.
     """
 
     def __init__(self, links: Sequence[Link], gravity: Number | Vector = 9.81) -> None:
-        # Its acceleration (x, z); a number points down.
+        # Acceleration of gravity (x, z) [m/s²]; a number points down.
         self.gravity = gravity if isinstance(gravity, tuple) else (0.0, -gravity)
         self._ordered = root_first(links)
         self._links = {link.name: link for link in links}
@@ -96,7 +96,7 @@ class Chain:
 
     @cached_property
     def B(self) -> ca.SX:
-        """Actuation matrix (nq, nu): gears [N m or N a unit of input]."""
+        """Actuation matrix (nq, nu): gears [N m or N per unit of input]."""
         B = ca.SX(self.nq, len(self.actuated))
         for column, name in enumerate(self.actuated):
             gear = self._links[name].gear
@@ -126,8 +126,8 @@ class Chain:
         M = ca.SX(self.nq, self.nq)
         for name, (mass, first, second) in self._composites(frames).items():
             for column, motion in self._motions(name, frames):
-                # Momentum of everything that this coordinate moves, about the joint; carried
-                # towards the root it meets every coordinate it couples to.
+                # Momentum of everything that this coordinate moves, about the joint; moved
+                # towards the root, it gives the entry of each ancestor's coordinate.
                 momentum = mass * motion.direction + motion.turn * _swing(first)
                 spin = motion.turn * second + _moment(first, motion.direction)
                 ancestor: str | None = name
@@ -150,7 +150,7 @@ class Chain:
         for link in self._ordered:
             name, r = link.name, frames[link.name].rotate(link.com)
             com_acceleration = acceleration[name] + alpha[name] * _swing(r)
-            # The centripetal part of the force passes through the joint, so its moment is none.
+            # The centripetal part of the force passes through the joint, so it has no moment.
             moment = link.inertia * alpha[name] + link.mass * _moment(r, com_acceleration)
             loads[name] = link.mass * (com_acceleration - omega[name] ** 2 * r), moment
         return self._gathered(frames, loads) + self.armature * a
@@ -160,11 +160,11 @@ class Chain:
         return self.inverse_dynamics(q, ca.SX(self.nq, 1), ca.SX(self.nq, 1))
 
     def link_velocities(self, q: ca.SX, v: ca.SX) -> dict[str, ca.SX]:
-        """Velocity of each link's centre of mass, and its angular velocity: w = J(q) v, (3, 1)."""
+        """Return per link the velocity of its centre of mass and its angular velocity, ``w = J(q) v`` (3, 1)."""
         return {link.name: ca.vertcat(velocity, spin) for link, spin, velocity in self._centres(q, v)}
 
     def link_momenta(self, q: ca.SX, w: dict[str, ca.SX]) -> ca.SX:
-        """``J(q)' m w`` (nq, 1) [N m s, N s], m mass and inertia of links at velocities w."""
+        """Return momenta ``J(q)' m w`` (nq, 1) [N m s, N s] for link velocities w, m masses and inertias of links."""
         frames, loads = self._frames(q), {}
         for link in self._ordered:
             linear, r = link.mass * w[link.name][:2], frames[link.name].rotate(link.com)
@@ -199,7 +199,7 @@ class Chain:
         return total
 
     def _gathered(self, frames: dict[str, _Frame], loads: dict[str, tuple[ca.SX, ca.SX]]) -> ca.SX:
-        """Along the coordinates (nq, 1): force on each link, and its moment about the joint."""
+        """Return generalised forces (nq, 1) from a force on each link and its moment about the joint."""
         force = {link.name: ca.SX.zeros(2) for link in self._ordered}
         moment = {link.name: ca.SX(0) for link in self._ordered}
         result = ca.SX.zeros(self.nq)
@@ -252,7 +252,7 @@ class Chain:
         ]
 
     def _composites(self, frames: dict[str, _Frame]) -> dict[str, tuple[ca.SX, ca.SX, ca.SX]]:
-        """Mass, first and second moment about its joint of each link with all that hangs on it."""
+        """Return mass, first and second moment about its joint of each link with its descendants."""
         bodies = {}
         for link in self._ordered:
             x, z = link.com
@@ -278,7 +278,7 @@ class Chain:
         return bodies
 
     def _centres(self, q: ca.SX, v: ca.SX) -> Iterator[tuple[Link, ca.SX, ca.SX]]:
-        """Each link, its angular velocity and the velocity of its centre of mass."""
+        """Yield each link, its angular velocity and the velocity of its centre of mass."""
         frames = self._frames(q)
         omega: dict[str, ca.SX] = {}
         velocity: dict[str, ca.SX] = {}
@@ -296,7 +296,7 @@ class Chain:
     def _accelerations(
         self, frames: dict[str, _Frame], v: ca.SX, a: ca.SX
     ) -> tuple[dict[str, ca.SX], dict[str, ca.SX], dict[str, ca.SX]]:
-        """Angular velocity and acceleration of each link, and its origin's felt acceleration."""
+        """Return angular velocity and acceleration of each link, and its origin's acceleration less gravity."""
         omega: dict[str, ca.SX] = {}
         alpha: dict[str, ca.SX] = {}
         acceleration: dict[str, ca.SX] = {}

@@ -1,4 +1,4 @@
-"""Velocity forces of a chain over one step, without gain of energy at any speed."""
+"""Impulse of a chain's velocity forces over one step that gains no energy at any speed."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from dynamics.systems.planar.chain import Chain
 
 
 def gyroscopic_impulse(chain: Chain, q: ca.SX, v: ca.SX, h: ca.SX | float) -> ca.SX:
-    """Impulse (nq, 1) [N s] of Coriolis and centrifugal forces, ``-h C(q, v) v`` but for O(h²).
+    """Impulse (nq, 1) [N s] of Coriolis and centrifugal forces, ``-h C(q, v) v`` up to O(h²).
 
     With w = J v the velocities of all links, m their masses and inertias, and M = J' m J:
 
-    1. ``w = J(q - h v) v`` at the pose before, where q was reached from,
+    1. ``w = J(q - h v) v`` at the previous pose, from which q was reached,
     2. ``M(qm) vm = J(qm)' m w`` and ``w' = 2 J(qm) vm - w`` halfway, ``qm = q - h v / 2``,
     3. ``M(q) v' = J(q)' m w'``, and the impulse is ``M(q) (v' - v)``.
 
-    Links fly on; halfway the joints reflect w in the velocities that they allow, which keeps its
-    energy, and step 3 projects it, which takes O(h⁴) or nothing. So ``v'' M(q) v' <= v' M(q - h v)
-    v`` at any h and v, where the explicit ``-h C(q, v) v`` gains energy without bound; momentum of
-    a free chain is kept exactly. The price is three poses and one solve. Compare the symmetric
+    Links move freely; halfway the joints reflect w about the velocities that they allow, which keeps
+    its energy, and step 3 projects it, which loses at most O(h⁴). So ``v'' M(q) v' <= v' M(q - h v)
+    v`` at any h and v, whereas the explicit ``-h C(q, v) v`` gains energy without bound; momentum of
+    a free chain is conserved exactly. The cost is three poses and one solve. Compare the symmetric
     projection of Hairer, Lubich and Wanner, Geometric Numerical Integration, 2006, V.4.1.
     """
     q_before, q_half = q - h * v, q - h * v / 2

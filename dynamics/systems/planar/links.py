@@ -24,26 +24,26 @@ Joint = Literal["hinge", "slide", "free"]
 
 @dataclass(frozen=True, eq=False)
 class Link:
-    """One rigid link and the joint that carries it; every number may be a CasADi symbol.
+    """A rigid link and the joint to its parent; every number may be a CasADi symbol.
 
-    World axes are x forward and z up, angles count about +y:
+    World axes are x forward and z up, angles are about +y:
     ``R(a)(x, z) = (x cos a + z sin a, -x sin a + z cos a)``. The link's frame has its origin in
     the joint, and the angle ``a = a_parent + offset + q`` (hinge; slide without the ``q``).
 
-    ``mass`` [kg], ``inertia`` about the centre of mass [kg m²], ``com`` that centre in the link's
-    frame [m], ``anchor`` the joint in the parent's frame [m] (the world's where ``parent`` is
+    ``mass`` [kg], ``inertia`` about the centre of mass [kg m²], ``com`` its position in the
+    link's frame [m], ``anchor`` the joint in the parent's frame [m] (the world's where ``parent`` is
     None), ``offset`` a fixed angle [rad].
 
     ``joint``: a ``hinge`` turns by q [rad]; a ``slide`` moves along ``axis``, a unit vector in
     the parent's frame, by q [m]; ``free`` has the coordinates x, z [m] and angle [rad] of a link
     without parent. ``spring`` and ``damping`` act on every coordinate of the joint, at rest at
     q = 0 [N m/rad, N m s/rad; N/m, N s/m for lengths]; ``gear`` is the force or torque of one
-    unit of input, None where no motor is; ``limits`` bound q from below and above; ``armature`` is
-    the inertia of the rotor, which adds to the joint's own entry of the mass matrix and weighs
-    nothing [kg m²; kg for lengths].
+    unit of input, None without a motor; ``limits`` bound q from below and above; ``armature`` is
+    the inertia of the rotor, which adds to the joint's diagonal entry of the mass matrix and has no
+    weight [kg m²; kg for lengths].
 
     Raises ``ValueError`` for an invalid argument: a mass or inertia that is not positive, a
-    negative armature, limits reversed, a free joint with a parent, a motor, limits or an armature.
+    negative armature, reversed limits, a free joint with a parent, a motor, limits or an armature.
     """
 
     name: str
@@ -84,16 +84,16 @@ class Link:
 
 
 class Member(Protocol):
-    """A member of a tree: it has a name and hangs on another member, or on nothing."""
+    """A link or body of a tree: it has a name and the name of its parent."""
 
     @property
     def name(self) -> str:
-        """Name of the member."""
+        """Name of the link or body."""
         ...
 
     @property
     def parent(self) -> str | None:
-        """Name of the member that it hangs on, None where there is none."""
+        """Name of the parent, None at the root of a tree."""
         ...
 
 
@@ -101,10 +101,9 @@ Branch = TypeVar("Branch", bound=Member)
 
 
 def root_first(links: Sequence[Branch]) -> tuple[Branch, ...]:
-    """Order ``links`` so that each follows its parent.
+    """Return ``links`` in an order in which each follows its parent.
 
-    Raises ``ValueError`` where the links are no tree: a cycle, an unknown parent, a name used
-    twice.
+    Raises ``ValueError`` where the links form no tree: a cycle, an unknown parent, a repeated name.
     """
     by_name: dict[str, Branch] = {}
     for link in links:

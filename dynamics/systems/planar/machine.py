@@ -1,4 +1,4 @@
-"""Machines: trees of links whose parts touch the ground and each other, as one contact system."""
+"""Machines in the plane: trees of links whose parts touch the ground and each other."""
 
 from __future__ import annotations
 
@@ -22,23 +22,23 @@ from dynamics.systems.system import ContactSystem
 from dynamics.systems.timestepping import time_stepping
 
 Gyroscopic = Literal["explicit", "implicit"]
-"""How a step takes Coriolis and centrifugal forces."""
+"""Integration of Coriolis and centrifugal forces in a step."""
 # The ground z = 0.
 _GROUND = HalfPlane()
 
 
 def link_pose(chain: Chain, q: ca.SX, link: str) -> Pose:
-    """The pose of a link at ``q``, or of the world."""
+    """Return the pose of a link, or of the world, at ``q``."""
     return Pose.fixed() if link == WORLD else chain.pose(q, link)
 
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """A ``shape`` fixed to a link, in its frame, which may meet the parts of other links.
+    """A ``shape`` fixed to a link, in the link's frame, which may touch parts of other links.
 
-    On the link :data:`WORLD` it never moves: a wall, a slope, a step.
+    On the link :data:`WORLD` a part never moves, such as a wall, a slope or a step.
 
-    Raises ``ValueError`` for an empty name and for what is not a shape.
+    Raises ``ValueError`` for an empty name and for a shape that is no :class:`Shape`.
     """
 
     name: str
@@ -70,20 +70,20 @@ class Sphere:
 
     @property
     def shape(self) -> Disc:
-        """The disc."""
+        """The sphere as a disc in the plane."""
         return Disc(self.radius, self.centre)
 
 
 @dataclass(frozen=True, eq=False)
 class Machine(Multibody):
-    """A tree of links, the spheres on them that may touch the ground z = 0, and what else meets.
+    """A machine in the plane: a tree of links, and shapes on them that may touch the ground or each other.
 
-    ``collision_pairs`` are pairs of names, of spheres or of further ``parts``, on two links each, that may
-    touch each other; one of them may be on the :data:`WORLD`. The contact of two is called
-    ``<one> on <other>``. ``gravity`` [m/s²] pulls down, or is the acceleration (x, z), as on a
-    slope.
+    ``spheres`` may touch the ground z = 0. ``collision_pairs`` are pairs of names of spheres or ``parts``
+    on different links that may touch each other; one of the two may be on the :data:`WORLD`. Their
+    contact is called ``<one> on <other>``. ``gravity`` [m/s²] points down, or is the acceleration
+    (x, z), as on a slope.
 
-    Raises ``ValueError`` for links that are no tree, and for names that are unknown or used twice.
+    Raises ``ValueError`` for links that form no tree, and for names that are unknown or used twice.
     """
 
     links: tuple[Link, ...]
@@ -106,12 +106,12 @@ class Machine(Multibody):
 
     @property
     def members(self) -> tuple[Link, ...]:
-        """The links."""
+        """Links of the machine."""
         return self.links
 
     @property
     def shapes(self) -> tuple[PlacedShape, ...]:
-        """Spheres and parts."""
+        """Shapes of the spheres, then of the parts."""
         return tuple(PlacedShape(part.name, part.link, part.shape) for part in (*self.spheres, *self.parts))
 
     @cached_property
@@ -123,9 +123,9 @@ class Machine(Multibody):
         return self._chain
 
     def contacts(self, q: ca.SX, spheres: Collection[str] | None = None) -> dict[str, Contact]:
-        """Contacts at the pose ``q`` (nq, 1): of the spheres with the ground, and of the collision pairs.
+        """Return a mapping from names to contacts, of spheres with the ground and of collision pairs, at ``q`` (nq, 1).
 
-        Of ``spheres``, all by default, those named touch the ground.
+        ``spheres`` are the names of those that may touch the ground, by default all.
         """
         chain, contacts = self.tree(), {}
         for sphere in self.spheres:
@@ -146,12 +146,12 @@ class Machine(Multibody):
         friction: ca.SX | float | None,
         **options: Unpack[PlanarStepOptions],
     ) -> ContactSystem:
-        """One step of the machine over the ground z = 0, with friction and joint limits.
+        """Return one step of the machine over the ground z = 0, with friction and joint limits.
 
         ``friction`` None is frictionless. ``options`` are those of :class:`PlanarStepOptions`. Names
         of contacts are those of :meth:`contacts`, of limits ``<joint> low`` and ``<joint> high``.
 
-        Raises ``ValueError`` for another word in ``gyroscopic``.
+        Raises ``ValueError`` for an unknown ``gyroscopic``.
         """
         step = _PlanarStep(self, h, friction, **options)
         spheres = None if step.spheres is None else tuple(step.spheres)
@@ -159,11 +159,11 @@ class Machine(Multibody):
 
 
 class PlanarStepOptions(StepOptions, total=False):
-    """Settings of a step in the plane: those of every machine, and these.
+    """Settings of a step in the plane, in addition to those of :class:`StepOptions`.
 
-    ``spheres`` are those that may touch the ground, by default all. With ``free_step`` h is a symbol
-    and one state more. Coriolis and centrifugal forces are the ``gyroscopic`` ones: explicit, or
-    implicit, which gain no energy (:func:`~dynamics.systems.planar.flight.gyroscopic_impulse`).
+    ``spheres`` are the names of those that may touch the ground, by default all. With ``free_step`` h
+    is a symbol and the last state. ``gyroscopic`` is whether Coriolis and centrifugal forces are explicit,
+    or implicit without gain of energy (:func:`~dynamics.systems.planar.flight.gyroscopic_impulse`).
     """
 
     spheres: Collection[str] | None
@@ -191,7 +191,7 @@ class _PlanarStep:
 
     @cached_property
     def _motors(self) -> ca.SX:
-        """Forces of one unit of each input (nq, nu)."""
+        """Generalised forces (nq, nu) of one unit of each input."""
         return self.scale * self.machine.tree().B
 
     @cached_property
@@ -203,7 +203,7 @@ class _PlanarStep:
 
     @cached_property
     def _inner_contacts(self) -> set[str]:
-        """Names of the contacts of two parts that move."""
+        """Names of the contacts between two parts that both move."""
         pairs = self.machine.meeting_shapes()
         return {f"{name_a} on {name_b}" for (name_a, name_b), _, placed in pairs if placed.owner != WORLD}
 
@@ -235,7 +235,7 @@ class _PlanarStep:
         return ca.vertcat(*map(value, self.machine.contacts(q, self.spheres).values()))
 
     def system(self, name: str, parameters: ParameterTable) -> ContactSystem:
-        """Build the system."""
+        """Build the contact system of the step."""
         chain = self.machine.tree()
         q = ca.SX.sym("q", chain.nq)
         step_state = (Signal("h", "s", "step size"),) if self.free_step else ()
@@ -264,11 +264,11 @@ class _PlanarStep:
 
 
 def with_implicit_forces(system: ContactSystem) -> ContactSystem:
-    """Return the system with velocity forces that gain no energy, as simulations have them.
+    """Return the system with velocity forces that gain no energy, as simulations use them.
 
-    They are :func:`~dynamics.systems.planar.flight.gyroscopic_impulse` in place of ``-h C(q, v) v``, in the sharpest
-    sibling of the system too. A system that is not a planar machine's, with q and v first in x, or
-    that has implicit forces already, is returned as it is.
+    They are :func:`~dynamics.systems.planar.flight.gyroscopic_impulse` in place of ``-h C(q, v) v``, also in the most
+    exact model of the system. A system is returned unchanged where it is not a planar machine's, where
+    x does not begin with q and v, and where its forces are implicit already.
     """
     mechanism = system.machine
     if mechanism is None or mechanism.gyroscopic == "implicit" or not isinstance(mechanism.machine, Machine):

@@ -1,4 +1,4 @@
-"""Area, centre and second moment of shapes, for masses that are spread evenly."""
+"""Area, centroid and second moment of plane shapes, for bodies of uniform density."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from dynamics.systems.shapes.planar import Box, Capsule, Disc, Point, Shape, as_column
 from dynamics.systems.shapes.polygon import Polygon, Union, box_polygon, convex_parts
 
-# Gauss' rule on [-1, 1].
+# Nodes and weights of Gauss' rule on [-1, 1].
 _GAUSS = np.polynomial.legendre.leggauss(16)
 # Nodes of Gauss' rule on [0, 1].
 _GAUSS_NODES = (_GAUSS[0] + 1) / 2
@@ -20,9 +20,9 @@ _GAUSS_WEIGHTS = _GAUSS[1] / 2
 
 
 class Area(NamedTuple):
-    """``area`` [m²], ``first`` moment (2, 1) [m³] and polar ``second`` moment [m⁴] at the origin.
+    """Area [m²], first moment (2, 1) [m³] and polar second moment [m⁴] of a shape about the origin.
 
-    Their sums are those of unions.
+    Those of a union are the sums of those of its parts.
     """
 
     area: ca.SX
@@ -36,12 +36,12 @@ class Area(NamedTuple):
 
     @property
     def gyration(self) -> ca.SX:
-        """Inertia about the centroid for the mass 1 [m²]."""
+        """Moment of inertia about the centroid per unit mass [m²]."""
         return self.second / self.area - ca.sumsqr(self.centre)
 
 
 def shape_area(shape: Shape | Union) -> Area:
-    """The area of a bounded shape: its core, rectangles at its sides, sectors at its corners.
+    """Return area and moments of a bounded shape: its core, rectangles at its sides, sectors at its corners.
 
     Shapes of a union count in full, so they must not overlap. Raises ``ValueError`` for a
     half-plane.
@@ -69,9 +69,9 @@ def mean_distance(shape: Shape | Union) -> ca.SX:
 
 
 class _Side(NamedTuple):
-    """A side of a core, a to b (2, 1), its outward normal, and the corner at a that it follows.
+    """A side of a core from a to b (2, 1), its outward ``normal``, and the rounded corner at a.
 
-    At the corner the boundary turns by ``turn`` [rad] from normal ``before`` to ``normal``.
+    At the corner the outward normal turns from ``before`` to ``normal`` by the angle ``rotate`` [rad].
     """
 
     a: ca.SX
@@ -82,7 +82,7 @@ class _Side(NamedTuple):
 
 
 def _sides(core: list[ca.SX]) -> Iterator[_Side]:
-    """Counterclockwise sides of a core of two corners or more; a capsule's segment has two."""
+    """Yield the sides of a core with two or more corners, counterclockwise; a capsule's segment has two."""
     ends = core[1:] + core[:1]
     normals = [ca.vertcat(*(e[1], -e[0])) / ca.norm_2(e) for e in map(ca.minus, ends, core)]
     for i, (a, b, n) in enumerate(zip(core, ends, normals, strict=True)):
@@ -91,7 +91,7 @@ def _sides(core: list[ca.SX]) -> Iterator[_Side]:
 
 
 def _boundary(shape: Shape, origin: ca.SX) -> Iterator[ca.SX]:
-    """Integrals of ``|r| (x dy - y dx)`` about ``origin`` along sides and rounded corners."""
+    """Yield the integrals of ``|r| (x dy - y dx)`` about ``origin`` along sides and rounded corners."""
     core, radius = [as_column(corner) - origin for corner in shape.corners], ca.SX(shape.radius)
     if len(core) == 1:
         for quarter in range(4):
@@ -127,7 +127,7 @@ def _pieces(shape: Shape) -> list[Area]:
 
 
 def _ring(vertices: list[ca.SX]) -> Area:
-    """A polygon, counterclockwise."""
+    """Return area and moments of a polygon with counterclockwise ``vertices``."""
     total = Area(ca.SX(0), ca.SX.zeros(2), ca.SX(0))
     for a, b in zip(vertices, vertices[1:] + vertices[:1], strict=True):
         cross = a[0] * b[1] - a[1] * b[0]
@@ -141,14 +141,14 @@ def _ring(vertices: list[ca.SX]) -> Area:
 
 
 def _sector(centre: ca.SX, r: ca.SX, angle: ca.SX, direction_integral: ca.SX) -> Area:
-    """A sector of a disc; ``direction_integral`` is the integral of the unit vectors in its angle."""
+    """Return area and moments of a disc's sector; ``direction_integral`` is that of unit vectors over ``angle``."""
     size, first = angle * r**2 / 2, r**3 / 3 * direction_integral
     second = angle * r**4 / 4 + 2 * ca.dot(centre, first) + size * ca.sumsqr(centre)
     return Area(size, size * centre + first, second)
 
 
 def move_shape(shape: Shape | Union, by: Point) -> Shape | Union:
-    """``shape`` moved by a vector of its frame; raises ``ValueError`` for a half-plane."""
+    """Return ``shape`` translated by a vector in its frame; raise ``ValueError`` for a half-plane."""
     step = as_column(by)
 
     def move_point(place: Point) -> tuple[ca.SX, ca.SX]:

@@ -1,4 +1,4 @@
-"""Contacts between shapes, and the pairs and cones that they become."""
+"""Contacts between plane shapes, and formulations of the friction cone as complementarity pairs."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ class Contact:
 
     @classmethod
     def between(cls, shape_a: Shape, pose_a: Pose, shape_b: Shape, pose_b: Pose) -> Contact:
-        """Contact of two convex shapes whose distance is that of a corner of either core.
+        """Return the contact of two convex shapes at the corner, of either core, that is nearest to the other.
 
-        Right as long as the cores are apart or one holds a corner of the other, which is all that
-        two cores can do but cross like swords. Where neither turns against the other this is the
-        distance from a fixed convex set, once differentiable outside. Where they turn it is not,
-        as soon as a side lies on another: there every corner is a contact of its own, see
+        The distance is exact where the cores are apart or one contains a corner of the other, but not
+        where they cross without that. Where neither rotates relative to the other, it is the distance
+        from a fixed convex set, once differentiable outside. Where they rotate, it has kinks as one
+        side comes to lie on another; then make each corner a separate contact, see
         :func:`~dynamics.systems.shapes.polygon.vertex_pairs`.
 
         Raises ``ValueError`` for two half-planes.
@@ -67,17 +67,17 @@ class Contact:
     def jacobians(self, q: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Rows ``J_n`` and ``J_t``, each (1, nq), of the relative velocity at the contact.
 
-        ``J_n dq/dt`` and ``J_t dq/dt`` are normal and tangential part of the velocity of A's
-        material point less that of B's [m/s], both taken at ``point``: a force and its reaction
-        then act along one line. ``J_n`` is the gradient of ``phi``. q must be symbols.
+        ``J_n dq/dt`` and ``J_t dq/dt`` are the normal and the tangential component of A's velocity
+        relative to B's [m/s], both taken at ``point``, so that a force and its reaction act along
+        one line. ``J_n`` is the gradient of ``phi``. q must be symbols.
         """
         slip = _point_jacobian(self.a, self.point, q) - _point_jacobian(self.b, self.point, q)
-        # A floor's normal has a zero in it, which would else leave columns of explicit zeros.
+        # A floor's normal has a zero entry, which would otherwise leave columns of explicit zeros.
         return ca.sparsify(self.normal.T @ slip), ca.sparsify(self.tangent.T @ slip)
 
 
 def _corners(shape: Shape, pose: Pose, other_shape: Shape, other_pose: Pose) -> list[tuple[ca.SX, ca.SX, ca.SX]]:
-    """Gap, normal out of the other shape and nearest point of every rounded corner of one."""
+    """Return gap, normal out of the other shape and nearest point of each rounded corner of ``shape``."""
     corner_contacts = []
     for corner in shape.corners:
         centre = pose.to_world(corner)
@@ -93,7 +93,7 @@ def _point_jacobian(body: Pose, point: ca.SX, q: ca.SX) -> ca.SX:
 
 
 class Row(NamedTuple):
-    """Pairs of one kind, one for each contact: their gaps, and the directions of their impulses.
+    """Complementarity pairs of one kind, one per contact: their gaps, and the directions of their impulses.
 
     ``gap`` (n, 1), ``direction`` (n, nq), and n ``signals``.
     """
@@ -106,11 +106,11 @@ class Row(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class FrictionSpec:
-    """nc contacts that rub: ``gap`` (nc, 1) [m], rows ``J_n`` (nc, nq) along the normal.
+    """The nc contacts with friction: ``gap`` (nc, 1) [m], rows ``J_n`` (nc, nq) along the normal.
 
-    ``J_t`` are rows (nc, nq) along every direction of the friction cone, one in the plane, and
-    ``slid`` (nc, 1) [m] the ways slid along them in a step; ``friction`` is Coulomb's f (nc, 1).
-    ``lam`` are the impulses along the first row's directions and those of the form's own rows.
+    ``J_t`` are rows (nc, nq) along each direction of the friction cone, one in the plane, ``slid``
+    (nc, 1) [m] the distances slid along them in a step; ``friction`` is Coulomb's f (nc, 1). ``lam``
+    are the multipliers (nc, 1) of the normal row, then those of the cone formulation's other rows.
     """
 
     contacts: tuple[Signal, ...]
@@ -123,26 +123,26 @@ class FrictionSpec:
 
     @property
     def has_friction(self) -> ca.SX:
-        """One, or zero where there is no friction, now or as long as a parameter is zero.
+        """Indicator (nc, 1): 1, or 0 where the friction coefficient is zero.
 
-        Without friction the cone has no inside for the path to run in: there the pairs are those of
-        a contact with the coefficient 1 which does not slide, and they do not push.
+        Without friction the cone has no interior for the central path. There the pairs are those of
+        a contact with coefficient 1 that does not slide, and they exert no impulse.
         """
         return ca.if_else(self.friction == 0, 0, 1)
 
     @property
     def bound(self) -> ca.SX:
-        """Largest impulse along the tangent, f gamma (nc, 1) [N s]."""
+        """Maximum tangential impulse f gamma (nc, 1) [N s], with f = 1 where the friction is zero."""
         return ca.if_else(self.friction == 0, 1, self.friction) * self.lam[0]
 
     @property
     def directions(self) -> list[tuple[str, ca.SX, ca.SX]]:
-        """Number, none in the plane, rows and way slid of every direction."""
+        """Number (empty in the plane), rows and distance slid of each tangential direction."""
         numbers = [""] if len(self.J_t) == 1 else [str(k) for k in range(1, len(self.J_t) + 1)]
         return list(zip(numbers, self.J_t, self.slid, strict=True))
 
     def suffixed_signals(self, suffix: str, unit: str, description: str) -> list[Signal]:
-        """``<contact><what>`` for every contact."""
+        """Return a signal called ``<contact><suffix>`` for each contact."""
         return [Signal(f"{c.name}{suffix}", unit, description) for c in self.contacts]
 
 
@@ -158,10 +158,9 @@ class ConeForm(NamedTuple):
 
 
 def _edge_pairs(at: FrictionSpec) -> tuple[list[Row], ca.SX, list[ca.SX]]:
-    """``lam± ⟂ gap ± f slid``, with the impulse ``sum (J_n ± f J_t)' lam±``.
+    """Return the pairs ``lam± ⟂ gap ± f slid``, with the impulse ``sum (J_n ± f J_t)' lam±``.
 
-    At the price that a sliding contact opens at the rate ``f |J_t v|`` (Anitescu, doi
-    10.1007/s10107-005-0590-7).
+    A sliding contact opens at the rate ``f |J_t v|`` (Anitescu, doi 10.1007/s10107-005-0590-7).
     """
     rows, tangential, total, lam = [], [], ca.SX(at.gap.numel(), 1), iter(at.lam)
     for number, J_t, slid in at.directions:
@@ -175,12 +174,12 @@ def _edge_pairs(at: FrictionSpec) -> tuple[list[Row], ca.SX, list[ca.SX]]:
     return rows, total, tangential
 
 
-# The cone by its edges.
+# Friction cone written by its edges, which is convex, but opens a sliding contact.
 EDGES = ConeForm(lambda directions: 2 * directions - 1, _edge_pairs)
 
 
 def _linearised_pairs(at: FrictionSpec) -> tuple[list[Row], ca.SX, list[ca.SX]]:
-    """``gamma ⟂ gap``, ``beta± ⟂ psi ± slid`` and ``psi ⟂ f gamma - sum of all beta``."""
+    """Return the pairs ``gamma ⟂ gap``, ``beta± ⟂ psi ± slid`` and ``psi ⟂ f gamma - sum of all beta``."""
     gamma, *betas, psi = at.lam
     rows, tangential = [Row("normal", at.gap, at.J_n, list(at.contacts))], []
     for k, (number, J_t, slid) in enumerate(at.directions):
@@ -197,15 +196,14 @@ def _linearised_pairs(at: FrictionSpec) -> tuple[list[Row], ca.SX, list[ca.SX]]:
     return rows, gamma, tangential
 
 
-# The linearised cone with maximum dissipation.
+# Linearised friction cone with maximum dissipation.
 LINEARISED = ConeForm(lambda directions: 2 * directions + 1, _linearised_pairs)
 
 
 def _second_order_pairs(at: FrictionSpec) -> tuple[list[Row], ca.SX, list[ca.SX]]:
-    """``gamma ⟂ gap``, ``upper ⟂ dual + 2 slid`` and ``dual ⟂ 2 f gamma - upper``.
+    """Return the pairs ``gamma ⟂ gap``, ``upper ⟂ dual + 2 slid`` and ``dual ⟂ 2 f gamma - upper``.
 
-    The lower eigenvalue stands as the gap of the dual's, so that no equation but the pairs is
-    needed.
+    The cone's lower eigenvalue is the gap of ``dual``, so that no equation but the pairs is needed.
     """
     if len(at.J_t) > 1:
         raise ValueError("the second-order cone is written for one tangent; take cone='linearised'")
@@ -222,5 +220,5 @@ def _second_order_pairs(at: FrictionSpec) -> tuple[list[Row], ca.SX, list[ca.SX]
     return rows, gamma, [at.has_friction * (upper - at.bound)]
 
 
-# The second-order cone.
+# Second-order friction cone, for one tangent.
 SECOND_ORDER = ConeForm(lambda directions: 2, _second_order_pairs)

@@ -1,4 +1,4 @@
-"""Poses and shapes of bodies in the plane, and where shapes are nearest to one another."""
+"""Poses and shapes of bodies in the plane, and signed distances of points from shapes."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Point = tuple[Scalar, Scalar] | ca.SX
 
 @dataclass(frozen=True, eq=False)
 class Pose:
-    """Pose of a body: ``position`` (2, 1) [m] of its origin and ``angle`` [rad].
+    """Pose of a body in the plane: ``position`` (2, 1) [m] of its origin and ``angle`` [rad].
 
     The angle counts from the second axis of the plane towards the first, in the plane (x, z)
     about +y: ``R(a)(x, z) = (x cos a + z sin a, -x sin a + z cos a)``. Where a model counts its
@@ -42,12 +42,12 @@ class Pose:
         return ca.sin(self.angle)
 
     def rotate(self, vector: Point) -> ca.SX:
-        """Turn a vector of the body's frame into the world's, R(angle) vector."""
+        """Return a vector of the body's frame in the world's axes (2, 1), ``R(angle) vector``."""
         x, z = vector[0], vector[1]
         return ca.vertcat(x * self.cos + z * self.sin, z * self.cos - x * self.sin)
 
     def to_world(self, point: Point) -> ca.SX:
-        """Return where a point of the body is in the world, (2, 1) [m]."""
+        """Return the world position (2, 1) [m] of a point of the body's frame."""
         return self.position + self.rotate(point)
 
     def to_local(self, point: Point) -> ca.SX:
@@ -57,23 +57,23 @@ class Pose:
 
 
 def as_column(point: Point) -> ca.SX:
-    """A point as (2, 1)."""
+    """Return a point as a column (2, 1)."""
     return point if isinstance(point, ca.SX) else ca.vertcat(*(ca.SX(value) for value in point))
 
 
 class Shape(ABC):
-    """All points within ``radius`` [m] of a convex core, in the frame of a body."""
+    """A convex shape in the frame of a body: all points within ``radius`` [m] of a convex core."""
 
     radius: Scalar
 
     @property
     @abstractmethod
     def corners(self) -> tuple[Point, ...]:
-        """Corners of the core in the body's frame [m]; none where it is unbounded."""
+        """Corners of the core in the body's frame [m]; empty where the core is unbounded."""
 
     @abstractmethod
     def signed_distance(self, point: ca.SX, pose: Pose) -> tuple[ca.SX, ca.SX]:
-        """Signed distance [m] of a world point from the surface, and the unit normal out there."""
+        """Return the signed distance [m] of a world point from the surface, and the outward unit normal (2, 1)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,17 +95,17 @@ class Box(Shape):
 
     @property
     def corners(self) -> tuple[Point, ...]:
-        """The centres of the four rounded corners."""
+        """Centres of the four rounded corners in the body's frame [m]."""
         x, z, r = self.centre[0], self.centre[1], self.radius
         a, b = self.half_size[0] - r, self.half_size[1] - r
         return ((x + a, z + b), (x - a, z + b), (x - a, z - b), (x + a, z - b))
 
     def signed_distance(self, point: ca.SX, pose: Pose) -> tuple[ca.SX, ca.SX]:
-        """With p the point from the centre in the box's axes, ``d = |p| - half_size + radius``,
+        """Return the distance ``|max(d, 0)| + min(max(d_1, d_2), 0) - radius`` [m] and the normal (2, 1).
 
-        ``|max(d, 0)| + min(max(d_1, d_2), 0) - radius``; outside the normal points from the nearest
-        point, inside towards the nearest side. Not differentiable where two sides are equally near
-        inside.
+        ``d = |p| - half_size + radius``, p the point relative to the centre in the box's axes. Outside
+        the normal points away from the nearest point of the box, inside towards the nearest side. Not
+        differentiable inside where two sides are equally near.
         """
         p = pose.to_local(point) - as_column(self.centre)
         side = ca.if_else(p >= 0, 1, -1)
@@ -122,7 +122,7 @@ class Box(Shape):
 
 @dataclass(frozen=True, eq=False)
 class Capsule(Shape):
-    """All points within ``radius`` of the segment from ``start`` to ``end``.
+    """A capsule: all points within ``radius`` [m] of the segment from ``start`` to ``end``.
 
     Raises ``ValueError`` for invalid points or an invalid radius.
     """
@@ -138,11 +138,11 @@ class Capsule(Shape):
 
     @property
     def corners(self) -> tuple[Point, ...]:
-        """The two ends of the segment."""
+        """The two ends of the segment in the body's frame [m]."""
         return (self.start, self.end)
 
     def signed_distance(self, point: ca.SX, pose: Pose) -> tuple[ca.SX, ca.SX]:
-        """``|point - nearest of the segment| - radius``; not differentiable on the segment."""
+        """Return ``|point - nearest point of the segment| - radius`` and the normal, undefined on the segment."""
         start = pose.to_world(self.start)
         segment = pose.to_world(self.end) - start
         share = ca.fmin(ca.fmax(ca.dot(point - start, segment) / ca.sumsqr(segment), 0), 1)
@@ -153,9 +153,9 @@ class Capsule(Shape):
 
 @dataclass(frozen=True, eq=False)
 class Disc(Shape):
-    """All points within ``radius`` of ``centre``.
+    """A disc: all points within ``radius`` [m] of ``centre``; the radius 0 gives a point.
 
-    Raises ``ValueError`` for an invalid radius or centre. The radius 0 is a point.
+    Raises ``ValueError`` for an invalid radius or centre.
     """
 
     radius: Scalar
@@ -167,11 +167,11 @@ class Disc(Shape):
 
     @property
     def corners(self) -> tuple[Point, ...]:
-        """The centre."""
+        """Centre of the disc in the body's frame [m], the only corner of the core."""
         return (self.centre,)
 
     def signed_distance(self, point: ca.SX, pose: Pose) -> tuple[ca.SX, ca.SX]:
-        """``|point - centre| - radius``; not differentiable at the centre."""
+        """Return ``|point - centre| - radius`` and the normal, which is undefined at the centre."""
         offset = point - pose.to_world(self.centre)
         distance = ca.norm_2(offset)
         return distance - self.radius, offset / distance
@@ -179,7 +179,7 @@ class Disc(Shape):
 
 @dataclass(frozen=True, eq=False)
 class HalfPlane(Shape):
-    """The half-plane through ``origin`` with outward unit ``normal``, of radius zero.
+    """The half-plane bounded by the line through ``origin`` with the outward unit ``normal``; its radius is zero.
 
     Raises ``ValueError`` for an invalid origin, or a normal whose length is not 1.
     """
@@ -198,6 +198,6 @@ class HalfPlane(Shape):
         return ()
 
     def signed_distance(self, point: ca.SX, pose: Pose) -> tuple[ca.SX, ca.SX]:
-        """``normal' (point - origin)``."""
+        """Return the distance ``normal' (point - origin)`` [m] and the normal (2, 1)."""
         normal = pose.rotate(self.normal)
         return ca.dot(normal, point - pose.to_world(self.origin)), normal

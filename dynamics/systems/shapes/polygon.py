@@ -20,13 +20,13 @@ _FLAT_TOLERANCE = 1e-9
 class Polygon(Shape):
     """A convex polygon, its ``vertices`` (at least three, in order) rounded by ``radius``.
 
-    Vertices count from ``centre``, and are kept as they lie in the frame of the body.
-    The sides are those of the sharp polygon: rounding takes away from the corners, as it does with
-    :class:`Box`. Vertices that are numbers may run either way round, symbols must run from the
-    first axis of the plane to the second, counterclockwise in (x, y).
+    Vertices are given relative to ``centre`` and stored in the frame of the body. The sides are those
+    of the sharp polygon: rounding removes area at the corners, as for :class:`Box`. Numeric vertices
+    may run either way round; symbolic ones must run from the first axis of the plane to the second,
+    counterclockwise in (x, y).
 
-    Raises ``ValueError`` for vertices without area, whose sides cross, or which are not convex, and
-    for a radius that leaves nothing of a side.
+    Raises ``ValueError`` for vertices without area, with crossing sides, or not convex, and for a
+    radius that leaves nothing of a side.
     """
 
     vertices: Sequence[Point]
@@ -54,7 +54,7 @@ class Polygon(Shape):
 
     @cached_property
     def normals(self) -> list[ca.SX]:
-        """The outward unit normal (2, 1) of every side, which starts at the vertex of its index."""
+        """Outward unit normal (2, 1) of each side; side i starts at vertex i."""
         ring = [as_column(vertex) for vertex in self.vertices]
         edges = [b - a for a, b in zip(ring, ring[1:] + ring[:1], strict=True)]
         return [ca.vertcat(e[1], -e[0]) / ca.norm_2(e) for e in edges]
@@ -73,10 +73,10 @@ class Polygon(Shape):
         )
 
     def signed_distance(self, point: ca.SX, pose: Pose) -> tuple[ca.SX, ca.SX]:
-        """``|p - c| - r`` where the corner c of the core is nearest, else ``max n'(p - c) - r``.
+        """Return ``|p - c| - r`` where the corner c of the core is nearest, else ``max n'(p - c) - r``, and the normal.
 
-        The maximum is over the sides: outside it is that of the side below p, inside that of the
-        nearest side. Once differentiable wherever p is outside the core or near one side alone.
+        The maximum is over the sides: outside it is at the side facing p, inside at the nearest
+        side. Once differentiable wherever p is outside the core or near one side alone.
         """
         p, corners, n = pose.to_local(point), list(map(as_column, self.corners)), self.normals
         heights = [ca.dot(m, p - c) for m, c in zip(n, corners, strict=True)]
@@ -98,12 +98,12 @@ class Polygon(Shape):
 
 
 def box_polygon(box: Box) -> Polygon:
-    """``box`` as a polygon."""
+    """Return ``box`` as a polygon."""
     return Polygon(Box(box.half_size, 0.0, box.centre).corners, box.radius)
 
 
 def polygon_defect(vertices: np.ndarray, radius: float) -> str | None:
-    """Return why ``vertices`` (n, 2), rounded by ``radius``, are no convex polygon; None if they are."""
+    """Return why ``vertices`` (n, 2), rounded by ``radius``, form no convex polygon; None if they form one."""
     edges = np.roll(vertices, -1, axis=0) - vertices
     size = float(np.ptp(vertices, axis=0).max())
     if not size or np.linalg.norm(edges, axis=1).min() <= _FLAT_TOLERANCE * size:
@@ -132,12 +132,12 @@ def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def is_clockwise(vertices: np.ndarray) -> bool:
-    """Whether ``vertices`` (n, 2) run from the second axis of the plane to the first."""
+    """Whether ``vertices`` (n, 2) run clockwise in (x, y), from the second axis of the plane to the first."""
     return bool(_cross(vertices, np.roll(vertices, -1, axis=0)).sum() < 0)
 
 
 def _crosses(vertices: np.ndarray) -> bool:
-    """Whether two sides that are no neighbours cross."""
+    """Whether two sides of a polygon that are not neighbours cross."""
     n, ends = len(vertices), np.roll(vertices, -1, axis=0)
     for i in range(n):
         for j in range(i + 2, n - (i == 0)):
@@ -152,7 +152,7 @@ def _crosses(vertices: np.ndarray) -> bool:
 class Union:
     """A body made of convex ``parts`` that may share sides but no area, such as a T or an L.
 
-    Raises ``ValueError`` for no part, and for a part that is unbounded or no shape.
+    Raises ``ValueError`` without parts, and for a part that is unbounded or not a shape.
     """
 
     parts: Sequence[Shape]
@@ -166,25 +166,25 @@ class Union:
 
 
 def convex_parts(shape: Shape | Union) -> tuple[Shape, ...]:
-    """The convex shapes that ``shape`` consists of."""
+    """Return the convex shapes that ``shape`` consists of."""
     return tuple(shape.parts) if isinstance(shape, Union) else (shape,)
 
 
 def vertex_pairs(shape_a: Shape | Union, shape_b: Shape | Union) -> list[tuple[Shape, Shape]]:
-    """The contacts of two bodies that may turn: each corner of one against each part of the other.
+    """Return the contacts of two bodies that may rotate: each corner of one with each part of the other.
 
-    Two convex shapes apart are ``d = max t`` subject to ``t <= phi_i`` apart, phi_i the distance
-    of corner i of one core from the other shape. The contact requires ``t >= 0`` of every
-    constraint by itself, ``lam_i phi_i = mu``: the smoothing of this program is the central path of
-    the contact, and its ``phi_i`` are once differentiable outside the cores. The n impulses of two
-    shapes add up to ``mu sum 1/phi_i``, between ``mu/d`` and ``n mu/d``; shapes pressed together by
-    an impulse F stay between ``mu/F`` and ``n mu/F`` apart, and both go to zero with mu. Two sides
-    that lie on each other touch at the two ends of what they share. A disc has one contact with
-    each part.
+    The distance of two disjoint convex shapes is ``d = max t`` subject to ``t <= phi_i``, phi_i the
+    distance of corner i of one core from the other shape. Each constraint is a separate contact,
+    ``lam_i phi_i = mu``: the central path of the contact smooths this program, and each ``phi_i`` is
+    once differentiable outside the cores. The n impulses of two shapes add up to ``mu sum 1/phi_i``,
+    between ``mu/d`` and ``n mu/d``; shapes pressed together by an impulse F stay between ``mu/F`` and
+    ``n mu/F`` apart, and both go to zero with mu. Two sides that lie on each other touch at the two
+    ends of their common segment. A disc has one contact with each part.
 
-    The least ``phi_i`` is the distance of shapes apart and in touch, and minus their depth where a
-    corner is in a side. Where two sharp corners meet it is above minus the depth, and two shapes
-    that cross with no corner in the other count as apart. Corners that meet exactly push twice.
+    The minimum of ``phi_i`` is the distance of disjoint or touching shapes, and minus the penetration
+    depth where a corner is inside a side. Where two sharp corners overlap it is larger than minus the
+    depth. Shapes that cross without a corner inside the other count as disjoint. Two corners that meet
+    exactly have two impulses.
     """
     pairs = []
     for part_a in convex_parts(shape_a):
@@ -198,7 +198,7 @@ def vertex_pairs(shape_a: Shape | Union, shape_b: Shape | Union) -> list[tuple[S
 
 
 def _outer(shape: Shape, body: Shape | Union) -> list[Point]:
-    """The corners of a part that are corners of the whole, each with the first part that has it."""
+    """Return the corners of a part that are corners of the whole; the first of the parts that share one has it."""
     members = convex_parts(body)
     if len(members) == 1 or not isinstance(shape, Polygon):
         return list(shape.corners)
@@ -212,8 +212,9 @@ def _outer(shape: Shape, body: Shape | Union) -> list[Point]:
 
 
 def _angle(member: Shape, place: Point) -> float:
-    """The angle [rad] that ``member`` fills around a place; of parts with symbols or rounding none
-    but their own corners'.
+    """Return the angle [rad] that ``member`` fills around ``place``.
+
+    For a member that is no polygon it is 0; with symbolic sides, 1e-3 at its own corners and 0 elsewhere.
     """
     if not isinstance(member, Polygon):
         return 0.0

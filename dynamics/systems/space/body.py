@@ -1,4 +1,4 @@
-"""Rigid bodies in space and the joints that carry them."""
+"""Rigid bodies in space and their joints."""
 
 from __future__ import annotations
 
@@ -16,34 +16,34 @@ Quaternion = tuple[Number, Number, Number, Number]
 Joint = Literal["free", "ball", "hinge", "slide", "fixed"]
 POSITIONS = {"free": 7, "ball": 4, "hinge": 1, "slide": 1, "fixed": 0}
 VELOCITIES = {"free": 6, "ball": 3, "hinge": 1, "slide": 1, "fixed": 0}
-"""Numbers that a joint has in q and in v."""
+"""Number of entries of each kind of joint in q (``POSITIONS``) and in v (``VELOCITIES``)."""
 
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """A rigid body and the joint that carries it; every number may be a CasADi symbol.
+    """A rigid body in space and the joint to its parent; every number may be a CasADi symbol.
 
     The body's frame has its origin in the joint. At q = 0 (a ball at the quaternion 1) it lies at
-    ``position`` [m], turned by the unit ``quaternion`` (w, x, y, z), in the frame of ``parent``,
+    ``position`` [m], rotated by the unit ``quaternion`` (w, x, y, z), in the frame of ``parent``,
     which is the world where None. z points up.
 
-    ``mass`` [kg], which may be zero where other bodies hang on this one; ``inertia`` about the
-    centre of mass in the body's axes, (xx, yy, zz) or (xx, yy, zz, xy, xz, yz) [kg m²]; ``com``
+    ``mass`` [kg], which may be zero for a body with children; ``inertia`` about the centre of mass
+    in the body's axes, (xx, yy, zz) or (xx, yy, zz, xy, xz, yz) [kg m²]; ``com`` the position of
     that centre [m].
 
     ``joint``: a ``hinge`` turns about ``axis``, a unit vector of the body's frame, by q [rad]; a
     ``slide`` moves along it by q [m]; a ``ball`` has a unit quaternion, and its angular velocity
-    in the body's axes [rad/s]; ``free`` has the position in the world [m] and a quaternion, and as
-    velocities those of the origin in the world's axes [m/s] and of turning in its own (a step reads
-    them at the pose before, :func:`~dynamics.systems.space.stepping.centre_velocities`); ``fixed``
-    has none. ``spring`` and ``damping`` act in hinges and slides (damping in all joints), the
+    in the body's axes [rad/s]; ``free`` has the position in the world [m] and a quaternion, the
+    velocity of the origin in the world's axes [m/s] and an angular velocity in the body's (both at the
+    previous pose in a step, see :func:`~dynamics.systems.space.stepping.centre_velocities`); ``fixed``
+    has no coordinates. ``spring`` and ``damping`` act in hinges and slides (damping in all joints), the
     spring at rest at ``rest`` [N m/rad, N m s/rad; N/m, N s/m]; ``gear``, ``limits`` and
     ``armature`` as in :class:`~dynamics.systems.Link`. ``servo`` is the stiffness of a motor whose
-    input is the position it pulls to [N m/rad; N/m].
+    input is its target position [N m/rad; N/m].
 
     Raises ``ValueError`` for an invalid argument: a negative mass or inertia, inertia that breaks
-    the triangle inequality, an axis or quaternion not of unit length, limits reversed, and what the
-    kind of joint cannot have.
+    the triangle inequality, an axis or quaternion not of unit length, reversed limits, and a setting
+    that the kind of joint does not have.
     """
 
     name: str
@@ -90,7 +90,7 @@ class Body:
 
     @property
     def positions(self) -> list[Signal]:
-        """Names and units of its entries of q."""
+        """Names and units of the joint's entries of q."""
         name = self.name
         if self.joint in ("hinge", "slide"):
             unit, quantity = ("rad", "angle") if self.joint == "hinge" else ("m", "travel")
@@ -101,7 +101,7 @@ class Body:
 
     @property
     def velocities(self) -> list[Signal]:
-        """Names and units of its entries of v."""
+        """Names and units of the joint's entries of v."""
         name = self.name
         if self.joint in ("hinge", "slide"):
             unit = "rad/s" if self.joint == "hinge" else "m/s"
@@ -147,7 +147,7 @@ def require_vector(name: str, value: object, sizes: tuple[int, ...]) -> None:
 
 
 def require_unit_length(name: str, value: tuple[Number, ...]) -> None:
-    """Raise ``ValueError`` unless ``value`` has length 1, or symbols."""
+    """Raise ``ValueError`` unless ``value`` has length 1 or is symbolic."""
     entries = [parse_number(name, entry) for entry in value]
     if any(entry is None for entry in entries):
         return

@@ -1,4 +1,4 @@
-"""Contacts between shapes in space: distance, normal, point, and the motion they see."""
+"""Contacts between shapes in space: distance, normal, point and Jacobian rows."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from dynamics.systems.space.body import Vector
 from dynamics.systems.space.shapes import Box, Capsule, Cylinder, Hull, Plane, Shape, Sphere
 
 JointAxes = list[tuple[int, ca.SX, ca.SX, ca.SX]]
-"""As :meth:`~dynamics.systems.space.tree.Tree.joint_axes` gives them."""
+"""Axes that move a body, as returned by :meth:`~dynamics.systems.space.tree.Tree.joint_axes`."""
 _FLAT = 1e-3
-"""Share of a cylinder's radius by which its rim is rounded where it lies flat on a plane."""
+"""Sine of the angle between a cylinder's axis and a plane's normal around which its lowest point is smoothed."""
 _DOWN = -0.7
-"""Where normals point down further than this the tangents are built the other way up."""
+"""The z component of a normal up to which its tangents are built with the opposite pole."""
 
 
 class SpatialPose(NamedTuple):
@@ -28,13 +28,13 @@ class SpatialPose(NamedTuple):
     p: ca.SX
 
     def to_world(self, point: Vector) -> ca.SX:
-        """World position (3, 1) of a point of the frame."""
+        """Return the world position (3, 1) [m] of a point of the frame."""
         return self.p + self.R @ ca.sparsify(ca.SX(ca.vertcat(*point)))
 
 
 @dataclass(frozen=True, eq=False)
 class SpatialContact:
-    """Contact of a shape A with a shape B.
+    """Contact of a shape A with a shape B in space.
 
     ``phi`` signed distance [m], negative in penetration; ``normal`` (3, 1) unit vector out of B
     towards A; ``point`` (3, 1) [m] the point of A nearest to B.
@@ -48,7 +48,7 @@ class SpatialContact:
     def tangents(self) -> tuple[ca.SX, ca.SX]:
         """Two unit vectors along the surface of B, (1, 0, 0) and (0, 1, 0) on a floor.
 
-        Frisvad's basis, doi 10.1080/2165347X.2012.689606, whose pole is a normal that points down.
+        Frisvad's basis, doi 10.1080/2165347X.2012.689606, mirrored for normals that point down, where it is singular.
         """
         x, y, z = ca.vertsplit(self.normal)
         side = ca.if_else(z > _DOWN, 1, -1)
@@ -61,7 +61,7 @@ class SpatialContact:
     def jacobian_rows(self, motions_a: JointAxes, motions_b: JointAxes, nv: int) -> tuple[ca.SX, ca.SX, ca.SX]:
         """Rows (1, nv) along the normal and both tangents of the relative velocity at ``point``.
 
-        ``motions_a`` and ``motions_b`` are what moves A and B. A force and its reaction act along one line.
+        ``motions_a`` and ``motions_b`` are the axes that move A and B. A force and its reaction act along one line.
         """
         rows = [ca.SX(1, nv) for _ in range(3)]
         for row, direction in zip(rows, (self.normal, *self.tangents), strict=True):
@@ -73,11 +73,11 @@ class SpatialContact:
 
 
 def contacts_between(shape_a: Shape, pose_a: SpatialPose, shape_b: Shape, pose_b: SpatialPose) -> list[SpatialContact]:
-    """The contacts of two shapes: one for each sphere that rounds A, and each corner on a plane.
+    """Return the contacts of two shapes, one for each point where they may touch.
 
-    Spheres and capsules meet everything but hulls; boxes, cylinders and hulls meet planes by
-    corners, a cylinder by the lowest point of either rim. A capsule meets boxes and cylinders by
-    its ends. Raises ``ValueError`` for other pairs.
+    Spheres and capsules may touch everything but hulls. Boxes and hulls may touch planes with their
+    corners, cylinders with the lowest point of either rim. A capsule touches planes, boxes and
+    cylinders with its two ends. Raises ``ValueError`` for other pairs.
     """
     if isinstance(shape_b, Sphere | Capsule) and not isinstance(shape_a, Sphere):
         shape_a, pose_a, shape_b, pose_b, is_swapped = shape_b, pose_b, shape_a, pose_a, True
@@ -129,19 +129,19 @@ def _find_contacts(shape_a: Shape, pose_a: SpatialPose, shape_b: Shape, pose_b: 
 
 
 def _contact(distance: ca.SX, normal: ca.SX, centre: ca.SX, radius: ca.SX | float) -> SpatialContact:
-    """Contact of a sphere whose centre is at ``distance`` from B."""
+    """Return the contact with B of a sphere whose centre is at ``distance`` from B."""
     return SpatialContact(distance - radius, normal, centre - radius * normal)
 
 
 def _of_points(point_a: ca.SX, radius: ca.SX | float, point_b: ca.SX, other_radius: ca.SX | float) -> SpatialContact:
-    """Contacts of spheres around two points."""
+    """Return the contact of two spheres around two points."""
     offset = point_a - point_b
     distance = ca.norm_2(offset)
     return _contact(distance - other_radius, offset / distance, point_a, radius)
 
 
 def _lowest(shape: Shape, pose: SpatialPose, normal: ca.SX) -> list[tuple[ca.SX, ca.SX | float]]:
-    """The points of a shape that may touch a plane first, each with the radius around it."""
+    """Return the points of a shape that may touch a plane first, each with the radius of the sphere around it."""
     match shape:
         case Sphere():
             return [(pose.to_world(shape.centre), shape.radius)]
@@ -161,7 +161,7 @@ def _lowest(shape: Shape, pose: SpatialPose, normal: ca.SX) -> list[tuple[ca.SX,
 
 
 def box_corners(box: Box) -> list[Vector]:
-    """The eight corners of a box in its body's frame."""
+    """Return the eight corners of a box in its body's frame [m]."""
     R = rotation.matrix(ca.SX(ca.vertcat(*box.quaternion)))
     signs = [(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]
     half_size, centre = (ca.SX(ca.vertcat(*value)) for value in (box.half_size, box.centre))
@@ -179,7 +179,7 @@ def _on_segment(capsule: Capsule, pose: SpatialPose, point: ca.SX) -> ca.SX:
 def _nearest_on_segments(
     capsule_a: Capsule, pose_a: SpatialPose, capsule_b: Capsule, pose_b: SpatialPose
 ) -> tuple[ca.SX, ca.SX]:
-    """Nearest points of two segments (Ericson, Real-Time Collision Detection, 2005, sec. 5.1.9)."""
+    """Return the nearest points of two segments (Ericson, Real-Time Collision Detection, 2005, sec. 5.1.9)."""
     p, q = pose_a.to_world(capsule_a.start), pose_b.to_world(capsule_b.start)
     d, e = pose_a.to_world(capsule_a.end) - p, pose_b.to_world(capsule_b.end) - q
     dd, ee, de, offset = ca.sumsqr(d), ca.sumsqr(e), ca.dot(d, e), p - q
@@ -207,7 +207,7 @@ def _distance_to_round(shape: Sphere | Capsule, pose: SpatialPose, point: ca.SX)
 
 
 def _distance_to_box(box: Box, pose: SpatialPose, point: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Outside the distance from the nearest point of the box, inside from the nearest side."""
+    """Return the signed distance of a point from a box, inside from the nearest side, and the normal."""
     R = pose.R @ ca.sparsify(rotation.matrix(ca.SX(ca.vertcat(*box.quaternion))))
     local = R.T @ (point - pose.to_world(box.centre))
     side = ca.if_else(local >= 0, 1, -1)
@@ -226,14 +226,14 @@ def _distance_to_box(box: Box, pose: SpatialPose, point: ca.SX) -> tuple[ca.SX, 
 
 
 def _distance_to_cylinder(cylinder: Cylinder, pose: SpatialPose, point: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """As beside a box, in the plane of distance from the axis and height along it."""
+    """Return signed distance and normal as for a box, in the plane of distance from the axis and height along it."""
     start, end = pose.to_world(cylinder.start), pose.to_world(cylinder.end)
     axis, middle = end - start, (start + end) / 2
     half_length = ca.norm_2(axis) / 2
     axis /= 2 * half_length
     height = ca.dot(point - middle, axis)
     across = point - middle - height * axis
-    # On the axis itself no direction is the nearest; there the side is no neighbour.
+    # On the axis the radial direction is undefined; the constant avoids a division by zero.
     reach = ca.sqrt(ca.sumsqr(across) + 1e-24)
     up = ca.if_else(height >= 0, 1, -1)
     d = ca.vertcat(reach - cylinder.radius, up * height - half_length)
@@ -254,4 +254,4 @@ _DISTANCE_FUNCTIONS: dict[type, DistanceFunction] = {
     Box: _distance_to_box,
     Cylinder: _distance_to_cylinder,
 }
-"""Signed distance of a point from a shape's surface, and the unit normal out there."""
+"""Mapping from shape types to functions that return a point's signed distance [m] and the outward unit normal."""

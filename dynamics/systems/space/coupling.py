@@ -1,4 +1,4 @@
-"""Joints that move together: linear equations between hinges and slides."""
+"""Couplings of joints: linear equations between the positions of hinges and slides."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from dynamics.systems.space.tree import Tree
 class Coupling:
     """The equation ``sum(coefficients[body] * q[body]) = value`` between hinges and slides.
 
-    The first body follows the others. The step obeys the equation exactly at its end, by forces
-    that do no work on the motions it allows. Units: value in those of the first body's q.
+    The first body's joint depends on the others. The equation holds exactly at the end of a step, by
+    forces that do no work on the motions it allows. ``value`` has the unit of the first body's q.
     """
 
     coefficients: Mapping[str, float]
@@ -27,7 +27,7 @@ class Coupling:
 class CoupledJoints:
     """All couplings of a tree: ``A p = b`` for the positions p of its hinges and slides.
 
-    ``dependent`` are indices into v of the joints that follow, ``independent`` all others, and
+    ``dependent`` are indices into v of the dependent joints, ``independent`` all others, and
     ``basis`` (nv, nv - m) the velocities that the couplings allow, ``v = basis v[independent]``.
 
     Raises ``ValueError`` for an unknown body, one that is neither a hinge nor a slide, and
@@ -53,7 +53,7 @@ class CoupledJoints:
         self.basis[self.dependent] = -self.A[:, self.independent]
 
     def close(self, tree: Tree, q: ca.SX) -> ca.SX:
-        """Return q (nq, 1) with the joints that follow where the couplings want them."""
+        """Return q (nq, 1) with the dependent joints at positions that satisfy the couplings."""
         closed, position = ca.SX(q), tree.position_of(q)
         indices = {tree.v_of[name].start: q_slice for name, q_slice in tree.q_of.items()}
         for k, i in enumerate(self.dependent):
@@ -64,9 +64,9 @@ class CoupledJoints:
     def constrain(self, force: ca.SX, position: ca.SX, v_next: ca.SX, h: ca.SX | float) -> ca.SX:
         """Return equations of motion (nv, 1): those along ``basis``, and the couplings.
 
-        ``force`` (nv, 1) is the residual without couplings, ``position`` (nv, 1) where hinges and
-        slides stand before the step. Rows of joints that follow become
-        ``A v+ + (A p - b) / h = 0``, so that the couplings hold at the step's end.
+        ``force`` (nv, 1) is the residual without couplings, ``position`` (nv, 1) the positions of
+        hinges and slides before the step. Rows of dependent joints become
+        ``A v+ + (A p - b) / h = 0``, so that the couplings hold at the end of the step.
         """
         rows = ca.SX(force)
         rows[self.independent] = self.basis.T @ force

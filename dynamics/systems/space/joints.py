@@ -12,7 +12,7 @@ from dynamics.systems.space.body import Body
 
 @dataclass(frozen=True, eq=False)
 class JointFrame:
-    """Rotation of a body's axes into its parent's, its origin there, and what its joint moves.
+    """Rotation of a body's axes into its parent's, its origin there [m], and the motions of its joint.
 
     ``turns`` and ``moves`` (3, n) are the columns of angular and linear velocity in the body's own
     axes for each entry of v; of a free joint the linear ones are left out, see
@@ -26,7 +26,7 @@ class JointFrame:
 
 
 def joint_frame(body: Body, at: ca.SX) -> JointFrame:
-    """Return the frame of a body whose joint stands at ``at``, its entries of q."""
+    """Return the frame of a body at its joint position ``at``, which are its entries of q."""
     axis = ca.sparsify(ca.SX(ca.vertcat(*body.axis)))
     turn, none = rotation.matrix(ca.SX(ca.vertcat(*body.quaternion))), ca.SX(3, 1)
     place = ca.sparsify(ca.SX(ca.vertcat(*body.position)))

@@ -25,12 +25,12 @@ from dynamics.systems.system import ContactSystem
 _FIXED = SpatialPose(ca.SX.eye(3), ca.SX(3, 1))
 """Pose of the world."""
 EQUAL_CONTACTS_TOLERANCE = 1e-12
-"""Relative difference up to which numbers of two contacts are equal."""
+"""Maximum relative difference between the rows of two contacts that count as equal."""
 
 
 @dataclass(frozen=True, eq=False)
 class SpatialPart:
-    """A ``shape`` fixed to a body, in its frame, or to the :data:`WORLD`, where it never moves."""
+    """A ``shape`` fixed to a body, in the body's frame, or to the :data:`WORLD`, where it never moves."""
 
     name: str
     body: str
@@ -46,20 +46,20 @@ class SpatialPart:
 
     @property
     def placed(self) -> PlacedShape:
-        """Its shape and body."""
+        """Name, body and shape of the part."""
         return PlacedShape(self.name, self.body, self.shape)
 
 
 @dataclass(frozen=True, eq=False)
 class SpatialMachine(Multibody):
-    """A tree of bodies, the parts on them, and who meets whom.
+    """A machine in space: a tree of bodies, parts on them, and pairs of parts that may touch.
 
-    ``collision_pairs`` are pairs of names of parts, on two bodies each, that may touch; one of them may be
-    on the :data:`WORLD`. Their contacts are called ``<one> on <other>``, with a number behind where
-    a pair has several points; of points that all joints move alike, as those of a box that moves in
-    a plane, there is one. ``gravity`` is an acceleration [m/s²], ``couplings`` bind joints.
+    ``collision_pairs`` are pairs of names of parts on different bodies; one of the two may be on the
+    :data:`WORLD`. Their contacts are called ``<one> on <other>``, with a number appended where a pair
+    has several points. Points that all joints move alike, such as those of a box that moves in a
+    plane, are one contact. ``gravity`` is an acceleration [m/s²].
 
-    Raises ``ValueError`` for bodies that are no tree, and for names that are unknown or used twice.
+    Raises ``ValueError`` for bodies that form no tree, and for names that are unknown or used twice.
     """
 
     bodies: tuple[Body, ...]
@@ -77,12 +77,12 @@ class SpatialMachine(Multibody):
 
     @property
     def members(self) -> tuple[Body, ...]:
-        """The bodies."""
+        """Bodies of the machine."""
         return self.bodies
 
     @property
     def shapes(self) -> tuple[PlacedShape, ...]:
-        """The parts."""
+        """Shapes of the parts."""
         return tuple(part.placed for part in self.parts)
 
     @cached_property
@@ -94,11 +94,11 @@ class SpatialMachine(Multibody):
         return self._tree
 
     def coupled_joints(self) -> CoupledJoints | None:
-        """Return the joints that move together, None without any."""
+        """Return the couplings of the tree's joints, None without any."""
         return CoupledJoints(self.tree(), self.couplings) if self.couplings else None
 
     def contacts_with_bodies(self, q: ca.SX) -> dict[str, tuple[SpatialContact, str, str]]:
-        """Contacts at the pose ``q`` (nq, 1), each with the bodies of its A and of its B."""
+        """Return a mapping from names to contacts at ``q`` (nq, 1), each with the bodies of shape A and of shape B."""
         places, contacts = body_places(self.tree(), q), {}
         for pair, placed_a, placed_b in self.meeting_shapes():
             owners = placed_a.owner, placed_b.owner
@@ -111,16 +111,16 @@ class SpatialMachine(Multibody):
 
     @cached_property
     def _points(self) -> dict[tuple[str, str], list[int]]:
-        """Numbers of the points that each pair has once, of those that were looked at."""
+        """Cache: mapping from a collision pair to the indices of its distinct points."""
         return {}
 
     @cached_property
     def _q(self) -> ca.SX:
-        """A pose at which points are compared; one for all pairs, whose tree is built once."""
+        """Symbolic pose at which points are compared, one for all pairs so that the tree is evaluated once."""
         return ca.SX.sym("q", self.tree().nq)
 
     def contacts(self, q: ca.SX, spheres: Collection[str] | None = None) -> dict[str, SpatialContact]:
-        """Return the contacts at the pose ``q`` (nq, 1) by name; no ``spheres`` are told apart in space."""
+        """Return a mapping from names to contacts at the pose ``q`` (nq, 1); ``spheres`` has no effect in space."""
         return {name: contact for name, (contact, *_) in self.contacts_with_bodies(q).items()}
 
     def system(
@@ -132,10 +132,10 @@ class SpatialMachine(Multibody):
         friction: ca.SX | float | None,
         **options: Unpack[SpatialStepOptions],
     ) -> ContactSystem:
-        """One step of the machine with friction and joint limits, as :class:`SpatialStep` has it.
+        """Return one step of the machine with friction and joint limits, see :class:`SpatialStep`.
 
-        ``friction`` is Coulomb's coefficient, of all contacts or of each, None without friction;
-        one unit of input may also be the position of a servo.
+        ``friction`` is Coulomb's coefficient, one for all contacts or one for each, None without
+        friction. The input of a servo is its target position.
         """
         tree = self.tree()
 
@@ -151,7 +151,7 @@ class SpatialMachine(Multibody):
 
 
 class SpatialStepOptions(StepOptions, total=False):
-    """Settings of a step in space: those of every machine, and ``edges`` and ``inertial`` of :class:`SpatialStep`."""
+    """Settings of a step in space: :class:`StepOptions`, and ``edges`` and ``inertial`` of :class:`SpatialStep`."""
 
     edges: int
     inertial: bool
@@ -162,21 +162,21 @@ def _motions(tree: Tree, q: ca.SX, body: str) -> JointAxes:
 
 
 def body_places(tree: Tree, q: ca.SX) -> dict[str, SpatialPose]:
-    """Return places of the world and all bodies at the pose ``q`` (nq, 1), by name."""
+    """Return a mapping from names of bodies, and :data:`WORLD`, to their frames at the pose ``q`` (nq, 1)."""
     return {WORLD: _FIXED} | {name: SpatialPose(*tree.pose(q, name)) for name in tree.bodies}
 
 
 def name_contacts(name_a: str, name_b: str, contacts: Sequence[SpatialContact]) -> dict[str, SpatialContact]:
-    """Name the contacts of two parts, with numbers where there are several."""
+    """Return a mapping from names to the contacts of two parts, with numbers where there are several."""
     numbers = [f" {k}" for k in range(1, len(contacts) + 1)] if len(contacts) > 1 else [""]
     return {f"{name_a} on {name_b}{number}": contact for number, contact in zip(numbers, contacts, strict=False)}
 
 
 def distinct_points(tree: Tree, q: ca.SX, part_a: PlacedShape, part_b: PlacedShape, count: int) -> list[int]:
-    """Numbers of the ``count`` contacts of two parts, without those that push and rub as another.
+    """Return indices of the ``count`` contacts of two parts, without those that duplicate another.
 
-    Two are alike where distances and rows along normal and tangents agree at random poses of the
-    symbol ``q`` (nq, 1); no two points of a body that turns about a centre are.
+    Contacts are duplicates where distances and rows along normal and tangents agree at random poses
+    of the symbol ``q`` (nq, 1); where these depend on a quaternion none are.
     """
     if count < 2:
         return list(range(count))

@@ -1,15 +1,15 @@
-"""Unit quaternions (w, x, y, z) as SX: products, rotations, and turning by a rotation vector."""
+"""Unit quaternions (w, x, y, z) as SX: products, rotation matrices, and integration of rotation vectors."""
 
 from __future__ import annotations
 
 import casadi as ca
 
 _SERIES_LIMIT = 1e-3
-"""Squares of half angles [rad²] below which sine and cosine are their series."""
+"""Square of the half angle [rad²] below which sine and cosine are computed by their series."""
 
 
 def product(a: ca.SX, b: ca.SX) -> ca.SX:
-    """Hamilton's product of two quaternions (4, 1): turn by b, then by a."""
+    """Return Hamilton's product of two quaternions (4, 1): rotation by b, then by a."""
     return ca.vertcat(
         a[0] * b[0] - ca.dot(a[1:], b[1:]),
         a[0] * b[1:] + b[0] * a[1:] + ca.cross(a[1:], b[1:]),
@@ -29,7 +29,7 @@ def matrix(q: ca.SX) -> ca.SX:
 def from_axis_angle(axis: ca.SX, angle: ca.SX) -> ca.SX:
     """Rotation matrix (3, 3) about a unit ``axis`` (3, 1) by ``angle`` [rad], Rodrigues' formula.
 
-    Along an axis of coordinates the entries that are zero or one are so structurally.
+    About a coordinate axis the entries 0 and 1 are constants of the graph.
     """
     c, s = ca.cos(angle), ca.sin(angle)
     for k in range(3):
@@ -43,14 +43,14 @@ def from_axis_angle(axis: ca.SX, angle: ca.SX) -> ca.SX:
 
 
 def integrate(q: ca.SX, rotation_vector: ca.SX) -> ca.SX:
-    """``q (+) way``: q turned about ``rotation_vector`` (3, 1) in its own axes by its length [rad], exactly.
+    """Return ``q (+) w``: q rotated exactly by ``rotation_vector`` w (3, 1) [rad], in the rotated frame's axes.
 
-    ``q exp(way / 2)``, drawn back to the unit sphere by one step of Newton's method, so that
-    rounding does not add up over steps.
+    ``q exp(w / 2)``, normalised by one step of Newton's method, so that rounding errors do not add
+    up over steps.
     """
     half_angle_squared = ca.sumsqr(rotation_vector) / 4
     is_small = half_angle_squared < _SERIES_LIMIT
-    # Away from zero the series' branch is not used; at zero the root's slope would be infinite.
+    # Where the series is used the root's argument is 1, as its slope at 0 would be infinite.
     half_angle = ca.sqrt(ca.if_else(is_small, 1, half_angle_squared))
     w = ca.if_else(
         is_small,
@@ -63,6 +63,6 @@ def integrate(q: ca.SX, rotation_vector: ca.SX) -> ca.SX:
 
 
 def rate_matrix(q: ca.SX) -> ca.SX:
-    """Derivative (4, 3) of ``q (+) way`` by way at zero, for unit q: ``dq/dt = slope(q) omega``."""
+    """Derivative (4, 3) of ``q (+) w`` with respect to w at zero, for unit q: ``dq/dt = rate_matrix(q) omega``."""
     w, v = q[0], q[1:]
     return ca.vertcat(-v.T, w * ca.SX.eye(3) + ca.skew(v)) / 2

@@ -1,4 +1,4 @@
-"""Shapes of bodies in space, as plain numbers in the frame of their body."""
+"""Shapes of bodies in space, in the frame of their body."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from dynamics.systems.space.body import Number, Quaternion, Vector, require_unit
 
 @dataclass(frozen=True, eq=False)
 class Sphere:
-    """All within ``radius`` [m] of ``centre``; the radius 0 is a point."""
+    """A sphere: all points within ``radius`` [m] of ``centre``; the radius 0 gives a point."""
 
     radius: Number
     centre: Vector = (0.0, 0.0, 0.0)
@@ -22,7 +22,7 @@ class Sphere:
 
 @dataclass(frozen=True, eq=False)
 class Capsule:
-    """All within ``radius`` [m] of the segment from ``start`` to ``end``."""
+    """A capsule: all points within ``radius`` [m] of the segment from ``start`` to ``end``."""
 
     start: Vector
     end: Vector
@@ -50,7 +50,7 @@ class Cylinder:
 
 @dataclass(frozen=True, eq=False)
 class Box:
-    """A box with half sides ``half_size`` [m] around ``centre``, turned by a unit quaternion."""
+    """A box with half sides ``half_size`` [m] around ``centre``, rotated by a unit quaternion."""
 
     half_size: Vector
     centre: Vector = (0.0, 0.0, 0.0)
@@ -66,7 +66,7 @@ class Box:
 
 @dataclass(frozen=True, eq=False)
 class Hull:
-    """The convex hull of ``points`` [m], of a mesh."""
+    """The convex hull of ``points`` [m], such as the vertices of a mesh."""
 
     points: tuple[Vector, ...]
 

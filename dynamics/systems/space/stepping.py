@@ -25,7 +25,7 @@ PYRAMID_EDGES = (4, 8)
 
 @dataclass(frozen=True, eq=False)
 class ContactPair:
-    """A contact at a pose: its name, what moves A and B, and whether B is the world."""
+    """A contact at a pose: its name, the axes that move A (``one``) and B, and whether B is the world (``outside``)."""
 
     name: str
     contact: SpatialContact
@@ -36,28 +36,27 @@ class ContactPair:
 
 @dataclass(frozen=True, eq=False)
 class SpatialStep:
-    """Implicit time stepping in space, plastic impacts, Coulomb friction with two tangents.
+    """Implicit time stepping in space with plastic impacts and Coulomb friction along two tangents.
 
     ``M(q) (v+ - v) = h (B u - C(q, v) v+ - g(q) - D v+ - K (p + h v+ - r)) + J_n' gamma
-    + J_t' beta + J_l' nu`` and ``q+ = q (+) h v+``, where quaternions turn exactly and stay of unit
-    length, p are the positions of hinges and slides and r those where springs rest, or what servos
-    are told. Velocity forces are linear in v+ and turn energy over without making any where M does
-    not change. In place of ``v+ - v`` of a free body's origin stands the change of its centre of
-    mass, v taken at the pose before, ``q (-) h v``, so that momentum is kept. The pairs are those
-    of :func:`~dynamics.systems.timestepping.time_stepping`, but that the friction cone is a pyramid
+    + J_t' beta + J_l' nu`` and ``q+ = q (+) h v+``, which rotates quaternions exactly and keeps their unit
+    length; p are the positions of hinges and slides, r the rest positions of springs or the commands
+    of servos. Velocity forces are linear in v+ and generate no energy where M is constant. For a free
+    body ``v+ - v`` is the change of velocity of its centre of mass, with v taken at the previous pose
+    ``q (-) h v``, so that momentum is conserved. The pairs are those of
+    :func:`~dynamics.systems.timestepping.time_stepping`, except that the friction cone is a pyramid
     inscribed in Coulomb's, with 4 or 8 ``edges``:
 
     ``0 <= beta_k ⟂ psi + h d_k' J_t v+ >= 0``  and  ``0 <= psi ⟂ f gamma - sum beta_k >= 0``.
 
-    A machine all of whose contacts can slide along one tangent alone has the two edges of that,
-    which is the first tangent of each contact, or the second of each.
+    Where all contacts can slide only along their first tangent, or all only along their second, the
+    pyramid has two edges, along this tangent.
 
-    State (q, v), contacts are impulses [N s]. Without ``inertial`` the step forgets v and is quasi-
-    dynamic: ``M v+`` stands in place of ``M (v+ - v) + h C v+``, and servos have no inertia.
+    The state is (q, v), multipliers are impulses [N s]. Without ``inertial`` the step is independent of
+    v and quasi-dynamic: ``M v+`` replaces ``M (v+ - v) + h C v+``, and servos have no inertia.
     Stewart and Trinkle, as there; Anitescu and Potra, doi 10.1023/A:1008292328909.
 
-    ``touches`` maps a pose to the contacts there. Joints that are ``coupled`` move together at the end
-    of the step.
+    ``touches`` maps a pose to its contacts. The equations of ``coupled`` hold at the end of the step.
 
     Raises ``ValueError`` for an unknown cone or number of edges, and for h that is not positive.
     """
@@ -83,7 +82,7 @@ class SpatialStep:
 
     @cached_property
     def _symbols(self) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """State, input, and state at the end of the step."""
+        """Symbols of the state, the input, and the state at the end of the step."""
         nx, nu = self.tree.nq + self.tree.nv, len(self.tree.actuated)
         return ca.SX.sym("x", nx), ca.SX.sym("u", nu), ca.SX.sym("x_next", nx)
 
@@ -94,7 +93,7 @@ class SpatialStep:
         return x[:nq], x[nq:], x_next[nq:]
 
     def system(self) -> ContactSystem:
-        """Build the system."""
+        """Build the contact system of the step."""
         tree = self.tree
         contacts = tuple(Signal(touch.name, "N s", "normal impulse") for touch in self.touches(self._state[0]))
         ends = tuple(f"{body} {end}" for end in ("low", "high") for body, *_ in tree.limits)
@@ -125,7 +124,7 @@ class SpatialStep:
 
     @cached_property
     def _tangents(self) -> tuple[int, int]:
-        """The first tangent along which contacts can slide, 0 or 1, and the edges of friction's pyramid."""
+        """Index of the first tangent along which contacts can slide, 0 or 1, and number of edges of the pyramid."""
         q, nv = self._state[0], self.tree.nv
         count = len(self.touches(q))
         tangent_rows = ca.vertsplit(self._rows(q)[1], count) if count else [ca.SX(0, nv)] * 2
@@ -229,9 +228,9 @@ def _input(tree: Tree, motor: str) -> Signal:
 
 
 def about_centres(tree: Tree, q: ca.SX, v: ca.SX, sign: int = 1) -> ca.SX:
-    """v (nv, 1) with the velocity of a free body's centre of mass in place of its origin's.
+    """Return v (nv, 1) with velocities of free bodies' centres of mass in place of those of their origins.
 
-    With ``sign`` -1 the other way round.
+    With ``sign`` -1 convert from centres of mass to origins.
     """
     converted = ca.SX(v)
     for name, centre in tree.centres.items():
@@ -242,10 +241,10 @@ def about_centres(tree: Tree, q: ca.SX, v: ca.SX, sign: int = 1) -> ca.SX:
 
 
 def centre_velocities(tree: Tree, q: ca.SX, v: ca.SX, h: ca.SX | float) -> ca.SX:
-    """Return :func:`about_centres` of a state, whose v is that at the pose before, ``q (-) h v``.
+    """Return :func:`about_centres` of v at the previous pose ``q (-) h v``.
 
-    A step of h hands over the velocities of centres of mass exactly by that: it ends with origins'
-    velocities at the pose that it set out from.
+    A step of h ends with velocities of origins at the pose where it started, so that this returns the
+    velocities of centres of mass exactly.
     """
     q_before = ca.SX(q)
     for name in tree.centres:

@@ -16,16 +16,16 @@ from dynamics.systems.space.joints import JointFrame, joint_frame
 
 
 class Tree:
-    """Rigid bodies joined to trees in space.
+    """Equations of motion of trees of rigid bodies in space.
 
     ``M(q) dv/dt + C(q, v) v + g(q) = B u + springs + dampers + contact forces``. M comes from
     composite rigid bodies and the rest from Newton-Euler recursions in the axes of each body
-    (Featherstone, Rigid Body Dynamics Algorithms, 2008, ch. 5-6). q and v stand in the order of the
-    bodies given, as MuJoCo has them: a free joint has its place in the world, its quaternion, the
-    velocity of its origin in the world's axes and its angular velocity in its own.
+    (Featherstone, Rigid Body Dynamics Algorithms, 2008, ch. 5-6). q and v have the order of the
+    bodies given, as in MuJoCo: a free joint has its position in the world and its quaternion, the
+    velocity of its origin in the world's axes and its angular velocity in the body's.
 
     All methods take and return SX expressions; quaternions in q must be of unit length.
-    Raises ``ValueError`` where the bodies are no tree.
+    Raises ``ValueError`` where the bodies form no tree.
     """
 
     def __init__(self, bodies: Sequence[Body], gravity: Vector = (0.0, 0.0, -9.81)) -> None:
@@ -80,7 +80,7 @@ class Tree:
 
     @cached_property
     def centres(self) -> dict[str, ca.SX]:
-        """Centres of mass (3, 1) [m] of free bodies whose origin is another point, by name."""
+        """Mapping from names of free bodies to their centre of mass (3, 1) [m] where it is not the origin."""
         centres = {
             name: ca.sparsify(ca.SX(ca.vertcat(*body.com)))
             for name, body in self.bodies.items()
@@ -90,7 +90,7 @@ class Tree:
 
     @cached_property
     def offset_origin_entries(self) -> list[int]:
-        """Indices into q of all places of free bodies that turn about another point."""
+        """Indices into q of the origins of free bodies whose centre of mass is another point."""
         return [self.q_of[name].start + k for name in self.centres for k in range(3)]
 
     @cached_property
@@ -99,7 +99,7 @@ class Tree:
         return sum((ca.SX(body.mass) for body in self._ordered), ca.SX(0))
 
     def per_velocity(self, value: Callable[[Body], Number | None]) -> ca.SX:
-        """One number of every body for all of its velocities (nv, 1), zero where it is None."""
+        """Return ``value`` of the body of each velocity (nv, 1), zero where it is None."""
         values = (value(body) for body in self.bodies.values() for _ in range(VELOCITIES[body.joint]))
         return ca.sparsify(ca.vertcat(ca.SX(0, 1), *(ca.SX(0 if entry is None else entry) for entry in values)))
 
@@ -112,10 +112,10 @@ class Tree:
         return positions
 
     def advance(self, q: ca.SX, displacements: ca.SX, *, centred: bool = True) -> ca.SX:
-        """``q (+) way`` (nq, 1), way (nv, 1) along v: quaternions turn exactly, the rest adds.
+        """Return ``q (+) displacements`` (nq, 1), displacements (nv, 1) along v; quaternions rotate exactly.
 
-        Of a free body the centre of mass moves straight and its origin turns about that, or where
-        not ``centred`` the origin moves straight, which is the same for small ways.
+        The centre of mass of a free body moves straight and its origin rotates about it; where not
+        ``centred`` the origin moves straight, which is the same to first order.
         """
         q_parts = []
         for name, body in self.bodies.items():
@@ -140,7 +140,7 @@ class Tree:
     def joint_axes(self, q: ca.SX, body: str) -> list[tuple[int, ca.SX, ca.SX, ca.SX]]:
         """Return the axes that move a body: (index into v, turning axis, direction moved, a point of the axis).
 
-        All in the world's axes, of the body's joint and of all above it.
+        All are in the world's axes, for the body's joint and those of its ancestors.
         """
         axes, joints, ancestor = [], self._joints(q), body
         while ancestor is not None:
@@ -201,11 +201,11 @@ class Tree:
     ) -> ca.SX:
         """Force ``M(q) a + C(q, v) w + g(q)`` (nv, 1) without forming M [N m, N].
 
-        ``C(q, v) w`` is linear in v and in w, with ``dM/dt = C + C'`` along v: velocity forces that
-        turn energy over do no work on any w, and can be implicit in w. Niemeyer and Slotine, doi
+        ``C(q, v) w`` is linear in v and in w, with ``dM/dt = C + C'`` along v, so that
+        ``w' (dM/dt - 2 C) w = 0`` for every w, and velocity forces can be implicit in w. Niemeyer and Slotine, doi
         10.1177/027836499101000201; Echeandia and Wensing, doi 10.1115/1.4051169.
 
-        Where ``centred``, a has accelerations of centres of mass of free bodies, as the change of
+        Where ``centred``, a has accelerations of free bodies' centres of mass, the rate of change of
         :func:`~dynamics.systems.space.stepping.about_centres`, in place of those of their origins.
         """
         joints, gravity_acceleration = self._joints(q), self.gravity if gravity is None else gravity
@@ -271,7 +271,7 @@ class Tree:
         return poses
 
     def _composites(self, joints: dict[str, JointFrame]) -> dict[str, tuple[ca.SX, ca.SX, ca.SX]]:
-        """Mass, first and second moment about its origin of each body with all that hangs on it."""
+        """Return mass, first and second moment about its origin of each body with its descendants."""
         composites = {}
         for body in self._ordered:
             com, mass = ca.sparsify(ca.SX(ca.vertcat(*body.com))), ca.SX(body.mass)
@@ -299,10 +299,10 @@ class Tree:
         world_acceleration: ca.SX,
         centres: dict[str, ca.SX],
     ) -> dict[str, tuple[ca.SX, ca.SX, ca.SX, ca.SX]]:
-        """Angular velocity for v and for w, that for w's derivative along v, the origin's likewise.
+        """Return, for each body, angular velocity of v and of w, and angular and linear acceleration of its origin.
 
-        In the axes of each body; ``world_acceleration`` is the acceleration of the world. Of the bodies named in
-        ``centres`` a has that of this point, not of the origin.
+        All are in the body's axes; ``world_acceleration`` is the acceleration of the world. For bodies in
+        ``centres``, a has the acceleration of this point, not of the origin.
         """
         still = ca.SX(3, 1)
         states: dict[str, tuple[ca.SX, ca.SX, ca.SX, ca.SX]] = {}
@@ -333,10 +333,10 @@ class Tree:
 
 
 def _spread(a: ca.SX, b: ca.SX) -> ca.SX:
-    """``a'b 1 - a b'``: second moment of a mass of 1 kg where a = b."""
+    """Return ``a'b 1 - a b'``, for a = b the second moment of a point mass of 1 kg at a."""
     return ca.dot(a, b) * ca.SX.eye(3) - a @ b.T
 
 
 def _symmetric(A: ca.SX) -> ca.SX:
-    """A symmetric matrix by its upper triangle alone, so that the lower one costs nothing."""
+    """Return a symmetric matrix from its upper triangle, so that the lower one is not computed."""
     return ca.triu2symm(ca.triu(A))
