@@ -1,4 +1,4 @@
-"""Closed loop: a receding-horizon controller, and the simulation of it on a plant."""
+"""Receding-horizon controllers (model-predictive control) and their closed-loop simulation on a plant."""
 
 from ocp.mpc.controller import Command, Controller
 from ocp.mpc.phases import PHASES

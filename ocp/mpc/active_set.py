@@ -1,4 +1,4 @@
-"""Active sets: the side of every pair that is held at zero, with independent equations of a step."""
+"""Active sets of plans: which side of each complementarity pair is zero; each step's equations stay independent."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ocp.mpc.stages import Plan, StageModel
 
 @dataclass(frozen=True)
 class Coulomb:
-    """Indices of the pairs of one contact with friction in the plane."""
+    """Indices of the complementarity pairs of one planar contact with Coulomb friction."""
 
     normal: int
     friction: tuple[int, int]
@@ -19,14 +19,13 @@ class Coulomb:
 
 
 class ActiveSets:
-    """Active sets (N, n): True where a pair is closed, its gap held at zero, its force free.
+    """Active sets (N, n): True where a pair is closed, that is, its gap is fixed at zero and its force is free.
 
     Dry friction in the plane has two forces ``beta_i`` along opposite directions and the slip speed
-    ``gamma``, ``0 <= beta_i ⟂ gamma + d_i' v >= 0`` and
-    ``0 <= gamma ⟂ mu lam - sum beta >= 0``. The last is always closed: then a contact that sticks
-    has both forces closed, ``v = gamma = 0`` and ``beta_i >= 0`` is the cone ``|f| <= mu lam``; one
-    that slides has the force closed that brakes it, and so has one without normal force, where
-    ``beta = 0`` whatever the slip.
+    ``gamma``, ``0 <= beta_i ⟂ gamma + d_i' v >= 0`` and ``0 <= gamma ⟂ mu lam - sum beta >= 0``.
+    The last pair is always closed. In a contact that sticks both forces are closed, ``v = gamma = 0``
+    and ``beta_i >= 0`` is the cone ``|f| <= mu lam``. In a contact that slides only the force that
+    brakes it is closed; so it is in an open contact, where ``beta = 0`` at any slip speed.
     """
 
     def __init__(self, model: StageModel) -> None:
@@ -44,7 +43,7 @@ class ActiveSets:
                     self.contacts.append(Coulomb(places_by_kind["normal"][0], (f[0], f[1]), places_by_kind["slip"][0]))
 
     def of(self, plan: Plan) -> np.ndarray:
-        """Return the active set of a plan: a pair is closed if its force is the larger side."""
+        """Return a plan's active set: a pair is closed if its scaled force is larger than its scaled gap."""
         lam_size, gap_size = self.model.sizes
         dominance = plan.lam / lam_size - plan.gap / gap_size
         closed = dominance > 0
@@ -57,9 +56,9 @@ class ActiveSets:
         return closed
 
     def exchanged(self, closed: np.ndarray, pairs: np.ndarray) -> np.ndarray:
-        """Return ``closed`` with the sides of ``pairs`` (N, n) exchanged.
+        """Return the active set ``closed`` with the sides of the pairs in the mask ``pairs`` (N, n) exchanged.
 
-        A contact that opens slides, and one of two friction forces stays closed.
+        Of a contact that opens, one of the two friction forces stays closed.
         """
         exchanged = closed ^ pairs
         for contact in self.contacts:
@@ -70,7 +69,7 @@ class ActiveSets:
         return exchanged
 
     def frictionless(self, closed: np.ndarray) -> np.ndarray:
-        """Return a mask (N, n): pairs of friction and slip whose contact is open, so that their rows are idle."""
+        """Return a mask (N, n): friction and slip pairs of open contacts, whose rows constrain nothing."""
         frictionless = np.zeros_like(closed)
         for contact in self.contacts:
             places = [*contact.friction, contact.slip]
@@ -78,7 +77,7 @@ class ActiveSets:
         return frictionless
 
     def exchangeable(self, closed: np.ndarray) -> np.ndarray:
-        """Return a mask (N, n): pairs that may change their side alone; none of slip, of friction one of two."""
+        """Return a mask (N, n): pairs that may change their side alone; slip pairs and lone closed friction may not."""
         exchangeable = ~self.frictionless(closed)
         for contact in self.contacts:
             f = list(contact.friction)

@@ -1,4 +1,4 @@
-"""Path constraints and bounds on states as rows of a plan, soft at a penalty."""
+"""Path constraints and bounds on states as inequality rows of a plan, softened by a penalty."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from ocp.problem.problem import Problem
 from ocp.transcription.common import constraint_names
 
 PENALTIES = (1e3, 1e4, 1e5, 1e6)
-"""Prices of a slack, in characteristic costs for a characteristic size; the next is tried while it
-lowers the violation by a hundredth."""
+"""Penalties of a slack, in characteristic costs per characteristic size; the next is tried while each lowers
+the violation by 1 %."""
 MET_TOLERANCE = 1e-6
-"""Largest violation of a row that counts as met, in characteristic sizes."""
+"""Maximum violation of a row that counts as satisfied, in characteristic sizes."""
 PENALTY_FALL = 0.99
-"""Largest share of the violation that a larger penalty may leave to be taken."""
+"""A larger penalty is accepted if it lowers the violation to less than this share of it."""
 
 
 @dataclass(frozen=True)
 class ConstraintRows:
-    """Path constraints and bounds on x_next as ``expression`` (m, 1), which is 0 or more.
+    """Path constraints and bounds on x_next as ``expression >= 0`` with m scaled rows.
 
-    In characteristic ``sizes`` (m,): those of the states for bounds, and for a path constraint what
-    it changes by near the start, to first order, as states and inputs move by theirs. ``kinds``
-    (m,) are ``bound on x`` or ``path``, ``names`` those of states and constraints.
+    Each row is divided by its characteristic size in ``sizes`` (m,). That of a bound is the state's; that of
+    a path constraint is its first-order change near the start as states and inputs change by their sizes.
+    ``kinds`` (m,) are ``bound on x`` or ``path``; ``names`` (m,) are those of the states and constraints.
     """
 
     expression: ca.SX
@@ -37,7 +37,7 @@ class ConstraintRows:
 
     @classmethod
     def of(cls, problem: Problem) -> ConstraintRows:
-        """Return the rows of a problem; an infinite bound has none."""
+        """Build the rows of a problem, without rows for infinite bounds."""
         system, path = problem.system, problem.path
         value = ca.vertcat(*(constraint.expression for constraint in path), system.x_next)
         names = [
@@ -62,7 +62,7 @@ class ConstraintRows:
         return cls(expression, kinds, signal_names, sizes[indices])
 
     def violations(self, amounts: np.ndarray) -> list[Broken]:
-        """Return each violated constraint of ``amounts`` (S, N, m) at its worst step, the worst first."""
+        """Return each violated constraint at its worst step, worst first, from violations ``amounts`` (S, N, m)."""
         amounts, worst = np.nan_to_num(amounts, nan=0.0), dict[tuple[str, str], Broken]()
         for i in np.argsort(-amounts.max(axis=(0, 1), initial=0.0), kind="stable"):
             s, k = divmod(int(amounts[:, :, i].argmax()), amounts.shape[1])
@@ -74,7 +74,7 @@ class ConstraintRows:
 
 
 def _path_sizes(problem: Problem) -> np.ndarray:
-    """Return characteristic sizes of path constraints, one size away from the start; 1 for a constant."""
+    """Return sizes of the path constraints from slopes one characteristic size off the start, 1 for zero slopes."""
     scales, p = problem.scales, problem.parameters
     path = ca.vertcat(ca.SX(0, 1), *(constraint.expression for constraint in problem.path))
     x, u = (np.array(v).ravel() for v in problem.limits(p.values)[:2])

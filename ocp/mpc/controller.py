@@ -1,4 +1,4 @@
-"""A receding-horizon controller, built once and then evaluated at every sample."""
+"""A receding-horizon controller, which is built once and then evaluated at every sample."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ from ocp.validation import Count, Positive, validated
 
 @dataclass(frozen=True)
 class Command:
-    """A controller's answer to one sample: the input, the plan behind it, and its status.
+    """A controller's answer to one sample: the input ``u`` (nu,), the plan that it is from, and a status.
 
-    ``status`` is ``solved``, ``plan before`` (no step improved on the shifted plan), ``kept`` (no
-    new plan could be made; the shifted one goes on) or ``late`` (the deadline was missed and the
-    shifted plan's input is sent); ``note`` describes anything unusual in sentences. ``seconds`` is
-    the time of the sample's whole work, preparation and feedback. ``merit`` is the plan's cost, with
-    the penalty of violated constraints.
+    ``status`` is ``solved``, ``plan before`` (no step improved on the shifted plan), ``kept`` (no new
+    plan could be computed; the shifted one is used again) or ``late`` (the deadline was missed and the
+    shifted plan's input is used). ``note`` describes anything unusual in sentences. ``seconds`` is the
+    computing time of the sample, preparation and feedback. ``merit`` is the plan's cost plus the
+    penalty of violated constraints.
     """
 
     u: np.ndarray
@@ -52,26 +52,26 @@ class Command:
 
 @dataclass
 class Controller:
-    """Feedback by a plan over a receding horizon.
+    """Receding-horizon controller: a new plan at every sample, of which the first input is applied.
 
         controller = Controller(problems.get("soft-walls"))
         command = controller.step(x, u_before)
 
-    ``contact``, a law or its name, closes the contact of the plans: the exact one, or for the phase
-    ``relaxed`` a smoothed one. ``phase`` is one of :data:`~ocp.mpc.phases.PHASES`; ``policy`` is for
-    the phase ``policy``: a function ``(x, k) -> u``, :class:`~ocp.problem.rollout.Gains`, or None
-    for the regulator's gains along the first plan. ``iterations`` is the number of quadratic
+    ``contact`` is the contact law of the plans or its name: the exact law, or for the phase ``relaxed``
+    a smoothed one. ``phase`` is one of :data:`~ocp.mpc.phases.PHASES`. ``policy`` is for the phase
+    ``policy``: a function ``(x, k) -> u``, :class:`~ocp.problem.rollout.Gains`, or None for the
+    gains of a linear-quadratic regulator along the first plan. ``iterations`` is the number of quadratic
     programs per sample. ``trust`` in (0, 1] weights a measurement against the state that the law
-    predicts from the sample before: below 1 it averages noise out, as an observer with constant
+    predicts from the previous sample: a value below 1 averages out noise, like an observer with constant
     gain. An answer later than the optional ``deadline`` [s] is replaced by the shifted plan's input,
-    and counted in ``misses``. ``notes`` are sentences on what a receding horizon changed in the
+    and counted in ``misses``. ``notes`` are sentences on changes that the receding horizon made to the
     problem.
 
-    Everything symbolic happens here, and functions are compiled once and cached. Measured state,
-    last input, parameters and the law's mu are parameters of the one program.
+    All symbolic work is done on construction, and functions are compiled once and cached. Measured
+    state, last input, parameters and the law's mu are parameters of a single program.
 
     Raises :class:`~ocp.errors.InputError` for an unknown phase, a law that the phase cannot use,
-    numbers out of their range, and a problem with a free step size.
+    numbers out of range, and a problem with a free step size.
     """
 
     problem: Problem
@@ -131,14 +131,14 @@ class Controller:
         self._phase = self._build_phase()
 
     def _evaluate_parameters(self, values: Values) -> tuple[np.ndarray, list[np.ndarray]]:
-        """Return parameters (N+1, np), and the problem's limits at them."""
+        """Return the parameters over the horizon (N+1, np), and the problem's start, last input and bounds at them."""
         values = {**self.parameters, **values}
         p = horizon_rows(self.receding, self.model.names, self._base, values, self._dynamics)
         limits = self.receding.problem.limits(p[0, self.model.of_problem])
         return p, [np.array(v).ravel() for v in limits]
 
     def _first_plan(self, p: np.ndarray) -> tuple[RouteResult | None, Plan]:
-        """Solve the problem once from its own start; a user's policy needs no plan."""
+        """Solve the problem once from its own start; for a user's policy, return the initial guess unsolved."""
         if self.policy is not None:
             x, u = self.receding.problem.initial_guess(p[0, self.model.of_problem])
             zeros = np.zeros((self.model.N, self.model.n))
@@ -152,7 +152,7 @@ class Controller:
         return solved, Plan(solution.x[0], solution.u[0], solution.lam[0], solution.gap[0])
 
     def _regulator(self, p: np.ndarray, exact: bool) -> Gains:
-        """Return gains of the linear-quadratic regulator along the first plan with fixed contacts."""
+        """Return the gains of a linear-quadratic regulator along the first plan, with its active set fixed."""
         limits, plan = self._horizon[2], self._first
         phase = soft_phase(self.model, self.rollouts, exact)
         phase.prepare(plan, Sample(limits[0], limits[1], p, (limits[2], limits[3])))
@@ -162,23 +162,23 @@ class Controller:
 
     @property
     def physical(self) -> np.ndarray:
-        """The problem's parameters (np,) at the last answered sample."""
+        """Values (np,) of the problem's physical parameters at the last sample."""
         return self._p[0, self.model.of_problem][: len(self.problem.parameters)]
 
     @property
     def values_of_sample(self) -> dict[str, float]:
-        """All values by name at the last answered sample."""
+        """Values of all parameters, by name, at the last sample."""
         return dict(zip(self.model.names, self._p[0], strict=True))
 
     def step(self, x: np.ndarray, u_before: np.ndarray | None = None, parameters: Values | None = None) -> Command:
         """Return the input for a measured state ``x`` (nx,).
 
-        ``u_before`` (nu,) is the input that was applied last, by default the one commanded;
-        ``parameters`` are values by name, numbers or, for parameters of the cost and constraints,
-        arrays over the horizon (N,) or (N+1,).
+        ``u_before`` (nu,) is the input that was applied last, by default the last command.
+        ``parameters`` is a mapping from names to numbers or, for parameters of the cost and constraints,
+        to arrays over the horizon (N,) or (N+1,).
 
-        A state that is not finite is replaced by the plan's prediction, a penetrating one is moved
-        out, one outside its bounds is planned from as it is; ``note`` says so. Raises
+        Entries of the state that are not finite are replaced by predictions, and a penetrating state is
+        moved out of contact; a state outside its bounds is used unchanged. ``note`` says so. Raises
         :class:`~ocp.errors.InputError` for arrays of another shape and unknown parameters.
         """
         start_time = time.perf_counter()
@@ -214,7 +214,7 @@ class Controller:
         return Command(u, answer.plan, status, seconds, note, answer.merit)
 
     def _shifted_plan(self, p: np.ndarray, limits: list[np.ndarray]) -> Plan:
-        """Return the plan one step later, its last step by the last gains; itself before any sample."""
+        """Return the plan shifted by one step and extended by the phase's gain; unshifted before the first sample."""
         plan = self.plan
         if self.samples == 0 or not self._phase.plans:
             return plan
@@ -229,7 +229,7 @@ class Controller:
         return Plan(x, u, lam, gap)
 
     def _expected_state(self, shifted: Plan, u_before: np.ndarray, p: np.ndarray) -> np.ndarray:
-        """Return the state that the law predicts from the sample before, or the plan's."""
+        """Return the expected state (nx,): the shifted plan's, or if ``trust < 1`` the law's prediction."""
         if not self.samples or (self.trust == 1 and self._phase.plans):
             return shifted.x[0]
         predicted = self.rollouts.step(self._state[None], u_before[None], p)[0]

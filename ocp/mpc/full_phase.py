@@ -1,4 +1,4 @@
-"""The exact route at every sample: the complementarity problem, warm from the shifted solution."""
+"""Feedback phase that solves the whole problem at every sample, warm-started from the shifted solution."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from ocp.transcription.nlp import trajectories
 
 
 class Full(Phase):
-    """Phase that solves the whole problem, warm from the solution before, by the route of ``solve``.
+    """Phase that solves the whole problem by the route of ``solve``, warm-started from the last solution.
 
-    Where that fails, ``softer`` answers, a phase of quadratic programs with soft constraints, and
-    goes on as long as its plans violate any.
+    Where the solve fails, ``softer``, a phase of quadratic programs with soft constraints, answers
+    instead, also at the following samples as long as its plans violate constraints.
     """
 
     def __init__(self, session: Session, model: StageModel, first: RouteResult, softer: NewtonPhase) -> None:
@@ -31,7 +31,7 @@ class Full(Phase):
         self.is_first, self.violated = True, False
 
     def prepare(self, plan: Plan, sample: Sample) -> None:
-        """Store the shifted plan for a solve that fails."""
+        """Store the shifted plan, which is improved if the solve fails."""
         self.plan = plan
 
     def feedback(self, sample: Sample) -> Answer:
@@ -50,7 +50,7 @@ class Full(Phase):
         return replace(answer, note="; ".join(filter(None, (reason, answer.note))))
 
     def _solved(self, sample: Sample) -> Answer | str:
-        """Return the answer with hard constraints, or the reason why there is none."""
+        """Return the answer with hard constraints, or a sentence that says why the solve failed."""
         session, p = self.session, sample.p
         varying = [n for i, n in enumerate(self.model.names) if np.ptp(p[:, i]) > 0]
         session.values |= dict(zip(self.model.names, p[0], strict=True))
@@ -69,7 +69,7 @@ class Full(Phase):
         return Answer(plan.u[0], plan, "solved", note, float(merit))
 
     def _shifted(self) -> Point:
-        """Return the solution before, one step later; unchanged at the first sample."""
+        """Return the last solution shifted by one step; unshifted at the first sample."""
         if self.is_first:
             self.is_first = False
             return self.point
@@ -81,7 +81,7 @@ class Full(Phase):
 
 
 def shifted(layout: Layout, vector: np.ndarray | None) -> np.ndarray | None:
-    """Return a program's blocks one step later, with the last step repeated."""
+    """Return a program's vector shifted by one step, with the last step repeated; None for None."""
     if vector is None:
         return None
     blocks = {}

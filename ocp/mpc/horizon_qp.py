@@ -1,4 +1,4 @@
-"""The quadratic program of a horizon, solved by PIQP, which uses its stages."""
+"""The quadratic program of a horizon, solved by PIQP, which exploits its block structure over stages."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ocp.mpc.linearised import Affine, Linearised
 from ocp.mpc.stages import StageModel
 
 PENALTY_CURVATURE = 1e-2
-"""Curvature of the penalty, as a share of its slope."""
+"""Second derivative of the penalty of a slack, as a share of its slope."""
 MAX_ROW_VALUE = 1e4
 """Value of a row, in characteristic sizes, above which the row is scaled down."""
 QP_TOLERANCE = 1e-9
@@ -25,11 +25,11 @@ MAX_QP_ITERATIONS = 60
 
 @dataclass(frozen=True)
 class Direction:
-    """A step dx (N+1, nx), du (N, nu) of a plan, and the multipliers of its program.
+    """Solution of a horizon's quadratic program: a step dx (N+1, nx), du (N, nu) of a plan, and multipliers.
 
-    ``costates`` (N, nx) belong to the dynamics, ``rows`` (N, rows) to the rows, in costs for their
-    characteristic sizes; ``objective`` is the change of cost that the program predicts, with the
-    penalty of violated rows. ``violation`` is the sum of the slacks, in characteristic sizes.
+    ``costates`` (N, nx) are the multipliers of the dynamics, ``rows`` (N, n_rows) those of the rows, in
+    cost per characteristic size. ``objective`` is the predicted change of the cost plus the penalty of
+    violated rows. ``violation`` is the sum of the slacks, in characteristic sizes.
     """
 
     dx: np.ndarray
@@ -42,13 +42,13 @@ class Direction:
 
 
 class HorizonQP:
-    """``min sum_k 1/2 w' H w + g' w + penalty`` over steps of a plan, its pattern fixed once.
+    """Quadratic program ``min sum_k 1/2 w' H w + g' w + penalty`` for a plan's step, of fixed sparsity.
 
-    Variables are du_k, slacks s_k and dx_{k+1} of every step; w_k = (dx_k, du_{k-1}, du_k).
-    Dynamics are equations and bounds on inputs hold; rows may be violated by s_k >= 0 at an exact
-    penalty, so that every program has a solution. All rows of a step share one slack, or with
-    ``separate`` each of the model's constraints, which come last, has its own: then a constraint
-    that cannot be met loosens no other.
+    The variables of step k are du_k, slacks s_k and dx_{k+1}, and w_k = (dx_k, du_{k-1}, du_k).
+    Dynamics and bounds on inputs are hard. Rows may be violated by s_k >= 0 at an exact penalty, so
+    that every program is feasible. All rows of a step share one slack. With ``separate`` each of the
+    model's constraints, which are the last rows, has its own slack, so that a constraint that cannot
+    be satisfied does not loosen the others.
     """
 
     def __init__(self, model: StageModel, rows: int, separate: bool = False) -> None:
@@ -70,7 +70,7 @@ class HorizonQP:
         self._solver: piqp.SparseSolver | None = None
 
     def _index_entries(self) -> None:
-        """Index every entry of the Hessian, the equations and the rows."""
+        """Fix the sparsity patterns of the Hessian, the equations and the rows."""
         N, nx, m = self.model.N, self.model.nx, self.n_rows
         nw, end = self.w.shape[1], self.x_next[-1]
         row, column = (np.broadcast_to(v, (N, nw, nw)) for v in (self.w[:, :, None], self.w[:, None]))
@@ -99,10 +99,10 @@ class HorizonQP:
         bounds: tuple[np.ndarray, np.ndarray],
         penalty: float = PENALTIES[0],
     ) -> Direction:
-        """Return the step from a plan whose first state is off by ``dx0`` (nx,).
+        """Return the step of a plan, given the measured state minus the plan's first state ``dx0`` (nx,).
 
-        ``rows`` stay at 0 or above; ``bounds`` are those of du, each (N, nu); ``penalty`` is the
-        price of a slack, in characteristic costs for a characteristic size.
+        ``rows`` are constrained to 0 or above; ``bounds`` are those on du, each (N, nu); ``penalty`` is
+        that of a slack, in characteristic costs per characteristic size.
         """
         model, N, nx = self.model, self.model.N, self.model.nx
         cost = model.problem.scales.cost
@@ -115,7 +115,7 @@ class HorizonQP:
         predicted[0] += lin.x_next.by_x[0] @ dx0
         row_bounds = -rows.value
         row_bounds[0] -= rows.by_x[0] @ dx0
-        # The solver does not reach its tolerance with entries of 1e9 beside those of 1.
+        # The solver does not reach its tolerance where entries of 1e9 and of 1 occur together.
         row_scales = np.maximum(1.0, -row_bounds / MAX_ROW_VALUE)
         entries = np.concatenate([rows.by_x, rows.by_u, np.ones((N, self.n_rows, 1))], axis=2)
         G, row_bounds = self._G((entries / row_scales[:, :, None]).ravel()), row_bounds / row_scales
@@ -162,7 +162,7 @@ class HorizonQP:
 
 
 class _Pattern:
-    """A sparse matrix whose entries come in a fixed order; those at -1 are left out."""
+    """A sparse matrix of fixed pattern, filled from entries in a fixed order; an index of -1 leaves one out."""
 
     def __init__(self, rows: np.ndarray, columns: np.ndarray, shape: tuple[int, int]) -> None:
         self.used = np.flatnonzero((rows >= 0) & (columns >= 0))
@@ -172,6 +172,6 @@ class _Pattern:
         self.matrix = sp.csc_matrix((np.zeros(unique.size), unique % shape[0], starts), shape=shape)
 
     def __call__(self, data: np.ndarray) -> sp.csc_matrix:
-        """Return the matrix of these entries; entries at the same position add up."""
+        """Return the matrix with these entries; entries at the same position are summed."""
         self.matrix.data = np.bincount(self.place, data[self.used], self.matrix.nnz)
         return self.matrix

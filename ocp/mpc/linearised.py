@@ -1,4 +1,4 @@
-"""Steps of a plan linearised, with next state, multipliers and gaps eliminated from each."""
+"""Linearisation of a plan's steps, with next state, multipliers and gaps eliminated from each."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ocp.mpc.stages import Plan, StageModel, StageValues
 
 
 class LinearClosure(NamedTuple):
-    """Linear closure ``a dgap + b dlam - m dmu = c`` of every pair and step, each (N, n)."""
+    """Linearised contact law ``a dgap + b dlam - m dmu = c`` of every pair and step; coefficients are (N, n)."""
 
     a: np.ndarray
     b: np.ndarray
@@ -22,13 +22,13 @@ class LinearClosure(NamedTuple):
 
     @classmethod
     def from_active_set(cls, plan: Plan, closed: np.ndarray) -> LinearClosure:
-        """Return ``gap = 0`` for ``closed`` (N, n) pairs, ``lam = 0`` for the others."""
+        """Build the closure ``gap = 0`` of pairs in the mask ``closed`` (N, n) and ``lam = 0`` of the others."""
         shut = closed.astype(float)
         return cls(shut, 1 - shut, 0 * shut, np.where(closed, -plan.gap, -plan.lam))
 
     @classmethod
     def from_product(cls, plan: Plan, mu: np.ndarray, sizes: tuple[np.ndarray, np.ndarray]) -> LinearClosure:
-        """Return ``lam gap = mu`` linearised at the plan, in ``sizes`` and units of its larger factor."""
+        """Linearise ``lam gap = mu`` at the plan, scaled by ``sizes`` of (lam, gap) and by the larger factor."""
         L, G = (abs(v) / s + FACTOR_FLOOR for v, s in zip((plan.lam, plan.gap), sizes, strict=True))
         lam_size, gap_size = sizes
         larger, unit = np.maximum(L, G), lam_size * gap_size
@@ -37,13 +37,13 @@ class LinearClosure(NamedTuple):
 
 
 EIGENVALUE_ROUNDING = 1e-12
-"""Size of negative eigenvalues, as a share of the trace, that are rounding errors."""
+"""Magnitude of negative eigenvalues that count as rounding errors, as a share of the trace."""
 FACTOR_FLOOR = 1e-10
-"""Number added to both factors, which may vanish together where a law has mu = 0."""
+"""Number added to both factors of ``lam gap``, which may both be zero if mu = 0."""
 
 
 class Affine(NamedTuple):
-    """Affine map ``value + by_x dx + by_u du`` of every step: (N, k), (N, k, nx) and (N, k, nu)."""
+    """Affine map ``value + by_x dx + by_u du`` at every step, of shapes (N, k), (N, k, nx) and (N, k, nu)."""
 
     value: np.ndarray
     by_x: np.ndarray
@@ -52,12 +52,13 @@ class Affine(NamedTuple):
 
 @dataclass
 class Linearised:
-    """A horizon near a plan: everything as changes dx_k, du_k from it.
+    """Linear-quadratic model of a horizon around a plan, in the changes dx_k and du_k.
 
-    ``x_next`` (its change), ``lam``, ``gap`` and ``rows`` are :class:`Affine`; ``gradient`` (N, nw)
-    and ``hessian`` (N, nw, nw) of the cost by w = (x, u_before, u), ``end`` those of the terminal
-    cost. ``by_closure`` (N, nx + n, n) is the change of (x_next, lam) with the closures' right
-    sides, ``gap_by_closure`` (N, n, n) that of the gaps, ``rows_by_closure`` that of the rows.
+    ``x_next`` (its change), ``lam``, ``gap`` and ``rows`` are affine in dx and du. ``gradient``
+    (N, nw) and ``hessian`` (N, nw, nw) are those of the stage cost with respect to
+    w = (x, u_before, u), ``end`` those of the terminal cost. ``by_closure`` (N, nx + n, n) is the
+    derivative of (x_next, lam) with respect to the closures' right sides c, ``gap_by_closure``
+    (N, n, n) that of the gaps, ``rows_by_closure`` (N, m, n) that of the rows.
     """
 
     x_next: Affine
@@ -73,9 +74,9 @@ class Linearised:
 
 
 def linearise(model: StageModel, plan: Plan, evaluated: StageValues, closure: LinearClosure) -> Linearised:
-    """Eliminate x_next, lam and gap from every step: one (nx + n) system for each.
+    """Eliminate x_next, lam and gap from every step by solving a linear system of nx + n equations per step.
 
-    Raises ``numpy.linalg.LinAlgError`` where a step's system is singular.
+    Raises ``numpy.linalg.LinAlgError`` if one of the systems is singular.
     """
     nx, nu, n = model.nx, model.nu, model.n
     xu, J = nx + nu, evaluated.jacobian
@@ -119,7 +120,7 @@ def linearise(model: StageModel, plan: Plan, evaluated: StageValues, closure: Li
 
 
 def _stage_costs(model: StageModel, evaluated: StageValues, dlam: Affine) -> tuple[np.ndarray, np.ndarray]:
-    """Return gradient and Hessian by (x, u_before, u), through the multipliers if the cost has them."""
+    """Return the stage cost's gradient and Hessian in (x, u_before, u), with multipliers eliminated."""
     nw = model.nx + 2 * model.nu
     if not model.costs_impulses:
         return evaluated.gradient[:, :nw], project_psd(evaluated.hessian[:, :nw, :nw])
@@ -132,7 +133,7 @@ def _stage_costs(model: StageModel, evaluated: StageValues, dlam: Affine) -> tup
 
 
 def project_psd(matrix: np.ndarray) -> np.ndarray:
-    """Symmetric matrices (..., n, n) with negative eigenvalues set to zero."""
+    """Return symmetric matrices (..., n, n) with their negative eigenvalues set to zero."""
     size = np.einsum("...ii->...", abs(matrix))[..., None, None]
     with suppress(np.linalg.LinAlgError):
         np.linalg.cholesky(matrix + (EIGENVALUE_ROUNDING * size + 1e-300) * np.eye(matrix.shape[-1]))

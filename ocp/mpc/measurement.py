@@ -1,4 +1,4 @@
-"""Projection of measured states: finite, and without penetration."""
+"""Projection of measured states on states that are finite and do not penetrate."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from ocp.mpc.constraint_rows import MET_TOLERANCE
 from ocp.problem.problem import Problem
 
 IGNORED_PENETRATION = 1e-9
-"""Largest penetration that is not corrected, in characteristic gaps."""
+"""Maximum penetration that is not corrected, in characteristic gaps."""
 MAX_PROJECTIONS = 5
-"""Maximum number of linearised projections."""
+"""Maximum number of Gauss-Newton projections of a penetrating state."""
 
 
 class Measurement:
-    """Projection of a measured state on the states that a plan may start from."""
+    """Projection of a measured state on the states from which a plan may start."""
 
     def __init__(self, problem: Problem) -> None:
         self.problem, system = problem, problem.system
@@ -28,10 +28,10 @@ class Measurement:
     def project(
         self, x: np.ndarray, expected: np.ndarray, bounds: list[np.ndarray], physical: np.ndarray
     ) -> tuple[np.ndarray, list[str]]:
-        """Return the state to plan from, and notes on its changes and violated bounds.
+        """Return the state from which to plan, and notes on what was changed and on violated bounds.
 
-        A state that is not finite is replaced by the ``expected`` one; penetration is removed by
-        the smallest motion, in characteristic sizes. A state outside ``bounds`` is not changed.
+        Entries that are not finite are replaced by those of ``expected``; penetration is removed by the
+        smallest motion in characteristic sizes. A state outside ``bounds`` is not changed.
         """
         finite_state, notes = x, []
         if not np.isfinite(finite_state).all():

@@ -1,4 +1,4 @@
-"""Base class of phases with one quadratic program per sample: a direction, then exact rollouts."""
+"""Base class of phases that solve a quadratic program per sample and choose its step size by exact rollouts."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from ocp.mpc.rollouts import CandidateRollouts
 from ocp.mpc.stages import MIN_PENALTY, Plan, StageModel, StageValues
 
 STEP_SHARES = (1.0, 0.5, 0.25, 0.06)
-"""Shares of a step that are rolled out, each with the regulator's gains around it."""
+"""Step sizes that are rolled out, each with the regulator's feedback around it."""
 
 MAX_WARM_UP_PROGRAMS = 30
-"""Maximum number of programs for the first answer, which starts from another law's or state's plan."""
+"""Maximum number of additional programs at the first sample, whose plan is from another law or state."""
 UNSOLVED = "the quadratic program was not solved"
-"""Note of a sample whose program has no solution."""
+"""Note on a sample whose quadratic program was not solved."""
 
 
 class Proposal(NamedTuple):
-    """An active set, the horizon linearised with it, and the step of the plan that its program has."""
+    """An active set (N, n), the horizon linearised with it, the program's rows, and its solution."""
 
     closed: np.ndarray
     lin: Linearised
@@ -39,7 +39,7 @@ class Proposal(NamedTuple):
 
 @dataclass
 class Prepared:
-    """A plan with its steps evaluated, and linearised under the closure of its active set."""
+    """A plan with the values of its steps, its active set (N, n), and its linearisation."""
 
     plan: Plan
     evaluated: StageValues
@@ -48,12 +48,12 @@ class Prepared:
 
 
 class NewtonPhase(Phase):
-    """Phase of one quadratic program from the plan before, whose step is chosen among exact rollouts.
+    """Phase that solves a quadratic program at the last plan and chooses the step size by exact rollouts.
 
-    A program gives dx, du. Of the candidates ``u + s du + K (x - x_plan - s dx)`` with s = 1, 1/2,
-    1/4, 0.06 and 0, K the gains of the linear-quadratic regulator along the plan or zero, the one
-    of lowest merit under the law is the next plan. So every plan is a rollout of the law, and none
-    is worse than the one before, shifted.
+    The program gives dx, du. Candidates are ``u + s du + K (x - x_plan - s dx)`` with s = 1, 1/2,
+    1/4, 0.06 and 0, where K are the gains of the linear-quadratic regulator along the plan or, for
+    s = 0, also zero. The candidate of lowest merit under the contact law is the next plan. So every
+    plan is a rollout of the law, and none is worse than the shifted plan.
     """
 
     def __init__(self, model: StageModel, rollouts: CandidateRollouts, iterations: int = 1) -> None:
@@ -67,27 +67,27 @@ class NewtonPhase(Phase):
     @property
     @abstractmethod
     def n_rows(self) -> int:
-        """Number of rows of the program at every step."""
+        """Number of rows of the quadratic program at every step."""
 
     def active_set(self, plan: Plan) -> np.ndarray:
-        """Return the active set (N, n) of a plan; smoothed laws have none."""
+        """Return the active set (N, n) of a plan, by default no closed pair, as for smoothed laws."""
         return np.zeros(plan.lam.shape, dtype=bool)
 
     @abstractmethod
     def closure(self, plan: Plan, evaluated: StageValues, closed: np.ndarray) -> LinearClosure:
-        """Return the linear closure of the contact at a plan."""
+        """Return the contact law linearised at a plan."""
 
     @abstractmethod
     def rows(self, lin: Linearised, closed: np.ndarray) -> Affine:
-        """Return the rows (N, n_rows) that stay at 0 or above."""
+        """Return the rows (N, n_rows) that the program constrains to 0 or above."""
 
     def proposals(self, prepared: Prepared, sample: Sample) -> tuple[list[Proposal], str]:
-        """Return the steps of solved programs to roll out, the best last; and a note."""
+        """Return the proposals to roll out, best last, or none if no program was solved; and a note."""
         proposal = self.propose(prepared.lin, prepared.closed, sample)
         return ([proposal], "") if proposal.step.solved else ([], UNSOLVED)
 
     def propose(self, lin: Linearised, closed: np.ndarray, sample: Sample) -> Proposal:
-        """Solve the program of an active set."""
+        """Solve the quadratic program with the active set ``closed`` (N, n)."""
         rows = self.rows(lin, closed)
         return Proposal(closed, lin, rows, self.solve(lin, rows, sample))
 
@@ -101,18 +101,18 @@ class NewtonPhase(Phase):
             self.prepared = Prepared(plan, evaluated, closed, self.linearise_plan(plan, evaluated, closed))
 
     def linearise_plan(self, plan: Plan, evaluated: StageValues, closed: np.ndarray) -> Linearised:
-        """Return the plan's steps with the contact eliminated."""
+        """Return the plan's linearisation with the contact eliminated by the active set ``closed``."""
         return linearise(self.model, plan, evaluated, self.closure(plan, evaluated, closed))
 
     @cached_property
     def separate_slack_qp(self) -> HorizonQP:
-        """Program with a slack for each constraint."""
+        """Quadratic program with a slack for each constraint, built on first use."""
         return HorizonQP(self.model, self.n_rows, separate=True)
 
     def solve(self, lin: Linearised, rows: Affine, sample: Sample) -> Direction:
-        """Return the program's step, with separate slacks and a penalty if it violates rows.
+        """Return the program's step; if it violates rows, that of separate slacks and a larger penalty.
 
-        The penalty then holds for the sample's other programs, so that their optima compare.
+        That penalty is then used in the sample's other programs, so that their optima are comparable.
         """
         step_bounds = (sample.bounds[0] - self.plan.u, sample.bounds[1] - self.plan.u)
         arguments = (lin, rows, sample.x - self.plan.x[0], step_bounds)
@@ -130,15 +130,15 @@ class NewtonPhase(Phase):
         return best
 
     def feedback(self, sample: Sample) -> Answer:
-        """Solve the program from the measured state, and roll the candidates out."""
+        """Solve the program from the measured state, and return the best of the rolled-out candidates."""
         return self._iterate(self._solve_program, sample, self.iterations - 1, 1e-9)
 
     def warm_up(self, sample: Sample) -> Answer:
-        """Answer the first measurement by as many programs as improve the plan."""
+        """Answer the first measurement by repeated programs, as long as they improve the plan."""
         return self._iterate(self.feedback, sample, MAX_WARM_UP_PROGRAMS, 1e-6)
 
     def _iterate(self, solve: Callable[[Sample], Answer], sample: Sample, most: int, tolerance: float) -> Answer:
-        """Solve, then at most ``most`` times from the new plan while the merit falls by ``tolerance``."""
+        """Solve, then up to ``most`` more times from the new plan while the merit falls by a share ``tolerance``."""
         answer = solve(sample)
         for _ in range(most):
             if answer.plan is None or answer.status == "kept":
@@ -170,7 +170,7 @@ class NewtonPhase(Phase):
         return Answer(best_plan.u[0], best_plan, status, "; ".join(notes), merit, bool(violated))
 
     def _merit_penalty(self, proposals: list[Proposal]) -> float:
-        """Return the penalty of the merit: twice the largest multiplier of a constraint, at least 100."""
+        """Return the penalty in the merit: twice the largest multiplier of a constraint, but at least 100."""
         m, cost = self.model.m, self.model.problem.scales.cost
         largest = max((abs(proposal.step.rows[:, -m:]).max() for proposal in proposals if m), default=0.0)
         return max(MIN_PENALTY, 2 * float(largest) / cost)
@@ -180,7 +180,7 @@ class NewtonPhase(Phase):
         return Answer(u, self.plan, "kept", f"{reason}; the plan before goes on")
 
     def _candidates(self, plan: Plan, proposals: list[Proposal], lin: Linearised) -> tuple[np.ndarray, np.ndarray]:
-        """Return gains K (S, N, nu, nx) and k (S, N, nu): the plan without and with gains come first."""
+        """Return gains K (S, N, nu, nx) and k (S, N, nu) of S candidates, first of the plan without and with K."""
         x, u = plan.x[:-1], plan.u
         regulator = self.regulator.gains(lin)
         gains, centres, inputs = [0 * regulator, regulator], [x, x], [u, u]

@@ -1,4 +1,4 @@
-"""Base class of feedback phases, which turn a measured state into the next plan."""
+"""Base class of feedback phases, which compute the next plan from a measured state."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ocp.mpc.stages import Plan
 
 @dataclass(frozen=True)
 class Sample:
-    """A measurement: state (nx,), last input (nu,), parameters (N+1, np), bounds on u (nu,)."""
+    """A measurement: state (nx,), last input (nu,), parameters (N+1, np), and bounds on u, each (nu,)."""
 
     x: np.ndarray
     u_before: np.ndarray
@@ -24,9 +24,10 @@ class Sample:
 
 @dataclass(frozen=True)
 class Answer:
-    """The input to apply and the plan behind it; ``note`` describes anything unusual.
+    """A phase's answer to a measurement: the input to apply, and the plan that it is from.
 
-    ``violated`` is true if the plan violates a constraint.
+    ``plan`` is None for a phase without plans. ``note`` describes anything unusual; ``violated`` says
+    whether the plan violates a constraint.
     """
 
     u: np.ndarray
@@ -38,11 +39,11 @@ class Answer:
 
 
 class Phase(ABC):
-    """One way to answer a measurement.
+    """An algorithm that answers a measurement with an input.
 
-    ``prepare`` does all that needs no measurement, for the plan shifted by one step; ``feedback``
-    does the rest. ``plans`` says whether the horizon recedes; ``gain`` (nu, nx) extends the shifted
-    plan by a step.
+    ``prepare`` does all work that does not need the measurement, at the shifted plan; ``feedback``
+    does the rest. ``plans`` says whether the phase makes plans over a receding horizon. ``gain``
+    (nu, nx) gives the input of the step by which the shifted plan is extended.
     """
 
     plans: ClassVar[bool] = True
@@ -54,17 +55,17 @@ class Phase(ABC):
 
     @abstractmethod
     def feedback(self, sample: Sample) -> Answer:
-        """Answer a measurement."""
+        """Return the input and plan that answer a measurement."""
 
     def warm_up(self, sample: Sample) -> Answer:
-        """Answer the first measurement, whose plan is from another law or state."""
+        """Answer the first measurement, for which the plan is from another law or state."""
         return self.feedback(sample)
 
 
 def numbers(what: str, value: Any, *shapes: tuple[int, ...], finite: bool = False) -> np.ndarray:
-    """Return ``value`` as an array of one of the ``shapes``, by default of any shape.
+    """Return ``value`` as an array of floats of one of the ``shapes``, or of any shape if none is given.
 
-    Raises :class:`~ocp.errors.InputError` for anything else.
+    Raises :class:`~ocp.errors.InputError` for anything else, and with ``finite`` for NaN and infinity.
     """
     try:
         array = np.asarray(value, dtype=float)

@@ -1,4 +1,4 @@
-"""The feedback phases by name."""
+"""Table of the feedback phases of a controller."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from ocp.routes.session import Session
 
 @dataclass(frozen=True)
 class PhaseParts:
-    """The parts of a controller from which a phase is built."""
+    """The parts of a controller that a phase is built from; ``solved`` is None if no first plan was solved."""
 
     session: Session
     model: StageModel
@@ -34,7 +34,7 @@ class PhaseParts:
 
 
 def soft_phase(model: StageModel, rollouts: CandidateRollouts, exact: bool, iterations: int = 1) -> NewtonPhase:
-    """Return the phase of quadratic programs with soft constraints under an exact or smoothed law."""
+    """Return the phase of quadratic programs with soft constraints for the exact or a smoothed law."""
     return (QPCC if exact else Relaxed)(model, rollouts, iterations)
 
 
@@ -50,9 +50,9 @@ def _full(parts: PhaseParts, law: Any) -> Phase:
 
 @dataclass(frozen=True)
 class PhaseEntry:
-    """A phase's name and summary, the kind of law that it plans under, and its constructor.
+    """A phase's name and summary, the kind of contact law of its plans, and its constructor.
 
-    ``exact`` is None if it takes any law, ``plans`` whether its horizon recedes.
+    ``exact`` is None if the phase takes any law; ``plans`` says whether it makes plans.
     """
 
     name: str
@@ -62,7 +62,7 @@ class PhaseEntry:
     plans: bool = True
 
     def law(self, law: ContactLaw | None) -> ContactLaw:
-        """Return the law, by default the exact one, or for a smoothed phase the barrier at mu = 1e-2.
+        """Return the given law or, for None, the exact law, and for a smoothed phase the barrier with mu = 1e-2.
 
         Raises :class:`~ocp.errors.InputError` for a law that the phase cannot use.
         """
@@ -98,4 +98,4 @@ PHASES = {
         ),
     )
 }
-"""Feedback phases by name."""
+"""Mapping from names to the feedback phases of a controller."""

@@ -1,4 +1,4 @@
-"""Plants that a controller drives in a simulation: its model, or sharper and changed physics."""
+"""Plants of closed-loop simulations: the controller's model, or more exact or changed physics."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ PLANTS = {
     "noise": "the exact law, with noise of 1 % of the characteristic sizes where none is given",
     "mujoco": "MuJoCo with its soft contact, at steps of a millisecond, the input held",
 }
-"""Plants by name, with their meaning."""
+"""Mapping from names of plants to their descriptions."""
 
 
 @dataclass(frozen=True)
 class Disturbance:
     """Differences of the plant from the model.
 
-    ``noise_state`` and ``noise_input`` are standard deviations of the measurement and of the
-    applied input, one number for all or values by name, in the signals' units; ``mismatch`` are the
-    plant's own parameters; ``delay`` applies each input one sample late; ``pushes`` are changes of
-    the state (nx,) by sample.
+    ``noise_state`` and ``noise_input`` are standard deviations of the noise on the measurement and on
+    the applied input, one number for all signals or a mapping from names, in the signals' units.
+    ``mismatch`` maps parameters to the plant's values; with ``delay`` each input is applied one sample
+    late; ``pushes`` maps samples to changes of the state (nx,).
     """
 
     noise_state: float | Mapping[str, float] = 0.0
@@ -46,13 +46,13 @@ class Disturbance:
 
 
 class Plant:
-    """The plant from sample to sample, with its own parameters.
+    """A simulated plant, which is stepped from sample to sample and may have other parameters than the model.
 
-    The velocity forces of a planar machine gain no energy, also where the model has explicit ones
-    (:func:`~dynamics.systems.planar.machine.with_implicit_forces`).
+    Velocity-dependent forces of a planar machine are integrated implicitly, so that they gain no
+    energy (:func:`~dynamics.systems.planar.machine.with_implicit_forces`).
 
-    Raises :class:`~ocp.errors.InputError` for an unknown plant or parameter, for ``h/4`` where
-    the step size only counts steps, and as :class:`~ocp.simulators.mujoco_world.MujocoWorld` does.
+    Raises :class:`~ocp.errors.InputError` for an unknown plant or parameter, for ``h/4`` where the
+    step size is no parameter, and as :class:`~ocp.simulators.mujoco_world.MujocoWorld` does.
     """
 
     def __init__(self, problem: Problem, name: str, mismatch: Mapping[str, float]) -> None:
@@ -78,7 +78,7 @@ class Plant:
         self.lam = slice(0, 0 if sharpest else problem.system.nlam)
 
     def step(self, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the state after a sample, and the sum of the model's impulses, NaN under other laws."""
+        """Return the state (nx,) one sample later, and the sum of the impulses (nlam,), NaN under other laws."""
         total = np.zeros(self.problem.system.nlam)
         if self._mujoco is not None:
             return self._mujoco.step(x, u), total * np.nan
@@ -94,10 +94,10 @@ class Plant:
 
 
 def check_mismatch(problem: Problem, mismatch: Mapping[str, float]) -> Mapping[str, float]:
-    """Return the plant's own parameters as numbers.
+    """Return the plant's parameter values as validated numbers.
 
-    Raises :class:`~ocp.errors.InputError` for a name that is no parameter of the problem, and for
-    values that are not finite or make no mechanics.
+    Raises :class:`~ocp.errors.InputError` for a name that is not a parameter of the problem, and for
+    values that are not finite or physically impossible.
     """
     mismatch = validated("mismatch", mismatch, Mapping[str, Number])
     names = problem.parameters.names
@@ -114,7 +114,7 @@ def _check_names(refusal: str, values: Mapping[str, float], names: list[str]) ->
 
 
 def check_pushes(problem: Problem, pushes: Mapping[int, np.ndarray], steps: int) -> None:
-    """Raise :class:`~ocp.errors.InputError` for pushes at no sample, or of another shape."""
+    """Raise :class:`~ocp.errors.InputError` for pushes after the last sample or of another shape than (nx,)."""
     for k, change in validated("pushes", pushes, Mapping[Index, Any]).items():
         if k >= steps:
             raise InputError(f"pushes: the sample must be from 0 to {steps - 1}, got {k}")
@@ -122,9 +122,9 @@ def check_pushes(problem: Problem, pushes: Mapping[int, np.ndarray], steps: int)
 
 
 def deviations(values: float | Mapping[str, float], names: list[str], what: str) -> np.ndarray:
-    """Return standard deviations of all signals, from one number or from values by name.
+    """Return the standard deviations of all signals, from one number or a mapping from names (by default 0).
 
-    Raises :class:`~ocp.errors.InputError` for an unknown name, a negative or non-finite number.
+    Raises :class:`~ocp.errors.InputError` for an unknown name and a negative or non-finite number.
     """
     values = validated(what, values, Number | Mapping[str, Number])
     if isinstance(values, Mapping):

@@ -1,4 +1,4 @@
-"""Feedback without plans: a function of the state, gains of a plan, or a regulator's."""
+"""Feedback phase without plans: a function of the state, or the gains of a plan or regulator."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from ocp.mpc.stages import Plan
 from ocp.problem.rollout import Gains
 
 Law = Callable[[np.ndarray, int], np.ndarray]
-"""``u = law(x, k)`` at the sample k, counted from 0."""
+"""Feedback ``u = law(x, k)`` of the state (nx,) at sample k, counted from 0."""
 
 
 class FixedPolicy(Phase):
-    """The feedback ``u = law(x, k)``, or of gains, clipped to the bounds; the horizon does not recede."""
+    """Phase that evaluates the feedback ``u = law(x, k)``, or gains, and clips it to the bounds."""
 
     plans = False
 

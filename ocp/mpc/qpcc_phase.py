@@ -1,4 +1,4 @@
-"""Real-time iteration with complementarity: the active set is exchanged by multipliers."""
+"""Real-time iteration with complementarity constraints, whose active set is exchanged by multipliers."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from ocp.mpc.stages import Plan, StageModel, StageValues
 ACTIVE_TOLERANCE = 1e-6
 """Value of a row, in characteristic sizes, below which it counts as active."""
 MIN_EXCHANGE_GAIN = 1e-4
-"""Smallest gain of an exchange, in characteristic costs for a characteristic size."""
+"""Minimum gain for which a pair is exchanged, in characteristic costs per characteristic size."""
 
 
 class QPCC(NewtonPhase):
     """Quadratic program with complementarity constraints, solved by exchanges of its active set.
 
-    Each pair holds one side at zero and the other at or above. At the solution of that program a
-    pair with both sides at zero may change its side: the derivative of the program's optimum by the
-    side that was held,
+    One side of each pair is fixed at zero and the other is constrained to 0 or above. At the solution
+    of that program a pair with both sides at zero may change its side. This pays if the derivative
+    of the program's optimum with respect to the fixed side,
 
         sigma_i = -y_k' (d x_{k+1} / d eps_i) - sum_j z_kj (d row_kj / d eps_i),
 
-    says whether it pays. Pairs with ``sigma_i < 0`` are exchanged, all at once or, where the
-    optimum does not fall, the best alone, at most ``exchanges`` times. With none left
-    the program's solution is strongly stationary where its multipliers are unique.
+    is negative. Pairs with ``sigma_i < 0`` are exchanged, first all at once and, if the optimum does
+    not fall, the best one alone, at most ``exchanges`` times. If none is left, the program's
+    solution is strongly stationary where its multipliers are unique.
     """
 
     exchanges = 2
@@ -38,20 +38,20 @@ class QPCC(NewtonPhase):
         self.sets = ActiveSets(model)
 
     def active_set(self, plan: Plan) -> np.ndarray:
-        """Return the active set of a plan."""
+        """Return the active set (N, n) of a plan."""
         return self.sets.of(plan)
 
     @property
     def n_rows(self) -> int:
-        """Number of pairs and constraints."""
+        """Number of rows per step: one for each pair and each constraint."""
         return self.model.n + self.model.m
 
     def closure(self, plan: Plan, evaluated: StageValues, closed: np.ndarray) -> LinearClosure:
-        """Return the closure of the active set."""
+        """Return the closure that fixes one side of each pair at zero."""
         return LinearClosure.from_active_set(plan, closed)
 
     def rows(self, lin: Linearised, closed: np.ndarray) -> Affine:
-        """Return forces of closed pairs and gaps of open ones, then the constraints."""
+        """Return the rows: forces of closed pairs and gaps of open ones, then the constraints."""
         lam_size, gap_size = self.model.sizes
         lam, gap = lin.lam, lin.gap
         value = np.where(closed, lam.value, gap.value)
@@ -65,7 +65,7 @@ class QPCC(NewtonPhase):
         return Affine(*(np.concatenate(parts, axis=1) for parts in both))
 
     def proposals(self, prepared: Prepared, sample: Sample) -> tuple[list[Proposal], str]:
-        """Return the step with the plan's active set, and the best after exchanges."""
+        """Return the proposal with the plan's active set, and the best one after exchanges."""
         steps, note = super().proposals(prepared, sample)
         for _ in range(self.exchanges if steps else 0):
             better = self._exchanged(prepared, steps[-1], sample)
@@ -75,7 +75,7 @@ class QPCC(NewtonPhase):
         return steps, note
 
     def _exchanged(self, prepared: Prepared, incumbent: Proposal, sample: Sample) -> Proposal | None:
-        """Return the program after an exchange that lowers its optimum, or None."""
+        """Return the proposal after an exchange that lowers the program's optimum, or None."""
         gains = self._gains(incumbent)
         pays = gains > MIN_EXCHANGE_GAIN
         if not pays.any():
@@ -92,11 +92,11 @@ class QPCC(NewtonPhase):
 
     @property
     def cost(self) -> float:
-        """The characteristic cost."""
+        """Characteristic cost of the problem."""
         return self.model.problem.scales.cost
 
     def _gains(self, tried: Proposal) -> np.ndarray:
-        """Return minus sigma (N, n) of pairs with both sides at zero, in characteristic costs."""
+        """Return minus sigma (N, n) in characteristic costs, 0 for pairs that may not be exchanged."""
         closed, lin, rows, direction = tried
         model = self.model
         n, nx, sizes = model.n, model.nx, model.sizes
@@ -116,6 +116,6 @@ class QPCC(NewtonPhase):
 
 
 class FixedActiveSet(QPCC):
-    """Program of :class:`QPCC` without exchanges: contacts stay as in the plan."""
+    """Phase with the programs of :class:`QPCC` without exchanges: contacts stay as in the plan."""
 
     exchanges = 0

@@ -1,4 +1,4 @@
-"""Receding problem: its start and last input are parameters."""
+"""Problem of a receding horizon, whose start and last input are parameters."""
 
 from __future__ import annotations
 
@@ -16,18 +16,17 @@ from ocp.mpc.phase import numbers
 from ocp.problem.problem import Problem, Scenarios
 
 TERMINAL_WEIGHT = 100.0
-"""Weight of softened terminal constraints, in characteristic costs for a characteristic size."""
+"""Weight of softened terminal constraints, in characteristic costs per squared characteristic size."""
 
 Values = Mapping[str, "float | np.ndarray"]
-"""Parameters by name; an array (N,) or (N+1,) has one value per step of the horizon."""
+"""Mapping from parameters to numbers or to arrays (N,) or (N+1,) with one value per step of the horizon."""
 
 
 @dataclass(frozen=True)
 class Receding:
-    """A problem whose measured state and last input are parameters.
+    """Problem whose measured state and last input are parameters ``measured_0 ...`` and ``last_input_0 ...``.
 
-    ``problem`` has the parameters ``measured_0 ...`` and ``last_input_0 ...``; ``notes`` says in
-    sentences what a receding horizon had to change.
+    ``notes`` are sentences on what had to change for a receding horizon.
     """
 
     problem: Problem
@@ -35,9 +34,9 @@ class Receding:
 
     @classmethod
     def of(cls, problem: Problem) -> Receding:
-        """Make a receding problem.
+        """Build the receding problem of ``problem``.
 
-        Raises :class:`~ocp.errors.InputError` for a free final time, which has no fixed sample.
+        Raises :class:`~ocp.errors.InputError` for a free step size, since a controller needs a fixed one.
         """
         if problem.h is not None:
             raise InputError(
@@ -67,13 +66,13 @@ class Receding:
 
     @cached_property
     def added(self) -> list[str]:
-        """Names of the parameters that hold the measured state and the last input."""
+        """Names of the parameters for the measured state and the last input."""
         nx, nu = self.problem.system.nx, self.problem.system.nu
         return self.problem.parameters.names[-(nx + nu) :]
 
 
 def _softened(problem: Problem) -> ca.SX:
-    """Return 100 characteristic costs times the squared violation of terminal constraints."""
+    """Return the terminal cost that replaces terminal constraints: their squared violation times a weight."""
     violation = ca.SX(0)
     for constraint in problem.terminal:
         above, below = constraint.expression - constraint.upper, constraint.lower - constraint.expression
@@ -84,12 +83,12 @@ def _softened(problem: Problem) -> ca.SX:
 def horizon_rows(
     receding: Receding, names: list[str], base: np.ndarray, values: Values, dynamics: set[str]
 ) -> np.ndarray:
-    """Return parameters as rows (N+1, np), one per step and one for the end, from ``base`` (np,).
+    """Return the parameters over a horizon (N+1, np): ``base`` (np,) with the given values replaced.
 
-    ``dynamics`` are the names that the step depends on, which have one value over a horizon.
+    ``dynamics`` are the names that the step depends on, which must be constant over the horizon.
 
-    Raises :class:`~ocp.errors.InputError` for an unknown name, and for an array of another length
-    or of a parameter of the dynamics.
+    Raises :class:`~ocp.errors.InputError` for an unknown name, an array of another length, and an
+    array that varies for a parameter of the dynamics.
     """
     N, allowed = receding.problem.N, [n for n in names if n not in receding.added]
     rows = np.tile(base, (N + 1, 1))

@@ -1,4 +1,4 @@
-"""Newton steps on a smoothed law at the mu of the moment, as soft contact models are used."""
+"""Feedback phase of Newton steps under a smoothed contact law at fixed mu."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from ocp.mpc.stages import Plan, StageValues
 
 
 class Relaxed(NewtonPhase):
-    """``lam gap = mu`` linearised at the plan: Gauss and Newton's step on the smoothed problem."""
+    """Phase of Newton steps on the smoothed problem, with ``lam gap = mu`` linearised at the plan."""
 
     @property
     def n_rows(self) -> int:
-        """Number of constraints; the law keeps forces and gaps positive."""
+        """Number of rows per step: the constraints only, since the law keeps forces and gaps positive."""
         return self.model.m
 
     def closure(self, plan: Plan, evaluated: StageValues, closed: np.ndarray) -> LinearClosure:
-        """Return the law's closure, linearised."""
+        """Return ``lam gap = mu`` linearised at the plan."""
         return LinearClosure.from_product(plan, evaluated.mu, self.model.sizes)
 
     def rows(self, lin: Linearised, closed: np.ndarray) -> Affine:
-        """Return the constraints."""
+        """Return the rows of the constraints."""
         return lin.rows

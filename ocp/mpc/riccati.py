@@ -10,14 +10,14 @@ from ocp.mpc.linearised import Linearised
 from ocp.transcription.nlp import StageCompiler
 
 INPUT_CURVATURE_SHARE = 1e-9
-"""Curvature by inputs that is added, as a share of its mean."""
+"""Multiple of the identity that is added to Quu, as a share of the mean of its diagonal."""
 
 
 class Regulator:
-    """``K_k = -Quu^-1 Qux`` backwards along a plan, one compiled step repeated N times.
+    """Linear-quadratic regulator along a plan, by the Riccati recursion backwards in time.
 
-    With ``Q = H_k + (A_k B_k)' V_{k+1} (A_k B_k)`` and ``V_k = Qxx + Qxu K_k``. The cost of input
-    increments counts as that of inputs.
+    ``K_k = -Quu^-1 Qux``, ``Q = H_k + (A_k B_k)' V_{k+1} (A_k B_k)`` and ``V_k = Qxx + Qxu K_k``. The
+    previous input is taken as fixed. One compiled step is repeated N times.
     """
 
     def __init__(self, nx: int, nu: int, N: int) -> None:
@@ -33,7 +33,7 @@ class Regulator:
         self._backwards = StageCompiler()(step).mapaccum(N)
 
     def gains(self, lin: Linearised) -> np.ndarray:
-        """Return K (N, nu, nx), zero if it is not finite."""
+        """Return the gains K (N, nu, nx), all zero if one is not finite."""
         nx, nu, N = self.nx, self.nu, self.N
         AB = np.concatenate([lin.x_next.by_x, lin.x_next.by_u], axis=2)
         xu = np.r_[:nx, nx + nu : nx + 2 * nu]

@@ -10,11 +10,11 @@ from ocp.judge.constraints import Broken
 from ocp.mpc.stages import MIN_PENALTY, Plan, StageModel
 
 MAX_INPUT = 1e6
-"""Limit of inputs without bounds, in characteristic inputs."""
+"""Limit on inputs that have no bounds, in characteristic inputs."""
 
 
 class CandidateRollouts:
-    """Rollouts of ``u_k = clip(K_k x_k + k_k)`` under the law of a stage model."""
+    """Rollouts of feedbacks ``u_k = clip(K_k x_k + k_k)`` under the contact law of a stage model."""
 
     def __init__(self, model: StageModel) -> None:
         self.model = model
@@ -32,7 +32,7 @@ class CandidateRollouts:
         self._step = StepFunction(step, threads=1)
 
     def step(self, x: np.ndarray, u: np.ndarray, p: np.ndarray) -> np.ndarray:
-        """Return the states (n, nx) one step after x (n, nx), under u (n, nu)."""
+        """Return the next states (n, nx) from states x (n, nx) and inputs u (n, nu)."""
         return self._step(x, u, p[0, self.model.of_step]).x_next
 
     def roll_out(
@@ -45,10 +45,10 @@ class CandidateRollouts:
         p: np.ndarray,
         penalty: float = MIN_PENALTY,
     ) -> tuple[Plan, float, int, list[Broken]]:
-        """Return the candidate of lowest merit, its merit, its index, and its violated constraints.
+        """Return the plan of the candidate of lowest merit, its merit, index, and violated constraints.
 
-        Gains K (S, N, nu, nx) and k (S, N, nu) are those of S candidates; one that has no solution
-        at a step has an infinite merit.
+        Gains K (S, N, nu, nx) and k (S, N, nu) are those of S candidates. A candidate with a step that
+        has no solution has infinite merit.
         """
         model, (S, N) = self.model, K.shape[:2]
         input_limit = MAX_INPUT * model.problem.scales.u

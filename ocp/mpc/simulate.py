@@ -1,4 +1,4 @@
-"""Closed-loop simulation: a controller on a plant, seed by seed, sample by sample."""
+"""Closed-loop simulation of a controller on a plant, for several seeds of the noise."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ from ocp.routes.session import Session
 from ocp.validation import Count, Index, validated
 
 DIVERGED_FACTOR = 100.0
-"""Largest state within the time of a horizon, in sizes of problem, start and first plan."""
+"""Largest state of a plant that has not diverged, in sizes of problem, start and first plan; it grows with time."""
 FEASIBILITY_TOLERANCE = 1e-6
-"""Largest violation of constraints of a plan that is judged, in their characteristic sizes."""
+"""Maximum constraint violation of a plan that is judged for stationarity, in characteristic sizes."""
 DEFAULT_NOISE_SHARE = 0.01
-"""Noise of the plant ``noise`` where none is given, in characteristic sizes."""
+"""Standard deviation of the plant ``noise`` if none is given, in characteristic sizes."""
 
 DIMENSIONS = {
     "x": ("node", "state"),
@@ -42,19 +42,19 @@ DIMENSIONS = {
     "seconds": ("sample",),
     "merit": ("sample",),
 }
-"""Dimensions of the arrays of numbers, after that of the seeds."""
+"""Mapping from a simulation's numeric arrays to their dimensions after ``seed``."""
 Goals = Callable[[int, np.ndarray], Values]
-"""Parameters of the controller at a sample, from its number and the measured state."""
+"""Function ``(sample, measured state) -> parameters`` that sets the controller's parameters at each sample."""
 
 
 @dataclass(frozen=True)
 class ClosedLoop:
-    """Trajectories of S seeds over T samples as labelled arrays, and counts.
+    """Result of a closed-loop simulation: trajectories of S seeds over T samples as labelled arrays, and counts.
 
-    ``data`` has x (S, T+1, nx), u (S, T, nu), measured (S, T, nx), plan (S, T, N+1, nx), seconds,
-    cost (S, T), merit, status (S, T) and ended (S,), the number of samples before the plant
-    diverged. ``notes`` are the sentences of the commands, with how often each came; ``violations``
-    are those by the plant, of bounds on states and path constraints, the worst first.
+    ``data`` has x (S, T+1, nx), u (S, T, nu), measured (S, T, nx), plan (S, T, N+1, nx), seconds, cost,
+    merit, status and certificate (S, T), end_cost (S,), and ended (S,), the number of samples before the
+    plant diverged. ``notes`` maps the sentences of the commands to their number; ``violations`` are
+    the plant's violations of bounds on states and path constraints, worst first.
     """
 
     problem: Problem
@@ -66,22 +66,22 @@ class ClosedLoop:
 
     @cached_property
     def verdict(self) -> LoopVerdict:
-        """Status and sentences; ``ocp mpc`` prints ``str(loop.verdict)``."""
+        """Verdict with a status and sentences; ``ocp mpc`` prints ``str(loop.verdict)``."""
         return LoopVerdict(self)
 
     @property
     def stage_costs(self) -> np.ndarray:
-        """Sum of the stage costs (S,), NaN where a seed ended."""
+        """Sum of the stage costs (S,), NaN for a seed that ended early."""
         return self.data["cost"].sum("sample", skipna=False).values
 
     @property
     def costs(self) -> np.ndarray:
-        """Closed-loop cost (S,): all stage costs and the terminal cost; NaN where a seed ended."""
+        """Closed-loop cost (S,): sum of stage costs and terminal cost, NaN for a seed that ended early."""
         return self.stage_costs + self.data["end_cost"].values
 
     @property
     def cost_interval(self) -> tuple[float, float]:
-        """Student's 95 % interval of the mean of finite costs, NaN of a single one."""
+        """Student's 95 % interval of the mean of the finite costs, NaN if there are fewer than two."""
         from scipy.special import stdtrit
 
         costs = self.costs[np.isfinite(self.costs)]
@@ -91,7 +91,7 @@ class ClosedLoop:
 
     @property
     def survived(self) -> np.ndarray:
-        """Whether a seed reached the last sample (S,)."""
+        """Mask (S,): seeds that reached the last sample."""
         return self.data["ended"].values == self.data.sizes["sample"]
 
     @property
@@ -102,7 +102,7 @@ class ClosedLoop:
         return float(np.isin(certificates[was_judged], ("B", "KKT")).mean()) if was_judged.any() else np.nan
 
     def percentile(self, share: float, skip: int = 10) -> float:
-        """Percentile of the seconds of a sample, without the first ``skip`` of every seed."""
+        """Return a percentile (0 to 100) of the computing time [s] of samples, without each seed's first ``skip``."""
         seconds = self.data["seconds"].values[:, skip:]
         return float(np.nanpercentile(seconds, share)) if seconds.size else np.nan
 
@@ -120,14 +120,14 @@ def simulate(
     certify: int = 0,
     progress: Callable[[int, int, Command], None] | None = None,
 ) -> ClosedLoop:
-    """Drive ``plant`` from ``x0`` (nx,) or (seeds, nx) for ``steps`` samples, once per seed.
+    """Simulate a controller on a plant from ``x0`` (nx,) or (seeds, nx) for ``steps`` samples, once per seed.
 
-    ``certify`` judges every n-th plan by an independent certificate, outside the timed step.
-    The noise of seed s is the stream s of ``seed``. A plant that diverges ends its seed; Ctrl-C
-    ends the simulation, and what ran is returned.
+    Every ``certify``-th plan is judged by an independent certificate, outside the measured time; 0
+    judges none. The noise of seed s is the stream s of ``seed``. A seed ends where the plant diverges;
+    Ctrl-C ends the simulation, and the samples up to then are returned.
 
     Raises :class:`~ocp.errors.InputError` for counts below 1, starts of another shape or not
-    finite, pushes beyond the end, and as :class:`Plant` does.
+    finite, pushes after the last sample, and as :class:`Plant` does.
     """
     disturbance = disturbance or Disturbance()
     validated("disturbance", disturbance, InstanceOf[Disturbance])
@@ -161,7 +161,7 @@ def simulate(
 
 
 class _Loop:
-    """The arrays of a simulation, filled seed by seed."""
+    """A running simulation: its settings, and the arrays that it fills seed by seed."""
 
     def __init__(self, controller: Controller, plant: Plant, disturbance: Disturbance, steps: int, seeds: int) -> None:
         self.controller, self.plant, self.disturbance = controller, plant, disturbance
@@ -187,16 +187,16 @@ class _Loop:
         self._violation_function = ca.Function("off", problem.step_symbols, [-self.rows.expression])
 
     def default_noise(self) -> None:
-        """Set the default noise of the plant ``noise``."""
+        """Set the noise of the plant ``noise`` to 1 % of the characteristic sizes if none is given."""
         problem = self.controller.problem
         if not self.sd_x.any() and not self.sd_u.any():
             self.sd_x, self.sd_u = DEFAULT_NOISE_SHARE * problem.scales.x, DEFAULT_NOISE_SHARE * problem.scales.u
             step_size = step_size_kind(problem.system)
-            if step_size.kind == "state":  # Such a state is not measured.
+            if step_size.kind == "state":  # The step size is not measured.
                 self.sd_x[step_size.state] = 0.0
 
     def run(self, s: int, x: np.ndarray, rng: np.random.Generator) -> None:
-        """Simulate one seed, from its start to its end."""
+        """Simulate seed ``s`` from the state ``x`` (nx,) and store its samples."""
         controller, N = self.controller, self.controller.problem.N
         controller.reset()
         plan = controller.plan.x
@@ -240,7 +240,7 @@ class _Loop:
             self.progress(s, k, command)
 
     def result(self, record: dict[str, Any]) -> ClosedLoop:
-        """Return the loop with labelled arrays."""
+        """Return the simulated seeds with labelled arrays."""
         variables = {name: (("seed", *dimensions), self.arrays[name]) for name, dimensions in DIMENSIONS.items()}
         variables |= {name: (("seed", "sample"), getattr(self, name)) for name in ("status", "certificate")}
         variables |= {name: (("seed",), getattr(self, name)) for name in ("ended", "end_cost")}
@@ -251,9 +251,9 @@ class _Loop:
 
 
 def certify_plan(session: Session, plan: Plan, values: dict[str, float]) -> str:
-    """Return ``B`` or ``KKT`` for a stationary plan, else ``not``, ``undecided`` or ``infeasible``.
+    """Judge whether a plan is stationary: return ``B``, ``KKT``, ``not``, ``undecided`` or ``infeasible``.
 
-    ``B`` is B-stationarity for the exact law, ``KKT`` that of the smoothed problem.
+    ``B`` is B-stationarity under the exact law, ``KKT`` stationarity of the smoothed problem.
     """
     nlp = session.judging_nlp()
     blocks = {"x": plan.x[None, 1:], "u": plan.u[None], "lam": plan.lam[None], "gap": plan.gap[None]}

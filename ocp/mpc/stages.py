@@ -1,4 +1,4 @@
-"""Values and derivatives of all steps of a horizon under a law, from one compiled function."""
+"""Values and derivatives of all steps of a horizon under a contact law, from one compiled function."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from ocp.problem.problem import Problem
 from ocp.transcription.common import Graph
 
 CLOSED_PAIR_COMPLIANCE = 1e-9
-"""Compliance of closed pairs, gap over force in characteristic sizes."""
+"""Compliance of closed pairs: gap divided by force, in characteristic sizes."""
 MIN_PENALTY = 100.0
-"""Smallest penalty of violated constraints in the merit, in characteristic costs for a size."""
+"""Minimum penalty of violated constraints in the merit, in characteristic costs per characteristic size."""
 
 
 @dataclass
 class Plan:
-    """States x (N+1, nx), inputs u (N, nu), multipliers lam and gaps (N, n) of a horizon."""
+    """Trajectory over a horizon: states x (N+1, nx), inputs u (N, nu), multipliers lam and gaps (N, n)."""
 
     x: np.ndarray
     u: np.ndarray
@@ -39,11 +39,11 @@ class Plan:
 
 
 class StageValues(NamedTuple):
-    """Values and derivatives of the steps of a plan, a row each.
+    """Values and derivatives of a plan's steps, one row per step.
 
-    residual (N, nx), gap and mu (N, n), and ``rows`` (N, m), which constraints keep at 0 or above;
-    ``jacobian`` of all of them by (x, u, x_next, lam); gradient (N, nw + n) and Hessian of the
-    stage cost by w = (x, u_before, u) and lam, and of the terminal cost by x_N.
+    These are the residual (N, nx), gap and mu (N, n), the ``rows`` (N, m) that constraints keep at 0 or
+    above, and their ``jacobian`` in (x, u, x_next, lam); the gradient (N, nw + n) and Hessian of the
+    stage cost in w = (x, u_before, u) and lam; and those of the terminal cost in x_N.
     """
 
     residual: np.ndarray
@@ -58,10 +58,9 @@ class StageValues(NamedTuple):
 
 
 class StageModel:
-    """One step of a problem under a law, for all steps of a plan at once.
+    """Model of a problem's step under a contact law, which evaluates all steps of a plan at once.
 
-    Path constraints and bounds on states are rows of x_next and of the step, in characteristic
-    sizes.
+    Path constraints and bounds on x_next are rows in characteristic sizes.
 
     Raises :class:`~ocp.errors.InputError` as :class:`~ocp.transcription.common.Graph` does.
     """
@@ -94,7 +93,7 @@ class StageModel:
 
     @property
     def backend(self) -> str:
-        """Backend that evaluates the steps: ``c``, or ``numpy`` on a computer without a compiler."""
+        """Backend that evaluates the steps: ``c``, or ``numpy`` on a computer without a C compiler."""
         return self._stage.backend
 
     def merits(
@@ -106,10 +105,10 @@ class StageModel:
         p: np.ndarray,
         penalty: float = MIN_PENALTY,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the merit (S,) of S plans, violations of their rows (S, N, m), and gaps (S, N, n).
+        """Return the merits (S,) of S plans, the violations of their rows (S, N, m), and gaps (S, N, n).
 
-        ``p`` is (N+1, np). The merit is the cost plus ``penalty`` characteristic costs times the
-        sum of violations, in characteristic sizes.
+        The merit is the cost plus ``penalty`` characteristic costs times the sum of the violations in
+        characteristic sizes. ``p`` are parameters (N+1, np).
         """
         S = len(x)
         inputs_before = np.concatenate([np.broadcast_to(u_before, (S, 1, self.nu)), u[:, :-1]], axis=1)
@@ -121,7 +120,7 @@ class StageModel:
         return stage_merits.sum(axis=(1, 2)) + terminal_costs, violations, gap
 
     def evaluate(self, plan: Plan, u_before: np.ndarray, p: np.ndarray) -> StageValues:
-        """Return values and derivatives of the steps of a plan; ``p`` is (N+1, np)."""
+        """Return values and derivatives of a plan's steps at parameters ``p`` (N+1, np)."""
         inputs_before = np.concatenate([u_before[None], plan.u[:-1]])
         x, N = plan.x, self.N
         values, jacobian, gradient, hessian = self._stage(x[:-1], inputs_before, plan.u, x[1:], plan.lam, p[:-1])
@@ -143,7 +142,7 @@ class StageModel:
 
     @cached_property
     def sizes(self) -> tuple[np.ndarray, np.ndarray]:
-        """Characteristic sizes (n,) of multipliers and gaps, exchanged for slips."""
+        """Characteristic sizes (n,) of multipliers and of gaps; for slip pairs the two are exchanged."""
         scales, pairs = self.problem.scales, self.problem.system.pairs
         slips = np.array([p.kind in ("slip", "table") for p in pairs] * self.step.branches, bool)
         lam = np.where(slips, scales.gap, scales.impulse)
@@ -151,9 +150,9 @@ class StageModel:
 
     @cached_property
     def compliance(self) -> np.ndarray:
-        """Compliance of closed pairs (n,), gap over force: redundant contacts share their load.
+        """Compliance (n,) of closed pairs, gap divided by force, which distributes loads on redundant contacts.
 
-        1e-9 in characteristic sizes; none for slips, which friction forces determine.
+        It is 1e-9 in characteristic sizes, and 0 for slip pairs, which friction forces determine.
         """
         pairs = self.problem.system.pairs
         forces = np.array([pair.kind not in ("slip", "table") for pair in pairs], dtype=float)

@@ -1,4 +1,4 @@
-"""The verdict on a closed loop: its status, and findings on its faults."""
+"""Verdict on a closed-loop simulation: its status, and findings on what went wrong."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ if TYPE_CHECKING:
     from ocp.mpc.simulate import ClosedLoop
 
 MIN_SOLVED_SHARE = 0.5
-"""Share of samples with a solved program below which a loop has failed."""
+"""Minimum share of samples with a solved program; a loop with fewer has failed."""
 MAX_NAMED_CONSTRAINTS = 3
-"""Number of violated constraints that a verdict names."""
+"""Maximum number of violated constraints that a verdict names."""
 
 
 class LoopVerdict:
-    """The verdict on a loop; ``str`` gives its sentences.
+    """Verdict on a closed-loop simulation; ``str`` gives its sentences.
 
-    ``status`` is ``done``, ``warnings`` (it reached the end, and the sentences say what was wrong
-    on the way), ``stopped``, ``diverged`` or ``failed``: numbers that are not finite, programs
-    solved in less than half of the samples, or a constraint violated by a tenth of its size.
-    ``planned`` is the share of the samples with a new plan, ``diverged`` counts seeds.
+    ``status`` is ``done``, ``warnings`` (the loop reached the end, and the sentences say what was
+    wrong), ``stopped``, ``diverged`` or ``failed`` (a cost was not finite, less than half of the
+    programs were solved, or a constraint was violated by more than a tenth of its size). ``planned``
+    is the share of the samples with a new plan; ``diverged`` is the number of diverged seeds.
     """
 
     def __init__(self, loop: ClosedLoop) -> None:
@@ -54,7 +54,7 @@ class LoopVerdict:
 
     @property
     def findings(self) -> list[Finding]:
-        """Findings on the loop, one sentence a line, with their codes and numbers."""
+        """Findings on the loop, each with its code, its sentence and its numbers."""
         return list(self._findings())
 
     def _findings(self) -> Iterator[Finding]:
@@ -84,7 +84,7 @@ class LoopVerdict:
             yield make_finding("more-constraints-violated", count=others, plural="s" * (others > 1))
 
     def _cost(self, over: str) -> str:
-        """Return half a sentence with the mean cost and its terms."""
+        """Return a phrase with the mean cost, its interval and its two terms; ``over`` names the samples."""
         finite, (low, high) = np.isfinite(self.loop.costs), self.loop.cost_interval
         if not finite.any():
             return f"no finite cost {over}"
