@@ -1,1 +1,1 @@
-"""Learning of policies, and of models for them."""
+"""Learning of policies, and of the physical parameters and models that they are learned with."""

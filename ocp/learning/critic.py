@@ -1,4 +1,4 @@
-"""Value function of states in which an unroll ends before its episode, learned from the unrolls."""
+"""Value function for states in which an unroll ends before its episode, learned from the unrolls."""
 
 from __future__ import annotations
 
@@ -16,14 +16,13 @@ from ocp.learning.unrolling import adam_step
 
 @dataclass(frozen=True, kw_only=True)
 class Critic:
-    """``V(x) = N(o(x)) / (1 - d)``, d the discount: the return that is to come, without a limit.
+    """Value function ``V(x) = N(o(x)) / (1 - d)`` with discount d: the future return over an infinite horizon.
 
-    N is a network of two tanh layers of ``units`` on normalised observations; it starts at 0 and
-    has the size of one reward. After every iteration ``steps`` steps of Adam at ``rate``, each on
-    ``batch`` of the states that were visited, lessen ``(V - y)²`` (see :meth:`targets`).
-
-    Its part of an algorithm's state is named ``critic.*``. Methods take the algorithm's state, in
-    which it, the policy, the normaliser and, where they are learned, the parameters psi are.
+    N is a network of two tanh layers of ``units`` on normalised observations; it is 0 initially and its
+    output has the size of one reward. After every iteration ``(V - y)²`` is reduced by ``steps`` steps
+    of Adam with rate ``rate``, each on ``batch`` of the visited states (see :meth:`targets`).
+    Its entries in an algorithm's state are named ``critic.*``. Methods take the algorithm's state,
+    which also contains the policy, the normaliser and, if they are learned, the parameters psi.
     """
 
     units: int
@@ -32,7 +31,7 @@ class Critic:
     batch: int = 128
 
     def check(self, experiment: Experiment, unroll: int) -> None:
-        """Raise :class:`~ocp.errors.InputError` for whole episodes as unrolls, or a discount of 1."""
+        """Raise :class:`~ocp.errors.InputError` if an unroll is a whole episode or the discount is 1."""
         if experiment.discount == 1:
             raise InputError(
                 "a critic needs a discount below 1, got 1, where the return is unbounded;"
@@ -46,22 +45,22 @@ class Critic:
             )
 
     def begin(self, experiment: Experiment) -> State:
-        """Return the initial network, which is 0 everywhere."""
+        """Return the initial state of a critic whose output is 0 everywhere."""
         sizes = self._network(experiment).sizes
         theta = first_weights(sizes, 0.0, experiment.rng(0, "critic weights"))
         zeros = np.zeros_like(theta)
         return dict(zip(CRITIC_ARRAYS, (theta, zeros, zeros, np.array(0)), strict=True))
 
     def value(self, experiment: Experiment, state: State, x: np.ndarray) -> np.ndarray:
-        """Return V (n,) in states (n, nx)."""
+        """Return the values V (n,) of states (n, nx)."""
         observations, _ = _normalised_observations(experiment, state, x)
         action = self._network(experiment).mean_actions(state[CRITIC_THETA], observations)
         return action[:, 0] / (1 - experiment.discount)
 
     def pull(self, experiment: Experiment, state: State, episodes: Episodes) -> np.ndarray:
-        """Return ``d^H a_H dV/dx(x_H)`` (n, nx), the gradient of the return after H steps.
+        """Return ``d^H a_H dV/dx(x_H)`` (n, nx), the gradient of the discounted return after H steps.
 
-        Zero where an episode has ended (a_H = 0) or was lost.
+        It is zero for samples whose episode has ended (a_H = 0) or is not finite.
         """
         running, weight, x = _running_samples(episodes), _terminal_weights(episodes), episodes.states[:, -1]
         observations, observation_jacobian = _normalised_observations(experiment, state, x[running])
@@ -72,10 +71,10 @@ class Critic:
         return gradient
 
     def targets(self, experiment: Experiment, state: State, episodes: Episodes, noise: Gaussian) -> np.ndarray:
-        """Return ``y_t = sum_{j=t}^{H-1} d^{j-t} r_j + d^{H-t} V(x_H)``, (n, H), NaN after the end.
+        """Return targets ``y_t = sum_{j=t}^{H-1} d^{j-t} r_j + d^{H-t} V(x_H)``, (n, H), NaN after the end.
 
-        Rewards are of the steps before an episode's end, under inputs with their noise, and V
-        counts where the episode goes on at H.
+        Rewards are those of the steps before an episode's end, under inputs with noise; V is added
+        only if the episode has not ended at H.
         """
         states, alive, running = episodes.states, _live_steps(episodes), _running_samples(episodes)
         noise_samples = noise.draw(len(alive), alive.shape[1], experiment.task.system.nu)
@@ -99,10 +98,10 @@ class Critic:
         noise: Gaussian,
         k: int,
     ) -> tuple[State, Row]:
-        """Entries of the state with V nearer to its targets in what iteration k visited.
+        """Fit V to its targets in the states visited in iteration k; return the critic's new entries of the state.
 
-        ``episodes`` and their targets are those of ``state``, V is as ``new_state`` normalises. Tells
-        how far V was off before, as the root mean square ``critic_error``.
+        ``episodes`` and their targets are from ``state``; V then uses the normaliser of ``new_state``.
+        The row has ``critic_error``, the root mean square error of V before.
         """
         targets = self.targets(experiment, state, episodes, noise)
         valid, network = np.isfinite(targets), self._network(experiment)
@@ -127,29 +126,29 @@ class Critic:
 
 
 CRITIC_THETA = "critic.theta"
-"""Name of the network's parameters in the state."""
+"""Name of the critic's network parameters in an algorithm's state."""
 CRITIC_ARRAYS = (CRITIC_THETA, "critic.m", "critic.v", "critic.count")
-"""Names of the network's parameters and Adam's moments in the state."""
+"""Names of the critic's network parameters and Adam's moments and count in an algorithm's state."""
 
 
 def _terminal_weights(episodes: Episodes) -> np.ndarray:
-    """Return ``d^H a_H`` (n,), 0 for an episode that has ended at its last state or before."""
+    """Return ``d^H a_H`` (n,), the discount at the last state or 0 for an episode that has ended by then."""
     assert episodes.trail is not None
     return episodes.trail[:, -1, -2]
 
 
 def _finite_samples(episodes: Episodes) -> np.ndarray:
-    """Return a mask (n,) of the samples that stayed finite."""
+    """Return a mask (n,): samples whose states are all finite."""
     return np.asarray(np.isfinite(episodes.states).all(axis=(1, 2)))
 
 
 def _running_samples(episodes: Episodes) -> np.ndarray:
-    """Return a mask (n,) of the samples that stayed finite and have not ended."""
+    """Return a mask (n,): samples whose states are all finite and whose episode has not ended."""
     return (_terminal_weights(episodes) > 0) & _finite_samples(episodes)
 
 
 def _live_steps(episodes: Episodes) -> np.ndarray:
-    """Return a mask (n, H): steps before the end of the episode, in samples that stayed finite."""
+    """Return a mask (n, H): steps before the end of the episode, in samples whose states are all finite."""
     steps = np.arange(episodes.states.shape[1] - 1)
     return (steps < episodes.lived[:, None]) & _finite_samples(episodes)[:, None]
 
@@ -159,7 +158,7 @@ def _model_parameters(experiment: Experiment, state: State) -> np.ndarray:
 
 
 def _normalised_observations(experiment: Experiment, state: State, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return normalised observations (n, n_o) in states x (n, nx), and Jacobians (n, n_o, nx)."""
+    """Return the normalised observations (n, n_o) in states x (n, nx), and their Jacobians (n, n_o, nx)."""
     normaliser = Normaliser.of(state)
     observations, jacobians = experiment.cached(_observe)(x, _model_parameters(experiment, state))
     columns = jacobians.reshape(*x.shape, observations.shape[1]).transpose(0, 2, 1)

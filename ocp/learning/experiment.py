@@ -1,4 +1,4 @@
-"""Experiments: a task, an algorithm, the contact law through which it learns, and a seed."""
+"""Learning experiments: a task, an algorithm, the contact law of its model, and a seed."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from ocp.learning.protocol import Algorithm, Trained
 
 T = TypeVar("T")
-"""Type of a cached object."""
+"""Type variable of a cached object."""
 
 RECORDED_SETTINGS = (
     "hidden",
@@ -36,42 +36,41 @@ RECORDED_SETTINGS = (
     "episodes",
     "budget",
 )
-"""Attributes that are recorded among the settings."""
+"""Names of an experiment's attributes that are recorded as settings."""
 EXACT = Exact()
-"""Law under which every policy is evaluated."""
+"""Contact law under which all policies are evaluated."""
 
 
 class Budget(NamedTuple):
-    """Number of simulated ``steps`` to learn from, and of ``judgements`` at equal distances along them."""
+    """Number of simulated ``steps`` after which learning ends, and of equally spaced evaluations (``judgements``)."""
 
     steps: int
     judgements: int
 
     def passed(self, spent: float) -> int:
-        """Return the number of whole distances between judgements in ``spent`` steps."""
+        """Return the number of whole intervals between evaluations in ``spent`` steps."""
         return int(spent * self.judgements // self.steps)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Experiment(Configured):
-    """Maximise ``E sum_t discount^t reward_t`` over the parameters of a policy.
+    """Learning experiment that maximises ``E sum_t discount^t reward_t`` over the parameters of a policy.
 
-    The policy is ``u = mid + half tanh(a)``, ``a = W_L tanh(... W_1 o + b_1 ...) + b_L + w``, with
-    tanh layers of sizes ``hidden`` on normalised observations; ``()`` is the affine policy and None
-    one input for all steps, without observations. Weights start normal with standard deviation
-    1 / sqrt(fan in), those of the last layer ``initial`` times that, offsets at 0; with a state
-    ``rest`` (nx,) they are those of linear feedback that keeps the system there; with a policy
-    ``start`` its own, with what it has seen.
+    The policy is ``u = mid + half tanh(a)``, ``a = W_L tanh(... W_1 o + b_1 ...) + b_L + w``, with tanh
+    layers of sizes ``hidden`` on normalised observations and noise w; ``()`` is the affine policy and
+    None a constant input, without observations. Initial weights are normal with standard deviation
+    1 / sqrt(fan in), those of the last layer times ``initial``; offsets are 0. With a state ``rest``
+    (nx,) they are instead those of linear feedback that stabilises the system there. With a policy
+    ``start`` they are its weights, with its normaliser.
 
-    The algorithm learns through ``law``, at the task's parameters ``model_params`` (all, in the
-    order of the task's table; by default its own); evaluations are under the exact law, of
-    ``episodes`` episodes before every ``evaluate_every``-th iteration and at the end. With a
-    ``budget`` learning ends with the iteration that has spent its steps, however many iterations
-    that takes, and is judged at its distances. ``params`` is what the task was built of, for the
-    record. Results do not depend on ``threads``.
+    The algorithm learns under the contact law ``law``, at the task's parameters ``model_params`` (all,
+    in the order of the task's table; by default its own). Evaluations are under the exact law, with
+    ``episodes`` episodes, before every ``evaluate_every``-th iteration and at the end. With a ``budget``
+    learning ends with the iteration that exceeds its number of steps, whatever ``iterations`` is, and
+    evaluations are at equal numbers of steps. ``params`` are the task's arguments, for the record.
+    Results do not depend on ``threads``.
 
-    Raises :class:`~ocp.errors.InputError` for sizes below 1, a discount outside (0, 1] and
-    the like.
+    Raises :class:`~ocp.errors.InputError` for invalid settings, such as a discount outside (0, 1].
     """
 
     task: Task
@@ -126,14 +125,14 @@ class Experiment(Configured):
 
     @cached_property
     def policy(self) -> RolloutPolicy:
-        """The policy in the form of the batch engine."""
+        """The policy's function, in the form that the batch engine takes."""
         task = self.task
         if self.hidden is None:
             return constant_policy(task.system.nx, task.lower, task.upper)
         return dense_policy(task.observe, self.hidden, task.lower, task.upper)
 
     def rollouts(self, horizon: int, law: ContactLaw | None = None) -> TaskRollouts:
-        """Return unrolls of ``horizon`` steps under ``law`` (default: the model's), compiled once."""
+        """Return compiled rollouts of ``horizon`` steps under ``law``, by default the experiment's; cached."""
         contact_law = self.law if law is None else law
         compiled = [rollouts for rollouts in self._compiled if rollouts.law is contact_law]
         for rollouts in compiled:
@@ -147,43 +146,43 @@ class Experiment(Configured):
         return task_rollouts
 
     def cached(self, make: Callable[[Experiment], T]) -> T:
-        """Return ``make(experiment)``, computed at the first call only."""
+        """Return ``make(experiment)``, which is computed only at the first call."""
         if make not in self._cache:
             self._cache[make] = make(self)
         return self._cache[make]
 
     def count_steps(self, steps: float) -> None:
-        """Count ``steps`` of any contact law that were simulated to learn from.
+        """Add ``steps`` to the number of steps simulated for learning, under any contact law.
 
-        Whatever simulates for an algorithm calls it; judgements do not count.
+        Every simulation for an algorithm calls this; evaluations are not counted.
         """
         self._step_counts.append(float(steps))
 
     def take_step_count(self) -> float:
-        """Return the steps counted by :meth:`count_steps` since the last call."""
+        """Return the number of steps counted by :meth:`count_steps` since the last call, and reset it."""
         total = sum(self._step_counts)
         self._step_counts.clear()
         return total
 
     @property
     def physics(self) -> np.ndarray:
-        """Parameters of the model: ``model_params``, or the task's own."""
+        """Physical parameters (np,) of the model: ``model_params``, or the task's own."""
         model_params = self.model_params
         return self.task.parameters.values if model_params is None else np.asarray(model_params, float)
 
     def rng(self, k: int, purpose: str) -> np.random.Generator:
-        """Return the random generator of iteration ``k`` for one purpose, the same at every call."""
+        """Return a random generator for iteration ``k`` and a purpose, with the same state at every call."""
         return np.random.default_rng(self._sequence(k, purpose))
 
     def noise(self, sigma: float, k: int, purpose: str) -> Gaussian:
-        """Return the noise of iteration ``k`` on the inputs for one purpose."""
+        """Return Gaussian noise on actions, of deviation ``sigma``, for iteration ``k`` and a purpose."""
         return Gaussian(sigma, self._sequence(k, purpose))
 
     def _sequence(self, k: int, purpose: str) -> np.random.SeedSequence:
         return np.random.SeedSequence([self.seed, k, zlib.crc32(purpose.encode())])
 
     def first_theta(self) -> np.ndarray:
-        """Return the initial parameters (n_theta,): those of ``start``, balancing ``rest``, or random."""
+        """Return the initial parameters (n_theta,): those of ``start``, feedback to ``rest``, or random ones."""
         if self.start is not None:
             return np.array(self.start.theta, dtype=float)
         rng = self.rng(0, "theta")
@@ -195,15 +194,15 @@ class Experiment(Configured):
         return theta
 
     def first_states(self, n: int, rng: np.random.Generator) -> np.ndarray:
-        """Return initial states (n, nx) of episodes, at the model's parameters."""
+        """Return random initial states (n, nx) of episodes, at the model's parameters."""
         return self.task.reset(n, rng, self.physics)
 
     def observations(self, states: np.ndarray) -> np.ndarray:
-        """Return the policy's observations (n, n_o), not normalised, in states (n, nx)."""
+        """Return the observations (n, n_o), not normalised, in states (n, nx)."""
         return self._observe(states, self.physics)
 
     def inputs(self, trained: Trained, states: np.ndarray, noise: np.ndarray | float = 0.0) -> np.ndarray:
-        """Return inputs (n, nu) of a policy in states (n, nx), with ``noise`` (n, nu) on its actions."""
+        """Return the inputs (n, nu) of a policy in states (n, nx), with ``noise`` (n, nu) on its actions."""
         if isinstance(self.policy, DensePolicy):
             normaliser = trained.normaliser
             observations = (self.observations(states) - normaliser.mean) / normaliser.scale
@@ -217,7 +216,7 @@ class Experiment(Configured):
         return BatchFunction(self.task.observe, "numpy", 1)
 
     def settings(self) -> dict[str, Any]:
-        """Return the settings that decide the result by name; ``iterations`` is left out, since it may grow."""
+        """Return a mapping from names to settings, without ``iterations``, which a continued training may change."""
         law = {"law": self.law.name, **self.law.settings()}
         return {
             "task": self.task.name,

@@ -1,4 +1,4 @@
-"""Transitions of a task from random policies, many episodes side by side."""
+"""Simulation of many episodes of a task at once, and transitions of random policies."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from ocp.errors import InputError
 from ocp.problem.task import Task
 
 BUFFER_ARRAYS = ("x", "u", "x_next")
-"""Names of a buffer's arrays."""
+"""Names of the arrays of a buffer of transitions."""
 
 
 @dataclass(frozen=True, eq=False)
 class Buffer:
-    """n steps: states ``x`` (n, nx), inputs ``u`` (n, nu), next states ``x_next`` (n, nx).
+    """Buffer of n transitions: states ``x`` (n, nx), inputs ``u`` (n, nu), next states ``x_next`` (n, nx).
 
-    Raises :class:`~ocp.errors.InputError` for shapes that disagree and for rows not finite.
+    Raises :class:`~ocp.errors.InputError` for shapes that disagree and for rows that are not finite.
     """
 
     x: np.ndarray
@@ -49,40 +49,40 @@ class Buffer:
         return Buffer(self.x[rows], self.u[rows], self.x_next[rows])
 
     def with_newest(self, more: Buffer, most: int) -> Buffer:
-        """Return the last ``most`` steps of this buffer followed by ``more``."""
+        """Return the last ``most`` transitions of this buffer followed by ``more``."""
         return Buffer.joined([self, more])[-most:]
 
     @classmethod
     def joined(cls, buffers: Sequence[Buffer]) -> Buffer:
-        """All steps of ``buffers``, in their order."""
+        """Return all transitions of ``buffers``, in their order."""
         return cls(*(np.concatenate([getattr(p, name) for p in buffers]) for name in BUFFER_ARRAYS))
 
     @classmethod
     def solved(cls, x: np.ndarray, u: np.ndarray, x_next: np.ndarray) -> Buffer:
-        """Return the steps with a finite next state: those whose contact was solved."""
+        """Return the transitions with a finite next state, that is, with a solved step."""
         finite = np.isfinite(x_next).all(axis=1)
         return cls(x[finite], u[finite], x_next[finite])
 
 
 N_EXPLORED_EPISODES = 50
-"""Number of episodes at once in :func:`random_transitions`, each with its own policy."""
+"""Number of episodes that :func:`random_transitions` simulates at once, each with its own policy."""
 CONTACT_DISTANCE_M = 1e-6
-"""Signed distance [m] up to which bodies count as touching."""
+"""Maximum signed distance [m] at which bodies count as touching."""
 MIN_ACTION_WIDTH = 0.01
-"""Smallest scale of a random policy's actions before tanh."""
+"""Minimum scale of a random policy's actions before tanh."""
 MAX_ACTION_WIDTH = 0.5
-"""Largest scale of a random policy's actions before tanh."""
+"""Maximum scale of a random policy's actions before tanh."""
 
 Policy = Callable[[np.ndarray], np.ndarray]
-"""Maps observations (n, n_o) of n episodes to inputs (n, nu)."""
+"""Function from observations (n, n_o) of n episodes to inputs (n, nu)."""
 
 
 @dataclass(frozen=True, eq=False)
 class EpisodeSteps:
-    """One step of n episodes: the transitions, their ``reward`` (n,), and three marks (n,).
+    """One step of n episodes: the transitions, their ``reward`` (n,), and three masks (n,).
 
-    ``ended`` where the task says so at the next state, ``solved`` where there is one, ``touched``
-    where bodies touch at the next state.
+    ``ended`` are episodes that end at the next state, ``solved`` those with a finite next state, and
+    ``touched`` those in which bodies touch there.
     """
 
     x: np.ndarray
@@ -95,11 +95,11 @@ class EpisodeSteps:
 
 
 class Explorer:
-    """Simulation of episodes of ``task`` under the exact law, its parameters set by name in ``values``.
+    """Simulation of many episodes of a task at once under the exact law.
 
-    Episodes that end, fail to be solved, or reach the task's horizon are started again by
-    :meth:`Task.reset`. ``count`` is called with the number of steps simulated. Results do not
-    depend on the number of threads.
+    ``values`` maps parameters to values other than the task's. Episodes that end, have an unsolved
+    step, or reach the task's horizon are replaced by new ones from :meth:`Task.reset`. ``count`` is
+    called with each number of simulated steps. Results do not depend on the number of threads.
     """
 
     def __init__(
@@ -121,23 +121,23 @@ class Explorer:
         self._distance = None if distance is None else BatchFunction(distance, **engine)
 
     def first(self, n: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-        """Begin ``n`` episodes: states (n, nx) and ages (n,) [steps]."""
+        """Return random initial states (n, nx) of ``n`` episodes, and their ages (n,), 0 steps."""
         return self.task.reset(n, rng, self.p), np.zeros(n, dtype=int)
 
     def observations(self, x: np.ndarray) -> np.ndarray:
-        """Observations (n, n_o) of states (n, nx)."""
+        """Return the observations (n, n_o) in states (n, nx)."""
         return self._observe(x, self.p)
 
     def ended(self, x: np.ndarray) -> np.ndarray:
-        """Whether episodes end at states (n, nx)."""
+        """Return a mask (n,): episodes that end at states (n, nx)."""
         return np.not_equal(self._end(x, self.p)[:, 0], 0)
 
     def rewards(self, x: np.ndarray, u: np.ndarray, x_next: np.ndarray) -> np.ndarray:
-        """Rewards (n,) of steps."""
+        """Return the rewards (n,) of transitions."""
         return self._reward(x, u, x_next, self.p)[:, 0]
 
     def step(self, x: np.ndarray, u: np.ndarray) -> EpisodeSteps:
-        """Go one step from states (n, nx) under inputs (n, nu)."""
+        """Simulate one step from states (n, nx) under inputs (n, nu)."""
         steps = self._step(x, u, self._step_p)
         if self._count is not None:
             self._count(len(x))
@@ -151,7 +151,7 @@ class Explorer:
         return EpisodeSteps(x, u, steps.x_next, reward, is_over, solved, touched)
 
     def advance(self, steps: EpisodeSteps, age: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-        """Return states and ages at the start of the next step; ended episodes start again."""
+        """Return states and ages at the start of the next step, with ended episodes replaced by new ones."""
         age = age + 1
         restarted = steps.ended | ~steps.solved | (age >= self.task.horizon)
         initial_states, initial_ages = self.first(len(age), rng)
@@ -159,13 +159,13 @@ class Explorer:
 
 
 def random_transitions(explorer: Explorer, n: int, seed: int | Sequence[int]) -> tuple[Buffer, np.ndarray]:
-    """Return ``n`` solved transitions of random policies, and whether bodies touch after each (n,).
+    """Return ``n`` solved transitions of random policies, and a mask (n,): whether bodies touch after each.
 
-    Fifty episodes at a time, each with inputs ``mid + half tanh(s (G o + w))`` of its own: G
-    (nu, n_o) normal, over observations scaled to their largest seen and the root of their number, w
-    white, and s log-uniform from gentle to wild, for who only thrashes falls before it lands.
+    Fifty episodes run at once, each with its own policy ``mid + half tanh(s (G o + w))``: G (nu, n_o) is
+    normal, observations o are divided by their largest values so far and by the root of their number,
+    w is white noise, and s is log-uniform, since with large inputs only, many episodes would end early.
 
-    Raises :class:`~ocp.errors.InputError` where no step was solved or ``n`` is below 1.
+    Raises :class:`~ocp.errors.InputError` if no step was solved or ``n`` is below 1.
     """
     n = read_count("n", n)
     task = explorer.task
@@ -193,13 +193,13 @@ def random_transitions(explorer: Explorer, n: int, seed: int | Sequence[int]) ->
 
 
 def squash(task: Task, a: np.ndarray) -> np.ndarray:
-    """Return ``mid + half tanh(a)`` between the task's bounds, (n, nu)."""
+    """Return inputs ``mid + half tanh(a)`` (n, nu) within the task's bounds, for actions a (n, nu)."""
     middle, half_range = (task.upper + task.lower) / 2, (task.upper - task.lower) / 2
     return middle + half_range * np.tanh(a)
 
 
 def _distance(task: Task) -> ca.Function | None:
-    """Return the map from ``(x, parameters)`` to the least signed distance [m]; None if unknown."""
+    """Return the function from ``(x, parameters)`` to the smallest signed distance [m]; None if unknown."""
     phi = task.system.phi
     if phi is None or not phi.numel():
         return None

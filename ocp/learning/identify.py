@@ -1,4 +1,4 @@
-"""Physical parameters psi of a model from transitions: the one-step loss, its search, intervals."""
+"""Identification of a model's physical parameters psi from transitions: one-step loss, search, and intervals."""
 
 from __future__ import annotations
 
@@ -16,24 +16,23 @@ from ocp.learning.explorer import Buffer
 from ocp.learning.random_search import Cloud, RandomSearch
 
 MAX_ROWS_AT_ONCE = 65536
-"""Largest number of steps in one call, which bounds its memory."""
+"""Maximum number of steps computed in one call, which limits memory."""
 
 
 class OneStepLoss:
-    """``L(psi; D) = sum_t 1/2 |(f(x_t, u_t; psi) - x_{t+1}) / scale|²`` [abs eq. 4.1].
+    """One-step loss ``L(psi; D) = sum_t 1/2 |(f(x_t, u_t; psi) - x_{t+1}) / scale|²`` of transitions D.
 
         loss = OneStepLoss(law.close(task.system), ["friction", "spring"])
         loss(np.log(psi), buffer)        # psi (k, n_psi) gives (k,)
 
-    psi are positive parameters of ``step`` by name, searched by their logarithms; the others have
-    ``values``, by default the step's own. ``scale`` (nx,) divides the errors: 1 is the equation,
-    whose sum adds squares of m, rad, m/s and rad/s; :meth:`increments` gives all coordinates a say.
+    It is that of Zhang, Jin and Wang (2023), eq. 4.1, for ``scale`` 1, which adds squares of m, rad, m/s
+    and rad/s; with :meth:`increments` as ``scale`` (nx,) all state entries have similar weight. psi are
+    the positive parameters ``names`` of ``step``, on a logarithmic scale; the others are fixed at
+    ``values``, by default the step's own. A step that cannot be solved at some psi counts as the mean
+    of the others; L is infinite if more than half cannot be solved.
 
-    A step that cannot be solved at some psi counts as the mean of those that can; L is infinite
-    where less than half of them are.
-
-    Raises :class:`~ocp.errors.InputError` for unknown names, no name, one named twice, and scales
-    that are not positive.
+    Raises :class:`~ocp.errors.InputError` for unknown, missing and repeated names, and for scales that
+    are not positive.
     """
 
     def __init__(
@@ -61,9 +60,9 @@ class OneStepLoss:
         self._step = StepFunction(step, **engine)
 
     def start(self, values: Mapping[str, float] | None = None) -> np.ndarray:
-        """Return logarithms (n_psi,) of ``values`` by name; the others are the step's.
+        """Return log psi (n_psi,) at ``values``, a mapping from names, by default the step's values.
 
-        Raises :class:`~ocp.errors.InputError` where one is not positive.
+        Raises :class:`~ocp.errors.InputError` if a value is not positive.
         """
         values_by_name = values or {}
         defaults = dict(zip(self.names, self.p[self._places], strict=True))
@@ -76,7 +75,7 @@ class OneStepLoss:
         return np.log(psi)
 
     def errors(self, log_psi: np.ndarray, buffer: Buffer) -> np.ndarray:
-        """Return scaled errors (k, n, nx) at ``log_psi`` (k, n_psi); NaN for unsolved steps."""
+        """Return the scaled one-step errors (k, n, nx) at ``log_psi`` (k, n_psi), NaN for unsolved steps."""
         log_psi, n = np.atleast_2d(log_psi), len(buffer)
         errors = np.empty((len(log_psi), n, buffer.x.shape[1]))
         candidates_at_once = max(1, MAX_ROWS_AT_ONCE // max(n, 1))
@@ -89,19 +88,20 @@ class OneStepLoss:
         return errors / self.scale
 
     def parameters(self, log_psi: np.ndarray) -> np.ndarray:
-        """Return all parameters of the step (k, np) at ``log_psi`` (k, n_psi)."""
+        """Return all parameters (k, np) of the step at ``log_psi`` (k, n_psi)."""
         p = np.tile(self.p, (len(log_psi), 1))
         p[:, self._places] = np.exp(log_psi)
         return p
 
     def __call__(self, log_psi: np.ndarray, buffer: Buffer) -> np.ndarray:
-        """``L`` (k,) at ``log_psi`` (k, n_psi)."""
+        """Return the loss L (k,) at ``log_psi`` (k, n_psi)."""
         return self._mean(0.5 * np.sum(self.errors(log_psi, buffer) ** 2, axis=2)) * len(buffer)
 
     def sensitivity(self, log_psi: np.ndarray, width: float, buffer: Buffer) -> np.ndarray:
-        """Return the root of each parameter's effect on the model at ``width`` up and down, (n_psi,).
+        """Return the sensitivity (n_psi,) of the model's steps to each entry of ``log_psi`` (n_psi,).
 
-        The effect is ``mean_t 1/2 |(f(psi') - f(psi)) / scale|²``, which does not use the next states.
+        It is the root of ``mean_t 1/2 |(f(psi') - f(psi)) / scale|²``, with one entry moved by ``width`` up
+        or down, whichever has less effect. It does not use the measured next states.
         """
         n = len(log_psi)
         perturbed = log_psi + width * np.concatenate([np.eye(n), -np.eye(n), np.zeros((1, n))])
@@ -111,38 +111,38 @@ class OneStepLoss:
 
     @staticmethod
     def _mean(losses: np.ndarray) -> np.ndarray:
-        """Means (k,) of those of ``losses`` (k, n) that are numbers, if they are half or more."""
+        """Return the means (k,) of the finite ``losses`` (k, n), infinite if less than half are finite."""
         finite = np.isfinite(losses)
         share = finite.mean(axis=1)
         total = np.where(finite, losses, 0.0).mean(axis=1)
         return np.divide(total, share, out=np.full(len(losses), np.inf), where=share >= 0.5)
 
     def in_scales_of(self, buffer: Buffer) -> OneStepLoss:
-        """Return the same loss with :meth:`increments` of ``buffer`` as its scale."""
+        """Return this loss with the :meth:`increments` of ``buffer`` as its scale."""
         other = copy.copy(self)
         other.scale = self.increments(buffer)
         return other
 
     @staticmethod
     def increments(buffer: Buffer) -> np.ndarray:
-        """Return the standard deviation of ``x_next - x`` (nx,), 1 for a coordinate that never moves."""
+        """Return the standard deviation (nx,) of ``x_next - x``, or 1 for a state entry that does not vary."""
         spread = (buffer.x_next - buffer.x).std(axis=0)
         return np.where(spread > 0, spread, 1.0)
 
 
 CANDIDATE_STREAM = 1
-"""Number of the random stream of candidates."""
+"""Index of the random stream from which candidates are drawn."""
 ROW_STREAM = 2
-"""Number of the random stream of the transitions that judge them."""
+"""Index of the random stream that selects the transitions on which candidates are compared."""
 
 
 @dataclass(frozen=True, eq=False)
 class Identification:
-    """Identified parameters psi, ``values`` (n,) in the order of ``names``, and the course of the search.
+    """Identified parameters psi, ``values`` (n,) in the order of ``names``, and the history of the search.
 
-    ``loss`` is that of eq. 4.1 on all transitions, divided by their number. ``model_params`` (k, n)
-    are the means of the search distribution, first its start, and ``spread`` (k, n) its standard
-    deviations of log psi; each pass begins where the last one ended.
+    ``loss`` is the one-step loss on all transitions divided by their number, ``start_loss`` that at the
+    start. ``model_params`` (k, n) are the means of the search distribution over the iterations of all
+    passes, and ``spread`` (k, n) its standard deviations of log psi.
     """
 
     names: tuple[str, ...]
@@ -161,9 +161,9 @@ def search_iteration(
     seed: list[int],
     rows: int,
 ) -> Cloud:
-    """Run one iteration of the search; the candidates are compared on the same ``rows`` random transitions.
+    """Return the search distribution after an iteration in which candidates are compared on ``rows`` transitions.
 
-    Random numbers depend on the seed and the number of the iteration alone.
+    The transitions are drawn at random. Random numbers depend only on the seed and the iteration's number.
     """
     count = int(cloud["count"])
     judging_rows = buffer
@@ -182,12 +182,12 @@ def identify(
     seed: int = 0,
     rows: int = 128,
 ) -> Identification:
-    """Minimise ``loss`` over log psi from ``start`` (n_psi,) by random search [abs eq. 4.1].
+    """Minimise the one-step ``loss`` over log psi from ``start`` (n_psi,) by random search.
 
-    Every iteration is judged by ``rows`` transitions; all of them choose between the start and the
-    last means of the passes, and tell how sensitive the model is.
+    Every iteration compares candidates on ``rows`` transitions. The result is the best on all
+    transitions of the start and the final means of the passes; all are also used for sensitivities.
 
-    Raises :class:`~ocp.errors.InputError` without transitions and for ``rows`` below 1.
+    Raises :class:`~ocp.errors.InputError` for an empty ``buffer`` and for ``rows`` below 1.
     """
     if not len(buffer) or rows < 1:
         raise InputError(f"psi is learned from transitions: got {len(buffer)}, {rows} at a time")
@@ -212,23 +212,23 @@ def identify(
 
 
 N_RESAMPLES = 400
-"""Number of bootstrap resamples."""
+"""Number of bootstrap resamples for an interval."""
 INTERVAL_TAIL = (1 - 0.95) / 2
-"""Probability on either side of an interval."""
+"""Probability below and above an interval, which contains 95 %."""
 DIFFERENCE_STEP = 1e-4
-"""Step of log psi in central differences."""
+"""Step of log psi for central differences."""
 FLAT_EIGENVALUE_RATIO = 1e-10
-"""Eigenvalue of the information, relative to the largest, below which a direction is flat."""
+"""Ratio of an eigenvalue of the information matrix to the largest up to which its direction is flat."""
 UNDETERMINED_SHARE = 0.05
-"""Component of a parameter's axis in flat directions above which it is not determined."""
+"""Norm of the projection of a parameter's axis on flat directions above which the parameter is undetermined."""
 
 
 @dataclass(frozen=True, eq=False)
 class Intervals:
-    """Intervals ``low`` to ``high`` (n,) of psi; [0, inf] where the transitions do not determine it.
+    """Intervals from ``low`` (n,) to ``high`` (n,) of psi, [0, inf] for entries that the data do not determine.
 
-    ``information`` (n, n) is the mean over transitions of ``J_t' J_t``, J_t the derivative of the
-    scaled errors by log psi.
+    ``information`` (n, n) is the mean over transitions of ``J_t' J_t``, where J_t is the derivative of
+    the scaled errors with respect to log psi.
     """
 
     low: np.ndarray
@@ -242,13 +242,13 @@ def bootstrap_intervals(
     buffer: Buffer,
     seed: int = 0,
 ) -> Intervals:
-    """Bootstrap over transitions; each resample's minimum is one Gauss-Newton step away.
+    """Return 95 % intervals of psi by a bootstrap over transitions, with one Gauss-Newton step per resample.
 
-    With J_t and errors r_t at ``log_psi`` (n_psi,), resample b's minimum is ``log_psi -
-    (sum_b J_t'J_t)^(-1) sum_b J_t' r_t``. The interval has 95 % of the 400 minima and reaches to
-    what was found: it measures the noise in the data and, where those are exact, the distance of
-    the search from their minimum. J_t is by central differences; transitions that do not solve
-    there are left out. Two-sided quantiles, so an interval is one of each parameter alone.
+    With J_t and errors r_t at ``log_psi`` (n_psi,), the minimum of resample b is approximated by
+    ``log_psi - (sum_b J_t'J_t)^(-1) sum_b J_t' r_t``. The interval contains 95 % of the 400 minima and
+    the identified value: it measures the noise in the data and, for exact data, the distance of the
+    search from the minimum. J_t is computed by central differences, without the transitions that cannot
+    be solved there. Intervals are for each parameter separately, by two-sided quantiles.
     """
     J, r = _linearised(loss, log_psi, buffer)
     products = np.einsum("tia,tib->tab", J, J), np.einsum("tia,ti->ta", J, r)
@@ -273,7 +273,7 @@ def bootstrap_intervals(
 
 
 def _linearised(loss: OneStepLoss, log_psi: np.ndarray, buffer: Buffer) -> tuple[np.ndarray, np.ndarray]:
-    """Return Jacobians (t, nx, n_psi) and errors (t, nx) of the transitions where all are finite."""
+    """Return the Jacobians (t, nx, n_psi) and errors (t, nx) of those transitions for which all are finite."""
     n = len(log_psi)
     perturbed = log_psi + DIFFERENCE_STEP * np.concatenate([np.zeros((1, n)), np.eye(n), -np.eye(n)])
     errors = loss.errors(perturbed, buffer)

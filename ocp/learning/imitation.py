@@ -1,4 +1,4 @@
-"""Policies fitted to plans, as starts of training."""
+"""Imitation learning: policies fitted to plans, from which a training may start."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ from ocp.problem.task import Task
 from ocp.solution import Solution
 
 SMOOTHING_MU_SHARE = 1e-2
-"""Barrier parameter in characteristic sizes, under which contacts are felt before they close."""
+"""Barrier parameter mu of the smoothed law for tracking gains, as a share of the problem's characteristic mu."""
 
 
 def demonstrations(
     plans: Sequence[Solution], copies: int = 0, spread: float = 0.0, seed: int = 0
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return states (n, nx) of plans at all scenarios and steps, and the inputs (n, nu) there.
+    """Return the states (n, nx) of plans at all scenarios and steps, and the inputs (n, nu) there.
 
-    Each state has ``copies`` further ones, perturbed by normal noise of ``spread`` characteristic
-    sizes, with the inputs of the plan's feedback, or for a plan of inputs alone of
-    :func:`tracking_gains`, clipped to the bounds.
+    For each state ``copies`` perturbed ones are added, with normal noise of ``spread`` characteristic
+    sizes. Their inputs are those of the plan's feedback, or of :func:`tracking_gains` for an open-loop
+    plan, clipped to the bounds.
 
-    Raises :class:`~ocp.errors.InputError` without a plan, and for a plan that is not finite.
+    Raises :class:`~ocp.errors.InputError` for no plans, and for a plan that is not finite.
     """
     if not plans:
         raise InputError("no plans to fit the policy to; give at least one")
@@ -53,7 +53,7 @@ def demonstrations(
 def _perturbed_demonstrations(
     plan: Solution, scenario: int, copies: int, spread: float, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return states around one scenario's, and the inputs that lead back."""
+    """Return perturbed states (n, nx) of one scenario, and the feedback's inputs (n, nu) there."""
     problem = plan.problem
     lower, upper = Evaluation(problem, plan.values).limits[2:4]
     gains = tracking_gains(plan, scenario) if plan.gains is None else plan.gains
@@ -64,14 +64,14 @@ def _perturbed_demonstrations(
 
 
 def tracking_gains(plan: Solution, scenario: int = 0) -> Gains:
-    """Feedback ``u = u_k + K_k (x - x_k)`` that leads back to a plan, K (N, nu, nx).
+    """Return gains K (N, nu, nx) of feedback ``u = u_k + K_k (x - x_k)`` that tracks a plan.
 
-    The linear-quadratic regulator that minimises ``sum |dx / size|² + |du / size|²`` in the
+    It is the linear-quadratic regulator that minimises ``sum |dx / size|² + |du / size|²`` in the
     problem's characteristic sizes: ``K = -(R + B' P B)^-1 B' P A``, ``P <- Q + A' P (A + B K)``,
-    ``P_N = Q``. ``A_k, B_k`` are the derivatives along the plan of a barrier law's step, since the
-    exact one has none where a contact is about to open or close.
+    ``P_N = Q``. ``A_k, B_k`` are derivatives of a barrier law's step along the plan, since the exact
+    law has none where a contact is about to open or close.
 
-    Raises :class:`~ocp.errors.NotConverged` where such a step is not solved.
+    Raises :class:`~ocp.errors.NotConverged` if a step cannot be solved under the barrier law.
     """
     problem, sizes = plan.problem, plan.problem.scales
     x = plan.data["x"].values[scenario]
@@ -98,19 +98,18 @@ def tracking_gains(plan: Solution, scenario: int = 0) -> Gains:
 
 @lru_cache(maxsize=1)
 def _smoothed_step(system: ContactSystem, mu: float) -> tuple[Step, StepFunction]:
-    """Return the step of a barrier law, built once for all plans of a task."""
+    """Return the system's step under the barrier law and its compiled function, cached for plans of a task."""
     step = Barrier(mu=mu).close(system)
     return step, StepFunction(step)
 
 
 MAX_ACTION_SHARE = 0.99
-"""Share of the way from the middle to a bound at which an input is cut, as no finite action reaches
-a bound."""
+"""Maximum distance of a target input from mid-range, in half ranges, since no finite action reaches a bound."""
 MAX_LBFGS_ITERATIONS = 500
 """Maximum number of iterations of L-BFGS."""
 ROWS_PER_PRODUCT = 64
-"""Rows of a product of matrices: those of all samples are shared among threads, which wait for one
-another on a busy machine, 50 times as long as they work, and round by how many they are."""
+"""Maximum number of rows of a matrix product. Larger products would use several threads, which wait for each
+other on a busy machine, and whose rounding depends on their number."""
 
 
 def fit_actions(
@@ -118,10 +117,11 @@ def fit_actions(
 ) -> Trained:
     """Fit a policy with tanh layers ``hidden`` to ``inputs`` (n, nu) in ``states`` (n, nx).
 
-    It minimises the mean of ``|a(o) - a*|²``, the action before tanh against
-    ``a* = artanh((u - mid) / half)``, with u cut to 0.99 of its way to the bounds. Observations are
-    normalised by their own mean and deviation. The affine policy, ``()``, is the solution of least
-    norm; others are where 500 iterations of L-BFGS lead from weights out of the ``seed``.
+    It minimises the mean of ``|a(o) - a*|²``, where a is the action before tanh and
+    ``a* = artanh((u - mid) / half)``, with u limited to 0.99 of the half range. Observations are
+    normalised by their mean and standard deviation. The affine policy, ``()``, is the least-squares
+    solution of minimum norm; others are the result of up to 500 iterations of L-BFGS from random
+    weights drawn with ``seed``.
     """
     policy = dense_policy(task.observe, hidden, task.lower, task.upper)
     observations = BatchFunction(task.observe, "numpy", 1)(states, task.parameters.values)
@@ -150,7 +150,7 @@ def squared_error(
 ) -> tuple[float, np.ndarray]:
     """Return the mean of ``|a - a*|²`` over normalised observations (n, n_o), and its gradient (n_theta,).
 
-    ``target_actions`` (n, n_a) are the actions a*.
+    ``target_actions`` (n, n_a) are a*.
     """
     error, slope = 0.0, np.zeros_like(theta)
     for first_row in range(0, len(observations), ROWS_PER_PRODUCT):
@@ -167,7 +167,7 @@ def squared_error(
 def _summed_error(
     theta: np.ndarray, policy: DensePolicy, observations: np.ndarray, target_actions: np.ndarray
 ) -> tuple[float, np.ndarray]:
-    """Return the sum of ``|a - a*|²`` and its gradient, by backpropagation."""
+    """Return the sum of ``|a - a*|²`` over observations, and its gradient (n_theta,) by backpropagation."""
     layers, values = policy.layers(theta), [observations]
     for weights, offsets in layers[:-1]:
         values.append(np.tanh(values[-1] @ weights.T + offsets))

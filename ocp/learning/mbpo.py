@@ -1,4 +1,4 @@
-"""Model-based policy optimisation: a soft actor-critic on a model's short branches."""
+"""Model-based policy optimisation: a soft actor-critic trained on short rollouts of a learned model."""
 
 from __future__ import annotations
 
@@ -19,22 +19,26 @@ if TYPE_CHECKING:
 class MBPO(Algorithm):
     """Model-based policy optimisation with a soft actor-critic.
 
-    Janner, Fu, Zhang and Levine, When to trust your model, 2019, algorithm 2. In every iteration
-    ``n_envs`` episodes go on for ``steps`` steps under the exact law, whatever the experiment's law,
-    with noisy actions of the policy (in iteration 0 of random policies, ``explored`` steps); the
-    ensemble is fitted to all real steps, of which a share ``held_out`` selects its ``elites``; its
-    ``branches`` start at real states, first ``min_branch`` steps long, later ``max_branch`` (from
-    half of the iterations on); and the actor-critic is updated ``updates`` times
-    on batches with a share ``real_ratio`` of real steps, the rest of the last ``kept`` iterations'
-    branches. Reward and end of a step of the model are the task's, but the critics see rewards
-    clipped to ``reward_clip`` in size, so that they do not learn from one good step before a fall.
-    Actions before tanh start with deviation ``sigma``, the temperature with ``alpha``, which keeps
-    the entropy at ``target_entropy`` per input: for a Gaussian well within the bounds, of deviation
-    s in half ranges, 1.42 + ln s.
+    Algorithm 2 of Janner, Fu, Zhang and Levine, When to trust your model, 2019. Real steps are
+    simulated under the exact law, whatever the experiment's law. Before iteration 0 there are
+    ``explored`` steps of random policies. Each iteration
 
-    The policy is the experiment's: tanh layers on observations, normalised once by the explored
-    steps. The critics' discount is ``critic_discount`` times the experiment's. Sizes are for two
-    cores; Janner's are 4 x 200 units, 256 in a batch, 400 branches and 20 to 40 updates a step.
+    - continues ``n_envs`` episodes for ``steps`` steps with noisy actions of the policy;
+    - fits the ensemble to all real steps, of which a share ``held_out`` selects its ``elites``;
+    - rolls the model out from real states in ``branches`` rollouts, whose length grows from
+      ``min_branch`` to ``max_branch`` steps over the first half of the iterations;
+    - updates actor and critics ``updates`` times on batches with a share ``real_ratio`` of real
+      steps; the other steps are from the branches of the last ``kept`` iterations.
+
+    Reward and end of a model step are the task's, but rewards for the critics are clipped to
+    ``reward_clip`` in size, so that they do not learn from one good step before a fall. Actions before
+    tanh start with standard deviation ``sigma``. The temperature starts at ``alpha`` and is adapted so
+    that the entropy per input is ``target_entropy``; a Gaussian well within the bounds, with standard
+    deviation s in half ranges, has 1.42 + ln s.
+
+    The policy is the experiment's: tanh layers on observations, normalised by the explored steps.
+    The critics' discount is ``critic_discount`` times the experiment's. Default sizes suit two cores;
+    Janner's are 4 x 200 units, batches of 256, 400 branches and 20 to 40 updates per step.
     """
 
     name: ClassVar[str] = "mbpo"
@@ -79,24 +83,24 @@ class MBPO(Algorithm):
                 )
 
     def begin(self, experiment: Experiment) -> State:
-        """Return networks initialised from the seed, and the explored steps.
+        """Return networks initialised from the seed, and the steps of random policies.
 
-        Raises :class:`~ocp.errors.InputError` where settings do not fit, and where the extra
-        ``learn`` is not installed.
+        Raises :class:`~ocp.errors.InputError` if settings do not fit or the extra ``learn`` is not
+        installed.
         """
         self.check(experiment)
         return self._trainer(experiment).initial_state()
 
     def iterate(self, experiment: Experiment, state: State, k: int) -> tuple[State, Row]:
-        """Take steps under the exact law, then train the ensemble, its branches' actor and critics."""
+        """Take steps under the exact law, fit the ensemble, and train actor and critics on its rollouts."""
         return self._trainer(experiment).iterate(state, k)
 
     def policy(self, experiment: Experiment, state: State) -> Trained:
-        """Return the policy of the mean action."""
+        """Return the policy that applies the actor's mean action."""
         return self._trainer(experiment).policy(state)
 
     def check(self, experiment: Experiment) -> None:
-        """Raise :class:`~ocp.errors.InputError` where settings do not fit."""
+        """Raise :class:`~ocp.errors.InputError` for a policy without observations and for a policy to start from."""
         if experiment.hidden is None:
             raise InputError(
                 f"mbpo learns a policy that observes, and {experiment.task.name} has one constant"

@@ -1,8 +1,8 @@
 """Networks of model-based policy optimisation: an ensemble of models, and a soft actor-critic.
 
-Janner et al., When to trust your model, 2019; Haarnoja et al., Soft actor-critic algorithms and
-applications, 2018. Actions are those before tanh, as the engine's policies have them; densities and
-critics are of their tanh, in [-1, 1].
+Sources: Janner et al., When to trust your model, 2019; Haarnoja et al., Soft actor-critic algorithms
+and applications, 2018. As in the batch engine's policies, an action is the value before tanh; densities
+and critics are functions of its tanh, in [-1, 1].
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ import numpy as np
 import optax
 
 Layers = tuple[tuple[Any, Any], ...]
-"""``W`` (n_out, n_in) and ``b`` (n_out,) of each layer."""
+"""Weights ``W`` (n_out, n_in) and offsets ``b`` (n_out,) of each layer of a network."""
 
 
 def initial_layers(rng: np.random.Generator, sizes: Sequence[int], last: float = 1.0) -> Layers:
-    """Return normal weights of deviation 1 / sqrt(n_in), the last layer's scaled by ``last``; b = 0."""
+    """Return layers with offsets 0 and normal weights of deviation 1 / sqrt(n_in), in the last layer times ``last``."""
     layers = []
     for i, (n_in, n_out) in enumerate(pairwise(sizes)):
         size = (last if i == len(sizes) - 2 else 1.0) / n_in**0.5
@@ -32,12 +32,12 @@ def initial_layers(rng: np.random.Generator, sizes: Sequence[int], last: float =
 
 
 def initial_ensemble(rng: np.random.Generator, n: int, sizes: Sequence[int]) -> Layers:
-    """Return ``n`` networks with different weights, stacked along the first axis."""
+    """Return ``n`` networks with different random weights, stacked along the first axis."""
     return jax.tree.map(lambda *leaves: np.stack(leaves), *(initial_layers(rng, sizes) for _ in range(n)))
 
 
 def forward(layers: Layers, z: jax.Array, sample_actions_compiled: Callable[[jax.Array], jax.Array]) -> jax.Array:
-    """Outputs (n, n_out) at ``z`` (n, n_in), ``sample_actions_compiled`` between the layers."""
+    """Return a network's outputs (n, n_out) at ``z`` (n, n_in); the last argument is the activation function."""
     for W, b in layers[:-1]:
         z = sample_actions_compiled(z @ W.T + b)
     W, b = layers[-1]
@@ -45,27 +45,27 @@ def forward(layers: Layers, z: jax.Array, sample_actions_compiled: Callable[[jax
 
 
 def tree_arrays(prefix: str, tree: Any) -> dict[str, np.ndarray]:
-    """Return the leaves of ``tree`` by the names ``prefix.0``, ``prefix.1`` and so on."""
+    """Return a mapping from ``prefix.0``, ``prefix.1`` and so on to the leaves of ``tree``."""
     return {f"{prefix}.{i}": np.asarray(leaf) for i, leaf in enumerate(jax.tree.leaves(tree))}
 
 
 def tree_from_arrays(prefix: str, state: dict[str, np.ndarray], like: Any) -> Any:
-    """Rebuild a tree from :func:`tree_arrays`, in the structure of ``like``."""
+    """Rebuild a tree with the structure of ``like`` from its :func:`tree_arrays` in ``state``."""
     leaves, structure = jax.tree.flatten(like)
     leaf_arrays = [state[f"{prefix}.{i}"] for i in range(len(leaves))]
     return jax.tree.unflatten(structure, leaf_arrays)
 
 
 BOUND_SPREAD_WEIGHT = 0.01
-"""Weight in the loss of the distance between the bounds of the log-variance."""
+"""Weight of the distance between the bounds of the log-variance in the loss."""
 WEIGHT_DECAY = 1e-5
-"""Weight decay (mbrl-lib's configuration of MBPO)."""
+"""Weight decay of the model's optimiser, as in mbrl-lib's configuration of MBPO."""
 INITIAL_LOG_VARIANCE_BOUNDS = -10.0, 0.5
-"""Initial bounds of the log-variance of normalised outputs (Chua et al., 2018)."""
+"""Initial lower and upper bound of the log-variance of normalised outputs (Chua et al., 2018)."""
 
 
 class Ensemble(NamedTuple):
-    """Networks of all members, stacked, and bounds (ny,) of the log-variances."""
+    """Probabilistic networks of all members, stacked, and bounds (ny,) of their log-variances."""
 
     layers: Layers
     min_log_variance: Any
@@ -73,7 +73,7 @@ class Ensemble(NamedTuple):
 
 
 class Learner(NamedTuple):
-    """An ensemble and the state of its optimiser."""
+    """An ensemble together with the state of its optimiser."""
 
     ensemble: Ensemble
     moments: Any
@@ -87,7 +87,7 @@ def begin_learner(
     n_out: int,
     rate: float,
 ) -> Learner:
-    """Return an ensemble of networks with different weights, and its optimiser's state."""
+    """Return an ensemble with random weights and its optimiser's initial state."""
     layers = initial_ensemble(rng, members, (n_in, *hidden, 2 * n_out))
     ensemble = Ensemble(layers, *(np.full(n_out, bound, np.float32) for bound in INITIAL_LOG_VARIANCE_BOUNDS))
     return Learner(ensemble, jax.jit(optax.adamw(rate, weight_decay=WEIGHT_DECAY).init)(ensemble))
@@ -96,8 +96,8 @@ def begin_learner(
 def predict_gaussians(ensemble: Ensemble, z: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Return means and log-variances (members, n, ny) at ``z`` (members, n, nz).
 
-    With s the networks' second half of outputs and bounds m < M: ``l = M - softplus(M - s)`` and
-    ``log var = m + softplus(l - m)``, which lies between them and has a slope everywhere.
+    With the second half s of the networks' outputs and bounds m < M, ``l = M - softplus(M - s)`` and
+    ``log var = m + softplus(l - m)``, which is between the bounds and has a slope everywhere.
     """
     outputs = jax.vmap(lambda layers, rows: forward(layers, rows, jax.nn.silu))(ensemble.layers, z)
     mean, raw = jnp.split(outputs, 2, axis=-1)
@@ -106,9 +106,9 @@ def predict_gaussians(ensemble: Ensemble, z: jax.Array) -> tuple[jax.Array, jax.
 
 
 def likelihood_loss(ensemble: Ensemble, z: jax.Array, y: jax.Array) -> jax.Array:
-    """``sum_members mean ((mean - y)² / var + log var) + 0.01 sum (M - m)`` (Chua et al., 2018).
+    """Return ``sum_members mean ((mean - y)² / var + log var) + 0.01 sum (M - m)`` (Chua et al., 2018).
 
-    Twice the negative log-likelihood of y (members, n, ny) but for a constant.
+    The first sum is twice the negative log-likelihood of y (members, n, ny) up to a constant.
     """
     mean, log_var = predict_gaussians(ensemble, z)
     errors = (mean - y) ** 2 * jnp.exp(-log_var) + log_var
@@ -120,7 +120,10 @@ def likelihood_loss(ensemble: Ensemble, z: jax.Array, y: jax.Array) -> jax.Array
 
 @functools.cache
 def make_trainer(rate: float) -> Callable[..., tuple[Learner, jax.Array]]:
-    """Return the map ``(learner, z (n, nz), y (n, ny), rows (steps, members, batch))`` to learner and losses."""
+    """Return a function that trains an ensemble with Adam at learning rate ``rate``.
+
+    It maps ``(learner, z (n, nz), y (n, ny), rows (steps, members, batch))`` to the learner and losses (steps,).
+    """
     adam = optax.adamw(rate, weight_decay=WEIGHT_DECAY)
 
     @jax.jit
@@ -139,7 +142,7 @@ def make_trainer(rate: float) -> Callable[..., tuple[Learner, jax.Array]]:
 
 @jax.jit
 def member_errors(ensemble: Ensemble, z: Any, y: Any, known: Any) -> jax.Array:
-    """Return mean squared errors (members,) of the means over rows with ``known`` (n,) true."""
+    """Return the mean squared errors (members,) of predicted means over the rows in the mask ``known`` (n,)."""
     members = ensemble.layers[0][0].shape[0]
     mean, _ = predict_gaussians(ensemble, jnp.broadcast_to(z, (members, *z.shape)))
     squared_errors = jnp.mean((mean - y) ** 2, axis=2)
@@ -147,13 +150,16 @@ def member_errors(ensemble: Ensemble, z: Any, y: Any, known: Any) -> jax.Array:
 
 
 def select_elites(errors: np.ndarray, n: int) -> np.ndarray:
-    """Return the ``n`` members with the least held-out errors, best first."""
+    """Return the indices of the ``n`` members with the smallest ``errors``, best first."""
     return np.argsort(errors, kind="stable")[:n]
 
 
 @jax.jit
 def sample_next_states(ensemble: Ensemble, member: Any, z: Any, noise: Any) -> jax.Array:
-    """Return ``mean + noise sqrt(var)`` (n, ny) of each row's ``member`` (n,), noise (n, ny) standard."""
+    """Return samples ``mean + noise sqrt(var)`` (n, ny), row i from member ``member[i]``.
+
+    ``noise`` (n, ny) is standard normal.
+    """
     members = ensemble.layers[0][0].shape[0]
     mean, log_var = predict_gaussians(ensemble, jnp.broadcast_to(z, (members, *z.shape)))
     row = jnp.arange(z.shape[0])
@@ -167,7 +173,7 @@ MAX_LOG_DEVIATION = 2.0
 
 
 class Actor(NamedTuple):
-    """Actor: tanh layers ``trunk``, and on them a layer for means and one for log-deviations."""
+    """Actor network: tanh layers ``trunk``, then a layer for means and one for logarithms of deviations."""
 
     trunk: Layers
     mean: tuple[Any, Any]
@@ -175,7 +181,7 @@ class Actor(NamedTuple):
 
 
 class Networks(NamedTuple):
-    """Trained parameters: actor, two critics (stacked), logarithm of the temperature."""
+    """Trained parameters of an agent: actor, two critics (stacked), and the logarithm of the temperature."""
 
     actor: Actor
     critics: Layers
@@ -183,7 +189,7 @@ class Networks(NamedTuple):
 
 
 class Agent(NamedTuple):
-    """Networks, the target critics, and the states of three optimisers."""
+    """Soft actor-critic agent: networks, target critics, and the states of the three optimisers."""
 
     networks: Networks
     targets: Layers
@@ -191,7 +197,7 @@ class Agent(NamedTuple):
 
 
 class Batch(NamedTuple):
-    """Normalised observations, tanh actions, rewards, ends (1 or 0), next observations."""
+    """Batch of transitions: normalised observations, tanh of actions, rewards, ends (1 or 0), next observations."""
 
     o: Any
     t: Any
@@ -201,7 +207,10 @@ class Batch(NamedTuple):
 
 
 class Rates(NamedTuple):
-    """Learning ``rate``, ``discount``, ``tau``, the targets' rate, ``target_entropy``, entropy an input."""
+    """Rates of the agent's updates: learning ``rate``, ``discount``, and rate ``tau`` of the target critics.
+
+    ``target_entropy`` is the target entropy per input.
+    """
 
     rate: float
     discount: float
@@ -218,9 +227,9 @@ def begin_agent(
     alpha: float,
     rate: float,
 ) -> Agent:
-    """Return initial networks: means scaled by ``initial``, all deviations ``sigma``.
+    """Return an agent with random networks: weights of means scaled by ``initial``, all deviations ``sigma``.
 
-    ``actor_sizes`` runs from the observation to the input, ``critics`` are hidden layers.
+    ``actor_sizes`` are the actor's layers from observation to input, ``critics`` the critics' hidden layers.
     """
     n_o, *_, nu = actor_sizes
     *trunk, mean = initial_layers(rng, actor_sizes, initial)
@@ -235,7 +244,7 @@ def begin_agent(
 
 
 def action_moments(actor: Actor, o: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Return means and log-deviations (n, nu) of actions before tanh."""
+    """Return the means and log standard deviations (n, nu) of actions before tanh."""
     for W, b in actor.trunk:
         o = jnp.tanh(o @ W.T + b)
     mean, spread = (o @ W.T + b for W, b in (actor.mean, actor.spread))
@@ -243,9 +252,9 @@ def action_moments(actor: Actor, o: jax.Array) -> tuple[jax.Array, jax.Array]:
 
 
 def sample_actions(actor: Actor, o: jax.Array, noise: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Return ``tanh(a)``, ``a = mean + exp(s) noise``, and the log-density of tanh(a), (n,).
+    """Return sampled actions ``tanh(a)`` (n, nu) with ``a = mean + exp(s) noise``, and their log-densities (n,).
 
-    ``sum_j -noise_j²/2 - s_j - log(2 pi)/2 - log(1 - tanh(a_j)²)``.
+    The log-density is ``sum_j -noise_j²/2 - s_j - log(2 pi)/2 - log(1 - tanh(a_j)²)``.
     """
     mean, spread = action_moments(actor, o)
     a = mean + jnp.exp(spread) * noise
@@ -255,13 +264,13 @@ def sample_actions(actor: Actor, o: jax.Array, noise: jax.Array) -> tuple[jax.Ar
 
 
 def critic_values(critics: Layers, o: jax.Array, t: jax.Array) -> jax.Array:
-    """Return both critics' values (2, n)."""
+    """Return the values (2, n) of both critics at observations ``o`` (n, n_o) and tanh actions ``t`` (n, nu)."""
     z = jnp.concatenate([o, t], axis=1)
     return jax.vmap(lambda layers: forward(layers, z, jax.nn.relu)[:, 0])(critics)
 
 
 def critic_targets(agent: Agent, batch: Batch, noise: jax.Array, discount: float | jax.Array) -> jax.Array:
-    """Return ``r + discount (1 - ended) (min_j Q'_j(o', t') - alpha log pi(t' | o'))``, (n,)."""
+    """Return the critics' targets ``r + discount (1 - ended) (min_j Q'_j(o', t') - alpha log pi(t' | o'))``, (n,)."""
     t, log_density = sample_actions(agent.networks.actor, batch.o_next, noise)
     soft = critic_values(agent.targets, batch.o_next, t).min(axis=0)
     soft -= jnp.exp(agent.networks.log_alpha) * log_density
@@ -269,27 +278,27 @@ def critic_targets(agent: Agent, batch: Batch, noise: jax.Array, discount: float
 
 
 def critic_loss(critics: Layers, batch: Batch, target: jax.Array) -> jax.Array:
-    """Return ``sum_j mean (Q_j - target)² / 2``."""
+    """Return the critics' loss ``sum_j mean (Q_j - target)² / 2``."""
     return 0.5 * jnp.mean((critic_values(critics, batch.o, batch.t) - target) ** 2, axis=1).sum()
 
 
 def actor_loss(
     actor: Actor, critics: Layers, log_alpha: jax.Array, o: jax.Array, noise: jax.Array
 ) -> tuple[jax.Array, jax.Array]:
-    """Return ``mean (alpha log pi - min_j Q_j)`` of new actions, and the mean of log pi."""
+    """Return the actor's loss ``mean (alpha log pi - min_j Q_j)`` on sampled actions, and the mean of log pi."""
     t, log_density = sample_actions(actor, o, noise)
     least_value = critic_values(critics, o, t).min(axis=0)
     return jnp.mean(jnp.exp(log_alpha) * log_density - least_value), log_density.mean()
 
 
 def temperature_loss(log_alpha: jax.Array, log_density: jax.Array, target_entropy: float) -> jax.Array:
-    """``-log alpha (mean log pi + target_entropy)``: alpha grows while the entropy is below ``target_entropy``."""
+    """Return ``-log alpha (mean log pi + target_entropy)``, by which alpha grows while the entropy is too low."""
     return -log_alpha * jax.lax.stop_gradient(log_density + target_entropy)
 
 
 @functools.cache
 def make_updater(rates: Rates) -> Callable[..., tuple[Agent, dict[str, jax.Array]]]:
-    """Return the map ``(agent, data, rows (updates, batch), key)`` to the agent and metrics of updates."""
+    """Return a function that maps ``(agent, data, rows (updates, batch), key)`` to the updated agent and metrics."""
     adam = optax.adam(rates.rate)
 
     def moved(slopes: Any, moments: Any, parameters: Any) -> tuple[Any, Any]:
@@ -334,6 +343,6 @@ sample_actions_compiled = jax.jit(sample_actions)
 
 
 def mean_action_parameters(actor: Actor) -> np.ndarray:
-    """Return the mean action's parameters as in the engine's dense policy: W row by row, b, by layers."""
+    """Return the mean action's parameters in the order of the engine's dense policy: for each layer W, then b."""
     tree_arrays = [array for layer in (*actor.trunk, actor.mean) for array in layer]
     return np.concatenate([np.asarray(array, dtype=float).ravel() for array in tree_arrays])

@@ -1,4 +1,4 @@
-"""The loop of model-based policy optimisation; its state consists of arrays."""
+"""Iterations of model-based policy optimisation on a state that consists of arrays."""
 
 from __future__ import annotations
 
@@ -35,19 +35,19 @@ if TYPE_CHECKING:
 
 
 ChooseInputs = Callable[[np.ndarray, int], np.ndarray]
-"""Maps states (n, nx) and the step's number to inputs (n, nu)."""
+"""Function from states (n, nx) and the step's number to inputs (n, nu)."""
 
 PredictNext = Callable[[np.ndarray, np.ndarray, int], np.ndarray]
-"""Maps states (n, nx), inputs (n, nu) and the step's number to next states (n, nx)."""
+"""Function from states (n, nx), inputs (n, nu) and the step's number to next states (n, nx)."""
 
 
 def branch_rollouts(
     explorer: Explorer, starts: np.ndarray, length: int, choose: ChooseInputs, predict: PredictNext
 ) -> Buffer:
-    """Return transitions of the model, ``length`` steps from each of ``starts`` (n, nx).
+    """Return the transitions of model rollouts of ``length`` steps from each of ``starts`` (n, nx).
 
-    A branch stops at a state where the task ends, and before one that is not finite. All branches
-    are computed at every step, whichever have stopped, so that shapes do not change.
+    A rollout stops at a state where the task ends, and before a state that is not finite. All rollouts
+    are computed at every step, also stopped ones, so that shapes do not change.
     """
     x, alive = starts, np.ones(len(starts), dtype=bool)
     buffers = []
@@ -62,17 +62,17 @@ def branch_rollouts(
 
 
 def branch_length(k: int, first: int, last: int, grown_at: int) -> int:
-    """Return the length of a branch in iteration ``k``: from ``first`` linearly to ``last`` at ``grown_at``."""
+    """Return the length of branches in iteration ``k``, linear from ``first`` to ``last`` at ``grown_at``."""
     share = min(1.0, k / max(grown_at, 1))
     return round(first + share * (last - first))
 
 
 MIN_INCREMENT_SCALE = 1e-3
-"""Smallest scale of the increments of a state."""
+"""Minimum scale of the increments ``x_next - x`` of a state entry, in its unit."""
 
 
 class Walk(NamedTuple):
-    """Episodes under way: states (n, nx), ages (n,), rewards so far (n,)."""
+    """Episodes in progress: states (n, nx), ages (n,) in steps, and sums of rewards so far (n,)."""
 
     x: np.ndarray
     age: np.ndarray
@@ -80,14 +80,14 @@ class Walk(NamedTuple):
 
 
 class ObservationScales(NamedTuple):
-    """Scales of observations, and of increments of states, from the explored steps."""
+    """Normaliser of observations and scales (nx,) of state increments, from the steps of random policies."""
 
     observation: Normaliser
     increment: np.ndarray
 
 
 class MBPOTrainer:
-    """Compiled functions of one experiment; all that changes is in the state."""
+    """Compiled functions of one experiment; everything that changes is in the state passed to them."""
 
     def __init__(self, settings: MBPO, experiment: Experiment) -> None:
         self.settings, self.experiment, task = settings, experiment, experiment.task
@@ -119,7 +119,7 @@ class MBPOTrainer:
         )
 
     def initial_state(self) -> State:
-        """Return the state before iteration 0."""
+        """Return the state before iteration 0, with the steps of random policies."""
         settings = self.settings
         seeds = [self.experiment.seed, self.experiment.rng(0, "explored").integers(2**31)]
         explored, _ = random_transitions(self.explorer, settings.explored, seeds)
@@ -144,12 +144,12 @@ class MBPOTrainer:
         }
 
     def policy(self, state: State) -> Trained:
-        """Return the policy of a state."""
+        """Return the policy that applies the mean action of a state's actor."""
         agent: Agent = tree_from_arrays("agent", state, self.first_agent)
         return Trained(mean_action_parameters(agent.networks.actor), Normaliser.of(state))
 
     def iterate(self, state: State, k: int) -> tuple[State, Row]:
-        """Run one iteration; return the new state and its row."""
+        """Run iteration ``k``; return the new state and the iteration's numbers."""
         settings = self.settings
         learner: Learner = tree_from_arrays("learner", state, self.first_learner)
         agent: Agent = tree_from_arrays("agent", state, self.first_agent)
@@ -183,7 +183,7 @@ class MBPOTrainer:
         }, row
 
     def _walk(self, agent: Agent, scales: ObservationScales, walk: Walk, k: int) -> tuple[Walk, Buffer, list[float]]:
-        """Continue the episodes; return them, their transitions, and the returns of finished ones."""
+        """Continue the episodes; return them, their new transitions, and the returns of finished ones."""
         rng, buffers, finished = self.experiment.rng(k, "actions"), [], []
         for _ in range(self.settings.steps):
             u = self._inputs(agent, scales, rng, walk.x)
@@ -196,7 +196,7 @@ class MBPOTrainer:
         return walk, Buffer.joined(buffers), finished
 
     def _inputs(self, agent: Agent, scales: ObservationScales, rng: np.random.Generator, x: np.ndarray) -> np.ndarray:
-        """Return inputs (n, nu) of the policy with its noise."""
+        """Return inputs (n, nu) sampled from the policy in states ``x`` (n, nx)."""
         o = self._normalised(scales, x)
         t, _ = sample_actions_compiled(agent.networks.actor, o, rng.standard_normal((len(x), self.nu)).astype("f4"))
         task = self.experiment.task
@@ -215,7 +215,7 @@ class MBPOTrainer:
     def _fit_model(
         self, learner: Learner, scales: ObservationScales, real_steps: Buffer, k: int
     ) -> tuple[Learner, np.ndarray]:
-        """Train the ensemble; return it and its members' errors on held-out rows."""
+        """Train the ensemble; return it and its members' mean squared errors (members,) on held-out steps."""
         settings, rng = self.settings, self.experiment.rng(k, "model")
         z = np.hstack([self._normalised(scales, real_steps.x), self._tanh(real_steps.u)])
         y = ((real_steps.x_next - real_steps.x) / scales.increment).astype(np.float32)
@@ -240,7 +240,7 @@ class MBPOTrainer:
         length: int,
         k: int,
     ) -> Buffer:
-        """Return branches of the ensemble from real states, each step by a random elite for each row."""
+        """Return the transitions of the ensemble's rollouts from real states; a random elite computes each step."""
         settings, rng = self.settings, self.experiment.rng(k, "branches")
         starts = real_steps.x[rng.integers(len(real_steps), size=settings.branches)]
 
@@ -259,7 +259,7 @@ class MBPOTrainer:
     def _update_agent(
         self, agent: Agent, scales: ObservationScales, real_steps: Buffer, model: Buffer, k: int
     ) -> tuple[Agent, Row]:
-        """Update actor and critics on real steps and steps of the model."""
+        """Update actor, critics and temperature on batches of real steps and steps of the model."""
         settings, rng = self.settings, self.experiment.rng(k, "updates")
         n_real = round(settings.real_ratio * settings.batch) if len(model) else settings.batch
         max_model_steps = settings.branches * settings.max_branch * settings.kept
@@ -281,7 +281,7 @@ class MBPOTrainer:
         return agent, {**row, "alpha": float(np.exp(agent.networks.log_alpha))}
 
     def _batch(self, scales: ObservationScales, buffer: Buffer, size: int) -> Batch:
-        """Return a buffer in the actor-critic's format, padded to ``size`` rows."""
+        """Return a buffer's steps in the actor-critic's format, padded to ``size`` rows."""
         explorer, normalised = self.explorer, partial(self._normalised, scales)
         rewards = explorer.rewards(buffer.x, buffer.u, buffer.x_next)
         columns = Batch(
@@ -295,7 +295,7 @@ class MBPOTrainer:
 
 
 def _pad_rows(rows: np.ndarray, size: int) -> np.ndarray:
-    """Pad ``rows`` by zeros to ``size`` rows, so that compiled loops see one shape."""
+    """Return ``rows`` padded with zeros to ``size`` rows, so that compiled loops have one shape."""
     return np.concatenate([rows, np.zeros((size - len(rows), *rows.shape[1:]), rows.dtype)])
 
 

@@ -1,4 +1,4 @@
-"""A task's episode as an optimal control problem, and the best plan from one start."""
+"""A task's episode formulated as an optimal control problem, and its best plan from one start."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ from ocp.solve.starts import best_of
 
 
 def guess_from_policy(experiment: Experiment, trained: Trained) -> Guess:
-    """Return a guess: states and inputs of a policy's episode under the exact law.
+    """Return a guess of states and inputs: a policy's episode under the exact law.
 
-    Where it ends early its last state stays, with inputs of zero.
+    After an early end the last state is repeated, with zero inputs.
     """
 
     def guess(problem: Problem, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -42,7 +42,7 @@ def guess_from_policy(experiment: Experiment, trained: Trained) -> Guess:
 
 
 def guess_from_constant_inputs(task: Task, n: int = 64, seed: int = 0) -> Guess:
-    """Return a guess: the best of ``n`` random constant inputs under the exact law."""
+    """Return a guess of states and inputs: the episode of the best of ``n`` random constant inputs."""
 
     def guess(problem: Problem, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         share = np.random.default_rng(seed).uniform(-1.0, 1.0, (n, task.system.nu))
@@ -58,26 +58,25 @@ def guess_from_constant_inputs(task: Task, n: int = 64, seed: int = 0) -> Guess:
 
 
 def _hold_last_state(states: np.ndarray) -> np.ndarray:
-    """Return ``states`` (N+1, nx) with the last finite one repeated to the end."""
+    """Return ``states`` (N+1, nx) with those after the first non-finite one replaced by the last finite one."""
     finite = np.isfinite(states).all(axis=1)
     last = len(states) - 1 if finite.all() else int(np.argmin(finite)) - 1
     return states[np.minimum(np.arange(len(states)), last)]
 
 
 MOTION_TOLERANCE = 1e-4
-"""Difference from its inputs' rollout, in characteristic sizes, up to which a guess is a motion."""
+"""Maximum difference of a guess from the rollout of its inputs for it to count as a motion, in sizes of states."""
 
 
 @dataclass(frozen=True)
 class BestPlan:
     """The best plan found for an episode from one start, under the exact law.
 
-    ``returned`` is its return; ``replayed`` that of an episode in which its inputs are applied
-    step by step under the exact law, over the ``lived`` steps that count. ``solution`` has the
-    trajectories, the certificate, the referee's word, and in ``others`` what each guess led to.
-
-    A certified plan is a local optimum. That bounds the return of plans nearby and of no others:
-    another guess may lead to a better one, and a policy may be better too.
+    ``returned`` is its return; ``replayed`` is the return of an episode in which its inputs are applied
+    step by step under the exact law, until its end after ``lived`` steps. ``solution`` has the
+    trajectories, the certificate, the referee's verdict, and in ``others`` the results of all guesses.
+    A certified plan is a local optimum, which only bounds the returns of nearby plans. Another guess
+    may lead to a better plan, and a policy may be better.
     """
 
     solution: Solution
@@ -86,7 +85,7 @@ class BestPlan:
 
     @property
     def returned(self) -> float:
-        """Return of the plan itself."""
+        """Return of the planned trajectories, minus the solution's cost."""
         return -self.solution.cost
 
     @property
@@ -96,7 +95,7 @@ class BestPlan:
 
     @property
     def description(self) -> str:
-        """Sentence with the return, the certificate, the replay's return and the referee's verdict."""
+        """Sentence on the plan's return, its certificate, the replay's return, and the referee's verdict."""
         solution, steps = self.solution, self.solution.problem.N
         certificate_words = ", ".join(
             word for word in (solution.certificate.stationarity, solution.certificate.kind) if word
@@ -121,11 +120,11 @@ def best_plan(
 ) -> BestPlan:
     """Plan an episode from ``x0`` (nx,) by direct transcription under the exact law.
 
-    The search begins at each of ``guesses``, by default where everything stands still. A guess that
-    is a motion under the exact law is solved on its own branch and improved from there, which
-    keeps to it; any other, or where that comes to nothing, is solved by the default route. The best
-    certified plan is returned, or where none is certified the best of the others.
-    ``settings`` are those of :func:`ocp.solve`.
+    The search starts at each of ``guesses``, by default at the problem's initial guess. A guess that is
+    a motion under the exact law is solved with its contact modes fixed and then improved locally; other
+    guesses, and motions for which this fails, are solved by the default route. Return the best
+    certified plan or, if none is certified, the best of the others. ``settings`` are those of
+    :func:`ocp.solve`.
 
     Raises as :func:`~ocp.learning.planned.planned_problem` does.
     """
@@ -145,7 +144,7 @@ def best_plan(
 
 
 def _polished_motion(session: Session, guess: InitialGuess) -> RouteResult | None:
-    """Return the best plan near a motion on its branch; None if the guess is no motion, or none exists."""
+    """Return a plan improved from a guess that is a motion; None if it is not a motion or is not solved."""
     states, inputs = guess
     problem = session.problem
     rollout, unsolved = roll_on(session.evaluation, inputs[None], session.step)
@@ -161,10 +160,10 @@ def _polished_motion(session: Session, guess: InitialGuess) -> RouteResult | Non
 
 
 def episode_return(task: Task, states: np.ndarray, inputs: np.ndarray) -> tuple[float, int]:
-    """Return of the episode with ``states`` (N+1, nx) and ``inputs`` (N, nu), and its steps.
+    """Return the return of an episode with ``states`` (N+1, nx) and ``inputs`` (N, nu), and its number of steps.
 
-    It ends at the first state where the task says so, and before the first that is no number;
-    nothing is gained after that. At the task's own parameters.
+    The episode ends at the first state at which the task ends it, or before the first non-finite
+    state; later rewards do not count. Parameters are the task's own.
     """
     p, n = task.parameters.values, len(inputs)
     finite = np.isfinite(states).all(axis=1)
@@ -181,21 +180,21 @@ def episode_return(task: Task, states: np.ndarray, inputs: np.ndarray) -> tuple[
 
 
 MARGIN = 1e-6
-"""What a plan keeps from the end of its episode, in the units of ``Task.lasts``, since an episode
-ends on the border itself and a solver keeps its constraints up to 1e-8."""
+"""Margin of a plan's constraints that keep its episode running, in the units of ``Task.lasts``. An episode ends
+at a value of 0, and a solver satisfies constraints to within 1e-8."""
 
 
 def planned_problem(task: Task, x0: np.ndarray, scaling: Scaling | None = None) -> Problem:
-    """Minimise minus the return of an episode of full length that starts at ``x0`` (nx,).
+    """Build the optimal control problem of an episode of full length that starts at ``x0`` (nx,).
 
-    The cost is minus ``sum_t reward(x_t, u_t, x_{t+1}) + final(x_N)``, t < N. A reward
+    The cost is minus the return ``sum_t reward(x_t, u_t, x_{t+1}) + final(x_N)``, t < N. A reward
     ``a(x_{t+1}) + b(x_t, u_t)`` becomes the stage cost ``-a(x_t) - b(x_t, u_t)`` and the terminal
-    cost ``-a(x_N) - final(x_N) + a(x_0)``, with the same sum. ``Task.lasts`` is kept at all states
-    that a reward is gained from, and at the last one where ``final`` is gained there; an episode
-    that ends before gets nothing more, and no such episode is planned.
+    cost ``-a(x_N) - final(x_N) + a(x_0)``, with the same sum. The constraint ``Task.lasts``, that the
+    episode goes on, holds at all states before the last, and at the last if there is a final reward.
+    Episodes that end early are not planned.
 
-    Raises :class:`~ocp.errors.InputError` where x0 has another size or has ended already, where the
-    reward is no such sum, and where ``done`` depends on x and ``lasts`` is not said.
+    Raises :class:`~ocp.errors.InputError` if x0 has another size or the episode ends there, if the
+    reward is not such a sum, and if ``done`` depends on x but ``lasts`` is not given.
     """
     system = task.system
     start = np.asarray(x0, dtype=float)
@@ -226,7 +225,7 @@ def planned_problem(task: Task, x0: np.ndarray, scaling: Scaling | None = None) 
 
 
 def _split_reward(task: Task, start: np.ndarray) -> tuple[ca.SX, ca.SX]:
-    """Split ``reward = a(x_next) + b(x, u)`` into ``a(x)`` and ``b(x, u)``."""
+    """Split a task's ``reward = a(x_next) + b(x, u)`` into ``a(x)`` and ``b(x, u)``."""
     system, reward = task.system, ca.SX(task.reward)
     state_and_input = ca.vertcat(system.x, system.u)
     slope = ca.jacobian(reward, system.x_next)
@@ -245,7 +244,7 @@ def _split_reward(task: Task, start: np.ndarray) -> tuple[ca.SX, ca.SX]:
 
 
 def _survival_constraint(task: Task) -> tuple[Constraint, ...]:
-    """Return the constraint that the episode goes on."""
+    """Return the constraint that keeps an episode running, or none if the task does not end early."""
     if task.lasts is None:
         if ca.depends_on(ca.SX(task.done), task.system.x):
             raise InputError(

@@ -1,4 +1,4 @@
-"""Base class of algorithms that learn a policy, and the policy's network."""
+"""Base class of algorithms that learn a policy, and functions on the policy's network."""
 
 from __future__ import annotations
 
@@ -22,14 +22,15 @@ if TYPE_CHECKING:
 
 
 MIN_OBSERVATION_SCALE = 1e-2
-"""Smallest scale of an observation; those that vary less are not scaled to unit size."""
+"""Minimum scale of an observation; observations that vary less are not scaled up to unit deviation."""
 
 
 @dataclass(frozen=True)
 class Normaliser:
-    """Mean and sum of squares ``m2`` about it, each (n_o,), of ``n`` observations so far.
+    """Running normalisation of observations: a policy's input is ``(o - mean) / scale``.
 
-    A policy sees ``(o - mean) / scale``. Before the second observation the scale is 1.
+    ``mean`` (n_o,) and ``m2`` (n_o,), the sum of squared deviations from it, are those of ``n``
+    observations so far.
     """
 
     n: float
@@ -43,13 +44,13 @@ class Normaliser:
 
     @property
     def scale(self) -> np.ndarray:
-        """Standard deviation, (n_o,), at least ``MIN_OBSERVATION_SCALE``."""
+        """Standard deviation (n_o,), but at least ``MIN_OBSERVATION_SCALE``; 1 before the second observation."""
         if self.n < 2:
             return np.ones_like(self.m2)
         return np.maximum(np.sqrt(self.m2 / self.n), MIN_OBSERVATION_SCALE)
 
     def after(self, observations: np.ndarray) -> Normaliser:
-        """Return the normaliser with ``observations`` (n, n_o) added (Chan, Golub and LeVeque)."""
+        """Return the normaliser updated by ``observations`` (n, n_o), as by Chan, Golub and LeVeque."""
         n = len(observations)
         if not n:
             return self
@@ -61,19 +62,20 @@ class Normaliser:
         )
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """Return its arrays by their names in the state."""
+        """Return the normaliser's entries of an algorithm's state."""
         return {"seen.n": np.array(self.n), "seen.mean": self.mean, "seen.m2": self.m2}
 
     @classmethod
     def of(cls, state: dict[str, np.ndarray]) -> Normaliser:
-        """Read a normaliser from the :meth:`arrays` of a state."""
+        """Build a normaliser from its :meth:`arrays` in an algorithm's state."""
         return cls(float(state["seen.n"]), state["seen.mean"], state["seen.m2"])
 
 
 def first_weights(sizes: Sequence[int], last: float, rng: np.random.Generator) -> np.ndarray:
-    """Return normal weights of deviation 1 / sqrt(fan in), the last layer's scaled by ``last``; b = 0.
+    """Return random initial parameters (n_theta,) of a network with zero offsets.
 
-    ``sizes`` are the lengths of the observations, the hidden layers and the action.
+    Weights are normal with standard deviation 1 / sqrt(fan in), those of the last layer times ``last``.
+    ``sizes`` are the lengths of the observation, the hidden layers and the action.
     """
     arrays = []
     for layer, (fan_in, fan_out) in enumerate(pairwise(sizes)):
@@ -88,10 +90,10 @@ def first_weights(sizes: Sequence[int], last: float, rng: np.random.Generator) -
 def policy_vjp(
     policy: RolloutPolicy, theta: np.ndarray, observations: np.ndarray, output_gradient: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return ``g' da/dtheta`` (n, n_theta) and ``g' da/do`` (n, n_o), g the ``output_gradient``.
+    """Return a policy's vector-Jacobian products ``g' da/dtheta`` (n, n_theta) and ``g' da/do`` (n, n_o).
 
-    ``observations`` (n, n_o) are normalised, ``output_gradient`` is (n, n_a); the action of a policy
-    without observations is its parameters.
+    g is the ``output_gradient`` (n, n_a), and ``observations`` (n, n_o) are normalised. For a policy
+    without observations the action is its parameters.
     """
     if not isinstance(policy, DensePolicy):
         return output_gradient, np.zeros_like(observations)
@@ -109,9 +111,9 @@ def policy_vjp(
 
 
 def renormalise_policy(policy: RolloutPolicy, theta: np.ndarray, before: Normaliser, after: Normaliser) -> np.ndarray:
-    """Return the parameters of the same policy when the normaliser ``before`` is replaced by ``after``.
+    """Return parameters (n_theta,) that keep a policy unchanged if its normaliser ``before`` becomes ``after``.
 
-    ``W' = W s'/s`` and ``b' = b + W (m' - m)/s`` of the first layer, with the means m and scales s.
+    With means m and scales s, the first layer becomes ``W' = W s'/s`` and ``b' = b + W (m' - m)/s``.
     """
     if not isinstance(policy, DensePolicy):
         return theta
@@ -123,24 +125,24 @@ def renormalise_policy(policy: RolloutPolicy, theta: np.ndarray, before: Normali
 
 
 STATE_WEIGHT = 1e-3
-"""Weight of observed deviations in the regulator's cost, against actions."""
+"""Weight of observed deviations in the regulator's cost, relative to actions."""
 RICCATI_STEPS = 1000
 """Number of Riccati iterations of the stationary regulator."""
 MAX_REST_CHANGE = 1e-2
-"""Largest change of a state in one step at which the system counts as resting."""
+"""Maximum change of a state entry in one step for which the system counts as resting."""
 TANH_LINEAR_SHARE = 0.1
-"""Scale of the first units' inputs, at which tanh is nearly linear."""
+"""Factor on the inputs of the first units, small enough for tanh to be nearly linear."""
 
 
 def balancing_feedback(task: Task, rest: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return W (nu, n_o) and b (nu,) of ``a = W o + b``, which keeps ``task`` at ``rest`` (nx,).
+    """Return W (nu, n_o) and b (nu,) of a feedback ``a = W o + b`` that stabilises ``task`` at ``rest`` (nx,).
 
-    It is the linear-quadratic regulator of the step at mu = 1e-10, linearised at the state with the
-    inputs in the middle of their range, for the cost ``1e-3 |C (x - rest)|² + |a|²``, C the Jacobian
-    of the observations: nearly the stabilising feedback of least effort.
+    It is the linear-quadratic regulator of the step with mu = 1e-10, linearised at ``rest`` with the
+    inputs in the middle of their range, for the cost ``1e-3 |C (x - rest)|² + |a|²``, where C is the
+    Jacobian of the observations. It is close to the stabilising feedback of least effort.
 
-    Raises :class:`~ocp.errors.InputError` if the system does not rest there, or no feedback on
-    the observations keeps it there.
+    Raises :class:`~ocp.errors.InputError` if the system does not rest there, or if no feedback from
+    the observations stabilises it there.
     """
     if np.shape(rest) != (task.system.nx,) or not np.isfinite(rest).all():
         raise InputError(f"rest must be {task.system.nx} finite numbers, a state of {task.name}, got {np.shape(rest)}")
@@ -162,11 +164,11 @@ def balancing_feedback(task: Task, rest: np.ndarray) -> tuple[np.ndarray, np.nda
 
 
 def embed_affine(W: np.ndarray, b: np.ndarray, layers: list[tuple[np.ndarray, np.ndarray]]) -> None:
-    """Make a network's ``layers`` (views of its parameters) compute ``W o + b`` nearly.
+    """Set a network's ``layers`` (views of its parameters) so that its output is close to ``W o + b``.
 
-    The first units of each hidden layer carry a tenth of it, where tanh hardly bends; the last
-    layer has no weights on others. Raises :class:`~ocp.errors.InputError` for layers with fewer units
-    than there are inputs.
+    The first units of each hidden layer compute a tenth of it, where tanh is nearly linear; the last
+    layer ignores the other units. Raises :class:`~ocp.errors.InputError` for layers with fewer units
+    than inputs.
     """
     n, (*hidden, last) = len(b), layers
     if not hidden:
@@ -183,7 +185,7 @@ def embed_affine(W: np.ndarray, b: np.ndarray, layers: list[tuple[np.ndarray, np
 
 
 def _regulator(A: np.ndarray, B: np.ndarray, Q: np.ndarray) -> np.ndarray:
-    """Return K of the regulator ``a = -K x`` over many steps of ``x+ = A x + B a``, by Riccati iterations."""
+    """Return the gain K of the regulator ``a = -K x`` of ``x+ = A x + B a`` over an infinite horizon, cost R = I."""
     P, K, identity = Q, np.zeros((B.shape[1], len(A))), np.eye(B.shape[1])
     for _ in range(RICCATI_STEPS):
         K = np.linalg.solve(identity + B.T @ P @ B, B.T @ P @ A)
@@ -192,38 +194,38 @@ def _regulator(A: np.ndarray, B: np.ndarray, Q: np.ndarray) -> np.ndarray:
 
 
 State = dict[str, np.ndarray]
-"""An algorithm's arrays by name between two iterations, as a checkpoint stores them."""
+"""Mapping from names to an algorithm's arrays between two iterations, as stored in a checkpoint."""
 
 Row = dict[str, float]
-"""Numbers of one iteration by name: ``return_mean`` of the samples, for algorithms with gradients
-``gradient_norm`` and ``gradient_variance`` (trace of the covariance of one sample's gradient); the
-loop adds ``env_steps``, the number of simulated steps."""
+"""Mapping from names to numbers of one iteration: ``return_mean`` of the samples and, for algorithms with
+gradients, ``gradient_norm`` and ``gradient_variance`` (trace of the covariance of one sample's gradient).
+The training loop adds ``env_steps``, the number of simulated steps."""
 
 
 class Trained(NamedTuple):
-    """Parameters ``theta`` (n_theta,) of a policy, and its normaliser."""
+    """A trained policy: its parameters ``theta`` (n_theta,) and its normaliser of observations."""
 
     theta: np.ndarray
     normaliser: Normaliser
 
     @classmethod
     def of(cls, state: State) -> Trained:
-        """Read the policy from an algorithm's state."""
+        """Build the policy from an algorithm's state."""
         return cls(state["theta"], Normaliser.of(state))
 
     @property
     def digest(self) -> str:
-        """Ten hex digits of a hash over the policy."""
+        """First ten hexadecimal digits of a hash of the policy, which identifies it in records."""
         n, mean, m2 = self.normaliser.arrays().values()
         arrays = (np.asarray(array, dtype=float) for array in (self.theta, n, mean, m2))
         return hashlib.sha256(b"".join(array.tobytes() for array in arrays)).hexdigest()[:10]
 
 
 class Algorithm(Configured):
-    """One way to improve a policy; its attributes are its settings, frozen.
+    """Base class of algorithms that improve a policy; attributes are settings and do not change.
 
-    Random numbers of iteration k come from :meth:`Experiment.rng` and :meth:`Experiment.noise` at
-    k, so that a resumed run ends as one without interruption.
+    Random numbers of iteration k are from :meth:`Experiment.rng` and :meth:`Experiment.noise` at k,
+    so that a resumed run gives the same result as a run without interruption.
     """
 
     name: ClassVar[str]
@@ -232,11 +234,11 @@ class Algorithm(Configured):
     """Name of the default contact law to learn through."""
 
     def settings(self) -> dict[str, Any]:
-        """Return the settings for the run's record."""
+        """Return a mapping from names to the settings, as recorded with a run."""
         return dict(vars(self))
 
     def check(self, experiment: Experiment) -> None:
-        """Raise :class:`~ocp.errors.InputError` where settings do not fit the experiment, before any work."""
+        """Raise :class:`~ocp.errors.InputError` if settings do not fit the experiment, before any work."""
 
     def begin(self, experiment: Experiment) -> State:
         """Return the state before the first iteration; raises as :meth:`check` does."""
@@ -247,19 +249,19 @@ class Algorithm(Configured):
         return {"theta": experiment.first_theta(), **normaliser.arrays()}
 
     def iterate(self, experiment: Experiment, state: State, k: int) -> tuple[State, Row]:
-        """Return the state after iteration k and its row; ``state`` is not changed."""
+        """Return the algorithm's state after iteration k, and the numbers of that iteration; keep ``state``."""
         raise NotImplementedError
 
     def policy(self, experiment: Experiment, state: State) -> Trained:
-        """Return the policy of ``state``, without noise."""
+        """Return the policy in an algorithm's state, without exploration noise."""
         return Trained.of(state)
 
 
 def with_prefix(prefix: str, arrays: Mapping[str, Any]) -> State:
-    """Return entries whose names begin with ``prefix``."""
+    """Return the arrays with ``prefix`` put before each name."""
     return {prefix + name: value for name, value in arrays.items()}
 
 
 def without_prefix(prefix: str, state: State) -> State:
-    """Return the entries whose names begin with ``prefix``, without it."""
+    """Return the entries whose names begin with ``prefix``, and remove it from their names."""
     return {n.removeprefix(prefix): value for n, value in state.items() if n.startswith(prefix)}

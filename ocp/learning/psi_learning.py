@@ -1,4 +1,4 @@
-"""A policy and the physical parameters of its model, learned side by side (abs, algorithm 1)."""
+"""Learning of a policy together with the physical parameters of its model (Zhang, Jin and Wang 2023, algorithm 1)."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ from ocp.learning.protocol import Algorithm, Row, State, Trained, with_prefix, w
 from ocp.learning.random_search import Cloud, RandomSearch
 
 PSI_PREFIX = "psi_learning."
-"""Prefix of the algorithm's own entries of the state."""
+"""Prefix of the algorithm's own entries in the state."""
 CLOUD_PREFIX = "psi_cloud."
-"""Prefix of the search's cloud in the state."""
+"""Prefix of the search distribution's entries in the state."""
 TRANSITIONS_PREFIX = "psi_seen."
-"""Prefix of the transitions in the state."""
+"""Prefix of the transitions' entries in the state."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class PsiLearning(Algorithm):
-    """Any ``algorithm``, on a model whose parameters ``names`` are learned as the policy is.
+    """Algorithm that runs another ``algorithm`` and also learns the parameters ``names`` of its model.
 
-    In every iteration ``n_envs`` episodes go ``steps`` steps on under the exact law at the task's
-    own parameters, inputs being the policy's and noise of ``sigma`` half ranges; of the last
-    ``capacity`` transitions ``rows`` judge each of ``searched`` iterations of the random search
-    (eq. 4.1), passes after one another; and the algorithm does its own iteration at the psi found,
-    the state's ``psi``. The search begins at the experiment's psi.
+    In every iteration ``n_envs`` episodes continue for ``steps`` steps under the exact law at the task's
+    own parameters; inputs are the policy's plus noise of ``sigma`` half ranges, and the last
+    ``capacity`` transitions are stored. Then the random search does ``searched`` iterations, each
+    judged by the one-step loss (eq. 4.1) of ``rows`` of them. Finally ``algorithm`` does an iteration
+    at the resulting parameters, the state's ``psi``. The search starts at the experiment's psi.
 
-    ``env_steps`` counts those under the exact law, ``model_steps`` those of the algorithm.
+    In the rows ``env_steps`` counts steps under the exact law, ``model_steps`` those of ``algorithm``.
     """
 
     name: ClassVar[str] = "psi"
@@ -51,17 +51,17 @@ class PsiLearning(Algorithm):
     search: RandomSearch = field(default_factory=RandomSearch)
 
     def settings(self) -> dict[str, Any]:
-        """Return its own settings and the algorithm's."""
+        """Return the settings of this algorithm, of its search, and of the algorithm that it runs."""
         settings = {k: v for k, v in vars(self).items() if k not in ("algorithm", "search")}
         search, algorithm_settings = with_prefix("search.", vars(self.search)), self.algorithm.settings()
         return {**settings, **search, "of": self.algorithm.name, **with_prefix("of.", algorithm_settings)}
 
     def check(self, experiment: Experiment) -> None:
-        """Raise :class:`~ocp.errors.InputError` for settings that cannot be."""
+        """Raise :class:`~ocp.errors.InputError` if the wrapped algorithm's settings do not fit the experiment."""
         self.algorithm.check(experiment)
 
     def begin(self, experiment: Experiment) -> State:
-        """Return the algorithm's state, episodes at their starts, and no transitions yet."""
+        """Return the initial state: that of the wrapped algorithm, episodes at their starts, and no transitions."""
         self.check(experiment)
         loss, explorer = experiment.cached(self._loss), experiment.cached(_explorer)
         start = loss.start(experiment.task.parameters.unpack(experiment.physics))
@@ -90,11 +90,11 @@ class PsiLearning(Algorithm):
         return {**state, **changed}, {**row, **psi_row}
 
     def policy(self, experiment: Experiment, state: State) -> Trained:
-        """Return the algorithm's policy."""
+        """Return the policy of the wrapped algorithm."""
         return self.algorithm.policy(experiment, state)
 
     def _explored(self, experiment: Experiment, state: State, k: int) -> State:
-        """Return the state after more transitions of the policy."""
+        """Return the state with the transitions of ``steps`` more steps of the episodes."""
         explorer, rng = experiment.cached(_explorer), experiment.rng(k, "psi transitions")
         policy = self.algorithm.policy(experiment, state)
         task = experiment.task
@@ -117,7 +117,7 @@ class PsiLearning(Algorithm):
         }
 
     def _identified(self, experiment: Experiment, state: State) -> tuple[State, float]:
-        """Return the state after more iterations of the search, and the loss per transition at its psi."""
+        """Return the state after more iterations of the search for psi, and the loss per transition there."""
         transitions = Buffer(**without_prefix(TRANSITIONS_PREFIX, state))
         if not len(transitions):
             raise InputError(f"{experiment.task.name}: no step of its episodes was solved")
@@ -138,7 +138,7 @@ class PsiLearning(Algorithm):
         return {**state, **changes}, float(loss(cloud["mean"], transitions)[0]) / len(transitions)
 
     def _loss(self, experiment: Experiment) -> OneStepLoss:
-        """Return the model's loss as a function of ``names``, its other parameters as in the experiment."""
+        """Return the one-step loss as a function of the parameters ``names``; others are the experiment's."""
         values = experiment.task.parameters.unpack(experiment.physics)
         task = experiment.task
         step = EXACT.close(replace(task.system, parameters=task.parameters))

@@ -11,26 +11,25 @@ from dynamics.settings import Configured, setting
 from ocp.errors import InputError
 
 Cloud = dict[str, np.ndarray]
-"""``mean``, ``centre`` (n,), ``width``, ``shape`` (n, n), two means of steps (n,), ``count``."""
+"""State of a search: ``mean``, ``centre`` (n,), step size ``width``, covariance ``shape`` (n, n), evolution paths
+``turn`` (of the step size) and ``drift`` (of the covariance), each (n,), and the number ``count`` of iterations."""
 
 
 @dataclass(frozen=True)
 class RandomSearch(Configured):
-    """Evolution of a Gaussian cloud's mean, width and covariance (CMA-ES), without gradients.
+    """Minimisation without gradients by adaptation of a Gaussian's mean, step size and covariance (CMA-ES).
 
-    Hansen, The CMA evolution strategy: a tutorial, 2016, with its weights and rates, negative
-    weights left out: ``candidates`` y_i ~ N(0, C) at ``mean + width y_i``, the better half
-    recombined. Begun with ``C = I`` and ``width``, a standard deviation; a pass ends after
-    ``iterations`` or when no standard deviation of the cloud is above ``narrow``.
+    Candidates are ``mean + width y_i`` with y_i ~ N(0, C); the better half is recombined into the next
+    mean. Weights and rates are those of Hansen, The CMA evolution strategy: a tutorial, 2016, without
+    negative weights. The search starts with ``C = I`` and ``width``, a standard deviation; a pass ends
+    after ``iterations`` or when no standard deviation of the Gaussian is above ``narrow``.
 
-    What moves the loss little is carried along by chance while other parameters are far off. So
-    there are ``passes``: each but the first begins where the last ended, with ``width`` for what
-    moves the model least, and for the others as much less as they move it more.
+    Coordinates with little effect on the loss drift at random while others are far from their optimum.
+    Each of the ``passes`` after the first therefore starts at the last mean, with ``width`` for the
+    coordinate of least effect and widths in inverse proportion to their effect for the others.
+    No coordinate moves farther than ``reach`` from the start.
 
-    No coordinate goes farther than ``reach`` from where the search began.
-
-    Candidates that follow a fixed N(0, I) with a width that decays, the best kept, are what the
-    cloud is when its covariance never learns; masses and inertias that move alike need it.
+    Adapting the covariance is needed where parameters such as masses and inertias have similar effects.
     """
 
     candidates: int = setting(32, "candidates per iteration", least=4)
@@ -55,10 +54,11 @@ class RandomSearch(Configured):
         sensitivity: np.ndarray | None = None,
         centre: np.ndarray | None = None,
     ) -> Cloud:
-        """Return the cloud around ``mean`` (n,), wider along less sensitive (n,) coordinates.
+        """Return the initial search distribution around ``mean`` (n,), wider along less sensitive coordinates.
 
-        ``centre`` (n,) is where reach is measured from, by default the mean. A sensitivity that is
-        not finite, where steps can no longer be solved, is that of the most sensitive.
+        ``sensitivity`` (n,) is the effect of each coordinate, by default equal; a value that is not finite,
+        where steps could not be solved, counts as the largest finite one. ``reach`` is measured from
+        ``centre`` (n,), by default the mean.
         """
         n = len(mean)
         moves = np.ones(n) if sensitivity is None else np.maximum(sensitivity, 1e-12)
@@ -75,12 +75,12 @@ class RandomSearch(Configured):
         }
 
     def iterate(self, cloud: Cloud, losses: Callable[[np.ndarray], np.ndarray], rng: np.random.Generator) -> Cloud:
-        """Draw candidates (k, n), evaluate their ``losses`` (k,), and update the cloud."""
+        """Draw candidates (k, n), evaluate their ``losses`` (k,), and return the updated search distribution."""
         n = len(cloud["mean"])
         lengths, axes = np.linalg.eigh(cloud["shape"])
         lengths = np.sqrt(np.maximum(lengths, 0.0))
         y = (rng.standard_normal((self.candidates, n)) * lengths) @ axes.T
-        # Clipped candidates count as drawn at the bound: else the cloud would grow without effect.
+        # The update uses the clipped steps; with the unclipped ones the width would grow without effect.
         lower, upper = cloud["centre"] - self.reach, cloud["centre"] + self.reach
         z = np.clip(cloud["mean"] + cloud["width"] * y, lower, upper)
         candidate_losses, y = losses(z), (z - cloud["mean"]) / cloud["width"]
@@ -88,19 +88,22 @@ class RandomSearch(Configured):
         weights = self.weights
         y = y[ranking[: len(weights)]]
         step = weights @ y
-        # A direction of no length gives no whitened step either.
+        # Directions of zero variance are left out of the whitened step.
         white = axes @ (np.divide(1, lengths, out=np.zeros(n), where=lengths > 0) * (axes.T @ step))
         return self.updated_cloud(cloud, y, step, white)
 
     @property
     def weights(self) -> np.ndarray:
-        """Weights of the better half, best first; their sum is 1."""
+        """Recombination weights (k,) of the better half of the candidates, best first; their sum is 1."""
         n_parents = self.candidates // 2
         weights = np.log((self.candidates + 1) / 2) - np.log(np.arange(1, n_parents + 1))
         return weights / weights.sum()
 
     def updated_cloud(self, cloud: Cloud, y: np.ndarray, step: np.ndarray, white: np.ndarray) -> Cloud:
-        """Return the cloud after a recombined ``step`` (n,), with ``white`` its ``C^(-1/2) step``."""
+        """Return the search distribution after the steps ``y`` (k, n) of the better half.
+
+        ``step`` (n,) is their weighted mean and ``white`` (n,) is ``C^(-1/2) step``.
+        """
         n, w = len(step), self.weights
         effective_size = 1 / np.sum(w**2)
         c_s = (effective_size + 2) / (n + effective_size + 5)
@@ -112,7 +115,7 @@ class RandomSearch(Configured):
         count = cloud["count"] + 1
         turn = (1 - c_s) * cloud["turn"] + np.sqrt(c_s * (2 - c_s) * effective_size) * white
         length = np.linalg.norm(turn)
-        # While the width still grows fast the evolution path of C stalls, else C would grow with it.
+        # The evolution path of C is not updated while the width grows fast, since C would grow with it.
         path_is_short = length / np.sqrt(1 - (1 - c_s) ** (2 * count)) < (1.4 + 2 / (n + 1)) * expected
         drift = (1 - c_c) * cloud["drift"] + path_is_short * np.sqrt(c_c * (2 - c_c) * effective_size) * step
         decay = 1 - c_1 - c_mu + (not path_is_short) * c_1 * c_c * (2 - c_c)
@@ -128,9 +131,9 @@ class RandomSearch(Configured):
         }
 
     def deviations(self, cloud: Cloud) -> np.ndarray:
-        """Return the standard deviations (n,) of the cloud."""
+        """Return the standard deviations (n,) of the search distribution."""
         return cloud["width"] * np.sqrt(np.diag(cloud["shape"]))
 
     def is_done(self, cloud: Cloud) -> bool:
-        """Return whether a pass has ended."""
+        """Return whether the pass has ended, by its number of iterations or its small standard deviations."""
         return bool(cloud["count"] >= self.iterations or np.max(self.deviations(cloud)) <= self.narrow)

@@ -1,4 +1,4 @@
-"""Episodes of a task: its system closed by a law, under a policy, at parameters by name."""
+"""Simulated episodes of a task under a contact law and a policy, with their returns and gradients."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ from ocp.problem.task import Task
 
 
 class TaskRollouts:
-    """Returns of ``horizon`` steps of a task under a contact law, and their gradients.
+    """Compiled rollouts of ``horizon`` steps of a task under a contact law and a policy.
 
-    ``parameters`` are the task's, the law's (``contact.mu``), ``discount``, and ``mean[i]``
-    and ``scale[i]`` of the observations where the policy normalises them. What the task gives at
-    the end of an episode counts where ``horizon`` is a whole one.
+    ``parameters`` are the task's, the law's (``contact.mu``), ``discount``, and ``mean[i]`` and
+    ``scale[i]`` of the observations if the policy normalises them. The final reward is included
+    only if ``horizon`` is that of the task.
 
     Raises ``ValueError`` where the law cannot close the system.
     """
@@ -41,7 +41,7 @@ class TaskRollouts:
         self.parameters = self.function.parameters
 
     def over(self, horizon: int) -> TaskRollouts | None:
-        """Return the same with another horizon, without a new compilation; None if that is not possible."""
+        """Return the rollouts for another horizon without recompiling; None if only one has the final reward."""
         extended = copy(self)
         extended.horizon = horizon
         if _is_truncated(self.task, horizon) != _is_truncated(self.task, self.horizon):
@@ -59,10 +59,10 @@ class TaskRollouts:
         model_params: np.ndarray | None = None,
         **options: Any,
     ) -> Episodes:
-        """Episodes from ``x0`` (n, nx); ``options`` as :class:`~dynamics.batch.EpisodeFunction`.
+        """Simulate episodes from ``x0`` (n, nx); ``options`` as for :class:`~dynamics.batch.EpisodeFunction`.
 
-        ``model_params`` (np,) or (n, np) are the task's parameters, by default its own. Samples
-        that could not be solved have no finite return, and are named by ``nonfinite``.
+        ``model_params`` (np,) or (n, np) are the task's parameters, by default its own. Samples with
+        an unsolved step have no finite return and are listed in ``nonfinite``.
         """
         p = self._packed(normaliser, discount, model_params)
         return without_warnings(self.function, x0, theta, p, **options)
@@ -74,7 +74,7 @@ class TaskRollouts:
         normaliser: Normaliser | None = None,
         **options: Any,
     ) -> RolloutMoments:
-        """Return moments over samples without storing single ones."""
+        """Return moments of the samples' returns and gradients, without storing single samples."""
         p = self._packed(normaliser, 1.0, None)
         return without_warnings(self.function.moments, x0, theta, p, **options)
 
@@ -97,7 +97,7 @@ class TaskRollouts:
 
 
 def episode_rewards(task: Task, horizon: int) -> Episode:
-    """Return rewards over ``horizon`` steps, with the final reward only for a whole episode."""
+    """Return the rewards of an unroll of ``horizon`` steps, with the final reward only for a whole episode."""
     final = task.finals
     if _is_truncated(task, horizon):
         final = ca.Function("final", [task.system.x, task.parameters.vector], [ca.SX(0)])
@@ -105,5 +105,5 @@ def episode_rewards(task: Task, horizon: int) -> Episode:
 
 
 def _is_truncated(task: Task, horizon: int) -> bool:
-    """Return whether an unroll ends before the episode, and so without its final reward."""
+    """Return whether an unroll of ``horizon`` steps lacks the final reward, since the episode is longer."""
     return horizon != task.horizon and not ca.SX(task.final).is_zero()

@@ -1,4 +1,4 @@
-"""Total propagation: particles of a noisy model; both gradient estimates are mixed at each step."""
+"""Total propagation: policy gradients from noisy particles, by two estimators that are mixed at each step."""
 
 from __future__ import annotations
 
@@ -22,13 +22,14 @@ from ocp.learning.unrolling import Clipping, Starts, non_finite_reward_message, 
 
 @dataclass(frozen=True)
 class Particles:
-    """Trajectories of n particles over H steps; arrays are (H, n, ...) if not said otherwise.
+    """Simulated trajectories of n particles over H steps, with derivatives; arrays are (H, n, ...).
 
-    ``alive`` before a step; ``rewards`` with their discount, 0 where not alive; ``x_by_x`` (.., nx,
-    nx) and ``x_by_u`` (.., nx, nu) of the step, ``r_by_x``, ``r_by_u`` and ``r_by_next`` of the
-    discounted reward; ``observed`` observations, ``o_by_x`` of the normalised ones; ``u_by_a`` (.., nu)
-    of the squashing. ``lived`` (n,) steps before the end; ``stays_finite`` (n,) marks samples without NaN or infinity;
-    ``final`` (n,) and ``final_by_x`` (n, nx) what is gained at the end of a whole episode.
+    ``alive`` says whether an episode runs before a step. ``rewards`` are discounted, 0 if not alive.
+    Derivatives are ``x_by_x`` (.., nx, nx) and ``x_by_u`` (.., nx, nu) of the step; ``r_by_x``,
+    ``r_by_u`` and ``r_by_next`` of the discounted reward; ``o_by_x`` of the normalised observations;
+    and ``u_by_a`` (.., nu) of the inputs. ``observed`` are the observations. Of other shapes are
+    ``states`` (n, H+1, nx); ``stays_finite`` (n,), whether a particle's states are finite; and
+    ``final`` (n,), the discounted final reward of a whole episode, and its gradient ``final_by_x`` (n, nx).
     """
 
     policy: RolloutPolicy
@@ -50,18 +51,18 @@ class Particles:
 
     @property
     def lived(self) -> np.ndarray:
-        """Number of steps of each particle before its end."""
+        """Number of steps (n,) of each particle before its episode ends."""
         return self.alive.sum(axis=0)
 
     def select(self, selected: np.ndarray) -> Particles:
-        """Return the particles with ``selected`` (n,) true."""
+        """Return the particles in the mask ``selected`` (n,)."""
         sample_first = ("states", "stays_finite", "final", "final_by_x")
         arrays = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("policy", "trained")}
         selected_arrays = {n: a[selected] if n in sample_first else a[:, selected] for n, a in arrays.items()}
         return replace(self, **selected_arrays)
 
     def policy_vjp(self, t: int, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return ``bar' du/dtheta`` (n, n_theta) and ``bar' du/dx`` (n, nx) at step t, bar (n, nu)."""
+        """Return the products ``bar' du/dtheta`` (n, n_theta) and ``bar' du/dx`` (n, nx) at step t for bar (n, nu)."""
         normaliser = self.trained.normaliser
         observations = (self.observed[t] - normaliser.mean) / normaliser.scale
         by_theta, observation_gradient = policy_vjp(self.policy, self.trained.theta, observations, bar * self.u_by_a[t])
@@ -69,7 +70,7 @@ class Particles:
 
 
 def simulate_particles(experiment: Experiment, trained: Trained, x0: np.ndarray, noise: np.ndarray) -> Particles:
-    """Simulate ``x_{t+1} = f(x_t, u_t) + noise_t`` from x0 (n, nx), noise (H, n, nx)."""
+    """Simulate particles ``x_{t+1} = f(x_t, u_t) + noise_t`` from x0 (n, nx) with noise (H, n, nx)."""
     model, rows = experiment.cached(_ModelStep), []
     x, alive = x0, np.ones(len(x0), dtype=bool)
     stayed_finite, states, weight = alive.copy(), [x0], 1.0
@@ -105,18 +106,18 @@ def simulate_particles(experiment: Experiment, trained: Trained, x0: np.ndarray,
 
 
 REWARD_ARRAYS = ("rewards", "r_by_x", "r_by_u", "r_by_next")
-"""Names of the arrays that are discounted."""
+"""Names of the particles' arrays that are multiplied by the discount."""
 
 
 def _scatter(alive: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Return ``values`` (k, ...) at the k entries with ``alive`` (n,) true, 0 at the others."""
+    """Return an array (n, ...) with ``values`` (k, ...) at the k entries in the mask ``alive`` (n,), else 0."""
     scattered = np.zeros((len(alive), *values.shape[1:]))
     scattered[alive] = values
     return scattered
 
 
 class _ModelStep:
-    """One step of the model with its derivatives, and those of the task's functions."""
+    """Compiled step of the model and functions of its task, with their derivatives."""
 
     def __init__(self, experiment: Experiment) -> None:
         task = experiment.task
@@ -131,7 +132,7 @@ class _ModelStep:
         self.ends = BatchFunction(task.ends, "numpy", 1)
 
     def step(self, trained: Trained, x: np.ndarray, noise: np.ndarray) -> dict[str, np.ndarray]:
-        """Return the next states ``x_next`` of ``x`` (n, nx), and the particles' arrays at this step."""
+        """Return the next states ``x_next`` from ``x`` (n, nx), and the other arrays of particles at this step."""
         task, (n, nx) = self.experiment.task, x.shape
         u = self.experiment.inputs(trained, x)
         observations, by_x = self.observe(x, self.p)
@@ -156,11 +157,11 @@ class _ModelStep:
         }
 
     def has_ended(self, x: np.ndarray) -> np.ndarray:
-        """Return a mask (n,): episodes that end at x."""
+        """Return a mask (n,): episodes that end at states x (n, nx)."""
         return self.ends(x, self.p)[:, 0] != 0
 
     def final(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the final reward (n,) and its gradient (n, nx)."""
+        """Return the final reward (n,) at states x (n, nx), and its gradient (n, nx)."""
         value, slope = self.gain(x, self.p)
         return value[:, 0], slope
 
@@ -168,7 +169,7 @@ class _ModelStep:
 def acting_entries(experiment: Experiment, steps: int) -> np.ndarray:
     """Return a mask (steps, nx): entries of each x_{t+1} on which the return depends.
 
-    The reward of the step that ends there counts too, since it contains the particle's noise.
+    It includes the reward of the step that ends there, since that depends on the particle's noise.
     """
     model, task = experiment.cached(_ModelStep), experiment.task
     if steps not in model.reach:
@@ -180,7 +181,7 @@ def acting_entries(experiment: Experiment, steps: int) -> np.ndarray:
 
 
 def with_jacobians(fn: ca.Function, count: int) -> BatchFunction:
-    """Return ``fn`` with its dense Jacobians by the first ``count`` arguments, each column by column."""
+    """Return a batch function of ``fn`` and its dense Jacobians in the first ``count`` arguments, in column order."""
     arguments = fn.sx_in()
     value = fn(*arguments)
     slopes = [ca.densify(ca.jacobian(value, argument)) for argument in arguments[:count]]
@@ -189,15 +190,16 @@ def with_jacobians(fn: ca.Function, count: int) -> BatchFunction:
 
 @dataclass(frozen=True, kw_only=True)
 class TotalPropagation(Clipping):
-    """Particles ``x_{t+1} = f(x_t, u_t) + sigma e_t``, and one gradient of their mean return.
+    """Gradient ascent by total propagation along particles ``x_{t+1} = f(x_t, u_t) + sigma e_t``.
 
-    Backwards, at each step, the gradient by the mean of x_{t+1} is taken both ways and mixed,
-    ``k L + (1 - k) R``, ``k = 1 / (1 + v_L / v_R)``, with the variances over the particles of what
-    each gives for the policy's parameters (:func:`total_propagation`). ``sigma`` [units of the
-    state] is the same for all entries; the policy has no noise of its own.
+    Backwards in time, the gradient with respect to the mean of x_{t+1} is estimated by the likelihood
+    ratio, L, and by the reparameterisation, R, and mixed: ``k L + (1 - k) R``,
+    ``k = 1 / (1 + v_L / v_R)``, where v_L and v_R are the variances over particles of the resulting
+    gradients of the policy's parameters (:func:`total_propagation`). ``sigma`` [units of the state] is
+    the same for all entries; actions have no noise.
 
-    Source: Parmas, Rasmussen, Peters and Doya (ICML 2018), algorithm 1. Their PIPPS is this with a
-    learned Gaussian process for f and importance weights over the batch in L, neither of them here.
+    Source: Parmas, Rasmussen, Peters and Doya (ICML 2018), algorithm 1. Their PIPPS uses in addition a
+    learned Gaussian process for f and importance weights over the batch in L.
     """
 
     name: ClassVar[str] = "total-propagation"
@@ -208,7 +210,7 @@ class TotalPropagation(Clipping):
     samples: int = setting(64, "unrolls an iteration", hint="a variance needs two", least=2)
 
     def iterate(self, experiment: Experiment, state: State, k: int) -> tuple[State, Row]:
-        """Take one step along the gradient of total propagation."""
+        """Simulate particles and take one step along their total-propagation gradient."""
         starts, steps = Starts.of(state), self.steps(experiment)
         shape = (steps, *starts.x.shape)
         noise = experiment.rng(k, "states").standard_normal(shape)
@@ -244,12 +246,12 @@ class TotalPropagation(Clipping):
 
 
 def total_propagation(particles: Particles, score: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return gradients (n, n_theta) of the return, and the share k (H,) of the likelihood ratio.
+    """Return the gradients (n, n_theta) of the return, and the share k (H,) of the likelihood ratio in them.
 
-    ``score`` (H, n, nx) is that of the mean of x_{t+1}, ``e_t / sigma``, of entries that have a way
-    to the return. With G_{t+1} the return from x_{t+1} on and g its gradient by x_{t+1}, the
-    gradient of ``r_t + G_{t+1}`` by the mean of x_{t+1} is ``R = dr_t/dx_{t+1} + g`` or
-    ``L = (r_t + G_{t+1} - b) score``, b the mean of the other particles that are alive.
+    ``score`` (H, n, nx) is that of the mean of x_{t+1}, ``e_t / sigma``, or 0 for entries that do not
+    affect the return. With the return G_{t+1} from x_{t+1} on and its gradient g, the gradient of
+    ``r_t + G_{t+1}`` with respect to the mean of x_{t+1} is estimated by ``R = dr_t/dx_{t+1} + g`` and
+    ``L = (r_t + G_{t+1} - b) score``, where b is the mean over the other particles that are alive.
     """
     state_gradient, returns_to_go = particles.final_by_x, particles.final
     total, shares = 0.0, np.zeros(len(particles.alive))
@@ -276,11 +278,11 @@ def total_propagation(particles: Particles, score: np.ndarray) -> tuple[np.ndarr
 
 
 def _vector_jacobian(bar: np.ndarray, slope: np.ndarray) -> np.ndarray:
-    """Return ``bar' slope`` of each sample, (n, a) and (n, a, b)."""
+    """Return the products ``bar' slope`` (n, b) of bar (n, a) and slope (n, a, b) for each sample."""
     return np.einsum("na,nab->nb", bar, slope)
 
 
 def _mean_of_others(values: np.ndarray, alive: np.ndarray) -> np.ndarray:
-    """Return the mean of the other living particles, 0 if there are none."""
+    """Return for each particle the mean of ``values`` (n,) over the others that are alive, or 0 without any."""
     count = alive.sum()
     return (values[alive].sum() - values) / max(count - 1, 1) if count > 1 else 0.0 * values

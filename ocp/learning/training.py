@@ -1,4 +1,4 @@
-"""Evaluation of policies under any law, and the training loop of every algorithm."""
+"""Evaluation of policies under any contact law, and the training loop that all algorithms use."""
 
 from __future__ import annotations
 
@@ -32,19 +32,17 @@ if TYPE_CHECKING:
 
 
 EVALUATION_SEED = 1_000_000
-"""Default seed of the initial states of evaluations; training draws others."""
+"""Default seed of the initial states of evaluations, which differ from those of training."""
 
 
 @dataclass(frozen=True)
 class PolicyEvaluation:
-    """Episodes of a policy.
+    """Simulated episodes of a policy.
 
-    ``returns`` (n,) are undiscounted sums of rewards; ``lengths`` (n,) steps until the end;
-    ``measures`` (n,) means over an episode's steps by name; ``states`` (n, N+1, nx), the last one
-    repeated after the end; ``inputs`` (n, N, nu), 0 after the end.
-
-    ``unsolved`` (k, 2) are sample and step of the contacts that found no solution; their episode's
-    return counts no further.
+    ``returns`` (n,) are undiscounted sums of rewards, ``lengths`` (n,) the numbers of steps until the
+    end; ``measures`` maps names to means over each episode's steps (n,); ``states`` (n, N+1, nx) repeat
+    the last state after the end, and ``inputs`` (n, N, nu) are 0 there. ``unsolved`` (k, 2) are sample
+    and step of the contacts without a solution, at which their episodes end.
     """
 
     returns: np.ndarray
@@ -55,7 +53,7 @@ class PolicyEvaluation:
     unsolved: np.ndarray
 
     def summary(self) -> dict[str, float]:
-        """Return means over the episodes, the deviation of returns, and the share of unsolved steps."""
+        """Return means over the episodes, the standard deviation of returns, and the share of unsolved steps."""
         steps = max(float(self.lengths.sum()), 1.0)
         return {
             "return": float(self.returns.mean()),
@@ -73,10 +71,10 @@ def evaluate(
     episodes: int = 100,
     seed: int = EVALUATION_SEED,
 ) -> PolicyEvaluation:
-    """Return episodes of the policy at the task's parameters, from initial states of ``seed``.
+    """Simulate episodes of a policy at the task's parameters, from random initial states drawn with ``seed``.
 
-    Raises :class:`~ocp.errors.InputError` where a reward is not a number though states are, with
-    step and episode.
+    Raises :class:`~ocp.errors.InputError`, with step and episode, if a reward is not finite at
+    finite states.
     """
     read_count("episodes", episodes)
     x0 = experiment.task.reset(episodes, np.random.default_rng(seed))
@@ -84,7 +82,7 @@ def evaluate(
 
 
 def evaluate_from(experiment: Experiment, trained: Trained, law: ContactLaw, x0: np.ndarray) -> PolicyEvaluation:
-    """Return episodes of the policy from ``x0`` (n, nx); otherwise as :func:`evaluate`."""
+    """Simulate episodes of a policy from ``x0`` (n, nx), otherwise as :func:`evaluate`."""
     episodes = experiment.rollouts(experiment.task.horizon, law)(
         x0, trained.theta, trained.normaliser, n_samples=len(x0), states=True
     )
@@ -119,7 +117,7 @@ def evaluate_from(experiment: Experiment, trained: Trained, law: ContactLaw, x0:
 def _measures(
     task: Task, arguments: tuple[np.ndarray, ...], counted: np.ndarray, lengths: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """Means of the task's measures over the steps of each episode that count, ``counted`` (n, N)."""
+    """Return a mapping from the task's measures to their means (n,) over the steps in the mask ``counted`` (n, N)."""
     if not task.measures:
         return {}
     values = np.zeros((*counted.shape, len(task.measures)))
@@ -132,27 +130,27 @@ def _measures(
 ALGORITHMS: dict[str, type[Algorithm]] = {
     algorithm.name: algorithm for algorithm in (FOPG, ZOPG, ARS, AoBG, TotalPropagation, MBPO)
 }
-"""Algorithms by name."""
+"""Mapping from names to the algorithms that learn a policy."""
 
 
 CHECKPOINT_KEY = "training"
-"""Name of the arrays in the checkpoint of a training."""
+"""Name under which a checkpoint stores a training's arrays."""
 STATE_PREFIX = "run."
-"""Prefix of the algorithm's state in a checkpoint."""
+"""Prefix of the algorithm's state in a training's checkpoint."""
 CURVE_PREFIX = "curve."
-"""Prefix of the curves in a checkpoint."""
+"""Prefix of the learning curves in a training's checkpoint."""
 SETTINGS_KEY = "settings"
-"""Name of the settings in a checkpoint."""
+"""Name of the experiment's settings, as JSON, in a training's checkpoint."""
 BEST_PREFIX = "best."
-"""Prefix of the best policy in a checkpoint."""
+"""Prefix of the best policy in a training's checkpoint."""
 
 Report = Callable[[int, Row], None]
-"""Called with the number of finished iterations and their row."""
+"""Callback with the number of an iteration and its row, called after each iteration."""
 
 
 @dataclass
 class _Progress:
-    """State of a training; ``best`` is the policy with the best evaluation so far."""
+    """Progress of a training: state, rows of the iterations, and the policy with the best evaluation so far."""
 
     state: State
     rows: list[Row] = field(default_factory=list)
@@ -161,21 +159,21 @@ class _Progress:
 
     @property
     def steps(self) -> float:
-        """Number of simulated steps of all rows."""
+        """Number of steps simulated in all iterations so far."""
         return sum(row.get("env_steps", 0.0) for row in self.rows)
 
 
 def train(experiment: Experiment, checkpoint: SavedWork = UNSAVED, report: Report | None = None) -> xr.Dataset:
-    """Run the experiment, from where ``checkpoint`` stopped, and return curves and policy.
+    """Run an experiment, continuing from ``checkpoint``, and return learning curves and policy.
 
     Row k of the curves, over ``iteration`` 0..iterations, describes the policy after k iterations:
-    ``evaluation_*`` under the exact law where it was evaluated, simulated ``env_steps`` (counted by
-    :meth:`Experiment.count_steps`, without evaluations) and ``wall_s`` [s] up to there, and the row
-    of iteration k itself (return of the samples, gradient), NaN in the last row. ``theta``, ``mean``
-    and ``scale`` are of the policy with the best evaluation, ``theta_last`` of the last one; ``psi``
-    are the final parameters of the model.
+    ``evaluation_*`` under the exact law if it was evaluated; the ``env_steps`` (counted by
+    :meth:`Experiment.count_steps`, without evaluations) and time ``wall_s`` [s] up to then; and the
+    numbers of iteration k itself (return of the samples, gradient), NaN in the last row. ``theta``,
+    ``mean`` and ``scale`` are those of the policy with the best evaluation, ``theta_last`` that of the
+    last policy; ``psi`` are the final parameters of the model.
 
-    All but times is bitwise the same with and without interruptions, for any number of threads.
+    Results except times are bitwise the same with and without interruptions, for any number of threads.
 
     Raises :class:`~ocp.errors.InputError` if the checkpoint has other settings, and as the
     algorithm does.
@@ -209,7 +207,7 @@ def train(experiment: Experiment, checkpoint: SavedWork = UNSAVED, report: Repor
 
 
 def read_checkpoint(arrays: dict[str, np.ndarray]) -> tuple[int, dict[str, Any]]:
-    """Return the number of iterations in a checkpoint's arrays, and their settings."""
+    """Return the number of rows in a checkpoint's arrays, and the settings of its experiment."""
     return len(arrays[f"{CURVE_PREFIX}wall_s"]), json.loads(str(arrays[SETTINGS_KEY]))
 
 
@@ -219,7 +217,7 @@ def _begin(experiment: Experiment) -> _Progress:
 
 
 def _evaluate_policy(experiment: Experiment, progress: _Progress, k: int) -> Row:
-    """Evaluate the policy on the same episodes every time, and keep it if it is the best."""
+    """Evaluate the policy on the same episodes in each iteration, and store it in ``progress`` if it is the best."""
     trained = experiment.algorithm.policy(experiment, progress.state)
     evaluation = evaluate(experiment, trained, EXACT, experiment.episodes)
     row = {f"evaluation_{name}": value for name, value in evaluation.summary().items()}
@@ -236,7 +234,7 @@ def _evaluate_policy(experiment: Experiment, progress: _Progress, k: int) -> Row
 
 
 def _checkpoint_arrays(experiment: Experiment, progress: _Progress) -> dict[str, Any]:
-    """Return the arrays of a checkpoint."""
+    """Return the arrays that a checkpoint stores."""
     return {
         **with_prefix(STATE_PREFIX, progress.state),
         **with_prefix(BEST_PREFIX, progress.best),
@@ -306,19 +304,19 @@ def _training_dataset(experiment: Experiment, progress: _Progress) -> xr.Dataset
 
 
 BYTES_PER_ROW = 1e3
-"""Memory of one iteration's row [bytes]."""
+"""Estimated memory of one iteration's row [bytes]."""
 ARRAY_COPIES = 4
-"""Number of copies of an array that a training holds at once."""
+"""Estimated number of copies of an array in memory during a training."""
 EPISODE_COUNTS = ("samples", "n_envs", "directions")
-"""Settings that count episodes."""
+"""Names of algorithms' settings that are numbers of episodes."""
 STEP_COUNTS = ("capacity", "explored", "batch", "model_batch", "rows", "candidates")
-"""Settings that count steps."""
+"""Names of algorithms' settings that are numbers of steps."""
 
 
 def check_training(experiment: Experiment, side_by_side: int) -> None:
-    """Raise :class:`~ocp.errors.InputError` if so many trainings at once need too much memory.
+    """Raise :class:`~ocp.errors.InputError` if ``side_by_side`` trainings at once need too much memory.
 
-    That of each is states and inputs of all steps that are held at once, weights, and the curves.
+    The estimate for a training consists of stored states and inputs, weights, and learning curves.
     """
     task, counts = experiment.task, _integer_settings(experiment)
     system = task.system
@@ -337,7 +335,7 @@ def check_training(experiment: Experiment, side_by_side: int) -> None:
 
 
 def _integer_settings(experiment: Experiment) -> dict[str, float]:
-    """Return the integer settings of the algorithm, and of the algorithm that it wraps."""
+    """Return a mapping from names to the integer settings of the algorithm and of the one that it wraps."""
     counts: dict[str, float] = {}
     settings: dict[str, Any] = experiment.algorithm.settings()
     for name, value in settings.items():

@@ -1,4 +1,4 @@
-"""Policy gradients from unrolls: first and zeroth order, both mixed, and augmented random search."""
+"""Policy-gradient algorithms of first, zeroth and mixed order on unrolls, and augmented random search."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ from ocp.learning.unrolling import Clipping, Unrolled, finite_samples, normalise
 
 @dataclass(frozen=True, kw_only=True)
 class ZOPG(Clipping):
-    """``g = mean of (V - b) sum_t D_theta a_t' w_t / sigma²``, the likelihood ratio's gradient.
+    """Zeroth-order policy gradient, by the likelihood ratio ``g = mean of (V - b) sum_t D_theta a_t' w_t / sigma²``.
 
-    Every start is unrolled under noise w and -w, ``samples`` unrolls in all; b is the mean return
-    of the others but the pair. The estimate is unbiased, unless ``clip`` cuts it.
+    Every start is unrolled under noise w and -w, with ``samples`` unrolls in total; the baseline b is
+    the mean return of all other pairs. The estimate is unbiased unless it is clipped.
     """
 
     name: ClassVar[str] = "zopg"
@@ -39,11 +39,11 @@ class ZOPG(Clipping):
             raise InputError(f"samples come in pairs of w and -w: {self.samples} is odd")
 
     def starts(self) -> int:
-        """Return the number of starts, one for each pair."""
+        """Return the number of states from which unrolls start, one for each pair."""
         return self.samples // 2
 
     def iterate(self, experiment: Experiment, state: State, k: int) -> tuple[State, Row]:
-        """Take one step along the mean of the pairs."""
+        """Unroll pairs of episodes and take one step along the mean of their gradients."""
         steps = self.steps(experiment)
         noise = experiment.noise(self.sigma, k, "actions")
         pair = [
@@ -56,11 +56,10 @@ class ZOPG(Clipping):
 
 
 def likelihood_ratio(batches: Sequence[Episodes], good: np.ndarray) -> np.ndarray:
-    """Return the ``mean over batches of (V - b) score``, (n, n_theta), of the ``good`` samples.
+    """Return likelihood-ratio gradients (n, n_theta): ``(V - b) score`` averaged over batches.
 
-    The baseline b of a sample is the mean return, over the batches, of all others.
-
-    Raises :class:`~ocp.errors.InputError` where fewer than two are left for that.
+    Only samples in the mask ``good`` are used. The baseline b of a sample is the mean return of all
+    other samples over the batches. Raises :class:`~ocp.errors.InputError` for fewer than two samples.
     """
     values = np.stack([batch.value[good] for batch in batches])
     if values.shape[1] < 2:
@@ -75,23 +74,24 @@ def likelihood_ratio(batches: Sequence[Episodes], good: np.ndarray) -> np.ndarra
 
 
 SHARP_LAW = Barrier(mu=1e-10)
-"""Law that replaces exact contact where gradients are needed (abs, sec. 7.4)."""
+"""Law that replaces exact contact where gradients are needed (Zhang, Jin and Wang 2023, sec. 7.4)."""
 
 SMOOTHINGS = {
     "rollout": "states and gradient of the experiment's law",
     "gradient": "states of mu = 1e-10, and the gradient along them of the experiment's law",
 }
-"""Uses of a smoothed law in FOPG, with their meaning."""
+"""Mapping from FOPG's uses of a smoothed law to their descriptions."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class FOPG(Clipping):
-    """``theta <- theta + rate g``, g the mean gradient of unrolled returns (abs, eq. 4.2, 4.3).
+    """First-order policy gradient: the mean gradient of unrolled returns through the contact model.
 
-    With ``smoothing="rollout"`` states and gradient are those of the experiment's law; with
-    ``"gradient"`` states are those of mu = 1e-10 and only the gradient along them is of the law
-    (algorithm 2). With a ``critic`` of that many units in each layer, the value that it gives the
-    last state of an unroll is gained there (:class:`~ocp.learning.critic.Critic`).
+    It is that of Zhang, Jin and Wang (2023), eq. 4.2 and 4.3. With ``smoothing="rollout"`` states and
+    gradient are those of the experiment's law; with ``"gradient"`` states are those of the barrier law
+    with mu = 1e-10, and only the gradient along them is that of the experiment's law (their algorithm
+    2). With a ``critic``, a number of units per layer, its value of the last state of an unroll is
+    added to the return (:class:`~ocp.learning.critic.Critic`).
     """
 
     name: ClassVar[str] = "fopg"
@@ -105,22 +105,22 @@ class FOPG(Clipping):
 
     @property
     def value_critic(self) -> Critic | None:
-        """The critic, if there is one."""
+        """The critic, or None if it has 0 units."""
         return Critic(units=self.critic) if self.critic else None
 
     def check(self, experiment: Experiment) -> None:
-        """Check the experiment as every algorithm does, and whether there is something for a critic to learn."""
+        """Raise :class:`~ocp.errors.InputError` if settings do not fit, or the critic has nothing to learn."""
         super().check(experiment)
         if critic := self.value_critic:
             critic.check(experiment, self.steps(experiment))
 
     def begin(self, experiment: Experiment) -> State:
-        """Return the initial state, with the critic's network."""
+        """Return the initial state, with that of the critic if there is one."""
         state, critic = super().begin(experiment), self.value_critic
         return {**state, **critic.begin(experiment)} if critic else state
 
     def iterate(self, experiment: Experiment, state: State, k: int) -> tuple[State, Row]:
-        """Take one step along the mean gradient."""
+        """Unroll episodes and take one step along their mean gradient, then train the critic."""
         x0, steps, critic = state["starts.x"], self.steps(experiment), self.value_critic
         noise = experiment.noise(self.sigma, k, "actions")
         sharp_rollout = terminal_gradient = None
@@ -152,12 +152,12 @@ class FOPG(Clipping):
 
 @dataclass(frozen=True, kw_only=True)
 class AoBG(Unrolled):
-    """``g = alpha g1 + (1 - alpha) g0``, alpha the weight of the *first* order (:func:`mixing_weight`).
+    """Alpha-order batched gradient ``g = alpha g1 + (1 - alpha) g0`` of first and zeroth order.
 
-    g1 and g0 are of two independent batches of ``samples``. ``gamma`` bounds |g - E g0| and fails
-    with probability ``delta``; where ``samples`` are too few to tell that of g0 itself, alpha is 0.
-    It is the user's to choose, in units of return over those of theta: no value fits all tasks.
-
+    alpha is the weight of the *first* order (:func:`mixing_weight`). g1 and g0 are computed from two
+    independent batches of ``samples``. ``gamma`` bounds |g - E g0| with probability 1 - ``delta``; with
+    too few samples to bound the error of g0 itself by gamma, alpha is 0. gamma has the unit of the
+    return divided by that of theta, and no value fits all tasks.
     Source: Suh, Simchowitz, Zhang and Tedrake (ICML 2022), algorithm 1.
     """
 
@@ -170,7 +170,7 @@ class AoBG(Unrolled):
     delta: float = setting(0.05, "probability that the test fails", above=0, below=1)
 
     def iterate(self, experiment: Experiment, state: State, k: int) -> tuple[State, Row]:
-        """Take one step along the mixture."""
+        """Unroll two batches of episodes and take one step along the mixed gradient."""
         x0, steps = state["starts.x"], self.steps(experiment)
         noises = [experiment.noise(self.sigma, k, order) for order in ("first", "zeroth")]
         first = unroll_episodes(experiment, state, x0, steps, noise=noises[0], gradient=True)
@@ -193,13 +193,13 @@ class AoBG(Unrolled):
 
 
 def mixing_weight(first: np.ndarray, zeroth: np.ndarray, gamma: float, delta: float) -> tuple[float, float]:
-    """Return the weight alpha of samples ``first`` (n, d) against ``zeroth`` (m, d), and B = |g1 - g0|.
+    """Return the weight alpha of first-order gradients, and the distance B = |g1 - g0| of both means.
 
-    ``alpha* = s0² / (s0² + s1²)``, the variances of both means, minimises the variance. The bias is
-    at most gamma with probability 1 - delta where ``alpha B + eps <= gamma``, with the bound eps of
-    the zeroth order's mean (:func:`~ocp.gradients.estimators.bernstein_distance`) by the largest
-    deviation in the batch: alpha = alpha* where that holds, (gamma - eps) / B where not, and 0
-    where eps > gamma.
+    ``first`` (n, d) and ``zeroth`` (m, d) are samples of the gradients. The variance is smallest for
+    ``alpha* = s0² / (s0² + s1²)``, with the variances s1², s0² of both means. The bias is at most gamma
+    with probability 1 - delta if ``alpha B + eps <= gamma``, where eps bounds the error of the zeroth
+    order's mean (:func:`~ocp.gradients.estimators.bernstein_distance`, with the largest deviation in
+    the batch). So alpha is alpha* if that satisfies it, else (gamma - eps) / B, and 0 if eps > gamma.
     """
     (n, d), m = first.shape, len(zeroth)
     g1, g0 = first.mean(axis=0), zeroth.mean(axis=0)
@@ -214,13 +214,13 @@ def mixing_weight(first: np.ndarray, zeroth: np.ndarray, gamma: float, delta: fl
 
 @dataclass(frozen=True, kw_only=True)
 class ARS(Algorithm):
-    """V2-t of Mania, Guy and Recht (2018): normalised observations, top directions, sigma_R.
+    """Augmented random search, variant V2-t of Mania, Guy and Recht (2018), with normalised observations.
 
-    ``theta <- theta + rate / (top sigma_R) sum_i (r_i+ - r_i-) delta_i`` over the ``top`` of
-    ``directions`` delta_i ~ N(0, 1) by max(r_i+, r_i-), with returns r_i± of whole episodes at
-    ``theta ± spread delta_i`` from the same start, and sigma_R their standard deviation over the 2
-    top used. Parameters without a way to the return stay as they are. An episode that is not finite
-    counts as the worst finite one.
+    ``theta <- theta + rate / (top sigma_R) sum_i (r_i+ - r_i-) delta_i``, where r_i± are the returns of
+    whole episodes at ``theta ± spread delta_i`` from the same start. The sum is over the ``top`` of
+    ``directions`` delta_i ~ N(0, 1) with the largest max(r_i+, r_i-), and sigma_R is the standard
+    deviation of their returns. Parameters that do not affect the return are not changed. An episode
+    that is not finite counts as the worst finite one.
     """
 
     name: ClassVar[str] = "ars"
@@ -238,7 +238,7 @@ class ARS(Algorithm):
             raise InputError(f"top is {self.top}, more than the {self.directions} directions; take fewer")
 
     def iterate(self, experiment: Experiment, state: State, k: int) -> tuple[State, Row]:
-        """Take one step along the best directions."""
+        """Simulate episodes in random directions of theta, and take one step along the best directions."""
         theta, n = state["theta"], self.directions
         acts = experiment.rollouts(experiment.task.horizon).function.acting[1]
         delta = acts * experiment.rng(k, "directions").standard_normal((n, theta.size))
@@ -262,7 +262,7 @@ class ARS(Algorithm):
 
 
 def search_direction(returns: np.ndarray, delta: np.ndarray, top: int) -> np.ndarray:
-    """Return ``sum (r+ - r-) delta / (top sigma_R)`` of returns (2, n) and directions (n, n_theta)."""
+    """Return the step ``sum (r+ - r-) delta / (top sigma_R)`` (n_theta,) from returns (2, n) and directions delta."""
     best_directions = np.argsort(-returns.max(axis=0), kind="stable")[:top]
     best_returns = returns[:, best_directions]
     deviation = best_returns.std()

@@ -1,4 +1,4 @@
-"""Unrolls of the trained policy, and ascent along their gradients."""
+"""Unrolls of the trained policy (rollouts of part of an episode), and ascent along their gradients."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ from ocp.learning.experiment import Experiment
 from ocp.learning.protocol import Algorithm, Normaliser, Row, State, Trained, renormalise_policy
 
 Slope = Callable[[np.ndarray], tuple[float, np.ndarray]]
-"""Maps parameters to a cost and its gradient, which may be a sample of it."""
+"""Function from parameters to a cost and its gradient, which may both be random samples."""
 
 ADAM_DECAY = (0.9, 0.999)
-"""Decay rates of Adam's moments."""
+"""Decay rates b1 and b2 of Adam's first and second moments."""
 
 
 def adam_step(
     gradient: np.ndarray, m: np.ndarray, v: np.ndarray, count: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return step ``count`` = 1, 2, ... at rate 1, and the next m and v (Kingma and Ba, algorithm 1).
+    """Return Adam's step number ``count`` = 1, 2, ... with rate 1, and the next m and v.
 
-    ``m <- b1 m + (1 - b1) g``, ``v <- b2 v + (1 - b2) g²`` and the step
-    ``m/(1 - b1^t) / (sqrt(v/(1 - b2^t)) + 1e-8)``, b1, b2 = 0.9, 0.999.
+    ``m <- b1 m + (1 - b1) g``, ``v <- b2 v + (1 - b2) g²``, and the step is
+    ``m/(1 - b1^t) / (sqrt(v/(1 - b2^t)) + 1e-8)`` with b1, b2 = 0.9, 0.999 (Kingma and Ba, algorithm 1).
     """
     m = ADAM_DECAY[0] * m + (1 - ADAM_DECAY[0]) * gradient
     v = ADAM_DECAY[1] * v + (1 - ADAM_DECAY[1]) * gradient**2
@@ -38,9 +38,9 @@ def adam_step(
 
 
 def adam(slope: Slope, theta: np.ndarray, rate: float) -> Iterator[tuple[np.ndarray, float]]:
-    """Yield theta and its cost before each step of descent by ``rate``, without end.
+    """Minimise a cost by Adam with learning rate ``rate``: yield theta and its cost before each step, without end.
 
-    Raises ``ValueError`` where a gradient is not finite.
+    Raises ``ValueError`` if a gradient is not finite.
     """
     theta = np.array(theta, dtype=float)
     m, v = np.zeros_like(theta), np.zeros_like(theta)
@@ -56,18 +56,18 @@ def adam(slope: Slope, theta: np.ndarray, rate: float) -> Iterator[tuple[np.ndar
 
 
 MAX_NORMALISED_GRADIENT = 1e3
-"""Largest entry of a gradient that normalised ascent follows."""
+"""Size of a gradient's largest entry from which normalised ascent ignores the gradient."""
 
 Rule = Callable[[State, np.ndarray, float], State]
-"""Maps (state, gradient, rate) to the entries of the state that change, ``theta`` among them."""
+"""Function from (state, gradient, rate) to the entries of the state that change, such as ``theta``."""
 
 
 def ascend(rule: str, state: State, gradient: np.ndarray, rate: float) -> State:
-    """Return the state after a step from its ``theta`` along ``gradient``, both (n_theta,).
+    """Return an algorithm's state after a step of ``theta`` (n_theta,) along ``gradient`` (n_theta,).
 
-    ``adam`` is Kingma and Ba's; ``normalised`` is ``theta + rate g / |g|_inf``, and stays where
-    |g|_inf is 1000 or more (Dojo's augmented gradient search); ``plain`` is ``theta + rate g``, of
-    abs, eq. 4.3. Raises :class:`~ocp.errors.InputError` for another ``rule``.
+    ``rule`` is ``adam`` (Kingma and Ba); ``normalised``, ``theta + rate g / |g|_inf``, without a step if
+    |g|_inf is 1000 or more (Dojo's augmented gradient search); or ``plain``, ``theta + rate g`` (Zhang,
+    Jin and Wang 2023, eq. 4.3). Raises :class:`~ocp.errors.InputError` for another ``rule``.
     """
     return {**state, **choose("optimiser", rule, OPTIMISERS)(state, gradient, rate)}
 
@@ -95,15 +95,15 @@ def _plain(state: State, gradient: np.ndarray, rate: float) -> State:
 
 
 OPTIMISERS: dict[str, Rule] = {"adam": _adam, "normalised": _normalised, "plain": _plain}
-"""Rules of a step by name."""
+"""Mapping from names to rules for a step along a gradient."""
 
 
 @dataclass(frozen=True)
 class Starts:
-    """Buffer of states ``x`` (n, nx) from which unrolls start, and their ages in steps.
+    """States ``x`` (n, nx) from which unrolls start, and the ages (n,) of their episodes in steps.
 
-    Every unroll continues the episode of the one before; an episode that has ended or reached the
-    task's length starts again. Unrolls as long as episodes start new ones.
+    Every unroll continues the episode of the previous one. An episode that has ended or reached the
+    task's length is replaced by a new one, so unrolls as long as episodes always start new ones.
     """
 
     x: np.ndarray
@@ -111,12 +111,12 @@ class Starts:
 
     @classmethod
     def first(cls, experiment: Experiment, n: int, unroll: int) -> Starts:
-        """Return initial states with random ages, so that episodes do not all end at once."""
+        """Return ``n`` initial states with random ages, so that episodes do not all end at once."""
         rng, horizon = experiment.rng(0, "starts"), experiment.task.horizon
         return cls(experiment.first_states(n, rng), unroll * rng.integers(-(-horizon // unroll), size=n))
 
     def after(self, experiment: Experiment, states: np.ndarray, lived: np.ndarray, k: int) -> Starts:
-        """Return the buffer after unrolls through ``states`` (n, H+1, nx), of which ``lived`` (n,) steps count."""
+        """Return the next starts after unrolls with ``states`` (n, H+1, nx) that ended after ``lived`` (n,) steps."""
         n, unroll = len(states), states.shape[1] - 1
         x, age = states[np.arange(n), lived], self.age + lived
         restarted = (lived < unroll) | (age >= experiment.task.horizon) | ~np.isfinite(x).all(axis=1)
@@ -124,12 +124,12 @@ class Starts:
         return Starts(np.where(restarted[:, None], initial_states, x), np.where(restarted, 0, age))
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """Return its arrays by their names in the state."""
+        """Return the entries of an algorithm's state that store these starts."""
         return {"starts.x": self.x, "starts.age": self.age}
 
     @classmethod
     def of(cls, state: dict[str, np.ndarray]) -> Starts:
-        """Read a buffer from the :meth:`arrays` of a state."""
+        """Build the starts from their :meth:`arrays` in an algorithm's state."""
         return cls(state["starts.x"], state["starts.age"])
 
 
@@ -143,13 +143,13 @@ def unroll_episodes(
     law: ContactLaw | None = None,
     **options: Any,
 ) -> Episodes:
-    """Return unrolls of ``horizon`` steps from ``x0`` (n, nx) under the policy of ``state``.
+    """Simulate unrolls of ``horizon`` steps from ``x0`` (n, nx) under the policy of ``state``.
 
-    ``theta`` (n, n_theta) are other parameters for each sample, ``law`` another contact law than
-    the model's; physical parameters are the state's ``psi`` where it has any; states are kept.
-    ``options`` (noise, gradient, score, along, pull) as :class:`~dynamics.batch.EpisodeFunction`.
-    Samples that are not finite, where a contact found no solution or a motion overflowed, are left
-    to :func:`finite_samples`.
+    ``theta`` (n, n_theta) replaces the policy's parameters, separately for each sample; ``law`` replaces
+    the experiment's contact law. Physical parameters are the state's ``psi`` if it has any.
+    ``options``, such as noise, gradient and score, are those of :class:`~dynamics.batch.EpisodeFunction`.
+    Samples that are not finite, with an unsolved contact or an overflow, are not removed; see
+    :func:`finite_samples`.
     """
     episodes = experiment.rollouts(horizon, law)(
         x0,
@@ -166,10 +166,10 @@ def unroll_episodes(
 
 
 def finite_samples(experiment: Experiment, state: State, episodes: Episodes, k: int) -> np.ndarray:
-    """Return a mask (n,) of the samples that are finite.
+    """Return a mask (n,): samples with finite return, gradient and score.
 
-    Raises :class:`~ocp.errors.InputError` that names step and sample where states are finite and a
-    reward is not, and :class:`~ocp.errors.NotConverged` where no sample is left.
+    Raises :class:`~ocp.errors.InputError`, with step and sample, if a reward is not finite at finite
+    states, and :class:`~ocp.errors.NotConverged` if no sample is finite.
     """
     finite = np.isfinite(episodes.value)
     for samples in (episodes.gradient, episodes.score):
@@ -189,7 +189,7 @@ def finite_samples(experiment: Experiment, state: State, episodes: Episodes, k: 
 
 
 def _step_without_reward(experiment: Experiment, policy: Trained, states: np.ndarray) -> int:
-    """Return the first step without a finite reward under inputs without noise; else the last state's."""
+    """Return the first step whose reward is not finite under inputs without noise, else the number of steps."""
     task, inputs = experiment.task, experiment.inputs(policy, states[:-1])
     for t, (x, next_state) in enumerate(pairwise(states)):
         if not np.isfinite(float(task.rewards(x, inputs[t], next_state, experiment.physics))):
@@ -198,7 +198,7 @@ def _step_without_reward(experiment: Experiment, policy: Trained, states: np.nda
 
 
 def non_finite_reward_message(experiment: Experiment, step: int, location: str) -> str:
-    """Return the sentence that a reward is not finite at a step of ``location``."""
+    """Return an error message on a reward that is not finite at a step of ``location``, such as a sample."""
     return (
         f"{experiment.task.name}: the reward of step {step} of {location} is NaN or infinite at"
         " finite states; correct the reward or end the episode earlier"
@@ -206,7 +206,10 @@ def non_finite_reward_message(experiment: Experiment, step: int, location: str) 
 
 
 def normalised_state(experiment: Experiment, state: State, episodes: Episodes, good: np.ndarray) -> State:
-    """Return the state with the episodes' observations in its normaliser and an equivalent policy."""
+    """Return the state with the normaliser updated by observations of the samples in the mask ``good`` (n,).
+
+    The policy's parameters are changed so that the policy stays the same.
+    """
     steps = np.arange(episodes.states.shape[1] - 1)
     alive = good[:, None] & (steps < episodes.lived[:, None])
     observations = experiment.observations(episodes.states[:, :-1][alive])
@@ -214,7 +217,7 @@ def normalised_state(experiment: Experiment, state: State, episodes: Episodes, g
 
 
 def with_observations(experiment: Experiment, state: State, observations: np.ndarray) -> State:
-    """Return the state with observations (n, n_o) in its normaliser and an equivalent policy."""
+    """Return the state with its normaliser updated by observations (n, n_o), and with the policy unchanged."""
     if not experiment.normalise:
         return state
     old_normaliser = Normaliser.of(state)
@@ -224,7 +227,7 @@ def with_observations(experiment: Experiment, state: State, observations: np.nda
 
 
 def sample_row(episodes: Episodes, good: np.ndarray) -> Row:
-    """Return the numbers that every algorithm reports of its samples."""
+    """Return the mean return of the samples in the mask ``good`` (n,), and the number of the others."""
     return {
         "return_mean": float(episodes.value[good].mean()),
         "nonfinite": float((~good).sum()),
@@ -233,11 +236,11 @@ def sample_row(episodes: Episodes, good: np.ndarray) -> Row:
 
 @dataclass(frozen=True, kw_only=True)
 class Unrolled(Algorithm):
-    """Settings of an algorithm that unrolls a policy and steps along a gradient.
+    """Base class of algorithms that unroll a policy and take steps along a gradient.
 
-    ``samples`` unrolls of ``unroll`` steps, at most an episode's, from a buffer of states, with
-    Gaussian noise of standard deviation ``sigma`` on the actions before tanh; steps of ``rate``
-    by ``optimiser``, one of :func:`~ocp.learning.unrolling.ascend`'s.
+    Each iteration has ``samples`` unrolls of ``unroll`` steps, at most an episode's, from a buffer of
+    states, with Gaussian noise of standard deviation ``sigma`` on the actions before tanh, and a step
+    of ``rate`` by ``optimiser``, one of the rules of :func:`~ocp.learning.unrolling.ascend`.
     """
 
     samples: int = setting(64, "unrolls an iteration", least=1)
@@ -247,21 +250,21 @@ class Unrolled(Algorithm):
     optimiser: str = setting("adam", "rule of a step", words=tuple(OPTIMISERS))
 
     def starts(self) -> int:
-        """Return the number of states in the buffer."""
+        """Return the number of states from which unrolls start."""
         return self.samples
 
     def steps(self, experiment: Experiment) -> int:
-        """Return the number of steps of an unroll, at most an episode's."""
+        """Return the number of steps of an unroll, at most those of an episode."""
         return min(self.unroll, experiment.task.horizon)
 
     def begin(self, experiment: Experiment) -> State:
-        """Return the initial policy and a buffer of initial states."""
+        """Return the initial state: the policy, and the states from which unrolls start."""
         state = super().begin(experiment)
         starts = Starts.first(experiment, self.starts(), self.steps(experiment))
         return {**state, **starts.arrays()}
 
     def climb(self, state: State, gradient: np.ndarray) -> State:
-        """Return the state after a step along ``gradient`` (n_theta,)."""
+        """Return the state after a step of the optimiser along ``gradient`` (n_theta,)."""
         return ascend(self.optimiser, state, gradient, self.rate)
 
     def take_step(
@@ -273,9 +276,9 @@ class Unrolled(Algorithm):
         good: np.ndarray,
         k: int,
     ) -> tuple[State, Row]:
-        """Return the state after a step along the mean of ``gradients`` (n, n_theta), and iteration k's row.
+        """Return the state after a step along the mean of ``gradients`` (n, n_theta), and the row of iteration k.
 
-        ``episodes``, of which those that are ``good`` (n,) count, carry the buffer on.
+        Normaliser and row use the ``episodes`` in the mask ``good`` (n,); next unrolls start at their ends.
         """
         mean = gradients.mean(axis=0)
         starts = Starts.of(state)
@@ -289,16 +292,15 @@ class Unrolled(Algorithm):
 
 @dataclass(frozen=True, kw_only=True)
 class Clipping(Unrolled):
-    """Settings of an algorithm that may clip every sample's gradient to ``clip`` times the median length.
+    """Base class of algorithms that may clip each sample's gradient to ``clip`` times the median norm.
 
-    Clipping biases the mean of any estimate, and protects it from a few diverging samples; it is
-    off by default.
+    Clipping protects the mean from a few diverging samples, but biases it; it is off by default.
     """
 
     clip: float | None = setting(None, "largest norm of a sample's gradient in medians, which biases the mean", above=0)
 
     def clipped(self, gradients: np.ndarray) -> np.ndarray:
-        """Return ``gradients`` (n, n_theta) clipped to ``clip`` times their median length."""
+        """Return ``gradients`` (n, n_theta) clipped to ``clip`` times their median norm."""
         if self.clip is None:
             return gradients
         lengths = np.linalg.norm(gradients, axis=1)
