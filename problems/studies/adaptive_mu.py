@@ -38,7 +38,7 @@ GAPS = np.array([0.0, 1.0, 2.0, 3.0, 4.0])
 WIDTHS = np.array([0.5, 1.0, 2.0, 4.0, 8.0, 16.0])
 """Ratios sigma/sqrt(F mu), on which alone the comparison of adaptive and constant mu at gaps over sigma depends."""
 COMPLIANCES = np.array([0.3, 1.0, 2.5])
-"""Values of F [m/(N s)] at which missing factors F are visible; lam(z) by eq. C.2 is monotone at the first alone."""
+"""Compliances F [m/(N s)] at which printed formulas are checked; lam(z) by eq. C.2 is monotone at the first alone."""
 READINGS = {"the tail as printed": printed_kappa, "the ordinary one": ordinary_kappa}
 """Mapping from a reading of the error function in eq. 5.1 to the kappa that it gives."""
 SETTINGS = tuple((F, s) for F in (0.5, 1.0, 2.0) for s in (0.5, 1.0, 2.0))
@@ -50,7 +50,7 @@ _REACHES = np.array([10.0, 100.0, 1000.0, 10000.0])
 
 
 class Params(StudyParams):
-    """Parameters of A1; the caption of the figure states mu = 0.1 and no other value."""
+    """Parameters of study A1; the caption of the figure states mu = 0.1 and no other value."""
 
     F: float = setting(1.0, "m/(N s)", "compliance of the contact", above=0)
     sigma: float = setting(1.0, "m", "standard deviation matched by mu(z)", above=0)

@@ -22,7 +22,7 @@ KAPPAS = (10.0, 50.0, 100.0, 500.0, 1000.0)
 
 
 class Params(StudyParams):
-    """Parameters of P6, all our choice: the paper draws the curves without values."""
+    """Parameters of study P6; all defaults are our choice, since the paper draws the curves without values."""
 
     m: float = setting(1.0, "kg", "mass", above=0)
     h: float = setting(0.1, "s", "step size", above=0)

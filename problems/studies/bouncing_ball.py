@@ -88,7 +88,7 @@ REBOUND_MU = 3.0
 
 
 class Params(StudyParams):
-    """Parameters of A2; mass and horizontal velocity are the paper's, so that q_x [m] equals the time [s]."""
+    """Parameters of study A2; mass and horizontal velocity are the paper's, so that q_x [m] equals the time [s]."""
 
     g: float = setting(9.81, "m/s^2", "gravity", above=0)
     q0: float = setting(1.0, "m", "height of the throw", above=0)
@@ -99,7 +99,7 @@ class Params(StudyParams):
 
 
 def step_ball(params: Params, h: float, mu: float | None) -> tuple[np.ndarray, np.ndarray]:
-    """Return height and vertical velocity (N+1,) by time stepping, exact for ``mu`` None; impulses have mu h m."""
+    """Return height and vertical velocity (N+1,) under the exact law or, with ``mu`` [J/kg], the barrier law."""
     system = get("ball-bounce", h=h, g=params.g, m=params.m).system
     law = Exact() if mu is None else Barrier(mu=h * params.m * mu)
     start = np.array([[0.0, params.q0, params.v0, 0.0]])

@@ -35,7 +35,7 @@ _TAIL_DEVIATIONS = 5.0
 
 
 class Params(StudyParams):
-    """Parameters of AT, all our choice."""
+    """Parameters of study AT; all defaults are our choice."""
 
     runs: int = setting(5, "1", "runs, each from a throw of its own", least=2)
     iterations: int = setting(60, "1", "steps of ascent N", least=2)

@@ -30,7 +30,7 @@ _RATIOS = np.geomspace(1e-4, 10, 21)
 
 
 class Params(StudyParams):
-    """Parameters of P3, from the authors' code but for fewer tolerances."""
+    """Parameters of study P3, from the authors' code except for fewer tolerances."""
 
     sigma: float = setting(0.1, "m/s", "standard deviation of the noise", CODE, above=0)
     theta: float = setting(0.1, "m/s", "decision of the panel over samples", CODE)
@@ -41,7 +41,7 @@ class Params(StudyParams):
 
 
 def run(params: Params) -> xr.Dataset:
-    """Compute estimates over the number of samples, and variances over the tolerance, of sign and block on a belt."""
+    """Compute estimates over the number of samples, and variances over the tolerance, also for a block on a belt."""
     nus = params.sigma * np.geomspace(1e-4, 1, params.tolerances)
     coarse = nus[:: max(1, params.tolerances // 8)]
     widths = _stick_width() * np.geomspace(1e-3, 10, 9)

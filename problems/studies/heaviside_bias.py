@@ -26,7 +26,7 @@ _BOX_WIDTHS = (0.1, 0.01, 0.001)
 
 
 class Params(StudyParams):
-    """Parameters of P2, from the authors' public code: the paper gives no numbers."""
+    """Parameters of study P2, from the authors' public code, since the paper gives no numbers."""
 
     sigma: float = setting(0.2, "1", "standard deviation of the noise", CODE, above=0)
     reach: float = setting(1.5, "1", "largest |theta| drawn", CODE, above=0)
@@ -35,7 +35,7 @@ class Params(StudyParams):
 
 
 def run(params: Params) -> xr.Dataset:
-    """Compute the objective, gradient estimates and their variances over theta, and closed forms of all."""
+    """Compute the objective, gradient estimates and their variances over theta, with their closed forms."""
     thetas = np.linspace(-params.reach, params.reach, params.points)
     shape = (len(ESTIMATORS), len(thetas))
     mean, variance, error = np.empty(shape), np.empty(shape), np.empty(shape)

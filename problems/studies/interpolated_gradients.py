@@ -26,7 +26,7 @@ QUICK = {"n_samples": 500, "repeats": 8}
 
 
 class Params(StudyParams):
-    """Parameters of P7, all our choice: the paper has no figure of interpolation."""
+    """Parameters of study P7; all defaults are our choice, since the paper has no figure of interpolation."""
 
     n_samples: int = setting(2000, "1", "samples of each order", least=2)
     points: int = setting(21, "1", "decisions", least=3)

@@ -24,7 +24,7 @@ NOTES = (
 
 
 class Params(StudyParams):
-    """Parameters of P1, from the authors' code, and those that physical models of drop and pivot add."""
+    """Parameters of study P1: those of the authors' code, and those that physical models of drop and pivot need."""
 
     g: float = setting(9.81, "m/s^2", "gravity", CODE, above=0)
     step_height: float = setting(1.0, "m", "height of the step", CODE, above=0)
@@ -155,7 +155,7 @@ def _steps(data: xr.Dataset, name: str) -> float:
 
 
 def _scatter(data: xr.Dataset, name: str) -> tuple[float, float, int]:
-    """Return mean times sqrt(n) and root mean square of n errors of ZoBG over their standard errors, and n."""
+    """Return, for n zeroth-order errors over their standard errors, mean times sqrt(n), root mean square, and n."""
     estimate, slope = data[f"zeroth_{name}"].values, data[f"slope_{name}"].values
     # Where the slope is small, too few samples cross the jump to estimate a standard error.
     steep = np.abs(slope) > 0.3 * np.abs(slope).max()

@@ -25,7 +25,7 @@ STEPS = (0.02, 0.01, 0.005, 0.0025)
 
 
 class Params(StudyParams):
-    """Parameters of A2v, all our choice: the paper gives none."""
+    """Parameters of study A2v; all defaults are our choice, since the paper gives none."""
 
     g: float = setting(9.81, "m/s^2", "gravity", above=0)
     q0: float = setting(1.0, "m", "height of the throw", above=0)

@@ -28,7 +28,7 @@ LAWS: dict[str, ContactLaw] = {
 
 
 class Params(StudyParams):
-    """Parameters of A5; the paper names mu = 1e-10 and 1e-2 and no other number."""
+    """Parameters of study A5; the paper names mu = 1e-10 and 1e-2 and no other number."""
 
     runs: int = setting(5, "1", "seeds of each law", least=2)
     iterations: int = setting(150, "1", "steps of ascent", least=4)
@@ -69,7 +69,7 @@ def run(params: Params, finished: FinishedParts) -> xr.Dataset:
 
 
 _SECTION_7_4 = "ABS, sec. 7.4"
-"""Source of the paper's claims."""
+"""Citation in the claims that the paper makes."""
 _SHARP = "mu 1e-10"
 """Name of the law with the smallest mu that the paper names."""
 _WIDE = "mu 0.01"

@@ -41,7 +41,7 @@ DAMPINGS = np.array([0.1, 0.9, 0.99, 0.998])
 
 
 class Params(StudyParams):
-    """Parameters of P5, from the authors' code as far as they give the published crossing of the curves."""
+    """Parameters of study P5, from the authors' code as far as they give the published crossing of the curves."""
 
     m: float = setting(0.1, "kg", "mass of each body", CODE, above=0)
     h: float = setting(0.005, "s", "step size", CODE, above=0)
@@ -98,7 +98,7 @@ def stability_limit(params: Params) -> float:
 
 
 def _sweep(params: Params, k: np.ndarray) -> np.ndarray:
-    """Return the variances (n, 2) of FoBG and ZoBG at stiffnesses ``k`` (n,) [N/m]."""
+    """Return variances (n, 2) of first- and zeroth-order gradients at stiffnesses ``k`` (n,) [N/m]."""
     model = _Pushing(params, Exact().close(pushing_system(1.0, *_arguments(params))))
     with np.errstate(all="ignore"):
         return np.array([model.variances(np.array([value])) for value in k])
@@ -186,7 +186,7 @@ _LIGHT_DAMPING = 0.99
 
 
 def crossing_stiffness(k: np.ndarray, first: np.ndarray, zeroth: np.ndarray) -> float:
-    """Return the stiffness at which FoBG's variance passes ZoBG's, interpolated on log axes; NaN if it does not."""
+    """Return the stiffness at which the first order's variance passes the zeroth order's, on log axes; NaN if none."""
     excess = np.log(first / zeroth)
     above = np.flatnonzero(excess > 0)
     if not above.size or above[0] == 0:

@@ -200,7 +200,7 @@ class FigureStudy:
         return self._module.claims(data)
 
     def params(self, values: Mapping[str, Any]) -> Any:
-        """Return the parameters: ``values``, checked, and defaults for the others.
+        """Return the parameters of a run: the checked ``values``, and defaults for the others.
 
         Raises :class:`~ocp.errors.InputError` that names the parameter, its unit and its range.
         """

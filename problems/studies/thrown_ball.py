@@ -33,7 +33,7 @@ SPEEDS = (1.5, 4.5)
 
 
 class Params(StudyParams):
-    """Parameters of A7, all our choice: the paper states none."""
+    """Parameters of study A7; all defaults are our choice, since the paper states none."""
 
     runs: int = setting(10, "1", "runs, each from a throw of its own", least=2)
     iterations: int = setting(100, "1", "steps of ascent", least=2)
@@ -126,9 +126,9 @@ def _returns(experiment: Experiment, law: ContactLaw, decisions: np.ndarray) -> 
 
 
 _SECTION_7_3 = "ABS, sec. 7.3"
-"""Source of the paper's claims."""
+"""Citation in the claims that the paper makes."""
 _GOAL_RETURN = -0.01
-"""Return [m²] above which the ball counts as at the goal."""
+"""Minimum return [m²] at which the ball counts as at the goal."""
 _PROMINENCE = 1e-3
 """Minimum prominence of a local maximum, over the range of values."""
 

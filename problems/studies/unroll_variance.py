@@ -39,7 +39,7 @@ LENGTHS = (1, 2, 3, 5, 7, 10, 15, 20)
 
 
 class Params(StudyParams):
-    """Parameters of A3; the paper names mu = 1e-10 and 1e-2 and no other number."""
+    """Parameters of study A3; the paper names mu = 1e-10 and 1e-2 and no other number."""
 
     stages: int = setting(6, "1", "policies along the training", least=2)
     every: int = setting(10, "1", "iterations between them", least=1)
@@ -145,7 +145,7 @@ def _lipschitz_policy(experiment: Experiment, trained: Trained, x: np.ndarray) -
 
 
 _SECTION_7_2 = "ABS, sec. 7.2"
-"""Source of the paper's claims."""
+"""Citation in the claims that the paper makes."""
 # Names of the laws with the smallest and the largest mu, and of the adaptive one.
 _SHARP = "mu 1e-10"
 _WIDE = "mu 0.01"

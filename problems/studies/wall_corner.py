@@ -137,11 +137,11 @@ SHAPES = ("rectangle", "dome")
 _DOMES = 5
 """Number of domes in the sweep, each half as wide as the one before."""
 _FINER_STEPS = 20
-"""Divisor of the step size for the drawn paths, which else seem not to touch the wall."""
+"""Divisor of the step size for the drawn paths; at the full step they seem not to touch the wall."""
 
 
 class Params(StudyParams):
-    """Parameters of P4, from the authors' code; the noise, which that lacks, is our choice."""
+    """Parameters of study P4, from the authors' code; the noise, which the code lacks, is our choice."""
 
     v0: float = setting(5.0, "m/s", "speed of the throw", CODE, above=0)
     g: float = setting(9.81, "m/s^2", "gravity", CODE, above=0)

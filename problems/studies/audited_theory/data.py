@@ -33,7 +33,7 @@ QUICK = {"draws": 50, "sweep": 4, "pairs": 15, "n_samples": 4000}
 
 
 class Params(StudyParams):
-    """Parameters of T1, all our choice: the papers test none of these theorems."""
+    """Parameters of study T1; all defaults are our choice, since the papers test none of these theorems."""
 
     draws: int = setting(200, "1", "random systems for each size and kind", least=10)
     sweep: int = setting(20, "1", "systems of four contacts followed over mu", least=2)
@@ -136,7 +136,7 @@ def _counterexamples() -> dict:
 
 
 def run(params: Params) -> xr.Dataset:
-    """Compute the data of all checks, from one stream of random numbers."""
+    """Compute the data of all checks of the theorems."""
     rng = np.random.default_rng(params.seed)
     audit, sweep = _audit(params, rng), _sweep(params, rng)
     pairs = bounds.smoothing_pairs(rng, params.pairs)

@@ -97,7 +97,7 @@ FINER = (1, 10, 100)
 
 
 class Params(StudyParams):
-    """Parameters of A6, all our choice: the paper gives no numbers, and no equations of the box."""
+    """Parameters of study A6; all defaults are our choice, since the paper gives no numbers."""
 
     g: float = setting(9.81, "m/s^2", "gravity", above=0)
     q0: float = setting(1.0, "m", "height of the throw", above=0)

@@ -18,9 +18,9 @@ _CLOSE_COST = 0.1
 _SETTINGS_SHARE = 0.75
 """Minimum share of the settings in which a claim must hold."""
 _OUR_CHECK = "our check"
-"""Source of claims that no paper makes."""
+"""Citation in the claims that no paper makes."""
 _SHIRAI = "Linear feedback, its title; its abstract: seems not"
-"""Source of the claims on linear feedback."""
+"""Citation in the claims on linear feedback."""
 _BARRIERS = tuple(law for law in LAWS if law.startswith("barrier"))
 """Names of the barrier laws, in the order of falling mu."""
 
@@ -59,7 +59,7 @@ def _cheapest(data: xr.Dataset) -> list[Claim]:
 
 
 def _exact_gain(costs: dict[str, np.ndarray]) -> Difference:
-    """Return the cost difference between the cheapest smoothed law, plus :data:`_EQUAL_COST`, and the exact one."""
+    """Return how much the cheapest smoothed law costs above the exact one, with :data:`_EQUAL_COST` added to it."""
     gains = [mean_difference((1 + _EQUAL_COST) * costs[law], costs["exact"]) for law in list(LAWS)[1:]]
     return min(gains, key=lambda gain: gain.mean)
 

@@ -52,15 +52,15 @@ QUICK = {"tasks": 1, "seeds": 2}
 _MISMATCH_FACTOR = 1.3
 """Factor on the mismatched parameter of the plant."""
 _RUN_HORIZONS = 2
-"""Number of horizons in a run."""
+"""Length of a run, in horizons of the problem."""
 _LARGEST_RATIO = 1000.0
-"""Upper limit on a cost over the best one; runs whose cost is NaN get this value."""
+"""Upper limit on the ratio of a cost to the best one; runs whose cost is NaN get this value."""
 _SURVIVAL_RATIO = 2.0
 """Maximum ratio of a cost to the best of its seed on the model at which a loop survives."""
 
 
 class Params(StudyParams):
-    """Parameters of C1; problems and laws keep their defaults."""
+    """Parameters of study C1; problems and laws keep their defaults."""
 
     tasks: int = setting(len(TASKS), "1", "the first of the tasks", least=1, most=len(TASKS))
     seeds: int = setting(20, "1", "seeds of starts and noise", least=2, most=200)

@@ -1,4 +1,4 @@
-"""AM: one-step errors of a hopper model with learned parameters psi and of a network, over the number of data."""
+"""AM: one-step errors of a hopper with learned parameters psi, and of a network, over the number of transitions."""
 
 from problems.studies.model_learning.claims import claims
 from problems.studies.model_learning.data import QUICK, RESUMES, Params, run

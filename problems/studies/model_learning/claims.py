@@ -8,7 +8,7 @@ import xarray as xr
 from problems.studies.study import Claim, claim, format_values, largest_value, settings_text, share_margin
 
 _MODEL_LEARNING = "Adaptive barrier smoothing, sec. 7, model learning"
-"""Source of the paper's claims."""
+"""Citation in the claims that the paper makes."""
 _PSI_TOLERANCE = 0.05
 """Relative error up to which a parameter in psi counts as found."""
 _COVERED_SHARE = 0.85

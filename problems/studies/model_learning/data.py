@@ -1,4 +1,4 @@
-"""AM: one-step errors of a hopper model with learned parameters psi and of a network, over the number of data."""
+"""AM: one-step errors of a hopper with learned parameters psi, and of a network, over the number of transitions."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ MIXED = "m, rad, m/s, rad/s"
 
 
 class Params(StudyParams):
-    """Parameters of AM; the network's are the authors' code's, the others our choice."""
+    """Parameters of study AM; those of the network are from the authors' code, the others our choice."""
 
     data: int = setting(2000, "1", "transitions, of which a 40th, a 10th, a 4th are fewer", least=400)
     held: int = setting(1000, "1", "held-out transitions", least=50)
@@ -117,9 +117,9 @@ DATA = ("exact", "noise", "drag")
 DRAG = 50.0
 """Drag [N s/m, N m s/rad] on the torso that the model lacks, as large as in the authors' code."""
 POOL = 1
-"""Number of the random stream of transitions to learn from."""
+"""Seed key of the random stream of transitions to learn from."""
 HELD = 2
-"""Number of the random stream of held-out transitions."""
+"""Seed key of the random stream of held-out transitions."""
 JUDGES = 1000
 """Maximum number of transitions from which intervals are computed."""
 
@@ -128,8 +128,8 @@ JUDGES = 1000
 class TransitionData:
     """Transitions of one kind: ``pool`` to learn from, in random order, and held-out ones, ``held``.
 
-    ``held`` has no noise. Where bodies touch in the next states of ``held``, ``touched`` (n,) is
-    True, and where they touch in those of ``pool``, ``landed``.
+    ``held`` has no noise. ``touched`` (n,) and ``landed`` (n,) are True where bodies touch in the
+    next states of ``held`` and of ``pool``.
     """
 
     task: Task
@@ -176,7 +176,7 @@ class TransitionData:
 
 
 def by_psi(source: TransitionData, n: int, seed: int, params: Params) -> dict[str, np.ndarray]:
-    """Learn psi from the first ``n`` transitions; return errors, and psi, its intervals and search path over truth."""
+    """Learn psi from the first ``n`` transitions; return errors, and psi, its intervals and path over the truth."""
     transitions = source.pool[:n]
     step = Exact().close(source.task.system)
     loss = OneStepLoss(step, PSI, scale=OneStepLoss.increments(transitions))

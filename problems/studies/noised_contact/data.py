@@ -22,7 +22,7 @@ DOTS = np.linspace(-1.4, 1.4, 29)
 SPARSE_STATES = 5
 """Number of states of the block in sparse data."""
 SPARSE_REACH = 0.5
-"""Largest distance of these states from the middle [m]."""
+"""Largest distance [m] of the block's sparse states from the middle."""
 STEPS = 12
 """Number of steps of a rollout."""
 _TRAINING_ROWS = 2000
@@ -32,7 +32,7 @@ _ROWS_TRAINED_ON = 1600
 
 
 class Params(StudyParams):
-    """Parameters of N1; the paper gives no numbers."""
+    """Parameters of study N1; the paper gives no numbers."""
 
     rho: float = setting(0.99, "1", "slope of the pusher's step in contact", above=0, most=1)
     sigma: float = setting(0.1, "m", "standard deviation of the noise", CODE, above=0)

@@ -21,7 +21,7 @@ _PLANS_SHARE = 0.75
 _SHARP_LAWS = ("barrier", "sharp barrier", "adaptive")
 """Names of the analytic laws close to the exact one."""
 _OUR_CHECK = "our check"
-"""Source of claims that no paper makes."""
+"""Citation in the claims that no paper makes."""
 
 
 def claims(data: xr.Dataset) -> list[Claim]:
@@ -60,7 +60,7 @@ def _progress(data: xr.Dataset) -> list[Claim]:
 
 
 def _close(data: xr.Dataset) -> list[Claim]:
-    """Compare the exact cost of each law's plan with the exact optimum, and check its fall with mu."""
+    """Compare the exact cost of each law's plan with the exact optimum, and check that it falls with mu."""
     names, excesses = _names(data), _middle(excess_cost(data))
     others = excesses.drop_sel(law="exact").min("law", skipna=False).values
     expected = f"its exact replay costs at most {WITHIN:.0%} more, on every problem"

@@ -33,7 +33,7 @@ TRUSTED = 0.001
 
 
 class Params(StudyParams):
-    """Parameters of N3; problems keep their defaults."""
+    """Parameters of study N3; problems keep their defaults."""
 
     mu: float = setting(1e-3, "N s m", "central-path parameter of the barrier law", above=0)
     spread: float = setting(0.02, "m", "width of the adaptive law", above=0)
@@ -84,7 +84,7 @@ class TaskData:
         return network_law(self.data, sigma, self.seed, params.epochs, params.batch)
 
     def planned(self, name: str) -> dict[str, np.ndarray]:
-        """Plan under the law ``name`` from the problem's guess; return the numbers of its plan and replay."""
+        """Plan under the law ``name`` from the problem's guess; return costs, survival, iterations and times."""
         _loaded()
         self._data = None
         began_s = time.process_time()
@@ -96,7 +96,7 @@ class TaskData:
         return _plan_row(solution, learned_s - began_s, time.process_time() - learned_s)
 
     def trusting(self, share: float) -> dict[str, np.ndarray]:
-        """Plan with trust of weight ``share``, warm-started by the plan without; return the numbers of the plan."""
+        """Plan with trust of weight ``share``, warm-started by the plan without; return what :meth:`planned` does."""
         _loaded()
         if self._bare is None:
             self._bare = solve(self.problem, self.law("ewda"), Direct())

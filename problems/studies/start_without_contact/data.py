@@ -32,7 +32,7 @@ LAST = 5
 
 
 class Params(StudyParams):
-    """Parameters of N2; those of its problems keep their defaults."""
+    """Parameters of study N2; its problems keep their defaults."""
 
     mu: float = setting(1e-3, "N s m", "central-path parameter of the barrier law", CODE, above=0)
     spread: float = setting(0.02, "m", "width of the adaptive law", above=0)
@@ -160,7 +160,7 @@ def _swept(params: Params, finished: FinishedParts, sources: dict[str, _TaskData
 
 
 PROBLEMS = ("planar-push", "planar-hand")
-"""Names of the problems."""
+"""Names of the problems for which plans and gains are computed."""
 LAWS = ("exact", "barrier", "adaptive", "randomized")
 """Names of the contact laws under which plans are made."""
 _PLAN_NODES = 21

@@ -20,7 +20,7 @@ from problems.studies.theory_of_noising import lemmas
 
 
 class Params(StudyParams):
-    """Parameters of N0; the paper gives no numbers."""
+    """Parameters of study N0; the paper gives no numbers."""
 
     rho: float = setting(0.99, "1", "slope of the pusher's step in contact", above=0, most=1)
     sigma: float = setting(0.1, "m", "noise of the networks and of the rollouts", CODE, above=0)

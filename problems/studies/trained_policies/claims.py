@@ -13,7 +13,7 @@ from problems.studies.trained_policies.data import MODEL_BASED, NETWORK, SHOWN, 
 _EQUAL_RETURN = 1e-2
 """Relative difference up to which the returns of a plan and of its replay are equal."""
 _FIGURE_4 = "ABS, sec. 7.3, fig. 4"
-"""Source of the paper's claims."""
+"""Citation in the claims that the paper makes."""
 _OURS = "FOPG-ABS"
 """Name of the paper's own method."""
 _RUNNING_SPEEDS = {"hopper": 1.0, "half-cheetah": 1.5}

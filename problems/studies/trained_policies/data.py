@@ -27,7 +27,7 @@ RESUMES = True
 
 
 TASKS = ("hopper", "half-cheetah")
-"""Tasks that policies are trained on."""
+"""Names of the tasks that policies are trained on."""
 POINTS = 60
 """Number of points on each axis over which returns are interpolated."""
 HIDDEN = (32, 32)
@@ -48,7 +48,7 @@ class Method:
 
 
 _SHARP_LAW = Barrier(mu=1e-10)
-"""Law that stands for the exact one in gradients."""
+"""Barrier law that replaces the exact law where gradients are taken."""
 _ABS_LAW = Adaptive("quartic")
 """The paper's adaptive law."""
 NETWORK = "FOPG-ABS, network"
@@ -72,7 +72,7 @@ METHODS = {
 
 
 class Params(StudyParams):
-    """Parameters of A4; the paper states the number of seeds alone."""
+    """Parameters of study A4; the paper states the number of seeds alone."""
 
     runs: int = setting(5, "1", "seeds of each algorithm and task", least=2)
     kilosteps: int = setting(200, "1", "thousand simulated steps of each run", least=1)
