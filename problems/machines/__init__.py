@@ -1,1 +1,1 @@
-"""Machines as tables: links, contact spheres, springs, gears and limits."""
+"""Machines with published constants, their pictures, and parts that their problems share."""

@@ -1,4 +1,4 @@
-"""Problems of a robot in space that goes from one pose to another."""
+"""Problems of a robot in space that moves from one pose to another."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ min sum_(k=0)^(N-1) h (w_u norm(u_k)^2 + w_v norm(v_k)^2)
   + w_"joints" norm(theta_N - theta_"end")^2 + w_"rest" norm(v_N)^2
 p, e "place and quaternion of the trunk," theta "the joints"
 """
-"""Equations of all these problems."""
+"""Equations of the problems that :func:`gait` builds, in typst's mathematics."""
 
 
 class GaitParams(Parameters):
-    """Parameters of a robot that goes to another pose."""
+    """Parameters of a problem in which a robot moves to another pose."""
 
     distance: float = quantity(0.5, "m", "way of the trunk along x")
     rise: float = quantity(0.0, "m", "height of the trunk at the end above where it stands")
@@ -52,10 +52,10 @@ def gait(
     swing: Callable[[np.ndarray], np.ndarray],
     scaling: Scaling,
 ) -> Problem:
-    """Build the problem to go from the pose ``start`` to ``stands``, moved as the parameters ask.
+    """Build the problem of moving from the pose ``start`` to ``stands``, shifted and turned by the parameters.
 
-    Of q the first seven are the floating trunk's. ``swing`` maps shares of the way (n,) to what a
-    gait of one metre adds to the joints of the guess (n, joints).
+    The first seven entries of a pose q are position and quaternion of the trunk. ``swing`` maps shares
+    of the path (n,) to the angles (n, joints) that a gait of one metre adds to the guess's joints.
     """
     p = table(params)
     system = machine.system(name, p, h=p["h"], friction=p["friction"], edges=int(params.edges))
@@ -77,7 +77,7 @@ def gait(
 
 
 def _end(stands: np.ndarray, distance: ca.SX | float, rise: ca.SX | float, turn: ca.SX | float) -> ca.SX:
-    """Return q at the end."""
+    """Return the pose q at the end: ``stands``, shifted along x and z [m], with the heading ``turn`` [rad]."""
     end = ca.SX(stands)
     end[0] += distance
     end[2] += rise
@@ -86,7 +86,7 @@ def _end(stands: np.ndarray, distance: ca.SX | float, rise: ca.SX | float, turn:
 
 
 def _straight(start: np.ndarray, stands: np.ndarray, swing: Callable[[np.ndarray], np.ndarray]) -> Guess:
-    """Return a guess along the straight line from start to end, with legs that swing where it is long."""
+    """Return a guess on the straight line from start to end, with ``swing`` times min(1, |distance|) in the joints."""
 
     def guess(problem: Problem, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         share, values = np.linspace(0, 1, problem.N + 1), problem.parameters.unpack(p)

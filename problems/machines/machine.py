@@ -16,16 +16,16 @@ from dynamics.systems.planar.machine import link_pose
 from problems.drawing import ContactFrame, Shape, Stadium, Wall, solid
 
 START_TOLERANCE = 1e-9
-"""Depth in the ground, and way past a limit, that a start may have [m, rad]."""
+"""Maximum depth in the ground [m], and maximum excess over a joint's limit [rad], of a start."""
 
 
 @dataclass(frozen=True, eq=False)
 class PublishedMachine(Machine):
-    """A machine with the constants of the environment that its table comes from.
+    """A machine with the constants of the simulation environment that publishes it.
 
-    ``pose`` is the pose the table is checked at, one value for each coordinate [m, rad];
-    ``friction`` Coulomb's coefficient with the ground; ``h`` the environment's time step [s]; it
-    starts ``lift`` [m] above the pose, off by up to ``noise`` in every coordinate and velocity.
+    ``pose`` is the pose at which its values are checked, one value for each coordinate [m, rad];
+    ``friction`` is Coulomb's coefficient with the ground, ``h`` the environment's time step [s]. A
+    start is ``lift`` [m] above the pose, plus up to ``noise`` in every coordinate and velocity.
     """
 
     pose: tuple[float, ...]
@@ -35,7 +35,7 @@ class PublishedMachine(Machine):
     noise: float
 
     def reset(self, seed: int = 0) -> np.ndarray:
-        """Return the state (q, v) that the environment starts at, (2 nq,): the pose lifted, plus noise.
+        """Return a start state (q, v) of the environment, (2 nq,): the pose lifted, plus noise.
 
         The noise is uniform in [-noise, noise], in m, rad, m/s and rad/s alike.
         """
@@ -44,9 +44,9 @@ class PublishedMachine(Machine):
         return start + np.random.default_rng(seed).uniform(-self.noise, self.noise, len(start))
 
     def check_start(self, q: Sequence[float], spheres: Collection[str]) -> None:
-        """Refuse a pose ``q`` (nq,) with one of ``spheres`` in the ground or a joint past a limit.
+        """Check that at the pose ``q`` (nq,) none of ``spheres`` is in the ground and no joint past a limit.
 
-        Raises ``ValueError`` that names the sphere or the joint, and by how much to mend it.
+        Raises ``ValueError`` that names the sphere or the joint, and says how to correct the start.
         """
         chain = self.tree()
         touches = self.contacts(ca.SX(q), spheres)
@@ -67,9 +67,9 @@ class PublishedMachine(Machine):
 
 
 BAR_RADIUS = 0.03
-"""Radius of the bars that links are drawn as [m]."""
+"""Radius of the bars that represent links in a drawing [m]."""
 JOINT_ORIGIN = (0.0, 0.0)
-"""Place of a link's joint in its own frame [m]."""
+"""Position of a link's joint in the link's own frame [m]."""
 
 
 def machine_shapes(machine: Machine, state: np.ndarray) -> list[Shape]:
@@ -88,7 +88,7 @@ def machine_shapes(machine: Machine, state: np.ndarray) -> list[Shape]:
 def machine_frames(
     machine: Machine, state: np.ndarray, spheres: Collection[str] | None, friction: float
 ) -> list[ContactFrame]:
-    """Return frames of the contacts of ``spheres``, all by default, with the ground, and of the collision pairs."""
+    """Return the contact frames of ``spheres`` (None: all) on the ground, and of the collision pairs."""
     frames = _frames(machine, None if spheres is None else tuple(spheres))
     rows = np.array(frames(state[: frames.numel_in(0)])).T.tolist()
     return [ContactFrame(x, z, nx, nz, friction) for x, z, nx, nz in rows]
@@ -96,7 +96,7 @@ def machine_frames(
 
 @cache
 def _frames(machine: Machine, spheres: tuple[str, ...] | None) -> ca.Function:
-    """Map q to the place and the normal of every contact, (4, contacts)."""
+    """Return the function from q to the point and the normal of every contact, (4, contacts)."""
     chain = machine.tree()
     q = ca.SX.sym("q", chain.nq)
     contacts = machine.contacts(q, spheres).values()
@@ -116,8 +116,8 @@ def _rod(link: Link) -> tuple[tuple[float, float], tuple[float, float]]:
 
 @cache
 def _places(machine: Machine) -> ca.Function:
-    """Map q to the ends of every bar, (4, bars), and to the poses of all parts, (3, parts)."""
-    # Bars run from a link's joint to its spheres and joints; the floating link runs through these.
+    """Return the function from q to the ends of every bar, (4, bars), and to the poses of all parts, (3, parts)."""
+    # Bars go from a link's joint to its spheres and next joints; the floating link's bars connect these.
     chain = machine.tree()
     q = ca.SX.sym("q", chain.nq)
     bars, poses = [ca.SX(4, 0)], [ca.SX(3, 0)]

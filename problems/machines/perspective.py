@@ -1,4 +1,4 @@
-"""Solids in space as plane shapes that a camera sees, the farthest first."""
+"""Projection of solids in space to the plane shapes that a camera sees, the farthest first."""
 
 from __future__ import annotations
 
@@ -17,40 +17,40 @@ from problems.drawing import Circle, ContactFrame, Outline, Segment, Shape, Stad
 Array = np.ndarray
 Place = tuple[float, float, float]
 Solid = tuple[shapes.Shape, Array, Array, str]
-"""A shape, the rotation (3, 3) and the place (3,) of its body in the world, and its role."""
+"""A shape, rotation (3, 3) and position (3,) [m] of its body in the world, and its role."""
 EYE_DISTANCE = 4.0
-"""Distance of a camera from its target, in sizes of what it looks at."""
+"""Distance of a camera from its target, in sizes of the scene."""
 NEAREST_DEPTH = 0.25
-"""Depth below which nothing grows any more in the picture, in distances of the camera."""
+"""Depth below which the scale of the picture is constant, in distances from eye to target."""
 OVERLAP = 2e-3
-"""Overlap at which two bodies still lie beside each other, in distances of the camera."""
+"""Overlap up to which two bodies count as separate, in distances from eye to target."""
 HALF_FLOOR = 0.7
-"""Half the side of a floor, in distances of the camera."""
+"""Half the side of the visible floor, in distances from eye to target."""
 FLOOR_SHIFT = 0.3
-"""Way from the target to the middle of a floor, away from the eye, in distances of the camera."""
+"""Shift of the middle of a floor from the target, away from the eye, in distances from eye to target."""
 LIGHT = np.array([-0.5, 0.75, -0.45])
 """Direction to the light in axes of the camera: from the upper left."""
 DARK_FACE = 0.65
-"""Shade of a face that looks away from the light."""
+"""Shade of a face opposite to the light."""
 BRIGHT_FACE = 0.12
-"""Shade of a face that looks to the light."""
+"""Shade of a face turned to the light."""
 ROUND_SHADE = 0.35
 """Shade of round bodies."""
 LINE_SHADE = 0.4
 """Shade of the lines on a floor."""
 EQUAL_RADII = 1.15
-"""Ratio of the radii at the ends of a capsule up to which it is drawn as one of equal ends."""
+"""Maximum ratio of the radii of a capsule's ends in the picture for which it is drawn with equal ends."""
 CIRCLE = np.array([(math.cos(k * math.pi / 16), math.sin(k * math.pi / 16)) for k in range(32)])
 """Points (32, 2) around the outline of a round body of radius 1."""
 CUBE_CORNERS = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
 """Corners (8, 3) of a box with half sides of 1."""
 CUBE_SIDES = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-"""Corners of the faces of a box, counter-clockwise seen from outside."""
+"""Indices of the corners of each face of a box, counter-clockwise seen from outside."""
 
 
 @dataclass(frozen=True)
 class PinholeCamera:
-    """A pinhole camera at ``eye`` that looks at ``target`` [m]; a metre there is ``focal`` long."""
+    """A pinhole camera at ``eye`` that looks at ``target`` [m]; a metre there is ``focal`` long in the picture."""
 
     eye: Place
     target: Place = (0.0, 0.0, 0.0)
@@ -60,7 +60,7 @@ class PinholeCamera:
     def around(
         cls, target: Place, size: float, azimuth: float = -math.pi / 3, elevation: float = 0.35
     ) -> PinholeCamera:
-        """Return a camera that sees ``size`` [m]; the eye is ``azimuth`` about z from x, ``elevation`` up [rad]."""
+        """Return a camera that shows ``size`` [m] around ``target``, from an azimuth (0 is x) and elevation [rad]."""
         (x, y, z), away, flat = target, EYE_DISTANCE * size, EYE_DISTANCE * size * math.cos(elevation)
         ahead, aside = flat * math.cos(azimuth), flat * math.sin(azimuth)
         return cls((x + ahead, y + aside, z + away * math.sin(elevation)), target)
@@ -79,19 +79,20 @@ class PinholeCamera:
         return math.dist(self.eye, self.target)
 
     def scale(self, depth: Array) -> Array:
-        """Return the length of a metre in the picture; below a quarter of the target's distance it grows no more."""
+        """Return the length of a metre at ``depth`` [m] in the picture, constant below :data:`NEAREST_DEPTH`."""
         return self.focal * self.distance / np.maximum(depth, NEAREST_DEPTH * self.distance)
 
     def project(self, points: Array) -> tuple[Array, Array]:
-        """Return places in the picture (n, 2), ``scale * (right, up)``, and depths (n,) of points (n, 3)."""
+        """Return the positions (n, 2) of points (n, 3) in the picture, ``scale * (right, up)``, and depths (n,) [m]."""
         in_camera = (points - np.array(self.eye)) @ self.axes.T
         return in_camera[:, :2] * self.scale(in_camera[:, 2])[:, None], in_camera[:, 2]
 
 
 @dataclass(frozen=True, eq=False)
 class _Body:
-    """All points within ``radius`` of the hull of ``points``; each face has corners, a normal, and if it faces the
-    eye.
+    """All points within ``radius`` of the hull of ``points``.
+
+    A face has corners (n, 3), an outer normal (3,), and whether it faces the eye.
     """
 
     role: str
@@ -101,7 +102,7 @@ class _Body:
 
 
 def solids_seen(camera: PinholeCamera, solids: Iterable[Solid]) -> list[Shape]:
-    """Draw solids from back to front, above planes, which are grids of lines."""
+    """Return drawings of planes, as grids of lines, and then of the other solids from back to front."""
     lines, bodies = list[Shape](), list[_Body]()
     for shape, R, p, role in solids:
         if isinstance(shape, shapes.Plane):
@@ -121,7 +122,7 @@ def solids_seen(camera: PinholeCamera, solids: Iterable[Solid]) -> list[Shape]:
 def frame_seen(camera: PinholeCamera, point: Array, normal: Array, friction: float) -> ContactFrame:
     """Return the frame of a contact at ``point`` (3,) with unit ``normal`` (3,), as the camera sees it.
 
-    A cone of friction looks wider the more it points to the camera, which is never inside of it.
+    The friction cone looks wider the more it points to the camera; with the eye inside it is not drawn.
     """
     ((x, y),), depth = camera.project(point[None])
     right, up, forward = camera.axes @ normal
@@ -135,7 +136,7 @@ def frame_seen(camera: PinholeCamera, point: Array, normal: Array, friction: flo
 
 
 def _parts(shape: shapes.Shape) -> tuple[Array, float, Sequence[Sequence[int]]]:
-    """Return points in the body's frame, the radius around them, and the points that each face has."""
+    """Return points in the body's frame, the radius around them, and the indices of the points of each face."""
     match shape:
         case shapes.Sphere(radius, centre):
             return np.array([centre], dtype=float), float(radius), []
@@ -154,13 +155,13 @@ def _parts(shape: shapes.Shape) -> tuple[Array, float, Sequence[Sequence[int]]]:
 
 
 def _across(normal: Array) -> Array:
-    """Return unit vectors (2, 3) that ``normal`` is counter-clockwise to; x and y where it is z."""
+    """Return two unit vectors (2, 3) that form a right-handed frame with ``normal``; x and y for z."""
     up = np.cross(normal, np.eye(3)[int(abs(normal[0]) > 0.9 * np.linalg.norm(normal))])
     return np.array([np.cross(up, normal) / np.linalg.norm(normal), up]) / np.linalg.norm(up)
 
 
 def _grid(camera: PinholeCamera, origin: Array, normal: Array, role: str) -> Iterator[Segment]:
-    """Yield lines of a plane around what is seen, but for those that come too near to the camera."""
+    """Yield the grid lines of a plane in the view, except those that come too near to the camera."""
     axes, distance = _across(normal), camera.distance
     side = next((each for each in (2.0, 1.0, 0.5, 0.25, 0.1) if each <= distance / 12), 0.05)
     middle = axes @ (camera.target + FLOOR_SHIFT * distance * camera.axes[2] - origin) // side
@@ -174,7 +175,7 @@ def _grid(camera: PinholeCamera, origin: Array, normal: Array, role: str) -> Ite
 
 
 def _from_back(camera: PinholeCamera, bodies: list[_Body]) -> Iterator[_Body]:
-    """Yield the deepest body first; a body on the camera's side of a face comes after the body behind it."""
+    """Yield the deepest body first; a body on the camera's side of another's face comes after that one."""
     shows = np.zeros((len(bodies), len(bodies)), dtype=bool)
     for i, body in enumerate(bodies):
         for corners, normal, faces_eye in body.faces:
@@ -189,7 +190,7 @@ def _from_back(camera: PinholeCamera, bodies: list[_Body]) -> Iterator[_Body]:
 
 
 def _seen(camera: PinholeCamera, body: _Body) -> Iterator[Shape]:
-    """Yield the outline of a body, and its faces that are turned to the camera."""
+    """Yield the shapes of a body: its outline, except for boxes, and the faces turned to the camera."""
     from scipy.spatial import ConvexHull
 
     places, depth = camera.project(body.points)

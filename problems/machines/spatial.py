@@ -13,7 +13,7 @@ from problems.drawing import ContactFrame, Shape
 from problems.machines.perspective import PinholeCamera, Solid, frame_seen, solids_seen
 
 AXES = ("", "")
-"""A picture in perspective has no rulers."""
+"""Labels of the axes, empty since a picture in perspective has no axes."""
 
 
 def spatial_shapes(
@@ -23,7 +23,7 @@ def spatial_shapes(
     actuators: Collection[str] = (),
     goals: Collection[str] = (),
 ) -> list[Shape]:
-    """Draw all parts at ``state`` (q, v, ...); those on bodies named are actuators or goals."""
+    """Draw all parts at ``state`` (q, v, ...); those on the bodies ``actuators`` or ``goals`` have that role."""
     poses = np.array(_poses(machine)(_of_unit_length(machine, state))).T
     solids: list[Solid] = []
     for part, pose in zip(machine.parts, poses, strict=True):
@@ -36,13 +36,13 @@ def spatial_shapes(
 def spatial_frames(
     machine: SpatialMachine, camera: PinholeCamera, state: np.ndarray, friction: float
 ) -> list[ContactFrame]:
-    """Return place and normal of every contact at ``state``."""
+    """Return the frame of every contact at ``state`` (q, v, ...), as the camera sees it."""
     rows = np.array(_frames(machine)(_of_unit_length(machine, state))).T
     return [frame_seen(camera, row[:3], row[3:], friction) for row in rows]
 
 
 def _of_unit_length(machine: SpatialMachine, state: np.ndarray) -> np.ndarray:
-    """Return q, with quaternions drawn back to unit length: films interpolate states."""
+    """Return q of a state, with quaternions normalised, since animations interpolate states."""
     tree = machine.tree()
     q, turning = np.array(state[: tree.nq], dtype=float), tree.quaternion_entries
     for four in (turning[k : k + 4] for k in range(0, len(turning), 4)):
@@ -52,7 +52,7 @@ def _of_unit_length(machine: SpatialMachine, state: np.ndarray) -> np.ndarray:
 
 @cache
 def _poses(machine: SpatialMachine) -> ca.Function:
-    """Map q to rotation and origin of every part's body, (12, parts)."""
+    """Return the function from q to rotation and origin of every part's body, (12, parts)."""
     tree = machine.tree()
     q = ca.SX.sym("q", tree.nq)
     fixed = ca.SX.eye(3), ca.SX(3, 1)
@@ -63,7 +63,7 @@ def _poses(machine: SpatialMachine) -> ca.Function:
 
 @cache
 def _frames(machine: SpatialMachine) -> ca.Function:
-    """Map q to the point and the normal of every contact, (6, contacts)."""
+    """Return the function from q to the point and the normal of every contact, (6, contacts)."""
     tree = machine.tree()
     q = ca.SX.sym("q", tree.nq)
     columns = [ca.vertcat(contact.point, contact.normal) for contact in machine.contacts(q).values()]

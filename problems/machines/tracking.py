@@ -1,4 +1,4 @@
-"""Additions to a machine for tracking: torques in N m, and a nominal that runs in time."""
+"""Additions to a machine for tracking: torques in N m, and a nominal value that changes with time."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from dynamics.systems import ContactSystem, Signal
 
 
 def with_nominal(system: ContactSystem, rate: ca.SX, nominal: Signal) -> ContactSystem:
-    """Return the system with the last state ``nominal``, which grows by ``rate`` a second.
+    """Return the system with an additional last state ``nominal``, which grows by ``rate`` per second.
 
-    As a state it runs on between the plans of a closed loop, and at any step size.
+    As a state, it continues from one plan of a closed loop to the next, at any step size.
     """
     now, then = ca.SX.sym(nominal.name), ca.SX.sym(f"{nominal.name}_next")
     return replace(
@@ -25,6 +25,6 @@ def with_nominal(system: ContactSystem, rate: ca.SX, nominal: Signal) -> Contact
 
 
 def in_torques(system: ContactSystem) -> ContactSystem:
-    """Return the system of a machine whose gears are 1 N m, with its inputs in this unit."""
+    """Return the system of a machine whose gears are 1 N m, with inputs labelled as torques in N m."""
     torques = tuple(Signal(signal.name, "N m", "torque") for signal in system.inputs)
     return replace(system, inputs=torques)

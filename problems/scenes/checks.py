@@ -22,11 +22,11 @@ if TYPE_CHECKING:
 
 Value = Callable[[Scalar], float]
 START_DEPTH_M = 1e-9
-"""Depth at which things may start inside each other [m]."""
+"""Maximum depth to which things may start inside each other [m]."""
 
 
 def check_names(things: Sequence[Thing | Goal], pairs: Sequence[tuple[str, str]]) -> None:
-    """Refuse unsupported things, duplicate names and unknown names."""
+    """Raise :class:`~ocp.errors.InputError` for unsupported things, duplicate names, and unknown names."""
     for thing in things:
         if isinstance(thing, Body | Pusher) and isinstance(thing.shape, HalfPlane):
             raise InputError(
@@ -58,16 +58,16 @@ def _require_known(name: str, names: list[str], who: str) -> None:
 
 
 def required(pusher: Pusher, value: Scalar | None, what: str, where: str) -> Scalar:
-    """Return the pusher's ``value``; raise where it is None."""
+    """Return the pusher's ``value``, called ``what``; raise :class:`~ocp.errors.InputError` if it is None."""
     if value is None:
         raise InputError(f"the pusher {pusher.name!r} has no {what}, required in {where}; set it")
     return value
 
 
 def check_numbers(scene: Scene, parameters: ParameterTable) -> None:
-    """Refuse invalid sizes and masses, and things that start inside each other.
+    """Raise :class:`~ocp.errors.InputError` for invalid sizes and masses, and things that start inside each other.
 
-    Everything is evaluated at the values of ``parameters``.
+    All expressions are evaluated at the values of ``parameters``.
     """
     symbols, values = parameters.vector, parameters.values
 

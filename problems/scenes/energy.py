@@ -15,14 +15,14 @@ if TYPE_CHECKING:
     from problems.scenes.scene import Scene
 
 Balance = Callable[[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX, ca.SX], EnergyBalance]
-"""Maps (q, v, u, v_next, normal impulses, friction impulses) to the balance of the step."""
+"""Function from (q, v, u, v_next, normal impulses, friction impulses) to the balance of the step."""
 
 
 def energy_balance(scene: Scene, masses: ca.SX, weight: ca.SX, h: Scalar) -> Balance:
-    """Return the balance of a scene with ``masses`` (nq, 1) under ``weight`` (nq, 1) [N, N m].
+    """Return the function for the balance of a scene with ``masses`` (nq, 1) under ``weight`` (nq, 1) [N, N m].
 
     Energy is ``1/2 v' M v - weight' q``. The momentum ``sum m v`` changes by weight, motors,
-    obstacles and rails: of what acts on a pusher only the part along its rail moves it.
+    obstacles and rails; of the forces on a pusher only the component along its rail counts.
     """
 
     def balance(q: ca.SX, v: ca.SX, u: ca.SX, v_next: ca.SX, normal: ca.SX, friction: ca.SX) -> EnergyBalance:
@@ -44,7 +44,7 @@ def energy_balance(scene: Scene, masses: ca.SX, weight: ca.SX, h: Scalar) -> Bal
 
 
 def _contact_impulses(scene: Scene, q: ca.SX, normal: ca.SX, friction: ca.SX) -> dict[str, ca.SX]:
-    """Return the impulse (2, 1) of all its contacts on everything that moves, by name."""
+    """Return a mapping from the name of a moving thing to the impulse (2, 1) [N s] of all its contacts on it."""
     impulses: dict[str, ca.SX] = {}
     for i, (touch, contact) in enumerate(zip(scene.touches, scene.contacts(q), strict=True)):
         push = normal[i] * contact.normal + friction[i] * contact.tangent

@@ -1,4 +1,4 @@
-"""A scene in a picture: its shapes at one state, and the frames of its contacts."""
+"""Pictures of a scene: its shapes at one state, and the frames of its contacts."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from problems.scenes.things import Body, Obstacle, Thing
 Draw = Callable[[Any, np.ndarray], list[Shape]]
 Frames = Callable[[Any, np.ndarray], list[ContactFrame]]
 Place = tuple[float, float, float]
-"""x, y [m], and the angle [rad], clockwise."""
+"""Pose of a thing: x, y [m], and the clockwise angle [rad]."""
 
 
 def pictured(scene: Callable[[Any], Scene]) -> tuple[Draw, Frames]:
-    """Return the ``draw`` and ``frames`` of a problem whose scene is ``scene(p)``.
+    """Return the functions ``draw`` and ``frames`` of a problem whose scene is ``scene(p)``.
 
-    ``scene`` reads every parameter as ``p["name"]``, so that it serves the symbols of ``build`` and
-    the numbers of a drawing alike.
+    ``scene`` reads every parameter as ``p["name"]``, so that it works with the symbols of ``build``
+    and with the numbers of a drawing.
     """
 
     @cache
@@ -48,7 +48,7 @@ def pictured(scene: Callable[[Any], Scene]) -> tuple[Draw, Frames]:
 
 
 def _places(scene: Scene) -> ca.Function:
-    """Map q to the poses (3, things), to places and normals (4, contacts), and their friction."""
+    """Return the function from q to poses (3, things), points and normals (4, contacts), and friction (contacts,)."""
     q = ca.SX.sym("q", len(scene.coordinates))
     poses = [ca.vertcat(pose.position, pose.angle) for pose in map(scene.pose(q), scene.things)]
     frames = [ca.vertcat(contact.point, contact.normal) for contact in scene.contacts(q)]
@@ -57,7 +57,7 @@ def _places(scene: Scene) -> ca.Function:
 
 
 def _all_shapes(scene: Scene, poses: list[Place]) -> list[Shape]:
-    """Return obstacles, then goals, then what moves."""
+    """Return the shapes of obstacles, then of goals, then of moving things."""
     obstacles, goals, moving = list[Shape](), list[Shape](), list[Shape]()
     for thing, pose in zip(scene.things, poses, strict=True):
         if isinstance(thing, Obstacle):
@@ -71,7 +71,7 @@ def _all_shapes(scene: Scene, poses: list[Place]) -> list[Shape]:
 
 
 def _shapes(thing: Thing, pose: Place, role: str) -> list[Shape]:
-    """Return a thing's shapes, and on a disc that turns the radius that is upright at angle zero."""
+    """Return the shapes of a thing, and, for a disc that turns, a radius that is upright at angle zero."""
     shapes = [solid(shape, *pose, role) for shape in convex_parts(thing.shape)]
     if not (thing.turns and isinstance(disc := shapes[0], Circle)):
         return shapes

@@ -24,17 +24,17 @@ Pair = tuple[str, str]
 
 
 class Scene:
-    """Things in the plane, and the friction of those that touch.
+    """Bodies, pushers and obstacles in the plane, with their contacts and friction.
 
-    ``things`` are bodies, pushers and obstacles, each a shape, and goals, which are only drawn. Any
-    two touch of which one moves, but the pairs of names in ``non_colliding``. Of the plane's axes y points
-    up where there is gravity, and angles count anticlockwise.
+    ``things`` are bodies, pushers and obstacles, each with a shape, and goals, which are only drawn.
+    Two things can touch if one of them moves, except the pairs of names in ``non_colliding``. The y
+    axis points up if there is gravity; angles are anticlockwise.
 
-    ``friction`` is Coulomb's coefficient, one for all contacts, or one for each pair of names; a
-    pair that is not named is frictionless. All numbers may be symbols of a problem's parameters.
+    ``friction`` is Coulomb's coefficient of all contacts, or a mapping from pairs of names to it, in
+    which missing pairs are frictionless. All numbers may be symbols of a problem's parameters.
 
     Coordinates ``q`` are those of the bodies and then of the pushers, in the order of ``things``.
-    Raises :class:`~ocp.errors.InputError` for things that make no sense or names that are unknown.
+    Raises :class:`~ocp.errors.InputError` for invalid things and for unknown or duplicate names.
     """
 
     def __init__(
@@ -61,20 +61,20 @@ class Scene:
 
     @cached_property
     def start(self) -> ca.SX:
-        """Start of all that moves, (nq, 1)."""
+        """Coordinates of all moving things at the start, (nq, 1)."""
         return ca.vertcat(ca.SX(0, 1), *(thing.start for thing in self.moving))
 
     @cached_property
     def hold(self) -> ca.SX:
-        """Commanded places that hold the pushers where they start, (nu, 1)."""
+        """Commanded coordinates that keep the pushers where they start, (nu, 1)."""
         return ca.vertcat(ca.SX(0, 1), *(pusher.start for pusher in self.pushers))
 
     def at_rest(self, system: ContactSystem) -> ca.SX:
-        """Return the state in which everything stands where it starts, (nx, 1)."""
+        """Return the state in which all things are at their start and at rest, (nx, 1)."""
         return ca.vertcat(self.start, ca.SX.zeros(system.nx - self.start.numel()))
 
     def of(self, name: str, x: ca.SX) -> ca.SX:
-        """Return the coordinates of one thing in a state ``x``, or in ``q``."""
+        """Return the coordinates (n, 1) of the thing called ``name`` in ``x``, a state or q."""
         return x[self._at[name]]
 
     def pose(self, q: ca.SX) -> Callable[[Thing], Pose]:
@@ -101,13 +101,13 @@ class Scene:
         return ca.vertcat(ca.SX(0, 1), *(contact.phi for contact in self.contacts(q)))
 
     def sliding(self, q: ca.SX) -> ca.SX:
-        """Return the rows of the velocity along every contact's tangent at ``q``, (nc, nq)."""
+        """Return the Jacobian (nc, nq) of the sliding velocities, along every contact's tangent at ``q``."""
         rows = (contact.jacobians(q)[1] for contact in self.contacts(q))
         return ca.vertcat(ca.SX(0, q.numel()), *rows)
 
     @cached_property
     def _masses(self) -> list[ca.SX]:
-        """Mass or inertia of every coordinate of the bodies."""
+        """Mass [kg] or inertia [kg m²] of every coordinate of the bodies."""
         masses = []
         for body in self.bodies:
             masses += [ca.SX(body.mass)] * 2
@@ -136,16 +136,16 @@ class Scene:
         gravity: Scalar = 9.81,
         inertial: bool = True,
     ) -> ContactSystem:
-        """Return the system of bodies without momentum, and of pushers that springs draw to commanded places.
+        """Return the contact system of bodies without momentum, and of pushers on springs to commanded positions.
 
         The state is q, the input the commanded coordinates of the pushers [m]; gaps are the true
-        ones at the next state unless ``linearised``. ``load`` [m/s²] pulls at every body's mass.
-        Bodies with a ``table`` are pressed to it by ``gravity`` [m/s²], and slide quasi-statically
-        unless ``inertial`` (:class:`~dynamics.systems.limit_surface.LimitSurface`). See
-        :func:`~dynamics.systems.timestepping.quasi_dynamic`.
+        ones at the next state unless ``linearised``. The force ``load`` [m/s²] times its mass acts on
+        every body. Bodies with a ``table`` are pressed to it by ``gravity`` [m/s²], and slide
+        quasi-statically unless ``inertial`` (:class:`~dynamics.systems.limit_surface.LimitSurface`).
+        See :func:`~dynamics.systems.timestepping.quasi_dynamic`.
 
-        Raises :class:`~ocp.errors.InputError` for numbers that make no sense at the parameters'
-        values, such as things that start inside each other.
+        Raises :class:`~ocp.errors.InputError` for numbers that are invalid at the parameters'
+        values, for example if things start inside each other.
         """
         stiffness = [
             ca.SX(required(p, p.stiffness, "stiffness", "a quasi-dynamic scene"))
@@ -188,7 +188,7 @@ class Scene:
         cone: Cone = "linearised",
         linearised: bool = False,
     ) -> ContactSystem:
-        """Return the system of bodies and pushers with masses and velocities, the pushers under forces.
+        """Return the contact system of bodies and pushers with masses and velocities, and forces on the pushers.
 
         The state is (q, v), the input the forces [N] on the pushers along their coordinates;
         ``gravity`` [m/s²] is a vector of the plane. See

@@ -21,7 +21,7 @@ from dynamics.systems.shapes.polygon import convex_parts, vertex_pairs
 class Thing:
     """A ``shape`` called ``name``, at ``at`` [m], turned anticlockwise by ``angle`` [rad].
 
-    The shape lies in the thing's own frame, whose origin is at ``at``. Raises ``ValueError`` for an
+    The shape is in the thing's own frame, whose origin is at ``at``. Raises ``ValueError`` for an
     invalid argument.
     """
 
@@ -47,21 +47,21 @@ class Thing:
 
     @property
     def coordinates(self) -> tuple[Signal, ...]:
-        """Signals of its coordinates; nothing moves an obstacle."""
+        """Signals of the thing's coordinates; () for an obstacle."""
         return ()
 
     @property
     def turns(self) -> bool:
-        """True where its angle may change."""
+        """Whether the angle of the thing can change."""
         return False
 
     @property
     def start(self) -> ca.SX:
-        """Coordinates of its start."""
+        """Coordinates of the thing at the start, (n, 1); empty for an obstacle."""
         return ca.SX(0, 1)
 
     def pose(self, q: ca.SX) -> Pose:
-        """Return the pose of this thing at its own coordinates ``q``."""
+        """Return the pose of this thing at its own coordinates ``q`` (n, 1)."""
         return Pose(as_column(self.at), -ca.SX(self.angle))
 
 
@@ -71,12 +71,12 @@ class Obstacle(Thing):
 
 @dataclass(frozen=True, eq=False)
 class Body(Thing):
-    """A thing that moves freely, with coordinates x, y [m], and an angle [rad] where it has an ``inertia``.
+    """A thing that moves freely, with coordinates x, y [m], and an angle [rad] if it has an ``inertia``.
 
     ``mass`` [kg]; ``inertia`` [kg m²] about the origin of its frame, which is its centre of mass,
     None for a body that never turns. ``table`` is Coulomb's coefficient with a table that the body
-    lies on, None where it glides freely; ``reach`` [m] the mean distance of the pressure under it
-    from its centre of mass, by default that of a pressure spread evenly over its shape.
+    lies on, None if it glides freely; ``reach`` [m] is the mean distance of the pressure under it
+    from its centre of mass, by default for a pressure that is uniform over its shape.
     """
 
     mass: Scalar = 1.0
@@ -91,7 +91,7 @@ class Body(Thing):
 
     @property
     def coordinates(self) -> tuple[Signal, ...]:
-        """``<name>_x``, ``<name>_y`` and, where it turns, ``<name>_angle``."""
+        """Signals ``<name>_x``, ``<name>_y`` and, if the body turns, ``<name>_angle``."""
         places = _places(self.name)
         turn = Signal(f"{self.name}_angle", "rad", f"{self.name}, anticlockwise")
         return (*places, turn) if self.turns else places
@@ -106,10 +106,10 @@ class Body(Thing):
         mass: Scalar = 1.0,
         table: Scalar | None = None,
     ) -> Body:
-        """Return a body whose mass is spread evenly over ``shape``, with its centre of mass at ``at``.
+        """Return a body of uniform density over ``shape``, with its centre of mass at ``at``.
 
         The origin of the frame moves to the centroid c, and the inertia is ``mass int |r - c|² dA /
-        A``, rounded corners and all parts of a union counted. Raises ``ValueError`` for an invalid
+        A``, including rounded corners and all parts of a union. Raises ``ValueError`` for an invalid
         argument.
         """
         area = shape_area(shape)
@@ -117,7 +117,7 @@ class Body(Thing):
         return cls(name, shape, at, angle, mass, mass * area.gyration, table)
 
     def limit_surface(self, first: int, gravity: Scalar, inertial: bool) -> LimitSurface | None:
-        """Return its friction with the table; its coordinates start at number ``first``."""
+        """Return the body's friction with its table, None without one; ``first`` is the index of its x."""
         if self.table is None:
             return None
         reach = (mean_distance(self.shape) if self.reach is None else self.reach) if self.turns else None
@@ -125,12 +125,12 @@ class Body(Thing):
 
     @property
     def turns(self) -> bool:
-        """True where it has an inertia."""
+        """Whether the body can turn, which is if it has an inertia."""
         return self.inertia is not None
 
     @property
     def start(self) -> ca.SX:
-        """``at`` and, where it turns, ``angle``."""
+        """Coordinates at the start: ``at`` and, if the body turns, ``angle``."""
         return ca.vertcat(as_column(self.at), self.angle) if self.turns else as_column(self.at)
 
     def pose(self, q: ca.SX) -> Pose:
@@ -142,9 +142,9 @@ class Body(Thing):
 class Pusher(Thing):
     """A thing that a motor moves, and that never turns.
 
-    In a quasi-dynamic scene a spring of ``stiffness`` [N/m] draws it to the commanded place, in one
-    with velocities it has a ``mass`` [kg] and is pushed by a force. It moves in the plane, or on a
-    rail along the unit vector ``axis``, with the way gone from ``at`` [m] as its one coordinate.
+    In a quasi-dynamic scene a spring of ``stiffness`` [N/m] pulls it to the commanded position; in a
+    scene with velocities it has a ``mass`` [kg], and a force moves it. It moves in the plane, or on a
+    rail along the unit vector ``axis``, where its distance from ``at`` [m] is the only coordinate.
     """
 
     stiffness: Scalar | None = None
@@ -153,14 +153,14 @@ class Pusher(Thing):
 
     @property
     def coordinates(self) -> tuple[Signal, ...]:
-        """``<name>_x`` and ``<name>_y``, or the distance ``<name>`` along the rail."""
+        """Signals ``<name>_x`` and ``<name>_y``, or ``<name>`` for the distance along the rail."""
         if self.axis is None:
             return _places(self.name)
         return (Signal(self.name, "m", f"way of {self.name} along its rail"),)
 
     @property
     def start(self) -> ca.SX:
-        """``at``, or no way gone."""
+        """Coordinates at the start: ``at``, or 0 on a rail."""
         return as_column(self.at) if self.axis is None else ca.SX.zeros(1)
 
     def pose(self, q: ca.SX) -> Pose:
@@ -170,13 +170,13 @@ class Pusher(Thing):
 
     @property
     def directions(self) -> ca.SX:
-        """Unit vectors along which the coordinates move the pusher, as columns."""
+        """Unit vectors along which the coordinates move the pusher, the columns of (2, n)."""
         return ca.SX.eye(2) if self.axis is None else as_column(self.axis)
 
 
 @dataclass(frozen=True, eq=False)
 class Goal:
-    """A goal of the body called ``body``, drawn in its shape; nothing touches it."""
+    """A goal pose of the body called ``body``, which is drawn with the body's shape and has no contacts."""
 
     body: str
     at: Point
@@ -194,14 +194,14 @@ def _places(name: str) -> tuple[Signal, ...]:
 
 PoseOf = Callable[[Thing], Pose]
 MOST_FREE_FIRST = (Body, Pusher, Obstacle)
-"""Things in the order in which normals point into them."""
+"""Kinds of things, the most freely moving first; a contact's normal points into the earlier kind."""
 
 
 @dataclass(frozen=True, eq=False)
 class Touch:
-    """A contact called ``name``: ``shape`` of one thing on a shape of another.
+    """A contact called ``name``, between ``shape`` of the thing ``one`` and ``against`` of the thing ``other``.
 
-    Its normal points into the ``one``, which is the one that moves more freely.
+    Its normal points into ``one``, the thing that moves more freely.
     """
 
     name: str
@@ -211,21 +211,20 @@ class Touch:
     other: Thing
 
     def contact(self, pose: PoseOf) -> Contact:
-        """Return gap, normal and point with every thing where ``pose`` has it."""
+        """Return distance, normal and point of the contact; ``pose`` is a function from a thing to its pose."""
         return Contact.between(self.shape, pose(self.one), self.against, pose(self.other))
 
     @property
     def pair(self) -> frozenset[str]:
-        """Names of both things."""
+        """Names of the two things in contact."""
         return frozenset((self.one.name, self.other.name))
 
 
 def contact_pairs(things: Sequence[Thing], non_colliding: Collection[frozenset[str]]) -> list[Touch]:
-    """Return all contacts of two things of which one moves, but of the pairs in ``non_colliding``.
+    """Return all contacts of two things of which one moves, except the pairs of names in ``non_colliding``.
 
-    Where flat sides may come to lie on each other at any angle, every corner is a contact of its
-    own, ``<one> on <other> <number>``, see
-    :func:`~dynamics.systems.shapes.polygon.vertex_pairs`.
+    If one of the two can turn, every corner is a contact of its own, ``<one> on <other> <number>``,
+    see :func:`~dynamics.systems.shapes.polygon.vertex_pairs`.
     """
     pairs_that_touch = []
     for first, second in combinations(things, 2):

@@ -1,1 +1,1 @@
-"""The registry of tasks that policies are trained for, and what several of them share."""
+"""Registry of the tasks for which policies are trained, and parts that several tasks share."""

@@ -1,4 +1,4 @@
-"""The ball throw as a task: the first action sets angle and speed, the end of the flight the reward."""
+"""The ball throw as a task: the first action sets angle and speed, and the final state gives the reward."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ STEEPEST_THROW = 1.5
 
 
 class Params(Parameters):
-    """Parameters of ``ball-throw``; the goal is the state that theta = 0.6 at 3 m/s leads to."""
+    """Parameters of ``ball-throw``; the default goal is where a throw at theta = 0.6 rad and 3 m/s ends."""
 
     m: float = quantity(1.0, "kg", "mass", above=0)
     g: float = quantity(9.81, "m/s^2", "gravity", above=0)
@@ -48,7 +48,7 @@ class Params(Parameters):
 
 
 def build(params: Params) -> Task:
-    """Build the task: nothing is gained on the way; the state is (x, z, vx, vz, hand, fall)."""
+    """Build the task, whose only reward is at the end; the state is (x, z, vx, vz, hand, fall)."""
     p = table(params)
     if not params.fixed_speed:
         p = ParameterTable(parameter for parameter in p if parameter.name != "speed")

@@ -1,4 +1,4 @@
-"""Tasks by name, with the settings by which algorithms learn them."""
+"""Look-up of tasks by name, with the settings of the algorithms for each task."""
 
 from __future__ import annotations
 
@@ -22,15 +22,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class TaskSpec(Spec):
-    """One named task, at any parameters.
+    """Specification of a named task, which can be built at any parameters.
 
-    ``build(params)`` gives the :class:`~ocp.problem.task.Task`; ``draw(params, state)`` the shapes at one
-    state (nx,), ``frames(params, state)`` the place and direction of each contact; ``axes`` label
-    the drawing. ``decisions`` is the number of inputs that matter in an episode (of a throw: the
-    first), None for one per step. ``observation_bounds`` are the finite ranges of observations, by
-    name. ``training`` are the settings of each algorithm for this task, and under ``"all"`` those
-    of every algorithm; other settings keep their own defaults. ``learner`` is the default
-    algorithm.
+    ``build(params)`` returns the :class:`~ocp.problem.task.Task`, ``draw(params, state)`` the shapes at
+    one state (nx,), ``frames(params, state)`` the point and direction of each contact; ``axes`` are
+    labels of the drawing. ``decisions`` is the number of inputs that matter in an episode (1 for a
+    throw), None for one per step. ``observation_bounds`` maps names of observations to their finite
+    ranges. ``training`` maps an algorithm's name to its settings for this task, and ``"all"`` to those
+    of every algorithm; other settings keep their defaults. ``learner`` is the default algorithm.
     """
 
     build: Callable[[Any], Task]
@@ -55,7 +54,7 @@ TASK_MODULES = {
     "hopper": "problems.bodies.hopper.task",
     "half-cheetah": "problems.bodies.half_cheetah.task",
 }
-"""Modules of the tasks by name."""
+"""Mapping from the name of a task to its module."""
 
 
 def names() -> list[str]:
@@ -65,7 +64,7 @@ def names() -> list[str]:
 
 @cache
 def spec(name: str) -> TaskSpec:
-    """Return the task called ``name``; raises :class:`~ocp.errors.InputError` for no name."""
+    """Return the task called ``name``; raises :class:`~ocp.errors.InputError` if it is unknown."""
     return defined(TaskSpec, importlib.import_module(choose("task", name, TASK_MODULES)))
 
 
@@ -78,7 +77,7 @@ def get(name: str, **params: Any) -> Task:
 
 
 def default_settings(spec: TaskSpec, word: str, cls: type) -> dict[str, Any]:
-    """Return the task's settings of the algorithm ``word``, and of its experiment."""
+    """Return the task's settings of the algorithm ``cls``, called ``word``, and of its experiment."""
     from ocp.learning.experiment import Experiment
 
     settings = {**spec.training.get("all", {}), **spec.training.get(word, {})}
@@ -87,9 +86,9 @@ def default_settings(spec: TaskSpec, word: str, cls: type) -> dict[str, Any]:
 
 
 def make_algorithm(cls: type, values: Mapping[str, Any]) -> tuple[Algorithm, dict[str, Any]]:
-    """Return the algorithm with its own settings among ``values``, and the others, its experiment's.
+    """Return the algorithm ``cls`` with its settings from ``values``, and the other values, for its experiment.
 
-    Raises :class:`~ocp.errors.InputError` where they cannot be.
+    Raises :class:`~ocp.errors.InputError` if the algorithm rejects a setting.
     """
     algorithm_settings = {name: value for name, value in values.items() if name in settings_of(cls)}
     try:

@@ -1,4 +1,4 @@
-"""Parts that the tasks of the running machines share: unknown weights, the reset, the measures."""
+"""Parts that tasks of running machines share: parameters for masses and inertias, the start, and measures."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from problems.parameters import Parameters, friction_of, quantity, table
 
 
 def with_weights(base: type[Parameters], machine: PublishedMachine) -> type[Parameters]:
-    """Return ``base`` with parameters ``mass_<link>`` and ``inertia_<link>`` of each link, as in its table."""
+    """Return ``base`` with parameters ``mass_<link>`` and ``inertia_<link>``, by default the values of the links."""
     kinds = {"mass": "kg", "inertia": "kg m^2"}
     weights: dict[str, Any] = {
         f"{kind}_{link.name}": (float, quantity(getattr(link, kind), unit, f"{kind} of the {link.name}", above=0))
@@ -30,11 +30,11 @@ def with_weights(base: type[Parameters], machine: PublishedMachine) -> type[Para
 def built(
     name: str, params: Any, machine_of: Callable[..., PublishedMachine], spring: str, spheres: Collection[str] | None
 ) -> tuple[ContactSystem, dict[str, Any]]:
-    """Return the machine's system at ``params``, and the fields of :class:`~ocp.problem.task.Task` that all have.
+    """Return the machine's contact system at ``params``, and the fields of its :class:`~ocp.problem.task.Task`.
 
-    The links weigh ``mass_<link>`` [kg] and ``inertia_<link>`` [kg m²]; ``spring`` names the
-    parameter of the joints' springs. The start is that of :meth:`PublishedMachine.reset`, one unit
-    bounds each input, and speed and height of the torso are measured.
+    The links have the masses ``mass_<link>`` [kg] and inertias ``inertia_<link>`` [kg m²]; ``spring``
+    is the name of the parameter for the joints' springs. The start is that of
+    :meth:`PublishedMachine.reset`, inputs are in [-1, 1], speed and height of the torso are measured.
     """
     p, friction = friction_of(table(params))
     stiffness = {spring: p[spring]}
@@ -65,9 +65,9 @@ def built(
 
 
 def tame(x: ca.SX, bound: float) -> ca.SX:
-    """Return 1 where every entry of ``x`` is a number below ``bound`` in size, else 0.
+    """Return 1 if every entry of ``x`` is less than ``bound`` in size, else 0, also if an entry is NaN.
 
-    A comparison with what is no number is false, so what is still well is compared.
+    Any comparison with NaN is false, so the entries are tested for being within the bound.
     """
     fine = ca.SX(1)
     for i in range(x.numel()):

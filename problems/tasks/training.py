@@ -1,4 +1,4 @@
-"""Trainings of named tasks as jobs for any process, and the data stored of each."""
+"""Jobs that train a policy on a named task in any process, and the data that a run stores of them."""
 
 from __future__ import annotations
 
@@ -30,16 +30,16 @@ if TYPE_CHECKING:
 
 
 def policy_of(data: xr.Dataset | Mapping[str, np.ndarray]) -> Trained:
-    """Return the policy of a stored training: parameters and normaliser, to the last bit."""
+    """Return the policy of a stored run of ``ocp train``, parameters and normaliser, exactly as trained."""
     theta, mean, scale = (np.asarray(data[name]) for name in ("theta", "mean", "scale"))
-    # In binary numbers the root of the square of a number is that number.
+    # In binary floating point the square root of a square is exact.
     return Trained(theta, Normaliser(2.0, mean, 2.0 * scale**2))
 
 
 def described(experiment: Experiment, data: xr.Dataset) -> xr.Dataset:
-    """Add units to what :func:`~ocp.learning.training.train` gives, and an episode.
+    """Return the results of :func:`~ocp.learning.training.train` with units, and with an episode.
 
-    That is the first one of the evaluations, with the policy that was judged best, under the exact
+    The episode is the first of the evaluations, with the policy that was judged best, under the exact
     law: ``x`` (scenario, node, state), ``u`` (scenario, interval, control), ``lam`` (scenario,
     interval, contact), one scenario, and ``time``, up to the episode's end.
     """
@@ -70,7 +70,7 @@ def _episode(experiment: Experiment, policy: Trained) -> dict[str, Any]:
 
 
 def _h(experiment: Experiment) -> float:
-    """Return the step size [s]."""
+    """Return the step size [s] of the experiment's task."""
     import casadi as ca
 
     task = experiment.task
@@ -95,18 +95,17 @@ def _with_units(experiment: Experiment, data: xr.Dataset) -> xr.Dataset:
 
 
 SAME_TRAINING = ("task", "algorithm", "seed")
-"""Settings that unfinished trainings must share to be compared."""
+"""Settings that an unfinished run of training must share with a job to be reported to the user."""
 KIND = "train"
-"""Kind of a stored run."""
+"""Kind of a stored run that contains a trained policy."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class TrainingJob:
-    """One training: an algorithm with its settings at one seed on a named task.
+    """Job that trains a policy: an algorithm with its settings and a seed, on a named task.
 
-    ``options`` are fields of :class:`~ocp.learning.experiment.Experiment`. ``kept`` is the folder
-    of the checkpoint, which other workers may share; results depend neither on it nor on
-    ``threads``.
+    ``options`` are fields of :class:`~ocp.learning.experiment.Experiment`. ``kept`` is the folder of
+    the checkpoint, which other workers may share; results depend neither on it nor on ``threads``.
     ``model_params`` are the model's physical parameters that differ from the task's.
     """
 
@@ -122,12 +121,12 @@ class TrainingJob:
 
     @property
     def name(self) -> str:
-        """Short name, for a line on the terminal."""
+        """Algorithm and seed in words, for messages on the terminal."""
         beside = self.algorithm.settings().get("of")
         return f"{f'{beside} with psi' if beside else self.algorithm.name} seed {self.seed}"
 
     def experiment(self, task: Task | None = None) -> Experiment:
-        """Build it, of ``task`` where that is built; raises :class:`~ocp.errors.InputError`."""
+        """Build the experiment, on ``task`` if that is built already; raises :class:`~ocp.errors.InputError`."""
         spec = registry.spec(self.task)
         params = spec.params(self.params)
         task = task or spec.build(params)
@@ -144,16 +143,16 @@ class TrainingJob:
         )
 
     def checkpoint(self, experiment: Experiment, store: Path) -> Checkpoint:
-        """Return the checkpoint in a store, named after all that decides its result."""
+        """Return the checkpoint in a store, identified by all settings that affect the result."""
         decisive = {**experiment.settings(), "iterations": experiment.iterations}
         content = content_digest([self.law.source_digest], self.law.settings())
         return Checkpoint(store, self.task, {"training": decisive}, content)
 
 
 def unfinished(job: TrainingJob, experiment: Experiment, checkpoint: Checkpoint) -> list[str]:
-    """Return sentences: where the training resumes, and unfinished trainings with other settings.
+    """Return messages: after which iteration the job resumes, and which similar jobs are unfinished.
 
-    Those are of the same algorithm and seed on the same task.
+    Similar jobs have the same task, algorithm and seed, and other settings.
     """
     state, own_settings = checkpoint.state(CHECKPOINT_KEY), to_json(experiment.settings())
     lines = [f"{job.name}: {note}" for note in checkpoint.notes]
@@ -172,19 +171,19 @@ def unfinished(job: TrainingJob, experiment: Experiment, checkpoint: Checkpoint)
 
 
 def trained(job: TrainingJob, tell: Callable[[dict[str, float]], None]) -> xr.Dataset:
-    """Run a job, from its checkpoint on; a :data:`~ocp.jobs.scheduling.Function`.
+    """Run a job from its checkpoint on, and return the data to store; a :data:`~ocp.jobs.scheduling.Function`.
 
-    Tells every row with its iteration; returns what is stored.
+    ``tell`` is called with the numbers of every iteration.
     """
     experiment = job.experiment()
-    # Workers elsewhere may not see it.
+    # A worker on another computer may not have the folder.
     checkpoint = SavedWork(job.kept if job.kept is not None and job.kept.is_dir() else None)
     data = train(experiment, checkpoint, lambda k, row: tell({"iteration": float(k), **row}))
     return described(experiment, data)
 
 
 def record(experiment: Experiment) -> dict[str, Any]:
-    """Return the request as a run's description has it; :func:`rebuilt` reads it."""
+    """Return the description of an experiment for a run's record; :func:`rebuilt` reads it."""
     names = ("hidden", "initial", "rest", "normalise", "discount", "iterations", "evaluate_every")
     return {
         "problem": experiment.task.name,
@@ -197,10 +196,10 @@ def record(experiment: Experiment) -> dict[str, Any]:
 
 
 def rebuilt(run: StoredRun) -> tuple[Experiment, Trained]:
-    """Return the experiment of a stored training, and its policy, to be judged again.
+    """Return the experiment and the policy of a stored run of ``ocp train``, to evaluate the policy again.
 
-    Raises :class:`~ocp.errors.InputError` for a run of another kind, and where the policy does not
-    fit the task of that name.
+    Raises :class:`~ocp.errors.InputError` for a run of another kind, and if the policy does not fit
+    the task of that name.
     """
     if run.kind != KIND:
         raise InputError(f"{run.path} is a run of ocp {run.kind}, which holds no policy; give one of ocp train")
@@ -210,7 +209,7 @@ def rebuilt(run: StoredRun) -> tuple[Experiment, Trained]:
     hidden = record["hidden"]
     experiment = Experiment(
         task=spec.build(params),
-        # Which one made the policy does not matter where it is only judged.
+        # The algorithm does not affect the evaluation of a policy.
         algorithm=FOPG(),
         hidden=None if hidden is None else tuple(hidden),
         discount=record["discount"],
