@@ -1,4 +1,4 @@
-"""The error of wrong usage, and words that its messages share."""
+"""The exception for wrong usage, and helpers for the text of its messages."""
 
 from __future__ import annotations
 
@@ -6,19 +6,19 @@ from collections.abc import Iterable
 from difflib import get_close_matches
 
 MAX_SHOWN_CHARACTERS = 80
-"""A value that a message shows is cut to this many characters."""
+"""Maximum length of a value's text in an error message."""
 MIN_SIMILARITY = 0.6
-"""A name is proposed where its similarity, from 0 to 1, is at least this."""
+"""Minimum similarity, from 0 to 1, of a known name that an error message proposes for an unknown one."""
 
 
 class InputError(ValueError):
-    """Wrong usage: the message says what was wrong, what was expected and how to mend it."""
+    """Error of usage; its message says what was wrong, what was expected and how to correct it."""
 
     exit_code = 2
 
 
 def abbreviated(value: object) -> str:
-    """Return the text of ``value``, cut to a line; its type alone where it has no text."""
+    """Return ``repr(value)`` on one line of at most ``MAX_SHOWN_CHARACTERS``, or the type's name where repr raises."""
     try:
         text = repr(value)
     except Exception:
@@ -28,9 +28,9 @@ def abbreviated(value: object) -> str:
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """Return ``" (did you mean 'x'?)"`` for the nearest known name, or nothing if none is near."""
+    """Return ``" (did you mean 'x'?)"`` for the most similar known name, or ``""`` if none is similar."""
     names = {candidate.lower(): candidate for candidate in known}
-    # Of two letters one may be wrong, as mu for nu.
+    # In a name of two letters one may be wrong, such as mu for nu.
     cutoff = 0.5 if len(name) == 2 else MIN_SIMILARITY
     matches = get_close_matches(name.lower(), names, n=1, cutoff=cutoff)
     return f" (did you mean {names[matches[0]]!r}?)" if matches else ""

@@ -1,14 +1,14 @@
-"""The one declaration of a setting: its default, unit, meaning and range.
+"""Declarations of settings: default, unit, meaning and range.
 
-:func:`declare` makes a field of a pydantic model, as the parameters of a problem are; :func:`setting` makes a field
-of a dataclass that derives from :class:`Configured`, as a contact law, a policy or an algorithm is. Text is parsed,
-values are checked, settings are listed and messages are written from the declaration (:func:`settings_of`).
+:func:`declare` makes a field of a pydantic model, such as a parameter of a problem; :func:`setting` makes a field of
+a dataclass that derives from :class:`Configured`, such as a contact law, a policy or an algorithm. The declaration
+serves to parse text, to check values, to list settings (:func:`settings_of`) and to write error messages.
 
-One grammar of numbers holds for every option of the command line and every text given to Python. A number has the
+Every option of the command line and every text given to Python follows one grammar of numbers. A number has the
 digits 0 to 9, a sign, a point and a power of ten: ``20``, ``-0.5``, ``.5``, ``1e-3``, ``+2E4``. A whole number has
-no fraction: ``20``, ``2e1`` and ``20.0`` are the same. Surrounding blanks are ignored and ``-0`` is 0. Refused are
-``nan``, ``inf``, ``1e999`` and ``1e-999`` (outside the range of a double), ``1_000``, ``0x10``, ``1,5`` and other
-scripts' digits.
+no fraction: ``20``, ``2e1`` and ``20.0`` are the same. Surrounding blanks are ignored and ``-0`` is 0. The parser
+rejects ``nan``, ``inf``, ``1e999`` and ``1e-999`` (outside the range of a double), ``1_000``, ``0x10``, ``1,5`` and
+digits of other scripts.
 """
 
 from __future__ import annotations
@@ -32,9 +32,9 @@ from pydantic.fields import FieldInfo
 from dynamics.errors import InputError, did_you_mean
 
 LARGEST = 2**63 - 1
-"""No whole number is larger in size."""
+"""Largest absolute value of a whole number that is accepted."""
 MAX_DIGITS = 30
-"""Text of more digits is no whole number; it is not worth reading."""
+"""Maximum number of characters of a whole number in text; longer text is rejected without parsing it."""
 _INTEGER = re.compile(r"[+-]?[0-9]+")
 _FLOAT = re.compile(r"[+-]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][+-]?[0-9]+)?")
 _METADATA_KEY = "setting"
@@ -54,8 +54,8 @@ class Range(TypedDict, total=False):
 def declare(default: Any, meaning: str, unit: str = "1", limits: Range | None = None, **extra: Any) -> Any:
     """Declare a field of a pydantic model in SI ``unit`` within ``limits``.
 
-    ``extra`` may hold ``words``, the only ones that are allowed, and ``hint``, which ends the message for a value
-    out of range; the rest is the caller's own.
+    ``extra`` may contain ``words``, the only values that are allowed, and ``hint``, which ends the error message for
+    a value out of range; other keys are free for the caller to use.
     """
     limits = limits or {}
     bounds = {"gt": limits.get("above"), "ge": limits.get("least"), "lt": limits.get("below"), "le": limits.get("most")}
@@ -65,32 +65,32 @@ def declare(default: Any, meaning: str, unit: str = "1", limits: Range | None = 
 def setting(
     default: Any, meaning: str = "", unit: str = "1", words: Sequence[str] = (), hint: str = "", **limits: Unpack[Range]
 ) -> Any:
-    """Declare a field of a :class:`Configured` dataclass; without a ``meaning`` it is checked and not listed."""
+    """Declare a field of a :class:`Configured` dataclass; a field without ``meaning`` is checked but not listed."""
     declaration = declare(default, meaning, unit, limits, words=list(words), hint=hint)
     return field(default=default, metadata={_METADATA_KEY: declaration})
 
 
 @dataclass(frozen=True)
 class Setting:
-    """A declared setting: its name, its declaration, and the type that it takes."""
+    """A setting: its name, its declaration (default, unit, meaning, range) and its type annotation."""
 
     name: str
     declaration: FieldInfo
     annotation: Any
 
     def extra(self, key: str, default: Any) -> Any:
-        """Return what was declared beside unit, meaning and range."""
+        """Return the entry ``key`` that was declared in addition to unit, meaning and range, or ``default``."""
         extra = self.declaration.json_schema_extra
         return extra.get(key, default) if isinstance(extra, dict) else default
 
     @property
     def default(self) -> Any:
-        """Default, None where there is none."""
+        """Default value; None where the setting is required."""
         return None if self.declaration.is_required() else self.declaration.default
 
     @property
     def meaning(self) -> str:
-        """Meaning in words."""
+        """Description of the setting, ``""`` where none was declared."""
         return self.declaration.description or ""
 
     @property
@@ -100,16 +100,16 @@ class Setting:
 
     @property
     def kind(self) -> str:
-        """First of its types in words: ``"number"``, ``"true or false"``."""
+        """First type of the annotation in words: ``"number"``, ``"true or false"``."""
         return _KINDS.get(_first_type(self.annotation), "name").removeprefix("a ")
 
     @property
     def range(self) -> str:
-        """Values that it takes, in words with the unit: ``"a number > 0 [kg]"``."""
+        """Allowed values in words, with the unit: ``"a number > 0 [kg]"``."""
         return self._range()
 
     def _range(self, kind: str = "") -> str:
-        """Return the range; ``kind`` says more than the type does, as "a finite number" for infinity."""
+        """Return :attr:`range` with ``kind`` in place of the type's words, such as "a finite number"."""
         if words := self.extra("words", ()):
             return " or ".join(repr(word) for word in words)
         first = _first_type(self.annotation)
@@ -124,14 +124,14 @@ class Setting:
         return " and ".join([f"{kind} {limits[0]}", *limits[1:]] if limits else [kind]) + unit
 
     def message(self, label: str, value: Any, kind: str = "") -> str:
-        """Return the sentence for a ``value`` that is not a ``kind`` or out of range; ``label`` names the setting."""
+        """Return the error message for a wrong ``value`` of the setting ``label``; ``kind`` is the expected type."""
         words, hint = self.extra("words", ()), self.extra("hint", "")
         value_text = abbreviated_number(value)
         proposal = did_you_mean(value, words) if isinstance(value, str) and words else ""
         return f"{label} must be {self._range(kind)}, got {value_text}{proposal}{'; ' if hint else ''}{hint}"
 
     def read(self, value: Any, owner: str = "") -> Any:
-        """Return ``value``, or the number, word or switch that it writes as text; the default is always taken.
+        """Return ``value`` checked, and parsed where it is text; the default is accepted without a check.
 
         Raises :class:`~dynamics.errors.InputError` that names ``owner``, the setting and its range.
         """
@@ -159,25 +159,25 @@ class Setting:
 
 
 def read_value(label: str, value: Any, annotation: Any, **limits: Unpack[Range]) -> Any:
-    """Return ``value``, or what it writes as text, as the type ``annotation`` within ``limits``.
+    """Return ``value``, parsed where it is text, as the type ``annotation`` within ``limits``.
 
-    Raises :class:`~dynamics.errors.InputError` that names it ``label``.
+    Raises :class:`~dynamics.errors.InputError`, whose message calls the value ``label``.
     """
     return Setting(label, declare(..., "", limits=limits), annotation).read(value)
 
 
 def read_count(label: str, value: Any) -> int:
-    """Return ``value`` as a whole number >= 1; raises :class:`~dynamics.errors.InputError` that names it ``label``."""
+    """Return ``value`` as a whole number >= 1; raise :class:`~dynamics.errors.InputError` with ``label`` otherwise."""
     return read_value(label, value, int, least=1)
 
 
 def abbreviated_number(value: Any) -> str:
-    """Return how a message shows a value: words in quotes, numbers as people write them."""
+    """Return the text of a value in an error message: ``repr``, and for numbers without a trailing ``.0``."""
     return str(value).removesuffix(".0") if isinstance(value, int | float) else repr(value)
 
 
 class Configured:
-    """Base of dataclasses whose fields are declared by :func:`setting`: each is read when one is made."""
+    """Base of dataclasses whose fields are declared by :func:`setting`; the constructor parses and checks them."""
 
     def __post_init__(self) -> None:
         name = getattr(type(self), "name", "")
@@ -187,9 +187,9 @@ class Configured:
 
 @cache
 def settings_of(cls: type) -> dict[str, Setting]:
-    """Return the settings of a pydantic model, of a dataclass, or of a class by the arguments that make one.
+    """Return the settings of a pydantic model, of a dataclass, or of another class's constructor, by name.
 
-    The meaning of an argument stands in ``Annotated[float, "meaning"]``; it is "" where none is given.
+    ``Annotated[float, "meaning"]`` gives the meaning of a constructor's argument; it is "" by default.
     """
     if hasattr(cls, "model_fields"):
         return {key: Setting(key, about, about.annotation) for key, about in cls.model_fields.items()}
@@ -213,7 +213,7 @@ def _from_argument(cls: type, argument: inspect.Parameter) -> Setting:
 
 
 def _annotation(cls: type, name: str) -> Any:
-    """Return the type of a field or an argument; ``Any`` where only type checkers know it."""
+    """Return the type of a field or argument; ``Any`` where its names are imported for type checkers only."""
     owner = next((base for base in cls.__mro__ if name in vars(base).get("__annotations__", {})), cls.__init__)
     scope = vars(sys.modules[owner.__module__])
     with suppress(NameError, KeyError):
@@ -223,7 +223,7 @@ def _annotation(cls: type, name: str) -> Any:
 
 
 def parse_float(text: str) -> float | None:
-    """Return the finite number that ``text`` writes, None where it writes none."""
+    """Parse a finite number; return None where ``text`` is not one or is outside the range of a double."""
     text = text.strip()
     if not _FLOAT.fullmatch(text):
         return None
@@ -233,7 +233,7 @@ def parse_float(text: str) -> float | None:
 
 
 def parse_int(text: str) -> int | None:
-    """Return the whole number that ``text`` writes, None where it writes none."""
+    """Parse a whole number; return None where ``text`` is not one or is larger than :data:`LARGEST`."""
     text = text.strip()
     if _INTEGER.fullmatch(text):
         value = int(text) if len(text) <= MAX_DIGITS else LARGEST + 1
@@ -241,18 +241,18 @@ def parse_int(text: str) -> int | None:
     rounded = parse_float(text)
     if rounded is None or not rounded.is_integer() or abs(rounded) > LARGEST:
         return None
-    # Doubles skip whole numbers beyond 2^53, and 0.99999999999999999 is 1 to them.
+    # Doubles skip whole numbers beyond 2^53, and round 0.99999999999999999 to 1.
     exact = Decimal(text)
     return int(exact) if exact == exact.to_integral_value() else None
 
 
 def parse_number(value: Any, annotation: Any) -> Any:
-    """Return the number that text writes where ``annotation`` takes a number and no text; any other value unchanged.
+    """Parse text as a number where ``annotation`` allows numbers and no text; return any other value unchanged.
 
-    Whole numbers with commas are read where it takes a tuple.
+    Where ``annotation`` is a tuple, text is parsed as whole numbers separated by commas.
 
-    Raises ``ValueError``, with what was expected, for text that is no number, for true and false in the place of a
-    number, for what is not finite, and for whole numbers beyond :data:`LARGEST`.
+    Raises ``ValueError``, whose message is the expected kind, for text that is not a number, for true and false in
+    place of a number, for numbers that are not finite, and for whole numbers beyond :data:`LARGEST`.
     """
     if isinstance(value, np.generic) or (isinstance(value, np.ndarray) and value.ndim == 0):
         value = value.item()
@@ -283,12 +283,12 @@ def _parse_text(text: str, is_real: bool) -> float | int:
         float(text)
     except ValueError:
         raise ValueError("a number") from None
-    # Python reads more than is a number here: nan, inf, 1_000 and digits of other scripts.
+    # Python also accepts text that is rejected here: nan, inf, 1_000 and digits of other scripts.
     raise ValueError("a finite number" if text.strip().isascii() and "_" not in text else "a number")
 
 
 def _types_in(annotation: Any) -> set[Any]:
-    """Return the types that an annotation is made of, without what annotates them."""
+    """Return the alternatives of an annotation, without the metadata of ``Annotated`` and the arguments of generics."""
     if not (arguments := get_args(annotation)):
         return {annotation}
     if hasattr(annotation, "__metadata__"):
@@ -300,7 +300,7 @@ def _types_in(annotation: Any) -> set[Any]:
 
 
 def _first_type(annotation: Any) -> Any:
-    """Return the first type among the alternatives of an annotation."""
+    """Return the first alternative of an annotation, such as ``float`` of ``float | None``."""
     if hasattr(annotation, "__metadata__"):
         return _first_type(get_args(annotation)[0])
     origin = getattr(annotation, "__origin__", None)

@@ -1,4 +1,4 @@
-"""Many samples at once: CasADi graphs over arrays, compiled where there is a compiler."""
+"""Evaluation of CasADi functions, steps and rollouts for many samples, compiled where a C compiler is found."""
 
 from dynamics.batch.arguments import BatchWarning, NonFinite
 from dynamics.batch.engines.compiler import CompilerError

@@ -1,4 +1,4 @@
-"""Checks of a batched call: shapes, numbers and names before, non-finite results after."""
+"""Checks of a batched call: names, shapes and types of its arguments, and non-finite results."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ DEFAULT_BLOCK = 32
 
 
 def bind_arguments(positional: Sequence[Any], named: Mapping[str, Any], names: Sequence[str], owner: str) -> list[Any]:
-    """Return arguments in the order of `names`, given either all by position or all by name.
+    """Return the arguments, given either all by position or all by name, in the order of `names`.
 
     Raises `TypeError` that names missing, unknown and surplus inputs.
     """
@@ -38,7 +38,7 @@ def bind_arguments(positional: Sequence[Any], named: Mapping[str, Any], names: S
 
 
 def as_rows(value: Any, size: int, name: str, owner: str) -> np.ndarray:
-    """Return `value` as float64 `(n_samples, size)`, or `(1, size)` where it was given as `(size,)`.
+    """Return `value` as float64 `(n_samples, size)`, or `(1, size)` where its shape is `(size,)`.
 
     A scalar is accepted for size 1. Raises `ValueError` that names the wrong axis.
     """
@@ -65,7 +65,7 @@ def as_rows(value: Any, size: int, name: str, owner: str) -> np.ndarray:
 
 
 def as_doubles(value: Any, name: str, owner: str) -> np.ndarray:
-    """Return `value` as a float64 array; raise `ValueError` unless it is made of real numbers."""
+    """Return `value` as a float64 array; raise `ValueError` unless its elements are real numbers."""
     array = np.asarray(value)
     if array.dtype.kind not in "fiub":
         raise ValueError(f"input '{name}' of {owner} must hold real numbers, not {array.dtype}")
@@ -75,8 +75,8 @@ def as_doubles(value: Any, name: str, owner: str) -> np.ndarray:
 def common_length(rows: Mapping[str, np.ndarray], owner: str, lengths: Mapping[str, int] | None = None) -> int:
     """Return the number of samples that all inputs agree on; inputs of length 1 are shared.
 
-    `lengths` must agree too, whatever they are. Raises `ValueError` naming all that count where
-    they disagree along axis 0.
+    `lengths` are further numbers of samples that must agree, even where they are 1. Raises `ValueError`
+    that lists all lengths where they disagree along axis 0.
     """
     known_lengths = {name: len(a) for name, a in rows.items() if len(a) != 1} | dict(lengths or {})
     if len(set(known_lengths.values())) > 1:
@@ -86,7 +86,7 @@ def common_length(rows: Mapping[str, np.ndarray], owner: str, lengths: Mapping[s
 
 
 def as_output(value: np.ndarray | None, shape: tuple[int, ...], name: str) -> np.ndarray:
-    """Return the array to write to: a new one, or the caller's after a check of type and shape."""
+    """Return the array to write to: a new one for None, else the caller's after a check of type and shape."""
     if value is None:
         return np.empty(shape)
     if value.shape != shape or value.dtype != np.float64 or not value.flags.c_contiguous:
@@ -103,9 +103,9 @@ class BatchWarning(UserWarning):
 
 @dataclass(frozen=True)
 class NonFinite:
-    """The samples of one evaluation with a NaN or an infinity: how many, and which.
+    """Samples of one evaluation with a NaN or an infinity: their `count`, and `indices` in ascending order.
 
-    `indices` holds the sample indices in ascending order. False when there are none.
+    False in a Boolean context when there are none.
     """
 
     count: int = 0
@@ -120,7 +120,7 @@ class NonFinite:
 
 
 def non_finite_rows(arrays: list[np.ndarray]) -> NonFinite:
-    """Return the rows (axis 0) with a value that is not finite, over arrays of equal length."""
+    """Return the rows (axis 0) in which any of the arrays, all of one length, has a value that is not finite."""
     bad = np.zeros(len(arrays[0]), dtype=bool)
     for array in arrays:
         bad |= ~np.isfinite(array.reshape(len(array), -1)).all(axis=1)

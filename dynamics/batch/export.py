@@ -1,7 +1,7 @@
-"""One step, its derivatives and a policy as one C11 file that needs nothing but C's <math.h>.
+"""Export of one step, its derivatives and a policy as one C11 file that needs nothing but C's <math.h>.
 
-It is the text of the compiled rollouts at a width of one sample: kernels over single doubles, and
-around them the loops that solve for contact.
+The C code is that of the compiled rollouts with one sample per block: kernels over single doubles,
+and the loops around them that solve for contact.
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ from dynamics.batch.graphs.tape import tape_of
 from dynamics.contact import Step
 from dynamics.systems import Signal
 
-# Characters in a line of the C file.
+# Maximum number of characters in a line of the C file.
 _LINE_WIDTH = 96
 
 
 @dataclass(frozen=True)
 class TabulatedPolicy:
-    """u_t = K_t x_t + k_t within bounds: k (N, nu), K (N, nu, nx) or None, which is open loop.
+    """Affine policy u_t = K_t x_t + k_t: k (N, nu), and K (N, nu, nx), or None for open-loop inputs.
 
-    `lower` and `upper` (nu,) clip what feedback gives, as an actuator would; after the last row
-    that one stays.
+    `lower` and `upper` (nu,) clip the input of a feedback policy, as an actuator would. Steps t >= N
+    use the last row.
     """
 
     k: np.ndarray
@@ -131,12 +131,12 @@ def export_step(
     about: Sequence[str] = (),
     policy: TabulatedPolicy | None = None,
 ) -> tuple[str, str]:
-    """The C file and its header: `<name>_step`, `<name>_derivatives`, of a policy `<name>_policy`.
+    """Return the C file and its header: `<name>_step`, `<name>_derivatives`, with a policy `<name>_policy`.
 
     The C file begins with its header, and may be included together with it. `values` (np,) are
-    those of the parameters `step.p`; `name` is made a C identifier, and the lines `about` stand
-    first in the file. The derivatives go through the contact by the implicit function theorem, or
-    as the law defines them where its gradient is frozen.
+    those of the parameters `step.p`; `name` is converted to a C identifier, and the file begins with
+    the lines `about` as a comment. The derivatives go through the contact by the implicit function
+    theorem, with mu constant where the law's gradient is frozen.
 
     Raises `ValueError` where sizes do not fit.
     """
@@ -158,14 +158,14 @@ def export_step(
     acts = "" if policy is None else _policy(name, policy, system.nx)
     text = "\n".join((tables, body, acts))
     text = f"{header}\n{scalar_prelude(text)}\n{text}".rstrip()
-    # What includes this file keeps its own words.
+    # Files that include this one are free to define the same macros.
     defined = re.findall(r"^#define (\w+)", text, re.MULTILINE)
     undone = (f"#undef {word}" for word in defined if word != f"{name}_h")
     return "\n".join((text, *undone, "")), header
 
 
 def c_identifier(name: str) -> str:
-    """`name` with every character that C does not take replaced."""
+    """Return `name` with every character that a C identifier may not have replaced by an underscore."""
     plain = re.sub(r"\W", "_", name, flags=re.ASCII)
     return plain if plain[:1].isalpha() else f"c_{plain}"
 
@@ -188,14 +188,14 @@ def _header(step: Step, name: str, about: Sequence[str], values: np.ndarray) -> 
 
 
 def _listed(signals: Iterable[Signal]) -> str:
-    """One line an entry: index, name, unit, meaning."""
+    """Return one comment line for each entry: index, name, unit, meaning."""
     return "\n".join(
         f"     {i}: {_harmless(f'{s.name} [{s.unit}] {s.description}')}".rstrip() for i, s in enumerate(signals)
     )
 
 
 def _harmless(text: str) -> str:
-    """Text that neither ends a comment nor seems to begin one, nor spells a trigraph."""
+    """Return `text` with blanks inserted so that it has no `*/`, `/*` or trigraph, for use in a C comment."""
     return text.replace("*/", "* /").replace("/*", "/ *").replace("??", "? ?")
 
 

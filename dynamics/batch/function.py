@@ -1,4 +1,4 @@
-"""Any CasADi function, or one step of a closed system, over an array of samples."""
+"""Evaluation of any CasADi function, or of one step through contact, for an array of samples."""
 
 from __future__ import annotations
 
@@ -43,14 +43,14 @@ from dynamics.batch.graphs.tape import Tape, UnsupportedOperation, tape_of
 from dynamics.contact import Step
 from dynamics.settings import read_count
 
-# Samples a chunk of CasADi's virtual machine.
+# Number of samples in a chunk that CasADi's virtual machine evaluates.
 CASADI_CHUNK = 1024
 LONGEST = 40_000
-"""Operations beyond which `auto` interprets: compilers take minutes over longer programs."""
+"""Number of operations above which `auto` does not compile: compilers need minutes for longer programs."""
 
 
 class BatchFunction:
-    """Any CasADi `Function` over an array of samples.
+    """Evaluation of any CasADi `Function` for an array of samples.
 
         f = BatchFunction(ca.Function("f", [x, p], [y], ["x", "p"], ["y"]))
         y = f(x, p)            # x (n_samples, nnz_x), p (n_samples, nnz_p) or (nnz_p,) for all
@@ -58,10 +58,10 @@ class BatchFunction:
 
     Rows hold nonzeros in CasADi's order. Outputs are `(n_samples, nnz_out)`: one array, or a tuple
     where the function has several. `backend` is `c`, `numpy`, `casadi`, or `auto` for the fastest
-    that can be built here. `threads` is None for every CPU. `block` is how many samples are worked
-    on at once. Results do not depend on `threads` or `block`, to the last bit.
+    that can be built here. `threads` is None for every CPU. `block` is the number of samples that a
+    kernel works on at once. Results do not depend on `threads` or `block`, to the last bit.
 
-    After a call `nonfinite` holds the samples with NaN or infinity; a `BatchWarning` does too.
+    After a call `nonfinite` lists the samples with NaN or infinity, and a `BatchWarning` reports them.
 
     Raises `ValueError` for an unknown backend, wrong shapes or counts; `UnsupportedOperation` where
     the named backend lacks an operation; `CompilerError` where `c` is unavailable.
@@ -104,7 +104,7 @@ class BatchFunction:
         return interpreted if long else {"c": compiled, **interpreted}
 
     def __call__(self, *args: Any, out: Sequence[np.ndarray] | None = None, **named: Any) -> Any:
-        """Evaluate; `out` gives arrays `(n_samples, nnz_out)` to write to, one for each output."""
+        """Evaluate the function; `out` may give arrays `(n_samples, nnz_out)` to write to, one for each output."""
         values = bind_arguments(args, named, self.input_names, f"'{self.name}'")
         rows = [
             as_rows(value, size, name, f"'{self.name}'")
@@ -140,13 +140,13 @@ def _too_long(tape: Callable[[], Tape]) -> bool:
         return False
 
 
-# Samples a chunk of steps whose loops run in Python.
+# Number of samples in a chunk of steps whose contact solver loops in Python.
 CHUNK = 4096
 
 
 @dataclass(frozen=True)
 class Steps:
-    """`x_next` (n, nx) and `lam` (n, nlam) of n samples; a step without solution is not finite."""
+    """Next states (n, nx) and contact multipliers (n, nlam) of n samples, not finite where a step has no solution."""
 
     x_next: np.ndarray
     lam: np.ndarray
@@ -154,15 +154,15 @@ class Steps:
 
 
 class StepFunction:
-    """`x_next, lam = step(x, u, p)` for many samples, the contact solved as rollouts solve it.
+    """Evaluation of `x_next, lam = step(x, u, p)` for many samples, with the contact solver of rollouts.
 
         f = StepFunction(step)
         x_next = f(x, u).x_next        # x (n, nx), u (n, nu)
 
-    A path that is lost is tried from other starts, fewer than those of
-    :attr:`dynamics.contact.Step.solve`; where none leads to a solution the sample is not finite,
-    and named by `nonfinite`. Backends, threads and block are those of `BatchFunction`; results
-    depend neither on threads nor on block, to the last bit.
+    Where the interior-point path fails it is tried from other starts, fewer than in
+    :attr:`dynamics.contact.Step.solve`; a sample without a solution is not finite, and `nonfinite`
+    lists it. Backends, threads and block are those of `BatchFunction`; results depend neither on
+    threads nor on block, to the last bit.
 
     Raises `ValueError` for shapes that do not fit, `UnsupportedOperation` and `CompilerError` as
     `BatchFunction` does.
@@ -197,11 +197,11 @@ class StepFunction:
         return {"c": compiled, **{name: partial(chunked, make) for name, make in KERNEL_MAKERS.items()}}
 
     def __call__(self, x: Any, u: Any, p: Any | None = None) -> Steps:
-        """Step from `x` (n, nx) under `u` (n, nu) at `p` (n, np), each also one row for all."""
+        """Return the steps from `x` (n, nx) under `u` (n, nu) with `p` (n, np); one row each is shared by all."""
         return self._stepped(*self._rows(x, u, p))
 
     def slopes(self, x: Any, u: Any, p: Any | None = None) -> tuple[Steps, np.ndarray, np.ndarray]:
-        """The steps, and their derivatives by x (n, nx, nx) and u (n, nx, nu) at the solution."""
+        """Return the steps and the derivatives of x_next with respect to x (n, nx, nx) and u (n, nx, nu)."""
         arguments, n = self._rows(x, u, p)
         steps, nx = self._stepped(arguments, n), self.tapes.nx
         rows = [np.repeat(a, nx, axis=0) if len(a) > 1 else a for a in (*arguments, steps.lam)]
@@ -213,7 +213,7 @@ class StepFunction:
         return BatchFunction(self.tapes.adjoint, self.backend, self.threads, self.block)
 
     def _rows(self, x: Any, u: Any, p: Any | None) -> tuple[list[np.ndarray], int]:
-        """Arguments of the graphs before lam, and the number of samples."""
+        """Return the arguments (x, u, noise, derived parameters) of the step's graphs, and the number of samples."""
         tapes, owner = self.tapes, "the step"
         p = self.default_p if p is None else p
         inputs = {"x": (x, tapes.nx), "u": (u, tapes.nu), "p": (p, len(self.default_p))}

@@ -1,4 +1,4 @@
-"""Counter-based random normals: the same numbers in NumPy and inside a compiled kernel.
+"""Counter-based normal random numbers, the same in NumPy and in compiled kernels.
 
 Philox4x32-10 (Salmon, Moraes, Dror, Shaw, "Parallel random numbers: as easy as 1, 2, 3", SC 2011)
 maps a counter of four 32-bit words under a key of two words to four random words. Here
@@ -6,10 +6,10 @@ maps a counter of four 32-bit words under a key of two words to four random word
     key     = SeedSequence(seed).generate_state(2)
     counter = (low word of the sample's index, high word, number of the quadruple, 0)
 
-so every sample has a stream of its own, whatever else is computed: the first n samples of a larger
-run are the same samples. The four words make four normals, two by two, by Box and Muller's
-transform: 32 random bits for the radius, 32 for the angle. No normal so exceeds 6.76 in size, which
-one of 7e10 would; a run that draws that many should not ask for more of its tail.
+so every sample has its own stream, whatever else is computed: the first n samples of a larger run
+are the same samples. Box and Muller's transform makes two normals of each pair of words: 32 random
+bits for the radius, 32 for the angle. No normal therefore exceeds 6.76 in size; exact ones exceed it
+with probability 1 / 7e10, so tails beyond that need another generator.
 """
 
 from __future__ import annotations
@@ -21,18 +21,18 @@ import numpy as np
 
 # Multipliers of Philox4x32.
 MULTIPLIERS = (0xD2511F53, 0xCD9E8D57)
-# Increments of its key in a round.
+# Increments of the two key words in each round of Philox4x32.
 INCREMENTS = (0x9E3779B9, 0xBB67AE85)
-# Its rounds.
+# Number of rounds of Philox4x32-10.
 ROUNDS = 10
-# Mask of the lower word.
+# Mask of the lower 32-bit word of a 64-bit index.
 _LOW_WORD = np.uint64(0xFFFFFFFF)
-# Bits of a word.
+# Number of bits of a word.
 _WORD_BITS = np.uint64(32)
 
 
 def philox(counter: Sequence[np.ndarray] | np.ndarray, key: tuple[int, int]) -> np.ndarray:
-    """Philox4x32-10 of `counter` (4, m), any integers below 2**32, as uint64 (4, m)."""
+    """Return the random words of Philox4x32-10, uint64 (4, m), for `counter` (4, m), integers below 2**32."""
     c = [np.asarray(word, dtype=np.uint64) for word in counter]
     k = list(key)
     for _ in range(ROUNDS):
@@ -48,7 +48,7 @@ def philox(counter: Sequence[np.ndarray] | np.ndarray, key: tuple[int, int]) -> 
 
 
 def key_of(seed: int | np.random.SeedSequence) -> tuple[int, int]:
-    """The two-word Philox key of a seed.
+    """Return the two-word Philox key of a seed.
 
     Raises `ValueError` for anything but a non-negative integer or a `SeedSequence`.
     """
@@ -63,7 +63,7 @@ def key_of(seed: int | np.random.SeedSequence) -> tuple[int, int]:
 
 
 def standard_normals(key: tuple[int, int], first: int, n: int, size: int) -> np.ndarray:
-    """Independent N(0, 1) numbers `(n, size)` of the samples `first, ..., first + n - 1`.
+    """Return independent N(0, 1) numbers `(n, size)` of the samples `first, ..., first + n - 1`.
 
     Value m of a sample comes from quadruple m // 4: with a = (i + 1/2) / 2**32 and b = j / 2**32,
     (i, j) its first two words or its last two, sqrt(-2 ln a) cos(2 pi b) for even m, sin for odd.
@@ -82,9 +82,9 @@ def standard_normals(key: tuple[int, int], first: int, n: int, size: int) -> np.
 class Gaussian:
     """White Gaussian noise w ~ N(0, diag(sigma)^2), drawn inside the rollout's kernel.
 
-    `sigma` > 0 is one standard deviation, or one for each component; `seed` chooses the stream;
+    `sigma` > 0 is one standard deviation, or one for each input; `seed` chooses the random numbers;
     `first` is the index of the first sample, so that a run can be continued where it stopped.
-    With `is_negated` every sample is -w in place of w, to the last bit.
+    With `is_negated` every sample is exactly -w in place of w.
     """
 
     sigma: float | np.ndarray
@@ -101,17 +101,17 @@ class Gaussian:
         key_of(self.seed)
 
     def negate(self) -> Gaussian:
-        """The same stream at -w."""
+        """Return the noise -w, for antithetic samples."""
         return replace(self, is_negated=not self.is_negated)
 
     def skip_samples(self, n: int) -> Gaussian:
-        """The same stream without its first n samples."""
+        """Return the same noise without its first n samples."""
         return replace(self, first=self.first + n)
 
     def component_scales(self, nu: int) -> np.ndarray:
-        """Return the factors of the normals, (nu,): `deviations`, or -`deviations` where `is_negated`.
+        """Return the factors (nu,) that scale N(0, 1) numbers to noise: sigma, or -sigma where `is_negated`.
 
-        Raises `ValueError` where `deviations` has another length.
+        Raises `ValueError` where sigma has another length.
         """
         deviations = np.asarray(self.sigma, dtype=np.float64)
         if deviations.shape not in ((), (1,), (nu,)):
@@ -121,6 +121,6 @@ class Gaussian:
         return np.array(np.broadcast_to(-deviations if self.is_negated else deviations, (nu,)))
 
     def draw(self, n_samples: int, horizon: int, nu: int) -> np.ndarray:
-        """The same noise as an array `(n_samples, horizon, nu)`."""
+        """Return the noise as an array `(n_samples, horizon, nu)`."""
         normals = standard_normals(key_of(self.seed), self.first, n_samples, horizon * nu)
         return normals.reshape(n_samples, horizon, nu) * self.component_scales(nu)

@@ -1,4 +1,4 @@
-"""Common part of all kinds of rollouts: tapes, engine, checked arguments, moments merged in order."""
+"""Base class of batched rollouts: tapes, engine, checks of arguments, and moments over the samples."""
 
 from __future__ import annotations
 
@@ -39,10 +39,9 @@ from dynamics.settings import read_count, read_value
 
 @dataclass(frozen=True)
 class Moments:
-    """Moments of n samples of a vector: `n`, `mean` and `m2 = sum (value - mean)^2`.
+    """Moments of n samples of an array: `n`, `mean` and `m2 = sum (value - mean)^2`.
 
-    `variance` is that of one sample, `standard_error` that of the mean; both need two samples and
-    raise `ValueError` with fewer.
+    `variance` and `standard_error` raise `ValueError` with fewer than two samples.
     """
 
     n: int
@@ -62,15 +61,15 @@ class Moments:
         return np.sqrt(self.variance / self.n)
 
     def merge_with(self, other: Moments) -> Moments:
-        """Moments of both sets of samples together (Chan, Golub, LeVeque)."""
+        """Return the moments of the union of both sets of samples (Chan, Golub and LeVeque)."""
         n, mean, m2 = _merge((np.array(self.n), self.mean, self.m2), (np.array(other.n), other.mean, other.m2))
         return Moments(int(n), mean, m2)
 
 
 def merge_chunks(n: np.ndarray, mean: np.ndarray, m2: np.ndarray) -> Moments:
-    """Merge chunks `n` (c,), `mean` and `m2` (c, size) by a tree over neighbours.
+    """Merge the moments of c chunks, `n` (c,), `mean` and `m2` (c, size), pairwise along a binary tree.
 
-    The tree depends on c alone, and so do the rounding errors.
+    The tree depends on c alone, so that rounding errors do not depend on the number of threads.
     """
     size = mean.shape[1]
     while len(n) > 1:
@@ -84,7 +83,7 @@ def merge_chunks(n: np.ndarray, mean: np.ndarray, m2: np.ndarray) -> Moments:
 
 
 Samples = tuple[Any, Any | None, Any | None, int | None]
-"""Parameters theta and p, noise, and number of the samples, as a call takes them."""
+"""Arguments (theta, p, noise, n_samples) of a call."""
 Triple = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
@@ -97,17 +96,17 @@ def _merge(left: Triple, right: Triple) -> Triple:
     return total, mean, m2
 
 
-# Moments are kept for each chunk until this many samples, and then merged into the total.
+# Number of samples whose chunks' moments are stored before they are merged into the total.
 STRIDE = 1 << 22
 
 
 @dataclass(frozen=True)
 class RolloutMoments:
-    """Moments over samples of the cost, or of an episode's return, and of both its gradients.
+    """Moments over samples of the cost, or of an episode's return, and of its gradient estimates.
 
-    `gradient` is of d value / d theta and `zeroth` of (value - baseline) * score, each None where
-    it was not requested; their arrays have the policy's shape. Samples in which any value is NaN or
-    infinite are left out of all of them and named by `nonfinite`.
+    `gradient` has the moments of d value / d theta, `zeroth` those of (value - baseline) * score, in
+    the policy's shape; each is None where it was not requested. All leave out the samples with a NaN
+    or an infinity, which `nonfinite` lists.
     """
 
     value: Moments
@@ -117,7 +116,7 @@ class RolloutMoments:
 
 
 class SampleOptions(TypedDict, total=False):
-    """Further arguments of rollouts, which some kinds of them take."""
+    """Keyword arguments that some kinds of rollouts take: `u_before`, or those of `EpisodeFunction`."""
 
     u_before: Any
     linearise_along: Any
@@ -125,13 +124,13 @@ class SampleOptions(TypedDict, total=False):
 
 
 class Rolling(ABC):
-    """A step under a policy, rolled out over `horizon` steps for many samples.
+    """Base of rollouts of a step under a policy over `horizon` steps, for many samples.
 
-    `parameters` are those of the step, then the objective's and the policy's own.
+    `parameters` are those of the step, then those of the objective and of the policy.
     """
 
     _value_sign = 1.0
-    """Sign of a sample's value, of which the engines add up the cost."""
+    """Sign that turns the cost that the engines compute into a sample's value."""
 
     def __init__(
         self,
@@ -152,14 +151,14 @@ class Rolling(ABC):
         self.backend, self._engine = choose_backend(backend, self._makers(), "the rollout")
 
     def over(self, horizon: int) -> Self:
-        """The same over another horizon, with nothing built or compiled again."""
+        """Return a copy with another horizon, which shares the compiled code."""
         other = copy(self)
         other.horizon = _checked_horizon(horizon)
         return other
 
     @property
     def acting(self) -> tuple[np.ndarray, np.ndarray]:
-        """Masks of noise w_t (horizon, nu) and of theta, in its shape, that reach the cost."""
+        """Masks of the entries of noise w_t (horizon, nu), and of theta, in its shape, that can affect the cost."""
         noise = self.tapes.cost_dependence.over(self.horizon)[0]
         return noise, self.policy.acting_parameters(noise)
 
@@ -176,7 +175,7 @@ class Rolling(ABC):
         baseline: float = 0.0,
         **options: Unpack[SampleOptions],
     ) -> RolloutMoments:
-        """Mean and second moment over the samples, computed as they come and never stored.
+        """Return mean and second moment over the samples, computed without storing the samples.
 
         Arguments as for a call; with `score`, `zeroth` has the moments of the zeroth-order
         gradient (value - baseline) * score. Raises `ValueError` as a call does.
@@ -187,7 +186,7 @@ class Rolling(ABC):
 
     @abstractmethod
     def _asked(self, x0: Any, samples: Samples, **options: Any) -> RolloutRequest:
-        """Return the request of a call."""
+        """Return the checked request to the engine for the arguments of a call."""
 
     def _makers(self) -> dict[str, Any]:
         tapes, threads = self.tapes, self.threads
@@ -199,7 +198,7 @@ class Rolling(ABC):
         return {"c": lambda: CompiledRolloutEngine(tapes, threads, self.block), **makers}
 
     def _sampled(self, q: RolloutRequest, results: RolloutArrays) -> NonFinite:
-        """Fill the results sample by sample, and warn of those that are not finite."""
+        """Fill `results`, warn of samples that are not finite, and return them."""
         n_bad = self._engine.samples(q, results) if q.n else 0
         nonfinite = results.non_finite() if n_bad else NonFinite()
         if nonfinite:
@@ -207,7 +206,7 @@ class Rolling(ABC):
         return nonfinite
 
     def _summed(self, q: RolloutRequest, sign: float = 1.0) -> RolloutMoments:
-        """Moments of what was requested, times `sign`."""
+        """Return the moments of what was requested, with the means times `sign`."""
         total: Moments | None = None
         bad_indices: list[np.ndarray] = []
         for begin in range(0, q.n, STRIDE):
@@ -240,7 +239,7 @@ class Rolling(ABC):
         return merge_chunks(table[:, 0], table[:, 1:split], table[:, split:]), indices
 
     def _find_bad(self, q: RolloutRequest, counts: np.ndarray, chunk: int) -> np.ndarray:
-        """Roll out again the chunks with lost samples, to name these samples."""
+        """Return the indices of samples that are not finite, by rolling out again the chunks that lack samples."""
         bad_indices = []
         for i, count in enumerate(counts):
             begin, end = i * chunk, min((i + 1) * chunk, q.n)

@@ -1,4 +1,4 @@
-"""Rollouts of a step under a policy: costs or returns, gradients, and moments over many samples."""
+"""Batched rollouts of a step under a policy: costs or returns, gradients, and moments over samples."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from dynamics.contact import Step
 
 @dataclass(frozen=True)
 class Rollouts:
-    """Values of n rollouts: `cost` (n,), `gradient` and `score` (n, *policy.shape) or None."""
+    """Results of n rollouts: `cost` (n,); `gradient` and `score` (n, *policy.shape), None where not requested."""
 
     cost: np.ndarray
     gradient: np.ndarray | None
@@ -33,9 +33,9 @@ class RolloutFunction(Rolling):
         cost = sum_{t<N} stage_cost(x_t, u_t, p) + terminal_cost(x_N, p)
         u_t  = policy.law(x_t, theta_t) + w_t,    x_{t+1} = step(x_t, u_t, p)
 
-    A stage cost of four arguments takes (x_t, u_t, u_t - u_{t-1}, p); calls then take `u_before`.
+    A stage cost of four arguments takes (x_t, u_t, u_t - u_{t-1}, p); calls then need `u_before`, u_{-1}.
 
-    `step` is a system closed by a contact law, the same that the NLP uses; p are its parameters.
+    `step` is a system closed by a contact law, the same as in the NLP; p are its parameters.
     `engine` takes backend, threads and block as `BatchFunction` does; results depend neither on
     threads nor on block, to the last bit. Code size and compile time do not depend on `horizon`.
 
@@ -71,15 +71,14 @@ class RolloutFunction(Rolling):
         out: Rollouts | None = None,
         **options: Unpack[SampleOptions],
     ) -> Rollouts:
-        """Cost of each sample, with its gradient by theta and its score on request.
+        """Return the cost of each sample, and on request its gradient with respect to theta and its score.
 
         `x0` (n, nx), `theta` (n, *policy.shape) and `p` (n, np) may each lack the axis of samples
-        and are then shared; None for p takes the step's own values. `noise` is `Gaussian`, an array
+        and are then shared; None for p means the step's own values. `noise` is `Gaussian`, an array
         (n, horizon, nu), or None. `n_samples` is needed only where no array implies it. The score,
-        sum_t D_theta law(x_t, theta_t)' w_t / sigma^2, is the gradient by theta of the
-        log-density of the noise, of that which has a way to the cost (see
-        `dynamics.batch.graphs.step_graphs`). `out` is an earlier answer, whose arrays are written
-        over.
+        sum_t D_theta law(x_t, theta_t)' w_t / sigma^2, is the gradient with respect to theta of the
+        log-density of those entries of the noise that can affect the cost (see
+        `dynamics.batch.graphs.step_graphs`). `out` is an earlier result, whose arrays are overwritten.
 
         Raises `ValueError` for wrong shapes, and for a score without `Gaussian` noise.
         """
@@ -98,7 +97,7 @@ class RolloutFunction(Rolling):
         return self._request(self._start(x0, u_before), samples, **options)
 
     def _start(self, x0: Any, u_before: Any | None) -> np.ndarray:
-        """Initial states, with the input before beside them where the cost asks for it."""
+        """Return the initial states (n, nx), followed by u_{-1} where the stage cost depends on changes of input."""
         n_before = self.tapes.n_carried
         if (u_before is not None) != (n_before > 0):
             raise ValueError(
@@ -116,10 +115,10 @@ class RolloutFunction(Rolling):
 
 @dataclass(frozen=True)
 class Episodes:
-    """n episodes of H steps: `value` (n,) the returns, `lived` (n,) steps before the end.
+    """Results of n episodes of H steps: `value` (n,), the returns, and `lived` (n,), the steps before the end.
 
-    `gradient` and `score` (n, *policy.shape), and `trail` (n, H + 1, nx + 2), the states with the
-    weight of a reward and the steps lived behind them, are None where not requested.
+    `gradient` and `score` (n, *policy.shape), and `trail` (n, H + 1, nx + 2), the states followed by
+    the weight of a reward and the number of steps so far, are None where not requested.
     """
 
     value: np.ndarray
@@ -131,9 +130,9 @@ class Episodes:
 
     @property
     def states(self) -> np.ndarray:
-        """States (n, H + 1, nx); those after the end of an episode repeat its last one.
+        """States (n, H + 1, nx), where an episode that has ended repeats its last one.
 
-        Raises `ValueError` where they were not requested.
+        Raises `ValueError` where states were not requested.
         """
         if self.trail is None:
             raise ValueError("the states were not kept; pass states=True")
@@ -145,15 +144,15 @@ class EpisodeFunction(Rolling):
 
         V(theta, w) = sum_{t<H} d^t a_t reward(x_t, u_t, x_{t+1}, p) + d^H a_H final(x_H, p)
 
-    d the `discount`, a_t 1 until the first state that is `done` and 0 from there on: an episode
-    that is over adds nothing, to no gradient either, and its state stays as it is.
+    d is the `discount`; a_t is 1 until the first state that is `done` and 0 from there on. An episode
+    that is over adds nothing to return or gradient, and its state does not change.
 
         f = EpisodeFunction(step, Episode(reward, final, done), 40, dense(observe, (64, 64), -1, 1))
         r = f(x0, theta, noise=Gaussian(0.1, seed=0), gradient=True)
         m = f.moments(x0, theta, noise=Gaussian(0.1, seed=0), n_samples=1_000_000)
 
-    `parameters` are the step's, then `discount`, then what the policy has; `f.parameters.pack`
-    makes the p of a call. Backends, threads and block as `RolloutFunction` has them, raises alike.
+    `parameters` are the step's, then `discount`, then the policy's; `f.parameters.pack` makes the p
+    of a call. Backends, threads, block and errors are those of `RolloutFunction`.
     """
 
     _value_sign = -1.0
@@ -171,16 +170,16 @@ class EpisodeFunction(Rolling):
         states: bool = False,
         **options: Unpack[SampleOptions],
     ) -> Episodes:
-        """Return of each sample, with its gradient by theta, score and states on request.
+        """Compute the return of each sample, and on request its gradient by theta, its score and its states.
 
-        Shapes as for `RolloutFunction`. The score, `sum_t a_t D_theta law(x_t)' w_t / sigma^2`,
-        counts the steps before the end, and the noise that has a way to the return. With `linearise_along`,
-        episodes of the same samples whose states were kept, every step starts at *their* state, and
-        the gradient is chained along them:
-        where those went by the exact law and this function's step is smoothed, only the gradient
-        is smoothed (algorithm 2 of adaptive barrier smoothing). `terminal_gradient` (n, nx) is the gradient by
-        the last state of what else is gained there, of a critic's value say, with its discount, and
-        zero for episodes that ended before: `gradient` is then of both.
+        Shapes are those of `RolloutFunction`. The score, `sum_t a_t D_theta law(x_t)' w_t / sigma^2`,
+        counts the steps before the end, and the noise that can affect the return. With `linearise_along`,
+        episodes of the same samples whose states were requested, every step starts at *their* state,
+        and the gradient is chained along them: where they were simulated under the exact law and this
+        function's step is smoothed, only the gradient is smoothed (algorithm 2 of adaptive barrier
+        smoothing). `terminal_gradient` (n, nx) is the gradient of a further terminal reward with respect
+        to the last state, such as a critic's discounted value, and zero for episodes that ended before;
+        `gradient` then includes it.
 
         Raises `ValueError` for wrong shapes, and for a score without `Gaussian` noise.
         """

@@ -1,4 +1,4 @@
-"""Contact laws: the exact, barrier, adaptive and randomized laws, and the solved step."""
+"""Contact laws (exact, barrier, adaptive, randomized) and the step of a system closed by one of them."""
 
 from dynamics.contact.adaptive import Adaptive
 from dynamics.contact.affine_step import AffineStep

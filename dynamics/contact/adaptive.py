@@ -1,4 +1,4 @@
-"""The adaptive law: mu falls with the distance to contact, known before the step is solved."""
+"""The adaptive contact law, whose mu falls with the distance to contact, known before the step is solved."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from dynamics.settings import setting
 from dynamics.systems import ContactSystem, ParameterTable
 
 MU_FLOOR = 1e-10
-"""mu where the quartic law finds no inactive contact to measure a distance to."""
+"""mu [N s m] of the quartic law where no contact is inactive."""
 ACTIVE_IMPULSE = 1.0
-"""Impulse [N s] above which the quartic law takes a contact for active."""
+"""Impulse [N s] above which a contact is active for the quartic law."""
 _QUARTIC = {"mu_max": 1e-2, "scale": 100.0, "power": 4.0}
 DEFAULT_PARAMETERS = {"gaussian": {"sigma": 0.02}, "quartic": _QUARTIC, "quartic-per-contact": _QUARTIC}
-"""Laws by name, with the values of their parameters where none are given."""
+"""Mapping from the name of mu(z) to the default values of its parameters."""
 
 
 def gaussian_mu(z: ca.SX, F: ca.SX, sigma: ca.SX | float) -> ca.SX:
-    """mu(z) for which the softened contact equals Gaussian randomized smoothing.
+    """Return mu(z) for which the softened contact equals Gaussian randomized smoothing.
 
     ``kappa = (sigma pdf(z/sigma) - z tail(z/sigma)) / F = E[S_0(z + w)]``, w ~ N(0, sigma²), and
-    ``mu = kappa (z + F kappa) > 0``: even in z, at most sigma²/(2 pi F). This is the right form
-    of abs, eq. 5.1, whose printed tail, sign and scale are wrong.
+    ``mu = kappa (z + F kappa) > 0``: even in z, at most sigma²/(2 pi F). This corrects eq. 5.1 of
+    adaptive barrier smoothing, whose printed tail, sign and scale are wrong.
     """
     # Not fabs: its derivative at 0 is 0 in CasADi, and the second derivative of mu would be wrong.
     distance = ca.if_else(z < 0, -z, z)
@@ -45,19 +45,19 @@ def quartic_mu(distance: ca.SX, mu_max: ca.SX | float, scale: ca.SX | float, pow
 
 @dataclass(eq=False, repr=False)
 class Adaptive(ContactLaw):
-    """``lam_i gap_i = mu_i(z)`` with z the gap at lam = 0, a function of state and input.
+    """Contact law ``lam_i gap_i = mu_i(z)`` with z the gap at lam = 0, a function of state and input.
 
     ``law="gaussian"``: :func:`gaussian_mu` of each contact, parameter ``contact.sigma`` [m].
-    ``law="quartic"``: :func:`quartic_mu` of the least |z| over the contacts that are inactive,
-    parameters ``contact.mu_max``, ``contact.scale``, ``contact.power``. The paper calls a contact
-    active when its softened impulse exceeds 1 N s, which depends on mu itself; here that impulse
-    is the one contact's own closed form at ``mu_max``, known before the step. Without an inactive
-    contact mu is 1e-10. ``law="quartic-per-contact"`` takes each contact's own |z|.
+    ``law="quartic"``: :func:`quartic_mu` of the smallest |z| over the inactive contacts, parameters
+    ``contact.mu_max``, ``contact.scale``, ``contact.power``. In adaptive barrier smoothing, eq. C.2,
+    a contact is active when its softened impulse exceeds 1 N s, which depends on mu itself; here
+    that impulse is the closed form of the single contact at ``mu_max``, known before the step. Without
+    an inactive contact mu is 1e-10. ``law="quartic-per-contact"`` uses |z| of each contact.
     ``law=f``: any function ``f(z, F) -> mu`` of CasADi expressions.
 
-    ``gradient="total"`` differentiates mu as well; ``"frozen"`` treats it as a constant, as
-    algorithm 2 of the paper does. The direction is then not the gradient of the rollout, and a
-    direct transcription rejects the law.
+    ``gradient="total"`` differentiates mu as well; ``"frozen"`` treats it as a constant, as in
+    algorithm 2 of the paper. The direction is then not the gradient of the rollout, and a direct
+    transcription rejects the law.
     """
 
     name: ClassVar[str] = "adaptive"
@@ -90,22 +90,22 @@ class Adaptive(ContactLaw):
         return self.gradient == "frozen"
 
     def schedule(self, impulse: float, gap: float) -> Schedule | None:
-        """Along ``contact.sigma`` or ``contact.mu_max``."""
+        """Return the homotopy along ``contact.sigma`` or ``contact.mu_max``; None where mu(z) is a function."""
         if self.law == "gaussian":
             return by_sigma(gap)
         return by_mu("mu_max", impulse, gap) if self.values else None
 
     def settings(self) -> dict[str, float | int | str]:
-        """Law, gradient and parameter values."""
+        """Return the name of mu(z), the gradient's kind and the parameter values, for the run's record."""
         label = self.law if isinstance(self.law, str) else getattr(self.law, "__name__", "user")
         return {"law": label, "gradient": self.gradient, **self.values}
 
     def at(self, **values: float) -> Adaptive:
-        """Return the same law with other parameter values."""
+        """Return the same law with some parameter values replaced."""
         return Adaptive(law=self.law, gradient=self.gradient, **{**self.values, **values})
 
     def parameters(self, system: ContactSystem) -> ParameterTable:
-        """Parameters of the chosen law."""
+        """Return the parameters ``contact.<name>`` of the chosen mu(z)."""
         meaning = {
             "sigma": (system.gap_unit, "standard deviation of the matched noise on the gap"),
             "mu_max": ("N s m", "mu at zero distance"),
@@ -115,7 +115,7 @@ class Adaptive(ContactLaw):
         return ParameterTable(law_parameter(n, v, *meaning[n]) for n, v in self.values.items())
 
     def target(self, system: ContactSystem, z: ca.SX, F: ca.SX, p: ParameterTable) -> ca.SX:
-        """Return mu(z) per contact."""
+        """Return mu(z) of each contact, shape (n, 1)."""
         if callable(self.law):
             mu = self.law(z, F)
             return ca.SX.ones(z.numel()) * mu if mu.numel() == 1 else mu

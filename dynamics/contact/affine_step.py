@@ -1,4 +1,4 @@
-"""The step of a system whose contact is a linear complementarity problem with a P-matrix."""
+"""The time step of a system whose contact is a linear complementarity problem with a P-matrix."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from dynamics.contact.step import Step
 
 
 class AffineStep(Step):
-    """``x_next = a + B lam`` and ``gap = z + F lam``, with lam alone as the inner unknown.
+    """Time step ``x_next = a + B lam``, ``gap = z + F lam``, with lam alone as the inner unknown.
 
     a (nx, 1), B (nx, n), z (n, 1), F (n, n) block diagonal with blocks (nlam, nlam), in (x, u, p).
-    The exact law is on its active set ``D = lam > gap``: ``D gap + (1 - D) lam = 0``.
+    The exact law is written on the active set ``D = lam > gap``: ``D gap + (1 - D) lam = 0``.
     """
 
     @cached_property
     def a(self) -> ca.SX:
-        """x_next at lam = 0, (nx, 1)."""
+        """Next state x_next at lam = 0, (nx, 1)."""
         a = ca.SX.zeros(self.system.nx)
         for node in self.nodes:
             a = a + node.weight * self.at(node, [self.system.reduced.a])[0]
@@ -28,40 +28,40 @@ class AffineStep(Step):
 
     @cached_property
     def B(self) -> ca.SX:
-        """Derivative of x_next by lam, (nx, n)."""
+        """Derivative of x_next with respect to lam, (nx, n)."""
         reduced = self.system.reduced
         return ca.horzcat(*(node.weight * self.at(node, [reduced.B])[0] for node in self.nodes))
 
     @cached_property
     def z(self) -> ca.SX:
-        """The gaps at lam = 0, (n, 1)."""
+        """Gaps at lam = 0, (n, 1)."""
         reduced = self.system.reduced
         return ca.densify(ca.vertcat(*(self.at(node, [reduced.z])[0] for node in self.nodes)))
 
     @cached_property
     def F(self) -> ca.SX:
-        """Derivative of the gaps by lam, (n, n)."""
+        """Compliance: derivative of the gaps with respect to lam, (n, n)."""
         return ca.diagcat(*(self.at(node, [self.system.reduced.F])[0] for node in self.nodes))
 
     @cached_property
     def x_next_expr(self) -> ca.SX:
-        """``a + B lam``."""
+        """Next state ``a + B lam`` (nx, 1)."""
         return ca.densify(self.a + self.B @ self.lam)
 
     @cached_property
     def gap_expr(self) -> ca.SX:
-        """``z + F lam``."""
+        """Gaps ``z + F lam`` (n, 1)."""
         return ca.densify(self.z + self.F @ self.lam)
 
     @cached_property
     def data(self) -> ca.Function:
-        """Map ``(x, u, p)`` to ``(a, B, z, F, mu)``, dense but for F, block diagonal."""
+        """Function from ``(x, u, p)`` to ``(a, B, z, F, mu)``, all dense except the block diagonal F."""
         outputs = [*(ca.densify(value) for value in (self.a, self.B, self.z)), self.F, ca.densify(self.mu)]
         names = ["a", "B", "z", "F", "mu"]
         return ca.Function("step_data", self.inputs, outputs, ["x", "u", "p"], names)
 
     def solution(self, x: ca.MX, u: ca.MX, p: ca.MX) -> tuple[ca.MX, ...]:
-        """``lam, x_next, lam, gap, error`` by the path of the linear problem."""
+        """Return ``lam, x_next, lam, gap, error``, solved along the path of the linear complementarity problem."""
         a, B, z, F, mu = self.data(x, u, p)
         solver = lcp_solver(self.system.nlam, self.exact)
         solved = [solver(z[rows], F[rows, rows], mu[rows]) for rows in self.rows]
@@ -69,7 +69,7 @@ class AffineStep(Step):
         return lam, a + B @ lam, lam, gap, error
 
     def contact_relation(self, mu: ca.SX | None = None) -> ca.SX:
-        """``lam gap - mu``, or ``D gap + (1 - D) lam`` for the exact law."""
+        """Return the residual ``lam gap - mu`` (n, 1), or ``D gap + (1 - D) lam`` for the exact law."""
         if not self.exact:
             return super().contact_relation(mu)
         active = self.lam > self.gap_expr
@@ -77,7 +77,7 @@ class AffineStep(Step):
 
     @cached_property
     def relation_jacobian(self) -> ca.SX:
-        """``diag(gap) + diag(lam) F``, or ``I - D + D F`` for the exact law."""
+        """Derivative of the contact relation by lam: ``diag(gap) + diag(lam) F``, exact law ``I - D + D F``."""
         if not self.exact:
             return ca.diag(self.gap_expr) + ca.diag(self.lam) @ self.F
         active = ca.diag(self.lam > self.gap_expr)
@@ -86,17 +86,17 @@ class AffineStep(Step):
 
 @cache
 def lcp_solver(n: int, exact: bool = False) -> ca.Function:
-    """Solve ``lam (z + F lam) = mu`` for lam > 0: ``(z, F, mu) -> (lam, s, error)``.
+    """Return the solver ``(z, F, mu) -> (lam, s, error)`` of ``lam (z + F lam) = mu``, lam > 0.
 
     ``z``, ``mu``, ``lam`` (impulse), ``s`` (gap), ``error`` are (n, 1), F is a (n, n) P-matrix;
-    ``error`` is each contact's scaled violation ``max(|lam s - mu|, |z + F lam - s|)``, 1e-10 or
-    less where the path was followed to its end, infinite where the iterates diverged (F is no
-    P-matrix). With ``exact`` mu is ignored: the path is followed to
-    :data:`~dynamics.contact.path.MU_EXACT`, the contacts with lam > s taken as active, and the
-    linear system on that active set solved, so that the complementarity is exact to rounding.
+    ``error`` is each contact's scaled violation ``max(|lam s - mu|, |z + F lam - s|)``, at most
+    1e-10 where the path was followed to its end, infinite where the iterates diverged because F is
+    not a P-matrix. With ``exact`` mu is ignored: the solver follows the path to
+    :data:`~dynamics.contact.path.MU_EXACT`, takes the contacts with lam > s as active, and solves the
+    linear system on that active set, so that the complementarity is exact to rounding.
 
-    One contact is solved in closed form. No derivative of this function is of use: differentiate
-    through the implicit function theorem (:mod:`dynamics.contact.step`).
+    One contact is solved in closed form. Do not differentiate this function; use the implicit
+    function theorem (:mod:`dynamics.contact.step`).
     """
     z, mu, F = ca.SX.sym("z", n), ca.SX.sym("mu", n), ca.SX.sym("F", n, n)
     names = ["z", "F", "mu"], ["lam", "s", "error"]

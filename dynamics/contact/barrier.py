@@ -1,4 +1,4 @@
-"""The log-barrier law: one fixed mu for every contact."""
+"""The log-barrier contact law, with one constant mu for all contacts."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ DEFAULT_MU = 1e-3
 
 @dataclass(eq=False, repr=False)
 class Barrier(ContactLaw):
-    """``lam_i gap_i = mu``: the optimality condition of a log-barrier on each gap.
+    """Contact law ``lam_i gap_i = mu``, the optimality condition of a log-barrier on each gap.
 
-    Give ``mu`` [N s m] or the barrier weight ``kappa`` [1/J] of pathologies, eq. 4, which the
-    system converts: ``mu = h / kappa`` for a gap in position, ``1 / kappa`` for quasi-dynamics.
-    For one contact it equals randomized smoothing of the exact law with heavy-tailed noise,
-    Student's t with two degrees of freedom and scale ``sqrt(2 F mu)``: the tail is force at a
-    distance.
+    Give ``mu`` [N s m] or the barrier weight ``kappa`` [1/J] of "pathologies of differentiable
+    simulators", eq. 4, which the system converts: ``mu = h / kappa`` for a gap in position,
+    ``1 / kappa`` for quasi-dynamics; without both mu is :data:`DEFAULT_MU`. For one contact the law
+    equals randomized smoothing of the exact law with heavy-tailed noise, Student's t with two degrees
+    of freedom and scale ``sqrt(2 F mu)``; its tail is the force at a distance.
 
-    Raises ``ValueError`` unless exactly one of mu and kappa is given, positive and finite, or
-    where the system has no conversion for kappa.
+    Raises ``ValueError`` where both are given, where one is not positive and finite, and, when it
+    closes a system, where that has no conversion for kappa.
     """
 
     name: ClassVar[str] = "barrier"
@@ -53,11 +53,11 @@ class Barrier(ContactLaw):
             self.mu = DEFAULT_MU
 
     def schedule(self, impulse: float, gap: float) -> Schedule | None:
-        """Along ``contact.mu``; none along kappa, which grows towards the exact law."""
+        """Return the homotopy along ``contact.mu``; None for kappa, which grows towards the exact law."""
         return by_mu("mu", impulse, gap) if self.mu is not None else None
 
     def parameters(self, system: ContactSystem) -> ParameterTable:
-        """``contact.mu`` or ``contact.kappa``."""
+        """Return the parameter ``contact.mu`` or ``contact.kappa``."""
         if self.mu is not None:
             return ParameterTable([law_parameter("mu", self.mu, "N s m", "central-path parameter")])
         if system.mu_per_kappa is None:
@@ -68,7 +68,7 @@ class Barrier(ContactLaw):
         return ParameterTable([law_parameter("kappa", self.kappa, "1/J", "log-barrier weight")])
 
     def target(self, system: ContactSystem, z: ca.SX, F: ca.SX, p: ParameterTable) -> ca.SX:
-        """``mu``, the same for all contacts."""
+        """Return mu, the same for all contacts, shape (n, 1)."""
         if "contact.mu" in p:
             return ca.SX.ones(z.numel()) * p["contact.mu"]
         assert system.mu_per_kappa is not None

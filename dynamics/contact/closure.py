@@ -1,4 +1,4 @@
-"""The interface of a contact law to a step: mu, and the disturbances at which contact is solved."""
+"""The interface between contact laws and steps: mu, and the disturbances at which contact is solved."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ class Branch:
 
 @dataclass(frozen=True)
 class Schedule:
-    """The smoothing parameter of a homotopy to the exact law, from ``wide`` down by ``factor``.
+    """A homotopy to the exact law: the name of a smoothing parameter, its first value ``wide``, and its factor.
 
-    ``is_mu``: the parameter is the central-path parameter itself.
+    ``is_mu`` says that the parameter is the central-path parameter itself.
     """
 
     parameter: str
@@ -34,10 +34,10 @@ class Schedule:
 
 
 class Closure(ABC):
-    """A closure ``lam_i gap_i = mu_i`` of ``0 <= lam ⟂ gap >= 0``: what mu is, and where.
+    """A relation ``lam_i gap_i = mu_i`` that closes a system in place of ``0 <= lam ⟂ gap >= 0``.
 
-    :meth:`target` gives mu, :meth:`nodes`, where the law averages over noise, at which
-    disturbances the contact is solved.
+    :meth:`target` gives mu, and :meth:`nodes` the disturbances at which the contact is solved, more
+    than one where the law averages over noise.
     """
 
     name: ClassVar[str]
@@ -53,14 +53,13 @@ class Closure(ABC):
         return False
 
     def schedule(self, impulse: float, gap: float) -> Schedule | None:
-        """Return the schedule that follows the law down to the exact one, from characteristic sizes.
+        """Return the homotopy from this law down to the exact one; None where no parameter tends to zero there.
 
-        ``impulse`` and ``gap`` are in the units of a pair's members. None where no parameter leads
-        there as it falls to zero.
+        ``impulse`` and ``gap`` are characteristic sizes of a pair's two members, in their units.
         """
         return None
 
     def nodes(self, system: ContactSystem, p: ParameterTable) -> list[Branch]:
-        """Disturbances at which the contact is solved, with their weights; one without noise."""
+        """Return the disturbances at which the contact is solved, with weights; by default one that is zero."""
         zero_x, zero_u = ca.SX.zeros(system.nx), ca.SX.zeros(system.nu)
         return [Branch(1.0, zero_x, zero_u)]

@@ -1,7 +1,7 @@
-"""Compliance of gaps under impulses, ``gap = z + F lam``, and linear systems of the path solver.
+"""Compliance F of gaps under impulses, ``gap = z + F lam``, and the linear systems of the path solver.
 
-F (n, n) is a matrix, or where many contacts push few coordinates, a product that is never formed.
-Both solve ``(I + diag(ratio) F) step = rhs``, ratio = lam / s.
+F (n, n) is a matrix, or a product that is never formed where many contacts push few coordinates. Both
+kinds solve ``(I + diag(ratio) F) step = rhs``, ratio = lam / s.
 """
 
 from __future__ import annotations
@@ -20,33 +20,33 @@ LinearSolver = Callable[[ca.SX], tuple[ca.SX, ca.SX]]
 
 
 class Compliance(Protocol):
-    """F of a problem."""
+    """Interface of the compliance F (n, n) of a contact problem."""
 
     def multiply(self, lam: ca.SX) -> ca.SX:
-        """``F lam`` (n, 1)."""
+        """Return ``F lam`` (n, 1)."""
         ...
 
     def factorise(self, ratio: ca.SX) -> LinearSolver:
-        """Solver of ``(I + diag(ratio) F) step = rhs``: ``rhs -> (step, F step)``."""
+        """Return the solver ``rhs -> (step, F step)`` of ``(I + diag(ratio) F) step = rhs``."""
         ...
 
     def matrix(self) -> ca.SX:
-        """F (n, n)."""
+        """Return F (n, n)."""
         ...
 
 
 @dataclass(frozen=True, eq=False)
 class DenseCompliance:
-    """F as a matrix, whose structural zeros are skipped."""
+    """Compliance F as a matrix, whose structural zeros are used."""
 
     F: ca.SX
 
     def multiply(self, lam: ca.SX) -> ca.SX:
-        """``F lam`` (n, 1)."""
+        """Return ``F lam`` (n, 1)."""
         return self.F @ lam
 
     def factorise(self, ratio: ca.SX) -> LinearSolver:
-        """``rhs -> (step, F step)``, see :class:`Compliance`."""
+        """Return the solver ``rhs -> (step, F step)``, see :class:`Compliance`."""
         factors = LUFactors(ca.SX.eye(ratio.numel()) + ca.diag(ratio) @ self.F)
 
         def solve(rhs: ca.SX) -> tuple[ca.SX, ca.SX]:
@@ -56,19 +56,19 @@ class DenseCompliance:
         return solve
 
     def matrix(self) -> ca.SX:
-        """F (n, n)."""
+        """Return F (n, n)."""
         return self.F
 
 
 class PushedCoordinates:
-    """The few coordinates w (r, 1) that all impulses of a system push.
+    """The few coordinates w (r, 1) of the next state that all impulses of a system act on.
 
     ``x_next = a + C w`` with ``T w = P lam``, and ``gap = g(x_next, lam)`` with ``Q = dg/dx_next
-    C`` and ``E = dg/dlam``, so that ``F = E + Q T^-1 P``. Pairs that push and feel the same way but
-    for the sign, as the two directions of friction do, have one column of ``P_own`` and one row of
-    ``Q_own``: ``P = P_own P_signs``, ``Q = Q_signs Q_own``; ``own`` are the pairs that stand for
-    themselves and others. C, T, P are expressions in the state, the input and the parameters; Q and
-    E in the next state and lam too.
+    C`` and ``E = dg/dlam``, so that ``F = E + Q T^-1 P``. Pairs whose columns of P and rows of Q are
+    equal up to their sign, such as the two directions of friction, share one column of ``P_own`` and
+    one row of ``Q_own``: ``P = P_own P_signs``, ``Q = Q_signs Q_own``; ``own`` are the indices of
+    these representative pairs. C, T, P are expressions in the state, the input and the parameters; Q
+    and E also in the next state and lam.
     """
 
     def __init__(self, system: ContactSystem) -> None:
@@ -90,21 +90,21 @@ class PushedCoordinates:
 
 
 _PROBES = 8
-"""Random points at which two pairs are compared."""
+"""Number of random points at which two pairs are compared."""
 _PROBE_REACH = 1.5
-"""Largest entry of a random point."""
+"""Largest absolute value of a coordinate of a random point."""
 _SWITCHES = frozenset(
     (*(ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_IF_ELSE_ZERO, ca.OP_FMIN, ca.OP_FMAX, ca.OP_FABS, ca.OP_SIGN),)
 )
-"""Operations whose formula differs from region to region."""
+"""CasADi operations that switch between formulas, depending on their operands."""
 
 
 def _representative_pairs(system: ContactSystem, P: ca.SX, Q: ca.SX) -> tuple[list[int], ca.DM, ca.DM]:
-    """Pairs that stand for others, and the signs of all, (own, n) and (n, own); by random numbers.
+    """Return representative pairs, and all pairs' signs relative to them, (own, n) for P and (n, own) for Q.
 
-    The columns of P and the rows of Q of pairs that belong together agree but for their signs. Numbers show it
-    for one formula. Where shapes switch between several, as at the faces of a box, two contacts may agree in one
-    region alone: there only the pairs of one contact stand for each other.
+    A pair is represented by another where columns of P and rows of Q are equal up to their sign at random points.
+    Where formulas switch, as at the faces of a box, two contacts may agree in one region only, so that there
+    only pairs of the same contact represent each other.
     """
     symbols = ca.vertcat(system.x, system.u, system.parameters.vector, system.x_next, system.lam)
     rng, probe = np.random.default_rng(0), ca.Function("probe", [symbols], [P.T, Q])
@@ -131,13 +131,13 @@ def _representative_pairs(system: ContactSystem, P: ca.SX, Q: ca.SX) -> tuple[li
 
 
 def _has_switch(symbols: ca.SX, expression: ca.SX) -> bool:
-    """Return whether an expression has another formula in another region."""
+    """Return whether an expression contains an operation that switches between formulas."""
     graph = ca.Function("graph", [symbols], [ca.densify(expression)])
     return any(graph.instruction_id(k) in _SWITCHES for k in range(graph.n_instructions()))
 
 
 def _sign(first: np.ndarray, second: np.ndarray) -> int:
-    """1 or -1 where ``first`` is so many times ``second``, 0 where it is neither."""
+    """Return 1 where ``first`` equals ``second``, -1 where it equals ``-second``, else 0."""
     tolerance = 1e-12 * np.nanmax(np.abs(first), initial=0)
     differences = (np.nan_to_num(np.abs(first - k * second)) for k in (1, -1))
     return next((k for k, difference in zip((1, -1), differences, strict=True) if np.all(difference <= tolerance)), 0)
@@ -145,9 +145,9 @@ def _sign(first: np.ndarray, second: np.ndarray) -> int:
 
 @dataclass(frozen=True, eq=False)
 class LowRankCompliance:
-    """``F = E + Q T^-1 P``, see :class:`PushedCoordinates`; E couples few, T (r, r) is small.
+    """Compliance ``F = E + Q T^-1 P``, see :class:`PushedCoordinates`; E is sparse, T (r, r) is small.
 
-    The direction comes from ``(T + P K^-1 diag(ratio) Q) w = P K^-1 rhs``, K = I + diag(ratio) E.
+    Linear systems are reduced to ``(T + P K^-1 diag(ratio) Q) w = P K^-1 rhs``, K = I + diag(ratio) E.
     """
 
     E: ca.SX
@@ -158,23 +158,23 @@ class LowRankCompliance:
     Q_signs: ca.DM
 
     def solve_coordinates(self, lam: ca.SX) -> ca.SX:
-        """``w = T^-1 P lam`` (r, 1)."""
+        """Return the coordinates ``w = T^-1 P lam`` (r, 1) under impulses lam."""
         return solve_without_pivoting(self.T, self._push(lam))
 
     def gap_change(self, lam: ca.SX, w: ca.SX) -> ca.SX:
-        """``E lam + Q w`` (n, 1)."""
+        """Return the change of the gaps ``E lam + Q w`` (n, 1) under impulses lam and coordinates w."""
         return self.E @ lam + self.Q_signs @ (self.Q_own @ w)
 
     def by_own(self) -> ca.SX:
-        """``T^-1 P`` of the pairs that stand for all (r, own)."""
+        """Return ``T^-1 P`` (r, own) of the representative pairs."""
         return solve_without_pivoting(self.T, self.P_own)
 
     def multiply(self, lam: ca.SX) -> ca.SX:
-        """``F lam`` (n, 1)."""
+        """Return ``F lam`` (n, 1)."""
         return self.gap_change(lam, self.solve_coordinates(lam))
 
     def factorise(self, ratio: ca.SX) -> LinearSolver:
-        """``rhs -> (step, F step)``, see :class:`Compliance`."""
+        """Return the solver ``rhs -> (step, F step)``, see :class:`Compliance`."""
         local_factors = LUFactors(ca.SX.eye(ratio.numel()) + ca.diag(ratio) @ self.E)
         weights = self.P_signs @ local_factors.solve(ca.diag(ratio) @ self.Q_signs)
         reduced_factors = LUFactors(self.T + self.P_own @ (weights @ self.Q_own))
@@ -187,7 +187,7 @@ class LowRankCompliance:
         return solve
 
     def matrix(self) -> ca.SX:
-        """F (n, n)."""
+        """Return F (n, n)."""
         return self.E + self.Q_signs @ (self.Q_own @ self.by_own()) @ self.P_signs
 
     def _push(self, lam: ca.SX) -> ca.SX:

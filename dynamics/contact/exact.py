@@ -1,4 +1,4 @@
-"""The exact law: complementarity itself."""
+"""The exact contact law, complementarity without smoothing."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from dynamics.systems import ContactSystem, ParameterTable
 
 
 class Exact(ContactLaw):
-    """``0 <= lam ⟂ gap >= 0``, that is mu = 0."""
+    """Contact law ``0 <= lam ⟂ gap >= 0``, that is mu = 0."""
 
     name: ClassVar[str] = "exact"
     summary: ClassVar[str] = "0 <= lam ⟂ gap >= 0, no smoothing"
     exact: ClassVar[bool] = True
 
     def parameters(self, system: ContactSystem) -> ParameterTable:
-        """No parameters."""
+        """Return an empty table: the law has no parameters."""
         return ParameterTable()
 
     def target(self, system: ContactSystem, z: ca.SX, F: ca.SX, p: ParameterTable) -> ca.SX:
-        """Zero."""
+        """Return mu = 0 of each contact, shape (n, 1)."""
         return ca.SX.zeros(z.numel())

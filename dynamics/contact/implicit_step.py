@@ -1,4 +1,4 @@
-"""The step of a system with friction, curved gaps or redundant contacts."""
+"""The time step of a system with friction, curved gaps or redundant contacts."""
 
 from __future__ import annotations
 
@@ -10,25 +10,26 @@ from dynamics.contact.ncp import ncp_solver
 from dynamics.contact.step import Step
 from dynamics.systems.elimination import solve_in_order
 
-# At the end of the path, where pivots are of the size of mu, each brings three or four digits.
+# Steps of iterative refinement; each gains three or four digits at the end of the path, where pivots are
+# of the size of mu.
 _REFINEMENTS = 2
 
 
 class ImplicitStep(Step):
-    """Step whose unknowns are lam and the next states of all branches, ``inner = (states, lam)``.
+    """Time step whose unknowns are lam and the next states of all branches, ``inner = (states, lam)``.
 
-    Derivatives are those of residual and gap as they stand, whose graphs are smaller than after
-    substituting ``x_next = a + B lam``. The exact law is the end of the central path.
+    Derivatives are taken of residual and gap without substituting ``x_next = a + B lam``, which would
+    make their graphs larger. The exact law is the end of the central path.
     """
 
     @cached_property
     def states(self) -> ca.SX:
-        """Next states of the branches, one after the other (B nx, 1)."""
+        """Symbols of the next states of the B branches, one after the other (B nx, 1)."""
         return ca.SX.sym("x_branch", self.branches * self.system.nx)
 
     @cached_property
     def x_next_expr(self) -> ca.SX:
-        """The branches' mean."""
+        """Weighted mean of the branches' next states (nx, 1)."""
         mean = ca.SX.zeros(self.system.nx)
         for node, state in zip(self.nodes, ca.vertsplit(self.states, self.system.nx), strict=True):
             mean = mean + node.weight * state
@@ -36,17 +37,17 @@ class ImplicitStep(Step):
 
     @cached_property
     def gap_expr(self) -> ca.SX:
-        """The gaps of every branch at its next state."""
+        """Gaps (n, 1) of all branches, each at its next state."""
         return self._of_branches(self.system.gap)
 
     @cached_property
     def motion(self) -> ca.SX:
-        """The motion of every branch to its next state."""
+        """Residual (B nx, 1) of the equations of motion of all branches, each at its next state."""
         return self._of_branches(self.system.motion)
 
     @cached_property
     def states_of_lam(self) -> ca.SX:
-        """The next state of every branch as its impulses make it."""
+        """Next states (B nx, 1) of all branches as expressions in (x, u, lam, p)."""
         return self._of_branches(self.system.x_next_expr)
 
     def _of_branches(self, expression: ca.SX) -> ca.SX:
@@ -58,10 +59,10 @@ class ImplicitStep(Step):
         return ca.densify(ca.vertcat(*values))
 
     def solve_relation(self, rhs: ca.SX, transposed: bool = False) -> ca.SX:
-        """Solve with :attr:`relation_jacobian`, or with its transpose.
+        """Solve a linear system with :attr:`relation_jacobian`, or with its transpose.
 
-        Where inertia changes with the state lam is eliminated before the coordinates that impulses
-        push: what is left is as small as these are few.
+        Where inertia changes with the state, lam is eliminated before the coordinates that impulses
+        act on, so that the remaining system has only as many unknowns as these coordinates.
         """
         if not self.system.has_variable_inertia:
             return super().solve_relation(rhs, transposed)
@@ -74,7 +75,7 @@ class ImplicitStep(Step):
         return solve_in_order(ca.sparsify(matrix), rhs, order, _REFINEMENTS)
 
     def solution(self, x: ca.MX, u: ca.MX, p: ca.MX) -> tuple[ca.MX, ...]:
-        """``inner, x_next, lam, gap, error`` by the path of the nonlinear problem."""
+        """Return ``inner, x_next, lam, gap, error``, solved along the path of the nonlinear problem."""
         noise = ca.Function(
             "noise",
             [self.p.vector],

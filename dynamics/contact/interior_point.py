@@ -1,7 +1,7 @@
-"""The softened linear complementarity problem ``lam (z + F lam) = mu``, iteration by iteration.
+"""The interior-point iteration for the smoothed linear complementarity problem ``lam (z + F lam) = mu``.
 
-:func:`advance_pair` is one step of the primal-dual path solver as a graph, :func:`repeat_until_rest` repeats it,
-:func:`scalar_solution` is the closed form for one contact.
+:func:`advance_pair` is one iteration of the primal-dual path solver as a graph, :func:`repeat_until_rest`
+repeats it, :func:`scalar_solution` is the closed form for one contact.
 """
 
 from __future__ import annotations
@@ -10,31 +10,31 @@ import casadi as ca
 
 from dynamics.contact.compliance import Compliance
 
-# Iterations of each stage; a stage is entered only where the one before did not come to rest.
+# Numbers of iterations of the stages; a stage is entered only where the one before did not converge.
 _STAGE_ITERATIONS = (8, 8, 16, 32, 64, 128)
 ITERATIONS = sum(_STAGE_ITERATIONS)
-"""Iterations that the path solver is given; ten suffice mostly."""
-# Share of the way to the boundary that a step may take.
+"""Maximum number of iterations of the path solver; ten mostly suffice."""
+# Minimum fraction to the boundary: the share of the distance to lam = 0 or s = 0 that a step may take.
 _BOUNDARY_FRACTION = 0.995
-# Largest centring, as a share of the mean product.
+# Maximum centring parameter, relative to the mean error of the products.
 _MAX_CENTRING = 0.3
-# Relative error of products below which an iterate is near the end and steps are damped.
+# Relative error of products below which an iterate counts as near the end and steps are damped.
 _NEAR_ERROR = 0.5
-# Products below this share of their target are lifted back.
+# Minimum product lam s relative to its target; smaller products are raised to it.
 _MIN_PRODUCT_SHARE = 1e-2
-# Share of the defect of s = gap below which products may not fall.
+# Lower limit of the products' target relative to the largest defect |gap - s|.
 _DEFECT_SHARE = 3e-3
-# Relative error below which an iteration without progress counts as rest.
+# Relative error below which an iteration without progress counts as converged.
 _REST_ERROR = 1e-5
 FLOOR = 1e-8
-"""Products are compared with mu, or with this where mu is less."""
+"""Lower limit of the mu that errors of products are relative to, in scaled units."""
 
 
 def scalar_solution(z: ca.SX, F: ca.SX, mu: ca.SX) -> ca.SX:
-    """Root of ``lam (z + F lam) = mu`` with lam >= 0, one contact, F > 0, mu >= 0.
+    """Return the root lam >= 0 of ``lam (z + F lam) = mu`` for one contact, F > 0, mu >= 0.
 
-    ``lam = 2 mu / (z + r)`` for z > 0 and ``(r - z) / (2 F)`` otherwise, r = sqrt(z² + 4 F mu):
-    either form cancels on the other side (abs, eq. 3.1; pathologies, eq. 5).
+    ``lam = 2 mu / (z + r)`` for z > 0 and ``(r - z) / (2 F)`` otherwise, r = sqrt(z² + 4 F mu); either form
+    cancels for the other sign of z ("adaptive barrier smoothing", eq. 3.1; "pathologies", eq. 5).
     """
     r = ca.sqrt(z * z + 4 * F * mu)
     is_open = z > 0
@@ -42,25 +42,25 @@ def scalar_solution(z: ca.SX, F: ca.SX, mu: ca.SX) -> ca.SX:
 
 
 def exact_scalar_solution(z: ca.SX, F: ca.SX) -> ca.SX:
-    """Solution of ``0 <= lam ⟂ z + F lam >= 0`` for one contact: max(0, -z) / F."""
+    """Return the solution max(0, -z) / F of ``0 <= lam ⟂ z + F lam >= 0`` for one contact."""
     return ca.if_else(z < 0, -z / F, 0)
 
 
 def advance_pair(lam: ca.SX, s: ca.SX, gap: ca.SX, F: Compliance, mu: ca.SX, per_mu: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """The pair after one iteration on the scaled problem, as expressions: ``lam, s``.
+    """Return ``lam, s`` after one iteration on the scaled problem, as expressions.
 
     All (n, 1); ``gap`` is ``z + F lam`` at lam, ``per_mu`` 1/mu; lam, s > 0, and ``s = gap`` holds
-    only in the limit. Algorithm 3 of adaptive barrier smoothing: Mehrotra's affine predictor
-    and centring, fraction to the boundary. Differently from it, the affine step aims at the wanted
-    mu and the target never falls below it, so that the end is *at* mu; the second-order correction
-    is taken only where it shortens no step and lowers the violation (with it alone, one problem in
-    ten cycles); the centring goes at least two thirds of the way and steps near the end are damped
-    (else strongly coupled contacts stall or circle there); pairs far below their target are lifted
-    back (without it, rare problems jam at the boundary); the products wait for the defect of
-    ``s = gap``, and both shrink together.
+    only in the limit. This is algorithm 3 of adaptive barrier smoothing, Mehrotra's affine predictor
+    and centring with a fraction to the boundary, with five changes. The affine step aims at the given
+    mu and the target is never less, so that the path ends *at* mu. The second-order correction is
+    used only where the step stays about as long and the violation is lower (otherwise one problem in
+    ten cycles). The centring is limited and steps near the end are damped (otherwise strongly
+    coupled contacts stall or circle there). Products far below their target are raised (otherwise
+    rare problems jam at the boundary). The products' target has a lower limit proportional to the
+    defect of ``s = gap``, so that both decrease together.
 
-    A direction has ``lam ds + s dlam = target - lam s``, so that products after a step are known
-    from ``dlam ds`` alone.
+    A direction has ``lam ds + s dlam = target - lam s``, so that ``dlam ds`` alone determines the
+    products after a step.
     """
     n, product = lam.numel(), lam * s
     defect, product_error = gap - s, product - mu
@@ -93,7 +93,7 @@ def advance_pair(lam: ca.SX, s: ca.SX, gap: ca.SX, F: Compliance, mu: ca.SX, per
     plain_step = direction(target, (1 - affine_length) ** 2)
     corrected_step = direction(target - second_order, (1 - affine_length) ** 2)
     step_plain, step_corrected = (_step_length(s, (per_lam, per_s), fraction) for s in (plain_step, corrected_step))
-    # What is left of a step's products is (1 - step) off + step^2 dlam ds, at most.
+    # The error of the products after a step is at most (1 - step) error + step^2 dlam ds.
     curvature = ca.mmax(ca.fabs(plain_step[0] * plain_step[1]) * per_mu)
     step_plain = ca.if_else(
         is_near, ca.fmin(step_plain, worst / ca.fmax(ca.fmax(2 * curvature, worst), 1e-300)), step_plain
@@ -108,13 +108,13 @@ def advance_pair(lam: ca.SX, s: ca.SX, gap: ca.SX, F: Compliance, mu: ca.SX, per
 
 
 def _step_length(step: tuple[ca.SX, ca.SX], inverses: tuple[ca.SX, ca.SX], fraction: ca.SX | float) -> ca.SX:
-    """Return the length, at most 1, after which lam and s, whose ``inverses`` are given, are still positive."""
+    """Return the largest length, at most 1, of a step by ``fraction`` to the boundary; ``inverses`` are 1/lam, 1/s."""
     decrease = -ca.vertcat(step[0] * inverses[0], step[1] * inverses[1])
     return 1 / ca.fmax(1, ca.mmax(decrease) / fraction)
 
 
 def _lift(lam: ca.SX, s: ca.SX, smallest_product: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Raise the smaller one of each pair whose product is too small: moving the larger would spoil s = gap."""
+    """Raise lam or s, whichever is smaller, where lam s is too small; a change of the larger would spoil s = gap."""
     lam_is_smaller = lam < s
     lift_lam = ca.logic_and(lam_is_smaller, lam * s < smallest_product)
     lift_s = ca.logic_and(ca.logic_not(lam_is_smaller), lam * s < smallest_product)
@@ -129,7 +129,7 @@ def has_settled(
     F: Compliance,
     mu: ca.SX,
 ) -> ca.SX:
-    """Whether rounding stopped the progress of an iteration from ``pair`` to ``new_pair``."""
+    """Return an expression that is true where rounding stops the progress from ``pair`` to ``new_pair``."""
 
     def relative(lam: ca.SX, s: ca.SX, gap: ca.SX) -> ca.SX:
         gap_error = ca.fabs(gap - s) / (1 + s)
@@ -141,10 +141,10 @@ def has_settled(
 
 
 def repeat_until_rest(body: ca.Function, stage: int = 0) -> ca.Function:
-    """Repeat ``body: (pair, *data) -> pair`` until it moves no more, at most 256 times.
+    """Return a function that repeats ``body: (pair, *data) -> pair`` until pair is constant, at most 256 times.
 
-    CasADi evaluates a branch of a conditional only when it is taken, so that a problem which is
-    solved in ten iterations does not pay for the hundreds that the worst one needs.
+    CasADi evaluates a branch of a conditional only when it is taken, so that a problem which is solved
+    in ten iterations does not cost the hundreds of iterations that the worst problem needs.
     """
     pair, *data = (ca.MX.sym(body.name_in(k), *body.size_in(k)) for k in range(body.n_in()))
     previous, current = pair, pair

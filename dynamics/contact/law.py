@@ -1,4 +1,4 @@
-"""The protocol of a contact law: how it closes the complementarity of a system."""
+"""The base class of contact laws, which replace the complementarity of a system by a smoothed relation."""
 
 from __future__ import annotations
 
@@ -16,35 +16,35 @@ from dynamics.systems import LAW_PREFIX, ContactSystem, Parameter, ParameterTabl
 
 
 def by_mu(parameter: str, impulse: float, gap: float) -> Schedule:
-    """Follow a central-path parameter from where impulse and gap have their own sizes."""
+    """Return the homotopy along a central-path parameter, from the product of characteristic impulse and gap."""
     return Schedule(LAW_PREFIX + parameter, impulse * gap, 0.2, parameter == "mu")
 
 
 def by_sigma(gap: float) -> Schedule:
-    """Follow a width of noise, gently: its tail is Gaussian, so narrow noise sees nothing far."""
+    """Return the homotopy along the width of the noise, in small steps, as Gaussian noise has a thin tail."""
     return Schedule(LAW_PREFIX + "sigma", 3 * gap, 0.55)
 
 
 class ContactLaw(Configured, Closure):
-    """A closure with settings, its parameters, and the step that it makes.
+    """Base of contact laws: a closure with settings and parameters that makes the step of a system.
 
     A law is a dataclass whose settings are declared by :func:`dynamics.settings.setting`.
 
-    Each of its :meth:`parameters` is named ``contact.<name>`` and a parameter of every graph.
+    Its :meth:`parameters` have names ``contact.<name>`` and are parameters of every graph.
     """
 
     summary: ClassVar[str]
     source: ClassVar[str | None] = None
-    """File of a user that defines the law; None for laws of the workbench."""
+    """The user's file that defines the law; None for laws of the workbench."""
     source_digest: ClassVar[str | None] = None
-    """SHA-256 of that file and of what it imports."""
+    """SHA-256 of the user's file and of the files that it imports; None for laws of the workbench."""
 
     @abstractmethod
     def parameters(self, system: ContactSystem) -> ParameterTable:
-        """Parameters of the law for this system, with units and values."""
+        """Return the parameters of the law for this system, with units and values."""
 
     def settings(self) -> dict[str, float | int | str]:
-        """Return what was chosen, for the run's record."""
+        """Return the settings that are not None, for the run's record."""
         return {key: value for key, value in vars(self).items() if value is not None}
 
     def __repr__(self) -> str:
@@ -54,12 +54,12 @@ class ContactLaw(Configured, Closure):
         return f"{type(self).__name__}({arguments})"
 
     def close(self, system: ContactSystem) -> Step:
-        """Close the contact of ``system``; raises ``ValueError`` where the law cannot take it."""
+        """Return the step of ``system`` closed by this law; raise ``ValueError`` where the law does not apply to it."""
         p = self.parameters(system)
         return self.close_at_nodes(system, self, p, tuple(self.nodes(system, p)))
 
     def close_at_nodes(self, system: ContactSystem, law: Closure, p: ParameterTable, nodes: tuple[Branch, ...]) -> Step:
-        """The step that this law makes at ``nodes``, for ``law``: itself, or its average."""
+        """Return the step of ``system`` under ``law``, this law or one that averages it, solved at ``nodes``."""
         step_class = AffineStep if system.is_lcp else ImplicitStep
         return step_class(system, law, p, nodes)
 
@@ -70,10 +70,7 @@ class ContactLaw(Configured, Closure):
 
 
 def law_parameter(name: str, value: float, unit: str, description: str) -> Parameter:
-    """Make the parameter ``contact.<name>`` of a law.
-
-    Raises ``ValueError`` unless ``value`` is positive and finite.
-    """
+    """Return the parameter ``contact.<name>`` of a law; raise ``ValueError`` unless it is positive and finite."""
     if not (math.isfinite(value) and value > 0):
         raise InputError(f"contact: {name} must be positive and finite, got {value}")
     return Parameter(LAW_PREFIX + name, float(value), unit, description)

@@ -1,4 +1,4 @@
-"""A learned map as a CasADi function, and the step that it gives, without multipliers."""
+"""A learned model of a step as a CasADi function, and the step that it defines, without multipliers."""
 
 from __future__ import annotations
 
@@ -15,41 +15,41 @@ from dynamics.systems import Signal
 
 Shapes = Sequence[tuple[int, int]]
 _KEPT = 4096
-"""Queries whose values and Jacobians are kept: a solver asks for cost, constraints and their
-derivatives one after the other at the same point."""
+"""Maximum number of queries in the cache of values and Jacobians; a solver evaluates cost, constraints and
+derivatives at the same point one after the other."""
 
 
 class LearnedMap(Protocol):
-    """``y = g(z)``, z = (x, u) (n_in,), y (n_out,) the next state and, after it, whatever else.
+    """Interface of a model ``y = g(z)``, z = (x, u) (n_in,), y (n_out,) the next state and any further outputs.
 
-    Everything is in physical units and float64, one row a query.
+    All arrays are float64 in physical units, with one row per query.
     """
 
     @property
     def n_in(self) -> int:
-        """Entries of z."""
+        """Number of entries of z."""
         ...
 
     @property
     def n_out(self) -> int:
-        """Entries of y."""
+        """Number of entries of y."""
         ...
 
     def values(self, z: np.ndarray) -> np.ndarray:
-        """``y`` (n, n_out) at ``z`` (n, n_in)."""
+        """Return ``y`` (n, n_out) at ``z`` (n, n_in)."""
         ...
 
     def jacobians(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """``y`` (n, n_out) and ``dy/dz`` (n, n_out, n_in)."""
+        """Return ``y`` (n, n_out) and ``dy/dz`` (n, n_out, n_in) at ``z`` (n, n_in)."""
         ...
 
     def curvatures(self, z: np.ndarray, weights: np.ndarray) -> np.ndarray:
-        """``sum_i weights_i d²y_i/dz²`` (n, n_in, n_in), symmetric, for ``weights`` (n, n_out)."""
+        """Return ``sum_i weights_i d²y_i/dz²`` (n, n_in, n_in), symmetric, for ``weights`` (n, n_out)."""
         ...
 
 
 class CasadiMap:
-    """``y = g(z)`` of a :class:`LearnedMap` for CasADi's graphs.
+    """A :class:`LearnedMap` ``y = g(z)`` as CasADi functions, with a cache of values and Jacobians.
 
     Each function takes n queries as the columns of ``z`` (n_in, n) and evaluates them in one call.
     """
@@ -60,7 +60,7 @@ class CasadiMap:
         self._made: dict[tuple[str, int], ca.Callback] = {}
 
     def slopes(self, n: int) -> ca.Function:
-        """``z (n_in, n) -> y (n_out, n), [g'(z_1) .. g'(z_n)] (n_out, n_in n)``."""
+        """Return the function ``z (n_in, n) -> y (n_out, n), [g'(z_1) .. g'(z_n)] (n_out, n_in n)``."""
 
         def computed(z: np.ndarray) -> list[np.ndarray]:
             y, slopes = self.model_outputs(z)
@@ -70,9 +70,9 @@ class CasadiMap:
         return self._function("slopes", [(self.n_in, n)], output_shapes, computed)
 
     def curvature_function(self, n: int) -> ca.Function:
-        """``z (n_in, n), weights (n_out, n) -> [H_1 .. H_n] (n_in, n_in n)``, H the second
-        derivative of ``weights' g``.
-        """
+        """Return the function ``z (n_in, n), weights (n_out, n) -> [H_1 .. H_n] (n_in, n_in n)``.
+
+        H is the second derivative of ``weights' g``."""
         input_shapes = (self.n_in, n), (self.n_out, n)
         return self._function(
             "bends",
@@ -82,11 +82,11 @@ class CasadiMap:
         )
 
     def values(self) -> ca.Function:
-        """``z (n_in, 1) -> y (n_out, 1)``, which CasADi can differentiate twice."""
+        """Return the function ``z (n_in, 1) -> y (n_out, 1)``, which CasADi can differentiate twice."""
         n_in, n_out = self.n_in, self.n_out
 
         def tensor(z: np.ndarray) -> list[np.ndarray]:
-            """``d vec(J) / dz``, columns of J one after the other."""
+            """Return ``d vec(J) / dz`` (n_out n_in, n_in), vec(J) the columns of J one after the other."""
             second = self.model.curvatures(np.repeat(z, n_out, axis=0), np.eye(n_out))
             return [second.transpose(1, 0, 2).reshape(n_out * n_in, n_in)]
 
@@ -96,14 +96,14 @@ class CasadiMap:
         return self._function("values", z, [(n_out, 1)], lambda z: [self.model_outputs(z)[0].T], first)
 
     def _function(self, name: str, input_shapes: Shapes, *arguments: Any) -> ca.Function:
-        # CasADi holds no reference to a callback: without this table it would be collected.
+        # CasADi does not own a reference to a callback; without this table it would be garbage-collected.
         key = name, input_shapes[0][1]
         if key not in self._made:
             self._made[key] = _Callback(name, input_shapes, *arguments)
         return self._made[key]
 
     def model_outputs(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """``y`` (n, n_out) and Jacobians (n, n_out, n_in) at ``z`` (n, n_in)."""
+        """Return ``y`` (n, n_out) and Jacobians (n, n_out, n_in) at ``z`` (n, n_in), from the cache where possible."""
         keys = [row.tobytes() for row in z]
         missing = [i for i, key in enumerate(keys) if key not in self._known]
         if len(self._known) + len(missing) > _KEPT:
@@ -117,15 +117,15 @@ class CasadiMap:
 
 
 def _side_by_side(blocks: np.ndarray) -> np.ndarray:
-    """Blocks (n, rows, columns) beside each other, (rows, n columns)."""
+    """Return blocks (n, rows, columns) side by side as a matrix (rows, n columns)."""
     return blocks.transpose(1, 0, 2).reshape(blocks.shape[1], -1)
 
 
 class _Callback(ca.Callback):
-    """A function of the queries' matrix, one query a row for ``compute``.
+    """CasADi callback that calls ``compute`` with the transposed arguments, one row per query.
 
-    ``given`` and ``made`` are the shapes of arguments and results, ``derivative`` the function of
-    the Jacobian of the one result by the one argument, where it is needed.
+    ``input_shapes`` and ``output_shapes`` are those of arguments and results, ``derivative`` is the
+    Jacobian function of a callback with one argument and one result, None where it is not needed.
     """
 
     def __init__(
@@ -167,12 +167,12 @@ class _Callback(ca.Callback):
 
 @dataclass(frozen=True, eq=False)
 class LearnedStep(Step):
-    """``x_next = sum_b w_b g(x + noise_b, u + noise_b)``, g a model; one branch without noise.
+    """Time step ``x_next = sum_b w_b g(x + noise_b, u + noise_b)``, g a model; one branch without noise.
 
-    ``inner`` are the model's outputs at the ``queries``, branch after branch; a model may have
-    others after the next state (the log-density of the data). No multipliers are left: ``lam``,
-    ``gap`` and ``mu`` have no entries. ``trust`` is the weight beta of ``-beta log p`` in the
-    stage cost, nothing where the law has none.
+    ``inner`` are the model's outputs at the ``queries``, branch after branch; a model may have further
+    outputs after the next state (the log-density of the data). There are no multipliers: ``lam``,
+    ``gap`` and ``mu`` have no entries. ``trust`` is the weight beta of ``-beta log p`` in the stage
+    cost, None where the law does not have this term.
     """
 
     learned: CasadiMap
@@ -180,14 +180,14 @@ class LearnedStep(Step):
 
     @property
     def lam(self) -> ca.SX:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """No multipliers, and neither gaps nor mu."""
+        """Symbols of contact multipliers (0, 1): a learned step has no multipliers, gaps or mu."""
         return ca.SX(0, 1)
 
     gap_expr = gap = mu = lam  # pyright: ignore[reportAssignmentType]
 
     @cached_property
     def contacts(self) -> tuple[Signal, ...]:
-        """Names of multipliers; a learned step has none."""
+        """Names of the multipliers, empty for a learned step."""
         return ()
 
     @cached_property
@@ -197,23 +197,23 @@ class LearnedStep(Step):
 
     @cached_property
     def slopes(self) -> list[ca.SX]:
-        """Symbols of the model's Jacobians (n_out, n_in), branch by branch."""
+        """Symbols of the model's Jacobian (n_out, n_in) at each branch."""
         shape = self.learned.n_out, self.learned.n_in
         return [ca.SX.sym(f"slope_{b}", *shape) for b in range(self.branches)]
 
     @cached_property
     def model_outputs(self) -> ca.SX:
-        """Outputs of one evaluation of the model: ``inner``, then the columns of ``slopes``."""
+        """Symbols of the model's outputs and Jacobians: ``inner``, followed by the columns of ``slopes``."""
         return ca.vertcat(self.inner, *(ca.vec(slope) for slope in self.slopes))
 
     def query_gradient(self, value: ca.SX) -> ca.SX:
-        """Derivative of a scalar by the queries, through ``inner`` alone, (B n_in, 1)."""
+        """Return the derivative (B n_in, 1) of a scalar with respect to the queries, through ``inner`` alone."""
         output_gradients = ca.vertsplit(ca.densify(ca.gradient(value, self.inner)), self.learned.n_out)
         return ca.vertcat(*(s.T @ gradient for s, gradient in zip(self.slopes, output_gradients, strict=True)))
 
     @cached_property
     def queries(self) -> ca.SX:
-        """Points at which the model is evaluated, (B n_in, 1) in (x, u, p)."""
+        """Points (B n_in, 1) at which the model is evaluated, an expression in (x, u, p)."""
         z = ca.vertcat(self.system.x, self.system.u)
         return ca.vertcat(*(z + ca.vertcat(b.noise_x, b.noise_u) for b in self.nodes))
 
@@ -223,13 +223,13 @@ class LearnedStep(Step):
 
     @cached_property
     def x_next_expr(self) -> ca.SX:
-        """The branches' mean."""
+        """Weighted mean of the branches' next states (nx, 1)."""
         branch_outputs = zip(self.nodes, self._outputs, strict=True)
         return sum((node.weight * y[: self.system.nx] for node, y in branch_outputs), ca.SX(self.system.nx, 1))
 
     @property
     def extra_stage_cost(self) -> ca.SX:
-        """``-beta log p_sigma(x, u)``, averaged over the branches."""
+        """Stage cost ``-beta log p_sigma(x, u)`` of the law, averaged over the branches, p the data's density."""
         if self.trust is None:
             return ca.SX(0)
         branch_outputs = zip(self.nodes, self._outputs, strict=True)
@@ -237,11 +237,11 @@ class LearnedStep(Step):
 
     @cached_property
     def residual(self) -> ca.SX:
-        """``x_next - x_next_expr``, in (x_next, inner)."""
+        """Residual ``x_next - x_next_expr`` (nx, 1), an expression in (x_next, inner)."""
         return self.system.x_next - self.x_next_expr
 
     def solution(self, x: ca.MX, u: ca.MX, p: ca.MX) -> tuple[ca.MX, ...]:
-        """``inner, x_next, lam, gap, error``, the last three without entries."""
+        """Return ``inner, x_next, lam, gap, error``, the last three without entries."""
         query_points = ca.Function("asked", self.inputs, [ca.densify(self.queries)])(x, u, p)
         value = self.learned.values()
         inner = ca.vertcat(*(value(z) for z in ca.vertsplit(query_points, self.learned.n_in)))
@@ -251,7 +251,7 @@ class LearnedStep(Step):
 
     @cached_property
     def relation(self) -> ca.Function:
-        """``(x, u, x_next, lam, p) -> (x_next - x_next_expr, none, none)``."""
+        """Function from ``(x, u, x_next, lam, p)`` to the residual of x_next, and empty gap and mu."""
         x, u, p = self._symbols()
         x_next, lam, no_contact = ca.MX.sym("x_next", self.system.nx), ca.MX.sym("lam", 0), ca.MX(0, 1)
         names = ["x", "u", "x_next", "lam", "p"], ["residual", "gap", "mu"]
@@ -260,7 +260,7 @@ class LearnedStep(Step):
 
     @cached_property
     def map(self) -> ca.Function:
-        """``(x, u, p) -> (x_next, lam)``, differentiable to second order by the model."""
+        """Explicit step ``(x, u, p) -> (x_next, lam)``, differentiable to second order, with empty lam."""
         x, u, p = self._symbols()
         _, x_next, lam, _, _ = self.solution(x, u, p)
         return ca.Function("step", [x, u, p], [x_next, lam], ["x", "u", "p"], ["x_next", "lam"])

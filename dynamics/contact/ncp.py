@@ -1,15 +1,15 @@
-"""The solver of one step whose contact is no LCP: its path, and where that is lost, many starts.
+"""The solver of one step whose contact is not linear: the interior-point path, then many other starts.
 
-A curved gap may turn over within a step, and then its path may end nowhere though the step has a
-solution. A point of the path, lam s = mu with lam, s > 0, is a root of the smoothed complementarity
-function of Fischer and Burmeister,
+A curved gap may turn over within a step, and the path may then fail though the step has a solution. A
+point of the path, lam s = mu with lam, s > 0, is a root of the smoothed complementarity function of
+Fischer and Burmeister,
 
 ``phi(lam, s) = lam + s - sqrt(lam² + s² + 2 mu)``
 
-(Kanzow, doi 10.1137/S1052623493262862), which does not ask lam and s to be positive on the way to
-it. The method of Levenberg and Marquardt lowers ``|phi(lam, gap(lam))|²`` at the wanted mu, and
-where it gets stuck starts again elsewhere. Such steps have several solutions; impulses grow from
-start to start, so that those which throw light bodies round are found last.
+(Kanzow, doi 10.1137/S1052623493262862), whose iterates lam and s need not be positive. The method of
+Levenberg and Marquardt minimises ``|phi(lam, gap(lam))|²`` at the given mu, and starts again elsewhere
+where it gets stuck. Such steps have several solutions; the impulses of the starts increase, so that
+solutions that throw light bodies around are found last.
 """
 
 from __future__ import annotations
@@ -25,26 +25,26 @@ from dynamics.contact.starts import irrational_numbers
 from dynamics.systems import ContactSystem
 
 LOST = 1e-7
-"""A step with a larger scaled violation at the end of its path is tried from other starts."""
-# Scaled violation of a point on the path, but for rounding, at which the search ends.
+"""Scaled violation at the end of the path above which the step is solved from other starts."""
+# Scaled violation of a solution, at which the search ends.
 _SOLVED_ERROR = 1e-10
-# Number of starts, as a power of two.
+# Maximum number of starts, as a power of two.
 _LOG2_STARTS = 8
-# Iterations from each start, as a power of two.
+# Maximum number of iterations from each start, as a power of two.
 _LOG2_ITERATIONS = 6
 # Impulses of the first start, in scaled units.
 _FIRST_IMPULSE = 1e-6
 # Smallest impulse of the other starts, as a power of ten in scaled units.
 _MIN_EXPONENT = -4
-# Largest impulse at the first of the other starts, likewise.
+# Largest impulse at the first of the other starts, as a power of ten in scaled units.
 _MAX_EXPONENT_FIRST = -1
-# Largest impulse at the last start, likewise.
+# Largest impulse at the last start, as a power of ten in scaled units.
 _MAX_EXPONENT_LAST = 2
 # Damping of Levenberg and Marquardt at the start of a descent.
 _FIRST_DAMPING = 1e-2
-# Damping is never less.
+# Minimum damping.
 _MIN_DAMPING = 1e-14
-# Damping at which a descent counts as stuck.
+# Damping above which a descent counts as stuck.
 _MAX_DAMPING = 1e12
 # Residual of the complementarity function that counts as a root.
 _ROOT_RESIDUAL = 1e-11
@@ -53,11 +53,11 @@ _POLISH_ERROR = 1e-6
 
 
 def ncp_solver(system: ContactSystem, exact: bool = False) -> ca.Function:
-    """Solve one step of a system: ``(x, u, p, mu) -> (x_next, lam, gap, error)``.
+    """Return the solver ``(x, u, p, mu) -> (x_next, lam, gap, error)`` of one step of a system.
 
-    ``p`` are the system's parameters, ``mu``, ``lam``, ``gap``, ``error`` (nlam, 1), error each
-    pair's scaled violation, 1e-10 or less where the step was solved. With ``exact`` mu is ignored
-    and the point at :data:`~dynamics.contact.path.MU_EXACT` returned.
+    ``p`` are the system's parameters; ``mu``, ``lam``, ``gap``, ``error`` are (nlam, 1), error each
+    pair's scaled violation, at most 1e-10 where the step was solved. With ``exact`` mu is ignored and
+    the point at :data:`~dynamics.contact.path.MU_EXACT` returned.
     """
     names = ["x", "u", "p", "mu"], ["x_next", "lam", "gap", "error"]
     step_symbols, mu = [system.x, system.u, system.parameters.vector], ca.SX.sym("mu", system.nlam)
@@ -76,14 +76,14 @@ def ncp_solver(system: ContactSystem, exact: bool = False) -> ca.Function:
 
 
 def _recovered(path: Path, followed: ca.Function) -> ca.Function:
-    """``(lam, gap, error, pair, data) -> (lam, gap, error)``: from other starts, if any is off."""
+    """Return the function ``(lam, gap, error, pair, data) -> (lam, gap, error)`` that tries other starts if needed."""
     n, size = path.n, path.size
     names = {"lam": n, "gap": n, "error": n, "pair": size, "data": path.data.numel()}
     symbols = [ca.MX.sym(name, length) for name, length in names.items()]
     lam, gap, error, pair, data = symbols
     search = _repeated(_attempt(path, followed), _LOG2_STARTS, lambda best_point: best_point[size] > _SOLVED_ERROR)
     best_point = search(ca.vertcat(pair, ca.mmax(error), 0), data)
-    # A step that has no finite numbers has none from other starts either.
+    # Where the data are not finite, no start leads to a solution.
     best_point = ca.Function("starts", symbols, [*path.ending_function()(best_point[:size], data)])
     unchanged = ca.Function("stay", symbols, [lam, gap, error])
     is_lost = ca.logic_and(ca.mmax(error) > LOST, ca.mmax(ca.fabs(data)) < ca.inf)
@@ -92,7 +92,7 @@ def _recovered(path: Path, followed: ca.Function) -> ca.Function:
 
 
 def _attempt(path: Path, followed: ca.Function) -> ca.Function:
-    """From one start: ``(best, data) -> best``, best a pair, its error, the start's number."""
+    """Return the function ``(best, data) -> best`` that tries one start; best is a pair, its error, an index."""
     n, size = path.n, path.size
     earlier, data = ca.MX.sym("best", size + 2), ca.MX.sym("data", path.data.numel())
     descent = _repeated(_damped_step(path), _LOG2_ITERATIONS, lambda point: point[n] < _MAX_DAMPING)
@@ -105,10 +105,10 @@ def _attempt(path: Path, followed: ca.Function) -> ca.Function:
 
 
 def _start(path: Path) -> ca.Function:
-    """Start number k and its damping: ``(k, data) -> (lam, damping)``, (n + 1, 1).
+    """Return the function ``(k, data) -> (lam, damping)``, (n + 1, 1), of start number k and its damping.
 
-    The first is next to no impulse at all, what a body in the air feels; the exponents of the
-    others are a Kronecker sequence, which fills the cube evenly however many there are.
+    The first start has almost no impulse, as for a body in the air; the exponents of the others are a
+    Kronecker sequence, which fills the cube evenly for any number of starts.
     """
     k, n = ca.SX.sym("k"), path.n
     gap, _ = path.true_gap_at(ca.SX.zeros(n))
@@ -121,7 +121,7 @@ def _start(path: Path) -> ca.Function:
 
 
 def _damped_step(path: Path) -> ca.Function:
-    """``(point, data) -> point``, point (lam, damping); the damping at rest is infinite."""
+    """Return the function ``(point, data) -> point`` of one iteration; point is (lam, damping), infinite at a root."""
     n = path.n
     point = ca.SX.sym("point", n + 1)
     lam, damping = point[:n], point[n]
@@ -141,10 +141,10 @@ def _damped_step(path: Path) -> ca.Function:
 
 
 def _paired(path: Path) -> ca.Function:
-    """The pair at lam and how far it is from a root: ``(lam, data) -> (pair, off)``."""
+    """Return the function ``(lam, data) -> (pair, error)`` of the pair at lam and the relative residual of phi."""
     lam, mu = ca.SX.sym("lam", path.n), path.data_parts["mu"]
     gap, _ = path.true_gap_at(lam)
-    # Near a root the large one of a pair has all its digits, and the small one none.
+    # Near a root the larger member of a pair is accurate, the smaller one is not.
     larger = ca.fmax(ca.fmax(lam, gap), _ROOT_RESIDUAL)
     smaller = mu / larger
     pair = [ca.if_else(lam > gap, *pair_values) for pair_values in ((larger, smaller), (smaller, larger))]
@@ -154,15 +154,15 @@ def _paired(path: Path) -> ca.Function:
 
 
 def _phi(path: Path, lam: ca.SX, gap: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """The complementarity function of every pair, and its derivatives by lam and by gap."""
+    """Return the complementarity function phi of every pair, and its derivatives by lam and by gap."""
     size = ca.sqrt(lam**2 + gap**2 + 2 * path.data_parts["mu"])
     return lam + gap - size, 1 - lam / size, 1 - gap / size
 
 
 def _repeated(body: ca.Function, doublings: int, unfinished: Callable[[ca.MX], ca.MX]) -> ca.Function:
-    """Repeat ``body: (point, data) -> point`` while ``unfinished(point)``.
+    """Return a function that repeats ``body: (point, data) -> point`` while ``unfinished(point)``.
 
-    At most 2^doublings times, and once at least.
+    It evaluates ``body`` at least once and at most 2^doublings times.
     """
     name, size, n_data = body.name(), body.numel_in(0), body.numel_in(1)
     for k in range(doublings):
@@ -174,7 +174,7 @@ def _repeated(body: ca.Function, doublings: int, unfinished: Callable[[ca.MX], c
 
 
 def _where(condition: ca.MX, body: ca.Function, point: ca.MX, data: ca.MX) -> ca.MX:
-    """``body(point, data)`` where ``condition``; elsewhere ``point``, and nothing is evaluated."""
+    """Return ``body(point, data)`` if ``condition`` holds, else ``point`` without evaluating ``body``."""
     symbols = [ca.MX.sym("point", point.numel()), ca.MX.sym("data", data.numel())]
     unchanged = ca.Function("stay", symbols, symbols[:1])
     return ca.Function.if_else(f"if_{body.name()}", body, unchanged)(condition, point, data)

@@ -1,4 +1,4 @@
-"""The normal distribution as expressions that keep their digits far out in the tail."""
+"""The normal distribution as CasADi expressions that are accurate also in the far tail."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ import casadi as ca
 import numpy as np
 from numpy.polynomial import chebyshev, legendre
 
-# Argument beyond which the tail's polynomial replaces the difference.
+# Argument t above which the polynomial R(y) replaces the difference, see `expected_excess`.
 _KNOT = 1.0
-# Argument that the polynomial's variable maps to zero.
+# Argument t at which the polynomial's variable y is zero.
 _CENTRE = 4.0
-# Degree of the polynomial.
+# Degree of the polynomial R(y).
 _DEGREE = 28
 
 
 def normal_pdf(t: ca.SX) -> ca.SX:
-    """Density of the standard normal distribution, within 1e-15 in relative terms.
+    """Return the density of the standard normal distribution at t, with a relative error of 1e-15.
 
-    t² is split at a multiple of 1/16, whose square is exact: rounding t² itself would cost 1e-13
-    at t = 40. The multiple is constant between its jumps, so derivatives are those of the density.
+    t is split at a multiple of 1/16, whose square is exact, since rounding t² would cause an error of
+    1e-13 at t = 40. The multiple is piecewise constant, so derivatives are those of the density.
     """
     multiple = ca.floor(16 * t) / 16
     exponent_rest = (t - multiple) * (t + multiple) / 2
@@ -28,15 +28,15 @@ def normal_pdf(t: ca.SX) -> ca.SX:
 
 
 def expected_excess(t: ca.SX) -> ca.SX:
-    """``E max(0, w - t)`` = pdf(t) - t P(w > t) for standard normal w, within 2e-15 relative.
+    """Return ``E max(0, w - t)`` = pdf(t) - t P(w > t) for standard normal w, with a relative error of 2e-15.
 
-    The difference cancels like t² for large t. There ``pdf(t) G(t)`` stands in its place, with
+    The difference loses digits like t² for large t. There it is replaced by ``pdf(t) G(t)``, with
 
         G(t) = int_0^inf s exp(-t s - s²/2) ds = R(y) / (1 + t)²,   y = (t - 4) / (t + 4),
 
-    which has positive terms only; R lies between 1 and 1.42 for all t >= 0 and is a polynomial of
-    degree 28 in y. Derivatives are -P(w > t) and pdf(t): G and its differences keep their signs, so
-    that nothing cancels there either.
+    which has positive terms only; R is between 1 and 1.42 for all t >= 0 and approximated by a
+    polynomial of degree 28 in y. The first two derivatives are -P(w > t) and pdf(t); they do not
+    cancel either.
     """
     direct = normal_pdf(t) - t * (1 - ca.erf(t / math.sqrt(2))) / 2
     tail_t = ca.fmax(t, _KNOT)
@@ -45,7 +45,7 @@ def expected_excess(t: ca.SX) -> ca.SX:
 
 
 def _clenshaw(coefficients: list[float], y: ca.SX) -> ca.SX:
-    """Sum of Chebyshev polynomials in y."""
+    """Return the sum of Chebyshev polynomials in y with these coefficients, by Clenshaw's recurrence."""
     second_next, next_value = ca.SX(0), ca.SX(0)
     for coefficient in reversed(coefficients[1:]):
         second_next, next_value = next_value, coefficient + 2 * y * next_value - second_next
@@ -53,7 +53,7 @@ def _clenshaw(coefficients: list[float], y: ca.SX) -> ca.SX:
 
 
 def _scaled_ratio(t: np.ndarray) -> np.ndarray:
-    """R(t) = (1 + t)² G(t), t >= 0, by Gauss quadrature over r = (1 + t) s, panel by panel."""
+    """Return R = (1 + t)² G(t), t >= 0, by Gauss quadrature over r = (1 + t) s on 30 panels."""
     nodes, weights = legendre.leggauss(16)
     width = 1.5
     starts = width * np.arange(30)

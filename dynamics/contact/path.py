@@ -1,10 +1,10 @@
 """The central path of one complementarity problem, ``lam gap(lam) = mu``, as graphs.
 
-Rows of the gap that are affine in lam are ``z + F lam``: with these alone it is a linear
-complementarity problem. Curved rows are followed twice, by the iteration of
-:mod:`dynamics.contact.interior_point`: first linearised where the step starts, down to
-:data:`MU_LINEAR`, then as they are, linearised at every iteration where it stands. Started right
-away on the true gap, large trial impulses would spin light bodies round to solutions of no meaning.
+Rows of the gap that are affine in lam are ``z + F lam``; with these alone it is a linear
+complementarity problem. With curved rows the iteration of :mod:`dynamics.contact.interior_point`
+first follows the path of the gap linearised at the start of the step, down to :data:`MU_LINEAR`, and
+then that of the true gap, linearised at every iterate. If it started on the true gap, large trial
+impulses would spin light bodies round to solutions without physical meaning.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from dynamics.systems.elimination import solve_without_pivoting
 
 
 class CurvedGap:
-    """Curved rows of ``gap(a + B lam, lam)``; ``rows`` are their numbers."""
+    """The rows of ``gap(a + B lam, lam)`` that are not affine in lam; ``rows`` are their indices."""
 
     def __init__(self, system: ContactSystem) -> None:
         self._system, unknown = system, ca.vertcat(system.x_next, system.lam)
@@ -35,24 +35,24 @@ class CurvedGap:
 
     @property
     def opening_data(self) -> ca.SX:
-        """Data for :meth:`gap_at`, in the system's (x, u, p)."""
+        """Column of data for :meth:`gap_at`, an expression in the system's (x, u, p)."""
         return self.opening_data_along(ca.densify(self._system.reduced.B))
 
     def gap_at(self, lam: ca.SX, D: ca.SX, c: ca.SX, opening: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Scaled gaps of the rows at scaled lam, and their derivatives by it."""
+        """Return the scaled gaps of the curved rows at scaled lam, and their derivatives by scaled lam."""
         impulses, dense = c * D * lam, ca.SX.ones(self._system.nx, lam.numel())
         rows, by_lam, by_w = self.gaps_along(impulses, impulses, dense, opening)
         scale = D[self.rows]
         return rows * scale / c, ca.diag(scale) @ (by_lam + by_w) @ ca.diag(D)
 
     def opening_data_along(self, C: ca.SX) -> ca.SX:
-        """Data for :meth:`gaps_along`, in the system's (x, u, p)."""
+        """Return a column of data for :meth:`gaps_along`, an expression in the system's (x, u, p)."""
         return ca.vertcat(self._system.reduced.a[self._states], ca.vec(C[self._states, :].nz[:]), self._given)
 
     def gaps_along(self, lam: ca.SX, w: ca.SX, C: ca.SX, opening: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """Gaps of the rows where ``x_next = a + C w``, and their derivatives by lam and by w.
+        """Return the gaps of the curved rows at ``x_next = a + C w``, and their derivatives by lam and by w.
 
-        Of C the pattern counts; its numbers are in ``opening``.
+        Only the sparsity of C is used; ``opening`` contains its values.
         """
         system, count = self._system, len(self._states)
         pattern = C[self._states, :].sparsity()
@@ -68,44 +68,43 @@ class CurvedGap:
 
 
 MU_EXACT = 1e-12
-"""The exact law is the path's point at this mu, in scaled units, or that point's active set."""
+"""mu in scaled units at the end of the path under the exact law, whose solution is there or on its active set."""
 MU_LEAST = 1e-14
-"""A smaller scaled mu is rounding to the path solver and is raised to this."""
+"""Minimum mu in scaled units; the path solver raises smaller values, which are lost in rounding, to it."""
 MU_LINEAR = 1e-4
-"""Where the path of the linearised gap is left for that of the true one, in scaled units."""
-# Errors of products and gaps, scaled, below which a linearised path changes to the true gap.
+"""mu in scaled units at which the path changes from the linearised gap to the true one."""
+# Scaled errors of products and gaps below which the path changes from the linearised to the true gap.
 _SWITCH_ERROR = 1e-2
-# Violations of products, relative, and of gaps, which one more iteration squares: where F is
-# singular, or belongs to a curved gap, the linear model promises a better point for ever.
+# Relative error of products at which a path ends; the last iteration squares it. Where F is singular,
+# or belongs to a curved gap, the test of progress by the linear model would never end the path.
 _PRODUCT_TOLERANCE = 1e-7
-# The same for gaps, in scaled units.
+# Error of gaps in scaled units at which a path ends.
 _GAP_TOLERANCE = 1e-9
-# A pair with a smaller lam / s is inactive at the path's end, where both are 1e-6 if neither is.
+# Ratio lam / s at the path's end below which a pair is inactive; both are 1e-6 if the ratio is one.
 _INACTIVE_RATIO = 1e-2
-# Of a curved gap: the scale is at least so much of it.
+# Minimum of the scale of gaps, relative to a curved gap.
 _CURVED_SHARE = 1e-6
-# Of the largest compliance of a pair: less is none, and the largest stands in its place.
+# Minimum of a pair's compliance, relative to the largest; smaller ones are replaced by the largest.
 _MIN_COMPLIANCE_SHARE = 1e-12
 TRUE_GAP = 2.0
-"""Last entry of a pair while the true gap is followed; 1 while its linear model is."""
+"""Phase, the last entry of a pair, while the path is that of the true gap; it is 1 for the linearised gap."""
 ARRIVED = 3.0
-"""Last entry of a pair at the end of its path."""
+"""Phase, the last entry of a pair, at the end of its path."""
 LOST = 4.0
-"""Last entry of a pair whose numbers are no longer finite."""
+"""Phase, the last entry of a pair, after its numbers are no longer finite."""
 
 
 class Path:
-    """The path of one problem as graphs in a ``pair`` of unknowns and a column of ``data``.
+    """The central path of one contact problem as graphs in a ``pair`` of unknowns and a column of ``data``.
 
-    ``pair`` (size, 1) is lam, s in scaled units and where it stands: 1, with which it starts at
-    ones, while curved rows are linearised, :data:`TRUE_GAP` while they are followed as they are,
-    :data:`ARRIVED` at the end, :data:`LOST` where numbers are no longer finite. ``data`` is what a
-    step's state, input and parameters make of the problem: scaled z, F, mu, 1/mu, the scales D and
-    c, and what curved rows need.
+    ``pair`` (size, 1) has lam and s in scaled units and the phase: 1 while curved rows are linearised
+    (a pair of ones is the start), :data:`TRUE_GAP` while they are not, :data:`ARRIVED` at the end,
+    :data:`LOST` where numbers are no longer finite. ``data`` describes the problem of one step:
+    scaled z, F, mu, 1/mu, the scales D and c, and the data of curved rows.
 
-    ``pattern`` is that of F (n, n). Where F is a P-matrix, ``unique``, the multipliers are unique;
-    then the exact law is the solution on the path's active set, complementary to rounding. Where
-    it is none the active pairs stay at the path's end, and the lam of inactive ones is zero.
+    ``pattern`` is the sparsity of F (n, n). With ``unique`` F is a P-matrix and the multipliers are
+    unique; the exact law is then the solution on the path's active set, complementary to rounding.
+    Otherwise the active pairs stay at the path's end, and lam of inactive pairs is set to zero.
     """
 
     def __init__(
@@ -123,14 +122,14 @@ class Path:
 
     @classmethod
     def of_system(cls, system: ContactSystem, exact: bool) -> Path:
-        """The path of a system's step whatever its gaps are; see :meth:`opening_data_of`."""
+        """Return the path of a system's step with any gaps; see :meth:`opening_data_of`."""
         curved = None if system.reduced.affine else CurvedGap(system)
         pattern = system.reduced.F.sparsity()
         return cls(pattern, exact, system.pairs, curved if curved and curved.rows else None, False)
 
     @property
     def n_entries(self) -> int:
-        """Numbers in ``data`` that make up F."""
+        """Number of entries of ``data`` that represent F."""
         return self.pattern.nnz()
 
     def opening_data_of(self, system: ContactSystem, mu: ca.SX) -> ca.SX:
@@ -139,11 +138,11 @@ class Path:
         return self.opening_data(reduced.z_linear, reduced.F, mu, reduced.z)
 
     def opening_data(self, z: ca.SX, F: ca.SX, mu: ca.SX, true_gap: ca.SX | None = None) -> ca.SX:
-        """``data`` of the problem ``lam (z + F lam) = mu``, z and mu (n, 1), F (n, n).
+        """Return ``data`` of the problem ``lam (z + F lam) = mu``, z and mu (n, 1), F (n, n).
 
-        In scaled numbers lam' = lam / (c D), s' = s D / c and mu' = mu / c²: the path is the same.
-        With ``exact`` mu is ignored and :data:`MU_EXACT` stands in its place. ``true_gap`` are curved
-        gaps at lam = 0, of which z is the linear model.
+        The scaled unknowns lam' = lam / (c D), s' = s D / c with mu' = mu / c² have the same path. With
+        ``exact`` mu is ignored and replaced by :data:`MU_EXACT`. ``true_gap`` are the true gaps at
+        lam = 0 where z is their linear model.
         """
         D, c = scale_factors(z, F, 0 * mu if self.exact else mu, self.pairs, true_gap)
         target = mu * 0 + MU_EXACT if self.exact else ca.fmax(mu / c**2, MU_LEAST)
@@ -152,16 +151,16 @@ class Path:
 
     @property
     def curved_data(self) -> ca.SX:
-        """Data of the curved rows, the last numbers of ``data``."""
+        """Data of the curved rows, the last entries of ``data``; empty where all rows are affine."""
         return self.curved.opening_data if self.curved else ca.SX(0, 1)
 
     @cached_property
     def data(self) -> ca.SX:
-        """The symbols of ``data`` in one column."""
+        """Symbols of ``data`` as one column."""
         return ca.SX.sym("data", 4 * self.n + self.n_entries + 1 + self.curved_data.numel())
 
     def split_data(self, data: ca.SX) -> dict[str, ca.SX]:
-        """Take ``data`` apart: z, entries of F, mu, per_mu, D, c, and what curved rows need."""
+        """Split ``data`` into z, entries of F, mu, per_mu, D, c, and "more", the data of curved rows."""
         n, offsets = self.n, [0]
         for length in (n, self.n_entries, n, n, n, 1):
             offsets.append(offsets[-1] + length)
@@ -170,15 +169,15 @@ class Path:
 
     @cached_property
     def data_parts(self) -> dict[str, ca.SX]:
-        """The :meth:`split_data` of the symbols of ``data``."""
+        """Symbols of the parts of ``data``, see :meth:`split_data`."""
         return self.split_data(self.data)
 
     def pack_pair(self, lam: ca.SX, s: ca.SX, phase: ca.SX | float = TRUE_GAP) -> ca.SX:
-        """Put lam, s and where they stand together."""
+        """Return the column ``pair`` made of lam, s and the phase."""
         return ca.vertcat(lam, s, phase)
 
     def iteration_function(self) -> ca.Function:
-        """One iteration, ``(pair, data) -> pair``; a pair that has arrived is left as it is."""
+        """Return the function ``(pair, data) -> pair`` of one iteration, which does not change a pair at the end."""
         n, mu, per_mu = self.n, self.data_parts["mu"], self.data_parts["per_mu"]
         pair = ca.SX.sym("pair", self.size)
         lam, s, phase, on_true_gap = pair[:n], pair[n : 2 * n], pair[2 * n], ca.SX(1)
@@ -206,7 +205,7 @@ class Path:
         return ca.Function(f"path_{n}", [pair, self.data], [ca.if_else(is_moving, new_pair, resting_pair)])
 
     def gap_at(self, lam: ca.SX, on_true_gap: ca.SX) -> tuple[ca.SX, Compliance]:
-        """The gap at lam and its compliance there, or as where the step starts, if not ``on_true_gap``."""
+        """Return the scaled gap at lam and its compliance, of the true gap or of the one linearised at the start."""
         entries = self.data_parts
         z, F = ca.SX(entries["z"]), ca.SX(self.pattern, entries["entries"])
         if self.curved:
@@ -217,15 +216,15 @@ class Path:
         return z + F @ lam, DenseCompliance(F)
 
     def true_gap_at(self, lam: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """The true gap at lam, and its derivative by lam (n, n)."""
+        """Return the scaled true gap at lam, and its derivative by lam (n, n)."""
         gap, F = self.gap_at(lam, ca.SX(1))
         return gap, F.matrix()
 
     def ending_function(self) -> ca.Function:
-        """Out of the scaling: ``(pair, data) -> (lam, gap, error)``, each (n, 1).
+        """Return the function ``(pair, data) -> (lam, gap, error)`` of the solution, each (n, 1).
 
-        lam (impulse) and the gap are the caller's; ``error`` is each contact's scaled violation,
-        the larger one of ``|lam s - mu|`` and ``|z + F lam - s| / (1 + s)``.
+        lam (impulse) and gap are in the caller's units; ``error`` is each contact's scaled violation,
+        the larger one of ``|lam s - mu|`` and ``|z + F lam - s| / (1 + s)``, infinite after divergence.
         """
         n, entries = self.n, self.data_parts
         pair = ca.SX.sym("pair", self.size)
@@ -236,7 +235,7 @@ class Path:
             new_lam, new_s = _on_active_set(lam, s, entries["z"], F.matrix())
             target_mu, gap = ca.SX(0), gap + F.multiply(new_lam - lam)
         error = ca.fmax(ca.fabs(new_lam * new_s - target_mu), ca.fabs(gap - new_s) / (1 + s))
-        # Diverged: not a number, which would pass for small in a comparison.
+        # Diverged iterates give NaN, which a comparison would treat as small.
         error = ca.if_else(error < ca.inf, error, ca.inf)
         if self.exact and not self.unique:
             new_lam, new_s = _without_inactive(lam, s, F)
@@ -245,22 +244,22 @@ class Path:
 
 
 def _on_active_set(lam: ca.SX, s: ca.SX, z: ca.SX, F: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """The solution of the linear system on {lam > s}, where that is feasible."""
+    """Return lam and s of the linear system on the active set {lam > s} where they are feasible, else unchanged."""
     active = lam > s
     projector = ca.diag(active)
     matrix = projector @ F + ca.SX.eye(lam.numel()) - projector
     on_set = solve_without_pivoting(matrix, -active * z)
     gap = (1 - active) * (z + F @ on_set)
-    # Redundant contacts leave the forces on the active set open: then the path's end stands.
+    # Redundant contacts do not determine the forces on the active set; then the path's end is used.
     gap_error = ca.mmax(ca.fabs(active * (z + F @ on_set)))
     valid = ca.logic_and(ca.mmin(ca.vertcat(on_set, gap)) >= -1e-9, gap_error <= 1e-9)
     return ca.if_else(valid, ca.fmax(0, on_set), lam), ca.if_else(valid, ca.fmax(0, gap), s)
 
 
 def _without_inactive(lam: ca.SX, s: ca.SX, F: Compliance) -> tuple[ca.SX, ca.SX]:
-    """lam and s at the path's end once inactive lam are zero, to the bit.
+    """Return lam and s at the path's end with inactive lam set exactly to zero.
 
-    The active ones follow along ``lam ds + s dlam = 0``, which stands where forces are open too.
+    The active pairs change along ``lam ds + s dlam = 0``, which is valid also for redundant contacts.
     """
     active = lam > _INACTIVE_RATIO * s
     step, opened = F.factorise(active * lam / s)((active - 1) * lam)
@@ -272,13 +271,14 @@ def _without_inactive(lam: ca.SX, s: ca.SX, F: Compliance) -> tuple[ca.SX, ca.SX
 def scale_factors(
     z: ca.SX, F: ca.SX, mu: ca.SX, pairs: tuple[Pair, ...], true_gap: ca.SX | None = None
 ) -> tuple[ca.SX, ca.SX]:
-    """D (n, 1) and a scalar c so that ``z D / c`` and ``D F D`` are of order one.
+    """Return scales D (n, 1) and a scalar c so that ``z D / c`` and ``D F D`` are of order one.
 
-    A curved gap, ``true_gap`` at lam = 0, is no more than a million: its linear model may be zero.
+    c is such that a curved gap, ``true_gap`` at lam = 0, is at most a million in scaled units, since its
+    linear model may be zero.
 
-    A slip pair, whose F_ii is zero, is scaled against the pairs that it meets, a way slid on a
-    table as the body's other ways. Without ``pairs`` F
-    is a P-matrix; where it is not, the path of a negative F_ii is not a number from its start.
+    A pair without compliance, such as a slip pair, is scaled by the pairs that it is coupled with, and a
+    table pair as the other table pairs of the body. Without ``pairs`` F must be a P-matrix; a negative
+    F_ii then gives NaN.
     """
     n = z.numel()
     sizes = _sizes(F, pairs) if pairs else {i: F[i, i] for i in range(n)}
@@ -290,7 +290,7 @@ def scale_factors(
             D[i] = same_body[0]
             continue
         coupled_scales = [ca.fabs(F[i, j]) * scale_of[j] for j in scale_of if not F[i, j].is_zero()]
-        # A gap that no impulse changes, as between parts that never move, has no scale of its own.
+        # No impulse changes this gap, such as that between parts that never move.
         fallback = ca.mmin(ca.vertcat(*scale_of.values())) if scale_of else ca.SX(1)
         D[i] = 1 / ca.mmax(ca.vertcat(*coupled_scales)) if coupled_scales else fallback
     scales = ca.vertcat(ca.SX(0, 1), *(D[i] for i in range(n)))
@@ -300,11 +300,11 @@ def scale_factors(
 
 
 def _sizes(F: ca.SX, pairs: tuple[Pair, ...]) -> dict[int, ca.SX]:
-    """Compliance of every pair that has one.
+    """Return the magnitude of the compliance of each pair that has one, as a dict from the pair's index.
 
-    Friction that drags along the normal may leave little of F_ii, or turn its sign; the compliance
-    across the contact is of the size that the normal's was. So it is for a pair of friction whose
-    coefficient is zero, which has no compliance of its own.
+    Friction may make F_ii of a normal pair small or negative; the entries of F between normal and
+    friction pairs of the contact have the magnitude of F_ii without friction. A friction pair without
+    compliance, as for a coefficient of zero, has the magnitude of its contact's normal pair.
     """
     compliant = [i for i in range(len(pairs)) if not F[i, i].is_zero()]
     contact_kinds = {"normal", "friction"}
@@ -327,5 +327,5 @@ def _sizes(F: ca.SX, pairs: tuple[Pair, ...]) -> dict[int, ca.SX]:
             across = sizes[normal[pair.contact]]
             sizes[i] = ca.if_else(sizes[i] > 0, sizes[i], across) if i in sizes else across
     largest = ca.mmax(ca.vertcat(0, *sizes.values()))
-    # A tip straight below its hinge moves along the ground alone: there its F_ii is zero.
+    # F_ii may be zero in some states: a tip straight below its hinge moves along the ground only.
     return {i: ca.if_else(size > _MIN_COMPLIANCE_SHARE * largest, size, largest) for i, size in sizes.items()}

@@ -1,4 +1,4 @@
-"""The randomized law: the average of another law's step over noise."""
+"""The randomized contact law, the average of another law's step over noise."""
 
 from __future__ import annotations
 
@@ -16,27 +16,27 @@ from dynamics.errors import InputError
 from dynamics.settings import setting
 from dynamics.systems import ContactSystem, ParameterTable
 
-# How nodes of the noise are drawn.
+# Names of the rules by which nodes of the noise are drawn.
 SCHEMES = ("sobol", "monte-carlo", "gauss-hermite")
 DEFAULT_SAMPLES = 16
-"""Number of nodes where none is given."""
+"""Default number of nodes."""
 DEFAULT_NODES_PER_AXIS = 5
-"""Number of Gauss-Hermite nodes an axis where none is given."""
+"""Default number of Gauss-Hermite nodes per axis."""
 MAX_SAMPLES = 4096
 """Maximum number of nodes."""
 MAX_NODES_PER_AXIS = 64
-"""Maximum number of Gauss-Hermite nodes an axis."""
+"""Maximum number of Gauss-Hermite nodes per axis."""
 
 
 @dataclass(eq=False, repr=False)
 class Randomized(ContactLaw):
-    """``x_next = sum_j w_j f(x, u + sigma e_j)``, f the step under another law, ``base``.
+    """Contact law ``x_next = sum_j w_j f(x, u + sigma e_j)``, f the step under another law, ``base``.
 
-    The nodes e_j are standard normal and common to every step, state and iteration, so the
-    averaged map is one deterministic function: ``scheme`` draws them by ``"monte-carlo"``, as a
-    scrambled ``"sobol"`` set (each an even number of ``samples``, mirrored so that odd moments
-    vanish), or takes the tensor ``"gauss-hermite"`` rule with ``samples`` nodes an axis. ``noise``
-    is on the ``"input"`` or the ``"state"``. Contacts are solved at every node; ``lam`` holds all.
+    The nodes e_j are standard normal and common to every step, state and iteration, so that the
+    averaged map is one deterministic function. ``scheme`` is ``"monte-carlo"`` or a scrambled
+    ``"sobol"`` set (both with an even number of ``samples``, mirrored so that odd moments vanish), or
+    the tensor ``"gauss-hermite"`` rule with ``samples`` nodes per axis. ``noise`` is on the
+    ``"input"`` or the ``"state"``. Contacts are solved at every node; ``lam`` has those of all nodes.
     """
 
     name: ClassVar[str] = "randomized"
@@ -69,31 +69,31 @@ class Randomized(ContactLaw):
 
     @property
     def base_law(self) -> ContactLaw:
-        """Law that is averaged."""
+        """Law that is averaged, the exact one by default."""
         return self.base or Exact()
 
     @property
     def exact(self) -> bool:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """Whether the base law is exact: then the contact at every node is complementary."""
+        """Whether the base law is exact, so that contact at every node is complementary."""
         return self.base_law.exact
 
     @property
     def frozen(self) -> bool:
-        """As the base law."""
+        """Whether gradients treat the base law's mu as a constant."""
         return self.base_law.frozen
 
     def schedule(self, impulse: float, gap: float) -> Schedule:
-        """Along ``contact.sigma``."""
+        """Return the homotopy along ``contact.sigma``."""
         return by_sigma(gap)
 
     def settings(self) -> dict[str, float | int | str]:
-        """Parameters, sampling, and the base law's own settings as ``base.<name>``."""
+        """Return the settings, with those of the base law as ``base.<name>``, for the run's record."""
         own_settings = {key: value for key, value in vars(self).items() if key != "base"}
         base_settings = {f"base.{key}": value for key, value in self.base_law.settings().items()}
         return {**own_settings, "base": self.base_law.name, **base_settings}
 
     def at(self, **values: float) -> Randomized:
-        """Return the same law with another sigma, or with other parameters of the base law."""
+        """Return the same law with other values of its settings or of the base law's parameters."""
         settings = dict(vars(self))
         base_values = {name: value for name, value in values.items() if name not in settings}
         if base_values:
@@ -102,7 +102,7 @@ class Randomized(ContactLaw):
         return Randomized(**{**settings, **own_values})  # pyright: ignore[reportArgumentType]
 
     def parameters(self, system: ContactSystem) -> ParameterTable:
-        """``contact.sigma`` and the base law's parameters."""
+        """Return ``contact.sigma`` and the base law's parameters."""
         sigma_parameter = law_parameter(
             "sigma", self.sigma, "SI", f"standard deviation of the noise on the {self.noise}"
         )
@@ -112,15 +112,15 @@ class Randomized(ContactLaw):
         return ParameterTable([sigma_parameter]) + base_parameters
 
     def close_at_nodes(self, system: ContactSystem, law: Closure, p: ParameterTable, nodes: tuple[Branch, ...]) -> Step:
-        """The base law's step at all nodes."""
+        """Return the base law's step, solved at all nodes."""
         return self.base_law.close_at_nodes(system, law, p, nodes)
 
     def target(self, system: ContactSystem, z: ca.SX, F: ca.SX, p: ParameterTable) -> ca.SX:
-        """Return the base law's mu at one node."""
+        """Return the base law's mu at one node, shape (n, 1)."""
         return self.base_law.target(system, z, F, p)
 
     def nodes(self, system: ContactSystem, p: ParameterTable) -> list[Branch]:
-        """Disturbed states or inputs with their weights."""
+        """Return the nodes' disturbances of state or input, with their weights."""
         dimension = system.nu if self.noise == "input" else system.nx
         assert self.samples is not None
         points, weights = standard_normal_nodes(dimension, self.samples, self.seed, self.scheme)
@@ -135,7 +135,7 @@ class Randomized(ContactLaw):
 
 
 def standard_normal_nodes(dimension: int, samples: int, seed: int, scheme: str) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes (n, dimension) and weights (n,) that average over N(0, I).
+    """Return nodes (n, dimension) and weights (n,) of averages over N(0, I).
 
     Raises ``ValueError`` where a Gauss-Hermite tensor would have more than 4096 nodes.
     """

@@ -1,4 +1,4 @@
-"""The path of a step whose many contacts push few coordinates, without the matrix between them."""
+"""The central path of a step whose many contacts act on few coordinates, without forming the compliance matrix."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from dynamics.systems.elimination import solve_without_pivoting
 
 
 def path_of(system: ContactSystem, exact: bool) -> Path:
-    """The path of a system's step whatever its gaps are; see :meth:`Path.opening_data_of`.
+    """Return the path of a system's step with any gaps; see :meth:`Path.opening_data_of`.
 
-    Where inertia changes with the state, as a machine's does, and there are more pairs than
-    coordinates, the products of both are not worth forming.
+    It is a :class:`ReducedPath` where inertia changes with the state, as in a machine, and there are
+    more pairs than coordinates that they act on.
     """
     if system.has_variable_inertia:
         coordinates = PushedCoordinates(system)
@@ -26,7 +26,7 @@ def path_of(system: ContactSystem, exact: bool) -> Path:
 
 
 class ReducedPath(Path):
-    """The path with ``F = E + Q T^-1 P`` in its factors, see :class:`LowRankCompliance`."""
+    """Central path with the compliance ``F = E + Q T^-1 P`` as its factors, see :class:`LowRankCompliance`."""
 
     def __init__(self, system: ContactSystem, exact: bool, coordinates: PushedCoordinates) -> None:
         curved = None if system.reduced.affine else CurvedGap(system)
@@ -40,12 +40,12 @@ class ReducedPath(Path):
 
     @cached_property
     def _factors(self) -> dict[str, ca.SX]:
-        """E, T, P and Q at the start of the step, in units of the system."""
+        """E, T, P and Q linearised at the start of the step, in the system's units."""
         return {"E": self._E, "T": self.coordinates.T, "P": self.coordinates.P_own, "Q": self._Q}
 
     @property
     def n_entries(self) -> int:
-        """Numbers in ``data`` that make up F: those of its factors."""
+        """Number of entries of ``data`` that represent F: the nonzeros of its factors."""
         return sum(factor.nnz() for factor in self._factors.values())
 
     def opening_data_of(self, system: ContactSystem, mu: ca.SX) -> ca.SX:
@@ -67,11 +67,11 @@ class ReducedPath(Path):
 
     @property
     def curved_data(self) -> ca.SX:
-        """Data of the curved rows, the last numbers of ``data``."""
+        """Data of the curved rows, the last entries of ``data``; empty where all rows are affine."""
         return self.curved.opening_data_along(self.coordinates.C) if self.curved else ca.SX(0, 1)
 
     def _near(self) -> ca.SX:
-        """Entries of F between the pairs of one contact, which set the scales, and E."""
+        """Return the part of F that determines the scales: E, and F between the pairs of one contact."""
         factors, coordinates = self._factors, self.coordinates
         system, E = self._system, factors["E"]
         columns = solve_without_pivoting(factors["T"], factors["P"])
@@ -87,7 +87,7 @@ class ReducedPath(Path):
         return local_F
 
     def compliance_at_start(self, entries: ca.SX) -> LowRankCompliance:
-        """F at the start of the step."""
+        """Return the scaled compliance F linearised at the start of the step, from its entries in ``data``."""
         factors, offsets = list(self._factors.values()), [0]
         for factor in factors:
             offsets.append(offsets[-1] + factor.nnz())
@@ -96,7 +96,7 @@ class ReducedPath(Path):
         return LowRankCompliance(E, T, P, self.coordinates.P_signs, Q, self.coordinates.Q_signs)
 
     def gap_at(self, lam: ca.SX, on_true_gap: ca.SX) -> tuple[ca.SX, LowRankCompliance]:
-        """The gap at lam and its compliance there, or as where the step starts, if not ``on_true_gap``."""
+        """Return the scaled gap at lam and its compliance, of the true gap or of the one linearised at the start."""
         entries = self.data_parts
         start = self.compliance_at_start(entries["entries"])
         if not self.curved:
@@ -108,7 +108,7 @@ class ReducedPath(Path):
         rows, by_lam, by_w = self.curved.gaps_along(c * D * lam, c * w, self.coordinates.C, entries["more"])
         for k, i in enumerate(self.curved.rows):
             representative = self.coordinates.Q_signs[i, :].sparsity().get_col()[0]
-            # Opposite walls share one row but for its sign.
+            # Opposite walls share one row up to its sign.
             by_pushed = self.coordinates.Q_signs[i, representative] * by_w[k, :]
             gap[i] = ca.if_else(on_true_gap, rows[k] * D[i] / c, gap[i])
             Q[representative, :] = _chosen(on_true_gap, D[i] * by_pushed, Q[representative, :])
@@ -117,7 +117,7 @@ class ReducedPath(Path):
 
 
 def _chosen(condition: ca.SX, chosen: ca.SX, default: ca.SX) -> ca.SX:
-    """``if_else`` entry by entry where ``default`` has any."""
+    """Return ``if_else`` of two matrices for the nonzeros of ``default`` only."""
     pattern = default.sparsity()
     chosen = ca.project(chosen, pattern)
     return ca.SX(pattern, ca.if_else(condition, chosen.nz[:], default.nz[:])) if default.nnz() else default

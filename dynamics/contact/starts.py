@@ -1,7 +1,7 @@
-"""Starting points of a step's path: the impulses of the step before, or many other points.
+"""Starting points of a step's interior-point path: the impulses of the step before, or many others.
 
-All are starts on the true gap, whose s is the gap that belongs to the impulses, lifted where it is
-small; the first of the others is the path of the linearised gap, from ones.
+They start on the true gap, with s the gap at the start's impulses, raised where it is small; start
+number 0 alone is the path of the linearised gap from ones.
 """
 
 from __future__ import annotations
@@ -12,24 +12,24 @@ import numpy as np
 from dynamics.contact.path import Path
 
 COUNT = 128
-"""How many other starts there are."""
-# Pairs of the step before in scaled units are at least this, for the iteration to move both ways.
+"""Number of starts besides that from the step before."""
+# Minimum of lam and s from the step before, in scaled units, so that both can increase and decrease.
 _MIN_PAIR_ENTRY = 1e-2
-# Next to no impulse, what a body in the air feels, is the first guess; the exponents of the others
-# are even, or a Kronecker sequence, which fills the cube evenly however many there are.
+# Number of first starts with almost no impulse, as for bodies in the air. The exponents of the others
+# are equal for all pairs, or a Kronecker sequence, which fills the cube evenly for any number of starts.
 _N_TINY_STARTS = 4
 # Impulses of these starts, in scaled units.
 _TINY_IMPULSE = 1e-6
 # Smallest impulse of the other starts, as a power of ten in scaled units.
 _MIN_EXPONENT = -4.0
-# Powers of ten from there to the largest impulse.
+# Number of powers of ten from the smallest to the largest impulse.
 _EXPONENT_SPAN = 5.0
-# Smallest scaled gaps of a start, in turn.
+# Minimum scaled gaps of the starts, alternating.
 _GAP_LIFTS = (1e-3, 1e-1, 1.0)
 
 
 def warm_start(path: Path) -> ca.Function:
-    """``(lam, data) -> pair`` at the impulses lam (n, 1) [N s] of the step before."""
+    """Return the function ``(lam, data) -> pair`` that starts at the impulses lam (n, 1) [N s] of the step before."""
     lam_before = ca.SX.sym("before", path.n)
     lam = ca.fmax(lam_before / (path.data_parts["c"] * path.data_parts["D"]), _MIN_PAIR_ENTRY)
     gap, _ = path.gap_at(lam, ca.SX(1))
@@ -38,7 +38,7 @@ def warm_start(path: Path) -> ca.Function:
 
 
 def further_start(path: Path) -> ca.Function:
-    """``(k, data) -> pair`` of start number k = 0, 1, ..."""
+    """Return the function ``(k, data) -> pair`` of start number k = 0, 1, ..."""
     k, n = ca.SX.sym("k"), path.n
     shared = k * float(np.sqrt(2.0))
     separate = k * ca.DM(irrational_numbers(n))
@@ -54,7 +54,7 @@ def further_start(path: Path) -> ca.Function:
 
 
 def irrational_numbers(n: int) -> np.ndarray:
-    """Square roots of the first n primes: no sum of multiples of them is a whole number."""
+    """Return the square roots of the first n primes, linearly independent over the rationals together with 1."""
     primes: list[int] = []
     candidate = 2
     while len(primes) < n:

@@ -1,4 +1,4 @@
-"""One closed step of a system: implicit relation, explicit map, and derivatives through contact."""
+"""One time step of a system closed by a contact law: implicit relation, explicit map, derivatives."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ from dynamics.contact.closure import Branch, Closure
 from dynamics.systems import ContactSystem, ParameterTable, Signal
 from dynamics.systems.elimination import solve_without_pivoting
 
-# Smallest gap in derivatives of the exact law.
+# Lower limit of gaps in derivatives under the exact law.
 _MIN_EXACT_GAP = 1e-60
 
 
 @dataclass(frozen=True, eq=False)
 class Step(ABC):
-    """A system whose contact is closed by a law, as expressions in (x, u, inner, p).
+    """One time step of a system closed by a contact law, as expressions in (x, u, inner, p).
 
-    With B branches (one but for averaged laws) ``lam`` has ``n = B nlam`` entries, branch after
+    With B branches (one except for averaged laws) ``lam`` has ``n = B nlam`` entries, branch after
     branch:
 
     ``x_next = x_next_expr(inner)``, ``lam_i gap_i = mu_i``, lam, gap >= 0, ``motion = 0``,
 
-    gap and mu (n, 1), mu zero for the exact law. ``inner`` are the unknowns that
-    derivatives go through: every branch's next state, ``states``, where the step keeps those, and
-    then ``lam``. ``p`` holds the system's parameters and then the law's parameters.
+    gap and mu (n, 1), mu zero for the exact law. ``inner`` are the unknowns of the implicit function
+    theorem: every branch's next state, ``states``, where they are not eliminated, followed by ``lam``.
+    ``p`` has the system's parameters, followed by the law's parameters.
 
     ``residual`` (nx, 1) and ``gap`` (n, 1) are the same relation in implicit form, in
     ``(x, u, x_next, lam, p)``, for transcriptions that keep x_next and lam as unknowns.
@@ -40,17 +40,17 @@ class Step(ABC):
 
     @cached_property
     def p(self) -> ParameterTable:
-        """The system's parameters, then the law's parameters."""
+        """Parameters of the system, followed by those of the law."""
         return self.system.parameters + self.law_parameters
 
     @cached_property
     def lam(self) -> ca.SX:
-        """Symbols of the multipliers (n, 1)."""
+        """Symbols of the contact multipliers (n, 1) of all branches."""
         return ca.SX.sym("lam", self.branches * self.system.nlam)
 
     @property
     def impulses(self) -> ca.SX:
-        """The system's multipliers (nlam, 1): the mean of ``lam`` over the branches."""
+        """Contact multipliers of the system (nlam, 1), the weighted mean of ``lam`` over the branches."""
         if self.branches == 1:
             return self.lam
         branches = zip(self.nodes, self.rows, strict=True)
@@ -59,28 +59,28 @@ class Step(ABC):
 
     @cached_property
     def states(self) -> ca.SX:
-        """Symbols of the branches' next states in ``inner``, none where lam alone is unknown."""
+        """Symbols of the branches' next states in ``inner``, empty where lam is the only unknown."""
         return ca.SX(0, 1)
 
     @cached_property
     def motion(self) -> ca.SX:
-        """Residual of the branches' motion, zero at the right ``states``, with as many entries."""
+        """Residual of the branches' equations of motion, one entry for each of ``states``."""
         return ca.SX(0, 1)
 
     @cached_property
     def states_of_lam(self) -> ca.SX:
-        """``states`` in (x, u, lam, p)."""
+        """Next states of the branches as expressions in (x, u, lam, p), empty where lam is the only unknown."""
         return ca.SX(0, 1)
 
     @cached_property
     @abstractmethod
     def x_next_expr(self) -> ca.SX:
-        """x_next (nx, 1) in (x, u, inner, p)."""
+        """Next state (nx, 1), an expression in (x, u, inner, p)."""
 
     @cached_property
     @abstractmethod
     def gap_expr(self) -> ca.SX:
-        """The gaps (n, 1) in (x, u, inner, p)."""
+        """Gaps (n, 1), an expression in (x, u, inner, p)."""
 
     @property
     def extra_stage_cost(self) -> ca.SX:
@@ -89,25 +89,25 @@ class Step(ABC):
 
     @abstractmethod
     def solution(self, x: ca.MX, u: ca.MX, p: ca.MX) -> tuple[ca.MX, ...]:
-        """Solve every branch: ``inner, x_next, lam, gap, error``."""
+        """Return the solved ``inner, x_next, lam, gap, error`` of all branches, without derivatives."""
 
     @cached_property
     def inner(self) -> ca.SX:
-        """Symbols of the unknowns that derivatives go through."""
+        """Symbols of the unknowns of the implicit function theorem, ``states`` followed by ``lam``."""
         return ca.vertcat(self.states, self.lam)
 
     @cached_property
     def x_next_of_lam(self) -> ca.SX:
-        """x_next (nx, 1) in (x, u, lam, p)."""
+        """Next state (nx, 1), an expression in (x, u, lam, p)."""
         return self.eliminate_states(self.x_next_expr)
 
     def eliminate_states(self, expression: ca.SX) -> ca.SX:
-        """Put ``states_of_lam`` in place of ``states``."""
+        """Return an expression with ``states_of_lam`` substituted for ``states``."""
         return ca.substitute(expression, self.states, self.states_of_lam)
 
     @cached_property
     def mu(self) -> ca.SX:
-        """mu of every pair: the law's for those that decide, the same for those that go along."""
+        """Central-path parameter of every pair (n, 1); friction and slip pairs have that of their normal pair."""
         return ca.vertcat(*(self._targets(node) for node in self.nodes))
 
     def _targets(self, node: Branch) -> ca.SX:
@@ -123,20 +123,20 @@ class Step(ABC):
 
     @cached_property
     def residual(self) -> ca.SX:
-        """Residual of the motion (nx, 1) in (x, u, x_next, lam, p)."""
+        """Residual of the equations of motion (nx, 1), an expression in (x, u, x_next, lam, p)."""
         if self.branches == 1:
             return ca.substitute(self.system.residual, self.system.lam, self.lam)
         return self.system.x_next - self.x_next_of_lam
 
     @cached_property
     def gap(self) -> ca.SX:
-        """The gaps (n, 1) in (x, u, x_next, lam, p)."""
+        """Gaps (n, 1), an expression in (x, u, x_next, lam, p)."""
         if self.branches == 1:
             return ca.substitute(self.system.gap, self.system.lam, self.lam)
         return self.eliminate_states(self.gap_expr)
 
     def at(self, node: Branch, expressions: list[ca.SX]) -> list[ca.SX]:
-        """Expressions in the system's (x, u), at the disturbed state and input of a branch."""
+        """Return expressions in the system's (x, u), evaluated at the disturbed state and input of a branch."""
         system = self.system
         disturbed = [system.x + node.noise_x, system.u + node.noise_u]
         return ca.substitute(expressions, [system.x, system.u], disturbed)
@@ -153,12 +153,12 @@ class Step(ABC):
 
     @property
     def exact(self) -> bool:
-        """Whether mu is zero."""
+        """Whether the law is exact, so that mu is zero."""
         return self.law.exact
 
     @cached_property
     def contacts(self) -> tuple[Signal, ...]:
-        """Names of the entries of ``lam``; branches carry their number."""
+        """Names and units of the entries of ``lam``; with several branches a name ends with ``#`` and its branch."""
         base = self.system.contacts
         if self.branches == 1:
             return base
@@ -170,7 +170,7 @@ class Step(ABC):
 
     @cached_property
     def relation(self) -> ca.Function:
-        """Map ``(x, u, x_next, lam, p)`` to ``(residual, gap, mu)``, the implicit form, dense."""
+        """Function from ``(x, u, x_next, lam, p)`` to ``(residual, gap, mu)``, the implicit form, dense."""
         system = self.system
         return ca.Function(
             "relation",
@@ -182,10 +182,10 @@ class Step(ABC):
 
     @cached_property
     def solve(self) -> ca.Function:
-        """Map ``(x, u, p)`` to ``(x_next, lam, gap, error)`` without derivatives.
+        """Function from ``(x, u, p)`` to ``(x_next, lam, gap, error)``, without derivatives.
 
-        ``error`` (n, 1) is each contact's scaled violation of ``lam gap = mu``; above 1e-7 the step
-        was not solved, from whatever start, and below 1e-10 but for rounding it was.
+        ``error`` (n, 1) is each contact's scaled violation of ``lam gap = mu``; above 1e-7 the step was
+        not solved from any start, and about 1e-10 or less is a solution.
         """
         arguments = self._symbols()
         _, *outputs = self.solution(*arguments)
@@ -194,13 +194,13 @@ class Step(ABC):
 
     @cached_property
     def solve_inner(self) -> ca.Function:
-        """Map ``(x, u, p)`` to the solved ``inner`` unknowns, without derivatives."""
+        """Function from ``(x, u, p)`` to the solved ``inner`` unknowns, without derivatives."""
         arguments = self._symbols()
         return ca.Function("inner_solve", list(arguments), [self.solution(*arguments)[0]])
 
     @property
     def rows(self) -> list[slice]:
-        """Rows of ``lam`` of every branch."""
+        """Slices of the rows of ``lam``, one for each branch."""
         block = self.system.nlam
         return [slice(k * block, (k + 1) * block) for k in range(self.branches)]
 
@@ -210,7 +210,7 @@ class Step(ABC):
 
         First derivatives come from the implicit function theorem at the solution, see
         :meth:`contact_jacobian`; CasADi differentiates them again, through the solution, for exact
-        Hessians (not with a law whose gradient is frozen: that one is no gradient of anything).
+        Hessians (not under a law with frozen gradient, which is not the gradient of any function).
         """
         x, u, p = self._symbols()
         x_next, lam, _, _ = self.solve(x, u, p)
@@ -241,44 +241,44 @@ class Step(ABC):
         return ca.Function("step", [x, u, p], [x_next, lam], names, ["x_next", "lam"], options)
 
     def contact_relation(self, mu: ca.SX | None = None) -> ca.SX:
-        """Return R(inner, x, u, p), (n, 1), zero at the solved contact: ``lam gap - mu``.
+        """Return the residual ``lam gap - mu`` (n, 1) in (inner, x, u, p), zero at the solved contact.
 
-        Where forces may be open (redundant contacts, friction) the exact law is the path's end,
+        Where forces may not be unique (redundant contacts, friction) the exact law is the path's end,
         whose derivative exists; inactive lam are zero there, and so are their derivatives.
         """
         return self.lam * self.gap_expr - (self.mu if mu is None else mu)
 
     @cached_property
     def held_mu(self) -> tuple[ca.SX, ca.SX] | None:
-        """A symbol for mu and its value, where the law holds mu constant in derivatives."""
+        """Symbol for mu and its value where derivatives treat mu as a constant, None otherwise."""
         return (ca.SX.sym("mu_held", self.n), self.mu) if self.law.frozen else None
 
     @cached_property
     def differentiable_relation(self) -> ca.SX:
-        """The relation that ``inner`` solves, for derivatives: mu is held if the law is frozen."""
+        """Residual that is zero at the solved ``inner``, for derivatives; mu is a symbol if the law is frozen."""
         return ca.vertcat(self.motion, self.contact_relation(self.held_mu[0] if self.held_mu else None))
 
     @cached_property
     def relation_jacobian(self) -> ca.SX:
-        """Derivative of the relation by ``inner``; no elimination in it needs pivoting."""
+        """Derivative of the relation with respect to ``inner``, which is factorised without pivoting."""
         by_inner = ca.jacobian(self.gap_expr, self.inner)
-        # The way slid of an open contact has no gap at all; its row is then this times dlam.
+        # The gap of an open contact's slip pair may be zero; its row is then this limit times dlam.
         gap = ca.fmax(self.gap_expr, _MIN_EXACT_GAP) if self.exact else self.gap_expr
         diagonal = ca.diag(gap) @ ca.jacobian(self.lam, self.inner)
         return ca.vertcat(ca.jacobian(self.motion, self.inner), diagonal + ca.diag(self.lam) @ by_inner)
 
     def solve_relation(self, rhs: ca.SX, transposed: bool = False) -> ca.SX:
-        """Solve with :attr:`relation_jacobian`, or with its transpose."""
+        """Solve a linear system with :attr:`relation_jacobian`, or with its transpose."""
         matrix = self.relation_jacobian.T if transposed else self.relation_jacobian
         return solve_without_pivoting(matrix, rhs)
 
     def inner_jacobian(self, variable: ca.SX) -> ca.SX:
-        """``d inner/dw = -(dR/d inner)^-1 dR/dw`` at the solution, shape (n_inner, w).
+        """Return ``d inner/dw = -(dR/d inner)^-1 dR/dw`` at the solution, shape (n_inner, n_w).
 
         On the path with ``inner = lam`` this is ``-(diag(gap) + diag(lam) F)^-1 (diag(lam)
-        dgap/dw - dmu/dw)``; the printed abs, eq. A.26 drops the coupling between contacts. Where
-        the law freezes mu, ``dmu/dw`` of the state and input is left out; its own parameters keep
-        theirs.
+        dgap/dw - dmu/dw)``; "adaptive barrier smoothing", eq. A.26, omits the coupling between
+        contacts. Where the law's gradient is frozen, ``dmu/dw`` is omitted for state and input, not
+        for the parameters.
         """
         by_parameters = variable is self.inputs[2]
         relation = self.differentiable_relation
@@ -288,7 +288,7 @@ class Step(ABC):
         return -self.solve_relation(partial)
 
     def contact_jacobian(self, variable: ca.SX) -> ca.SX:
-        """``dlam/dw`` at the solution, shape (n, w), see :meth:`inner_jacobian`."""
+        """Return ``dlam/dw`` at the solution, shape (n, n_w), see :meth:`inner_jacobian`."""
         return self.inner_jacobian(variable)[-self.n :, :]
 
     @cached_property

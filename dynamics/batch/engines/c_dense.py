@@ -1,8 +1,8 @@
-"""C source of a policy's dense layers: loops over their entries, whatever their sizes.
+"""C source of a policy's dense layers, as loops over the entries of weights and activations.
 
-What one register of samples has of a value lies `U` registers from its next entry, as in
-:mod:`dynamics.batch.engines.c_rollout`; weights are doubles that all samples share, or, with `own`,
-registers of each sample's own.
+Entry k of an array for register j of samples is at index `k U + j`, as in
+:mod:`dynamics.batch.engines.c_rollout`; weights are doubles that all samples share or, with `own`,
+registers that differ between samples.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from itertools import pairwise
 
 from dynamics.batch.graphs.step_graphs import Layers
 
-# Outputs summed abreast, so that enough sums are under way to hide an operation's latency.
+# Number of outputs of a layer that are summed side by side, to hide the latency of an operation.
 _ABREAST = 4
 
 _HOOKS_OF_TAPES = """\
@@ -119,7 +119,7 @@ static void backpropagate(const memory *a, i64 t, const V *action_bar, V *bars, 
 
 
 def layer_constants(layers: Layers | None, own: bool) -> dict[str, object]:
-    """Sizes that the text of rollouts names: zero of everything without layers."""
+    """Return the preprocessor constants of the layers in the C code of rollouts; sizes are zero without layers."""
     sizes = (0, 0) if layers is None else layers.sizes
     return {
         "DENSE": int(layers is not None),
@@ -131,7 +131,7 @@ def layer_constants(layers: Layers | None, own: bool) -> dict[str, object]:
 
 
 def layer_source(layers: Layers | None) -> str:
-    """C text of `choose_actions`, with layers also of `backpropagate`, after their kernels."""
+    """Return the C text of `choose_actions` and `backpropagate`, which do nothing without layers."""
     if layers is None:
         return _HOOKS_OF_TAPES
     return _LOOPS % {

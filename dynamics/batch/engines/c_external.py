@@ -1,6 +1,6 @@
-"""C source of a CasADi function in CasADi's own interface; a long one is cut into short functions.
+"""C source of a CasADi function with CasADi's interface; a long one is cut into short C functions.
 
-CasADi writes one C function of one statement an operation, on which gcc spends minutes where there
+CasADi writes one C function with one statement per operation, for which gcc needs minutes where there
 are tens of thousands.
 """
 
@@ -27,7 +27,7 @@ static int casadi_f0(const casadi_real **arg, casadi_real **res, casadi_int *iw,
 
 
 def external_source(function: ca.Function) -> str:
-    """C text of ``function`` for ``ca.external``; numbers are CasADi's but for rounding."""
+    """Return the C text of ``function`` for ``ca.external``; values equal CasADi's up to rounding."""
     generator = ca.CodeGenerator(function.name())
     generator.add(function)
     text = generator.dump()
@@ -42,6 +42,6 @@ def external_source(function: ca.Function) -> str:
         "outputs": ", ".join(f"res[{k}] ? res[{k}] : unused" for k in n_out),
     }
     before_body, _, after_head = text.partition("static int casadi_f0(")
-    # gcc's second level takes half as long again, and its code is no faster.
+    # gcc's second level takes 1.5 times as long, and its code is no faster.
     sections = before_body, "#pragma GCC optimize 1\n", scalar_prelude(kernel), "\n", kernel, body
     return "".join((*sections, after_head.partition("\n}\n")[2]))

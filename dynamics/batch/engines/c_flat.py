@@ -1,4 +1,4 @@
-"""C backend of a batched function: the tape's kernel and a loop over blocks of samples."""
+"""C backend of a batched function: a kernel made from its tape, and a loop over blocks of samples."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from dynamics.batch.engines.compiler import Compiler
 from dynamics.batch.engines.parallel import run_chunks
 from dynamics.batch.graphs.tape import Tape
 
-# Samples that a thread takes at once.
+# Number of samples that a thread takes at once.
 CHUNK = 1024
-# Registers that a kernel works on at once: a graph unrolled over time is one chain of operations
-# that wait for each other, and compilers take their time over long graphs.
+# SIMD registers of samples that a kernel works on at once: a graph unrolled over time is one chain of
+# dependent operations, and several such chains keep the processor busy.
 ABREAST = 4
-# The same for long graphs.
+# The same for long graphs, whose compilation would take too long.
 ABREAST_LONG = 2
-# Operations from which a graph counts as long.
+# Number of operations above which a graph counts as long.
 LONG = 2500
-# Shorter functions than elsewhere: with registers abreast each is so many times as long.
+# Operations of one C function; its text is `ABREAST` times as long, so this is less than elsewhere.
 PART = 500
 
 _DRIVER = """\
@@ -82,10 +82,10 @@ i64 run(i64 *next, i64 n, i64 chunk, const double *const *a, const i64 *shared,
 
 
 class CompiledEngine:
-    """Engine that evaluates a kernel over samples by the function `run` of C code, see :func:`batch_driver`.
+    """Engine that evaluates a kernel over samples with the function `run` of C code, see :func:`batch_driver`.
 
     `evaluate(inputs, outputs, n)` takes arrays `(n, nnz)` or `(1, nnz)`, fills `outputs`, and
-    returns how many samples are not finite. Raises `CompilerError`.
+    returns the number of samples that are not finite. The constructor raises `CompilerError`.
     """
 
     def __init__(self, threads: int, text: str) -> None:
@@ -94,19 +94,19 @@ class CompiledEngine:
         self._run.argtypes = [ctypes.c_void_p, *2 * [ctypes.c_int64], *3 * [ctypes.c_void_p]]
 
     def evaluate(self, inputs: list[np.ndarray], outputs: list[np.ndarray], n: int) -> int:
-        """Fill `outputs` for all n samples; returns how many of them are not finite."""
+        """Fill `outputs` for all n samples; return the number of samples that are not finite."""
         shared = np.array([a.shape[0] == 1 and n != 1 for a in inputs] + [False], dtype=np.int64)
         arguments = data_addresses(inputs), shared.ctypes.data, data_addresses(outputs)
         return run_chunks(self._run, n, CHUNK, self.threads, *arguments)
 
 
 def data_addresses(arrays: list[np.ndarray]) -> ctypes.Array[ctypes.c_void_p]:
-    """A C array of the arrays' data pointers."""
+    """Return a C array of the arrays' data pointers."""
     return (ctypes.c_void_p * max(len(arrays), 1))(*[a.ctypes.data for a in arrays])
 
 
 def batch_source(tape: Tape, block: int, machine: Compiler) -> str:
-    """The C text for a tape on this machine, working on blocks of about `block` samples."""
+    """Return the C text that evaluates a tape on this machine, in blocks of about `block` samples."""
     abreast = ABREAST if len(tape.operations) <= LONG else ABREAST_LONG
     layout = RegisterLayout(("U",) * len(tape.input_sizes), ("U",) * len(tape.output_sizes), abreast)
     registers = abreast * max(1, block // (abreast * machine.width))
@@ -119,7 +119,7 @@ def batch_source(tape: Tape, block: int, machine: Compiler) -> str:
 
 
 def batch_driver(input_sizes: Sequence[int], output_sizes: Sequence[int]) -> str:
-    """C text of `run`, after `A`, `U` and `kernel(in, out)`, whose entries lie `U` apart."""
+    """Return the C text of `run`; the text before it defines `A`, `U` and `kernel(in, out)`, with entries `U` apart."""
     return _DRIVER % {
         "input_sizes": ", ".join(map(str, (*input_sizes, 0))),
         "output_sizes": ", ".join(map(str, (*output_sizes, 0))),

@@ -1,9 +1,9 @@
-"""C source of the moments of one chunk of samples."""
+"""C source that computes the moments (count, mean, m2) of one chunk of samples."""
 
 from __future__ import annotations
 
-# One chunk's moments: sums about the first register of samples, lane by lane, then the lanes merged
-# in order. Samples that are not finite, and the padding, are left out.
+# C code of one chunk's moments: sums of differences from the first register of samples, lane by lane;
+# then the lanes are merged in order. Samples that are not finite, and the padding, are left out.
 MOMENTS_SOURCE = """\
 /* A sum is finite only if all its terms are; one that overflows counts as not finite too. */
 typedef struct { V *pivot, *sum, *square; M count; } accumulator;

@@ -1,8 +1,8 @@
-"""The fixed part of the emitted C: vectors or single doubles, their functions, rows in and out.
+"""The fixed part of the emitted C code: types of vectors or doubles, their functions, transfers of rows.
 
-A `V` is one SIMD register of `W` doubles, lane by lane one sample each. Every operation acts on
-all lanes alike, and the last register of a batch is padded with copies of the last row, so a
-sample's result depends neither on its lane, nor on the block, nor on the thread.
+A `V` is one SIMD register of `W` doubles, one sample per lane. Every operation acts on all lanes
+alike, and the last register of a batch is padded with copies of the last row, so that a sample's
+result does not depend on its lane, the block or the thread.
 """
 
 from __future__ import annotations
@@ -54,8 +54,8 @@ INLINE V vfmod(V a, V b) { V r; LANES r[l] = __builtin_fmod(a[l], b[l]); return 
 INLINE V vremainder(V a, V b) { V r; LANES r[l] = __builtin_remainder(a[l], b[l]); return r; }
 """
 
-# The compiler's own names for one instruction, where it has one: a loop over lanes ends as the same
-# instruction, but takes the compiler ten times as long.
+# Compiler builtins for one instruction, as (builtin, width, call): a loop over lanes compiles to the
+# same instruction, but takes the compiler ten times as long.
 _SQRT = (
     ("__builtin_elementwise_sqrt", 0, "__builtin_elementwise_sqrt(a)"),
     ("__builtin_ia32_sqrtpd512_mask", 8, "__builtin_ia32_sqrtpd512_mask(a, a, -1, 4)"),
@@ -79,8 +79,8 @@ _LARGER, _SMALLER = (
 )
 _PROBE = "#ifndef __has_builtin\n#define __has_builtin(x) 0\n#endif\n"
 
-# Newton's method on erf(y) = x near 0 and on erfc(y) = 1 - |x| (exact there) further out, from
-# Winitzki's closed form; Halley's correction makes three steps enough for every double.
+# C code of erfinv: Halley's method for erf(y) = x near 0 and for erfc(y) = 1 - |x| (exact there)
+# elsewhere, from Winitzki's closed form; three iterations are enough for every double.
 _ERFINV_LANE = """\
 static double erfinv_lane(double x) {
   double a = __builtin_fabs(x), c = 1.0 - a;
@@ -98,8 +98,8 @@ static double erfinv_lane(double x) {
 """
 _ERFINV = "INLINE V verfinv(V a) { V r; LANES r[l] = erfinv_lane(a[l]); return r; }\n"
 
-# Rows of the caller's (n_samples, size) arrays to vectors and back. A row past the last one is the
-# last one again. Whole tiles go through registers; what is left over goes lane by lane.
+# C code that copies rows of the caller's (n_samples, size) arrays to vectors and back. Rows past the
+# end repeat the last one. Whole W x W tiles are transposed in registers, the rest goes lane by lane.
 _ROWS = """\
 INLINE i64 row_at(i64 row, i64 end) { return row < end ? row : end - 1; }
 static UNUSED void load_rows(const double *a, i64 size, i64 row, i64 end, V *out, i64 step) {
@@ -139,7 +139,7 @@ INLINE i64 count_rows(M m, i64 row, i64 end) {
 """
 
 
-# The same words for one sample at a time, in C11 and its mathematical library alone.
+# Definitions of the same macros and functions for one sample at a time, in C11 with <math.h> alone.
 _SCALAR = {
     "INLINE": "static",
     "NOINLINE": "",
@@ -169,7 +169,7 @@ _SCALAR = {
 
 
 def scalar_prelude(text: str) -> str:
-    """C text before kernels over single doubles: of what there is, what `text` names."""
+    """Return the C text that precedes `text`, kernels over single doubles, with the definitions that it uses."""
     erfinv = _ERFINV_LANE.replace("__builtin_", "") if "verfinv" in text else ""
     lines = ["#include <math.h>", "#define V double", "#define M int"]
     used = set(re.findall(r"\w+", text + erfinv))
@@ -180,7 +180,7 @@ def scalar_prelude(text: str) -> str:
 
 
 def vector_prelude(compiler: Compiler) -> str:
-    """C text that every emitted source begins with, for this compiler and CPU."""
+    """Return the C text at the beginning of every vectorised source, for this compiler and CPU."""
     functions = "".join(_vector_function(name, compiler) for name in VECTOR_FUNCTIONS)
     return "".join(
         (
@@ -200,14 +200,14 @@ def vector_prelude(compiler: Compiler) -> str:
 
 
 def _fused(compiler: Compiler) -> str:
-    """a*b + c in one rounding; two where the CPU has no such instruction."""
+    """Return the C function `fused`, a*b + c with one rounding, or two where the CPU lacks the instruction."""
     if not compiler.has_fma:
         return "INLINE V fused(V a, V b, V c) { return a * b + c; }\n"
     return _instruction("fused", "V a, V b, V c", _FUSED, "__builtin_fma(a[l], b[l], c[l])")
 
 
 def _instruction(name: str, parameters: str, variants: tuple[tuple[str, int, str], ...], lane: str) -> str:
-    """An inline function by the first builtin there is for this width (0: any), else by lanes."""
+    """Return an inline C function that uses the first builtin for this width (0 for any), else a loop over lanes."""
     lines = []
     for k, (builtin, width, call) in enumerate(variants):
         condition = f"__has_builtin({builtin})" + (f" && W == {width}" if width else "")
@@ -230,7 +230,7 @@ def _vector_function(name: str, compiler: Compiler) -> str:
 
 
 def _transpose(width: int) -> str:
-    """A W x W transposition by log2(W) rounds of pairwise shuffles."""
+    """Return a C function that transposes W x W doubles in log2(W) rounds of pairwise shuffles."""
     lines = ["INLINE void transpose(V *t) {", "  V a, b;"]
     distance = 1
     while distance < width:

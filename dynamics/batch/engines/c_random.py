@@ -1,4 +1,4 @@
-"""C source of the counter-based normals of `dynamics.batch.random`."""
+"""C source of the counter-based normal random numbers of `dynamics.batch.random`."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dynamics.batch.engines.c_source import c_double
 from dynamics.batch.random import INCREMENTS, MULTIPLIERS, ROUNDS
 
-# A 64-bit product of all lanes costs a processor without AVX-512 three multiplications and more;
-# of their lower halves is one instruction, which gcc needs by its name.
+# C code of Philox4x32. A 64-bit product of all lanes takes at least three multiplications without
+# AVX-512; the product of the lower halves is one instruction, which gcc uses only where it is named.
 _PHILOX = """\
 typedef int H __attribute__((vector_size(8 * W)));
 #if __has_builtin(__builtin_ia32_pmuludq512_mask) && W == 8
@@ -47,11 +47,11 @@ INLINE void philox(i64 sample, i64 quadruple, const Q *keys, Q *words) {
 }
 """
 
-# Box and Muller. 32 bits under an exponent are a number in [1, 2) or [4, 8), from which a constant
-# is taken exactly. For the logarithm u = 2^e m with m within a factor sqrt(2) of 1, and with
-# s = (m - 1)/(m + 1) ln m = 2 artanh s. Adding 1.5 * 2^52 rounds to the nearest integer and leaves
-# it in the low bits: the angle in quarter turns so splits exactly into a quadrant and a rest within
-# pi/4.
+# C code of Box and Muller's transform. 32 random bits below an exponent are a number in [1, 2) or
+# [4, 8), from which a constant is subtracted exactly. For the logarithm u = 2^e m with m within a
+# factor sqrt(2) of 1, and ln m = 2 artanh s with s = (m - 1)/(m + 1). Adding 1.5 * 2^52 rounds to the
+# nearest integer, in the low bits: the angle in quarter turns is exactly a quadrant and a remainder
+# within pi/4.
 _NORMALS = """\
 INLINE V mantissa(Q word, unsigned long long exponent) {
   return (V)(((word << 32) >> 12) | exponent);
@@ -86,7 +86,7 @@ INLINE void four_normals(i64 sample, i64 quadruple, const Q *keys, V *z) {
 }
 """
 
-# Coefficients, highest power first, of polynomials that reach double precision where they are used:
+# Coefficients, highest power first, of polynomials accurate to double precision in their ranges:
 # in s^2 for -2 ln(m)/s (FreeBSD's msun, e_log.c), in y^2 for sin(y)/y and cos(y) (Cephes, sin.c).
 _LOG = (
     *(1.479819860511658591e-01, 1.531383769920937332e-01, 1.818357216161805012e-01),
@@ -107,9 +107,9 @@ _LN_2 = 0.6931471805599453
 
 
 def normals_source() -> str:
-    """C text of `four_normals`, the counter-based normals of `dynamics.batch.random`.
+    """Return the C text of `four_normals`, the counter-based normals of `dynamics.batch.random`.
 
-    `schedule` makes its keys of a seed's two words.
+    The C function `schedule` makes its keys from the two words of a seed's key.
     """
     return _PHILOX % {
         **{"rounds": ROUNDS, "m0": MULTIPLIERS[0], "m1": MULTIPLIERS[1]},
@@ -124,7 +124,7 @@ def normals_source() -> str:
 
 
 def _horner(name: str, variable: str, coefficients: Sequence[float]) -> str:
-    """Statements that give `name` the value of a polynomial."""
+    """Return C statements that assign the value of a polynomial in `variable` to `name`, by Horner's rule."""
     lines = [f"  {name} = SPLAT({c_double(coefficients[0])});"]
     lines += [f"  {name} = fused({name}, {variable}, SPLAT({c_double(value)}));" for value in coefficients[1:]]
     return "\n".join(lines)

@@ -1,8 +1,8 @@
-"""C source of rollouts: the step's kernels inside real loops over time and inner iterations.
+"""C source of rollouts: the step's kernels inside loops over time and inner iterations.
 
-The text does not depend on the horizon, which is an argument. Work is done on blocks of `U`
-registers of samples; what is stored between the sweeps (states, multipliers, noise) stays in the
-first-level cache for problems of ordinary size.
+The text does not depend on the horizon, which is an argument. The loops work on blocks of `U`
+registers of samples, so that what is stored between the sweeps (states, multipliers, noise) stays in
+the first-level cache for problems of ordinary size.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ typedef struct {
 } memory;
 """
 
-# Entry k of what register j of a block has is number k U + j, so that all registers of a block
-# lie side by side; ts is 1 in place of U where all samples share theta, PS likewise for p.
+# C code of the forward and adjoint sweeps. Entry k of an array for register j of a block is at index
+# k U + j; ts is 1 in place of U where all samples share theta, PS likewise for p.
 _SWEEPS = """\
 typedef struct { const char *at, *stop; i64 each; } lines;
 INLINE lines lines_of(const double *a, i64 size, i64 row, i64 end, i64 turns) {
@@ -151,7 +151,7 @@ static void scores(const job *q, const memory *a, i64 n, i64 live) {
 }
 """
 
-# Of (x, theta, w, p) and so on, between entries of the block's memory: U, or 1 where shared.
+# Strides of (x, theta, w, p) between entries in the block's memory: U, or 1 where samples share them.
 _GIVEN = ("U", "ts", "U", "PS")
 _STRIDES = {
     "step": (_GIVEN, ("U", "U", "A")),
@@ -284,10 +284,10 @@ def rollout_source(
     own_p: bool = False,
     own_theta: bool = False,
 ) -> str:
-    """The C text of a rollout on this machine, for blocks of about `block` samples.
+    """Return the C text of a rollout on this machine, for blocks of about `block` samples.
 
-    With `own_p` every sample has parameters of its own; else they may stay in registers. With
-    `own_theta` so it is for the weights of dense layers.
+    With `own_p` parameters p differ between samples; else they may stay in registers. `own_theta` is
+    the same for the weights of dense layers.
     """
     functions, layers = c_steps.forward_graphs(tapes, warm=True), tapes.layers
     for name in ("adjoint", "score", "terminal", "terminal_adjoint"):
@@ -297,7 +297,7 @@ def rollout_source(
     length, abreast, registers = c_steps.side_by_side(functions, block, machine)
     constants = {
         "EACH": "UNROLL" if length <= c_steps.UNROLLED else "",
-        # Unused registers of the last block are left out of a long graph.
+        # Long graphs skip the unused registers of the last block.
         "LIVE": "U" if length <= c_steps.UNROLLED else "live",
         "U": registers,
         "PS": "U" if own_p else "1",

@@ -1,4 +1,4 @@
-"""A tape as C: one function over SIMD registers or plain doubles, one statement per operation."""
+"""C source of a tape: one function over SIMD registers or plain doubles, one statement per operation."""
 
 from __future__ import annotations
 
@@ -12,22 +12,23 @@ import casadi as ca
 
 from dynamics.batch.graphs.tape import BOOLEAN, Operation, Tape, operands_of, selection_of
 
-# Past this many operations a tape is cut, into parts of so many: gcc's time grows faster than a
-# function's length, and so do the values that it moves from registers to memory and back.
+# Maximum number of operations of one C function; a longer tape is cut into parts, as gcc's time and
+# the number of values that it moves between registers and memory grow faster than the length.
 WHOLE = 1500
 # Operations of each part of a longer tape.
 PART = 300
-# Operations beyond which a call costs nothing that shows, and its caller compiles sooner for it.
+# Maximum number of operations of a function that is inlined; calls of longer ones cost little, and
+# their callers compile faster.
 INLINED = 150
-# Integer powers up to this one are products, which the vector pow would only approximate.
+# Largest integer exponent written as a product, since the vector pow only approximates it.
 LARGEST_PRODUCT = 4
-# Divisors whose reciprocal is an ordinary double too; a division costs ten products.
+# Range of constant divisors that are replaced by their reciprocal; a division costs ten products.
 MODERATE = (1e-300, 1e300)
-# Operations without operands.
+# Operations that have no operands.
 _LEAVES = (ca.OP_INPUT, ca.OP_CONST)
-# Values and masks in a statement.
+# Pattern of the names of values and masks in a C statement.
 _NAMES = re.compile(r"\b([vm])(\d+)\b")
-# C functions of operations.
+# Mapping from an operation of CasADi to its C function.
 _CALLS = {
     **{ca.OP_EXP: "vexp", ca.OP_LOG: "vlog", ca.OP_LOG1P: "vlog1p", ca.OP_EXPM1: "vexpm1"},
     **{ca.OP_SQRT: "vsqrt", ca.OP_POW: "vpow", ca.OP_ERF: "verf", ca.OP_ERFINV: "verfinv"},
@@ -39,7 +40,7 @@ _CALLS = {
     **{ca.OP_COPYSIGN: "vcopysign", ca.OP_FMIN: "vfmin", ca.OP_FMAX: "vfmax"},
     **{ca.OP_FLOOR: "vfloor", ca.OP_CEIL: "vceil", ca.OP_FABS: "vfabs", ca.OP_SIGN: "vsign"},
 }
-# C functions whose result is the processor's where an operand is NaN.
+# Faster C functions of operations, whose result depends on the processor where an operand is NaN.
 _LOOSE = {ca.OP_FMIN: "vsmaller", ca.OP_FMAX: "vlarger"}
 # C operators of arithmetic.
 _INFIX = {ca.OP_ADD: "+", ca.OP_SUB: "-", ca.OP_MUL: "*"}
@@ -58,13 +59,13 @@ def c_double(value: float) -> str:
 
 @dataclass(frozen=True)
 class RegisterLayout:
-    """Positions of the entries of inputs and outputs, for a kernel over registers side by side.
+    """Memory layout of a kernel's inputs and outputs, for a kernel that works on several registers at once.
 
-    Entry j of an array for register r is number `j * stride + r`, or `j * stride` alone where the
-    stride is 1, which is what all registers share. Strides are C expressions, "1" by default;
-    they may name `ts`, which the kernel then takes as its last argument. The kernel works on
-    `abreast` registers at once: a long chain of dependent operations leaves a processor idle that
-    two such chains keep busy.
+    Entry j of an array for register r is at index `j * stride + r`, or at `j` where the stride is 1
+    and all registers share the entry. Strides are C expressions, "1" by default; they may contain
+    `ts`, which is then the kernel's last argument. The kernel works on `abreast` registers at once,
+    since one long chain of dependent operations leaves a processor idle. With `loose` minimum and
+    maximum depend on the processor where an operand is NaN.
     """
 
     inputs: tuple[str, ...] = ()
@@ -74,12 +75,12 @@ class RegisterLayout:
 
     @property
     def with_ts(self) -> bool:
-        """Whether the kernel takes the argument `ts`."""
+        """Whether the kernel has the argument `ts`, a stride that is known at run time."""
         return "ts" in (*self.inputs, *self.outputs)
 
     @staticmethod
     def entry_offset(strides: Sequence[str], k: int, j: int, register: int) -> str:
-        """Return the C offset of entry j of array k for this register."""
+        """Return the index, as a C expression, of entry j of array k for a register."""
         stride = strides[k] if k < len(strides) else "1"
         if stride == "1":
             return str(j)
@@ -88,11 +89,11 @@ class RegisterLayout:
 
 
 def kernel_source(tape: Tape, name: str, layout: RegisterLayout | None = None, part_size: int | None = None) -> str:
-    """C text of `void name(const V *const in[], V *const out[])`.
+    """Return the C text of `void name(const V *const in[], V *const out[])`, which evaluates a tape.
 
-    `in[k][j]` is nonzero j of input k, `out` likewise, laid out as `layout` says; no output may
-    overlap an input. A long tape becomes several functions, of `part_size` operations if given, that
-    pass values through memory.
+    `in[k][j]` is nonzero j of input k, `out` likewise, at the indices of `layout`; no output may
+    overlap an input. A long tape becomes several functions, of `part_size` operations if given,
+    which pass values through memory.
     """
     if part_size is None:
         part_size = WHOLE if len(tape.operations) <= WHOLE else PART
@@ -100,11 +101,11 @@ def kernel_source(tape: Tape, name: str, layout: RegisterLayout | None = None, p
 
 
 class _TapeParts:
-    """The computed values of `tape` in turn, at most `size` a part.
+    """Division of the computed values of `tape`, in order, into parts of at most `size` values.
 
-    `parts[p]` lists the values of part p, `slots` the place in memory (`n_slots` places in all)
-    of each value that a later part reads, and `ends[p]` the outputs (value, output, nonzero) that
-    part p writes. A place is reused once its value is not read any more.
+    `parts[p]` lists the values of part p; `slots` maps each value that a later part reads to its
+    slot in memory, out of `n_slots`; `ends[p]` lists the outputs (value, output, nonzero) that part p
+    writes. A slot is reused after the last read of its value.
     """
 
     def __init__(self, tape: Tape, size: int) -> None:
@@ -119,11 +120,11 @@ class _TapeParts:
         self.ends = self._output_parts()
 
     def read_values(self, operation: Operation) -> tuple[int, ...]:
-        """The values that an operation reads, those of `if_else` as one selection among them."""
+        """Return the values that an operation reads, as operands or in the selection that replaces an `if_else`."""
         return operands_of(operation) + (selection_of(self.tape, operation) or ())
 
     def product_factors(self, i: int, members: set[int]) -> tuple[int, int] | None:
-        """The two factors of a product in the part `members` that is read once, else None."""
+        """Return the two factors of value i where it is a product in `members` that is read once, else None."""
         operation = self.tape.operations[i]
         if i not in members or self.counts[i] != 1:
             return None
@@ -134,13 +135,13 @@ class _TapeParts:
         return None
 
     def integer_power(self, operation: Operation) -> int | None:
-        """The exponent of `OP_CONSTPOW` where it is small and whole, else None."""
+        """Return the exponent of `OP_CONSTPOW` where it is a small positive integer, else None."""
         exponent = self.tape.operations[operation.args[1]]
         is_small_integer = exponent.op == ca.OP_CONST and exponent.value in range(1, LARGEST_PRODUCT + 1)
         return int(exponent.value) if is_small_integer else None
 
     def constant_reciprocal(self, operation: Operation) -> float | None:
-        """The reciprocal of a division's divisor where that is a moderate constant, else None."""
+        """Return the reciprocal of a division's divisor where that is a constant within `MODERATE`, else None."""
         divisor = self.tape.operations[operation.args[1]]
         moderate = divisor.op == ca.OP_CONST and MODERATE[0] < abs(divisor.value) < MODERATE[1]
         return 1.0 / divisor.value if moderate else None
@@ -203,14 +204,14 @@ class _KernelEmitter:
         return f"{linkage} void {name}({parameters}) {{\n{text}}}\n"
 
     def _body(self, p: int) -> list[str]:
-        """Return the statements of a part, each one once for every register in turn."""
+        """Return the C statements of part p, each repeated for every register."""
         registers = range(self.layout.abreast)
         by_register = [_PartEmitter(self.parts, p, self.layout, r).statement_lines() for r in registers]
         return list(chain.from_iterable(zip(*by_register, strict=True)))
 
 
 class _PartEmitter:
-    """The statements of one part of a tape, for one of the registers abreast."""
+    """Writer of the C statements of one part of a tape, for one of the registers abreast."""
 
     def __init__(self, parts: _TapeParts, p: int, layout: RegisterLayout, register: int) -> None:
         self.parts, self.tape, self.layout, self.register = parts, parts.tape, layout, register
@@ -224,7 +225,7 @@ class _PartEmitter:
             self.stores.setdefault(i, []).append(f"out[{k}][{place}] = v{i};")
 
     def statement_lines(self) -> list[str]:
-        """Return the statements, each constant or input right before its first use."""
+        """Return the C statements, with each constant, input or value from memory loaded before its first use."""
         lines: list[str] = []
         loaded: set[str] = set()
         for line in self._needed():
@@ -314,18 +315,18 @@ class _PartEmitter:
         return " * ".join([f"v{base}"] * count) if count else f"vpow(v{base}, v{exponent})"
 
     def _quotient(self, operation: Operation) -> str:
-        """A division, or for a constant divisor the product with its reciprocal."""
+        """Return the C expression of a division, or for a constant divisor of the product with its reciprocal."""
         a, b = operation.args
         reciprocal = self.parts.constant_reciprocal(operation)
         return f"v{a} / v{b}" if reciprocal is None else f"v{a} * {c_double(reciprocal)}"
 
     def _chosen(self, operation: Operation) -> str:
-        """CasADi's if_else as one selection; else an empty string."""
+        """Return the C expression of CasADi's if_else as one selection, "" for other operations."""
         choice = selection_of(self.tape, operation)
         return "pick(m{}, v{}, v{})".format(*choice) if choice else ""
 
     def _fused(self, operation: Operation) -> str:
-        """a*b + c as one rounding where the product has no other reader; else an empty string."""
+        """Return a*b + c as one fused C call where the product is not read elsewhere; else ""."""
         left_operand, right_operand = operation.args
         minus = "-" if operation.op == ca.OP_SUB else ""
         factors = self.parts.product_factors(right_operand, self.own_set)

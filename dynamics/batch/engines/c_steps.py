@@ -1,4 +1,4 @@
-"""C source of one step: its kernels, in closed form or around the loops that solve for contact."""
+"""C source of one step: kernels in closed form, or kernels and the loops that solve for contact."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from dynamics.batch.graphs.step_graphs import ModelStepGraphs, RolloutTapes
 from dynamics.batch.graphs.tape import UnsupportedOperation, share_reciprocals, tape_of
 from dynamics.contact.path import ARRIVED
 
-# Operations up to which the registers of a block are worked on without a loop around them: more
-# would exceed the registers, and take the compiler long.
+# Maximum number of operations for which the loop over the registers of a block is unrolled; longer
+# code would exceed the CPU's registers and compile slowly.
 UNROLLED = 200
-# Operations up to which two registers of a block are worked on abreast, which doubles the text.
+# Maximum number of operations for which a kernel works on two registers at once, which doubles the text.
 LONG = 6000
 _PATH_GRAPHS = ("path", "followed")
 _GIVEN = ("U",) * 4
@@ -28,7 +28,7 @@ _STRIDES = {
     "opening": (_GIVEN, ("A", "A")),
     "closing": ((*_GIVEN, "A"), ("U",) * 3),
 }
-# A or PA registers side by side: what a step keeps to itself while it is worked on.
+# Strides of kernels whose inputs and outputs are local to one step: A or PA registers side by side.
 _OWN = {
     "newton": (("A", "A"), ("A", "A")),
     "settled": (("A", "A"), ("A",)),
@@ -38,8 +38,8 @@ _OWN = {
 }
 _CLOSED_FORM = "#define one_step step\n"
 
-# A register that has come to rest keeps its value lane by lane, so that a sample does not depend on
-# its neighbours. NaN never looks open, and so ends the loop.
+# C code of the iteration along the path. A lane that has converged keeps its value, so that a sample
+# does not depend on its neighbours. NaN does not count as open, and so ends the loop.
 _FOLLOW = """\
 INLINE int some(const M *m, int n) {
   M either = m[0];
@@ -172,7 +172,7 @@ INLINE void one_step(const V *const in[], V *const out[]%(ts_parameter)s) {
 
 
 def step_source(tapes: RolloutTapes, block: int, machine: Compiler) -> str:
-    """Return the C text of one step of many samples, on blocks of about `block`.
+    """Return the C text that evaluates one step of many samples, in blocks of about `block` samples.
 
     Raises `UnsupportedOperation` for a learned step.
     """
@@ -191,16 +191,16 @@ def step_source(tapes: RolloutTapes, block: int, machine: Compiler) -> str:
 
 
 def side_by_side(functions: Mapping[str, ca.Function], block: int, machine: Compiler) -> tuple[int, int, int]:
-    """Operations of all graphs, registers worked on abreast, and registers of a block."""
+    """Return the number of operations of all graphs, of registers in a kernel, and of registers in a block."""
     length = sum(fn.n_instructions() for fn in functions.values())
     abreast = 2 if UNROLLED < length <= LONG else 1
     return length, abreast, abreast * max(1, block // (abreast * machine.width))
 
 
 def forward_graphs(tapes: RolloutTapes, warm: bool = False) -> dict[str, ca.Function]:
-    """Return the graphs that make up the forward step, by the names of their kernels.
+    """Return the graphs of the forward step, as a dict from the kernel's name to the function.
 
-    ``warm`` where steps follow each other.
+    ``warm`` includes the warm start from the step before.
 
     Raises `UnsupportedOperation` for a learned step.
     """
@@ -218,7 +218,7 @@ def step_kernels(
     abreast: int,
     strides: dict[str, tuple[tuple[str, ...], tuple[str, ...]]],
 ) -> Iterator[str]:
-    """C text of each graph, laid out by its strides (inputs, outputs)."""
+    """Yield the C text of each graph's kernel; `strides` maps its name to strides of inputs and outputs."""
     for name, fn in functions.items():
         inputs, outputs = (strides | _OWN if abreast > 1 else strides).get(name, ((), ()))
         registers = _path_abreast(tapes, abreast) if name in _PATH_GRAPHS else abreast
@@ -227,15 +227,15 @@ def step_kernels(
 
 
 def _path_abreast(tapes: RolloutTapes, abreast: int) -> int:
-    """Return the registers side by side in the path's kernels: one where Newton's method comes first.
+    """Return the number of registers in the path's kernels, one where Newton's method comes first.
 
-    The path is rare there, and its text shorter by half."""
+    The path is then rarely needed, and its text is half as long."""
     loop = tapes.forward
     return 1 if isinstance(loop, InnerLoop) and loop.newton else abreast
 
 
 def step_constants(tapes: RolloutTapes, abreast: int, more: Mapping[str, object]) -> str:
-    """Definitions of the sizes that the text of a step names, and of others."""
+    """Return preprocessor definitions of the sizes in the C text of a step, and of the constants `more`."""
     loop = tapes.forward
     inner = (loop.n, loop.n_data, loop.n_pair) if isinstance(loop, InnerLoop) else (0, 0, 0)
     values = {
@@ -248,10 +248,10 @@ def step_constants(tapes: RolloutTapes, abreast: int, more: Mapping[str, object]
 
 
 def one_step(tapes: RolloutTapes, with_ts: bool, warm: bool = False) -> str:
-    """C text of `one_step: (x, theta, w, p) -> (x_next, lam, cost)`, after its kernels.
+    """Return the C text of `one_step: (x, theta, w, p) -> (x_next, lam, cost)`, to follow its kernels.
 
-    `with_ts` where the strides of the kernels name `ts`, their last argument. With `warm` there is
-    one argument more, `lam` of the step before, or a null pointer.
+    `with_ts` says that the kernels have `ts` as their last argument. With `warm` there is one more
+    argument, `lam` of the step before, or a null pointer.
     """
     loop = tapes.forward
     if not isinstance(loop, InnerLoop):

@@ -1,4 +1,4 @@
-"""Rollouts whose loops run in Python over chunks of samples: the NumPy and CasADi backends."""
+"""Rollouts with loops in Python over chunks of samples, for the NumPy and CasADi backends."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ Array = np.ndarray
 
 
 class ChunkSolver:
-    """Multipliers of one step, branch by branch; the same loops as those of the C text."""
+    """Solver for the contact multipliers of one step, branch by branch, with the same loops as the C code."""
 
     def __init__(self, loop: InnerLoop, make: Callable[[ca.Function], Kernel]) -> None:
         self.loop = loop
         self._kernels = {name: make(graph) for name, graph in loop.graphs().items()}
 
     def __call__(self, arguments: list[Array], lam_before: Array | None) -> Array:
-        """Multipliers (branches * n, m) [N s]; `lam_before` are those of the step before, if any."""
+        """Return the multipliers (branches * n, m) [N s]; `lam_before` are those of the step before, if any."""
         loop, m = self.loop, arguments[0].shape[-1]
         lam, data = (np.empty((loop.branches * size, m)) for size in (loop.n, loop.n_data))
         self._kernels["opening"].run(arguments, [lam, data])
@@ -89,7 +89,7 @@ class ChunkSolver:
 
 
 class ChunkNetwork:
-    """Mean actions `a = W_L tanh(...) + b_L` of the observation of a state, samples last.
+    """Dense network from a state's observation to the mean action `a = W_L tanh(...) + b_L`, samples last.
 
     theta is (n_weights, m), or (n_weights, 1) where all samples share it.
     """
@@ -117,7 +117,7 @@ class ChunkNetwork:
         return xbar
 
     def _values(self, theta: Array, x: Array, p: Array) -> list[Array]:
-        """The observation, the hidden layers, and the mean action."""
+        """Return the activations (size, m) of observation, hidden layers and mean action, in order."""
         observation = np.empty((self._layers.sizes[0], x.shape[-1]))
         self._observe.run([x, p], [observation])
         values = [observation]
@@ -130,7 +130,7 @@ class ChunkNetwork:
 
 
 def _summed(weights: Array, values: Array, axes: tuple[int, int]) -> Array:
-    """`sum_i w_oi v_i`, or with axes (0, 2) `sum_o w_oi v_o`, for each sample m."""
+    """Return `sum_i w_oi v_i`, or with axes (0, 2) `sum_o w_oi v_o`, for each sample m."""
     summed_axis = axes[0]
     if weights.shape[-1] == 1:
         matrix = weights[..., 0] if summed_axis == 1 else weights[..., 0].T
@@ -139,10 +139,10 @@ def _summed(weights: Array, values: Array, axes: tuple[int, int]) -> Array:
 
 
 class ChunkRollout:
-    """Forward and adjoint sweep of one chunk of samples, samples along the last axis.
+    """Forward and adjoint sweeps for one chunk of samples, samples along the last axis.
 
-    `make` turns a CasADi function into a `Kernel`; each graph of `tapes` is one kernel. The horizon
-    N is that of the noise, and theta has a row for every step, or one for all of them.
+    `make` turns a CasADi function into a `Kernel`; each graph of `tapes` is one kernel. The length of
+    the noise is the horizon N; theta has one row for every step, or one for all of them.
     """
 
     def __init__(self, tapes: RolloutTapes, make: Callable[[ca.Function], Kernel]) -> None:
@@ -169,12 +169,11 @@ class ChunkRollout:
         slopes: bool = True,
         linearise_along: Array | None = None,
     ) -> tuple[Array, Array, Array]:
-        """States `(N + 1, nx, m)`, multipliers `(N, nlam, m)` and costs `(m,)`.
+        """Return states `(N + 1, nx, m)`, multipliers `(N, nlam, m)` and costs `(m,)`.
 
-        They are lost at the next call. `x0` (nx, m), `theta` (N or 1, n_theta, m), `p` (np, m) and
-        `w` (N, nu, m) may each have 1 in place of m, for one that all samples share. Without
-        ``slopes`` no adjoint can follow. Every step starts at ``linearise_along`` (N + 1, nx, m), where
-        given.
+        The next call overwrites them. `x0` (nx, m), `theta` (N or 1, n_theta, m), `p` (np, m) and `w`
+        (N, nu, m) may each have 1 in place of m, where all samples share them. ``slopes`` is needed for
+        a later adjoint sweep. Step t starts at entry t of ``linearise_along`` (N + 1, nx, m), where given.
         """
         x = self.scratch.array("x", len(w) + 1, self.tapes.nx, m)
         x_next_unused = self.scratch.array("after", self.tapes.nx, m)
@@ -201,13 +200,13 @@ class ChunkRollout:
         return x, lam, cost[0]
 
     def _theta(self, theta: Array, x: Array, p: Array, t: int) -> Array:
-        """Return the theta of step t: its own row, the shared one, or the network's mean actions."""
+        """Return theta of step t: its own row, the row shared by all steps, or the network's mean actions."""
         if self.network is not None:
             return self.network.mean_actions(theta[0], x, p)
         return theta[min(t, len(theta) - 1)]
 
     def _evaluate(self, asked: ModelStepGraphs, arguments: list[Array], slopes: bool) -> Array:
-        """Outputs of the model at every branch and, with ``slopes``, its Jacobians by columns."""
+        """Return the model's outputs at every branch and, with ``slopes``, its Jacobians column by column."""
         m, n_in, model = arguments[0].shape[-1], asked.model.n_in, asked.model
         z = np.empty((asked.queries.numel_out(0), m))
         self.queries.run(arguments, [z])
@@ -233,9 +232,9 @@ class ChunkRollout:
         gradient: Array,
         terminal_gradient: Array | None = None,
     ) -> None:
-        """Fill `gradient` (N or 1, n_theta, m) with the derivative of the cost by theta.
+        """Fill `gradient` (N or 1, n_theta, m) with the derivative of the cost with respect to theta.
 
-        ``terminal_gradient`` (nx, m) is added to its derivative by what is carried at the end.
+        ``terminal_gradient`` (nx, m) is added to the derivative with respect to the last state.
         """
         m = x.shape[-1]
         xbar, xbar_before = self.scratch.array("bars", 2, self.tapes.nx, m)

@@ -1,11 +1,11 @@
-"""The system's C compiler, and the cache of what it compiled.
+"""The system's C compiler, and the cache of compiled objects.
 
-Objects live in the user's cache directory as `<key>-<sha256>.so`, where the key covers the source,
-the compiler's version, the flags and the CPU's instruction set, and the second part is the
-checksum of the object itself. A name appears by one atomic rename, so processes may race; an
-object whose bytes do not match its name is thrown away and compiled again before anything is
-loaded. Emptying the cache meanwhile costs time and breaks nothing: :func:`clear_cache` leaves the folders
-of running compilations, and what vanishes before it is loaded is compiled again elsewhere.
+The user's cache directory contains objects named `<key>-<sha256>.so`. The key is a hash of the
+source, the compiler's version, the flags and the CPU's instruction set; the second part is the
+checksum of the object itself. One atomic rename creates a file, so processes may race; an object
+whose bytes do not match its name is deleted and compiled again before anything is loaded. The cache
+may be emptied at any time: :func:`clear_cache` leaves the folders of running compilations, and an
+object that vanishes before it is loaded is compiled again in a private folder.
 """
 
 from __future__ import annotations
@@ -29,42 +29,42 @@ from dataclasses import dataclass
 from pathlib import Path
 
 _LOG = logging.getLogger(__name__)
-# Names of compilers, the first that works is taken.
+# Names of compilers; the first that is on the search path is used.
 CANDIDATES = ("cc", "gcc", "clang")
-# No flag here lets the compiler assume that NaN or infinity do not occur, reorder a sum, or choose
-# where to contract a*b+c: the emitted source says so itself with explicit fused operations.
+# Compiler flags. None lets the compiler assume that NaN or infinity do not occur, reorder a sum, or
+# choose where to contract a*b+c; the emitted source uses explicit fused operations.
 FLAGS = (
     *("-std=c11", "-O2", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math"),
     *("-fPIC", "-shared"),
 )
-# Flags for this CPU's instructions, the first that the compiler takes.
+# Flags that enable this CPU's instructions; the first that the compiler accepts are used.
 NATIVE_FLAGS = (("-march=native",), ("-mcpu=native",), ())
-# Line of a compiler that gives no cause.
+# Line of a compiler's error output that does not state a cause.
 _NOISE_LINE = "compilation terminated"
-# Longest compilation [s].
+# Time limit of a compilation [s].
 COMPILE_TIMEOUT_S = 300
-# Longest answer of a compiler about itself [s].
+# Time limit of a query of the compiler's version and macros [s].
 PROBE_TIMEOUT_S = 30
 # Prefix of the folders of running compilations.
 _BUILD_PREFIX = "build-"
-# Functions that a vector library may have.
+# C functions for which a vector math library may have a SIMD version.
 VECTOR_FUNCTIONS = (
     *("acos", "acosh", "asin", "asinh", "atan", "atanh", "cos", "cosh", "erf", "exp", "expm1"),
     *("log", "log1p", "sin", "sinh", "tan", "tanh", "atan2", "hypot", "pow"),
 )
-# Those of two arguments.
+# Members of VECTOR_FUNCTIONS with two arguments.
 TWO_ARGUMENTS = frozenset({"atan2", "hypot", "pow"})
 
 
 class CompilerError(RuntimeError):
-    """There is no working C compiler; the message is one line with the cause."""
+    """Error for a missing or failing C compiler; its message is one line with the cause."""
 
     exit_code = 2
 
 
 @dataclass(frozen=True)
 class Compiler:
-    """A compiler that was found, and what code for this machine may use.
+    """A C compiler, and the CPU features that its code may use.
 
     `width` is the number of doubles in a SIMD register; `vector_math` maps the name of a C function
     to that of its vector version in the system's vector math library (empty where there is none).
@@ -81,9 +81,9 @@ class Compiler:
 
 
 def find_compiler() -> Compiler:
-    """Return the first working compiler among `cc`, `gcc`, `clang` on the search path.
+    """Return the first compiler among `cc`, `gcc`, `clang` on the search path.
 
-    Raises `CompilerError` when there is none.
+    Raises `CompilerError` when there is none or it does not run.
     """
     for name in CANDIDATES:
         path = shutil.which(name)
@@ -116,7 +116,7 @@ def _probe(path: str, _changed: int) -> Compiler:
 
 
 def _simd(defined: set[str]) -> tuple[str, int, str]:
-    """Instruction set, doubles a register, and how the vector math library mangles for it."""
+    """Return instruction set, doubles per register, and the vector math library's prefix of function names for it."""
     if {"__AVX512F__", "__AVX512DQ__"} <= defined:
         return "AVX-512", 8, "_ZGVeN8"
     if "__AVX2__" in defined:
@@ -131,10 +131,10 @@ def _simd(defined: set[str]) -> tuple[str, int, str]:
 
 
 def vector_math(mangling: str) -> dict[str, str]:
-    """C's name of each function that glibc's vector library has, and its name there.
+    """Return a mapping from the name of a C function to that of its vector version in glibc's libmvec.
 
-    `mangling` begins a vector function's name and encodes the instruction set; see "Vector Function
-    Application Binary Interface Specification for OpenMP", x86 and AArch64.
+    `mangling` is the prefix of a vector function's name and encodes the instruction set; see "Vector
+    Function Application Binary Interface Specification for OpenMP", x86 and AArch64.
     """
     try:
         library = ctypes.CDLL("libmvec.so.1")
@@ -145,7 +145,7 @@ def vector_math(mangling: str) -> dict[str, str]:
 
 
 def _run(command: list[str], limit_s: float = COMPILE_TIMEOUT_S) -> str:
-    """Return the output of a command; it and its children have ended when this returns or raises."""
+    """Return the output of a command; where it fails, its process group is killed and `CompilerError` raised."""
     try:
         with subprocess.Popen(
             command,
@@ -177,14 +177,13 @@ def _run(command: list[str], limit_s: float = COMPILE_TIMEOUT_S) -> str:
 _loaded: dict[str, ctypes.CDLL] = {}
 _lock = threading.Lock()
 _MIN_FREE_BYTES = 1 << 24
-"""Bytes that a compilation may need."""
+"""Free disk space [bytes] below which a failed compilation is repeated in a private folder."""
 
 
 def load_library(source: str, symbols: Sequence[str] = ()) -> ctypes.CDLL:
-    """Compile C source to a shared object with the functions it ``symbols``, and load it.
+    """Compile C source to a shared object with the functions ``symbols``, or find it in the cache, and load it.
 
-    It may come from the cache. Raises `CompilerError` with the compiler's last line where it fails,
-    or with the loader's.
+    Raises `CompilerError` with the last line of the compiler or the loader where one fails.
     """
     compiler = find_compiler()
     flags = (*FLAGS, *compiler.native)
@@ -206,7 +205,7 @@ def load_library(source: str, symbols: Sequence[str] = ()) -> ctypes.CDLL:
 
 
 def _open(path: Path, symbols: Sequence[str]) -> ctypes.CDLL | None:
-    """Load an object with the functions that it needs, None where it is not there any more."""
+    """Load an object and check that it has the functions ``symbols``; return None where the file has vanished."""
     try:
         library = ctypes.CDLL(str(path))
         for name in symbols:
@@ -214,7 +213,7 @@ def _open(path: Path, symbols: Sequence[str]) -> ctypes.CDLL | None:
     except (OSError, AttributeError) as error:
         if not path.exists():
             return None
-        # Its name is that of whatever this compiler makes of the source: a mended one gets no turn.
+        # The file's key depends on source and compiler alone: if it stayed, it would be found again.
         path.unlink(missing_ok=True)
         raise CompilerError(f"the compiled object does not load: {error}") from error
     return library
@@ -266,7 +265,7 @@ def _compile(key: str, source: str, compiler: Compiler, flags: tuple[str, ...], 
 
 @functools.cache
 def _private_directory() -> Path:
-    """Return the folder for objects when the cache cannot be used; removed when the process ends."""
+    """Return a temporary folder for objects where the cache cannot be used; it is removed when the process ends."""
     holder = tempfile.TemporaryDirectory(prefix="centralpath-")
     _holders.append(holder)
     return Path(holder.name)
@@ -276,9 +275,9 @@ _holders: list[tempfile.TemporaryDirectory[str]] = []
 
 
 def cache_directory() -> Path | None:
-    """The owner-only directory of compiled objects, made if need be; None where it cannot be.
+    """Return the owner-only directory of compiled objects, created if needed; None where it cannot be used.
 
-    A directory that belongs to someone else, or that others may write to, is never loaded from.
+    A directory that belongs to another user, or that others may write to, is not used.
     """
     try:
         root = os.environ.get("XDG_CACHE_HOME")
@@ -295,7 +294,7 @@ def cache_directory() -> Path | None:
 
 
 def compiler_identity() -> str:
-    """Return the identity of this compiler and CPU; "" without a working compiler."""
+    """Return a hash that identifies this compiler and CPU; "" without a working compiler."""
     try:
         return find_compiler().identity
     except CompilerError:
@@ -305,8 +304,8 @@ def compiler_identity() -> str:
 def compiler_info() -> dict[str, object]:
     """Describe the compiler, its vector library, and the cache, for `ocp doctor`.
 
-    Keys `compiler version instruction_set width vector_math cache objects bytes`; `compiler` is
-    None, with the cause in `problem`, without one; `cache` is None where it is unusable.
+    Keys `compiler version instruction_set width vector_math cache objects bytes`. Without a compiler
+    `compiler` is None and `problem` is the cause; `cache` is None where it is unusable.
     """
     directory = cache_directory()
     objects = list(directory.glob("*.so")) if directory else []
@@ -330,9 +329,9 @@ def compiler_info() -> dict[str, object]:
 
 
 def clear_cache() -> int:
-    """Empty the cache of compiled objects; returns how many there were.
+    """Empty the cache of compiled objects; return the number of objects.
 
-    Build folders of killed processes go too: no compilation takes as long as they are old.
+    Build folders that are older than any compilation, left by killed processes, are removed too.
     """
     directory = cache_directory()
     if directory is None:

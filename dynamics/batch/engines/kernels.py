@@ -1,4 +1,4 @@
-"""Graphs over samples by NumPy or by CasADi's own virtual machine, and the choice of a backend."""
+"""Evaluation of graphs for many samples with NumPy or CasADi's virtual machine, and the choice of a backend."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ _reported_reasons: set[str] = set()
 
 
 def choose_backend(backend: str, makers: Mapping[str, Callable[[], EngineT]], owner: str) -> tuple[str, EngineT]:
-    """Build the named backend, or for `auto` the first of `makers` that can be built.
+    """Build the named backend, or for `auto` the first of `makers` that can be built; return its name and engine.
 
-    Under `auto`, a backend that cannot be built is passed over; a `BatchWarning` line gives the
-    reason and the replacement, once for each reason in a process.
+    `auto` skips a backend that cannot be built; a `BatchWarning` gives the reason and the
+    replacement, once for each reason in a process.
     Raises `ValueError` for an unknown name, and the backend's own error when it was named.
     """
     if backend != "auto":
@@ -59,13 +59,13 @@ def choose_backend(backend: str, makers: Mapping[str, Callable[[], EngineT]], ow
 Array = np.ndarray
 # Operations whose operands are truth values.
 _LOGICAL = frozenset({ca.OP_NOT, ca.OP_AND, ca.OP_OR})
-# A chunk's registers should fit the second-level cache; fewer samples, and calls cost more than
-# arithmetic does.
+# Size of a chunk's live values that fits the second-level cache; with smaller chunks the calls would
+# cost more than the arithmetic.
 CACHE_BYTES = 1 << 20
 
 
 class Kernel(Protocol):
-    """Evaluates one short graph over samples: arrays `(nnz, m)` in and out, samples last."""
+    """Interface of the evaluation of one short graph for m samples, with arrays `(nnz, m)`, samples last."""
 
     def run(self, inputs: Sequence[Array], outputs: Sequence[Array]) -> None:
         """Fill `outputs`; an input of shape `(nnz, 1)` is shared by all samples."""
@@ -73,14 +73,14 @@ class Kernel(Protocol):
 
 
 def _special(name: str, a: Array) -> Array:
-    """A function of SciPy, loaded at its first use."""
+    """Return `scipy.special.<name>(a)`; SciPy is imported at the first use."""
     from scipy import special
 
     return getattr(special, name)(a)
 
 
 def _remainder(a: Array, b: Array) -> Array:
-    """IEEE remainder a - n b, n the integer nearest a/b (ties to even), exact as in C."""
+    """Return the IEEE remainder a - n b, n the integer nearest a/b (ties to even), exact as in C."""
     r = np.fmod(a, b)
     half_divisor = 0.5 * np.abs(b)
     n_odd = np.fmod(np.abs(a), 2.0 * np.abs(b)) >= np.abs(b)
@@ -88,7 +88,7 @@ def _remainder(a: Array, b: Array) -> Array:
     return np.where(rounds_up, r - np.copysign(np.abs(b), r), r)
 
 
-# NumPy's function of each operation.
+# NumPy's function for each operation of CasADi.
 _CALLS: dict[int, Callable[..., Array]] = {
     **{ca.OP_ADD: np.add, ca.OP_SUB: np.subtract, ca.OP_MUL: np.multiply, ca.OP_DIV: np.divide},
     **{ca.OP_NEG: np.negative, ca.OP_SQ: np.square, ca.OP_TWICE: lambda a: a + a},
@@ -111,11 +111,11 @@ _CALLS: dict[int, Callable[..., Array]] = {
 
 
 class NumpyKernel:
-    """Evaluates a tape over samples in NumPy, as a Python function with a line an operation.
+    """Evaluates a tape for many samples in NumPy, as a generated Python function with one line per operation.
 
     `run(inputs, outputs)` takes one array `(nnz, m)` per input and fills one `(nnz, m)` per output:
     samples last, so that every operation is one contiguous pass. An input of shape `(nnz, 1)`
-    broadcasts. `width` values are alive at once: each is dropped after its last use.
+    broadcasts. Each value is deleted after its last use, and `width` is the maximum number alive at once.
     """
 
     def __init__(self, tape: Tape) -> None:
@@ -150,12 +150,12 @@ class NumpyKernel:
         self._program = names["program"]
 
     def run(self, inputs: Sequence[Array], outputs: Sequence[Array]) -> None:
-        """Evaluate every sample; non-finite values pass through as IEEE arithmetic has them."""
+        """Fill `outputs` for every sample; NaN and infinity follow IEEE arithmetic without a warning."""
         with np.errstate(all="ignore"):
             self._program(inputs, outputs)
 
     def _last_uses(self, reads: list[tuple[int, ...]]) -> list[int]:
-        """The last reader of each value; -1 where there is none."""
+        """Return the index of the last operation that reads each value, n for outputs, -1 for unused values."""
         n = len(reads)
         last_reader = [-1] * n
         for row in self._tape.outputs:
@@ -168,7 +168,7 @@ class NumpyKernel:
         return last_reader
 
     def _argument(self, op: int, position: int, arg: int) -> str:
-        """An operand's name, turned from number to truth value or back where the two do not fit."""
+        """Return an operand's Python expression, converted between number and truth value where `op` needs it."""
         wants_mask = op in _LOGICAL or (op == ca.OP_IF_ELSE_ZERO and position == 0)
         if wants_mask == (self._tape.operations[arg].op in BOOLEAN):
             return f"v{arg}"
@@ -176,16 +176,16 @@ class NumpyKernel:
 
 
 class CasadiKernel:
-    """Evaluates any CasADi function over samples with `Function.map`, on up to `threads` threads.
+    """Evaluates any CasADi function for many samples with `Function.map`, on up to `threads` threads.
 
-    The reference for the other kernels.
+    It is the reference for the other kernels.
     """
 
     def __init__(self, fn: ca.Function, threads: int = 1) -> None:
         inputs = [ca.MX.sym(fn.name_in(k), fn.nnz_in(k)) for k in range(fn.n_in())]
         shaped = [ca.MX(fn.sparsity_in(k), v) for k, v in enumerate(inputs)]
         outputs = [ca.vec(v.nz[:]) for v in fn.call(shaped)]
-        # On dense vectors of nonzeros, which is what a row of samples is.
+        # Inputs and outputs are dense vectors of nonzeros, like the rows of samples.
         self._flat = ca.Function(f"{fn.name()}_rows", inputs, outputs)
         self._threads = threads
 
@@ -203,17 +203,17 @@ KERNEL_MAKERS: dict[str, Callable[[ca.Function], Kernel]] = {
     "numpy": lambda fn: NumpyKernel(share_reciprocals(tape_of(fn))),
     "casadi": CasadiKernel,
 }
-"""Kernels of the graphs of a step, by backend."""
+"""Mapping from the backend's name to the function that makes a `Kernel` of a graph."""
 
 
 class ChunkedEngine:
-    """Evaluates `run(inputs, outputs)`, that of a kernel, over samples, chunk by chunk."""
+    """Engine that calls a kernel's `run(inputs, outputs)` for one chunk of samples after another, on threads."""
 
     def __init__(self, run: Callable[..., None], chunk: int, threads: int) -> None:
         self._run, self._chunk, self._threads = run, chunk, threads
 
     def evaluate(self, inputs: list[Array], outputs: list[Array], n: int) -> int:
-        """Fill `outputs` for all n samples; returns how many of them are not finite."""
+        """Fill `outputs` for all n samples; return the number of samples that are not finite."""
         bad_counts: list[int] = []
 
         def work(begin: int, end: int) -> None:
@@ -231,6 +231,6 @@ class ChunkedEngine:
 
 
 def chunk_length(n_rows: int, block: int) -> int:
-    """Samples a chunk, a multiple of `block`, for `n_rows` live rows to stay in cache."""
+    """Return the number of samples of a chunk, a multiple of `block`, so that `n_rows` live rows stay in cache."""
     samples = min(4096, max(256, CACHE_BYTES // (8 * max(n_rows, 1))))
     return block * max(1, samples // block)

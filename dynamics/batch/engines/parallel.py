@@ -1,4 +1,4 @@
-"""Threads over chunks of samples, and their work arrays. Kernels release the interpreter lock."""
+"""Threads that work on chunks of samples, and their work arrays. Kernels release the interpreter lock."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ def checked_threads(threads: int | None) -> int:
 def over_chunks(n: int, chunk: int, threads: int, work: Callable[[int, int], None]) -> None:
     """Call `work(begin, end)` for consecutive chunks of `range(n)` on up to `threads` threads.
 
-    Free threads take the chunks in turn; their bounds depend on `n` and `chunk` alone, so
-    what is computed does not depend on `threads`. The first exception is raised.
+    Free threads take the chunks in turn. The chunks depend on `n` and `chunk` alone, so that results
+    do not depend on `threads`. The first exception is raised.
     """
     starts = range(0, n, chunk)
     tickets = itertools.count()
@@ -48,9 +48,9 @@ def over_chunks(n: int, chunk: int, threads: int, work: Callable[[int, int], Non
 
 
 def on_threads(threads: int, work: Callable[[], ResultT]) -> list[ResultT]:
-    """Call `work()` on so many threads at once, this one among them; returns all results.
+    """Call `work()` on `threads` threads at once, including the calling one, and return all results.
 
-    The first exception is raised, once all have ended.
+    The first exception is raised after all threads have ended.
     """
     pending = [_executor().submit(work) for _ in range(threads - 1)]
     try:
@@ -61,10 +61,10 @@ def on_threads(threads: int, work: Callable[[], ResultT]) -> list[ResultT]:
 
 
 def run_chunks(run: Callable[..., int], n: int, chunk: int, threads: int, *arguments: Any) -> int:
-    """Call machine code `run(next, n, chunk, *arguments)` on up to `threads` threads.
+    """Call the C function `run(next, n, chunk, *arguments)` on up to `threads` threads.
 
-    The threads draw the chunks of `range(n)` from the counter `next`, without a turn through the
-    interpreter. Returns the sum of what they return; `MemoryError` where one is negative.
+    The threads take chunks of `range(n)` from the counter `next`, without the interpreter. Returns
+    the sum of their results; raises `MemoryError` where one is negative.
     """
     begin = ctypes.c_int64(0)
 
@@ -94,21 +94,21 @@ if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_forget_pool)
 
 
-# Samples that are transposed at once: their rows should still be in cache for the next column.
+# Number of samples that are transposed at once, so that their rows are still in cache for the next column.
 _TILE = 256
 
 
 class Scratch(threading.local):
-    """Work arrays by name, each thread its own; fresh memory would cost a page fault every 4 KiB.
+    """Work arrays by name, separate for each thread; new memory would cost a page fault every 4 KiB.
 
-    A second request for a name overwrites its array.
+    A second request for a name returns the same memory.
     """
 
     def __init__(self) -> None:
         self._memory: dict[str, np.ndarray] = {}
 
     def array(self, name: str, *shape: int) -> np.ndarray:
-        """An array of this shape, with whatever was left in it."""
+        """Return the work array `name` with this shape, uninitialised."""
         size = math.prod(shape)
         memory = self._memory.get(name)
         if memory is None or len(memory) < size:
@@ -116,7 +116,7 @@ class Scratch(threading.local):
         return memory[:size].reshape(shape)
 
     def columns(self, name: str, rows: np.ndarray) -> np.ndarray:
-        """The transpose of (n_samples, size) as an array of its own, samples last."""
+        """Return the contiguous transpose (size, n_samples) of `rows` in the work array `name`."""
         columns = self.array(name, *rows.shape[::-1])
         copy_transposed(rows, columns.T)
         return columns

@@ -1,4 +1,4 @@
-"""Backends of a rollout: their request, and how each evaluates it."""
+"""Backends of rollouts, and the request and results that they exchange with their callers."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ class RolloutRequest:
     """One evaluation of n rollouts; arrays have n rows, or one row shared by all.
 
     `x0` (., nx), `theta` (., parts * n_theta), `p` (., np); `w` (n, horizon * nu) is given noise,
-    `gaussian` noise to be drawn, both None for none. `precision` (horizon, nu) is what the score
-    has of each noise, 0 where it does not act; `baseline` is subtracted from the cost before it
-    multiplies the score, in moments. `along` (n, (horizon + 1) * nx), where given, is where every
-    step starts; `pull` (n, nx) is added to the derivative of the cost by what is carried at the
-    end.
+    `gaussian` noise to be drawn, both None for none. `precision` (horizon, nu) is 1 / sigma^2, the
+    factor of each noise in the score, and 0 where the noise does not affect the cost; `baseline` is
+    subtracted from the cost before it multiplies the score, in moments. `linearise_along`
+    (n, (horizon + 1) * nx) are the states at which the steps start, None for the rollout's own;
+    `terminal_gradient` (n, nx) is added to the derivative of the cost with respect to the last state.
     """
 
     n: int
@@ -50,11 +50,11 @@ class RolloutRequest:
 
     @property
     def n_values(self) -> int:
-        """Entries of a sample's vector in moments: cost, gradient, score times cost."""
+        """Number of entries of a sample's vector in moments: cost, gradient, score times cost."""
         return 1 + self.theta.shape[1] * (self.gradient + self.score)
 
     def slice_samples(self, begin: int, end: int) -> RolloutRequest:
-        """The same request for samples `begin <= i < end` alone."""
+        """Return the same request for samples `begin <= i < end` alone."""
         names = ("x0", "theta", "p", "w", "linearise_along", "terminal_gradient")
         batched = {name: getattr(self, name) for name in names}
         rows = {k: a[begin:end] for k, a in batched.items() if a is not None and len(a) > 1}
@@ -64,10 +64,10 @@ class RolloutRequest:
 
 @dataclass(frozen=True)
 class RolloutArrays:
-    """Arrays to fill with values of n samples, all but the first where wanted.
+    """Arrays that an engine fills with results of n samples; None where not requested.
 
-    `cost` (n, 1), `gradient` and `score` (n, parts * n_theta), `last` (n, nx) what is carried at
-    the end, `trail` (n, (horizon + 1) * nx) what is carried at every step.
+    `cost` (n, 1), `gradient` and `score` (n, parts * n_theta), `last` (n, nx), the last state, and
+    `trail` (n, (horizon + 1) * nx), all states, each with the entries that the objective adds.
     """
 
     cost: Array
@@ -78,13 +78,13 @@ class RolloutArrays:
 
     @classmethod
     def allocate(cls, q: RolloutRequest, **outputs: Array | None) -> Self:
-        """Arrays for the cost, and for what else the call asks."""
+        """Return new arrays for the cost, and for gradient and score where `q` requests them."""
         size = q.theta.shape[1]
         gradient, score = (np.empty((q.n, size)) if on else None for on in (q.gradient, q.score))
         return cls(np.empty((q.n, 1)), gradient, score, **outputs)
 
     def non_finite(self) -> NonFinite:
-        """The samples with a cost, gradient or score that is NaN or infinite."""
+        """Return the samples with a cost, gradient or score that is NaN or infinite."""
         return non_finite_rows([a for a in (self.cost, self.gradient, self.score) if a is not None])
 
 
@@ -110,19 +110,19 @@ class Job(ctypes.Structure):
     ]
 
 
-# Samples of the longest SIMD register.
+# Number of samples in the widest SIMD register.
 _WIDEST_REGISTER = 8
-# Shares of the work for each thread.
+# Number of chunks of samples for each thread, where there are many samples.
 _SHARES_PER_THREAD = 4
-# Samples that are not worth sharing.
+# Minimum number of samples in a chunk, where every thread gets one.
 _MIN_SHARED_SAMPLES = 32
 
 
 class CompiledRolloutEngine:
-    """Rollouts by a driver `run(next, n, chunk, job)` in machine code.
+    """Engine of rollouts with a compiled C function `run(next, n, chunk, job)`.
 
-    There is one for parameters that all samples share, and one for parameters of each sample's
-    own, which is built at its first use; so it is for theta where the policy has layers. Raises
+    One version is for parameters p that all samples share, another for parameters that differ between
+    samples, compiled at its first use; likewise for theta where the policy has layers. Raises
     `CompilerError` where the rollout cannot be compiled.
     """
 
@@ -141,14 +141,14 @@ class CompiledRolloutEngine:
         return run
 
     def samples(self, q: RolloutRequest, results: RolloutArrays) -> int:
-        """Fill the arrays sample by sample; returns how many samples are not finite."""
+        """Fill the arrays `results`; return the number of samples that are not finite."""
         want = (results.gradient is not None) + 2 * (results.score is not None)
         return self._all(q, want, **vars(results))
 
     def moments(self, q: RolloutRequest, table: Array) -> int:
-        """Fill a row `(count, means, second moments)` of `table` for each chunk of samples.
+        """Fill a row `(count, means, sums of squared deviations)` of `table` for each chunk of samples.
 
-        Returns how many samples are not finite.
+        Returns the number of samples that are not finite.
         """
         return self._all(q, q.gradient + 2 * q.score + 4, moments=table)
 
@@ -161,7 +161,7 @@ class CompiledRolloutEngine:
         return run_chunks(self._runs[per_sample], q.n, chunk, self._threads, ctypes.addressof(job))
 
     def _share(self, n: int) -> int:
-        """Samples that a thread takes at once: a few shares for each, of few samples one."""
+        """Return the number of samples in a chunk, for a few chunks per thread, or one where samples are few."""
         if self._threads == 1:
             return self.chunk
         one_share, several_shares = (
@@ -170,7 +170,7 @@ class CompiledRolloutEngine:
         return min(self.chunk, max(several_shares, min(one_share, _MIN_SHARED_SAMPLES)))
 
     def _job(self, q: RolloutRequest, want: int, results: dict[str, Array | None]) -> tuple[Job, object]:
-        """The structure to pass, and the arrays that must live as long as it is in use."""
+        """Return the C structure, and the arrays that it points to, which must live as long as it is in use."""
         nu = self._tapes.nu
         noise, seed_key, sigma = 0, (0, 0), np.ones(nu)
         if q.w is not None:
@@ -198,15 +198,15 @@ class CompiledRolloutEngine:
         return job, arrays
 
 
-# Operations of an adjoint below which chunks may be larger.
+# Number of operations of the adjoint graph below which chunks may be larger.
 _SHORT_GRAPH = 300
 
 
 class ChunkEngine:
-    """Rollouts whose loops run in Python, over chunks of samples.
+    """Engine of rollouts whose loops run in Python, over chunks of samples.
 
-    An operation on a chunk must outlast Python's part in it, so that threads run side by side; the
-    arrays of a long graph must stay in cache.
+    An operation on a chunk must take longer than its call from Python, so that threads run in
+    parallel, but the arrays of a long graph must stay in cache.
     """
 
     def __init__(self, tapes: RolloutTapes, threads: int, make: Callable[[ca.Function], Kernel]) -> None:
@@ -215,7 +215,7 @@ class ChunkEngine:
         self._rollout = ChunkRollout(tapes, make)
 
     def samples(self, q: RolloutRequest, results: RolloutArrays) -> int:
-        """Fill the arrays like :meth:`CompiledRolloutEngine.samples`."""
+        """Fill the arrays `results`; see :meth:`CompiledRolloutEngine.samples`."""
         bad_counts: list[int] = []
         targets = results.gradient, results.score, results.last, results.trail
 
@@ -234,7 +234,7 @@ class ChunkEngine:
         return sum(bad_counts)
 
     def moments(self, q: RolloutRequest, table: Array) -> int:
-        """Fill the table like :meth:`CompiledRolloutEngine.moments`."""
+        """Fill the table of moments; see :meth:`CompiledRolloutEngine.moments`."""
         bad_counts: list[int] = []
 
         def work(begin: int, end: int) -> None:
@@ -251,8 +251,9 @@ class ChunkEngine:
         return sum(bad_counts)
 
     def _chunk(self, q: RolloutRequest) -> tuple[Array, Array, Array, Array]:
-        """Return results of one chunk, valid until the next: cost (m,), gradient and score (parts * n_theta or 0, m),
-        and all that was carried (N + 1, nx, m)."""
+        """Return cost (m,), gradient and score (parts * n_theta or 0, m) and states (N + 1, nx, m) of one chunk.
+
+        The next call overwrites them."""
         tapes, m = self._tapes, q.n
         scratch, rollout = self._rollout.scratch, self._rollout
         batched = {"x0": q.x0, "theta": q.theta, "p": q.p, "w": self._noise(q)}

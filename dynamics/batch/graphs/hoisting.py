@@ -1,8 +1,8 @@
-"""Hoisting of expressions in parameters alone out of a graph that is repeated.
+"""Hoisting of expressions in parameters alone out of a graph that is evaluated repeatedly.
 
-Parameters stay the same over a rollout, so an expression in them, such as h/m, is computed once and
-handed to the graphs of the step as a value, instead of once a step and sample; a division by such
-a value becomes a product with its reciprocal, and a chain of such products one product.
+Parameters are constant over a rollout, so an expression in them, such as h/m, is computed once and
+passed to the graphs of the step as a value, instead of once per step and sample; a division by such
+a value becomes a product with its reciprocal, and a chain of such products becomes one product.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ from dynamics.batch.graphs.tape import (
 def hoist_parameters(
     functions: Mapping[str, tuple[ca.Function, int]], n_parameters: int
 ) -> tuple[ca.Function, dict[str, ca.Function]]:
-    """Split functions into what depends on parameters alone and the rest.
+    """Split functions into the expressions that depend on parameters alone and the rest.
 
     `functions` maps a name to an SX function and the position of its argument p, (n_parameters).
-    Returns `derived: p -> q`, and the functions with q in the place of p.
+    Returns `derived: p -> q`, and the functions with q in place of p.
     """
     pool = _Pool(n_parameters)
     split_functions = {
@@ -48,7 +48,7 @@ def hoist_parameters(
 
 
 class _Pool:
-    """Expressions in the parameters, each once, whichever function it was found in."""
+    """Expressions in parameters alone, shared by all functions, each stored once."""
 
     def __init__(self, n_parameters: int) -> None:
         self.p = ca.SX.sym("p", n_parameters)
@@ -57,7 +57,7 @@ class _Pool:
         self._known: dict[tuple[int, tuple[int, ...], str], int] = {}
 
     def add_operation(self, operation: Operation, args: tuple[int, ...]) -> int:
-        """Index of an operation on earlier members of the pool, or of a parameter or constant."""
+        """Add an operation on members `args` of the pool, a parameter or a constant; return its index."""
         key = (operation.op, args, operation.value.hex())
         if key not in self._known:
             self._known[key] = len(self.expressions)
@@ -72,7 +72,7 @@ class _Pool:
         return apply_operation(operation.op, [self.expressions[i] for i in args])
 
     def value(self, i: int) -> ca.SX:
-        """Return the constant, or the symbol, that stands for a member in the remaining graph."""
+        """Return the constant or the symbol that replaces member i of the pool in the remaining graph."""
         if self.expressions[i].is_constant():
             return self.expressions[i]
         if i not in self.symbols:
@@ -81,7 +81,7 @@ class _Pool:
 
 
 class _Split:
-    """One function, with its operations on parameters alone moved to the pool."""
+    """One function, whose operations on parameters alone are moved to the pool."""
 
     def __init__(self, tape: Tape, position: int, pool: _Pool) -> None:
         self.tape, self.position, self.pool = tape, position, pool
@@ -129,13 +129,13 @@ class _Split:
         return self.values[i]
 
     def split_columns(self) -> tuple[list[ca.SX], list[ca.SX]]:
-        """Arguments, and each output as a column."""
+        """Return the arguments and outputs of the remaining function, as columns."""
         outputs = [ca.vertcat(ca.SX(0, 1), *map(self._value, row)) for row in self.tape.outputs]
         return self.arguments, outputs
 
 
 def apply_operation(op: int, args: list[ca.SX]) -> ca.SX:
-    """A scalar operation of CasADi on expressions."""
+    """Return the scalar operation with CasADi's number `op`, applied to expressions."""
     return ca.SX.binary(op, *args) if op in BINARY else ca.SX.unary(op, *args)
 
 
@@ -163,11 +163,11 @@ _COSTLY = {
 
 
 def carry_costly_values(forward: ca.Function, adjoint: ca.Function) -> tuple[ca.Function, ca.Function]:
-    """Let `lam` carry the divisions, roots and the like that both functions compute.
+    """Append to `lam` the divisions, roots and similar values that both functions compute.
 
     `forward: (x, theta, w, p) -> (x_next, lam, cost)`, `adjoint: (x, theta, w, p, lam, xbar) ->
-    (...)`. In what is returned lam is longer by those values of the forward step, which the adjoint
-    reads instead: a division takes a processor as long as ten products, a stored number one load.
+    (...)`. In the returned functions lam is longer by those values of the forward step, which the
+    adjoint reads from it: a division takes as long as ten products, a stored number one load.
     """
     forward_graph, adjoint_graph = (_Graph(share_reciprocals(tape_of(f))) for f in (forward, adjoint))
     same_in_forward = adjoint_graph.match_values(forward_graph, lam_input=4)
@@ -192,13 +192,13 @@ def carry_costly_values(forward: ca.Function, adjoint: ca.Function) -> tuple[ca.
 
 
 class _Graph:
-    """A tape whose values can be found in another tape."""
+    """A tape whose values can be matched with those of another tape."""
 
     def __init__(self, tape: Tape) -> None:
         self.tape = tape
 
     def first_met(self, ends: set[int]) -> list[int]:
-        """Return the members of ``ends`` that are met first on the way from the outputs down."""
+        """Return the members of ``ends`` that a search from the outputs down reaches before other members."""
         visited: set[int] = set()
         first_met, pending = [], [i for row in self.tape.outputs for i in row]
         while pending:
@@ -213,8 +213,9 @@ class _Graph:
         return first_met
 
     def match_values(self, other: _Graph, lam_input: int) -> dict[int, int]:
-        """Map values of this tape to equal values of ``other``; inputs agree but for ``lam_input``,
-        which is the other's output 1."""
+        """Return a mapping from values of this tape to equal values of ``other``.
+
+        Both have the same inputs except ``lam_input``, which is output 1 of ``other``."""
         index_by_key = {other._key(op, op.args): i for i, op in enumerate(other.tape.operations)}
         matches: dict[int, int] = {}
         for i, operation in enumerate(self.tape.operations):
@@ -238,7 +239,7 @@ class _Graph:
         return operation.op, ordered, operation.value
 
     def expressions(self, arguments: list[ca.SX], replacements: dict[int, ca.SX]) -> list[ca.SX]:
-        """Every value as an expression in ``arguments``, or as it is ``replacements``."""
+        """Return every value as an expression in ``arguments``, with ``replacements`` for some values by index."""
         values: list[ca.SX] = []
         for i, operation in enumerate(self.tape.operations):
             if i in replacements:
@@ -252,5 +253,5 @@ class _Graph:
         return values
 
     def outputs(self, values: list[ca.SX]) -> list[ca.SX]:
-        """The tape's outputs as columns."""
+        """Return the tape's outputs as columns, given the expressions of all values."""
         return [ca.vertcat(ca.SX(0, 1), *(values[i] for i in row)) for row in self.tape.outputs]

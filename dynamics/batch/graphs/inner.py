@@ -1,19 +1,19 @@
-"""The contact solve of several contacts, as graphs for a loop: Newton's method, then the path.
+"""Graphs of the iterations that solve for several contacts: Newton's method, then the interior-point path.
 
-Newton's method on the smoothed complementarity
+Newton's method for the smoothed complementarity
 
     lam + s - sqrt((lam - s)^2 + 4 mu) = 0,    s = z + F lam,
 
-whose root is that of lam s = mu with lam, s > 0, needs three to five iterations from the solution
-that each contact would have alone. Where it does not come to rest (a few problems in a hundred,
-ill-conditioned and close to complementarity) the interior-point path of
-`dynamics.contact.interior_point`, which does not fail on a P-matrix, starts afresh. The exact law
-has the active set in place of the root: solve on {lam > s}, until the set stays as it is.
+which is equivalent to lam s = mu with lam, s > 0, needs three to five iterations from the solution
+of each contact alone. Where it does not converge (a few problems in a hundred, ill-conditioned and
+close to complementarity) the interior-point path of `dynamics.contact.interior_point`, which does
+not fail on a P-matrix, starts from ones. For the exact law the iteration is on the active set: solve
+on {lam > s}, until the set does not change.
 
-All of it is in the solver's scaling, where F has a unit diagonal. Where the contact is no such
-problem (friction, curved gaps) there is the path of :mod:`dynamics.contact.path` alone, in a
-rollout from where the step before ended. A sample whose path is lost is tried from the starts of
-:mod:`dynamics.contact.starts`, and reported where none of them leads to a solution.
+All graphs use the solver's scaling, where F has a unit diagonal. Where the contact is not linear
+(friction, curved gaps) only the path of :mod:`dynamics.contact.path` is used, in a rollout from the
+solution of the step before. Where the path fails it is tried from the starts of
+:mod:`dynamics.contact.starts`, and the sample is reported where none of them leads to a solution.
 """
 
 from __future__ import annotations
@@ -27,41 +27,42 @@ from dynamics.contact import interior_point, starts
 from dynamics.contact.path import Path
 from dynamics.systems.elimination import solve_without_pivoting
 
-# Most iterations of Newton's method before the path.
+# Maximum number of iterations of Newton's method, before the path is used.
 NEWTON_ITERATIONS = 12
-# Newton's error after a step is of the order of its square over sqrt(mu); mu is 1e-14 or more.
+# Step size relative to lam at which Newton's method ends: the error after a step is of the order of
+# its square over sqrt(mu), and mu is at least 1e-14.
 _NEWTON_TOLERANCE = 1e-11
-# Scaled violation above which the end of a path is no solution.
+# Scaled violation above which the end of a path is not accepted as a solution.
 _MAX_PATH_ERROR = 1e-7
-# Most iterations from the step before; ten suffice mostly, and a path that needs many more is lost.
+# Maximum number of iterations from the step before; ten mostly suffice, and longer paths mostly fail.
 _WARM_ITERATIONS = 16
-# Most iterations from ones.
+# Maximum number of iterations from ones.
 _COLD_ITERATIONS = 24
-# Most iterations from each further start.
+# Maximum number of iterations from each further start.
 _SEARCH_ITERATIONS = 40
 
 
 @dataclass(frozen=True)
 class InnerLoop:
-    """Graphs of the solve; `data` describes one branch, and every branch is solved on its own.
+    """Graphs of the contact solver; each branch is solved separately, with its own `data`.
 
-    `pair` has the `n_pair` unknowns of the path, the last of them where it stands, see
+    `pair` has the `n_pair` unknowns of the path, of which the last is its phase, see
     :class:`~dynamics.contact.path.Path`.
 
-    - `opening: (x, theta, w, p) -> (lam, data)`, first guess and data of all branches in turn
-    - `path: (pair, data) -> pair`, from ones until it has arrived
-    - `followed: (pair, data) -> lam` [N s], the end of the path out of the scaling, infinite where
-      that is no solution, so that the sample is reported with those that are not finite
+    - `opening: (x, theta, w, p) -> (lam, data)`, first guess and data of all branches in order
+    - `path: (pair, data) -> pair`, one iteration along the path, which starts at ones
+    - `followed: (pair, data) -> lam` [N s], the unscaled multipliers at the end of the path, infinite
+      where that is not a solution, so that the sample is reported as not finite
     - `closing: (x, theta, w, p, lam) -> (x_next, lam, cost)`
 
-    Either with Newton's method before a path of `most` iterations at most,
+    Either Newton's method comes before a path of at most `most` iterations,
 
-    - `newton: (lam, data) -> (lam, open)`, open 1 while the iteration has not come to rest
-    - `settled: (lam, data) -> lam` [N s], the end of Newton's method out of the scaling
+    - `newton: (lam, data) -> (lam, open)`, one iteration, with open 1 until it has converged
+    - `settled: (lam, data) -> lam` [N s], the unscaled multipliers at the end of Newton's method
 
-    or with other starts: the path has `most_warm` iterations from `warm`, or `most` from ones, and
-    where it does not arrive `most_further` from each of `starts` others, of which the first that
-    leads to a solution counts.
+    or there are further starts: the path has `most_warm` iterations from `warm`, or `most` from ones,
+    and where it does not converge `most_further` from each of `starts` others, until one leads to a
+    solution.
 
     - `warm: (lam_before, data) -> pair`, from the multipliers [N s] of the step before
     - `further: (k, data) -> pair`, start number k
@@ -88,14 +89,14 @@ class InnerLoop:
     starts: int = 0
 
     def graphs(self) -> dict[str, ca.Function]:
-        """The graphs that there are, by name."""
+        """Return a dict from name to graph, without those that are None."""
         names = ("opening", "newton", "settled", "warm", "further", "path", "followed", "closing")
         by_name = {name: getattr(self, name) for name in names}
         return {name: graph for name, graph in by_name.items() if graph is not None}
 
 
 def newton_guess(path: Path, data: ca.SX) -> ca.SX:
-    """Start of Newton's method: what each contact would have alone, with F_ii = 1."""
+    """Return the start of Newton's method (n, 1), the solution of each contact alone with F_ii = 1."""
     if not path.unique:
         return ca.SX.zeros(path.n)
     z, mu = path.split_data(data)["z"], path.split_data(data)["mu"]
@@ -106,11 +107,11 @@ def newton_guess(path: Path, data: ca.SX) -> ca.SX:
 
 
 def solver_fields(path: Path) -> dict[str, Any]:
-    """The fields of an `InnerLoop` that the path determines."""
+    """Return a dict of the fields of an `InnerLoop` that the path determines."""
     pair = ca.SX.sym("pair", path.size)
     path_end = path.ending_function()(pair, path.data)
     sizes = {"n": path.n, "n_pair": path.size, "n_data": path.data.numel()}
-    # Infinite where the path was not followed to its end: no sample counts then.
+    # Infinite where the path was not followed to its end, so that the sample is not counted.
     checked_end = path_end[0] / (ca.mmax(path_end[2]) <= _MAX_PATH_ERROR)
     followed = _function("followed", [pair, path.data], [checked_end])
     return {
@@ -122,7 +123,7 @@ def solver_fields(path: Path) -> dict[str, Any]:
 
 
 def _from_starts(path: Path) -> dict[str, Any]:
-    """Fields of a path without Newton's method before it: multipliers may not be unique."""
+    """Return the fields of an `InnerLoop` for a path alone, where multipliers may not be unique."""
     iteration_limits = {"most": _COLD_ITERATIONS, "most_warm": _WARM_ITERATIONS, "most_further": _SEARCH_ITERATIONS}
     graphs = {"warm": starts.warm_start(path), "further": starts.further_start(path)}
     return {**iteration_limits, **graphs, "starts": starts.COUNT}
@@ -136,7 +137,7 @@ def _by_newton(path: Path) -> dict[str, Any]:
         newton_outputs, settled_lam = _active_set(lam, z, F), ca.fmax(0, lam) * c * D
     else:
         s = z + F @ lam
-        # Where lam is the small one of the pair, mu / s has all its digits; the root has not.
+        # Where lam < s, mu / s is accurate to all digits, and the root is not.
         newton_outputs, settled_lam = _newton(lam, z, F, mu), ca.if_else(s > lam, mu / s, lam) * c * D
     return {
         "newton": _function("newton", [lam, path.data], list(newton_outputs)),

@@ -1,4 +1,4 @@
-"""Objectives of rollouts: costs added step by step, and values carried beside the state."""
+"""Objectives of rollouts: sums of costs over the steps, and the variables that they add to the state."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ import casadi as ca
 from dynamics.contact import Step
 from dynamics.systems import Parameter, ParameterTable
 
-# Name of the parameter that discounts rewards.
+# Name of the discount factor in the table of parameters.
 DISCOUNT_NAME = "discount"
 
 
 class Objective(ABC):
-    """The sum of a rollout, in symbols of its own beside those of a step."""
+    """A sum of costs over the steps of a rollout, which may add variables to the system's state."""
 
     @cached_property
     @abstractmethod
     def carried(self) -> ca.SX:
-        """Symbols of what goes from step to step beside the system's state."""
+        """Symbols (n_carried, 1) of the variables that a rollout carries from step to step besides the state."""
 
     @cached_property
     def parameters(self) -> ParameterTable:
-        """Parameters of its own, none by default."""
+        """Parameters of the objective in addition to the step's; none by default."""
         return ParameterTable()
 
     @property
@@ -35,34 +35,37 @@ class Objective(ABC):
 
     @abstractmethod
     def check(self, step: Step) -> None:
-        """Raise `ValueError` where the dimensions do not fit those of the step."""
+        """Raise `ValueError` where the dimensions of the objective's functions do not fit those of the step."""
 
     @abstractmethod
     def step_outcome(self, step: Step, x_next_expr: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """The carried values (nx + carried, 1) after a step to `x_next_expr`, and its cost.
+        """Return next state and carried variables (nx + n_carried, 1) for `x_next_expr` (nx, 1), and the stage cost.
 
-        Expressions in (x, u, carried, p) and in the symbols of `x_next_expr` (nx, 1).
+        Both are expressions in (x, u, carried, p) and in the symbols of `x_next_expr`.
         """
 
     @abstractmethod
     def terminal(self, step: Step) -> ca.SX:
-        """The cost at the end, in (x, carried, p)."""
+        """Return the cost at the end of the rollout, an expression in (x, carried, p)."""
 
     def carry_cotangent(self, bars: ca.SX, xbar: ca.SX) -> ca.SX:
-        """The cotangent of what is carried, from that of a step, `bars`, and the one after it."""
+        """Return the cotangent of state and carried variables before a step.
+
+        `bars` is that of a step of an unfinished rollout, `xbar` the cotangent after the step.
+        """
         return bars
 
     def mask_finished(self, bars: ca.SX) -> ca.SX:
-        """Return the counted part of a step's contribution to gradient or score; all by default."""
+        """Return a step's contribution `bars` to gradient or score, set to zero where the rollout is over."""
         return bars
 
 
 @dataclass(frozen=True, eq=False)
 class Costs(Objective):
-    """`sum_{t<N} stage(x_t, u_t, p) + terminal(x_N, p)`.
+    """Sum of costs `sum_{t<N} stage(x_t, u_t, p) + final(x_N, p)`.
 
-    A stage cost may have two more arguments: the change u_t - u_{t-1} after u_t, which carries the
-    input before, and, called ``lam``, the system's impulses of contact (nlam, 1) before p.
+    A stage cost may have two more arguments: after u_t the change u_t - u_{t-1}, which adds the
+    previous input to the state, and before p the contact impulses ``lam`` (nlam, 1), by that name.
     """
 
     stage: ca.Function
@@ -80,11 +83,11 @@ class Costs(Objective):
 
     @cached_property
     def carried(self) -> ca.SX:
-        """The input before."""
+        """Symbols (nu, 1) of the previous input, empty where the stage cost does not depend on changes."""
         return ca.SX.sym("before", self.stage.numel_in(2) if self.with_change else 0)
 
     def check(self, step: Step) -> None:
-        """Raise `ValueError` for costs that are no functions of state, input and parameters."""
+        """Raise `ValueError` where the arguments or outputs of the costs do not fit the step."""
         nx, nu, np = step.system.nx, step.system.nu, len(step.p)
         extra_sizes = {"du": nu} if self.with_change else {}
         extra_sizes |= {"lam": step.system.nlam} if self.with_impulses else {}
@@ -100,7 +103,7 @@ class Costs(Objective):
         require_sizes("terminal cost", self.final, (nx, np), "(x, p)", 1)
 
     def step_outcome(self, step: Step, x_next_expr: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """The next state, with the input behind it where that is carried, and the stage cost."""
+        """Return the next state, followed by the input where the cost depends on changes, and the stage cost."""
         system, p = step.system, step.p.vector
         extra_arguments = [system.u - self.carried] if self.with_change else []
         extra_arguments += [step.impulses] if self.with_impulses else []
@@ -108,12 +111,12 @@ class Costs(Objective):
         return ca.vertcat(x_next_expr, system.u if self.with_change else ca.SX(0, 1)), cost
 
     def terminal(self, step: Step) -> ca.SX:
-        """The terminal cost."""
+        """Return the terminal cost as an expression in (x, p)."""
         return expand_function(self.final)(step.system.x, step.p.vector)
 
 
 def free_of_cost(step: Step) -> Costs:
-    """No costs, for the step alone."""
+    """Return costs that are zero, for functions that need the step alone."""
     system, p, nothing = step.system, step.p.vector, ca.SX(0)
     return Costs(
         ca.Function("stage", [system.x, system.u, p], [nothing]),
@@ -123,11 +126,11 @@ def free_of_cost(step: Step) -> Costs:
 
 @dataclass(frozen=True, eq=False)
 class Episode(Objective):
-    """Minus the return `sum_t d^t a_t reward(x_t, u_t, x_{t+1}, p) + d^N a_N final(x_N, p)`.
+    """Negative return of an episode, `-sum_t d^t a_t reward(x_t, u_t, x_{t+1}, p) - d^N a_N final(x_N, p)`.
 
-    d is the parameter `discount`. a_t is 1 until the first state at which `done(x, p)` is not zero,
-    that of the start left out, and 0 from there on: the state then stays as it is, nothing is added
-    and nothing has a gradient. p are the first parameters of the step, as many as a function takes.
+    d is the parameter `discount`. a_t is 1 until the first state x_t, t > 0, at which `done(x, p)` is
+    not zero, and 0 from there on: the state then does not change, and rewards and gradients are zero.
+    Each function takes as p the first parameters of the step, as many as its argument has.
     """
 
     reward: ca.Function
@@ -136,16 +139,16 @@ class Episode(Objective):
 
     @cached_property
     def carried(self) -> ca.SX:
-        """`d^t a_t`, and the number of steps until the end."""
+        """Symbols of the reward's weight `d^t a_t` and of the number of steps before the episode's end."""
         return ca.vertcat(ca.SX.sym("weight"), ca.SX.sym("lived"))
 
     @cached_property
     def parameters(self) -> ParameterTable:
-        """The discount."""
+        """Parameter table with the discount factor d."""
         return ParameterTable([Parameter(DISCOUNT_NAME, 1.0, "1", "worth of a reward one step later")])
 
     def check(self, step: Step) -> None:
-        """Raise `ValueError` for functions of other dimensions than the step's."""
+        """Raise `ValueError` where the arguments or outputs of the functions do not fit the step."""
         nx, nu = step.system.nx, step.system.nu
         for role, fn, sizes, arguments in (
             ("reward", self.reward, (nx, nu, nx), "(x, u, x_next, p)"),
@@ -156,7 +159,7 @@ class Episode(Objective):
             require_sizes(role, fn, (*sizes, np), arguments, 1)
 
     def step_outcome(self, step: Step, x_next_expr: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """The next state, or this one where the episode is over, and minus the reward."""
+        """Return the next state, or the same one once the episode is over, and minus the weighted reward."""
         x, u, p = step.system.x, step.system.u, step.p.vector
         weight, lived = ca.vertsplit(self.carried)
         is_done = call_with_first(self.done, x_next_expr, p=p) != 0
@@ -170,38 +173,38 @@ class Episode(Objective):
         return ca.vertcat(*stays, carried_weight, lived + self.is_alive), -gain
 
     def terminal(self, step: Step) -> ca.SX:
-        """Minus the terminal reward of the episodes that reach the end."""
+        """Return minus the weighted terminal reward, zero for episodes that ended before."""
         gain = call_with_first(self.final, step.system.x, p=step.p.vector)
         return -ca.if_else(self.is_alive, self.carried[0] * gain, 0)
 
     @property
     def end_entry(self) -> int:
-        """The weight."""
+        """Index of the reward's weight in `carried`, which is zero once the episode is over."""
         return 0
 
     @property
     def is_alive(self) -> ca.SX:
-        """Whether the episode has not ended before."""
+        """Expression that is 1 until the episode has ended, then 0."""
         return self.carried[0] > 0
 
     def carry_cotangent(self, bars: ca.SX, xbar: ca.SX) -> ca.SX:
-        """The cotangents before a step: once the episode is over, that of the next state, and zero for `carried`."""
+        """Return the cotangents before a step: once the episode is over, `xbar`; always zero for `carried`."""
         n = bars.numel() - self.carried.numel()
         state_bars = [ca.if_else(self.is_alive, bars[k], xbar[k]) for k in range(n)]
         return ca.vertcat(*state_bars, ca.SX.zeros(self.carried.numel()))
 
     def mask_finished(self, bars: ca.SX) -> ca.SX:
-        """Return zero once the episode is over, finite or not."""
+        """Return `bars`, set to zero once the episode is over even where they are not finite."""
         return ca.vertcat(ca.SX(0, 1), *(ca.if_else(self.is_alive, bar, 0) for bar in ca.vertsplit(ca.densify(bars))))
 
 
 def expand_function(fn: ca.Function) -> ca.Function:
-    """The function as one of scalar operations."""
+    """Return the function expanded to scalar operations (SX)."""
     return fn if fn.is_a("SXFunction") else fn.expand()
 
 
 def require_sizes(role: str, fn: ca.Function, sizes: tuple[int, ...], arguments: str, n_out: int) -> None:
-    """Raise `ValueError` where a function takes other sizes, or gives not `n_out` entries."""
+    """Raise `ValueError` unless a function has arguments of these sizes and one output with `n_out` entries."""
     argument_sizes = tuple(fn.numel_in(k) for k in range(fn.n_in()))
     if argument_sizes != sizes:
         raise ValueError(
@@ -213,5 +216,5 @@ def require_sizes(role: str, fn: ca.Function, sizes: tuple[int, ...], arguments:
 
 
 def call_with_first(fn: ca.Function, *arguments: ca.SX, p: ca.SX) -> ca.SX:
-    """The value at the first entries of p, as many as the function takes."""
+    """Return `fn(*arguments, p)` with the first entries of p, as many as the function's last argument has."""
     return ca.densify(expand_function(fn)(*arguments, p[: fn.numel_in(fn.n_in() - 1)]))

@@ -1,4 +1,4 @@
-"""Policies of rollouts: functions of state and parameters, applied at every step."""
+"""Policies of rollouts: functions from state and parameters to the input, applied at every step."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from dynamics.systems.parameters import matrix_parameters
 
 @dataclass(frozen=True)
 class RolloutPolicy:
-    """u_t = actuate(law(x_t, theta) + w_t), theta the parameters that gradients are taken by.
+    """Policy u_t = actuate(law(x_t, theta) + w_t), with parameters theta for which gradients are computed.
 
-    `law` is a CasADi function `(x, theta) -> a`, `actuate` one `a -> u`, nothing where None. With
-    `per_step` every step has parameters of its own, so that theta is `(horizon, n_theta)`; without,
-    one `(n_theta,)` serves all steps.
+    `law` is a CasADi function `(x, theta) -> a`, `actuate` is `a -> u`, or None for the identity.
+    With `per_step` each step has its own parameters, and theta is `(horizon, n_theta)`; otherwise all
+    steps share one `(n_theta,)`.
     """
 
     law: ca.Function
@@ -38,12 +38,12 @@ class RolloutPolicy:
 
     @property
     def n_theta(self) -> int:
-        """Parameters of one step."""
+        """Number of parameters of one step."""
         return self.law.nnz_in(1)
 
     @cached_property
     def parameters(self) -> ParameterTable:
-        """Parameters of the policy itself, beside the step's; none here."""
+        """Parameters p of the policy in addition to the step's, without gradients; none here."""
         return ParameterTable()
 
     def total(self, horizon: int) -> int:
@@ -51,7 +51,7 @@ class RolloutPolicy:
         return self.n_theta * (horizon if self.per_step else 1)
 
     def acting_parameters(self, noise: np.ndarray) -> np.ndarray:
-        """Return a mask, in theta's shape, of entries that move an action whose noise acts, `noise` (horizon, n_a)."""
+        """Return a mask, in theta's shape, of entries that change an action in the mask `noise` (horizon, n_a)."""
         x, theta = (ca.SX.sym("a", self.law.numel_in(k)) for k in range(2))
         reaches = noise @ dependence_table(expand_function(self.law)(x, theta), theta)
         return reaches if self.per_step else np.any(reaches, axis=0, keepdims=True)[0]
@@ -63,14 +63,14 @@ class RolloutPolicy:
 
 @dataclass(frozen=True, kw_only=True)
 class DensePolicy(RolloutPolicy):
-    """A network of dense layers, tanh between them, on normalised observations.
+    """Policy by a network of dense layers with tanh between them, on normalised observations.
 
         o = (observe(x, p) - mean) / scale
         a = W_L tanh(... tanh(W_1 o + b_1) ...) + b_L + w,    u = actuate(a)
 
     `sizes` are the lengths of o, of the hidden layers and of a; theta holds W_1 row by row, b_1,
-    W_2, and so on. `law` is of the mean action itself, which loops over the layers compute: no
-    graph grows with the sizes. Raises `ValueError` for sizes that are no whole numbers above 0.
+    W_2, and so on. `law` has the mean action as its parameter, which loops over the layers compute, so
+    that no graph grows with the sizes. Raises `ValueError` for sizes that are not positive integers.
     """
 
     observe: ca.Function
@@ -83,11 +83,11 @@ class DensePolicy(RolloutPolicy):
 
     @property
     def n_theta(self) -> int:
-        """Weights and offsets of all layers."""
+        """Number of weights and offsets of all layers."""
         return layer_slices(self.sizes)[-1][1].stop
 
     def acting_parameters(self, noise: np.ndarray) -> np.ndarray:
-        """All weights (n_theta,) but the last layer's of actions whose noise never acts."""
+        """Return a mask (n_theta,) of all entries but the last layer's for actions that `noise` excludes."""
         reaches = np.full(self.n_theta, noise.any())
         weights, offsets = self.layers(reaches)[-1]
         offsets[:] = noise.any(axis=0)
@@ -96,19 +96,19 @@ class DensePolicy(RolloutPolicy):
 
     @cached_property
     def parameters(self) -> ParameterTable:
-        """`mean[i]` and `scale[i]` of the observations."""
+        """Parameters `mean[i]` and `scale[i]` that normalise the observations."""
         n = self.sizes[0]
         return ParameterTable([*matrix_parameters("mean", np.zeros(n)), *matrix_parameters("scale", np.ones(n))])
 
     def layers(self, theta: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-        """W (after, before) and b (after,) of every layer out of theta (..., n_theta), as views."""
+        """Return W (n_out, n_in) and b (n_out,) of every layer as views of theta (..., n_theta)."""
         return [
             (theta[..., weights].reshape(*theta.shape[:-1], *shape), theta[..., offsets])
             for weights, offsets, shape in layer_slices(self.sizes)
         ]
 
     def mean_actions(self, theta: np.ndarray, observations: np.ndarray) -> np.ndarray:
-        """Mean action a (n, n_a) at normalised observations (n, n_o), one theta for all."""
+        """Return the mean actions a (n, n_a) at normalised observations (n, n_o), for one theta (n_theta,)."""
         *hidden, (W, b) = self.layers(theta)
         values = observations
         for weights, offsets in hidden:
@@ -117,12 +117,12 @@ class DensePolicy(RolloutPolicy):
 
 
 def open_loop(nx: int, nu: int) -> RolloutPolicy:
-    """u_t = theta_t: the inputs themselves, theta (horizon, nu)."""
+    """Return the open-loop policy u_t = theta_t, with the inputs as parameters, theta (horizon, nu)."""
     return RolloutPolicy(_identity_law(nx, nu, "open_loop"), per_step=True)
 
 
 def affine_policy(nx: int, nu: int, per_step: bool = False) -> RolloutPolicy:
-    """u_t = K x_t + k, with theta the rows of K (nu, nx) one after the other, and then k (nu)."""
+    """Return the policy u_t = K x_t + k, with theta the rows of K (nu, nx), followed by k (nu,)."""
     x, theta = ca.SX.sym("x", nx), ca.SX.sym("theta", nu * nx + nu)
     gain = ca.reshape(theta[: nu * nx], nx, nu).T
     law = ca.Function("affine", [x, theta], [gain @ x + theta[nu * nx :]])
@@ -130,16 +130,16 @@ def affine_policy(nx: int, nu: int, per_step: bool = False) -> RolloutPolicy:
 
 
 def constant_policy(nx: int, lower: Any, upper: Any) -> RolloutPolicy:
-    """The same inputs at every step, u = middle + half tanh(theta + w), between the bounds."""
+    """Return the policy with the same input at every step, u = squash(theta + w), see `squash_function`."""
     squash = squash_function(lower, upper)
     law = _identity_law(nx, squash.numel_in(0), "constant")
     return RolloutPolicy(law, per_step=False, actuate=squash)
 
 
 def dense_policy(observe: ca.Function, hidden: Sequence[int], lower: Any, upper: Any) -> DensePolicy:
-    """A network with these hidden layers, u = middle + half tanh(a); without any an affine policy.
+    """Return a network with hidden layers of these sizes, u = squash(a); without any, a is affine in o.
 
-    `observe: (x, p) -> o`, p as in `Episode`.
+    `observe: (x, p) -> o`, p as in `Episode`; see `squash_function`.
     """
     squash = squash_function(lower, upper)
     return DensePolicy(
@@ -152,7 +152,7 @@ def dense_policy(observe: ca.Function, hidden: Sequence[int], lower: Any, upper:
 
 
 def squash_function(lower: Any, upper: Any) -> ca.Function:
-    """`a -> (lower + upper) / 2 + (upper - lower) / 2 tanh(a)`."""
+    """Return the function `a -> (lower + upper) / 2 + (upper - lower) / 2 tanh(a)`, inputs between bounds."""
     low, high = (np.atleast_1d(np.asarray(end, dtype=float)) for end in (lower, upper))
     if not (np.isfinite(low).all() and np.isfinite(high).all() and (low < high).all()):
         raise ValueError(f"inputs need finite bounds, lower below upper, got {low} and {high}")
@@ -161,6 +161,6 @@ def squash_function(lower: Any, upper: Any) -> ca.Function:
 
 
 def _identity_law(nx: int, n: int, name: str) -> ca.Function:
-    """The law that is its own parameters."""
+    """Return the law (x, theta) -> theta."""
     x, theta = ca.SX.sym("x", nx), ca.SX.sym("theta", n)
     return ca.Function(name, [x, theta], [theta])

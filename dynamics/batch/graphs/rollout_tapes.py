@@ -1,4 +1,4 @@
-"""The short graphs that a rollout repeats: step, inner iteration, adjoint of the step, costs.
+"""The graphs that a rollout evaluates at every step: step, inner iteration, adjoint of the step, costs.
 
 The forward pass of one step under a policy and noise w is
 
@@ -9,8 +9,8 @@ function theorem: with s = z + F lam,
 
     (diag(s) + diag(lam) F) d lam = d mu - diag(lam) (d z + d F lam)
 
-where the exact law has in place of lam and s the active set (1 where lam > s) and its complement.
-Where the contact is no LCP the same goes through the relation that the step's inner unknowns solve.
+where the exact law has the active set (1 where lam > s) and its complement in place of lam and s.
+Where the contact is not an LCP, the adjoint goes through the relation of the step's inner unknowns.
 """
 
 from __future__ import annotations
@@ -41,11 +41,11 @@ from dynamics.systems.elimination import solve_without_pivoting
 
 
 def build_tapes(step: Step, objective: Objective, policy: RolloutPolicy) -> RolloutTapes:
-    """Close the step under the policy and differentiate it once.
+    """Build the graphs of the step closed by the policy, with first derivatives.
 
-    The tapes take in place of the parameters, which are those of the step, of the objective and of
-    the policy in turn, the derived values that `RolloutTapes.derived` makes of them. Raises
-    `ValueError` where the dimensions of objective, policy and step do not fit.
+    In place of the parameters of the step, the objective and the policy, the graphs take the values
+    that `RolloutTapes.derived` computes from them. Raises `ValueError` where the dimensions of
+    objective, policy and step do not fit.
     """
     objective.check(step)
     _check(step, policy)
@@ -53,7 +53,7 @@ def build_tapes(step: Step, objective: Objective, policy: RolloutPolicy) -> Roll
 
 
 def parameters_of(step: Step, objective: Objective, policy: RolloutPolicy) -> ParameterTable:
-    """All parameters of a rollout."""
+    """Return all parameters of a rollout: those of the step, the objective and the policy."""
     return step.p + objective.parameters + policy.parameters
 
 
@@ -72,7 +72,7 @@ def _check(step: Step, policy: RolloutPolicy) -> None:
 
 
 class ClosedStep:
-    """One step closed by a policy, in fresh symbols."""
+    """One step of a rollout, closed by a policy, as expressions in (x, theta, w, p)."""
 
     def __init__(self, step: Step, objective: Objective, policy: RolloutPolicy) -> None:
         system = step.system
@@ -88,7 +88,7 @@ class ClosedStep:
         self.arguments = [self.x, self.theta, self.w, self.p]
 
     def build_tapes(self) -> RolloutTapes:
-        """The graphs, with the values that they share taken out of them."""
+        """Return the graphs, with the expressions in parameters alone moved to `derived`."""
         law, at_end = self.law(self.step.system.x, self.theta), [self.x, self.p]
         noise_ways = self.cost_dependence()
         score = self.objective.mask_finished(ca.jtimes(law, self.theta, self._acting(noise_ways), True))
@@ -131,7 +131,7 @@ class ClosedStep:
         )
 
     def cost_dependence(self) -> CostDependence:
-        """The ways of the step, closed by contact and policy."""
+        """Return which entries of x and w affect x_next and the costs, through contact and policy."""
         step, policy = self.step, self.policy
         if isinstance(step, LearnedStep):
             mixed_queries = _mixed(step.queries)
@@ -153,7 +153,7 @@ class ClosedStep:
         return ca.vertcat(*noise)
 
     def _observing(self) -> dict[str, tuple[ca.Function, int]]:
-        """Graphs of normalised observations, where the policy has any."""
+        """Return the graphs of normalised observations, each with the position of p; empty for other policies."""
         policy = self.policy
         if not isinstance(policy, DensePolicy):
             return {}
@@ -168,20 +168,20 @@ class ClosedStep:
         }
 
     def _closed(self, *expressions: ca.SX) -> list[ca.SX]:
-        """Expressions in the step's own (x, u, p), with the policy's input put in for u."""
+        """Return expressions in the step's (x, u, p) with the policy's input substituted for u."""
         u = self.law(self.step.system.x, self.theta) + self.w
         if self.policy.actuate is not None:
             u = expand_function(self.policy.actuate)(u)
         return ca.substitute(list(expressions), [self.step.system.u], [u])
 
     def _effects(self, lam: ca.SX) -> list[ca.SX]:
-        """Next state, multiplier and stage cost, given the multiplier."""
+        """Return next state, multipliers and stage cost for given multipliers."""
         x_next, cost = self._closed(self.x_next, self.stage_cost)
         x_next, cost = ca.substitute([x_next, cost], [self.step.lam], [lam])
         return [x_next, lam, cost]
 
     def _contacts(self, step: AffineStep) -> list[tuple[ca.SX, ca.SX, ca.SX]]:
-        """The problems (z, F, mu) of the branches, which do not touch each other."""
+        """Return the contact problems (z, F, mu) of the branches, which are independent of each other."""
         z, F, mu = self._closed(step.z, step.F, step.mu)
         return [(z[rows], F[rows, rows], mu[rows]) for rows in step.rows]
 
@@ -195,7 +195,7 @@ class ClosedStep:
         return _function("forward", self.arguments, self._effects(ca.vertcat(ca.SX(0, 1), *solved)))
 
     def _around(self) -> InnerLoop | ModelStepGraphs | None:
-        """Return the loop that solves or evaluates the step between two graphs; None where one graph does."""
+        """Return the graphs of a step that needs a contact solver or a model; None where one graph is enough."""
         if isinstance(self.step, LearnedStep):
             return self._asked(self.step)
         explicit = self.step.system.nlam <= isinstance(self.step, AffineStep)
@@ -229,7 +229,7 @@ class ClosedStep:
         )
 
     def _openings(self, path: Path) -> list[ca.SX]:
-        """The data of the path of every branch."""
+        """Return the data of the interior-point path for every branch."""
         step, system, mu = self.step, self.step.system, ca.SX.sym("mu", path.n)
         opening, data = path.opening_data_of(system, mu), []
         for node, rows in zip(step.nodes, step.rows, strict=True):
@@ -262,7 +262,10 @@ class ClosedStep:
         return _function("adjoint", [*self.arguments, lam, xbar], bars)
 
     def _adjoint_of_model(self, step: LearnedStep, xbar: ca.SX) -> ca.Function:
-        """Gradient of ``l + xbar' x_next + b' z``, b the derivative by the queries z, held."""
+        """Return the adjoint as the gradient of ``l + xbar' x_next + b' z``.
+
+        b is the derivative with respect to the model's inputs z, held constant.
+        """
         value = self.stage_cost + ca.dot(xbar, self.x_next)
         value, queries, query_bar = self._closed(value, step.queries, step.query_gradient(value))
         held_bar = ca.SX.sym("back", queries.numel())
@@ -272,7 +275,7 @@ class ClosedStep:
         return self._adjoint_function(step.model_outputs, xbar, bars)
 
     def _adjoint_of_relation(self, xbar: ca.SX) -> ca.Function:
-        """Gradient of ``l + xbar' x_next - v' R(inner)``, v solving the transposed relation."""
+        """Return the adjoint as the gradient of ``l + xbar' x_next - v' R(inner)``, v from the transposed relation."""
         step, inner = self.step, self.step.inner
         relation = step.differentiable_relation
         x_next, cost = self.objective.step_outcome(step, step.x_next_expr)
@@ -294,8 +297,8 @@ class ClosedStep:
     def _implicit(self, step: AffineStep, lambar: ca.SX) -> tuple[list[ca.SX], list[ca.SX], ca.SX]:
         """Return the contact term of the function whose gradient is the adjoint.
 
-        The symbols to hold constant while differentiating, the expressions they stand for, and
-        the function `v' (mu - diag(lam) (z + F lam))`, v the solution of the transposed system.
+        The result is the symbols to hold constant while differentiating, their values, and the term
+        `v' (mu - diag(lam) (z + F lam))`, v the solution of the transposed system.
         """
         lam, gap = step.lam, step.z + step.F @ step.lam
         if step.exact:
@@ -303,7 +306,7 @@ class ClosedStep:
         else:
             weights, diagonal = lam, gap
         if step.system.nlam == 1 and not step.exact:
-            # diagonal + F lam at the solution is the root that the forward step has taken.
+            # At the solution diagonal + F lam is the square root of the forward step.
             v = lambar / _root(step.z, ca.diag(step.F), step.mu)
         else:
             v = solve_without_pivoting(ca.diag(diagonal) + step.F.T @ ca.diag(weights), lambar)
@@ -315,7 +318,7 @@ class ClosedStep:
 
 
 def _scalar_solution(z: ca.SX, F: ca.SX, mu: ca.SX) -> ca.SX:
-    """`interior_point.scalar_solution` with one division for both signs of z."""
+    """Return `interior_point.scalar_solution(z, F, mu)`, computed with one division for both signs of z."""
     is_open = z > 0
     larger_root = ca.fabs(z) + _root(z, F, mu)
     return ca.if_else(is_open, 2 * mu, larger_root) / ca.if_else(is_open, larger_root, 2 * F)

@@ -1,7 +1,8 @@
-"""The graphs of one step of a rollout, as engines take them, and which noise affects the cost.
+"""The graphs of one step of a rollout, which engines evaluate, and which noise affects the cost.
 
 Where noise does not affect the cost, the cost times the score `w_t / sigma^2` has mean zero and only
-adds variance. Such noise is left out by the graphs alone, before it is drawn, so that no mean changes.
+adds variance. The graphs alone, not the drawn values, decide which noise is left out, so that no mean
+changes.
 """
 
 from __future__ import annotations
@@ -20,11 +21,12 @@ from dynamics.contact.learned_step import LearnedMap
 
 @dataclass(frozen=True)
 class CostDependence:
-    """Whether x_next and the cost of a step, rows, depend on x and on the noise w, columns.
+    """Boolean tables of whether x_next and the cost of a step depend on x and on the noise w.
 
-    `by_x` (nx + 1, nx) and `by_w` (nx + 1, nu) go through contact and policy, whatever the values
-    of state and parameters; `at_end` (nx,) is of the terminal cost. Noise j does nothing in states
-    where any x_s with `gates` (nu, nx) is zero.
+    `by_x` (nx + 1, nx) and `by_w` (nx + 1, nu) have a row for each entry of x_next and one for the
+    cost, and include the dependence through contact and policy for any values of state and
+    parameters; `at_end` (nx,) is the dependence of the terminal cost on x. Noise j has no effect in
+    states where x_s is zero for any s with `gates[j, s]` (nu, nx).
     """
 
     by_x: np.ndarray
@@ -33,7 +35,7 @@ class CostDependence:
     gates: np.ndarray
 
     def over(self, horizon: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return masks of w_t (horizon, nu) and x_{t+1} (horizon, nx) that reach the cost of a rollout."""
+        """Return masks of w_t (horizon, nu) and x_{t+1} (horizon, nx) that affect the cost of a rollout."""
         noise_reaches, state_reaches = [], [self.at_end]
         for _ in range(horizon):
             reaches_cost = np.append(state_reaches[-1], True)
@@ -43,9 +45,9 @@ class CostDependence:
 
 
 def cost_dependence(outputs: ca.SX, terminal: ca.SX, x: ca.SX, w: ca.SX) -> CostDependence:
-    """The ways of a step with `outputs` (x_next, cost) in (x, w), and `terminal` in x.
+    """Return the dependence of a step with `outputs` (x_next, cost) in (x, w), and `terminal` cost in x.
 
-    Gates are looked for among states that no noise moves: others are zero by chance alone.
+    Only states that no noise changes can be gates: others are almost never zero.
     """
     by_x, by_w = dependence_table(outputs, x), dependence_table(outputs, w)
     nx = x.numel()
@@ -62,15 +64,15 @@ def cost_dependence(outputs: ca.SX, terminal: ca.SX, x: ca.SX, w: ca.SX) -> Cost
 
 
 def dependence_table(expression: ca.SX, symbols: ca.SX) -> np.ndarray:
-    """Return a Boolean table: entries of an expression (rows) that depend on `symbols` (columns)."""
+    """Return a Boolean table of whether each entry of an expression (rows) depends on each symbol (columns)."""
     pattern = ca.jacobian_sparsity(ca.densify(expression), symbols)
     return np.array(ca.DM(pattern, 1).full(), dtype=bool).reshape(expression.numel(), symbols.numel())
 
 
 def stand_ins(unknown: ca.SX, rows: ca.SX) -> ca.SX:
-    """Return, for each unknown, an expression with the same dependencies.
+    """Return, for each unknown (n, 1), an expression with the dependencies of the solution of `rows` (n, 1) = 0.
 
-    Unknown i solves `rows` i (n, 1), together with those that these rows tie it to.
+    Unknown i depends on all symbols in row i and in the rows that are coupled to it.
     """
     n = unknown.numel()
     are_coupled = dependence_table(rows, unknown) | np.eye(n, dtype=bool)
@@ -83,7 +85,7 @@ def stand_ins(unknown: ca.SX, rows: ca.SX) -> ca.SX:
 
 @dataclass(frozen=True)
 class Layers:
-    """Dense layers of `sizes` between an observation and the mean action.
+    """Dense layers of `sizes` between the observation and the mean action, with the observation's graphs.
 
     - `observe: (x, p) -> o`, and `observe_adjoint: (x, p, obar) -> xbar`
     """
@@ -94,12 +96,12 @@ class Layers:
 
     @property
     def n_weights(self) -> int:
-        """Weights and offsets of all layers."""
+        """Number of weights and offsets of all layers."""
         return layer_slices(self.sizes)[-1][1].stop
 
 
 def layer_slices(sizes: Sequence[int]) -> list[tuple[slice, slice, tuple[int, int]]]:
-    """Entries of theta that are each layer's weights and offsets, and the weights' shape."""
+    """Return, for each layer, the slices of theta with its weights and offsets, and the weights' shape."""
     slices, start = [], 0
     for size_in, size_out in pairwise(sizes):
         middle, end = start + size_in * size_out, start + (size_in + 1) * size_out
@@ -110,24 +112,24 @@ def layer_slices(sizes: Sequence[int]) -> list[tuple[slice, slice, tuple[int, in
 
 @dataclass(frozen=True)
 class RolloutTapes:
-    """CasADi functions of one step; all SX, all arguments dense columns.
+    """CasADi functions of one step of a rollout; all SX, with dense columns as arguments.
 
-    Here x is what goes from step to step: the system's state and what the objective carries beside
-    it (`nx` counts both, `n_carried` the latter).
+    Here x is the system's state followed by the `n_carried` variables that the objective adds to it;
+    `nx` counts both.
 
     - `forward: (x, theta, w, p) -> (x_next, lam, cost)`, or an `InnerLoop` where there is no
       closed form for lam
     - `adjoint: (x, theta, w, p, lam, xbar) -> (xbar_before, thetabar)`
-    - `score: (x, theta, w) -> thetabar`, the product D_theta law(x, theta)' w, of what of w acts in
-      state x; `ways` states which noise acts
+    - `score: (x, theta, w) -> thetabar`, the product D_theta law(x, theta)' w, without the noise that
+      has no effect in state x, see `cost_dependence`
     - `terminal: (x, p) -> cost` and `terminal_adjoint: (x, p) -> xbar`
 
-    A sample whose entry `weight` of x is zero has come to its end: nothing of it changes any more.
+    Where entry `weight` of x is zero the rollout has ended, and x does not change any more.
 
-    With `layers` theta is the mean action, which those compute.
+    With `layers` theta is the mean action, the output of the layers.
 
-    In all of these p stands for the `np` values `derived: parameters -> p`, which hold whatever
-    the graphs need that depends on parameters alone.
+    In all graphs p are the `np` values of `derived: parameters -> p`, the expressions in the
+    parameters alone that the graphs need.
     """
 
     nx: int
@@ -149,13 +151,13 @@ class RolloutTapes:
 
 @dataclass(frozen=True)
 class ModelStepGraphs:
-    """A step whose next state comes from a model of it, evaluated beside the graphs.
+    """Graphs of a step whose next state comes from a learned model, which is evaluated between the graphs.
 
-    - `queries: (x, theta, w, p) -> z`, where the model is evaluated, branch after branch
+    - `queries: (x, theta, w, p) -> z`, the model's inputs, branch after branch
     - `closing: (x, theta, w, p, lam) -> (x_next, lam, cost)`
 
-    In place of lam there is `LearnedStep.evaluated`: the model's outputs, and its Jacobians, which
-    the adjoint needs.
+    Here lam is `LearnedStep.model_outputs`: the model's outputs, and its Jacobians, which the adjoint
+    needs.
     """
 
     with_p: ClassVar[tuple[str, ...]] = ("queries", "closing")

@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 
 import casadi as ca
 
-# Names of CasADi's operations by number.
+# Mapping from the number of a CasADi operation to its name.
 OP_NAMES: dict[int, str] = {getattr(ca, name): name for name in dir(ca) if name.startswith("OP_") and name.isupper()}
 
-# Operations of two operands.
+# Operations with two operands.
 BINARY = frozenset(
     {
         *(ca.OP_ADD, ca.OP_SUB, ca.OP_MUL, ca.OP_DIV, ca.OP_POW, ca.OP_CONSTPOW),
@@ -19,7 +19,7 @@ BINARY = frozenset(
         *(ca.OP_ATAN2, ca.OP_HYPOT),
     }
 )
-# Operations of one operand.
+# Operations with one operand.
 UNARY = frozenset(
     {
         *(ca.OP_NEG, ca.OP_EXP, ca.OP_LOG, ca.OP_SQRT, ca.OP_SQ, ca.OP_TWICE, ca.OP_INV),
@@ -29,8 +29,8 @@ UNARY = frozenset(
         *(ca.OP_ERF, ca.OP_ERFINV, ca.OP_LOG1P, ca.OP_EXPM1),
     }
 )
-# OP_ASSIGN copies, OP_LIFT marks a variable for lifting, OP_PRINTME prints: the value of each
-# is its first operand, so the tape renames instead of computing.
+# Operations whose value is their first operand, so that a tape omits them: OP_ASSIGN copies,
+# OP_LIFT marks a variable for lifting, OP_PRINTME prints.
 RENAMES = frozenset({ca.OP_ASSIGN, ca.OP_LIFT, ca.OP_PRINTME})
 # Operations whose result is a truth value.
 BOOLEAN = frozenset({ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_AND, ca.OP_OR, ca.OP_NOT})
@@ -39,12 +39,12 @@ COMMUTATIVE = frozenset({ca.OP_ADD, ca.OP_MUL, ca.OP_EQ, ca.OP_NE, ca.OP_AND, ca
 
 
 class UnsupportedOperation(NotImplementedError):
-    """A CasADi operation that no tape can hold; the message names it and its function."""
+    """Error for a CasADi operation without a scalar form; the message names it and its function."""
 
 
 @dataclass(frozen=True)
 class Operation:
-    """One value of a tape: `op` applied to earlier values, or a leaf.
+    """One value of a tape: the result of operation `op` on earlier values, an input or a constant.
 
     `args` are indices of earlier operations; for `OP_INPUT` they are (input, nonzero) instead.
     `value` is the number of an `OP_CONST`, else 0.
@@ -59,8 +59,8 @@ class Operation:
 class Tape:
     """A scalar program in single-assignment form: operation i defines value i.
 
-    `input_sizes` and `output_sizes` count nonzeros; `outputs[k][j]` is the value behind nonzero j
-    of output k. Equal operations on equal operands occur once.
+    `input_sizes` and `output_sizes` count nonzeros; `outputs[k][j]` is the index of the value of
+    nonzero j of output k. Equal operations on equal operands occur once.
     """
 
     name: str
@@ -70,7 +70,7 @@ class Tape:
     outputs: tuple[tuple[int, ...], ...]
 
     def use_counts(self) -> list[int]:
-        """For each value how many operands and outputs refer to it."""
+        """Return, for each value, the number of operands and outputs that refer to it."""
         counts = [0] * len(self.operations)
         for operation in self.operations:
             for arg in operands_of(operation):
@@ -82,14 +82,14 @@ class Tape:
 
 
 def operands_of(operation: Operation) -> tuple[int, ...]:
-    """The values that an operation reads (none for inputs and constants)."""
+    """Return the indices of the values that an operation reads, empty for inputs and constants."""
     return () if operation.op == ca.OP_INPUT else operation.args
 
 
 def selection_of(tape: Tape, operation: Operation) -> tuple[int, int, int] | None:
-    """(condition, value, other) where an operation is CasADi's `if_else` on a truth value.
+    """Return the indices (condition, value, other) where an operation is CasADi's `if_else`, else None.
 
-    CasADi writes it as a sum of two halves, `if_else_zero` on a condition and on its negation.
+    CasADi writes it as a sum of two terms, `if_else_zero` of a condition and of its negation.
     """
     if operation.op != ca.OP_ADD:
         return None
@@ -104,11 +104,11 @@ def selection_of(tape: Tape, operation: Operation) -> tuple[int, int, int] | Non
 
 
 def share_reciprocals(tape: Tape) -> Tape:
-    """The tape with several divisions by one value as products with one reciprocal.
+    """Return the tape with repeated divisions by one value replaced by products with its reciprocal.
 
-    A division takes a processor as long as ten products. The quotient may differ by a rounding, and
-    for a divisor below 1e-308, whose reciprocal is infinite, altogether: this is for graphs in
-    which such a divisor would mean nothing anyway.
+    A division takes as long as ten products. The quotient may differ by a rounding, and is wrong for
+    a divisor below 1e-308, whose reciprocal is infinite, so use it only for graphs in which such
+    divisors have no meaning.
     """
     divisors = Counter(o.args[1] for o in tape.operations if o.op == ca.OP_DIV)
     operations: list[Operation] = []
@@ -158,7 +158,7 @@ def _as_sx(fn: ca.Function) -> ca.Function:
 
 
 class _Builder:
-    """Turns CasADi's register program into single-assignment form, one instruction at a time."""
+    """Converter of CasADi's register program to single-assignment form, one instruction at a time."""
 
     def __init__(self, fn: ca.Function) -> None:
         self.fn = fn
