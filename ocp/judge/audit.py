@@ -1,4 +1,4 @@
-"""Recompute the residuals that a solver reports, and replay the plan under the exact law."""
+"""Audit of a result: residuals recomputed from its trajectories, and a replay under the exact law."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ TOLERANCES = {
     "constraint_violation": 1e-6,
     "complementarity": 1e-8,
 }
-"""Largest residuals of a success, in natural units; complementarity only of the exact law."""
+"""Mapping from residuals to their tolerances, in natural units; complementarity counts only under the exact law."""
 _OF_BOOK = ("cone_violation", "dissipation_residual", "energy_gain", "dissipated", "momentum_residual", "contacts")
-"""Fields of a contact report that the audit takes."""
+"""Fields that an audit copies from the contact report."""
 _LEAST_IMPULSE = 1e-7
-"""Multiplier [N s] below which a pair does not act."""
+"""Multiplier [N s] up to which a pair is inactive."""
 _WORST_COUNT = 5
-"""Number of violations that are listed."""
+"""Maximum number of violations that are listed."""
 
 
 @dataclass(frozen=True)
@@ -39,17 +39,16 @@ class Audit:
     over all contacts and steps; ``dynamics_residual`` max |residual|, ``law_residual`` max
     |lam gap - mu|, ``constraint_violation`` of bounds, path and terminal constraints,
     ``penetration`` max(0, -phi) with phi the true signed distance, ``exact_cost`` the cost of the
-    replay, ``state_gap`` max |x - x_replay|. ``active_steps`` counts complementarity
-    pairs, friction's too, over the steps with lam above its gap; ``task_gradient`` is the largest
-    change per unit input of the cost of what contact alone moves, NaN where it moves nothing alone.
+    replay, ``state_gap`` max |x - x_replay|. ``active_steps`` counts pairs with lam above their gap,
+    friction's included, over all steps; ``task_gradient`` is that of :func:`task_gradient`.
 
     With friction, largest over contacts and steps: ``cone_violation`` max(0, |tangential| -
-    friction normal) [N s] and ``dissipation_residual`` [J], what friction misses of the most it
-    could take. Where energy is known: ``energy_gain`` [J] the largest rise in one step beyond the
-    work done, contact's and the integrator's, ``dissipated`` [J] what contact took in all,
-    ``momentum_residual`` [N s]. ``contacts`` summarises when each contact acts, how hard, and how
-    far it slides. ``replay_failed`` names the step at which the replay ended, "" where it did not;
-    ``replay_broken`` the constraints that it breaks by what can be seen, the worst of every kind.
+    friction normal) [N s] and ``dissipation_residual`` [J], by which friction dissipates less than
+    it could. Where energy is known: ``energy_gain`` [J] the largest rise in one step beyond the
+    work done, by contact or integrator, ``dissipated`` [J] the energy that contact dissipates in
+    all steps, ``momentum_residual`` [N s]. ``contacts`` summarises when each contact acts, how
+    hard, and how far it slides. ``replay_failed`` names the step at which the replay ended early,
+    "" where it did not; ``replay_broken`` its noticeable violations, the worst of every kind.
     """
 
     complementarity: float
@@ -77,10 +76,9 @@ class Audit:
 def audit_result(
     nlp: NLP, result: Result, plan: Trajectories, evaluation: Evaluation, p: np.ndarray, bounds: dict[str, np.ndarray]
 ) -> tuple[Audit, Rollout, ContactReport]:
-    """Judge a result by its trajectories, and replay it under the exact law.
+    """Return the audit of a result, its replay under the exact law, and the report on the plan's contacts.
 
-    Open loop: the same inputs. Feedback: the same policy from each scenario. The book is that of
-    the plan's contacts.
+    The replay uses the plan's inputs or, with feedback, its policy from the start of each scenario.
     """
     inputs = plan.u if plan.gains is None else plan.gains
     replay, unsolved = roll_on(evaluation, inputs, x0=plan.x[:, 0])
@@ -91,7 +89,7 @@ def audit_result(
     violations = np.concatenate([x_off / nlp.natural.x, _without_contact(nlp, g_off)])
     state_sizes = tolerance_sizes(nlp.problem, plan.x)
     smallest = np.minimum(plan.lam, plan.gap)
-    # A learned law has no pairs, which is not the same as pairs that are complementary.
+    # A learned law has no pairs: its complementarity is NaN, not zero.
     pairs = nlp.step.n >= nlp.problem.system.nlam
     report = contact_report(evaluation, nlp.step, plan)
     audit = Audit(
@@ -115,7 +113,7 @@ def audit_result(
 
 
 def _natural(nlp: NLP, plan: Trajectories) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """``|lam gap|``, ``|lam gap - mu|`` and ``|residual|`` in natural units."""
+    """Return ``|lam gap|``, ``|lam gap - mu|`` and ``|residual|`` of a plan in natural units."""
     units, natural = nlp.natural, nlp.problem.natural
     pair, rows = natural.impulse * natural.gap, nlp.problem.residual_units
     if "gap" in nlp.variables:
@@ -126,7 +124,7 @@ def _natural(nlp: NLP, plan: Trajectories) -> tuple[np.ndarray, np.ndarray, np.n
 
 
 def _without_contact(nlp: NLP, violation: np.ndarray) -> np.ndarray:
-    """Return the violations without those of the closure of contact, which lam and gap show."""
+    """Return the violations without the rows that define contact, which lam and gap measure."""
     is_judged = np.ones(violation.size, dtype=bool)
     for name in ("contact", "separation"):
         if name in nlp.constraints:
@@ -140,13 +138,12 @@ def _penetration(evaluation: Evaluation, x: np.ndarray, gap: np.ndarray) -> floa
 
 
 def task_gradient(evaluation: Evaluation, replay: Rollout) -> float:
-    """Largest derivative of the contact part of the cost with respect to any input, relative.
+    """Return the largest derivative of the contact part of the cost by any input, relative to its slopes.
 
-    ``B_k' nu_{k+1} + D_k' dl/dlam`` with ``nu_k = dl/dx + A_k' nu_{k+1} + C_k' dl/dlam`` along the
-    exact replay, over the sum of ``|dl/dx|`` and ``|dl/dlam|``; A, B, C, D are the derivatives of
-    the next state and of lam by x and u. It is zero where no input moves anything that the task is
-    about: the impulses, and the states that inputs move through contact alone. An arm that goes
-    back to its rest is no progress with the object. NaN where the cost depends on neither.
+    It is the largest entry of ``B_k' nu_{k+1} + D_k' dl/dlam``, where ``nu_k = dl/dx + A_k' nu_{k+1} + C_k' dl/dlam``
+    along the exact replay, over the sum of ``|dl/dx|`` and ``|dl/dlam|``; A, B, C, D are the derivatives of the next
+    state and of lam with respect to x and u. The contact part depends on impulses and on states that inputs move
+    through contact alone: an arm that returns to rest makes no progress with the object. NaN without such a part.
     """
     steered, touched = steered_and_touched(evaluation.problem.system)
     mask = np.where(touched & ~steered, 1.0, 0.0)
@@ -157,7 +154,7 @@ def task_gradient(evaluation: Evaluation, replay: Rollout) -> float:
 
 
 def steered_and_touched(system: ContactSystem) -> tuple[np.ndarray, np.ndarray]:
-    """Return masks (nx,) of states that an input reaches while all contacts are open, and that contacts reach."""
+    """Return masks (nx,) of the states that inputs affect while all contacts are open, and that contacts affect."""
     given = [system.x, system.u, system.parameters.vector]
     free = ca.Function("free", given, [system.reduced.a, system.reduced.B])
     sparsities = free.jac_sparsity(0, 0), free.jac_sparsity(0, 1), free.sparsity_out(1)
@@ -170,7 +167,7 @@ def steered_and_touched(system: ContactSystem) -> tuple[np.ndarray, np.ndarray]:
 
 @np.errstate(over="ignore", invalid="ignore")
 def _slopes(evaluation: Evaluation, replay: Rollout, mask: np.ndarray) -> tuple[float, float]:
-    """Largest derivative by an input of the cost on the masked states, and its slopes' sum."""
+    """Return the largest derivative by an input of the cost of masked states and lam, and the sum of its slopes."""
     problem = evaluation.problem
     step, physical = problem.exact_step, evaluation.p
     p = step.p.pack(evaluation.values)
@@ -199,7 +196,7 @@ def _slopes(evaluation: Evaluation, replay: Rollout, mask: np.ndarray) -> tuple[
 
 
 def is_feasible(nlp: NLP, audit: Audit) -> bool:
-    """Return whether the audited residuals are below tolerance: complementarity of the exact law only."""
+    """Return whether the audited residuals are below tolerance; complementarity counts only under the exact law."""
     limits = {key: getattr(audit, key) for key in TOLERANCES}
     if not nlp.step.exact:
         limits.pop("complementarity")
@@ -209,7 +206,7 @@ def is_feasible(nlp: NLP, audit: Audit) -> bool:
 
 
 def worst_constraints(nlp: NLP, x: np.ndarray, g: np.ndarray, bounds: dict[str, np.ndarray]) -> list[Violation]:
-    """Return the five most violated constraints and bounds, by name, scenario and step."""
+    """Return up to five violations of constraints and bounds, the largest first."""
     g_off = np.maximum(bounds["lbg"] - g, g - bounds["ubg"])
     x_off = np.maximum(bounds["lbx"] - x, x - bounds["ubx"])
     violations = np.concatenate([g_off, x_off])

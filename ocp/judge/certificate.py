@@ -19,23 +19,23 @@ if TYPE_CHECKING:
 
 Stationarity = Literal["B", "KKT", "not", "undecided"]
 RADII = (1e-3, 1e-4)
-"""Trust regions, in characteristic sizes, in which a direction of descent is looked for."""
+"""Radii of the trust regions, in characteristic sizes, in which a descent direction is sought."""
 _BIACTIVE = 1e-6
-"""Member of a pair, in its characteristic size, below which it counts as zero."""
+"""Value of a pair's member, in its characteristic size, below which it counts as zero."""
 _FLAT = 1e-4
-"""Share of the typical change of a cost up to which a decrease per radius is none."""
+"""Share of the cost's typical change up to which a decrease per radius counts as zero."""
 _NOISE = 1e-6
-"""Share of the typical change up to which a gain is none."""
+"""Share of the cost's typical change up to which a gain counts as zero."""
 _STEEP = 100.0
-"""Multiple of the cost's typical change from which on one variable hides what others gain."""
+"""Multiple of the cost's typical change above which the change by one variable hides the gain by others."""
 WITHIN = 1e-2
-"""How far, in characteristic sizes, a direction of descent is followed to tell what it gains."""
+"""Longest step along a descent direction, in characteristic sizes, for which its gain is computed."""
 
 
 UNJUDGED = "the point is not feasible"
 """Reason of a certificate for a point that is not feasible."""
 _MOST_MOVES = 3
-"""Maximum number of moves that a verdict names."""
+"""Maximum number of contact changes that a verdict names."""
 PAIR_CHANGES = {
     "normal": ("opening contact", "closing contact"),
     "limit": ("leaving limit", "meeting limit"),
@@ -44,14 +44,14 @@ PAIR_CHANGES = {
     "table": ("stopping", "starting"),
     "pair": ("freeing the second of", "freeing the first of"),
 }
-"""What it means that a pair's gap, or its multiplier, grows."""
+"""Mapping from a pair's kind to words for what happens as its gap, or its multiplier, grows from zero."""
 
 
 @dataclass(frozen=True)
 class ContactChange:
-    """A pair that the steepest direction takes to its other side, at steps ``first`` to ``last``.
+    """A pair that opens or closes along the steepest descent direction, at steps ``first`` to ``last``.
 
-    ``change`` says in words what that means for a pair of its kind, ``contact`` is its name.
+    ``change`` describes this in words, such as "opening contact"; ``contact`` is the pair's name.
     """
 
     change: str
@@ -61,7 +61,7 @@ class ContactChange:
     last: int
 
     def __str__(self) -> str:
-        """Name change, contact and steps."""
+        """Return the change, the contact's name and the steps in words."""
         span = f"{self.first}-{self.last}" if self.last > self.first else f"{self.first}"
         plural = "s" if self.last > self.first else ""
         return f"{self.change} {self.contact!r} at step{plural} {span}"
@@ -69,26 +69,25 @@ class ContactChange:
 
 @dataclass(frozen=True)
 class Certificate:
-    """First-order optimality of a point, recomputed from our own derivatives.
+    """First-order optimality of a point, recomputed from derivatives and independent of the solver.
 
     ``stationarity``: "B" where no first-order move, with any change of contact, lowers the cost;
-    "KKT" the same where nothing is complementary; "not"; "undecided" where the programs found no
-    answer. ``reason`` says why, and why moves that pay were not made. ``kind`` names the strongest
-    of S, M, C, W whose signs the multipliers at biactive pairs have (Scheel and Scholtes 2000), ""
-    where there is no pair.
+    "KKT" the same without complementarity; "not" where one does; "undecided" where the linear
+    programs were not solved. ``reason`` says why, or why moves that lower the cost were not made.
+    ``kind`` is the strongest of S, M, C, W whose signs the multipliers at biactive pairs have
+    (Scheel and Scholtes 2000), "" without pairs.
 
     ``biactive`` counts pairs with both members below 1e-6 of their characteristic size;
-    ``lpec_decrease`` is what the cost falls per unit of trust region, to first order, along the
-    steepest direction that keeps complementarity, zero where certified. ``tolerance`` is what
-    counts as zero: 1e-4 of :meth:`~ocp.programs.program.Program.typical_change`, so that within a
-    hundredth of the sizes a millionth of that is no gain. It depends on no constant term of the
+    ``lpec_decrease`` is the first-order decrease of the cost per unit of trust region along the
+    steepest direction that keeps complementarity, zero where certified. ``tolerance`` is the
+    largest decrease that counts as zero: 1e-4 of
+    :meth:`~ocp.programs.program.Program.typical_change`. It depends on no constant term of the
     cost, and grows neither with a sum over many steps nor with one steep entry. ``slope`` is the
-    scaled 1-norm of the cost's gradient, which is what the cost would fall by without constraints.
-    ``gain`` is what the direction gains within a hundredth of the sizes, the Lagrangian's curvature
-    counted. ``kkt_residual`` is the largest entry of the Lagrangian's projected gradient, over
-    IPOPT's scale of the multipliers.
-    ``negative_curvature`` counts directions along which the Lagrangian curves down on the active
-    constraints' null space, -1 where that was not computed.
+    scaled 1-norm of the cost's gradient, the decrease per radius without constraints. ``gain`` is
+    the decrease along the direction within a hundredth of the sizes, with the Lagrangian's
+    curvature. ``kkt_residual`` is the largest entry of the Lagrangian's projected gradient, over
+    IPOPT's scale of the multipliers. ``negative_curvature`` counts the Lagrangian's negative
+    eigenvalues on the null space of the active constraints, -1 where that was not computed.
     """
 
     stationarity: Stationarity
@@ -111,7 +110,7 @@ class Certificate:
 
     @property
     def findings(self) -> list[Finding]:
-        """Findings on stationarity, and what would lower the cost."""
+        """Findings on stationarity, and on the moves that would lower the cost."""
         if self.stationarity == "B":
             return [make_finding("B-stationary")]
         if self.stationarity == "KKT":
@@ -126,14 +125,14 @@ class Certificate:
 
     @property
     def sentence(self) -> str:
-        """The findings, half a sentence."""
+        """The findings joined into one clause."""
         return "".join(finding.joint + finding.sentence for finding in self.findings)
 
 
 def certify(
     nlp: Program, x: np.ndarray, p: np.ndarray, bounds: dict[str, np.ndarray], multipliers: np.ndarray | None = None
 ) -> Certificate:
-    """Judge a feasible point ``x`` of ``nlp`` to first order, and count negative curvature.
+    """Return the first-order certificate of a feasible point ``x`` of ``nlp``, with its negative curvature.
 
     A mathematical program with complementarity constraints must be given as reformulation "none",
     in which the pairs alone state the contact; ``bounds`` are the problem's own. The objective and
@@ -152,7 +151,7 @@ def certify(
     Leyffer, arXiv 2501.13835). Constraints and bounds within 1e-4 count as active.
 
     A direction that gains less than 1e-6 of the typical change, curvature included, does not count
-    as descent: nothing else tells a gradient from rounding where the cost is flat.
+    as descent: where the cost is flat, only this distinguishes a gradient from rounding.
     """
     start_time = time.perf_counter()
     model = LinearModel.at(nlp, x, p, bounds)
@@ -185,14 +184,14 @@ def certify(
 
 
 def tolerance_of(model: LinearModel) -> float:
-    """Return what a decrease per radius must exceed to count, see :class:`Certificate`."""
+    """Return the largest decrease per radius that counts as zero, see :class:`Certificate`."""
     return _FLAT * model.typical_change
 
 
 def _judge(
     model: LinearModel, multipliers: np.ndarray | None, hessian: sp.csr_matrix
 ) -> tuple[Stationarity, bool, Descent, float]:
-    """Search for descent; ``B`` too where the direction gains no more than noise."""
+    """Return :func:`_search`'s result and the gain of its direction; "B" also where the gain is noise."""
     verdict, strong, descent = _search(model, multipliers, tolerance_of(model))
     gain = _gain(descent, hessian) if verdict == "not" else 0.0
     if verdict == "not" and gain <= _NOISE * model.typical_change:
@@ -201,10 +200,9 @@ def _judge(
 
 
 def _steep_factors(model: LinearModel, hessian: sp.csr_matrix) -> np.ndarray:
-    """Factors (n,) on sizes by which the cost would change far more than what is typical.
+    """Return factors (n,) that reduce the sizes of variables by which the cost changes far more than is typical.
 
-    One such variable in a direction hides, by its curvature and by the rounding of the linear
-    program, what all others gain.
+    By its curvature, and by the rounding of the linear program, one such variable hides the gain by all others.
     """
     change = np.abs(model.cost) + np.abs(hessian.diagonal()) / 2
     steep = change > max(_STEEP * model.typical_change, 1e-300)
@@ -213,9 +211,10 @@ def _steep_factors(model: LinearModel, hessian: sp.csr_matrix) -> np.ndarray:
 
 
 def _search(model: LinearModel, multipliers: np.ndarray | None, tolerance: float) -> tuple[Stationarity, bool, Descent]:
-    """Search for descent in shrinking regions; ``B`` as soon as there is none in one of them.
+    """Return stationarity, whether it is strong, and the descent direction, from shrinking trust regions.
 
-    The flag marks strong stationarity: not even both members of near pairs may grow.
+    It is "B" as soon as one region has no descent, and strong if there is none even where both members of near
+    pairs may grow.
     """
     descent = Descent(0.0)
     for y in _candidates(model, multipliers):
@@ -234,17 +233,17 @@ def _search(model: LinearModel, multipliers: np.ndarray | None, tolerance: float
 
 
 def _candidates(model: LinearModel, multipliers: np.ndarray | None) -> Iterator[np.ndarray]:
-    """Multipliers that may prove a point: a solver's, then those that fit best beside them."""
+    """Yield multipliers that may prove stationarity, where the solver gave some: its own, then those that fit best."""
     if multipliers is not None:
         yield multipliers
         yield fit_multipliers(model)
 
 
 def fit_multipliers(model: LinearModel) -> np.ndarray:
-    """Least-squares multipliers of the rows (in their own units), those of wrong sign dropped.
+    """Return least-squares multipliers of the rows (in their own units), without those of the wrong sign.
 
-    ``min |cost + rows' y|²`` over the variables that are not held by a bound, by the augmented
-    system; an inequality that would pull leaves the active set, four times at most.
+    They minimise ``|cost + rows' y|²`` over the variables that no bound or pair holds, by the augmented
+    system; inequalities of the wrong sign leave the active set, in at most four rounds.
     """
     import scipy.sparse as sp
     import scipy.sparse.linalg as sla
@@ -268,7 +267,7 @@ def fit_multipliers(model: LinearModel) -> np.ndarray:
 
 
 def _kkt_residual(model: LinearModel, multipliers: np.ndarray, cost: float) -> float:
-    """Projected gradient of the Lagrangian, over the cost's natural unit and IPOPT's s_d."""
+    """Return the largest projected gradient of the Lagrangian, over the cost's natural unit and IPOPT's s_d."""
     slope, multipliers = model.reduced(multipliers) / cost, multipliers / cost
     slope = np.where((model.lower >= 0) & (slope > 0), 0.0, slope)
     slope = np.where((model.upper <= 0) & (slope < 0), 0.0, slope)
@@ -278,7 +277,7 @@ def _kkt_residual(model: LinearModel, multipliers: np.ndarray, cost: float) -> f
 
 
 def _kind(model: LinearModel, multipliers: np.ndarray) -> str:
-    """Name the strongest kind whose signs the pairs' multipliers have at biactive pairs."""
+    """Return the strongest of S, M, C, W whose signs the multipliers of biactive pairs have."""
     biactive = model.near(_BIACTIVE)
     if not biactive.any():
         return "S"
@@ -293,21 +292,21 @@ def _kind(model: LinearModel, multipliers: np.ndarray) -> str:
 
 
 def _gain(descent: Descent, hessian: sp.csr_matrix) -> float:
-    """Largest fall of ``decrease t - t² d'Hd / 2`` for t up to :data:`WITHIN`."""
+    """Return the largest value of ``decrease t - t² d'Hd / 2`` for t up to :data:`WITHIN`."""
     bend = float(descent.step @ (hessian @ descent.step))
     t = min(WITHIN, descent.decrease / bend) if bend > 0 else WITHIN
     return descent.decrease * t - max(bend, 0.0) * t**2 / 2
 
 
 def _curvature(model: LinearModel, hessian: sp.csr_matrix) -> int:
-    """Directions of negative curvature on the null space of the active constraints."""
+    """Return the number of negative eigenvalues of the Hessian on the null space of the active constraints."""
     free = model.free
     active = (model.row_lower == 0) | (model.row_upper == 0)
     return negative_curvature(hessian[free][:, free], model.rows[active][:, free])
 
 
 def _moves(nlp: Program, model: LinearModel, descent: Descent) -> list[ContactChange]:
-    """Contacts whose pairs the direction takes to their other side, runs of steps joined."""
+    """Return the contacts whose pairs open or close along the direction, successive steps joined."""
     if not descent.near.size:
         return []
     was_active = model.members[0, descent.near] > model.members[1, descent.near]

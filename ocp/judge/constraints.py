@@ -15,17 +15,15 @@ from ocp.problem.rollout import Rollout, at_steps
 from ocp.transcription.common import constraint_names
 
 CONSTRAINT_SHARE = 0.01
-"""Largest violation of a constraint by a replay, as a share of the characteristic size of what is
-bounded.
+"""Largest violation of a constraint by a replay, as a share of the characteristic size of what is bounded.
 
-A tenth of what the states may differ by: at the solver's tolerance no plan that rests on a bound
-would survive another contact, however close its replay stays; a share of the size catches those
-that leave the bound by something which can be seen.
+It is a tenth of what states may differ by. At the solver's tolerance no plan along a bound would survive
+another contact law, however close its replay; a share of the size rejects noticeable violations only.
 """
 _TRAVEL_FACTOR = 10.0
-"""Multiple of what a state moves that counts for its size at most."""
+"""Multiple of a state's range of motion that its size for judging may not exceed."""
 _LEAST_SIZE = 1e-3
-"""Least size of a state for judging, in its characteristic size."""
+"""Minimum size of a state for judging, as a share of its characteristic size."""
 CONSTRAINT_KINDS = {
     "bound on x": "bound on",
     "bound on u": "bound on",
@@ -33,12 +31,12 @@ CONSTRAINT_KINDS = {
     "terminal": "terminal constraint",
     "periodic": "periodicity of",
 }
-"""Words for every kind of constraint, before the name of what it bounds."""
+"""Mapping from each kind of constraint to the words before the name of what it bounds."""
 
 
 @dataclass(frozen=True)
 class Violation:
-    """One violated constraint by name, with scenario, step, and the ``amount`` of the violation."""
+    """Violation of a constraint: its kind (``name``) and ``component``, scenario, step, and ``amount`` in its unit."""
 
     name: str
     component: str
@@ -56,9 +54,9 @@ class Violation:
 class Broken:
     """Violated constraint, and the violation as a share of the characteristic size of what it bounds.
 
-    For a bound or periodicity that size is that of states or inputs; for a path or
-    terminal constraint what its expression changes by when state and input change by theirs, to
-    first order. So the share does not depend on how the constraint is written.
+    For a bound or periodicity that is the size of the state or input; for a path or terminal
+    constraint it is the first-order change of its expression as signals move by their sizes, so
+    that the share does not depend on how the constraint is scaled.
     """
 
     violation: Violation
@@ -73,16 +71,16 @@ class Broken:
 def tolerance_sizes(problem: Problem, x: np.ndarray) -> np.ndarray:
     """Return characteristic sizes of the states (nx,) for judging against a plan x (S, N+1, nx).
 
-    A problem's own, or ten times the most that any state of the same unit moves, where that is
-    less, down to a thousandth of its own: sizes that are stated for metres, or not at all, say
-    nothing of millimetres.
+    These are the problem's sizes, limited to ten times the largest range of a state of the same
+    unit, but no less than a thousandth of the problem's: sizes for metres are too large to judge
+    motions of millimetres.
     """
     sizes = problem.scales.x
     return np.clip(_TRAVEL_FACTOR * travelled_ranges(problem, x), _LEAST_SIZE * sizes, sizes)
 
 
 def travelled_ranges(problem: Problem, x: np.ndarray) -> np.ndarray:
-    """Return the largest range of any state of the same unit in x (S, N+1, nx), for every state (nx,).
+    """Return for every state (nx,) the largest range in x (S, N+1, nx) of any state of the same unit.
 
     Infinite where nothing of that unit moves, or states are NaN.
     """
@@ -94,10 +92,10 @@ def travelled_ranges(problem: Problem, x: np.ndarray) -> np.ndarray:
 
 
 def broken_constraints(evaluation: Evaluation, rollout: Rollout, sizes: np.ndarray | None = None) -> list[Broken]:
-    """Find the constraints that trajectories violate, each entry where it is worst.
+    """Return the constraints that trajectories violate, each component at its worst step, the worst first.
 
-    These are bounds of states and inputs, path and terminal constraints, and the periodicity of a
-    start that is chosen; the worst first. NaN is no violation: report that the replay failed.
+    Checked are bounds of states and inputs, path and terminal constraints, and the periodicity of
+    an optimised start. NaN counts as no violation; a failed replay is reported separately.
     ``sizes`` (nx,) are those of the states, by default the problem's.
     """
     problem, (x, u, impulses) = evaluation.problem, (rollout.x, rollout.u, rollout.impulses)
@@ -127,7 +125,7 @@ def broken_constraints(evaluation: Evaluation, rollout: Rollout, sizes: np.ndarr
 
 
 def noticeable_violations(broken: Sequence[Broken], share: float = CONSTRAINT_SHARE) -> list[Violation]:
-    """Return the worst entry of every kind that is broken by more than a share of its size."""
+    """Return the worst violation of every kind of constraint, if it exceeds a share of the characteristic size."""
     worst: dict[str, Violation] = {}
     for entry in broken:
         if entry.share > share:
@@ -144,7 +142,7 @@ def violation_findings(violations: Sequence[Violation]) -> list[Finding]:
 
 
 def describe_violations(violations: Sequence[Violation]) -> list[str]:
-    """Return half a sentence for every violation: "terminal constraint end is violated by 0.3 at step 20"."""
+    """Return a clause for every violation, such as "terminal constraint end is violated by 0.3 at step 20"."""
     return [finding.sentence.removeprefix("its ") for finding in violation_findings(violations)]
 
 
@@ -155,7 +153,7 @@ def _off(values: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
 def _worst_entries(
     name: str, components: Sequence[str], violations: np.ndarray, sizes: np.ndarray | float, first_step: int = 0
 ) -> list[Broken]:
-    """Return every component's worst violation of off (S, steps, n), the steps counted from ``first``."""
+    """Return the worst of ``violations`` (S, steps, n) of every component; steps count from ``first_step``."""
     amounts = np.maximum(np.nan_to_num(violations, nan=0.0), 0.0)
     shares = amounts / sizes
     broken = []
@@ -176,7 +174,7 @@ def _constraints_off(
     lam: np.ndarray,
     x_sizes: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the violation of every entry, (S, steps, n), and the size of a change of it."""
+    """Return the violations of constraints, (S, steps, n), and the sizes of changes of their expressions."""
     problem = evaluation.problem
     expressions = ca.vertcat(*(c.expression for c in constraints))
     lower = ca.vertcat(*(c.lower for c in constraints))
@@ -185,15 +183,15 @@ def _constraints_off(
     outputs = [ca.densify(ca.fmax(lower - expressions, expressions - upper)), ca.densify(changes)]
     function = ca.Function("constraints", problem.step_symbols, outputs)
     violations, changes = at_steps(function, x, u, x_next, lam, p=evaluation.p)
-    # Where nothing changes a constraint to first order, any violation of it is a large one.
+    # Where no signal changes a constraint to first order, any violation of it counts as large.
     return violations, np.fmax(changes, 1e-12)
 
 
 def row_sizes(problem: Problem, expressions: ca.SX, x_sizes: np.ndarray) -> ca.SX:
-    """Return the change (n, 1) of expressions, to first order, as signals move by their sizes.
+    """Return the first-order changes (n, 1) of expressions as signals move by their sizes.
 
-    ``x_sizes`` (nx,) are the sizes of the states. The largest changes by one entry of x, by one of
-    u, by one of x_next and by one of lam are added up.
+    ``x_sizes`` (nx,) are the sizes of the states. Of each of x, u, x_next and lam the largest change
+    by one entry counts; the four are added up.
     """
     system, scales = problem.system, problem.scales
     impulses = np.full(system.nlam, scales.impulse)

@@ -17,7 +17,7 @@ from ocp.problem.rollout import Rollout, mean_multipliers
 from ocp.transcription.nlp import Trajectories
 
 _ACTIVE_SHARE = 1e-6
-"""Share of the characteristic impulse above which a normal impulse counts."""
+"""Share of the characteristic impulse above which a normal impulse counts as acting."""
 _SLIP_SHARE = 1e-6
 """Share of the characteristic gap slid in a step above which a contact counts as slipping."""
 _BIACTIVE_SHARE = 1e-5
@@ -28,11 +28,11 @@ _BIACTIVE_SHARE = 1e-5
 class ContactSummary:
     """One contact over all scenarios and steps.
 
-    ``steps`` at which it is active (:func:`active_contacts`), of them ``slipping``; ``distant`` steps with
-    force at a distance; ``peak_force`` [N] of the normal force; ``slid`` [m] the distance slid
-    while active; ``degenerate`` counts the steps at which complementarity is not strict: impulse
-    and gap are both near zero, and gradients are one-sided; ``spans`` (first, last) active steps of
-    the first scenario.
+    ``steps`` counts those at which it is active (:func:`active_contacts`), ``slipping`` those at which it then
+    slips, ``distant`` those with a force at a distance, and ``degenerate`` those at which complementarity is not
+    strict: impulse and gap are both near zero, and gradients are one-sided. ``peak_force`` [N] is the largest
+    normal force, ``slid`` [m] the distance slid while active; ``spans`` are the (first, last) steps of active
+    phases in the first scenario.
     """
 
     name: str
@@ -49,14 +49,14 @@ class ContactSummary:
 class ContactReport:
     """Forces, energy and momentum of a trajectory; arrays (S, N, points), NaN where a system has none.
 
-    ``normal``, ``tangential`` impulses [N s], ``slip`` [m/s] (in space their sizes), ``bound``
-    friction normal [N s], what the tangential impulse may be at most; ``active``, ``slipping``,
+    ``normal``, ``tangential`` impulses [N s], ``slip`` [m/s] (in space their lengths), ``bound`` the
+    largest possible tangential impulse, friction times normal [N s]; ``active``, ``slipping``,
     ``degenerate`` whether the contact is active (:func:`active_contacts`), whether it slips then, and
     whether its complementarity is not strict. Largest over all contacts and steps:
     ``cone_violation`` max(0, |tangential| - friction normal) [N s]; ``dissipation_residual``
     friction normal |slip| + tangential slip [J], zero where friction dissipates as much as it can;
-    ``energy_gain`` [J] the largest rise of energy in a step beyond the work done; ``dissipated``
-    [J] what contact took in all; ``momentum_residual`` [N s].
+    ``energy_gain`` [J] the largest rise of energy in a step beyond the work done;
+    ``momentum_residual`` [N s]. ``dissipated`` [J] is the energy that contact dissipates in all steps.
     """
 
     names: tuple[str, ...]
@@ -76,10 +76,10 @@ class ContactReport:
 
 
 def contact_report(evaluation: Evaluation, step: Step, rollout: Rollout | Trajectories) -> ContactReport:
-    """Sum up forces, slip, energy and momentum of trajectories of a closed step.
+    """Return forces, slip, energy and momentum of trajectories of a closed step.
 
     Multipliers of a law with branches are averaged with the branches' weights. The contacts are
-    those of the step's system, which may be another than the problem's.
+    those of the step's system, which may differ from the problem's.
     """
     problem, system, (lam, gap) = evaluation.problem, step.system, (rollout.lam, rollout.gap)
     mean_lam = mean_multipliers(step, lam)
@@ -101,7 +101,7 @@ def contact_report(evaluation: Evaluation, step: Step, rollout: Rollout | Trajec
         normal / problem.scales.impulse, _gaps(step, gap, len(names)) / problem.scales.gap
     )
     slipping = active & (np.abs(slip) * h > _SLIP_SHARE * problem.scales.gap)
-    # A multiplier in newton is a force already.
+    # A multiplier in newtons is already a force.
     are_forces = forces is None and all(signal.unit == "N" for signal in system.contacts)
     force = normal if are_forces else normal / h
     contacts = _summaries(names, force, np.abs(slip) * h, active, slipping, degenerate, distant)
@@ -116,9 +116,9 @@ def contact_report(evaluation: Evaluation, step: Step, rollout: Rollout | Trajec
 def _in_space(
     tangential: np.ndarray, slip: np.ndarray, edges: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return sizes of both, of shape (S, N, points), the power, and slip along the nearest edge.
+    """Return the lengths of both, the power, and the slip along the nearest edge, (S, N, points) each.
 
-    Of a pyramid with ``edges`` the impulse that dissipates most lies on that edge.
+    In a friction pyramid with ``edges`` the impulse that dissipates most lies on that edge.
     """
     components = [np.array(np.split(vectors, 2, axis=-1)) for vectors in (tangential, slip)]
     sizes = [np.hypot(*vectors) for vectors in components]
@@ -171,7 +171,7 @@ def _summaries(
     degenerate: np.ndarray,
     distant: np.ndarray,
 ) -> list[ContactSummary]:
-    """Sum up forces [N], ways slid [m] and flags, each (S, N, points); nothing without forces."""
+    """Return contacts' summaries of forces [N], slid distances [m] and masks, (S, N, points); [] without forces."""
     if np.isnan(force).all():
         return []
     return [
@@ -196,7 +196,7 @@ def _spans(active: np.ndarray) -> list[tuple[int, int]]:
 
 
 def _books(book: EnergyBalance | None, evaluate: TrajectoryEvaluator) -> tuple[float, float, float]:
-    """Return ``energy_gain``, ``dissipated`` and ``momentum_residual``."""
+    """Return ``energy_gain``, ``dissipated`` and ``momentum_residual``, NaN without an energy balance."""
     if book is None:
         return float("nan"), float("nan"), float("nan")
     x, _, x_next, _, _ = evaluate.symbols
@@ -208,17 +208,17 @@ def _books(book: EnergyBalance | None, evaluate: TrajectoryEvaluator) -> tuple[f
 
 
 def largest_entry(values: np.ndarray) -> float:
-    """Return the largest of all entries, 0 without any."""
+    """Return the largest of all entries, 0 for an empty array."""
     return float(np.max(values)) if values.size else 0.0
 
 
 def least_slip(step: Step, lam: np.ndarray, gap: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return lam and gap (..., n) with every psi the least that the motion allows.
+    """Return lam and gap (..., n) with the smallest slip psi of every contact that the motion allows.
 
     In ``0 <= beta± ⟂ psi ± h J_t v+ >= 0`` and ``0 <= psi ⟂ f gamma - beta+ - beta- >= 0`` any psi
-    of at least ``|h J_t v+|`` will do where gamma = 0: nothing else depends on it. Under the exact
-    law it is lowered by the smaller one of the two gaps of its contact, to ``|h J_t v+|``; no
-    product lam gap grows by that. A smoothed law determines psi, and a learned one has none.
+    of at least ``|h J_t v+|`` is a solution where gamma = 0. Under the exact law it is lowered to
+    that by the smallest friction gap of its contact; no product lam gap grows. A smoothed law
+    determines psi, and a learned one has none.
     """
     lam, gap = lam.copy(), gap.copy()
     if not step.exact or step.n < step.system.nlam:

@@ -1,4 +1,4 @@
-"""Findings of the judges: each has a code, its numbers and a sentence, all of which stand in one table."""
+"""Findings of the judges: each has a code, numbers, and a clause from one table."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ SENTENCES = {
         " instead of {planned:.6g}"
     ),
     "more-steps-not-unique": "{count} more steps have another solution",
-    # Sizes, the way to the answer, and what was asked beside.
+    # Sizes, the route to the answer, and what was computed after the solve.
     "derived-sizes": "sizes derived from the problem's data (Scaling states others): {sizes}",
     "doubtful-sizes": "of the stated sizes {sizes}; leave them out of Scaling to derive them",
     "step-refined": ("refined to h = {h:.6g}: planned {cost:.6g}, replayed at half the step {replayed:.6g}; {ending}"),
@@ -110,14 +110,14 @@ SENTENCES = {
     "more-constraints-violated": "it violates {count} more constraint{plural}",
     "other-solver": "the solver was {solver}, and not the default, ipopt",
 }
-"""Half a sentence for every code, with the names of its numbers and words."""
+"""Mapping from the code of a finding to the template of its clause, with named numbers and words."""
 
 
 @dataclass(frozen=True)
 class Finding:
-    """Result of a judge: a ``code`` of :data:`SENTENCES`, its ``numbers`` and half a sentence.
+    """Result of a judge: a ``code`` of :data:`SENTENCES`, its ``numbers``, and its clause as ``sentence``.
 
-    ``joint`` is what joins it to the finding before it in one line of a verdict, "" where it begins a line.
+    ``joint`` is the text between it and the previous finding in a line of a verdict, "" where it begins a line.
     """
 
     code: str
@@ -127,26 +127,26 @@ class Finding:
 
     @property
     def document(self) -> dict[str, Any]:
-        """The finding as JSON has it."""
+        """The finding as a JSON-serialisable dict, without its joint."""
         return {"code": self.code, "numbers": self.numbers, "sentence": self.sentence}
 
     def joined(self, joint: str) -> Finding:
-        """Return the finding as one that continues a line after ``joint``."""
+        """Return the finding as a continuation of the previous one's line, after the text ``joint``."""
         return replace(self, joint=joint)
 
 
 def make_finding(code: str, joint: str = "", **numbers: Any) -> Finding:
-    """Return the finding of a code; ``numbers`` are what its sentence names."""
+    """Return the finding of a code; ``numbers`` fill the template of its clause."""
     return Finding(code, numbers, SENTENCES[code].format(**numbers), joint)
 
 
 def join_findings(findings: Iterable[Finding], joint: str = "; ", first: str = "") -> list[Finding]:
-    """Return findings as parts of one line: the ``first`` joint before the first of them."""
+    """Return findings as parts of one line: ``first`` is the text before the first, ``joint`` that before others."""
     return [finding.joined(joint if index else first) for index, finding in enumerate(findings)]
 
 
 def compose_lines(findings: Iterable[Finding]) -> list[str]:
-    """Return the lines of a verdict: whole sentences, each of a finding and those joined to it."""
+    """Return the lines of a verdict: each is a sentence that consists of a finding and those joined to it."""
     lines: list[str] = []
     for finding in findings:
         if finding.joint and lines:

@@ -19,21 +19,21 @@ from ocp.problem.evaluation import Evaluation
 from ocp.problem.rollout import Rollout, roll_on
 
 CONTENT = 1e-4
-"""Share of the cost's span below which its gradient is flat: standing still is optimal."""
+"""Share of the cost's span up to which its gradient counts as zero, so that standing still is optimal."""
 STILL = 0.05
-"""Share of the states' characteristic size that an input may move in a horizon and yet hold."""
+"""Largest motion in a horizon, as a share of states' sizes, under an input that counts as holding them still."""
 _UNMOVED_SHARE = 0.01
-"""Share of a state's characteristic size up to which it has not moved."""
+"""Largest motion of a state, as a share of its characteristic size, that counts as none."""
 _STEEP_SHARE = 0.01
-"""Share of the cost's span, per characteristic size, from which the cost depends on a state noticeably."""
+"""Slope of the cost per characteristic size, as a share of its span, above which it depends on a state noticeably."""
 _FORCE_UNITS = ("N", "N m", "N s")
-"""Units of inputs that are zero in free fall; others, as positions commanded, are held."""
+"""Units of inputs that are zero in free fall; others, such as commanded positions, are held."""
 
 
 def cost_span(evaluation: Evaluation, plan: Rollout) -> float:
     """Return the largest change of the cost as all states and inputs move by a characteristic size.
 
-    They move freely, not along a motion, so that no instability enters.
+    The dynamics are ignored, so that instability has no effect.
     """
     sizes = evaluation.problem.scales
     costs = [
@@ -43,11 +43,11 @@ def cost_span(evaluation: Evaluation, plan: Rollout) -> float:
 
 
 def idle_cost(evaluation: Evaluation, step: Step, plan: Rollout) -> float:
-    """Cost of doing nothing where the plan starts: the lowest one of three ways to do so.
+    """Return the cost of doing nothing from the plan's start, the lowest of three.
 
-    Either the input before the first is held, under the law; or its forces are zero. Or the states stay, where one
-    of the plan's inputs can hold them and the cost has a slope in them; the holding itself costs nothing.
-    NaN where none is possible, or violates constraints that the plan satisfies.
+    The input before the first is held, under the law; or it is held with its forces zero; or the states stay, where
+    one of the plan's inputs can hold them and the cost has a slope in them, at no cost of holding.
+    NaN where none of these is possible and satisfies the constraints.
     """
     u_before = evaluation.limits.u_before
     falling = np.where([signal.unit in _FORCE_UNITS for signal in step.system.inputs], 0.0, u_before)
@@ -58,7 +58,7 @@ def idle_cost(evaluation: Evaluation, step: Step, plan: Rollout) -> float:
 
 
 def _constant_cost(evaluation: Evaluation, step: Step, plan: Rollout, u: np.ndarray) -> float:
-    """Return the cost of one input (nu,) at all steps."""
+    """Return the cost of one input (nu,) at all steps, NaN where a step fails or constraints are violated."""
     idle, unsolved = roll_on(evaluation, np.tile(u, (1, evaluation.problem.N, 1)), step, plan.x[:, 0])
     if unsolved is not None or broken_constraints(evaluation, idle):
         return float("nan")
@@ -81,7 +81,7 @@ def _still_cost(evaluation: Evaluation, step: Step, plan: Rollout) -> float:
 
 
 def _state_slopes(evaluation: Evaluation, x: np.ndarray) -> np.ndarray:
-    """Return the change (nx,) of the cost of staying at x (nx,) as each state moves by its size, first order."""
+    """Return the first-order change (nx,) of the cost of staying at x (nx,) as each state moves by its size."""
     problem, u_before = evaluation.problem, evaluation.limits.u_before
     stage_slope, terminal_slope, _ = problem.state_slopes(x, u_before, 0 * u_before, 0, evaluation.p)
     return problem.scales.x * np.abs(problem.N * np.array(stage_slope) + np.array(terminal_slope)).ravel()
@@ -97,11 +97,11 @@ def _holds(step: Step, p: np.ndarray, x: np.ndarray, inputs: np.ndarray, limit: 
 def undone_findings(
     evaluation: Evaluation, plan: Rollout, contacts: list[ContactSummary], span: float
 ) -> Iterator[Finding]:
-    """Yield what a plan leaves untouched, or unmoved, although its cost depends on it.
+    """Yield findings on bodies that a plan leaves untouched, or states unmoved, although its cost depends on them.
 
-    The cost depends on a state where its slope, in first order and per characteristic size, is a hundredth of
-    the cost's ``span`` at least, at the start or the end. A state that inputs move through contact alone, and on
-    which the cost depends at the end, is untouched where no contact with something driven ever acts.
+    The cost depends on a state where its slope per characteristic size, at the start or the end, exceeds a
+    hundredth of the cost's ``span``. A state that inputs move through contact alone, and on which the cost
+    depends at the end, is untouched where no contact with a driven body ever acts.
     """
     problem, moves = evaluation.problem, np.ptp(plan.x, axis=1).max(axis=0, initial=0.0)
     starts, ends = (
@@ -120,7 +120,7 @@ def undone_findings(
 
 
 def _driven_contacts(system: ContactSystem, steered: np.ndarray, passive: np.ndarray) -> list[str]:
-    """Return the names of contacts whose distance steered states change, and which move passive ones (nx,)."""
+    """Return the names of contacts whose gap depends on ``steered`` states and which move ``passive`` ones (nx,)."""
     names = tuple(signal.name for signal in system.contacts) if system.forces is None else system.forces.names
     moved = np.array(ca.DM(system.reduced.B.sparsity(), 1))[passive].any(axis=0)
     jacobian = ca.jacobian_sparsity(system.gap, ca.vertcat(system.x, system.x_next))
@@ -130,7 +130,7 @@ def _driven_contacts(system: ContactSystem, steered: np.ndarray, passive: np.nda
 
 
 def _untouched(contacts: list[str], passive_states: np.ndarray) -> Finding:
-    """Return the finding that none of ``contacts`` acts, by the names of the bodies where these have them."""
+    """Return the finding that none of ``contacts`` acts, with the bodies' names where contacts are named "a on b"."""
     bodies = [re.sub(r" \d+$", "", name).split(" on ") for name in contacts]
     if any(len(pair) != 2 for pair in bodies):
         named = f"contact{'s' * (len(contacts) > 1)} {', '.join(contacts)}"

@@ -1,4 +1,4 @@
-"""Operations at which costs, constraints, dynamics and gaps jump, which derivatives do not show."""
+"""Detection of jumps in costs, constraints, dynamics and gaps, which derivatives do not show."""
 
 from __future__ import annotations
 
@@ -29,25 +29,25 @@ _SWITCHES = {
     ca.OP_DIV: "division",
     ca.OP_INV: "division",
 }
-"""Names of the operations that may jump."""
+"""Mapping from CasADi's operations that may jump to their names."""
 _CALLS = (-1, 48)
-"""Operations that CasADi reports of an output of a call, and of the call."""
+"""CasADi's operation codes of the output of a function call, and of the call itself."""
 _LINES = 64
-"""Number of lines that are drawn."""
+"""Number of random lines on which jumps are sought."""
 _LINES_PER_SWITCH = 16
-"""Number of these on which one switch is followed."""
+"""Maximum number of lines on which one switch is located."""
 _BISECTIONS = 60
 """Number of bisections that bring the two sides of a switch together."""
 _JUMP_SHARE = 1e-9
-"""Difference across a switch that is a jump, as a share of the values beside it."""
+"""Share of the values on the sides of a switch that a difference between them must exceed to be a jump."""
 _ROUNDING_SHARE = 1e-12
-"""The same, as a share of the values at the ends of the line."""
+"""Share of the values at the ends of a line that a jump must exceed in addition."""
 _ASIDE_SHARE = 1e-6
-"""Distance from a switch, as a share of the line, at which values are compared with those beside it."""
+"""Distance from a switch, as a share of the line, of the values farther aside."""
 _POLE_RATIO = 1e4
-"""Ratio of values beside a switch to those farther aside above which it is a pole."""
+"""Ratio of the value at a switch to that farther aside above which the switch is a pole."""
 _UNKNOWN_SHARE = 1e-3
-"""Difference, as a share of the values at the ends, that is a jump where a value beside a switch is NaN."""
+"""Share of the values at the ends of a line that a jump must exceed farther aside, where values at it are NaN."""
 _ZERO_SHARE = 1e-12
 """Share of the line below which coordinates are rounded to zero, to meet ``x == 0`` exactly."""
 
@@ -56,8 +56,8 @@ _ZERO_SHARE = 1e-12
 class Domain:
     """Box ``lower <= z <= upper`` in which variables move, and their ``sizes``, (n,) each.
 
-    Half of its lines run about ``centre`` (n,), the others about zero. Where ``slack(z)`` has an
-    entry below zero a constraint is violated, and a jump does not count.
+    Half of the lines are drawn around ``centre`` (n,), the others around zero. Where ``slack(z)``
+    has an entry below zero a constraint is violated, and a jump does not count.
     """
 
     sizes: np.ndarray
@@ -68,7 +68,7 @@ class Domain:
 
     @cached_property
     def ends(self) -> tuple[np.ndarray, np.ndarray]:
-        """Ends (n, L) of lines, random points a hundredth to a hundred times the sizes away."""
+        """First and last points (n, L) of random lines, a hundredth to a hundred sizes from their centres."""
         rng, n = np.random.default_rng(0), self.sizes.size
         distances = 10.0 ** rng.uniform(-2, 2, (2, _LINES, 1))
         centres = np.where(np.arange(_LINES)[:, None] % 2, self.centre, 0.0)
@@ -85,10 +85,10 @@ class Domain:
 
 @lru_cache(maxsize=16)
 def jump_findings(problem: Problem) -> tuple[Finding, ...]:
-    """Return findings on what jumps in a problem within its bounds, and on what cannot be inspected.
+    """Return findings on operations at which a problem jumps, and on functions that cannot be inspected.
 
-    Impulses of friction are zero, and their own gaps left out: the basis of their tangents may
-    turn, which changes no physics. The coefficient of friction is in the gaps of slip.
+    Friction impulses are zero, and their gaps left out: the basis of the tangents may jump, which
+    changes no physics. The slip gaps, which contain the coefficient of friction, are inspected.
     """
     system, p = problem.system, problem.parameters
     x, u, du, lam, _ = problem.symbols
@@ -104,7 +104,7 @@ def jump_findings(problem: Problem) -> tuple[Finding, ...]:
 
 
 def _domain(problem: Problem, moving: ca.SX, most_lam: np.ndarray) -> Domain:
-    """Domain of ``x, u, du, x_next, lam`` on plans, by bounds, distances and path inequalities."""
+    """Return the domain of ``x, u, du, x_next, lam``, by bounds, signed distances and path inequalities."""
     system, sizes, p = problem.system, problem.scales, problem.parameters
     x0, u0, u_low, u_high, x_low, x_high = (np.array(value).ravel() for value in problem.limits(p.values))
     none, slack = np.zeros(system.nlam), list[ca.SX]()
@@ -125,7 +125,7 @@ def _domain(problem: Problem, moving: ca.SX, most_lam: np.ndarray) -> Domain:
 
 
 def jump_findings_of(expressions: Mapping[str, ca.SX], moving: ca.SX, domain: Domain) -> tuple[Finding, ...]:
-    """Return findings on the jumps of named ``parts``, expressions in ``moving`` (n, 1) alone."""
+    """Return findings on the jumps of named ``expressions`` in ``moving`` (n, 1) alone."""
 
     def located(find: Callable[[ca.SX], Iterable[str]]) -> list[str]:
         return [f"{node} in {name}" for name, expression in expressions.items() for node in find(expression)]
@@ -142,10 +142,10 @@ def jump_findings_of(expressions: Mapping[str, ca.SX], moving: ca.SX, domain: Do
 def jumping_operations(expression: ca.SX, moving: ca.SX, domain: Domain) -> list[str]:
     """Return the names of the operations at which ``expression`` (k, 1) jumps as ``moving`` (n, 1) moves.
 
-    It may use no other symbols. On straight lines through the domain a place where an operation of
-    the graph switches, or a divisor or an absolute value changes sign, is found by bisection, and
-    the values on its two sides compared: ``if_else`` that is continuous, as Huber's loss is, does
-    not jump, nor does ``sqrt(x**2)``, nor a switch that no line crosses, nor a pole.
+    It may use no other symbols. On straight lines through the domain bisection locates where an
+    operation of the graph switches, or a divisor or an absolute value changes sign; the values on
+    the two sides are compared. A continuous ``if_else``, such as Huber's loss, does not jump, nor
+    does ``sqrt(x**2)``, a switch that no line crosses, or a pole.
     """
     values = ca.Function("values", [moving], [ca.densify(expression)])
     names: list[str] = []
@@ -172,13 +172,13 @@ def _nodes(expression: ca.SX) -> Iterator[ca.SX]:
 
 
 def _calls(expression: ca.SX) -> dict[str, None]:
-    """Return the names of the functions that a graph calls without showing what they compute."""
+    """Return the names, as keys, of the functions that a graph calls without containing their graphs."""
     calls = (str(node) for node in _nodes(expression) if node.op() in _CALLS)
     return dict.fromkeys(call.partition("(")[0] for call in calls)
 
 
 def _sides(node: ca.SX) -> list[ca.SX]:
-    """Return expressions, constant between the places where an operation may jump."""
+    """Return piecewise constant expressions that change where an operation may jump."""
     operation, first, second = node.op(), node.dep(0), node.dep(node.n_dep() - 1)
     if operation in (ca.OP_EQ, ca.OP_NE):
         return [first < second]
@@ -196,7 +196,7 @@ def _at(function: ca.Function, points: np.ndarray, output: int = 0) -> np.ndarra
 
 
 def _jumps_at(side: ca.Function, values: ca.Function, domain: Domain) -> bool:
-    """Return whether values differ on the two sides of a switch, or on it where two terms are equal."""
+    """Return whether values differ on the two sides of a switch, or exactly on it from both sides."""
     low, high = domain.ends
     side_low, side_high = _at(side, low), _at(side, high)
     crossing = np.flatnonzero(np.isfinite(side_low + side_high) & (side_low != side_high))[:_LINES_PER_SWITCH]
@@ -215,7 +215,7 @@ def _jumps_at(side: ca.Function, values: ca.Function, domain: Domain) -> bool:
     tolerance = _JUMP_SHARE * (np.abs(value_low) + np.abs(value_high)) + _ROUNDING_SHARE * scale
     beyond_both = np.maximum(np.minimum(value_low, value_high) - value_on, value_on - np.maximum(value_low, value_high))
     is_point = np.isfinite(beyond_both) & (beyond_both > tolerance) & (_at(side, on_switch, 1) != _at(side, low, 1))
-    # A quotient of zeros: what stands a little further aside is compared, less closely.
+    # A quotient of zeros is NaN: values a little farther aside are compared instead, less closely.
     is_unknown = np.isnan(value_low + value_high) & (np.abs(values_aside[1] - values_aside[0]) > _UNKNOWN_SHARE * scale)
     jumped = ((np.abs(value_low - value_high) > tolerance) & ~pole) | is_point | is_unknown
     return bool(np.any(jumped & domain.allowed(low) & domain.allowed(high)))

@@ -1,4 +1,4 @@
-"""The KKT conditions on a held active set: smooth equations in a point and one parameter."""
+"""KKT conditions with the active set held fixed: smooth equations in a point and one parameter."""
 
 from __future__ import annotations
 
@@ -17,26 +17,26 @@ if TYPE_CHECKING:
     import scipy.sparse as sp
 
 SHARP = 1e-7
-"""A Newton step, in characteristic sizes, after which the next one would be of rounding's size."""
+"""Newton step, in characteristic sizes, below which the next one would be no larger than rounding."""
 _BORDER_REGULARISATION = 1e-12
 """Regularisation of the bordered KKT matrix, scaled."""
 _NEWTON_STEPS = 8
 """Maximum number of Newton steps of a correction."""
 _CENTRAL_STEP = 1e-5
-"""Step of central differences by the parameter, in its unit."""
+"""Step of central differences with respect to the parameter, in its unit."""
 _BIACTIVE_MEMBER = 1e-6
-"""Member of a pair, in characteristic sizes, below which it is held beside the smaller one."""
+"""Value of a pair's larger member, in characteristic sizes, below which it is held as the smaller one is."""
 
 
 @dataclass(frozen=True)
 class Held:
-    """Active ends of ``x`` (n,) and ``g`` (m,): -1 the lower, 1 the upper, 0 none."""
+    """Active set: the ends at which ``x`` (n,) and ``g`` (m,) are held, -1 the lower, 1 the upper, 0 none."""
 
     x: np.ndarray
     g: np.ndarray
 
     def toggle_end(self, end: int) -> Held:
-        """Hold what is free, or free what is held, at an end of :meth:`KKTCurve.margins`."""
+        """Return the active set with one end of :meth:`KKTCurve.margins` held if it is free, freed if it is held."""
         x, g = self.x.copy(), self.g.copy()
         signs, index = (x, end) if end < 2 * x.size else (g, end - 2 * x.size)
         sign, index = (-1, index) if index < signs.size else (1, index - signs.size)
@@ -50,7 +50,7 @@ class Held:
 
 
 class KKTCurve:
-    """Stationary points of a program along the parameter ``name``, its active set held.
+    """Stationary points of a program along the parameter ``name``, with its active set held fixed.
 
     Coordinates v are the free variables in characteristic sizes, multipliers of the held rows in
     those of cost and rows, and the parameter over ``unit``. :meth:`equations` are the Lagrangian's
@@ -91,18 +91,18 @@ class KKTCurve:
 
     @property
     def parameter_direction(self) -> np.ndarray:
-        """Unit vector of the parameter."""
+        """Unit vector along the parameter's coordinate."""
         return np.eye(1, self.start.size, self.start.size - 1).ravel()
 
     def problem_data(self, tau: float) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        """Parameter vector and bounds at a coordinate of the parameter."""
+        """Return the parameter vector and bounds at the coordinate ``tau`` of the parameter."""
         values = {**self.values, self.name: tau * self.unit, PENALTY: 0.0}
         return self.program.parameter_vector(values), self.program.bounds(values)
 
     def _held(
         self, x: np.ndarray, reduced: np.ndarray, y: np.ndarray, g: np.ndarray, bounds: dict[str, np.ndarray]
     ) -> Held:
-        """Return ends whose multiplier is larger than their slack, both in characteristic sizes."""
+        """Return the active set: ends whose multiplier exceeds their slack, both in characteristic sizes."""
         slope, eta = reduced * self.sizes / self.scale, y / (self.scale * self.rows)
         lower, upper = bounds["lbx"] / self.sizes, bounds["ubx"] / self.sizes
         held_x = _pressing(slope, -slope, x / self.sizes, lower, upper)
@@ -117,7 +117,7 @@ class KKTCurve:
         return Held(held_x, held_g)
 
     def primal_dual(self, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Variables (n,) and multipliers of all rows (m,) at coordinates v."""
+        """Return variables (n,) and multipliers of all rows (m,) at coordinates v."""
         _, bounds = self.problem_data(v[-1])
         x = np.where(self.held.x < 0, bounds["lbx"], bounds["ubx"])
         x[self.free] = v[: self.nx] * self.sizes[self.free]
@@ -126,19 +126,19 @@ class KKTCurve:
         return x, y
 
     def _state(self, v: np.ndarray) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
-        """Slope of the Lagrangian (n,) and constraints (m,), scaled, and the bounds."""
+        """Return the gradient of the Lagrangian (n,) and the constraints (m,), both scaled, and the bounds."""
         (x, y), (p, bounds) = self.primal_dual(v), self.problem_data(v[-1])
         gradient, g, jacobian = self.program.slopes(x, p)
         return (gradient + jacobian.T @ y) * self.sizes / self.scale, g * self.rows, bounds
 
     def equations(self, v: np.ndarray) -> np.ndarray:
-        """Return the residual of the curve, one entry fewer than v has."""
+        """Return the residual of the curve's equations, which has one entry fewer than v."""
         slope, g, bounds = self._state(v)
         ends = np.where(self.held.g < 0, bounds["lbg"], bounds["ubg"])[self.acting]
         return np.concatenate([slope[self.free], g[self.acting] - ends * self.rows[self.acting]])
 
     def matrix(self, v: np.ndarray) -> sp.csc_matrix:
-        """Derivative of :meth:`equations`: the reduced KKT matrix, the parameter's column last."""
+        """Return the derivative of :meth:`equations`: the reduced KKT matrix, with the parameter's column last."""
         import scipy.sparse as sp
 
         (x, y), (p, _) = self.primal_dual(v), self.problem_data(v[-1])
@@ -157,14 +157,14 @@ class KKTCurve:
         return H[self.free][:, self.free], A[self.acting][:, self.free]
 
     def curvature(self, v: np.ndarray) -> int:
-        """Directions along which the Lagrangian curves down on the held set."""
+        """Return the number of directions of negative curvature of the Lagrangian on the held set."""
         x, y = self.primal_dual(v)
         return negative_curvature(*self._second(x, y, self.problem_data(v[-1])[0]))
 
     def solve(self, v: np.ndarray, border: np.ndarray, right: np.ndarray) -> np.ndarray:
-        """Solve the KKT matrix bordered below by a row, regularised by 1e-12; NaN where singular.
+        """Return the solution with the KKT matrix bordered by the row ``border``; NaN where that is singular.
 
-        The bordered matrix is regular at a simple fold too, where the square one is not.
+        The matrix is regularised by 1e-12. With the border it is regular at a simple fold, where the square one is not.
         """
         import scipy.sparse as sp
         import scipy.sparse.linalg as sla
@@ -178,11 +178,11 @@ class KKTCurve:
             return np.full_like(v, np.nan)
 
     def tangent(self, v: np.ndarray, border: np.ndarray | None = None) -> np.ndarray:
-        """Direction of the curve with ``border' t = 1``; by default one unit of the parameter."""
+        """Return the direction t of the curve with ``border' t = 1``; by default per unit of the parameter."""
         return self.solve(v, self.parameter_direction if border is None else border, self.parameter_direction)
 
     def newton(self, v: np.ndarray, border: np.ndarray, target: float) -> np.ndarray | None:
-        """Solve for the point of the curve where ``border' v = target``; None where that does not converge."""
+        """Return the point of the curve where ``border' v = target``; None where Newton's method does not converge."""
         last = np.inf
         for _ in range(_NEWTON_STEPS):
             residual = np.append(self.equations(v), border @ v - target)
@@ -197,9 +197,9 @@ class KKTCurve:
         return None
 
     def corrected_point(self, v: np.ndarray, tau: float) -> np.ndarray | None:
-        """Predict along the tangent to a value of the parameter, and correct there.
+        """Return the point of the curve at ``tau``, predicted along the tangent from v and then corrected.
 
-        A correction of more than half the predicted way is a jump to another curve: None.
+        None where that does not converge, or the correction exceeds half the prediction: a jump to another curve.
         """
         ahead = (tau - v[-1]) * self.tangent(v)
         if not np.all(np.isfinite(ahead)):
@@ -211,7 +211,7 @@ class KKTCurve:
         return solution if residual <= 0.5 * np.abs(ahead)[: self.nx].max(initial=0.0) + 1e-4 else None
 
     def margins(self, v: np.ndarray) -> np.ndarray:
-        """Return what keeps the active set, scaled: slacks of free ends, multipliers of held ones.
+        """Return the scaled margins of the active set: slacks of free ends, multipliers of held ones.
 
         Order: lower and upper ends of x, then of g, (2n + 2m,); infinite where nothing can change:
         equations, and the one held member of a pair, whose multiplier may have either sign.
@@ -229,11 +229,11 @@ class KKTCurve:
         return np.concatenate([np.concatenate(part) for part in slack_groups])
 
     def lower_slopes(self, v: np.ndarray) -> np.ndarray:
-        """Return the slopes with which variables press against their lower ends, scaled; zero where free."""
+        """Return the scaled gradient of the Lagrangian: the multipliers of held lower ends, zero where free."""
         return self._state(v)[0]
 
     def end_name(self, end: int) -> tuple[str, int, bool]:
-        """Name and step of an end of :meth:`margins`, and whether it belongs to a pair."""
+        """Return the name and step of an end of :meth:`margins`, and whether it belongs to a pair."""
         program = self.program
         if end < 2 * program.n:
             variable = end % program.n
@@ -248,7 +248,7 @@ class KKTCurve:
         return name, int(index[1]) if len(index) > 2 else 0, False
 
     def solver_point(self, v: np.ndarray) -> tuple[Point, float, np.ndarray]:
-        """Point with the multipliers of rows and bounds, cost and constraints."""
+        """Return the point at v with multipliers of rows and bounds, its cost, and its constraints."""
         (x, y), (p, _) = self.primal_dual(v), self.problem_data(v[-1])
         slope = self._state(v)[0] * self.scale / self.sizes
         return Point(x, np.where(self.free, 0.0, -slope), y), *self.program.values(x, p)
@@ -257,7 +257,7 @@ class KKTCurve:
 def regular_curve(
     program: Program, point: Point, values: dict[str, float], name: str, unit: float
 ) -> tuple[KKTCurve, np.ndarray]:
-    """Return the curve through a solved point, and its coordinates; raises ``InputError`` where there is none."""
+    """Return the curve through a solved point and its coordinates; raise ``InputError`` where it is singular."""
     p, bounds = program.parameter_vector(values), program.bounds(values)
     y = point.lam_g
     if y is None:

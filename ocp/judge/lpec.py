@@ -1,4 +1,4 @@
-"""Linear programs with complementarity constraints, and curvature, by which points are judged."""
+"""Linear programs with complementarity constraints (LPEC) and negative curvature, both for certificates."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from ocp.programs.program import Program
 
 _SNAP = 1e-4
-"""A slack below this share of a characteristic size counts as none; so does a pair's member."""
+"""Share of a characteristic size below which a slack counts as zero; of a pair's member a hundredth of it."""
 NODES = 500
-"""Of one search over branches at most: no answer depends on how busy the computer is."""
+"""Maximum number of nodes of one search over branches; unlike a time limit, it does not depend on load."""
 
 
 @dataclass(frozen=True)
@@ -31,8 +31,8 @@ class LinearModel:
 
     ``minimise cost' d`` subject to ``row_lower <= rows d <= row_upper``, ``lower <= d <= upper``
     and ``0 <= l + d_l ⟂ g + d_g >= 0`` for the pairs at positions ``pairs`` (2, m). Slacks are
-    those at the point, zero where a constraint is active; an equation keeps ``rows d = 0``
-    whatever its residual is, which is the audit's affair.
+    those at the point, zero where a constraint is active; an equation becomes ``rows d = 0``
+    whatever its residual, which the audit judges.
 
     ``cost`` (n,) is the gradient times the sizes, ``rows`` (m_g, n) the Jacobian so scaled, with
     its largest entry in every row brought to 1; ``row_scale`` (m_g,) are the factors.
@@ -55,9 +55,9 @@ class LinearModel:
     def at(
         cls, nlp: Program, x: np.ndarray, p: np.ndarray, bounds: dict[str, np.ndarray], residuals: bool = False
     ) -> LinearModel:
-        """Linearise a program at x; pairs count only under the reformulation "none".
+        """Return the linear model of a program at x; pairs count only under the reformulation "none".
 
-        With ``residuals`` rows keep what they are off by, for a direction to mend.
+        With ``residuals`` rows include their violations, so that a direction can reduce them.
         """
         import scipy.sparse as sp
 
@@ -87,9 +87,9 @@ class LinearModel:
         )
 
     def damped(self, factor: np.ndarray) -> LinearModel:
-        """Return the same model in sizes that are ``factor`` (n,) times these; pairs keep theirs.
+        """Return the model with sizes multiplied by ``factor`` (n,), which is 1 for members of pairs.
 
-        What is active here stays active.
+        Active constraints stay active.
         """
         import scipy.sparse as sp
 
@@ -109,36 +109,36 @@ class LinearModel:
 
     @property
     def finite(self) -> bool:
-        """Whether every derivative and every constraint is a number."""
+        """Whether no derivative and no constraint is NaN."""
         arrays = (self.cost, self.rows.data, self.row_lower, self.row_upper)
         return not any(np.isnan(array).any() for array in arrays)
 
     def near(self, radius: float) -> np.ndarray:
-        """Pairs whose members are both within ``radius`` of zero: these may change sides."""
+        """Return a mask (m,) of pairs whose members are both within ``radius`` of zero: these may open or close."""
         return np.all(self.members < radius, axis=0)
 
     def effort(self, radius: float) -> int:
-        """Work of a search over the near pairs' branches: binaries times entries of the rows."""
+        """Return the work of a search over branches of near pairs: binaries times nonzeros of the rows."""
         return int(self.near(radius).sum()) * self.rows.nnz
 
     @property
     def held(self) -> np.ndarray:
-        """Position of the smaller member of every pair, (m,)."""
+        """Indices (m,) of the smaller member of every pair."""
         return self.pairs[np.argmin(self.members, axis=0), np.arange(self.pairs.shape[1])]
 
     @property
     def free(self) -> np.ndarray:
-        """Variables (n,) that neither a bound nor a pair holds."""
+        """Mask (n,) of variables that are held neither by a bound nor by a pair."""
         free = (self.lower < 0) & (self.upper > 0)
         free[self.held] = False
         return free
 
     def reduced(self, multipliers: np.ndarray) -> np.ndarray:
-        """Slope (n,) of the Lagrangian, ``cost + rows' y``."""
+        """Return the gradient (n,) of the Lagrangian, ``cost + rows' y``."""
         return self.cost + self.rows.T @ (multipliers / self.row_scale)
 
     def box(self, radius: float) -> tuple[np.ndarray, np.ndarray]:
-        """Bounds of ``d / radius`` in the trust region; decided pairs keep their zero member."""
+        """Return the bounds of ``d / radius`` in the trust region; smaller members of pairs that are not near are 0."""
         lower = np.maximum(self.lower / radius, -1.0)
         upper = np.minimum(self.upper / radius, 1.0)
         decided = ~self.near(radius)
@@ -153,7 +153,7 @@ class LinearModel:
         return np.where(self.members < _SNAP * 1e-2, 0.0, self.members)
 
     def dual_bound(self, multipliers: np.ndarray, radius: float) -> float:
-        """Return a bound on the decrease per radius that no relaxed direction exceeds.
+        """Return an upper bound on the decrease per radius in the relaxed problem.
 
         Weak duality: for any multipliers y of the rows, ``-min_d cost' d`` over the box and rows is
         at most ``-sum_i min(r_i lower_i, r_i upper_i) + sum_j max(y_j row_upper_j, y_j
@@ -167,13 +167,13 @@ class LinearModel:
         return float(gained + (y * ends).max(axis=0).sum())
 
     def descend(self, radius: float, branching: bool, cut: float, first: bool = False) -> Descent:
-        """Find the steepest feasible direction with ``|d_i| <= radius``.
+        """Return the steepest feasible direction with ``|d_i| <= radius``.
 
-        Without ``branching`` the near pairs may both grow (the relaxed problem, a linear program);
-        with it one member of each stays zero, by one binary a pair, and the search is for a
-        direction that falls by more than ``cut`` per radius, at least half as steep as any; with
-        ``first`` it ends at the first one. A ``cut`` of minus infinity asks for any direction; the
-        step is zero where there is none. The search ends after :data:`NODES` nodes.
+        Without ``branching`` both members of near pairs may grow (the relaxed problem, a linear program).
+        With it one member of each stays zero, by one binary per pair; the direction decreases the cost by
+        more than ``cut`` per radius, at least half as steeply as any, or with ``first`` is the first one
+        that does. With a ``cut`` of minus infinity any direction will do; the step is zero where there is
+        none. The search ends after :data:`NODES` nodes.
         """
         near_pairs = np.flatnonzero(self.near(radius)) if branching else np.zeros(0, dtype=int)
         n = self.cost.size
@@ -189,7 +189,7 @@ class LinearModel:
     def _program(
         self, radius: float, near_pairs: np.ndarray, cut: float
     ) -> tuple[np.ndarray, tuple[Any, ...], tuple[Any, ...], np.ndarray]:
-        """Objective, rows, bounds and integrality over the direction and one binary a near pair."""
+        """Return objective, rows, bounds and integrality of the program in the direction and a binary per near pair."""
         import scipy.sparse as sp
 
         count, size = near_pairs.size, max(float(np.abs(self.cost).max(initial=0.0)), 1e-300)
@@ -209,7 +209,7 @@ class LinearModel:
         return objective, (sp.vstack(rows), low, high), box, integrality
 
     def _branches(self, near_pairs: np.ndarray, members: np.ndarray) -> list[sp.csr_matrix]:
-        """``l + d_l <= z (l + 1)`` and ``g + d_g <= (1 - z) (g + 1)``, all over the radius."""
+        """Return the rows ``l + d_l <= z (l + 1)`` and ``g + d_g <= (1 - z) (g + 1)``, all over the radius."""
         import scipy.sparse as sp
 
         count, n = near_pairs.size, self.cost.size
@@ -226,10 +226,10 @@ class LinearModel:
 
 @dataclass(frozen=True)
 class Descent:
-    """Steepest direction of descent: its decrease per radius, and the sides of near pairs.
+    """Steepest descent direction ``step``, its ``decrease`` of the cost per radius, and the branch it takes.
 
-    ``active`` (of ``near``) is 1 where the multiplier may grow and the gap stays zero. ``decrease``
-    is NaN where the program was not solved; ``trouble`` says why.
+    ``active`` is 1 for pairs of ``near`` whose multiplier may grow while the gap stays zero.
+    ``decrease`` is NaN where the program was not solved; ``trouble`` says why.
     """
 
     decrease: float
@@ -240,14 +240,14 @@ class Descent:
 
 
 def _active(negative_slack: np.ndarray) -> np.ndarray:
-    """Return a lower bound of a step: zero where the constraint is active or violated."""
+    """Return lower bounds of a step: negative slacks, zero where the constraint is active or violated."""
     return np.where(negative_slack > -_SNAP, 0.0, negative_slack)
 
 
 def _solved(
     objective: np.ndarray, rows: tuple[Any, ...], box: tuple[Any, ...], integrality: np.ndarray, gap: float
 ) -> OptimizeResult:
-    """Solve by HiGHS; a second time without presolve where it ran into numerical trouble."""
+    """Return the solution by HiGHS, which runs again without presolve after numerical trouble."""
     from scipy.optimize import Bounds, LinearConstraint, milp
 
     options = {"node_limit": NODES, "mip_rel_gap": gap}
@@ -262,11 +262,11 @@ def _solved(
 _NULL_SPACE_SHIFT = 1e-8
 """Regularisation of the rows when negative eigenvalues are counted."""
 _LEAST_CURVATURE = 1e-7
-"""Eigenvalue, as a share of the largest entry of H, above whose negative none is negative."""
+"""Size of a negative eigenvalue, as a share of the largest entry of H, up to which it counts as zero."""
 
 
 def negative_curvature(hessian: sp.csr_matrix, constraints: sp.csr_matrix) -> int:
-    """Count the negative eigenvalues of H on the null space of A; -1 where that failed.
+    """Return the number of negative eigenvalues of H on the null space of A, -1 where that failed.
 
     H (n, n) symmetric, A (m, n). By Haynsworth and Sylvester the matrix ``[[H + e I, A'],
     [A, -e I]]`` has as many negative eigenvalues as H has on the null space of A, and m more, for
@@ -300,7 +300,7 @@ _STDOUT_LOCK = threading.Lock()
 
 @contextmanager
 def unheard() -> Iterator[None]:
-    """Discard output on file descriptor 1; HiGHS has a ``printf`` without a switch."""
+    """Discard output on file descriptor 1, since HiGHS calls ``printf`` regardless of its options."""
     with _STDOUT_LOCK, Path(os.devnull).open("w") as nowhere:
         _flush()
         try:

@@ -1,4 +1,4 @@
-"""Expressions of a system along trajectories; penetration and reach."""
+"""Measures along trajectories: values of a system's expressions, penetration, forces at a distance."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from ocp.problem.rollout import Rollout, mean_multipliers
 
 
 class TrajectoryEvaluator:
-    """Evaluates expressions in (x, u, x_next, lam, p) along trajectories, each (S, N, size).
+    """Evaluator of expressions in (x, u, x_next, lam, p) along trajectories.
 
-    The system is the problem's or its sharpest. Trajectories are x (S, N+1, nx), u (S, N, nu), lam
+    The system is the problem's or its referee's. Trajectories are x (S, N+1, nx), u (S, N, nu), lam
     (S, N, nlam).
     """
 
@@ -32,14 +32,14 @@ class TrajectoryEvaluator:
         self.values, self.p = (x[:, :-1], u, x[:, 1:], lam), evaluation.p
 
     def __call__(self, *expressions: ca.SX) -> list[np.ndarray]:
-        """Evaluate the expressions at every scenario and step."""
+        """Return the values (S, N, size) of each expression at every scenario and step."""
         outputs = [ca.densify(expression) for expression in expressions]
         function = ca.Function("evaluate", self.symbols, outputs)
         return at_steps(function, *self.values, p=self.p)
 
 
 class DenseFunction:
-    """Expressions in symbols at many points at once, as dense matrices, from their nonzeros."""
+    """Function that evaluates expressions at many points at once, as dense matrices, from their nonzeros."""
 
     def __init__(self, symbols: list[ca.SX], expressions: list[ca.SX]) -> None:
         outputs = [ca.sparsify(expression) for expression in expressions]
@@ -48,8 +48,8 @@ class DenseFunction:
         self._batch = BatchFunction(ca.Function("dense", symbols, nonzeros), backend="numpy")
 
     def __call__(self, *arguments: np.ndarray) -> list[np.ndarray]:
-        """Evaluate at n points (n, .), or at one for all (.,): a matrix (n, ., .) each."""
-        # A state that diverges is expected, and NaN says so.
+        """Return a matrix (n, ., .) per expression; each argument has n points (n, .), or one for all (.,)."""
+        # Diverging states are expected; their values are NaN.
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", BatchWarning)
             values = self._batch(*arguments)
@@ -61,20 +61,20 @@ class DenseFunction:
 
 
 ACTIVE = 1e-3
-"""Share of the characteristic impulse above which a normal impulse counts as a force that acts."""
+"""Share of the characteristic impulse above which a normal impulse counts as acting."""
 _WAY_SAMPLES = 16
-"""Number of intervals of a way between nodes that are sampled."""
+"""Number of intervals into which sampling divides the line between two nodes."""
 _GOLDEN = (np.sqrt(5) - 1) / 2
 """Ratio of the golden section."""
 _SECTIONS = 40
-"""Number of golden sections around the least sample."""
+"""Number of golden-section steps around the smallest sample."""
 
 
 @dataclass(frozen=True)
 class Worst:
-    """Largest value of something, at which contact, scenario and step; zero where there is none.
+    """Largest ``amount`` of a measure, with its contact, scenario and step; zero where nothing is measured.
 
-    At a node ``step`` is its number, else that of the interval.
+    ``step`` is the number of a node, or of an interval for measures between nodes.
     """
 
     amount: float
@@ -85,12 +85,11 @@ class Worst:
 
 @dataclass(frozen=True)
 class Physics:
-    """Lengths that should be zero [m] (of a joint limit in its unit), None without geometry.
+    """Measures of a trajectory that should be zero [m] (for a joint limit in its unit), None without geometry.
 
-    ``penetration`` max(0, -phi) at the nodes; ``between`` the same along the straight way in the
+    ``penetration`` max(0, -phi) at the nodes; ``between`` the same along straight lines in the
     coordinates from node to node; ``force_distance`` the largest phi(x_next) at which a normal
-    impulse above :data:`ACTIVE` of the characteristic one acts. Nodes that are no number count for
-    nothing.
+    impulse above :data:`ACTIVE` of the characteristic one acts. NaN is ignored.
     """
 
     penetration: Worst | None
@@ -99,14 +98,14 @@ class Physics:
 
 
 def measure(evaluation: Evaluation, step: Step, rollout: Rollout) -> Physics:
-    """Measure trajectories of a closed step."""
+    """Return the penetration and the distance of forces of trajectories of a closed step."""
     problem, x = evaluation.problem, rollout.x
     phi, names = evaluation.signed_distances(x), problem.system.distance_names
     if phi is None:
         return Physics(None, None, None)
     system, impulse = step.system, mean_multipliers(step, rollout.lam)
     if system.forces is None:
-        # In the order of the first ``phi``; a multiplier that is a force [N] stays one.
+        # Normal pairs have the order of the first ``phi``; multipliers that are forces [N] are not converted.
         impulse = impulse[:, :, [i for i, pair in enumerate(system.pairs) if pair.kind == "normal"]]
     else:
         evaluate = TrajectoryEvaluator(evaluation, system, x, rollout.u, impulse)
@@ -119,14 +118,14 @@ def measure(evaluation: Evaluation, step: Step, rollout: Rollout) -> Physics:
 
 
 def pair_sizes(problem: Problem, system: ContactSystem) -> tuple[np.ndarray, np.ndarray]:
-    """Return characteristic sizes (nlam,) of a system's multipliers and gaps: either may be a way [m]."""
+    """Return characteristic sizes (nlam,) of a system's multipliers and gaps; either may be a length [m]."""
     is_length, sizes = [signal.unit == "m" for signal in system.contacts], problem.scales
     lam = np.where(is_length, sizes.gap, sizes.impulse)
     return lam, np.where(is_length, sizes.impulse, sizes.gap)
 
 
 def slip_sides(system: ContactSystem) -> list[tuple[int, list[int]]]:
-    """Return each contact's slip pair, and its pairs of friction."""
+    """Return the index of each contact's slip pair, with the indices of its friction pairs."""
     return [
         (i, [j for j, other in enumerate(system.pairs) if other.kind == "friction" and other.contact == pair.contact])
         for i, pair in enumerate(system.pairs)
@@ -143,16 +142,16 @@ def _worst(amounts: np.ndarray, names: Sequence[str]) -> Worst:
 
 
 def between(evaluation: Evaluation, x: np.ndarray) -> Worst:
-    """Return the deepest penetration on the straight ways between the nodes of x (S, N+1, nx)."""
+    """Return the deepest penetration on the straight lines between the nodes of x (S, N+1, nx)."""
     return _worst(-least_between(evaluation, x), evaluation.problem.system.distance_names)
 
 
 def least_between(evaluation: Evaluation, x: np.ndarray) -> np.ndarray:
-    """Return the least phi on the straight way from every node to the next, (S, N, n_phi), ends included.
+    """Return the smallest phi (S, N, n_phi) on the straight line from every node to the next, ends included.
 
-    Sampled at 16 points and then searched by golden section around the least: exact where phi has
-    one minimum between two samples, as for convex bodies that do not turn, whose distance is convex
-    along the way.
+    The line is sampled at 17 points and searched by golden section around the smallest sample:
+    exact where phi has one minimum between two samples, as for convex bodies that do not rotate,
+    whose distance is convex along the line.
     """
     start, displacement = x[:, :-1, None], np.diff(x, axis=1)[:, :, None]
     fractions = np.linspace(0, 1, _WAY_SAMPLES + 1)
@@ -163,7 +162,7 @@ def least_between(evaluation: Evaluation, x: np.ndarray) -> np.ndarray:
     contact_index = np.arange(sampled.shape[3])
 
     def phi(t: np.ndarray) -> np.ndarray:
-        # Every contact looks at its own place of the way, and only at its own distance there.
+        # Each contact has its own position on the line, and needs only its own distance there.
         phi = evaluation.signed_distances(start + t[..., None] * displacement)
         assert phi is not None
         return phi[:, :, contact_index, contact_index]

@@ -1,4 +1,4 @@
-"""Replay a plan under the sharpest contact, measure it, and decide whether it survives."""
+"""Referee: replay of a plan under the most exact contact model, and the decision whether it survives."""
 
 from __future__ import annotations
 
@@ -29,30 +29,30 @@ from ocp.problem.problem import Problem
 from ocp.problem.rollout import Gains, Rollout, Unsolved, roll_on
 
 REFINEMENT = 4
-"""Factor by which h is divided for the refined cost."""
+"""Factor by which h is divided in the refined replay."""
 COST_SHARE = 0.1
-"""Share of a plan's cost by which a replay that survives may be dearer."""
+"""Largest excess of a surviving replay's cost, as a share of the plan's cost."""
 STATE_SHARE = 0.1
-"""Distance of its states from the plan's, as a share of their characteristic size."""
+"""Largest distance of a surviving replay's states from the plan's, as a share of their characteristic size."""
 PENETRATION_SHARE = 0.1
-"""Largest depth of bodies in one another, at or between nodes, as a share of the characteristic gap.
+"""Largest penetration in a surviving replay, at or between nodes, as a share of the characteristic gap.
 
-At the nodes true gaps leave none but rounding. In between the straight way cuts corners: by a
+With true gaps penetration at nodes is rounding. In between the straight line cuts corners: by a
 hundredth of the gap where contacts roll, by whole bodies where one passes through another.
 """
 _LEAST_GAP = 1e-4
-"""Least gap for judging, in the characteristic gap."""
+"""Minimum gap for judging, as a share of the characteristic gap."""
 
 
 @dataclass(frozen=True)
 class Referee:
-    """A replay under the sharpest contact of the problem's system, the same h, and what it costs.
+    """Replay of a plan under the most exact contact model of its system, at the same h, and its cost.
 
-    ``replay`` is NaN from a step on that was not solved, which ``failed`` then names, and so is
+    ``replay`` is NaN after a step that was not solved, which ``failed`` then names, and so is
     ``cost``. ``refined`` is the replay at h/4, inputs or policy held over four steps, at the
-    problem's nodes, over which its cost is summed; where it is None, or ended, ``refined_note``
-    says why. ``note`` says what the referee has that the model has not; None for a system without
-    geometry, which then referees itself.
+    problem's nodes, over which its cost is summed; where it is None, or ended early,
+    ``refined_note`` says why. ``note`` names features that the referee's model has and the
+    problem's lacks; None for a system without geometry, whose own model is replayed.
     """
 
     replay: Rollout
@@ -69,9 +69,9 @@ class Referee:
 
 
 def referee_replay(evaluation: Evaluation, inputs: np.ndarray | Gains, x0: np.ndarray) -> Referee:
-    """Replay ``inputs`` (S or 1, N, nu), or a policy, from x0 (S, nx) under the sharpest contact.
+    """Return the replay of ``inputs`` (S or 1, N, nu), or a policy, from x0 (S, nx) under the referee's model.
 
-    Never raises for a step without a solution.
+    A step without a solution is reported in ``failed``, not raised.
     """
     problem = evaluation.problem
     replay, failed = roll_on(evaluation, inputs, problem.referee_step, x0)
@@ -81,9 +81,9 @@ def referee_replay(evaluation: Evaluation, inputs: np.ndarray | Gains, x0: np.nd
 
 @dataclass(frozen=True)
 class StepSize:
-    """Source of the step size h of a model: a ``parameter`` by name, or a ``state`` by its index.
+    """Source of a model's step size h: the name of a ``parameter``, or the index of a ``state``.
 
-    A step size that is "fixed" cannot be refined; ``reason`` says why.
+    A step size of kind "fixed" cannot be refined; ``reason`` says why.
     """
 
     kind: Literal["fixed", "parameter", "state"]
@@ -93,7 +93,7 @@ class StepSize:
 
 
 def step_size_kind(system: ContactSystem) -> StepSize:
-    """Return where the step size of a system is set, and whether it may be refined."""
+    """Return the source of a system's step size, which says whether it may be refined."""
     if not system.refinable:
         return StepSize("fixed", reason="the step size is part of the model")
     if any(signal.unit == "N s" for signal in system.inputs):
@@ -116,10 +116,10 @@ def index_of_symbol(symbol: ca.SX | float, symbols: ca.SX) -> int | None:
 def refined_replay(
     evaluation: Evaluation, inputs: np.ndarray | Gains, x0: np.ndarray, factor: int = REFINEMENT
 ) -> tuple[Rollout | None, str]:
-    """Replay at h / ``factor`` under the sharpest contact; return it at the problem's nodes.
+    """Return the replay at h / ``factor`` under the referee's model, at the problem's nodes, and a reason.
 
-    The second value says why it ended early, "" if it did not. Where h cannot be refined the replay
-    is None, with the reason.
+    The reason says why the replay ended early, "" if it did not. Where h cannot be refined the
+    replay is None, and the reason says why.
     """
     problem = evaluation.problem
     step_size = step_size_kind(problem.system)
@@ -140,18 +140,18 @@ def refined_replay(
 
 @dataclass(frozen=True)
 class RefereeReport:
-    """Outcome of a plan under the sharpest contact; a run stores it.
+    """Outcome of a plan under the referee's contact model, as runs store it.
 
     ``cost`` and ``gap``, the largest difference of a state from the plan, are those of its replay;
-    ``survives_at_h`` is None without geometry, and ``reasons`` say why it is False, each half a
-    sentence. ``survives`` says that the replay holds at h/4 too where h only discretises, and
-    ``refined_reasons`` why it does not. ``note`` names what the referee has that the model has not.
-    ``refined_cost`` is the cost at h/4, NaN with the reason in ``refined_note``. Of plan and
-    replay: how deep bodies are in one another at the nodes (``penetration``) and on the way between
-    them (``between``), and the largest true distance at which a normal force acts
-    (``force_distance``), all [m]. ``broken`` are the constraints that the replay breaks.
+    ``survives_at_h`` is None without geometry, and ``reasons`` are clauses that say why it is
+    False. ``survives`` requires the replay at h/4 to hold too where h only discretises;
+    ``refined_reasons`` say why it does not. ``note`` names features that the referee's model has
+    and the problem's lacks. ``refined_cost`` is the cost at h/4, NaN with the reason in
+    ``refined_note``. Of plan and replay: the largest penetration at nodes (``penetration``) and
+    between them (``between``), and the largest true distance at which a normal force acts
+    (``force_distance``), all [m]. ``broken`` are the constraints that the replay violates.
     ``nonuniqueness`` describes a step of the plan at which the model's contact has another
-    solution, "" where none was found, and ``branch_cost`` is what the plan's inputs cost with it.
+    solution, "" where none was found, and ``branch_cost`` is the cost of the plan's inputs with it.
     ``findings`` and ``refined_findings`` are the reasons with their codes and numbers.
     """
 
@@ -177,17 +177,17 @@ class RefereeReport:
 
     @property
     def survival_findings(self) -> list[Finding]:
-        """Reasons as findings, with no code of their own in a run that stores sentences only."""
+        """Reasons as findings; those of a run that stores only sentences have the code "survival"."""
         return self.findings or [make_finding("survival", reason=reason) for reason in self.reasons]
 
     @property
     def quarter_step_findings(self) -> list[Finding]:
-        """Reasons at h/4 as findings, likewise."""
+        """Reasons at h/4 as findings; those of a run that stores only sentences have the code "survival"."""
         return self.refined_findings or [make_finding("survival", reason=reason) for reason in self.refined_reasons]
 
     @property
     def word(self) -> str:
-        """The referee's word: one of three, or that there is none."""
+        """Outcome in words: the plan survives, survives at this step only, does not survive, or no referee."""
         if self.survives_at_h and not self.survives:
             return "survives at this step only"
         return {True: "survives", False: "does not survive", None: "no referee"}[self.survives]
@@ -196,7 +196,7 @@ class RefereeReport:
 def referee_plan(
     evaluation: Evaluation, step: Step, plan: Rollout, gains: Gains | None = None
 ) -> tuple[RefereeReport, Referee]:
-    """Referee a plan that was made with ``step``: the report, and the replay behind it.
+    """Return the referee's report on a plan that was made with ``step``, and the replay behind it.
 
     The plan's inputs are replayed, or the policy where there is one, from the plan's own starts.
     Without geometry there is no referee, and the report has no costs.
@@ -236,7 +236,7 @@ def referee_plan(
 
 
 def _other_solution(evaluation: Evaluation, plan: Rollout, gains: Gains | None) -> tuple[str, float]:
-    """Describe a step of a plan at which contact has another solution; return also the cost of the plan with it.
+    """Return a clause on a step of a plan at which contact has another solution, and the plan's cost with it.
 
     Of several, this is the solution that the replay takes, or else the costliest. ``("", nan)`` where
     no step has one; the cost is NaN where the motion cannot be followed to the end.
@@ -272,7 +272,7 @@ def _other_solution(evaluation: Evaluation, plan: Rollout, gains: Gains | None) 
 
 
 def tolerance_gap(problem: Problem, x: np.ndarray) -> float:
-    """Return the characteristic gap [m] to judge a plan x (S, N+1, nx): at most a third of the way it goes."""
+    """Return the characteristic gap [m] for judging a plan x (S, N+1, nx), at most a third of its range of lengths."""
     ranges = travelled_ranges(problem, x)
     lengths = [size for size, signal in zip(ranges, problem.system.states, strict=True) if signal.unit == "m"]
     gap = problem.scales.gap
@@ -282,14 +282,14 @@ def tolerance_gap(problem: Problem, x: np.ndarray) -> float:
 def survival_findings(
     evaluation: Evaluation, plan: Rollout, outcome: Referee, physics: Physics, broken: Sequence[Broken]
 ) -> list[Finding]:
-    """Return why a refereed plan does not survive; nothing where it does.
+    """Return the findings that say why a refereed plan does not survive, none where it does.
 
     It survives where the replay was solved throughout, costs at most :data:`COST_SHARE` more than
     the plan, keeps every state within :data:`STATE_SHARE`, every constraint within
-    :data:`~ocp.judge.constraints.CONSTRAINT_SHARE` and its bodies apart to
-    :data:`PENETRATION_SHARE` of the problem's characteristic sizes, which count for no more than
-    the plan itself moves (:func:`~ocp.judge.constraints.tolerance_sizes`, :func:`tolerance_gap`).
-    ``physics`` and ``broken`` are those of the replay. Constant terms of the cost are no part of it
+    :data:`~ocp.judge.constraints.CONSTRAINT_SHARE` and penetration within
+    :data:`PENETRATION_SHARE` of the problem's characteristic sizes, which are limited by the
+    plan's own motion (:func:`~ocp.judge.constraints.tolerance_sizes`, :func:`tolerance_gap`).
+    ``physics`` and ``broken`` are those of the replay. Constant terms of the cost do not count
     (:meth:`~ocp.problem.evaluation.Evaluation.cost_share`).
     """
     problem, cost_excess = evaluation.problem, evaluation.cost_share(outcome.cost - plan.cost, plan.cost)
@@ -321,12 +321,12 @@ def survival_findings(
 
 
 def quarter_step_findings(evaluation: Evaluation, plan: Rollout, outcome: Referee) -> list[Finding]:
-    """Return why the replay at h/4 fails; nothing without such a replay.
+    """Return the findings that say why the replay at h/4 fails, none where it holds or is missing.
 
     It holds where it was solved, costs at most :data:`COST_SHARE` more than the plan, and keeps
-    constraints and bodies apart to :data:`STATE_SHARE` and :data:`PENETRATION_SHARE`. States are
-    not compared node by node: an impact that comes a fraction of a step sooner changes a velocity
-    by all of it, and the cost by little.
+    constraints within :data:`STATE_SHARE` and penetration within :data:`PENETRATION_SHARE`. States
+    are not compared node by node: an impact a fraction of a step earlier changes a velocity
+    completely, and the cost little.
     """
     replay, problem = outcome.refined, evaluation.problem
     if replay is None:

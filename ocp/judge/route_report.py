@@ -1,4 +1,4 @@
-"""The way to an answer: which route gave it, and what else was tried at what cost."""
+"""Report on the route to an answer: stages, attempts, searches and refinements, with their costs."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 
 @dataclass(frozen=True)
 class StageRecord:
-    """One stage of a homotopy: what it varies, at which value, and what the solver reached.
+    """One stage of a homotopy: what it varies (``label``), at which ``value``, and the solver's result.
 
-    ``evaluation_s`` of its ``seconds`` went into evaluating the NLP and its derivatives.
+    ``evaluation_s`` is the part of ``seconds`` spent on evaluating the NLP and its derivatives.
     """
 
     label: str
@@ -27,9 +27,9 @@ class StageRecord:
 
 @dataclass(frozen=True)
 class Attempt:
-    """One of several starts of a solve, counted by ``start``, what it cost, and how it was found.
+    """One of several attempts of a solve: its index ``start``, status, costs, and whether it was ``chosen``.
 
-    ``route`` gave it, after ``seconds`` in the solver.
+    ``route`` names the route that gave it, after ``seconds`` in the solver.
     """
 
     start: int
@@ -49,10 +49,10 @@ NOT_BETTER = "not better"
 
 @dataclass(frozen=True)
 class SearchedPlan:
-    """A plan of the search over pushes that was solved locally.
+    """A plan of a search that was solved locally.
 
     ``rolled_cost`` is the cost of its rollout, ``cost`` that of its solution; ``pushers`` are the
-    commanded places of the pushers, (N+1, nu).
+    positions of the pushers in the rollout, (N+1, nu), empty for other searches.
     """
 
     rolled_cost: float
@@ -64,7 +64,7 @@ class SearchedPlan:
 
 @dataclass(frozen=True)
 class SearchReport:
-    """Work of the search over pushes (:mod:`ocp.search.push_search`): motions and steps rolled out, plans solved."""
+    """Work of a search by pushes or by samples: motions and steps rolled out, and plans solved."""
 
     seed: int
     motions: int
@@ -72,7 +72,7 @@ class SearchReport:
     plans: list[SearchedPlan] = field(default_factory=list)
 
     def __str__(self) -> str:
-        """Return what was tried, in one sentence."""
+        """Return a sentence on what was rolled out and solved."""
         judged = [plan for plan in self.plans if plan.status != NOT_BETTER]
         count, survivors = len(self.plans), sum(bool(plan.survives) for plan in judged)
         outcome = f"{survivors} survive" if judged else "none better"
@@ -86,7 +86,7 @@ class SearchReport:
 class Level:
     """A plan at step size ``h`` [s] and N steps, and its cost when the referee replays it at h/2.
 
-    ``agreed`` marks costs that differ by at most :data:`ocp.solve.refinement.AGREED`.
+    ``agreed`` says whether the two differ by at most :data:`ocp.solve.refinement.AGREED`.
     """
 
     h: float
@@ -99,7 +99,7 @@ class Level:
 
 @dataclass(frozen=True)
 class Refinement:
-    """Levels of a step size that was halved; ``stopped`` says why they came to no agreement, or ""."""
+    """Levels of a step size that was halved; ``stopped`` says why it ended without agreement, or ""."""
 
     levels: list[Level]
     stopped: str = ""
@@ -107,12 +107,12 @@ class Refinement:
 
 @dataclass(frozen=True)
 class RouteReport:
-    """Way to an answer: ``name`` of the route that gave it, and what else was tried.
+    """Route to an answer: ``name`` of the route that gave it, and what else was tried.
 
     ``attempts`` are the starts, where there were several. ``started_from`` is the content hash of
     the solution that the solve started from, None without one; ``resumed`` says whether the solver
     converged from there, or else solved cold with its trajectories as the guess. ``swept`` marks a
-    problem that counts penetration on the way between nodes. ``search`` and ``refinement`` are None
+    problem that limits penetration between nodes too. ``search`` and ``refinement`` are None
     where there was none. ``failures`` are the errors in which other attempts ended.
     ``idle_attempts`` counts attempts with a certified end where standing still is the best of them,
     0 elsewhere. ``audit_s`` [s] is the time of the three judges.

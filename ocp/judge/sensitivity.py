@@ -1,4 +1,4 @@
-"""Derivatives of a solution by a parameter: one linear solve on its active set."""
+"""Derivatives of a solution with respect to a parameter, by one linear solve on its active set."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 _NOT_STRICT = 1e-7
 """Slack or multiplier, in characteristic sizes, below which an end is not strictly held or free."""
 _STAYS_ZERO = 1e-6
-"""Growth per unit up to which such a slack counts as staying zero."""
+"""Change per unit of the parameter below which such a slack or multiplier counts as staying zero."""
 _SINGULAR_MATRIX = 1e-8
 """Norm of the KKT matrix times a unit vector below which the matrix is singular."""
 _COST_ROUNDING = 1e-12
@@ -26,26 +26,26 @@ _COST_ROUNDING = 1e-12
 _PARAMETER_STEP = 1e-4
 """Step of differences along the tangent, in units of the parameter."""
 _SAME_PLAN = 1e-4
-"""Change of states and inputs below which two plans are one."""
+"""Change of states and inputs up to which two plans count as equal."""
 AGREEMENT = 0.1
 """Share by which the slope of a replay may differ from a sensitivity that it confirms."""
 Replay = Callable[[Trajectories, dict[str, float]], Any]
-"""Function that replays a plan at parameter values under the sharpest contact, see ocp.judge.referee."""
+"""Function that replays a plan at parameter values under the referee's model, see :mod:`ocp.judge.referee`."""
 
 
 def sensitivity(program: NLP, point: Point, values: dict[str, float], replay: Replay, name: str) -> xr.Dataset:
     """Return ``dx/dp``, ``du/dp`` and ``dcost/dp`` for the parameter ``name`` at a solved point.
 
-    On the active set, held, the KKT conditions ``F(z, p) = 0`` are smooth, and ``dz/dp`` solves
+    With the active set held fixed, the KKT conditions ``F(z, p) = 0`` are smooth, and ``dz/dp`` solves
     ``F_z dz/dp = -F_p``; bounds and initial data move with p. The cost changes by the partial
-    derivative of the Lagrangian (envelope theorem). The point is brought to the KKT conditions by
-    Newton's method first. ``x`` (scenario, node, state) and ``u`` (scenario, interval, control) are
-    per unit of the parameter; the penalty of gains counts in ``cost``.
+    derivative of the Lagrangian (envelope theorem). Newton's method first brings the point to the
+    KKT conditions. ``x`` (scenario, node, state) and ``u`` (scenario, interval, control) are
+    per unit of the parameter; ``cost`` includes the penalty on gains.
 
-    ``cost_referee`` and ``cost_refined`` are central differences of what the plan's inputs or
-    policy, moved along the tangent, cost in the referee's replay at h and at h/4, ``x_refined`` of
-    its states at h/4; NaN where there is none. A stiff contact that few steps resolve has a slope
-    of the steps, not of the physics.
+    ``cost_referee`` and ``cost_refined`` are central differences of the cost of the plan's inputs or
+    policy, moved along the tangent, in the referee's replays at h and at h/4, ``x_refined`` those of
+    the states at h/4; NaN without such a replay. Where too few steps resolve a stiff contact, they
+    are slopes of the discretisation, not of the physics.
 
     Raises :class:`~ocp.errors.InputError` for an unknown name, and where the solution has no
     derivative: where strict complementarity does not hold, or the reduced KKT matrix is singular.
@@ -93,7 +93,7 @@ def sensitivity(program: NLP, point: Point, values: dict[str, float], replay: Re
 def _replayed_slopes(
     program: NLP, curve: KKTCurve, v: np.ndarray, t: np.ndarray, replay: Replay
 ) -> tuple[float, float, np.ndarray, str]:
-    """Return slopes of the replays' costs at h and h/4 and of x at h/4, and why there are none there."""
+    """Return the slopes of replays' costs at h and h/4, of x at h/4, and why those at h/4 are missing, or ""."""
     step, replays = _PARAMETER_STEP / 10, []
     for sign in (1, -1):
         moved_point = v + sign * step * t
@@ -105,7 +105,7 @@ def _replayed_slopes(
 
 
 def _finding(curve: KKTCurve, cost: float, replayed: float, refined: float) -> str:
-    """Return the sensitivity of the cost beside those of its replays, half a sentence."""
+    """Return a clause with the sensitivity of the cost and of the costs of its replays."""
     places = ((replayed, "in the replay"), (refined, "in the replay at h/4"))
     slopes = [f"the sensitivity dcost/d{curve.name} is {cost:.4g}"]
     slopes += [f"{slope:.4g} {place}" for slope, place in places if np.isfinite(slope)]
@@ -116,10 +116,10 @@ def _finding(curve: KKTCurve, cost: float, replayed: float, refined: float) -> s
 
 
 def _check_strict(curve: KKTCurve, v: np.ndarray, t: np.ndarray) -> None:
-    """Raise InputError where an end is neither held nor free.
+    """Raise InputError where an end is neither strictly held nor strictly free.
 
-    One whose slack and multiplier are zero, and stay so to first order along the tangent, does no
-    harm: held or free the derivative is the same, as long as a pair's held member is pressed.
+    An end whose slack and multiplier are zero, and stay so to first order along the tangent, is
+    allowed: held or free the derivative is the same, if a pair's held member has a multiplier.
     """
     step = _PARAMETER_STEP * t
     margins = curve.margins(v)
@@ -141,7 +141,7 @@ def _check_strict(curve: KKTCurve, v: np.ndarray, t: np.ndarray) -> None:
 
 
 def _check_regular(program: NLP, curve: KKTCurve, v: np.ndarray) -> None:
-    """Raise InputError where the reduced KKT matrix takes some direction of states and inputs to nothing."""
+    """Raise InputError where the reduced KKT matrix is singular along a direction of states and inputs."""
     null_vector = np.random.default_rng(0).standard_normal(v.size)
     null_vector[-1] = 0.0
     for _ in range(2):
@@ -166,7 +166,7 @@ def _trajectories(program: NLP, curve: KKTCurve, v: np.ndarray) -> Trajectories:
 
 
 def _cost_slope(curve: KKTCurve, v: np.ndarray) -> float:
-    """Return the partial derivative of the Lagrangian by the parameter, with the held bounds."""
+    """Return the partial derivative of the Lagrangian with respect to the parameter, held bounds included."""
     _, y = curve.primal_dual(v)
     step, lagrangians = _PARAMETER_STEP / 10 * curve.parameter_direction, []
     for sign in (1, -1):

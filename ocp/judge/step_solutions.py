@@ -1,4 +1,4 @@
-"""Steps of a plan whose contact has another solution, found mode by mode.
+"""Search for steps of a plan whose contact has another solution, mode by mode.
 
 A contact is open, sticks or slides. A choice for every contact makes equations of its pairs: the
 gap of an active pair is zero, lam of any other one is. A solution of these equations with ``lam >=
@@ -20,37 +20,37 @@ from ocp.problem.problem import Problem
 from ocp.problem.rollout import Rollout
 
 APART = 1e-2
-"""Share of the states' characteristic size from which on two ends of a step are two."""
+"""Difference of states, as a share of their characteristic size, above which two ends of a step are distinct."""
 SATISFIED = 1e-5
-"""Share of the characteristic sizes to which a plan's step must obey the exact relation.
+"""Largest violation of the exact relation by a step of a plan, as a share of the characteristic sizes.
 
-A solver that stops at lam gap = 1e-8 N s m is a thousandth of both sizes off where both are near
-zero; two ends that are further apart than :data:`APART` are not the same end, solved badly.
+A solver that stops at lam gap = 1e-8 N s m leaves errors of a thousandth of both sizes where both are
+near zero; such errors cannot move two ends further apart than :data:`APART`.
 """
 MODES = 128
-"""Combinations of modes that are tried at one step, at most."""
+"""Maximum number of combinations of modes that are tried at one step."""
 _NEWTON_ITERATIONS = 12
-"""Maximum number of Newton iterations on one set."""
+"""Maximum number of Newton iterations on one set of active pairs."""
 _SOLVED = 1e-9
 """Change and violation, in characteristic sizes, below which a set is solved."""
 _PAIR_REGULARISATION = 1e-13
 """Regularisation of the equations of active pairs, in characteristic sizes."""
 _LOST = 1e6
-"""Change, in characteristic sizes, above which an iteration is given up."""
+"""Change, in characteristic sizes, above which an iteration is abandoned."""
 LINEAR_VIOLATION = {True: 1e-6, False: 1.0}
-"""Violation, in characteristic sizes, up to which a set goes on from its first linear model: of an
-affine step (True), and of others."""
+"""Violation of a set's first linear model, in characteristic sizes, up to which Newton's method continues
+from it: for affine steps (True), and for others."""
 _BATCH_STEPS = 32
 """Number of steps whose sets are solved together."""
 
 
 @dataclass(frozen=True, eq=False)
 class Nonuniqueness:
-    """Step from whose state and input the model's exact contact can go on in several ways.
+    """Step of a plan from whose state and input the model's exact contact has several solutions.
 
-    The plan's end obeys the exact relation, and so do ``x_next`` (m, nx) with ``lam`` (m, nlam).
-    ``replayed`` says that the exact step ends at the first of them; ``steps`` counts the plan's
-    steps that have other ends.
+    The plan's own end obeys the exact relation, and so do the others, ``x_next`` (m, nx) with
+    ``lam`` (m, nlam). ``replayed`` says that the exact step ends at the first of these; ``steps``
+    counts the plan's steps that have other ends.
     """
 
     step: int
@@ -62,12 +62,11 @@ class Nonuniqueness:
 
 
 def find_nonuniqueness(evaluation: Evaluation, plan: Rollout) -> Nonuniqueness | None:
-    """Find a step of a plan at which the model's exact contact has another solution.
+    """Return a step of a plan at which the model's exact contact has another solution, or None.
 
-    It is the first step at which a replay ends
-    elsewhere; without one, the first with another end among those of :class:`StepSolutions`. Each
-    step is solved from the plan's own state and input, so that no earlier difference grows into it.
-    None where there is none, and where the plan obeys another law or has branches.
+    It is the first step at which a replay ends elsewhere; without one, the first with another end
+    among those of :class:`StepSolutions`. Each step is solved from the plan's own state and input,
+    so that earlier differences have no effect. None also where the plan obeys another law or has branches.
     """
     step, (x, u, lam) = evaluation.problem.exact_step, (plan.x, plan.u, plan.lam)
     if lam.shape[2] != step.n or not step.n:
@@ -146,9 +145,9 @@ class StepSolutions:
     def __call__(
         self, x: np.ndarray, u: np.ndarray, x_next: np.ndarray, lam: np.ndarray, gap: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Solve steps from x (n, nx) and u (n, nu), of which a plan has x_next, lam and gap.
+        """Return solutions of n steps from x (n, nx) and u (n, nu), in which a plan has x_next, lam and gap.
 
-        Returns the number of its step for every solution (m,), x_next (m, nx) and lam (m, nlam).
+        Each of m solutions has the index of its step (m,), x_next (m, nx) and lam (m, nlam).
         """
         lam, gap = lam / self.of_lam, gap / self.of_gap
         solutions = [(np.zeros(0, dtype=int), x_next[:0], lam[:0])]
@@ -180,7 +179,7 @@ class StepSolutions:
         self, step_index: np.ndarray, active: np.ndarray, x: np.ndarray, u: np.ndarray, x_next: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return solutions (m, .) among the sets (n, nlam) of active pairs of the steps ``step_index`` (n,)."""
-        # All sets of a step begin at one point, which is expanded once.
+        # All sets of a step start at one point, which is linearised once.
         model = self._reduced(x, u, x_next, np.zeros((len(x), active.shape[1])))
         dx, lam, gap = _newton(*model, step_index, active)
         self._let_slide(slid_lam := lam.copy(), gap)
@@ -203,14 +202,14 @@ class StepSolutions:
         return step_index[is_solution], x_next[is_solution], lam[is_solution]
 
     def _let_slide(self, lam: np.ndarray, gap: np.ndarray) -> None:
-        """Raise the slip of open contacts to what the motion asks for: it is no unknown of them."""
+        """Raise the slip of open contacts, in place, to that of the motion, which their sets do not determine."""
         for slip, sides in self._slips:
             extra_slip = np.where(lam[:, sides].any(axis=1), 0.0, -gap[:, sides].min(axis=1).clip(max=0))
             lam[:, slip] += extra_slip
             gap[:, sides] += extra_slip[:, None]
 
     def _reduced(self, *point: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Linearise steps; return motion, F, gap of ``dx = motion (1, dlam)`` and scaled gaps ``gap + F dlam``."""
+        """Return motion, F and gap of linearised steps: ``dx = motion (1, dlam)``, scaled gaps ``gap + F dlam``."""
         residual, gap, D, E, G, H = self._model(*point, self.p)
         motion = -np.linalg.solve(D, np.concatenate([residual, E], axis=2))
         return motion, H + G @ motion[:, :, 1:], (gap + G @ motion[:, :, :1])[:, :, 0]
@@ -219,10 +218,9 @@ class StepSolutions:
 def _newton(
     motion: np.ndarray, F: np.ndarray, gap: np.ndarray, index: np.ndarray, active: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return steps of x_next (n, nx) and lam (n, nlam), and the gaps there, for the expansions ``index`` (n,).
+    """Return Newton steps of x_next (n, nx) and lam (n, nlam), and new gaps, for the linear models ``index`` (n,).
 
-    A singular set, such as four corners on one floor, is regularised: what it has is found by
-    repetition.
+    A singular set, such as four corners on one floor, is regularised; repeated steps converge to a solution of it.
     """
     used = np.flatnonzero(active.any(axis=0))
     is_active, gap_columns = active[:, used], F[:, :, used][index]
@@ -235,7 +233,7 @@ def _newton(
 
 
 def _modes(rows: np.ndarray, kinds: np.ndarray) -> list[tuple[int, ...]]:
-    """Sets of active pairs of one contact: open; along one edge or between two, stick or slide."""
+    """Return the sets of active pairs of one contact: open, or sticking or sliding along an edge or between two."""
     edges, slip = rows[kinds == "friction"], rows[kinds == "slip"]
     normal = rows[(kinds == "normal") | (kinds == "limit")]
     if not edges.size:

@@ -1,4 +1,4 @@
-"""Costs that fall without end, or towards a value that no point attains, along rays."""
+"""Search for rays along which a cost falls without end, or towards a value that no point attains."""
 
 from __future__ import annotations
 
@@ -21,40 +21,40 @@ from ocp.problem.rollout import Rollout, roll_on
 from ocp.programs.program import Program
 
 Ray = tuple[str, Callable[[float], float], float]
-"""Name of what moves, cost at ``t`` characteristic sizes along, NaN where that is not feasible, and
-distance of the ray's first point from zero in sizes."""
+"""Name of what moves, function from a distance ``t`` to the cost there, NaN where that is not feasible, and the
+distance of the ray's first point from zero; distances are in characteristic sizes."""
 _NEAR_DISTANCES = np.array([0.25, 0.5, 1.0, 2.0])
 """First distances along a ray, in characteristic sizes."""
 _FAR_DISTANCES = 10.0 ** np.arange(1, 8)
-"""Further distances, in sizes, or in the distance of the ray's first point where that is farther."""
+"""Further distances, in characteristic sizes, or in distances of the ray's first point where that is farther."""
 _FIRST_DISTANCE = 1e3
-"""Distance at which the cost is evaluated first, in the same unit."""
+"""Distance along a ray at which the cost is evaluated first, in the unit of :data:`_FAR_DISTANCES`."""
 _LEAST_RATIO = 0.9
-"""Share of a decade's fall that the next must have where there is no end: the logarithm has 1."""
+"""Ratio of the falls in successive decades above which a cost falls without end; a logarithm has 1."""
 _RELATIVE_ROUNDING = 1e-12
-"""Share of a cost that is rounding."""
+"""Rounding error of a cost, as a share of it."""
 _LEAST_FALLS = 4
-"""Falls one after another below which a cost does not keep falling."""
+"""Minimum number of successive falls of a cost that keeps falling."""
 _BEFORE_FLAT = 0.9
 """Share of the distance to where the cost is flat at which the remaining fall is measured."""
 _ROUNDED_FALL = 1e-5
-"""Share of a fall that may remain there where a cost only rounds to flat: exponentials do, hinges do not."""
+"""Share of the fall up to which the rest is lost by rounding, as in exponentials; where a hinge ends, more remains."""
 _DISTANT_START = 10.0
-"""Distance of the answer, in sizes, from which on rays from the start count too."""
+"""Distance of the answer, in characteristic sizes, above which rays from the start are tried too."""
 _RUN_AWAY = 1e6
-"""Distance, in sizes, from which on a solver's iterates have run away."""
+"""Distance, in characteristic sizes, above which a solver's iterates have diverged."""
 _RAY_TOLERANCE = 1e-6
 """Violation, in characteristic sizes, up to which a point of a ray is feasible."""
 _MOST_SINGLES = 100
-"""Number of variables up to which each is moved alone."""
+"""Maximum number of variables of a program in which each is also moved alone."""
 _MOST_PAIRED = 6
-"""Number of inputs up to which each two are moved."""
+"""Maximum number of inputs of which every two are moved together."""
 
 
 def describe_endless_ray(rays: Iterable[Ray], best: float, least: float = 0.0) -> str:
-    """Return a sentence on the first ray along which the cost falls for ever, or "".
+    """Return a clause on the first ray along which the cost falls for ever, or "".
 
-    ``best`` is the cost of the answer, and a change below ``least`` is none.
+    ``best`` is the cost of the answer; changes up to ``least`` count as none.
     """
     for variables, cost, reach in rays:
         if description := describe_fall(cost, reach, best, least):
@@ -65,8 +65,8 @@ def describe_endless_ray(rays: Iterable[Ray], best: float, least: float = 0.0) -
 def describe_fall(cost: Callable[[float], float], reach: float, best: float, least: float) -> str:
     """Return how ``cost(t)`` falls: without end, towards what no point attains, or "" for neither.
 
-    Without end: over the last three decades by no less in each. Never attained: it does not rise,
-    though it falls by less and less, as ``exp(-t)`` does. Either ends no higher than ``best``.
+    Without end: about as much or more in each of the last three decades. Not attained: it never
+    rises, but falls by less and less, as ``exp(-t)`` does. Either ends no higher than ``best``.
     """
     times = np.concatenate([[0.0], _NEAR_DISTANCES, max(reach, 1.0) * _FAR_DISTANCES])
     # Most rays end here: the cost is higher far away.
@@ -93,13 +93,13 @@ def describe_fall(cost: Callable[[float], float], reach: float, best: float, lea
 
 
 def unbounded_inputs(evaluation: Evaluation, step: Step, plan: Rollout) -> str:
-    """Return a sentence on inputs without bounds along which the plan's cost falls for ever, or ""."""
+    """Return a clause on inputs without bounds along which the plan's cost falls for ever, or ""."""
     rays = _input_rays(evaluation, step, plan, _cost_of_inputs(evaluation))
     return describe_endless_ray(rays, plan.cost, 1e-3 * _RELATIVE_ROUNDING * evaluation.problem.scales.cost)
 
 
 def _cost_of_inputs(evaluation: Evaluation) -> Callable[[np.ndarray], float] | None:
-    """Return the cost of inputs (N, nu) by themselves, None where a state or impulse can lower it."""
+    """Return the function from inputs (N, nu) to their own cost, None where a state or impulse can lower the cost."""
     problem = evaluation.problem
     system, p = problem.system, problem.parameters
     du = ca.SX.sym("du", system.nu) if problem.du is None else problem.du
@@ -114,7 +114,7 @@ def _cost_of_inputs(evaluation: Evaluation) -> Callable[[np.ndarray], float] | N
 
 
 def runaway_inputs(problem: Problem, u: np.ndarray) -> str:
-    """Return a sentence on inputs (S, N, nu) that ended a million sizes away, or ""."""
+    """Return a clause on inputs (S, N, nu) that are more than a million sizes from zero, or ""."""
     is_far = np.abs(np.nan_to_num(u) / problem.scales.u).max(axis=(0, 1)) > _RUN_AWAY
     runaways = [signal.name for signal, is_away in zip(problem.system.inputs, is_far, strict=True) if is_away]
     if not runaways:
@@ -125,10 +125,10 @@ def runaway_inputs(problem: Problem, u: np.ndarray) -> str:
 def _input_rays(
     evaluation: Evaluation, step: Step, plan: Rollout, least: Callable[[np.ndarray], float] | None
 ) -> Iterator[Ray]:
-    """Yield inputs without bounds: alone, by twos, and all as in the plan, along the whole horizon.
+    """Yield rays of inputs without bounds: each alone, each two, and all as in the plan, over the whole horizon.
 
-    They are rolled out under the law, from the plan and, where that is distant, from their guess;
-    not where what the inputs cost by themselves, ``least``, is more than the plan.
+    They are rolled out under the law, from the plan and, where that is distant, from the guess. A ray is
+    left out where the inputs' own cost, by ``least``, exceeds the plan's.
     """
     problem, limits = evaluation.problem, evaluation.limits
     sizes, low, high = problem.scales.u, np.isfinite(limits.u_lower), np.isfinite(limits.u_upper)
@@ -149,7 +149,7 @@ def _input_rays(
             continue
         variables = " and ".join(names[i] for i in np.flatnonzero(is_moved))
         reach = float(np.abs(planned / sizes)[:, is_moved].max())
-        # The other inputs stay as planned: with those of the guess no ray ends below the plan.
+        # The other inputs stay as planned: with those of the guess no ray would end below the plan's cost.
         begun = np.where(is_moved, guess, planned)
         for base in (planned, begun) if reach > _DISTANT_START else (planned,):
             if least is not None and least(base + max(reach, 1.0) * _FIRST_DISTANCE * direction) > plan.cost:
@@ -160,7 +160,7 @@ def _input_rays(
 def _rolled(
     evaluation: Evaluation, step: Step, x0: np.ndarray, base: np.ndarray, direction: np.ndarray, t: float
 ) -> float:
-    """Cost of inputs ``base + t way`` (N, nu) from x0 (S, nx); NaN where not feasible."""
+    """Return the cost of inputs ``base + t direction`` (N, nu) from x0 (S, nx), NaN where that is not feasible."""
     rolled, unsolved = roll_on(evaluation, (base + t * direction)[None], step, x0)
     broken = broken_constraints(evaluation, rolled)
     is_feasible = unsolved is None and all(entry.share <= CONSTRAINT_SHARE for entry in broken)
@@ -170,9 +170,9 @@ def _rolled(
 def unbounded_variables(
     program: Program, p: np.ndarray, bounds: dict[str, np.ndarray], answer: np.ndarray, start: np.ndarray | None = None
 ) -> str:
-    """Return a sentence on variables along which the cost falls for ever, or "".
+    """Return a clause on variables along which the cost falls for ever, or "".
 
-    Straight rays from the ``answer`` (n,) and, where that is distant or not feasible, from the
+    Rays are straight, from the ``answer`` (n,) and, where that is distant or not feasible, from the
     ``start`` (n,), by default the answer.
     """
     model = LinearModel.at(program, answer, p, bounds)
@@ -198,10 +198,10 @@ def _rays(program: Program, x: np.ndarray, p: np.ndarray, bounds: dict[str, np.n
 
 
 def recession_direction(model: LinearModel, wanted: np.ndarray) -> np.ndarray:
-    """Return the direction (n,) nearest to ``wanted`` that no bound or row ends, its largest entry 1, or 0.
+    """Return the direction (n,) nearest to ``wanted`` that meets no bound or row, with largest entry 1, or zeros.
 
-    The smaller member of every pair, or what ``wanted`` opens less, stays zero; rows and bounds
-    that would be met are held.
+    The smaller member of every pair stays zero, of equal ones that which ``wanted`` opens less;
+    rows and bounds that would be met are held.
     """
     import scipy.sparse as sp
     import scipy.sparse.linalg as sla
@@ -240,7 +240,7 @@ def _cost_at(
     direction: np.ndarray,
     t: float,
 ) -> float:
-    """Return the cost at ``base + t direction``, NaN where a bound, row or pair is broken by more than rounding."""
+    """Return the cost at ``base + t direction``, NaN where a bound, row or pair is violated by more than rounding."""
     x = base + t * direction
     cost, g = program.values(x, p)
     size = np.fmax((abs(model.rows) @ np.abs(x / model.sizes)) / model.row_scale, 1.0)
@@ -253,7 +253,7 @@ def _cost_at(
 
 
 def _called(program: Program, direction: np.ndarray) -> str:
-    """Return the names of the variables that move the most along a direction, three at most."""
+    """Return the names of up to three variables that move noticeably along a direction."""
     locations = (program.variables.locate(int(i)) for i in np.flatnonzero(np.abs(direction) > 0.1))
     called = (b.components[index[-1]] if b.components else b.name for b, index in locations)
     return " and ".join(list(dict.fromkeys(called))[:3])

@@ -1,4 +1,4 @@
-"""A plan with what the judges say of it, and the verdict: certificate and referee first, the status last."""
+"""Judgement of a plan, and its verdict: certificate and referee come first, the solver's status last."""
 
 from __future__ import annotations
 
@@ -28,35 +28,35 @@ if TYPE_CHECKING:
     import xarray as xr
 
 Grade = Literal["survives", "certified", "failed"]
-"""Certified and surviving, at h/4 too; certified only, or only between jumps of the problem's
-functions; neither. Shown green, amber and red."""
+""""survives": certified and surviving, at h/4 too; "certified": that only, or only between jumps of the
+problem's functions; "failed": neither. Shown in green, amber and red."""
 _SAME_COST = 1e-5
-"""Change of the cost under the exact law, in characteristic costs, up to which it is the plan's."""
+"""Change of the cost under the exact law, in characteristic costs, up to which it counts as none."""
 _NOTABLE_SHARE = 0.1
 """Share of the cost, or of the characteristic gap, above which a difference is reported."""
 _SAME_SHARE = 1e-3
-"""Share of the cost below which standing still costs as much as the plan."""
+"""Difference of cost, as a share, below which standing still costs "as much" as the plan."""
 _REPORTED_DEPTH = 0.3
 """Share of the tolerated depth above which penetration between nodes is reported."""
 _LARGE_MU = 0.5
-"""Share of the characteristic mu from which mu is as large."""
+"""Share of the characteristic mu from which a verdict calls mu as large."""
 _FEASIBLE_LABELS = ("not-optimal", "undecided")
 """Statuses of unsuccessful plans whose survival is reported."""
 _MOST_REASONS = 3
-"""Maximum number of reasons in a verdict why a plan does not survive."""
+"""Maximum number of reasons that a verdict gives why a plan does not survive."""
 
 
 @dataclass(frozen=True)
 class Judgement:
-    """A plan, solved or not, and what the three judges say of it.
+    """A plan, solved or not, and its judgement by audit, certificate and referee.
 
-    ``certificate`` says whether the point is stationary for the problem as posed, ``referee`` what the
-    sharpest contact makes of it, ``idle_cost`` what standing still would cost under the same law
-    (:func:`~ocp.judge.idling.idle_cost`), ``undone`` what it leaves untouched or unmoved. ``record`` is what
-    was asked, ready for JSON: problem, contact, method, policy, solver, parameters, settings, seed. ``route``
-    tells which route gave the answer and what else was tried. ``unbounded`` is a sentence on a ray along
-    which the cost falls without end, or "". ``simulator`` and ``sensitivities``, by parameter, are what was
-    computed after the solve, ready for JSON, each with a ``sentence`` for the verdict.
+    ``certificate`` says whether the point is stationary for the problem as posed, ``referee`` how it replays
+    under the most exact contact model, ``idle_cost`` the cost of standing still under the same law
+    (:func:`~ocp.judge.idling.idle_cost`), ``undone`` what it leaves untouched or unmoved. ``record`` is the
+    request as a JSON-serialisable dict: problem, contact, method, policy, solver, parameters, settings, seed.
+    ``route`` says which route gave the answer and what else was tried. ``unbounded`` is a clause on a ray
+    along which the cost falls without end, or "". ``simulator`` and ``sensitivities``, a mapping from
+    parameters, are results computed after the solve, as dicts, each with a ``sentence`` for the verdict.
     """
 
     data: xr.Dataset
@@ -87,19 +87,19 @@ class Judgement:
 
     @property
     def success(self) -> bool:
-        """Whether the audit, not the solver, says that this is an answer."""
+        """Whether the plan is an answer by audit and certificate, whatever the solver reports."""
         return self.status is Status.SOLVED
 
     @property
     def grade(self) -> Grade:
-        """Grade that colours the verdict."""
+        """Grade of the plan, which colours the verdict."""
         if not self.success:
             return "failed"
         return "survives" if self.referee.survives and not jump_findings(self.problem) else "certified"
 
     @property
     def headline(self) -> str:
-        """Status, cost under the law, the exact law and the referee, and survival."""
+        """First line of the verdict: status, cost under the law, the exact law and the referee, and survival."""
         word = self.status.value.partition(":")[0]
         first = f"{word.capitalize()}: cost {self.cost:.6g}"
         if not math.isfinite(self.cost):
@@ -119,11 +119,11 @@ class Judgement:
 
     @property
     def verdict(self) -> str:
-        """Headline, with every cost in it, and below it the findings, one sentence a line."""
+        """Headline, and below it the findings, one sentence per line."""
         return "\n".join([self.headline, *compose_lines(self.findings)])
 
     def cost_share(self, change: float, cost: float) -> float:
-        """Return a change of a cost as a share of what a plan can change of it."""
+        """Return a change of ``cost`` as a share of the part of it that a plan can change."""
         return Evaluation(self.problem, self.values).cost_share(change, cost)
 
 
@@ -180,7 +180,7 @@ def _has_no_forces(plan: Judgement) -> bool:
 
 
 def _undone_findings(plan: Judgement) -> Iterator[Finding]:
-    """Yield what a solved plan leaves undone, and what doing nothing costs where that is nearly as good."""
+    """Yield findings on what a solved plan leaves undone, and on standing still where that costs nearly as little."""
     yield from plan.undone
     gain = plan.idle_cost - plan.cost
     if plan.route.idle_attempts or not plan.cost_share(gain, plan.idle_cost) < _NOTABLE_SHARE:
@@ -192,7 +192,7 @@ def _undone_findings(plan: Judgement) -> Iterator[Finding]:
 
 
 def _status_findings(plan: Judgement) -> Iterator[Finding]:
-    """Yield why a plan is not solved."""
+    """Yield findings that say why a plan is not solved."""
     stuck = plan.status.label == "no-progress"
     if stuck and plan.audit.active_steps == 0 and not _has_no_forces(plan):
         yield make_finding("contacts-never-act")
@@ -205,7 +205,7 @@ def _status_findings(plan: Judgement) -> Iterator[Finding]:
 
 
 def _model_findings(plan: Judgement) -> Iterator[Finding]:
-    """Yield what the model leaves out, and where its data are from."""
+    """Yield findings on what the model leaves out, and on differences from its training data."""
     if _has_no_forces(plan):
         yield make_finding("no-contact-forces")
     if (gaps := plan.problem.system.gap_kind) is not None:
@@ -216,7 +216,7 @@ def _model_findings(plan: Judgement) -> Iterator[Finding]:
 
 
 def _referee_findings(plan: Judgement) -> Iterator[Finding]:
-    """Yield what the referee is, why the plan does not survive it, and at a quarter of the step size."""
+    """Yield findings on the referee's model, and on why the plan does not survive it, at h or at h/4."""
     referee = plan.referee
     if referee.survives is None:
         yield make_finding("no-referee")
@@ -241,7 +241,7 @@ def _referee_findings(plan: Judgement) -> Iterator[Finding]:
 
 
 def _reliance_findings(plan: Judgement) -> Iterator[Finding]:
-    """Yield distances of the plan itself that no body has: what a plan that does not survive relies on."""
+    """Yield findings on forces at a distance and penetration on which a plan that does not survive relies."""
     least_distance = _NOTABLE_SHARE * plan.problem.scales.gap
     exact = plan.record.get("contact") == "exact"
     worst_places = {
@@ -254,7 +254,7 @@ def _reliance_findings(plan: Judgement) -> Iterator[Finding]:
 
 
 def _replay_findings(plan: Judgement) -> Iterator[Finding]:
-    """Yield how the model's own exact law changes the plan, if it does noticeably."""
+    """Yield findings on how the model's own exact law changes the plan, if it does noticeably."""
     exact_cost = plan.audit.exact_cost
     if plan.audit.replay_failed:
         yield make_finding("not-replayed", step=plan.audit.replay_failed)
@@ -277,7 +277,7 @@ def _replay_findings(plan: Judgement) -> Iterator[Finding]:
 
 
 def _size_findings(plan: Judgement) -> Iterator[Finding]:
-    """Yield sizes that no one stated, where they decide something, and stated ones that are doubtful."""
+    """Yield findings on derived sizes, where they decide something, and on stated ones that are doubtful."""
     problem = plan.problem
     ordinary = all(np.all(np.asarray(unit) == 1) for unit in vars(problem.natural).values())
     decided = plan.certificate.certified and plan.referee.survives is not False
@@ -288,7 +288,7 @@ def _size_findings(plan: Judgement) -> Iterator[Finding]:
 
 
 def _route_findings(plan: Judgement) -> Iterator[Finding]:
-    """Yield what happened on the way to the answer."""
+    """Yield findings on the route to the answer: refinement, time limits, warm start, failed attempts."""
     route = plan.route
     if route.refinement is not None:
         last, ending = route.refinement.levels[-1], route.refinement.stopped or "they agree"
