@@ -1,7 +1,7 @@
-"""``python -m tests.check FILE``: what belongs to one file, in seconds.
+"""``python -m tests.check FILE``: check one file in seconds.
 
-Style and types of the file, and the tests that import its module, those first that import little
-else; ``make test`` runs the rest.
+Checks the style and types of the file, and runs tests that import its module, first those that
+import few others; ``make test`` runs the rest.
 """
 
 from __future__ import annotations
@@ -18,18 +18,18 @@ import grimp
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("dynamics", "ocp", "problems", "reports")
 GENERATOR = "docs.generator"
-"""The programs that write the site: they import the packages, and no package imports them."""
+"""Package that writes the site: it imports the others, and none imports it."""
 MOST = 3
-"""Test files that are run: modules that everything imports would bring the whole suite."""
+"""Maximum number of test files to run; else a module that everything imports would run the whole suite."""
 
 
 def module_of(file: Path) -> str:
-    """Dotted name of a file of the house."""
+    """Return the dotted module name of a file in this repository."""
     return ".".join(file.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
 
 
 def imported(file: Path) -> set[str]:
-    """Modules of the house that a file imports, those behind a room's public names included."""
+    """Return the modules of this repository that a file imports, each name's defining module included."""
     found: set[str] = set()
     for node in ast.walk(ast.parse(file.read_text())):
         if isinstance(node, ast.Import):
@@ -41,7 +41,7 @@ def imported(file: Path) -> set[str]:
 
 @cache
 def _home(module: str, name: str) -> str:
-    """Where ``name`` of ``module`` is: itself, one in it, or one that it imports from."""
+    """Return the module that defines ``name``, imported from ``module``: that one, a submodule, or one it imports."""
     folder = ROOT / module.replace(".", "/")
     if (folder / f"{name}.py").is_file() or (folder / name).is_dir():
         return f"{module}.{name}"
@@ -54,10 +54,10 @@ def _home(module: str, name: str) -> str:
 
 
 def tests_of(file: Path) -> list[Path]:
-    """Test files that belong to a file, the most particular first.
+    """Return the test files that check a file, first those that import the fewest modules.
 
-    They import its module, or else one that imports it or the room it is in, or else one that
-    imports that, ...
+    They import its module; if none does, they import its package or a module that imports it, and
+    so on.
     """
     if ROOT / "tests" in file.parents:
         return [file]
@@ -77,7 +77,7 @@ def tests_of(file: Path) -> list[Path]:
 
 
 def commands(file: Path) -> list[list[str]]:
-    """What is run for a file, in order."""
+    """Return the commands that check a file, in their order."""
     found = [
         ["ruff", "check", str(file)],
         ["ruff", "format", "--check", str(file)],
@@ -86,13 +86,13 @@ def commands(file: Path) -> list[list[str]]:
     tests = [str(test) for test in tests_of(file)[:MOST]]
     problem = re.search(r'^name(?:, \w+)* = "([\w-]+)"', file.read_text(), re.MULTILINE)
     if problem and ROOT / "problems" in file.parents:
-        # Problems are found by name, and nobody imports them.
+        # Problems are loaded by name, so that no test imports them.
         found.append(["pytest", str(ROOT / "tests/unit/problems/test_problems.py"), "-k", problem[1]])
     return [*found, ["pytest", *tests]] if tests else found
 
 
 def main(name: str) -> int:
-    """Run everything, and say what failed."""
+    """Run all checks of a file and print those that failed; return the exit code."""
     bin_folder = Path(sys.executable).parent
     file = Path(name).resolve()
     failed = [

@@ -1,7 +1,7 @@
-"""Markers of tests that cost more than ``make test`` can pay: ``make test-slow`` runs them all.
+"""Markers of tests that are too slow for ``make test``; ``make test-slow`` runs them all.
 
-``costly`` a whole test; ``costly_cases(id, ...)`` some of its cases, ``cheap_cases(id, ...)`` all others, and
-``one_case_in(k)`` all but every k-th. What is costly is marked ``slow``, unless :data:`tests.times.ALL` is set.
+``costly`` marks a whole test, ``costly_cases(id, ...)`` some of its cases, ``cheap_cases(id, ...)`` all others, and
+``one_case_in(k)`` all but every k-th. These get the marker ``slow``, unless :data:`tests.times.ALL` is set.
 """
 
 from __future__ import annotations

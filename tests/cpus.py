@@ -1,12 +1,12 @@
-"""Run tests as other processors would: without vector instructions that this computer has.
+"""Run tests as on other processors: without some vector instructions of this computer.
 
-    python -m tests.cpus [PROCESSOR...]   golden, docs and property tests, as each that can be acted
-    python -m tests.cpus --today CMD...   one command, as the processor whose turn it is today
+    python -m tests.cpus [PROCESSOR...]   golden, docs and property tests, as on each possible processor
+    python -m tests.cpus --today CMD...   one command, as on the processor whose turn it is today
 
-What differs from one processor to the next is the last bit of a sum or a sine: glibc, OpenBLAS,
-NumPy and XLA choose among variants at run time, and the C compiler at compile time, where
-``-march=native`` is replaced by what stands first on the search path. CasADi's own virtual machine,
-its IPOPT and MUMPS know one variant only, but call glibc.
+Processors differ in the last bit of a sum or a sine: glibc, OpenBLAS, NumPy and XLA choose among
+variants at run time, and the C compiler at compile time, for which a wrapper of ``cc`` on the
+search path replaces ``-march=native``. CasADi's virtual machine, IPOPT and MUMPS have one variant,
+but call glibc.
 """
 
 from __future__ import annotations
@@ -31,9 +31,10 @@ _X86_V3 = ("X86_V3", "AVX2", "FMA3", "F16C", *_X86_V4)
 
 @dataclass(frozen=True)
 class Processor:
-    """What it ``needs`` of /proc/cpuinfo, what glibc and NumPy do without, and other names of it.
+    """Processor to emulate: flags of /proc/cpuinfo that it ``needs``, and how libraries are limited to it.
 
-    ``march`` is the compiler's name, "" this computer's own.
+    ``glibc`` and ``numpy`` are features to switch off; the others are names of the processor, ``march``
+    the compiler's, "" for this computer's own.
     """
 
     needs: tuple[str, ...]
@@ -51,11 +52,11 @@ PROCESSORS: Mapping[str, Processor] = {
     "nehalem": Processor(("sse4_2",), (*_AVX512, "AVX2", "FMA", "AVX"), _X86_V3, "Nehalem", "SSE4_2", "x86-64"),
     "nehalem-with-native-c": Processor(("sse4_2",), (*_AVX512, "AVX2", "FMA", "AVX"), _X86_V3, "Nehalem", "SSE4_2", ""),
 }
-"""By name; the last tells faults of libraries from those of generated C."""
+"""Mapping from name to processor; the last one separates errors of libraries from those of generated C."""
 
 
 def here() -> list[str]:
-    """Names of those that this computer can act; none but on x86."""
+    """Return the names of the processors that this computer can emulate; empty if it is not an x86."""
     try:
         text = Path("/proc/cpuinfo").read_text(encoding="utf-8")
     except OSError:
@@ -65,16 +66,16 @@ def here() -> list[str]:
 
 
 def today(names: Sequence[str], day: datetime.date) -> str:
-    """Whose turn it is on a day: each in turn, so that none stays untried."""
+    """Return the processor for a ``day``; each has its turn, so that all are tested."""
     return names[day.toordinal() % len(names)]
 
 
 def variables(name: str, folder: Path) -> dict[str, str]:
-    """Environment under which a process acts a processor; a compiler is written to ``folder``."""
+    """Return the environment variables that emulate a processor; a wrapper of the compiler is written to ``folder``."""
     from numpy._core._multiarray_umath import __cpu_dispatch__
 
     one = PROCESSORS[name]
-    # Names of glibc before 2.33 end in _Usable; each glibc passes over those that it does not know.
+    # Names of glibc before 2.33 end in _Usable; each version ignores names that it does not know.
     off = [f"-{feature}{end}" for feature in one.glibc for end in ("", "_Usable")]
     made = {
         "GLIBC_TUNABLES": f"glibc.cpu.hwcaps={','.join(off)}" if off else "",
@@ -98,7 +99,7 @@ def variables(name: str, folder: Path) -> dict[str, str]:
 
 
 def act(name: str, command: Sequence[str]) -> int:
-    """Run a command as a processor; returns its exit code. Settings are printed."""
+    """Run a command as on a processor and return its exit code; print the settings."""
     with tempfile.TemporaryDirectory() as folder:
         made = variables(name, Path(folder))
         settings = " ".join(f"{k}={v!r}" for k, v in made.items() if k != "PATH")
@@ -108,7 +109,7 @@ def act(name: str, command: Sequence[str]) -> int:
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Run what is asked for; 0 where all is green."""
+    """Run the tests, or one command, as on the processors in ``arguments``; return 0 if all pass."""
     names = here()
     if arguments[:1] == ["--today"]:
         if not names:

@@ -1,4 +1,4 @@
-"""How many examples a property is tested on: 25 at most by default, all with EXAMPLES=all."""
+"""Number of examples of a property test: at most 25 by default, all with EXAMPLES=all."""
 
 from __future__ import annotations
 
@@ -11,6 +11,6 @@ AT_MOST = 25
 
 
 def settings(max_examples: int, **others: object) -> hypothesis.settings:
-    """Hypothesis' settings with ``max_examples`` under EXAMPLES=all, else with few of them."""
+    """Return Hypothesis' settings, with ``max_examples`` under EXAMPLES=all and else at most :data:`AT_MOST`."""
     count = max_examples if EVERY else min(max_examples, AT_MOST)
     return hypothesis.settings(max_examples=count, **others)  # pyright: ignore[reportArgumentType]

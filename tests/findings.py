@@ -1,4 +1,4 @@
-"""Findings of a verdict by code."""
+"""Access to the findings of a verdict by their codes."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from ocp.judge.verdict import Judgement
 
 
 def codes(plan: Judgement) -> list[str]:
-    """Codes of a verdict's findings, in order."""
+    """Return the codes of a verdict's findings, in their order."""
     return [finding.code for finding in plan.findings]
 
 
 def numbers(plan: Judgement, code: str) -> dict[str, Any]:
-    """Numbers of the first finding with a code."""
+    """Return the numbers of the first finding with the given ``code``."""
     return next(finding.numbers for finding in plan.findings if finding.code == code)

@@ -1,4 +1,4 @@
-"""Executes the notebooks of ``examples`` and stores what their cells give: ``make notebooks``."""
+"""``make notebooks``: execute the notebooks in ``examples`` and store the outputs of their cells."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from docs.generator.notebooks import FOLDER
 
 
 def execute(path: Path) -> Any:
-    """The notebook with fresh outputs, and nothing else of the process that made them."""
+    """Return the executed notebook, without metadata of the run."""
     notebook = nbformat.read(path, 4)
     about = {"metadata": {"path": str(FOLDER)}}
     nbclient.NotebookClient(notebook, timeout=600, kernel_name="python3", resources=about).execute()

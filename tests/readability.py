@@ -1,6 +1,6 @@
-"""``python -m tests.readability [N]``: how readable the names and docstrings of the four packages are.
+"""``python -m tests.readability [N]``: measure the readability of names and docstrings in the four packages.
 
-Prints every measure with its limit, and the first N places of each. Exit code 1 where a limit is exceeded.
+Prints every measure with its limit, and the first N places of each. The exit code is 1 if a limit is exceeded.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ VAGUE = re.compile(
 ODD_BEGINNING = re.compile(r"(What|Where|Of|Whose|That|Those|How|Which|Whether it|Not|Nothing|None|Both)\b")
 """First words of a docstring that is neither a noun phrase nor an imperative."""
 LONGEST_FILE = 350
-"""Lines of a module."""
+"""Maximum number of lines of a module."""
 LONGEST_FUNCTION = 60
-"""Lines of a function."""
+"""Maximum number of lines of a function."""
 MOST_PARAMETERS = 8
-"""Parameters of a function, besides ``self`` and ``cls``."""
+"""Maximum number of a function's parameters, not counting ``self`` and ``cls``."""
 MOST_MEANINGS = 3
-"""Modules in which one private constant's name may stand."""
+"""Maximum number of modules that define a private constant of the same name."""
 
 LIMITS = {
     "files too long": 0,
@@ -44,27 +44,27 @@ LIMITS = {
     "functions too long": 8,
     "classes of one name in two modules": 8,
 }
-"""Largest count, or share in percent, of each measure."""
+"""Mapping from measure to its largest allowed count, or share in percent."""
 
 Function = ast.FunctionDef | ast.AsyncFunctionDef
 
 
 @dataclass
 class Readings:
-    """Places that count for each measure, and of shares the number of all places."""
+    """Places found for each measure and, for shares, the number of all places."""
 
     places: defaultdict[str, list[str]] = field(default_factory=lambda: defaultdict(list))
     totals: defaultdict[str, int] = field(default_factory=lambda: defaultdict(int))
     modules: defaultdict[str, set[Path]] = field(default_factory=lambda: defaultdict(set))
 
     def count(self, measure: str, place: str, counts: bool) -> None:
-        """Count one place of a measure that is a share of all."""
+        """Add one place to the total of a measure in percent, and record it if ``counts``."""
         self.totals[measure] += 1
         if counts:
             self.places[measure].append(place)
 
     def value(self, measure: str) -> float:
-        """Count of a measure, or its share in percent."""
+        """Return the count of a measure, or its share in percent."""
         number = len(self.places[measure])
         return round(100 * number / max(self.totals[measure], 1), 1) if measure.endswith("%") else number
 
@@ -128,7 +128,7 @@ def read_constants(tree: ast.Module, lines: list[str], path: Path, readings: Rea
 
 
 def constant_names(node: ast.Assign | ast.AnnAssign) -> Iterator[list[str]]:
-    """Names in capitals that each target of an assignment binds, where there are any."""
+    """Yield the capitalised names that each target of an assignment binds, if it binds any."""
     for target in node.targets if isinstance(node, ast.Assign) else [node.target]:
         elements = target.elts if isinstance(target, ast.Tuple) else [target]
         names = [each.id for each in elements if isinstance(each, ast.Name) and each.id.strip("_").isupper()]

@@ -1,4 +1,4 @@
-"""Runs changed by hand whose checksums agree all the same, as a sender can make them."""
+"""Stored runs that are changed and then get matching checksums, as a malicious sender could do."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from ocp.store.run_files import META_FILE, seal_run
 
 
 def reseal(run: Path, change: Callable[[dict[str, Any]], Any], **parts: bytes) -> None:
-    """Let ``change`` work on the description of a stored run, and seal it again.
+    """Apply ``change`` to the description of a stored run, and write it with a matching checksum.
 
-    ``parts`` are other files, by their names without ending.
+    ``parts`` maps the names of other files, without ending, to their new content.
     """
     meta = json.loads((run / META_FILE).read_bytes())
     names = list(meta["parts"])
@@ -27,16 +27,16 @@ def reseal(run: Path, change: Callable[[dict[str, Any]], Any], **parts: bytes) -
 
 
 def seal_text(run: Path, body: bytes) -> None:
-    """Make ``body``, an object in JSON but for its last brace, the description, and seal it."""
+    """Write the description ``body``, a JSON object without its last brace, with a matching checksum."""
     end = f',\n "checksum": "{hashlib.sha256(body).hexdigest()}"\n}}\n'
     (run / META_FILE).write_bytes(body + end.encode())
 
 
 def having(**entries: Any) -> Callable[[dict[str, Any]], Any]:
-    """A change that sets entries."""
+    """Return a change of a description that sets ``entries``."""
     return lambda meta: meta.update(entries)
 
 
 def lacking(*names: str) -> Callable[[dict[str, Any]], Any]:
-    """A change that removes entries."""
+    """Return a change of a description that removes the entries ``names``."""
     return lambda meta: [meta.pop(name) for name in names]

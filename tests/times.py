@@ -1,8 +1,8 @@
-"""``python -m tests.times``: measure all tests but studies, and print those whose markers do not fit their cost.
+"""``python -m tests.times``: measure the tests, and print those whose markers do not fit their cost.
 
-The cost of a test is the processor time of the test, its fixtures and its child processes. ``make test`` can pay for
-:data:`CASE` of one case and :data:`TEST` of all cases of one test; the markers of ``tests/conftest.py`` leave
-what is dearer to ``make test-slow``.
+The cost of a test is the processor time of the test, its fixtures and its child processes. ``make test`` allows
+:data:`CASE` for one case and :data:`TEST` for all cases of one test; more expensive ones need a marker of
+``tests/conftest.py``, which leaves them to ``make test-slow``.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 CASE, TEST = 0.5, 1.0
-"""Seconds of processor time of one case, and of all cases of one test together."""
+"""Maximum processor time [s] of one case, and of all cases of one test together."""
 ALWAYS = (
     "tests/cli/test_limits.py::test_what_cannot_be_is_refused[units]",
     "tests/cli/test_one_way.py::test_a_solve_with_its_pdf_loads_and_calls_little",
@@ -34,20 +34,20 @@ ALWAYS = (
     "tests/unit/ocp/judge/test_sensitivity.py::test_sensitivities_are_the_limit_of_re_solves[cart-walls-mp-exact]",
     "tests/unit/test_words.py::test_a_word_has_one_meaning",
 )
-"""Whole ways through the program, and tests that alone caught a fault put in: they are run at any cost."""
+"""Tests that run at any cost: complete uses of the program, and those that alone caught a deliberate fault."""
 TIMES, ALL = "TEST_TIMES", "ALL_TESTS"
-"""Environment variables: a file that gets the time of each test; no test is slow by its cost."""
+"""Environment variables: the file for the time of each test; if the second is set, no test is marked slow."""
 MARKERS = ("costly", "costly_cases", "cheap_cases", "one_case_in")
 
 
 def processor_seconds() -> float:
-    """Processor time of this process and of its children that ended."""
+    """Return the processor time [s] of this process and of its children that have ended."""
     usages = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
     return sum(usage.ru_utime + usage.ru_stime for usage in usages)
 
 
 def record(item: pytest.Item, seconds: float) -> None:
-    """Append one line to the file of times: cost, whether a marker speaks of it, and name; processes share it."""
+    """Append one line to the file of times, which processes share: cost, whether a marker is set, and name."""
     if file := os.environ.get(TIMES):
         marked = any(item.get_closest_marker(name) for name in MARKERS)
         with Path(file).open("a") as lines:
@@ -55,7 +55,7 @@ def record(item: pytest.Item, seconds: float) -> None:
 
 
 def misfits(lines: Iterable[str]) -> Iterator[str]:
-    """Sentences on tests that are dear and not marked, or marked and cheap, by the lines of a file of times."""
+    """Yield a sentence on each test that is expensive and not marked, or marked and cheap, from a file's lines."""
     costs: defaultdict[tuple[str, str], list[float]] = defaultdict(list)
     for line in lines:
         seconds, marked, name = line.rstrip("\n").split(" ", 2)
@@ -67,7 +67,7 @@ def misfits(lines: Iterable[str]) -> Iterator[str]:
 
 
 def main() -> None:
-    """Run all tests with one worker a core, and print what should be marked, or no longer."""
+    """Run all tests with one worker per core, and print which markers should be added or removed."""
     file = ROOT / "build/times.txt"
     file.parent.mkdir(exist_ok=True)
     file.unlink(missing_ok=True)

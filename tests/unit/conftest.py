@@ -1,4 +1,4 @@
-"""Compilers that take no warning, for every test of emitted C."""
+"""Fixture of C compilers that treat warnings as errors, for all tests of emitted C."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from dynamics.batch.engines import compiler
 
 STRICT = ("-Wall", "-Wextra", "-Werror")
 COMPILERS = [name for name in ("gcc", "clang") if shutil.which(name)]
-# What a CPU with a row's instruction set can run: itself and the rows before it.
+# A CPU with the instruction set of one entry can run that entry and those before it.
 MARCHES = {"SSE2": "-march=x86-64", "AVX2": "-march=x86-64-v3", "AVX-512": "-march=native"}
 
 
 def runnable() -> list[str]:
-    """The `-march` flags that this machine can run, none where it is no x86."""
+    """Return the `-march` flags whose code this machine can run; empty if it is not an x86."""
     has = compiler.find_compiler().instruction_set
     names = list(MARCHES)
     return [MARCHES[name] for name in names[: names.index(has) + 1]] if has in names else []
@@ -26,7 +26,7 @@ VARIANTS = [(cc, march) for cc in COMPILERS for march in (runnable() if COMPILER
 
 @pytest.fixture(params=VARIANTS, ids=" ".join)
 def strict(request, monkeypatch) -> compiler.Compiler:
-    """A compiler that takes a warning for an error, and code for one instruction set."""
+    """Yield a compiler that treats warnings as errors and emits code for one instruction set."""
     cc, march = request.param
     monkeypatch.setattr(compiler, "CANDIDATES", (cc,))
     monkeypatch.setattr(compiler, "NATIVE_FLAGS", ((march,),))

@@ -1,4 +1,4 @@
-"""Other processors are really acted: by glibc, OpenBLAS, NumPy and generated C."""
+"""Other processors are emulated in glibc, OpenBLAS, NumPy and generated C."""
 
 from __future__ import annotations
 

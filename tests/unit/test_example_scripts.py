@@ -1,4 +1,4 @@
-"""Scripts and notebooks of ``examples/``: what they find, and that they run and are clean."""
+"""Scripts and notebooks in ``examples/`` run, find known solutions, and are stored clean."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ NOTEBOOKS = sorted(EXAMPLES.glob("*.ipynb"))
 
 @cache
 def solved(name: str, survives: bool = True) -> Solution:
-    """From the own guess under the exact law, certified, and good for the referee at h."""
+    """Solve an example from its own guess under the exact law; check its certificate and its replay at h."""
     found = solve(str(EXAMPLES / f"{name}.py"), contact="exact")
     assert found.success and found.certificate.stationarity == "B"
     assert found.referee.survives_at_h or not survives
@@ -67,8 +67,8 @@ def test_the_block_goes_up_the_slope_and_stays() -> None:
     assert way[-1] == pytest.approx(0.8, abs=0.05)
     np.testing.assert_allclose(block @ [-np.sin(up), np.cos(up)], 0, atol=1e-6)
     assert np.abs(np.diff(way)[-2:]).max() < 1e-4, "at rest: the slope is less than atan(f)"
-    # Across the slope the four corners carry the block's weight, along it friction, weight and
-    # the cart's push make its momentum.
+    # The normal forces at the four corners balance the block's weight across the slope; friction,
+    # weight and the cart's push change its momentum along the slope.
     normal, drag = (found.data[f"{kind}_impulse"].sel(scenario=0) for kind in ("normal", "friction"))
     corners = [f"block on slope {i}" for i in range(1, 5)]
     np.testing.assert_allclose(normal.sel(point=corners).sum("point"), h * m * g * np.cos(up), rtol=1e-5)
@@ -81,7 +81,7 @@ def test_the_block_goes_up_the_slope_and_stays() -> None:
 
 @pytest.mark.costly
 def test_a_block_that_slides_goes_as_one_that_could_turn_and_does_not(tmp_path: Path) -> None:
-    """Two models of different contacts, with one optimum."""
+    """Two models with different contacts have the same optimum."""
     text = (EXAMPLES / "slope.py").read_text()
     inertia = text[text.index("inertia=") : text.index("),", text.index("inertia="))]
     sliding = tmp_path / "sliding.py"
@@ -162,7 +162,7 @@ def test_there_are_two_notebooks() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_a_notebook_gives_what_it_shows(path: Path, monkeypatch) -> None:
-    """What it prints; pictures, and tables with seconds in them, are not compared."""
+    """The printed outputs are compared; pictures and tables that contain seconds are not."""
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
     shown, fresh = nbformat.read(path, 4), notebooks.execute(path)
     told = ""

@@ -1,4 +1,4 @@
-"""The examples of CONTRIBUTING.md: short, and each with the test that its kind must come with."""
+"""The examples of CONTRIBUTING.md are short and pass the test that their kind of addition needs."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def test_the_problem_solves_is_certified_and_survives() -> None:
     found = solve(problem, Exact())
     assert found.success and found.certificate.stationarity == "B" and found.referee.survives
     x, u, lam = (found.data[name].values[0] for name in ("x", "u", "lam"))
-    # Momentum: what the mass lost, brake and wall took; the brake alone cannot.
+    # Brake and wall take the momentum that the mass loses; the brake alone could not.
     assert u.sum() + lam.sum() == pytest.approx(x[-1, 1] + 3.0, abs=1e-9)
     assert lam.sum() > 3 - 20 * 0.1 - 0.1
     assert x[-1] == pytest.approx([0.2, 0], abs=0.02) and x[:, 0].min() >= -1e-9
@@ -52,7 +52,7 @@ def test_an_object_is_pushed_past_a_post_in_its_way() -> None:
 
 
 def contact(law, compliance: float) -> ca.Function:
-    """The law's step ``x+ = lam`` of one contact whose gap at lam = 0 is the state."""
+    """Return the step ``x+ = lam`` under a law of one contact, whose gap at lam = 0 is the state."""
     one, zero = [[1.0]], [[0.0]]
     p = ParameterTable([Parameter("F", compliance)])
     return law.close(
@@ -82,7 +82,7 @@ def test_the_law_tends_to_the_exact_one_and_knows_its_derivative(F: float) -> No
         lam = np.array(step.map(len(z))(z[None], 0, np.tile(p, (len(z), 1)).T)[1]).ravel()
         off = lam - exact
         assert off.min() >= -1e-12 and off.max() <= width * math.log(2) / F + 1e-12
-        # The average of -step(-(z + w))/F over logistic noise.
+        # The expected slope is the average of -step(-(z + w))/F over logistic noise.
         slope = np.array([slope_of(step, v, p) for v in z])
         expected = -1 / (1 + np.exp(np.clip(z / width, -700, 700))) / F
         np.testing.assert_allclose(slope, expected, atol=1e-10 / F)
@@ -93,7 +93,7 @@ def test_the_law_tends_to_the_exact_one_and_knows_its_derivative(F: float) -> No
 
 
 def slope_of(step: ca.Function, z: float, p: list[float]) -> float:
-    """dlam/dz of the step map."""
+    """Return dlam/dz of the step map at z."""
     return float(step.jacobian()(z, 0, p, *step(z, 0, p))[0])
 
 

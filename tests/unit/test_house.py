@@ -1,4 +1,4 @@
-"""The house: one root, one direction of imports, one version, and no uninvited names."""
+"""Structure of the four packages: one root, one direction of imports, one version, and small folders."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ PACKAGES = ("dynamics", "ocp", "problems", "reports")
 
 
 def test_all_four_packages_come_from_one_root() -> None:
-    """Other distributions ship packages named ocp and reports; they must not shadow ours."""
+    """Other distributions have packages named ocp and reports, which must not shadow ours."""
     roots = {name: Path(import_module(name).__file__ or "").parents[1] for name in PACKAGES}
     assert set(roots.values()) == {ROOT}
 
@@ -34,7 +34,7 @@ def test_the_version_is_told_once() -> None:
 
 
 def test_no_module_needs_one_that_needs_it() -> None:
-    """Imports at run time have an order: the graph of all modules is without circles."""
+    """The graph of imports at run time has no cycles."""
     graph = grimp.build_graph(*PACKAGES, exclude_type_checking_imports=True)
     needs = {name: graph.find_modules_directly_imported_by(name) for name in graph.modules}
     order = list(TopologicalSorter(needs).static_order())
@@ -44,10 +44,7 @@ def test_no_module_needs_one_that_needs_it() -> None:
 @pytest.mark.costly
 @pytest.mark.parametrize(("floor", "above"), [(name, PACKAGES[i + 1 :]) for i, name in enumerate(PACKAGES[:-1])])
 def test_a_floor_loads_nothing_from_above(floor: str, above: tuple[str, ...]) -> None:
-    """Import every module of a floor in a fresh interpreter and look at what came along.
-
-    Nor anything that draws: pictures are for the topmost floor.
-    """
+    """Modules of a package, imported in a fresh interpreter, load no package above it and no matplotlib."""
     modules = [
         ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
         for path in sorted((ROOT / floor).rglob("*.py"))
@@ -63,7 +60,7 @@ def test_a_floor_loads_nothing_from_above(floor: str, above: tuple[str, ...]) ->
 
 @pytest.mark.costly
 def test_no_module_is_named_by_a_text_put_together() -> None:
-    """A computed name hides who needs whom: from readers, from grimp, and from a rename."""
+    """No import has a computed name, which would hide the dependence from readers, grimp and renames."""
     for path in (file for package in PACKAGES for file in (ROOT / package).rglob("*.py")):
         for node in ast.walk(ast.parse(path.read_text())):
             called = node.func if isinstance(node, ast.Call) else None
@@ -73,7 +70,7 @@ def test_no_module_is_named_by_a_text_put_together() -> None:
 
 
 HEAVY = "scipy pandas xarray matplotlib netCDF4 typst rich multiprocessing jax"
-"""Libraries that are loaded where they are used, not by whoever only asks what there is."""
+"""Names of libraries that are loaded on first use, not by importing ocp or by ``ocp list``."""
 
 
 LIST = """from contextlib import redirect_stdout
@@ -103,14 +100,14 @@ def test_asking_what_there_is_loads_no_heavy_library(code: str) -> None:
 
 
 def test_no_room_is_crowded() -> None:
-    """At most 22 files a folder."""
+    """No folder has more than 22 files."""
     rooms = {file.parent for name in PACKAGES for file in (ROOT / name).rglob("*.py")}
     crowded = {str(room.relative_to(ROOT)): n for room in rooms if (n := len([*room.glob("*.py")])) > 22}
     assert crowded == {}
 
 
 def test_the_map_of_the_house_is_true() -> None:
-    """Every file and room that CONTRIBUTING.md names is there, on at most 150 lines."""
+    """CONTRIBUTING.md has at most 150 lines, and every file and folder that it names exists."""
     text = (ROOT / "CONTRIBUTING.md").read_text()
     named = re.findall(r"`((?:dynamics|ocp|problems|reports|tests|examples)/[\w/.]+)`", text)
     assert [name for name in named if not (ROOT / name).exists()] == []

@@ -1,4 +1,4 @@
-"""The glossary of CONTRIBUTING.md: who bears one of its words is listed there, and nobody else."""
+"""The glossary of CONTRIBUTING.md lists exactly the public names that contain one of its words."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ PACKAGES = ("dynamics", "ocp", "problems", "reports")
 
 
 def glossary() -> dict[str, set[str]]:
-    """Names that bear each word, as the table lists them."""
+    """Return a mapping from each word of the glossary to the public names that its table lists."""
     table = (ROOT / "CONTRIBUTING.md").read_text().partition("## Words")[2]
     rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in table.splitlines()]
     return {row[0]: set(re.findall(r"`([\w.]+)`", row[2])) for row in rows if len(row) == 3}
@@ -24,13 +24,13 @@ WORDS = {word: names for word, names in glossary().items() if word.isalpha() and
 
 
 def words_of(name: str) -> set[str]:
-    """``MultipleShooting`` and ``multiple_shooting`` are both of multiple and shooting."""
+    """Return the words of a name: multiple and shooting for ``MultipleShooting`` and ``multiple_shooting``."""
     return {part.lower() for part in re.findall(r"[A-Z]?[a-z0-9]+|[A-Z]+(?![a-z])", name)}
 
 
 @cache
 def public_names() -> frozenset[str]:
-    """Public classes, and modules by their dotted names."""
+    """Return the names of all public classes, and the dotted names of all modules."""
     found: set[str] = set()
     for file in (file for package in PACKAGES for file in (ROOT / package).rglob("*.py")):
         room = file.parent if file.stem == "__init__" else file.with_suffix("")
@@ -41,7 +41,7 @@ def public_names() -> frozenset[str]:
 
 
 def bearers(word: str) -> set[str]:
-    """Public names that have the word, in the singular or the plural."""
+    """Return the public names that contain a word, in the singular or the plural."""
     forms = {word, f"{word}s", f"{word.removesuffix('y')}ies"}
     return {name for name in public_names() if forms & words_of(name.rpartition(".")[2])}
 

@@ -1,4 +1,4 @@
-"""Every public constructor refuses a plausible wrong argument where it is made, in one sentence."""
+"""Every public constructor rejects plausible wrong arguments with a message of one sentence."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Calls of public constructors with a plausible wrong argument, and what each must say."""
+"""Calls of public constructors with a plausible wrong argument, and the message that each must raise."""
 
 from __future__ import annotations
 

@@ -121,7 +121,7 @@ def _counterexamples() -> dict:
     F = np.array([[[1.0, -1000.0], [0.0, 1.0]], [[1.0, -100.0], [0.0, 1.0]]])
     z, mu = np.array([[1000.0, 0.0], [1.0, 1.0]]), np.ones(2)
     softened = bounds.solve_softened(z, F, mu)
-    # C = [1, 0], D = [0, 1]': one state, n² |C| |D| = 4, and |diag(lam)|² for l mu.
+    # For C = [1, 0], D = [0, 1]' there is one state, n² |C| |D| = 4, and l mu = |diag(lam)|².
     state = abs(softened.slope[0, 0, 1])
     bound = 4 * float(np.sum(softened.lam[0] ** 2))
     return {

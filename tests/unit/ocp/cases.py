@@ -1,4 +1,4 @@
-"""Small problems that have everything a transcription must carry, and numerical derivatives."""
+"""Small problems that use every feature of a transcription, and numerical derivatives."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ SMOOTH = 0.05
 
 
 def crowded(scenarios: int = 1, N: int = 4) -> Problem:
-    """Pushing a disc with bounds on x and u, path and terminal constraints, and costs on du."""
+    """Return a disc to push, with bounds on x and u, path and terminal constraints, and costs on du."""
     problem = get("push-disc", N=N)
     x, u = problem.system.x, problem.system.u
     apart = ca.sumsqr(x[:2] - x[2:]) + 0.1 * ca.sumsqr(u)
@@ -46,18 +46,18 @@ def crowded(scenarios: int = 1, N: int = 4) -> Problem:
 
 
 def two_walls(scenarios: int = 1, N: int = 4) -> Problem:
-    """Two coupled contacts, no cost on du, bounds on u only, a start near the right wall."""
+    """Return a problem of two coupled contacts without a cost on du, bounded in u only, near the right wall."""
     problem = get("cart-walls", N=N, p0=0.2, theta0=0.25)
     return replace(problem, scenarios=Scenarios(scenarios, (0.02, 0.02, 0.0, 0.1), 5))
 
 
 def line(N: int = 4) -> Problem:
-    """Pushing along a line from contact, where one step's impulse is piecewise linear."""
+    """Return a push along a line that starts in contact, where one step's impulse is piecewise linear."""
     return get("push-1d", N=N, qa0=-0.2)
 
 
 def weighed(problem: Problem) -> Problem:
-    """With a cost on the square of contact impulses, and a bound on their sum."""
+    """Return ``problem`` with a cost on the square of contact impulses and a bound on their sum."""
     lam = problem.system.lam
     limit = Constraint("press", ca.sum1(lam) + problem.system.u[0], -9.0, 9.0)
     return replace(problem, stage_cost=problem.stage_cost + ca.sumsqr(lam), path=[limit])
@@ -90,14 +90,14 @@ def session(case: str, method: str) -> Session:
 
 
 def point(found: Session, seed: int, spread: float, reformulation: str = "product") -> np.ndarray:
-    """Variables around the problem's own guess, where every geometry is well defined."""
+    """Return random variables around the problem's own guess, where every geometry is well defined."""
     nlp = found.nlp_of(reformulation)
     noise = np.random.default_rng(seed).standard_normal(nlp.n)
     return found.first_point(nlp).x + spread * noise
 
 
 def directions(n: int, seed: int, most: int = 16) -> np.ndarray:
-    """Unit vectors (n, d) to differentiate along: every axis, or random ones where n is large."""
+    """Return unit vectors (n, d) to differentiate along: all axes, or ``most`` random directions if n is larger."""
     if n <= most:
         return np.eye(n)
     drawn = np.random.default_rng(seed).standard_normal((n, most))
@@ -105,7 +105,7 @@ def directions(n: int, seed: int, most: int = 16) -> np.ndarray:
 
 
 def numerical(function: Callable[[np.ndarray], np.ndarray], x: np.ndarray, along: np.ndarray) -> np.ndarray:
-    """Derivatives (outputs, d) by the five-point stencil, whose error falls with h^4."""
+    """Return derivatives (outputs, d) by the five-point stencil, whose error is of order h^4."""
     step = 3e-4
     columns = []
     for unit in along.T:
@@ -116,18 +116,18 @@ def numerical(function: Callable[[np.ndarray], np.ndarray], x: np.ndarray, along
 
 
 def full(value: object) -> np.ndarray:
-    """A CasADi matrix, sparse or not, as an array."""
+    """Return a CasADi matrix, sparse or dense, as an array."""
     return value if isinstance(value, np.ndarray) else np.array(ca.densify(ca.DM(value)))
 
 
 def off(found: object, expected: object) -> float:
-    """Largest difference, relative to the largest expected entry."""
+    """Return the largest difference, relative to the largest expected entry or 1."""
     left, right = full(found), full(expected)
     difference = left.ravel() - right.ravel()
     return float(np.abs(difference).max(initial=0.0) / max(1.0, np.abs(right).max(initial=0.0)))
 
 
 def upper_to_full(triangle: ca.DM) -> np.ndarray:
-    """The symmetric matrix whose upper triangle is given."""
+    """Return the symmetric matrix with the given upper triangle."""
     upper = full(triangle)
     return np.triu(upper) + np.triu(upper, 1).T

@@ -1,4 +1,4 @@
-"""Following a parameter: one NLP, warm points, halved steps, and breaks told with their reason."""
+"""Continuation over a parameter: one NLP, warm starts, halved steps, and breaks with their reason."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def test_a_sweep_of_mu_costs_a_sixth_of_cold_solves_at_most() -> None:
 @pytest.mark.costly
 @pytest.mark.parametrize("law", [Barrier(mu=1e-2), Exact()])
 def test_builds_count_every_nlp_and_do_not_grow_along_the_path(law, monkeypatch) -> None:
-    """The law's own NLPs and those of the exact law, whose answer is the first point's start."""
+    """The count includes the law's NLPs and those of the exact law, whose solution starts the first point."""
     built: list[str] = []
     transcribe = Direct.transcribe
 
@@ -65,7 +65,7 @@ def test_builds_count_every_nlp_and_do_not_grow_along_the_path(law, monkeypatch)
 
 @pytest.mark.costly
 def test_a_physical_parameter_moves_the_start_and_the_bounds_with_it() -> None:
-    """Every point equals a problem that was built at that value."""
+    """Every point's solution equals that of a problem built at the point's value."""
     for over, end in (("qa0", -0.3), ("u_max", 0.6), ("problem.M", 3.0)):
         session = barrier_session()
         start = session.values[over.removeprefix("problem.")]
@@ -111,9 +111,7 @@ def test_the_exact_law_can_be_followed_in_direct() -> None:
 
 @pytest.mark.costly
 def test_a_step_that_fails_is_halved_and_grows_back(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Without a curve to follow, a solver that refuses every step longer than 0.03 in M, between
-    M = 1.2 and M = 1.5 only.
-    """
+    """Without prediction along a curve, a solver fails for steps longer than 0.03 between M = 1.2 and M = 1.5."""
     session = barrier_session()
     steps, plain = [], Session.solve
 
@@ -147,7 +145,7 @@ def test_a_step_that_fails_is_halved_and_grows_back(monkeypatch: pytest.MonkeyPa
 
 @pytest.mark.costly
 def test_a_path_that_ends_is_told_with_where_and_why() -> None:
-    """The object cannot be pushed further in six steps than the actuator reaches."""
+    """In six steps the object cannot be pushed beyond the actuator's reach."""
     problem = get("push-1d", N=6, goal_x=0.5, u_max=1.0)
     reach = Constraint("reach", problem.system.x[0] - problem.parameters["goal_x"], 0.0, 10.0)
     session = new_session(replace(problem, terminal=(reach,)), Barrier(mu=1e-3), Direct())

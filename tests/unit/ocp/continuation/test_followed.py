@@ -1,4 +1,4 @@
-"""A path across changes of contact, against cold solves at every point."""
+"""A continuation path across changes of contact, compared with cold solves at every point."""
 
 from __future__ import annotations
 
@@ -13,11 +13,10 @@ from problems import get
 
 @pytest.mark.slow
 def test_planar_push_is_followed_across_changes_of_contact() -> None:
-    """No cold solve from five starts is cheaper, and every change of contact on the way is told.
+    """No cold solve from five starts is cheaper, and every change of contact is reported as an event.
 
-    A pair is in one of three states, multiplier, gap or both zero; between two points that the path
-    follows without a switch the states of a pair differ by what its events say; a degenerate one
-    does not say which.
+    In a pair the multiplier, the gap or both are zero; between two points without a switch this
+    changes exactly for the pairs of the reported events. Degenerate events do not name their pairs.
     """
     path = continue_over(new_session(get("planar-push"), Exact(), Direct()), "goal_x", 0.3, 1.5, 12)
     assert path.broke is None
@@ -39,7 +38,7 @@ def test_planar_push_is_followed_across_changes_of_contact() -> None:
 
 
 def changed(before, after) -> set[tuple[str, int]]:
-    """Pairs that press in one of two solutions and not in the other, or stand open in one alone."""
+    """Return the pairs (contact, step) with impulse in only one of two solutions, or with a gap in only one."""
     found = set()
     for name in ("lam", "gap"):
         was, now = (solution.data[name].isel(scenario=0) > 1e-7 for solution in (before, after))

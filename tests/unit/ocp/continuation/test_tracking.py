@@ -1,4 +1,4 @@
-"""Events of hand-made problems, in closed form: contacts, folds, switches."""
+"""Events of continuation on small problems with closed forms: contacts, folds, switches."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ R = 0.5
 
 
 def between_walls(stage, terminal, walls: float = 1.0, size: float = 1.0, N: int = 1) -> Problem:
-    """``N`` steps of ``x+ = x + u + left - right`` from 0 between walls at -1 and 1.
+    """Return a problem of ``N`` steps ``x+ = x + u + left - right`` from 0 between walls at -1 and 1.
 
-    Costs are functions of (u, theta) and of the last (x, theta).
+    ``stage`` is a cost of (u, theta), ``terminal`` one of the last x and theta.
     """
     p = ParameterTable([Parameter("theta", 0.0)])
     F = [[1.0, -1.0], [-1.0, 1.0]]
@@ -53,9 +53,7 @@ def follow(problem: Problem, start: float, end: float, steps: int) -> Continuati
 
 @pytest.mark.costly
 def test_contacts_of_a_mass_between_two_walls_are_found_where_they_change() -> None:
-    """min r u² + (x+ - theta)², x+ = u = clip(theta / (1 + r), -1, 1): a wall is touched without
-    force, since u alone costs less.
-    """
+    """The minimum of r u² + (x+ - theta)² is at x+ = u = clip(theta / (1 + r), -1, 1), without force of a wall."""
     problem = between_walls(lambda u, _: R * u**2, lambda x, theta: (x - theta) ** 2)
     path = follow(problem, -3.0, 3.0, 7)
     assert path.broke is None
@@ -73,7 +71,7 @@ def test_contacts_of_a_mass_between_two_walls_are_found_where_they_change() -> N
 @pytest.mark.costly
 @pytest.mark.parametrize("walls", [(1.0, 1.0), (1.0, 1.2)])
 def test_contacts_that_change_at_one_value_are_one_degenerate_event(walls) -> None:
-    """Two masses, each as above with one wall: they touch at theta = wall (1 + r)."""
+    """Two masses with one wall each touch it at theta = wall (1 + r)."""
     p = ParameterTable([Parameter("theta", 0.0)])
     one = np.eye(2)
     system = lcs("two-walls", A=one, B=one, C=-one, D=-one, E=-one, F=one, d=list(walls), parameters=p)
@@ -101,9 +99,10 @@ def test_contacts_that_change_at_one_value_are_one_degenerate_event(walls) -> No
 
 
 def pressing(c: float, size: float = 1.0) -> Problem:
-    """min (u - theta)² + c x+²: in free flight x+ = u = theta / (1 + c), up to the wall at
-    theta = 1 + c; pressed against it u = theta at a cost of c, down to theta = 1. Both cost the
-    same at theta² = 1 + c.
+    """Return ``min (u - theta)² + c x+²`` between walls, with two local minima for 1 < theta < 1 + c.
+
+    In free flight x+ = u = theta / (1 + c); pressed against the wall u = theta at the cost c. Both
+    cost the same at theta² = 1 + c.
     """
     return between_walls(lambda u, theta: (u - theta) ** 2, lambda x, _: c * x**2, size=size)
 
@@ -127,7 +126,7 @@ def test_a_minimum_that_ends_at_a_contact_is_left_there() -> None:
 
 @pytest.mark.costly
 def test_another_minimum_is_taken_where_it_becomes_the_cheaper() -> None:
-    """Wide characteristic sizes let the linear program see both sides of the wall."""
+    """With wide characteristic sizes the linear program includes both sides of the wall."""
     c = 1.0
     path = follow(pressing(c, size=10.0), 0.5, 3.0, 10)
     assert path.broke is None

@@ -1,4 +1,4 @@
-"""Estimators where gradients are known: linear, quadratic, discontinuous, through contact."""
+"""Gradient estimators on objectives with known gradients: linear, quadratic, discontinuous, through contact."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def test_variance_of_one_sample_is_that_of_the_theory():
 
 
 def test_the_mean_of_the_others_is_left_out():
-    """Against the estimator written out: each sample's baseline is the mean of all but itself."""
+    """The estimator equals its definition, in which each sample's baseline is the mean of all others."""
     objective = static(lambda t: ca.exp(t), np.array([0.2]))
     seed = np.random.SeedSequence(7)
     found = estimate_gradient(objective, ["zobg-mean"], 50, 0.4, seed=seed, reference="none")
@@ -78,7 +78,7 @@ def test_the_mean_of_the_others_is_left_out():
 
 @pytest.mark.parametrize("policy", [OpenLoop(), Feedback(), Feedback(stationary=True)])
 def test_mirrored_noise_is_the_noise_turned_round(policy):
-    """Costs at -w and their scores, where a policy answers to the state that the noise made."""
+    """Mirrored samples have the costs and scores of -w, also under feedback, which reacts to the noise."""
     objective = RolloutObjective(get("push-disc", N=5), Barrier(mu=1e-2), policy)
     rng = np.random.default_rng(0)
     objective.theta = objective.theta + 0.1 * rng.standard_normal(len(objective.theta))
@@ -89,7 +89,7 @@ def test_mirrored_noise_is_the_noise_turned_round(policy):
     if isinstance(policy, OpenLoop):
         np.testing.assert_allclose(mirrored.direction, -drawn / 0.04, rtol=1e-11)
     else:
-        # k's part of the score does not depend on the states.
+        # The score's entries for k do not depend on the states.
         K = objective.problem.system.nx * 2
         got = mirrored.direction.reshape(20, -1, K + 2)[:, :, K:].sum(axis=1)
         np.testing.assert_allclose(got, -drawn.reshape(20, 5, 2).sum(axis=1) / 0.04, atol=1e-9)
@@ -109,7 +109,7 @@ SHORT = {
     **{name: {"N": 2} for name in ("quadruped", "ant", "push-cube", "reorient")},
     **{name: {"N": 3} for name in ("spinner", "finger-disc", "idto-hopper", "soft-walls")},
 }
-# Their kernels take a compiler a good part of a minute.
+# The kernels of these problems take almost a minute to compile.
 LARGE = ("hopper", "half-cheetah", "quadruped", "ant", "push-cube", "reorient")
 NAMES = [pytest.param(n, marks=[pytest.mark.slow] if n in LARGE else []) for n in names()]
 
@@ -118,7 +118,7 @@ NAMES = [pytest.param(n, marks=[pytest.mark.slow] if n in LARGE else []) for n i
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("name", NAMES)
 def test_first_order_gradients_equal_differences(name, backend):
-    """FoBG through contact: each sample's gradient against central differences of its cost."""
+    """Each sample's first-order gradient through contact equals central differences of its cost."""
     problem = get(name, **SHORT.get(name, {}))
     objective = RolloutObjective(problem, Barrier(mu=1e-3), backend=backend)
     rng = np.random.default_rng(5)
@@ -137,7 +137,7 @@ def test_first_order_gradients_equal_differences(name, backend):
 
 
 def _slope(objective, noise, k, h):
-    """Sixth-order central difference along component k of the noise, which is added to theta."""
+    """Return the sixth-order central difference of costs along component k of the noise, which is added to theta."""
     total = np.zeros(len(noise))
     for step, weight in ((1, 3 / 4), (2, -3 / 20), (3, 1 / 60)):
         for sign in (1, -1):
@@ -153,7 +153,7 @@ def _slope(objective, noise, k, h):
     [
         ("push-1d", OpenLoop(), 0.2),
         ("push-1d", Feedback(stationary=True), 0.2),
-        ("planar-push", OpenLoop(), 0.1),  # friction: more than one contact, which pull and drag
+        ("planar-push", OpenLoop(), 0.1),  # several contacts with friction
         ("planar-hand", OpenLoop(), 0.1),
     ],
 )
@@ -212,7 +212,7 @@ def test_first_samples_of_a_larger_run_are_the_same():
 
 
 def test_orders_use_independent_samples():
-    # The cost is its own gradient, so equal noise would give correlation 1 of the two orders.
+    # The cost equals its gradient, so that equal noise would correlate both orders by 1.
     objective = static(lambda t: ca.exp(t), np.array([0.0]))
     seed = np.random.SeedSequence(0)
     parts = []
@@ -252,7 +252,7 @@ def test_verdicts_tell_bias_from_empirical_bias():
     found = estimate_gradient(stiff, ["fobg", "zobg"], 1000, 0.2)
     assert found["fobg"].verdict.word == "empirically biased at this sample size"
     assert found["zobg"].verdict.word == "unbiased within the interval"
-    # The known mean shows that the samples' variance cannot be the true one (lemma III.4).
+    # With the known mean, lemma III.4 shows that the samples' variance is too small.
     bias = found["fobg"].bias
     assert bias is not None and bias.sharp > bias.variance
     soft = objective_spec("coulomb").objective({"nu": 0.1})

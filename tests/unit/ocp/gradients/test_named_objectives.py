@@ -1,4 +1,4 @@
-"""Named objectives: what they say against mechanics written out again."""
+"""Named objectives agree with independently written mechanics."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def test_friction_is_clipped_at_its_limit():
 
 
 def test_a_dragged_block_reaches_the_belt_or_the_limit_of_friction():
-    """With nu towards 0 the impulse is clip(m b, +-N h F): Coulomb friction on a body at rest."""
+    """As nu tends to 0, the impulse is clip(m b, -N h F, N h F), by Coulomb friction on a body at rest."""
     belt = np.linspace(-0.2, 0.2, 33)
     values = {"nu": 1e-9, "m": 10.0, "friction_force": 5.0, "h": 0.01, "N": 10}
     impulse = objective_spec("belt-block").objective(values).costs(belt[:, None])

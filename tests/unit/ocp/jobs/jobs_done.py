@@ -1,4 +1,4 @@
-"""Jobs for workers: they find this module by its name."""
+"""Functions of jobs for tests; worker processes import this module by its name."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ocp.errors import InputError
 
 
 def squared(job: dict[str, Any], tell: Callable[[Any], None]) -> dict[str, Any]:
-    """The square of x, from pieces told on the way; may die, fail or wait as it is asked to."""
+    """Return the square of x and report progress; ``job`` may ask to wait, to fail, or to die by a signal."""
     for k in range(job.get("steps", 2)):
         tell({"k": k, "x": job["x"]})
         time.sleep(job.get("wait", 0.0))
@@ -29,12 +29,12 @@ def squared(job: dict[str, Any], tell: Callable[[Any], None]) -> dict[str, Any]:
 
 
 def threads(_: int, tell: Callable[[Any], None]) -> tuple[str | None, str | None]:
-    """How many threads numerical libraries are told to take."""
+    """Return the environment variables that set the number of threads of OpenMP and OpenBLAS."""
     return os.environ.get("OMP_NUM_THREADS"), os.environ.get("OPENBLAS_NUM_THREADS")
 
 
 def kept(job: dict[str, Any], tell: Callable[[Any], None]) -> None:
-    """Wait for ever, and keep a note of Ctrl-C."""
+    """Wait until Ctrl-C, then write a note."""
     try:
         while True:
             tell("waiting")

@@ -1,4 +1,4 @@
-"""When two sweeps are the same: everything but seconds, to the last bit."""
+"""Equality of two sweeps to the last bit, except for times."""
 
 from __future__ import annotations
 

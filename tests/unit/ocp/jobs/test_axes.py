@@ -1,4 +1,4 @@
-"""What a sweep goes over: values as they are spaced, names as they are meant, sentences."""
+"""Axes of a sweep: spacing of values, names of parameters, and error messages."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Jobs over a Dask cluster of two workers on this computer."""
+"""Jobs on a Dask cluster of two workers on this computer."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``ocp.estimate`` has the rules and the numbers of the command ``ocp estimate``."""
+"""``ocp.estimate`` follows the same rules and returns the same numbers as the command ``ocp estimate``."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def test_noise_that_rounding_hides_is_refused():
 @pytest.mark.costly
 @pytest.mark.parametrize("name", ["heaviside", "push-1d"])
 def test_processes_sample_the_same_bits(name, monkeypatch):
-    """Pieces are computed in other processes and summed in their order."""
+    """Other processes compute parts, which are summed in a fixed order."""
     monkeypatch.setattr(sampling, "_MAX_KEPT_VALUES", 1)
     monkeypatch.setattr(estimate_parts, "PIECE", estimate_parts.BULK)
     params = {"N": 2} if name == "push-1d" else {}
@@ -78,7 +78,7 @@ def test_processes_sample_the_same_bits(name, monkeypatch):
 
 
 def test_a_stopped_estimate_resumes_with_other_workers(monkeypatch, tmp_path):
-    """Sums saved by one process are continued by two, to the last bit."""
+    """Two processes continue the sums that one saved, and give the same bits."""
     monkeypatch.setattr(sampling, "_MAX_KEPT_VALUES", 1)
     monkeypatch.setattr(estimate_parts, "PIECE", estimate_parts.BULK)
     case = ObjectiveCase("heaviside", {}, engine={"threads": 1})
@@ -99,7 +99,7 @@ def test_a_changed_file_is_not_mixed(tmp_path):
 
 
 def test_theta_is_the_decision_of_an_objective() -> None:
-    """The gradient of the smoothed step is the normal density, at theta = 0.5 too."""
+    """The gradient of the smoothed Heaviside step is the normal density, also at theta = 0.5."""
     found = ocp.estimate("heaviside", ["zobg"], 500, theta=np.array([0.5]))["zobg"]
     by_name = ocp.estimate("heaviside", ["zobg"], 500, params={"theta": 0.5})["zobg"]
     np.testing.assert_array_equal(found.mean, by_name.mean)

@@ -1,4 +1,4 @@
-"""Points that a neighbour's plan improves: which are tried, what counts as better, and marks."""
+"""Points of a sweep that a neighbour's plan improves: which are tried, when it is better, and outliers."""
 
 from __future__ import annotations
 
@@ -47,13 +47,13 @@ def test_a_point_starts_at_its_cheapest_neighbour_where_that_costs_less() -> Non
     assert neighbours.cheaper_neighbours(GRID, points, {2}) == {4: 2}, "from the others it was solved before"
     points[3] = failed_result("fault", "died")
     points[0] = point(math.nan, success=0, status="not converged")
-    # A worker that died is no plan, and its point is not tried again.
+    # A point whose worker died has no plan and is not tried again.
     assert neighbours.cheaper_neighbours(GRID, points, range(6)) == {0: 1, 4: 2, 5: 4}
 
 
 @pytest.mark.parametrize("offset", [0.0, 1e6, -1e6])
 def test_better_is_a_share_of_what_a_plan_changes(offset: float) -> None:
-    """The constant of a cost plays no part."""
+    """A constant in the cost makes no difference."""
     base = {"idle_cost": 10.0 + offset}
     own = row(2.0 + offset, **base)
     assert neighbours.is_better(GRID, row(1.9 + offset, **base), own)
@@ -75,7 +75,7 @@ def test_an_outlier_keeps_the_cost_of_its_own_solve() -> None:
 def test_a_point_above_what_a_dearer_neighbours_plan_gives_there_is_repaired_or_marked(
     is_solved_again: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The weight raises the cost, so that a poor answer at the least weight is cheaper than all neighbours."""
+    """The cost grows with the weight, so that a poor solution at the smallest weight is cheaper than its neighbours."""
     request: dict[str, Any] = {"problem": "wall-1d", "over": {"w_x": [1.0, 1.1, 1.2]}, "params": {"N": 5}}
     costs = sweep(**request)["cost"].values
     poor_cost = costs[:2].mean()
@@ -104,7 +104,7 @@ def test_a_point_above_what_a_dearer_neighbours_plan_gives_there_is_repaired_or_
 
 @pytest.mark.costly
 def test_a_plan_left_in_a_poor_minimum_is_found_from_the_side_alike_by_any_number_of_workers() -> None:
-    """The push over 5 cm alone ends at 7.4 in place of 0.49."""
+    """Solved alone, the push over 5 cm costs 7.4 instead of 0.49."""
     found = sweep("push-box", {"distance": [0.05, 0.1]}, params={"N": 12})
     assert np.isfinite(found["own_cost"].values).tolist() == [True, False]
     assert float(found["own_cost"][0]) > 5 and float(found["cost"][0]) < 0.6

@@ -1,4 +1,4 @@
-"""A point of a sweep is the solve of its own, to the last bit, whatever its worker did before."""
+"""A point of a sweep equals a separate solve to the last bit, whatever its worker has solved before."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ SHORT = {"N": 6}
 
 
 def told(found: Solution) -> str:
-    """All that is said of a solution, but for seconds."""
+    """Return everything that is reported on a solution, except times."""
     judged = {name: dataclasses.asdict(getattr(found, name)) for name in ("audit", "referee")}
     certificate = dataclasses.asdict(found.certificate)
     del certificate["seconds"]
@@ -74,7 +74,7 @@ def test_numbers_alone_build_no_program_again(monkeypatch: pytest.MonkeyPatch) -
     for M, mu in ((2.0, 1e-3), (0.5, 1e-2), (2.0, 1e-4)):
         solve_session(kept.session(case.at({"problem.M": M, "contact.mu": mu})))
     assert len(built) == first
-    # Another graph is another program.
+    # Another N changes the graph and needs another program.
     solve_session(kept.session(case.at({"problem.N": 5})))
     assert len(built) == 2 * first
 

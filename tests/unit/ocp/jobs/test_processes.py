@@ -1,4 +1,4 @@
-"""Jobs side by side over processes: each done once, heard, and begun again where a worker died."""
+"""Jobs in parallel processes: each is done once, reports progress, and is repeated if its worker dies."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def test_workers_may_keep_what_they_did_when_the_caller_stops(tmp_path: Path) ->
 
 @pytest.mark.costly
 def test_a_worker_that_is_starting_as_the_caller_stops_ends_by_itself() -> None:
-    """It does not hear the signal of Ctrl-C yet, nor ever where the shell has it ignored."""
+    """A starting worker ignores the signal of Ctrl-C, as do all workers of a shell that ignores it."""
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
         worker = processes._Worker.start(squared)
@@ -111,7 +111,7 @@ def test_workers_end_with_a_caller_that_was_killed(tmp_path: Path) -> None:
 
 @pytest.mark.costly
 def test_a_script_needs_no_guard_and_workers_keep_to_one_thread(tmp_path: Path) -> None:
-    """A worker that ran the script again would begin workers of its own; one from a pipe cannot."""
+    """Workers do not run the script again, which would start more workers and fails for a script from a pipe."""
     script = (
         "print('begun')\n"
         "from ocp.jobs.scheduling import run_jobs\n"
@@ -143,7 +143,7 @@ def test_fewer_than_one_worker_is_refused() -> None:
 @pytest.mark.costly
 @pytest.mark.parametrize("seconds", [0.0, 0.2, 0.8])
 def test_ctrl_c_while_workers_start_is_silent(seconds: float) -> None:
-    """A terminal sends it to the workers too, which import for a second or so."""
+    """A terminal also sends the signal to the workers, which import modules for about a second."""
     program = (
         "from ocp.jobs.scheduling import run_jobs\n"
         "from tests.unit.ocp.jobs.jobs_done import squared\n"

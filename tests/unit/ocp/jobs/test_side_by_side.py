@@ -1,4 +1,4 @@
-"""Sweeps over processes: the same data by one and by two, with a worker killed, and resumed."""
+"""Sweeps in processes: the same data from one, from two, with a killed worker, and resumed."""
 
 from __future__ import annotations
 
@@ -118,7 +118,7 @@ def test_fewer_than_one_process_is_refused() -> None:
 def test_ctrl_c_that_compiled_code_took_for_a_failure_is_no_point(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """NumPy makes a SystemError of it, IPOPT a solve that failed; neither may be kept."""
+    """NumPy turns Ctrl-C into a SystemError, IPOPT into a failed solve; neither may be stored."""
 
     def taken(*_: object, **__: object) -> None:
         raise SystemError("returned a result with an exception set") from KeyboardInterrupt()

@@ -1,4 +1,4 @@
-"""A sweep over a Dask cluster of two workers, one of them killed on the way."""
+"""A sweep on a Dask cluster of two workers, one of which is killed during the sweep."""
 
 from __future__ import annotations
 

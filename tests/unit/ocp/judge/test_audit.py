@@ -1,4 +1,4 @@
-"""The audit finds what is planted: residuals where they are, names as they are, honest verdicts."""
+"""The audit finds planted errors: it reports residuals and constraints at the right place and by name."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def solved(law: str = "exact") -> tuple[Session, RouteResult]:
 
 
 def planted(block: str, index: tuple[int, ...], amount: float, law: str = "exact"):
-    """The audit of a solved problem of which one entry is moved, its plan and its status."""
+    """Return audit, plan and status of a solved problem after one entry of its solution is moved by ``amount``."""
     session, outcome = solved(law)
     nlp, result = outcome.nlp, outcome.result
     x = result.point.x.copy()
@@ -105,7 +105,7 @@ def test_an_input_beyond_its_bound_is_named() -> None:
 
 
 def test_the_worst_constraint_is_the_planted_one() -> None:
-    """Scenario, step, and component of a path and of a terminal constraint."""
+    """Scenario, step and component are right for a path and for a terminal constraint."""
     problem = get("push-disc", N=6, scenarios=3)
     x = problem.system.x
     problem = replace(
@@ -143,7 +143,7 @@ def test_at_most_five_violations_and_the_worst_first() -> None:
 
 
 def ring(N: int = 5) -> Problem:
-    """A point that is thrown along a ring from inside: the linearised gap lets it out."""
+    """Return a problem of a point thrown along a ring from inside, which the linearised gap lets leave the ring."""
     p = ParameterTable([Parameter("R", 1.0, "m"), Parameter("h", 0.1, "s")])
     system = time_stepping(
         "ring",
@@ -201,7 +201,7 @@ def test_no_contact_no_task_gradient() -> None:
 
 
 def test_task_gradient_equals_differences() -> None:
-    """On push-1d in contact the cost of the state alone, by differences of its rollout."""
+    """On push-1d in contact, differences of rollouts give the gradient of the state's part of the cost."""
     problem, N = get("push-1d", N=6), 6
     values = defaults(problem)
     inputs = np.linspace(-0.1, 0.4, N).reshape(1, N, 1)

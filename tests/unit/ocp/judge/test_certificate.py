@@ -1,4 +1,4 @@
-"""Certificates against enumerated branches, textbook examples, and trouble of their own."""
+"""Certificates agree with enumerated branches and textbook examples, and survive failures of the search."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def judge(case: SmallMPCC, x: list[float], **more):
 
 
 def random_model(seed: int, biactive: bool) -> LinearModel:
-    """Five variables and three pairs near zero, three equations and two inequalities."""
+    """Draw a linear model of five variables, three pairs near zero, three equations and two inequalities."""
     rng = np.random.default_rng(seed)
     n, pairs = 11, np.array([[5, 6, 7], [8, 9, 10]])
     x = rng.standard_normal(n)
@@ -53,7 +53,7 @@ def random_model(seed: int, biactive: bool) -> LinearModel:
 
 
 def enumerated(model: LinearModel) -> float:
-    """The steepest decrease over all branches, each a linear program of its own."""
+    """Return the largest decrease over all branches, each solved as a linear program."""
     near = np.flatnonzero(model.near(RADIUS))
     lower, upper = model.box(RADIUS)
     equal = model.row_lower == model.row_upper
@@ -85,7 +85,7 @@ def test_the_lpec_finds_a_descent_exactly_where_a_branch_has_one(seed: int, biac
     assert found.decrease <= known + 1e-7
     assert found.decrease >= 0.5 * known - 1e-6, "the gap at which the search may stop"
     after = model.members + RADIUS * found.step[model.pairs]
-    # A member below a millionth of its size is taken for zero.
+    # A pair's member below a millionth of its size counts as zero.
     assert np.abs(np.minimum(after[0], after[1])).max() <= 1e-6, "the direction keeps the pairs"
     assert np.abs((model.rows @ found.step)[:3]).max() <= 1e-6
 
@@ -159,12 +159,12 @@ def test_a_corner_with_both_multipliers_positive_is_strongly_stationary() -> Non
 
 
 def test_one_multiplier_of_the_wrong_sign_is_no_minimum() -> None:
-    """Weakly stationary only: the second member wants to grow."""
+    """The point is only weakly stationary: the cost falls as the second member grows."""
     assert judge(free_pair(lambda a, b: a - b + a**2 + b**2), [0.0, 0.0]).stationarity == "not"
 
 
 def test_b_stationary_without_strong_stationarity_needs_the_branches() -> None:
-    """Scheel and Scholtes: relaxed, the origin has a descent; in every branch it has none."""
+    """In the example of Scheel and Scholtes the relaxed problem has a descent at the origin, but no branch has one."""
     case = scheel_scholtes()
     found = judge(case, [0.0, 0.0, 0.0])
     assert (found.stationarity, found.biactive) == ("B", 1)
@@ -215,7 +215,7 @@ def test_a_failing_program_is_undecided_with_its_word(monkeypatch: pytest.Monkey
 def test_what_a_program_prints_past_its_switches_reaches_no_terminal(
     monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    """As HiGHS does, by printf, where a solution of its search does not fit its own rows."""
+    """HiGHS calls printf if a solution of its search violates its own rows."""
     real, case = scipy.optimize.milp, free_pair(lambda a, b: a + b)
     known = judge(case, [0.0, 0.0])
 

@@ -1,4 +1,4 @@
-"""Sentences on solved plans that do little: untouched bodies, unmoved states, and the cost of holding still."""
+"""Findings on solved plans that do little: untouched bodies, unmoved states, and the cost of holding still."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ SENTENCES = {"never-touches", "contact-never-acts", "nothing-moves", "holding-st
 
 
 def sliding(N: int = 4, most: float = 30.0) -> Problem:
-    """A hand on a rail pushes a box over a floor; the cost is where the box ends."""
+    """Return a problem of a hand on a rail that pushes a box over a floor; the cost is the box's final distance."""
     scene = Scene(
         [
             Pusher("hand", Disc(0.1), at=(-0.25, 0.1), mass=1.0, axis=(1.0, 0.0)),
@@ -51,7 +51,7 @@ def sliding(N: int = 4, most: float = 30.0) -> Problem:
 
 @pytest.fixture(scope="module")
 def unreachable() -> Solution:
-    """A plan of a hand that is too weak to reach the box."""
+    """Return a plan for a hand that is too weak to reach the box."""
     return solve(sliding(most=0.5), effort="quick")
 
 

@@ -1,4 +1,4 @@
-"""Functions that jump are told from those with kinks, and the verdict says so."""
+"""Functions that jump are distinguished from those with kinks, and the verdict reports them."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def test_what_is_continuous_does_not_jump(kind):
 
 @pytest.mark.parametrize("operation", JUMPS)
 def test_what_bounds_keep_away_does_not_jump(operation):
-    """Within these bounds no switch is met, and no branch cut."""
+    """Within these bounds there is no switch and no branch cut."""
     inside = Domain(SIZES, np.array([0.15, 0.31]), np.array([0.3, 0.9]))
     assert jumping_operations(ca.SX(JUMPS[operation]), X, inside) == []
 
@@ -93,7 +93,7 @@ def sentences(problem: Problem) -> str:
 
 
 def cart(push=lambda q, u: u, wall=lambda q: q, **changes) -> Problem:
-    """A cart that comes towards a wall."""
+    """Return a problem of a cart that approaches a wall, with ``changes`` of its costs and constraints."""
     system = time_stepping(
         "cart",
         states=signals("x [m]; v [m/s]"),
@@ -147,12 +147,12 @@ def test_jumps_of_every_part_of_a_problem_are_named(problem, place):
     ids=["plain", "behind the wall", "beyond the input", "beyond a constraint"],
 )
 def test_jumps_out_of_reach_are_not_named(problem):
-    """A distance is never negative on a plan, and inputs keep to their bounds."""
+    """On a plan distances are not negative, and inputs stay within their bounds."""
     assert jump_findings(problem) == ()
 
 
 def test_the_verdict_of_a_cost_that_jumps_is_amber():
-    """A rounded term beside the cost is flat almost everywhere, so the certificate stands."""
+    """A rounded term in the cost is flat almost everywhere, so that the certificate remains valid."""
     plain = get("push-1d", N=3)
     stairs = plain.stage_cost + 1e-6 * ca.floor(plain.system.x[0])
     found = solve(replace(plain, stage_cost=stairs))
@@ -172,7 +172,7 @@ def test_constraints_count_and_parameters_do_not():
 
 
 def test_costs_on_impulses_are_inspected():
-    """Above an impulse a surcharge is due, at once or by and by."""
+    """A surcharge above an impulse jumps if it is constant, and has a kink if it grows from zero."""
     plain = get("push-1d", N=3)
     lam = plain.system.lam[0]
     surcharge = ca.if_else(lam > 0.5, lam + 1, lam)
@@ -182,7 +182,7 @@ def test_costs_on_impulses_are_inspected():
 
 
 def test_functions_without_a_graph_are_reported():
-    """What a function from outside does between two points is not known."""
+    """An external function may jump between two points at which it is evaluated."""
     plain = get("push-1d", N=3)
     z = ca.SX.sym("z")
     table = ca.Function("table", [z], [z**2], {"never_inline": True})

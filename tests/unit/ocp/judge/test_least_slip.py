@@ -1,4 +1,4 @@
-"""The way slid that data show is the body's own, wherever nothing presses it on the ground."""
+"""The stored slip of a contact without normal force is the body's own sliding distance."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ H, G, FRICTION, N = 0.1, 10.0, 0.5, 4
 
 
 def thrown(cone: str) -> Problem:
-    """A point in flight at -2 m/s along the ground, which it meets in the last step alone."""
+    """Return a problem of a point that flies at -2 m/s along the ground and lands in the last step."""
     system = time_stepping(
         "thrown",
         states=signals("x [m] along; z [m] height; vx [m/s] along; vz [m/s] up"),
@@ -45,7 +45,7 @@ def thrown(cone: str) -> Problem:
 
 @pytest.mark.parametrize("cone", ["linearised", "second-order"])
 def test_the_way_slid_is_the_least_that_the_motion_allows(cone):
-    """|h J_t v+|, or twice the way back; plan and replay keep their complementarity."""
+    """It is |h J_t v+|, or twice the backward distance; plan and replay keep their complementarity."""
     found = solve(thrown(cone), "exact", Direct())
     assert found.success
     for suffix, contact in (("", "contact"), ("_replay", "contact_exact")):

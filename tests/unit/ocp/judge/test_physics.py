@@ -1,4 +1,4 @@
-"""What trajectories do to geometry and constraints: closed forms and dense samples."""
+"""Penetration and violated constraints of trajectories, by closed forms and dense samples."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tests.unit.ocp.user_problems import at_defaults, physical, trajectories
 
 
 def test_a_fast_disc_does_not_pass_through_another_unnoticed() -> None:
-    """Nodes a metre off on either side: the least distance is where the way passes the centre."""
+    """Both nodes are a metre away; the smallest distance is where the straight path passes the centre."""
     problem = get("push-disc", N=2)
     x = np.array([[[0.0, 0, -1.0, 0.2], [0.0, 0, 1.1, 0.2], [0.0, 0, 1.1, 0.2]]])
     rolled = trajectories(x, np.zeros((1, 2, 2)), np.zeros((1, 2, 1)))

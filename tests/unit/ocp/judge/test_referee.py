@@ -1,4 +1,4 @@
-"""The referee: what plans are worth under the sharpest contact, and what it says where not."""
+"""The referee: costs of plans under the most exact contact model, and reasons why plans do not survive."""
 
 from __future__ import annotations
 
@@ -78,17 +78,17 @@ def test_with_true_gaps_the_same_problem_is_its_own_referee() -> None:
 
 
 def off_the_slopes_laws(problem: Problem, v: float, v_next: float, u: float) -> float:
-    """How far cart and block, 1 kg each and moving as one, break Coulomb's laws; zero for none.
+    """Return the violation of Coulomb's laws by cart and block, 1 kg each, that move together.
 
-    From ``2 (v+ - v) = h (u - 2 g sin) - T``, T the friction of the slope, and ``P = v+ - v + h g
-    sin + T`` the push of the face, whose own friction is what the slope's N leaves of the weight.
+    ``2 (v+ - v) = h (u - 2 g sin) - T`` gives the friction T of the slope, ``P = v+ - v + h g sin + T``
+    the push of the face, whose friction carries the weight that the slope's normal force N does not.
     """
     p = defaults(problem)
     h, f, face = p["h"], p["friction"], p["face"]
     along, across = (9.81 * trig(p["slope"]) for trig in (np.sin, np.cos))
     rub = h * (u - 2 * along) - 2 * (v_next - v)
     push = v_next - v + h * along + rub
-    # Sliding decides N; a block that rests may take the N that suits the face best.
+    # Sliding determines N; for a block at rest N is the value that suits the face best.
     normal = rub / f if v_next > 1e-6 else max(abs(rub) / f, h * across - face * push)
     return max(0.0, -normal, -push, abs(rub) - f * normal, abs(h * across - normal) - face * push)
 
@@ -111,7 +111,7 @@ def test_a_push_up_a_rough_slope_is_not_determined_and_the_step_is_named() -> No
     assert sharp.note == "the model itself"
     assert sharp.cost > 2 * found.cost
     assert report.reasons
-    # Both ends are the model's: by hand, the slope and the face allow either.
+    # The model allows both ends: neither violates the laws of slope and face.
     problem, k = found.problem, nonuniqueness.step
     x, u = found.data["x"].values[0], float(found.data["u"].values[0, k, 0])
     solved_step = np.array(problem.exact_step.solve(x[k], u, physical(problem))[0]).ravel()
@@ -133,14 +133,14 @@ def test_a_determined_plan_does_not_part() -> None:
 
 @pytest.mark.costly
 def test_a_smoothed_plan_is_no_second_solution() -> None:
-    """It obeys its own law, so that its way off the exact step is no freedom of the model."""
+    """It follows its own law, so that its difference from the exact step does not make the model ambiguous."""
     found = solve(rough_slope(), Barrier(mu=1e-2), Direct())
     plan = plan_of(found)
     assert find_nonuniqueness(Evaluation(found.problem, found.values), plan) is None
 
 
 def test_a_plan_that_hops_through_a_disc_is_one_of_two_ends_of_its_step() -> None:
-    """With true gaps alone a pusher may end on the far side; or it may push, as the path does."""
+    """With true gaps a step of the pusher has two solutions: on the far side of the disc, or pushing it."""
     problem = round_a_post(N=1, linearised=False)
     x = np.array([[[0.7, 0.1, 0.7, -0.3], [0.7, 0.1, 0.7, 0.5]]])
     u, lam = x[:, 1:, 2:], np.zeros((1, 1, 3))
@@ -157,7 +157,7 @@ def test_a_plan_that_hops_through_a_disc_is_one_of_two_ends_of_its_step() -> Non
 
 
 def test_a_puck_too_fast_for_its_fence_is_not_replayed() -> None:
-    """From speed 20 no push along the normal where the step began leads back inside."""
+    """At speed 20 no impulse along the normal at the start of the step leads back inside."""
     problem = ring(h=0.1, speed=20.0)
     values, x0 = defaults(problem), problem.initial_states(physical(problem))
     plan = roll_out(problem, np.zeros((1, problem.N, 2)), values)
@@ -293,7 +293,7 @@ def test_a_policy_is_replayed_as_a_policy() -> None:
 
 @pytest.mark.costly
 def test_the_distance_of_a_barriers_force_is_its_own() -> None:
-    """Under mu the force at the gap d is mu / d: it counts down to the share of the impulse."""
+    """With mu the impulse at the gap d is mu / d; it counts if it exceeds a share of the characteristic impulse."""
     _, report, _ = solved(lambda: get("push-1d"), Barrier(mu=1e-3))
     far = report.force_distance
     assert far is not None
@@ -317,7 +317,7 @@ def test_convex_friction_acts_at_a_distance_and_the_referee_does_not() -> None:
 
 @pytest.mark.costly
 def test_what_survives_is_within_its_shares() -> None:
-    """Around a plan that survives, each measure moved across its bound alone is a reason."""
+    """For a plan that survives, each measure moved across its bound alone gives one reason."""
     found, report, sharp = solved(lambda: get("push-disc"))
     problem, plan = found.problem, plan_of(found)
     assert report.reasons == []
@@ -351,7 +351,7 @@ def test_what_survives_is_within_its_shares() -> None:
 
 @pytest.mark.costly
 def test_bodies_in_one_another_do_not_survive() -> None:
-    """ball-throw's scheme lets one node lie below the floor, and that is told."""
+    """The scheme of ball-throw lets one node lie below the floor, which is reported."""
     found, report, sharp = solved(lambda: get("ball-throw"))
     assert sharp.cost == pytest.approx(found.cost, rel=1e-9)
     assert report.reasons == ["floor is penetrated by 0.051 at node 34"]

@@ -1,4 +1,4 @@
-"""Sensitivities against tight re-solves, and points that have none."""
+"""Sensitivities agree with differences of accurate solves, and are refused at points that have none."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def solved(name: str, law: str) -> Solution:
 
 
 def differences(name: str, law: ContactLaw, parameter: str, at: Solution) -> tuple[Any, ...]:
-    """Central differences of cost, x and u over a thousandth of the parameter's value."""
+    """Return central differences of cost, x and u, with a step of a thousandth of the parameter's value."""
     value = at.values[parameter]
     h = 1e-3 * abs(value)
     there, back = (solve(get(name, **{parameter: value + s * h}), law, Direct(), warm_start=at) for s in (1, -1))
@@ -60,8 +60,8 @@ def test_sensitivities_are_the_limit_of_re_solves(name: str, parameter: str, law
     cost, x, u = differences(name, LAWS[law], parameter, found)
     assert float(ours["cost"]) == pytest.approx(cost, rel=2e-5, abs=1e-8)
     if (name, law) == ("push-1d", "exact"):
-        # Where the pusher leaves it keeps pace with the object, to 1e-4 m: the solver's cost is
-        # flat there, so that only the sums of what it does are known so well.
+        # Where the pusher leaves the object it stays within 1e-4 m of it. The cost is flat there, so
+        # that only the final state is known as accurately.
         assert ours["x"].values[0, -1, 0] == pytest.approx(x[0, -1, 0], rel=1e-4, abs=1e-6)
         return
     np.testing.assert_allclose(ours["x"].values, x, atol=1e-4 * max(np.abs(x).max(), 1e-3))
@@ -91,7 +91,7 @@ def test_the_law_has_sensitivities_too() -> None:
 @pytest.mark.costly_cases("2.0")
 @pytest.mark.parametrize("theta", [-2.0, 0.5, 2.0])
 def test_between_two_walls_it_is_the_closed_form(theta: float) -> None:
-    """x+ = u = clip(theta / (1 + r), -1, 1): free or resting against a wall."""
+    """The solution is x+ = u = clip(theta / (1 + r), -1, 1), free or at rest against a wall."""
     problem = between_walls(lambda u, _: R * u**2, lambda x, theta: (x - theta) ** 2)
     ours = solve_at(problem, theta).sensitivity("theta")
     free = abs(theta) < 1 + R
@@ -114,16 +114,16 @@ def test_a_wall_that_is_just_touched_has_none() -> None:
 
 
 def test_an_optimum_that_can_move_has_none() -> None:
-    """Of two inputs only the sum is weighed, by where it leads."""
+    """Only the sum of the two inputs enters the cost, through the final state."""
     problem = between_walls(lambda u, _: 0 * u, lambda x, theta: (x - theta) ** 2, N=2)
     with pytest.raises(InputError, match="singular"):
         solve_at(problem, 0.3).sensitivity("theta")
 
 
 def elastic(start: float, h: float = 0.005, steps: int = 400, weight: float = 1e6) -> Problem:
-    """A ball on a stiff spring, ``0 <= lam ⟂ z+ + lam / k >= 0``, without gravity, from v = -1.
+    """Return a problem of a ball that bounces off a stiff spring, ``0 <= lam ⟂ z+ + lam / k >= 0``, from v = -1.
 
-    It leaves at T = 2 with ``z = T - z0 - pi / sqrt(k)``: the physics' slope by z0 is -1.
+    There is no gravity. At T = 2 ``z = T - z0 - pi / sqrt(k)``, so that the true slope by z0 is -1.
     """
     p = ParameterTable(
         [
@@ -174,7 +174,7 @@ def end_of_flight(start: float, h: float, steps: int, k: float = 1e4) -> float:
 @pytest.mark.costly
 @pytest.mark.parametrize("start", [1.0015, 1.003])
 def test_a_stiff_contacts_slope_is_told_beside_that_of_a_quarter_of_the_step(start: float) -> None:
-    """The map's slope is 4.13 at h and -3.43 at h/4, and the physics' -1."""
+    """The slope of the discrete map is 4.13 at h and -3.43 at h/4; the true slope is -1."""
     ours = solve(elastic(start), Exact(), Direct()).sensitivity("z0")
     slopes = [
         (end_of_flight(start + 1e-7, h, n) - end_of_flight(start - 1e-7, h, n)) / 2e-7
@@ -191,7 +191,7 @@ def test_a_stiff_contacts_slope_is_told_beside_that_of_a_quarter_of_the_step(sta
 
 
 def falling(h: float = 0.1, N: int = 10) -> Problem:
-    """A mass of 1 kg is pushed up with F against a weight of 10 N over a floor."""
+    """Return a problem of a mass of 1 kg, pushed up from a floor with the force F against a weight of 10 N."""
     p = ParameterTable([Parameter("F", 10.5, "N"), Parameter("h", h, "s")])
     system = time_stepping(
         "lift-off",
@@ -219,7 +219,7 @@ def falling(h: float = 0.1, N: int = 10) -> Problem:
 
 
 def test_a_slope_that_converges_with_the_step_is_confirmed() -> None:
-    """``z_N = h² N (N + 1) / 2 (F - m g) / m``: 0.55 at h and 0.5125 at h/4."""
+    """``z_N = h² N (N + 1) / 2 (F - m g) / m`` has the slope 0.55 at h and 0.5125 at h/4."""
     ours = solve(falling(), Exact(), Direct()).sensitivity("F")
     assert ours["x"].values[0, -1, 0] == pytest.approx(0.55, rel=1e-4)
     assert ours["x_refined"].values[0, -1, 0] == pytest.approx(0.5125, rel=1e-4)
@@ -245,7 +245,7 @@ def test_what_is_no_parameter_or_no_solution_is_told() -> None:
 
 
 def test_pressed_against_a_wall_only_the_input_moves() -> None:
-    """Pressed against the wall the cost c depends on theta no more, and u follows it."""
+    """Pressed against the wall the cost c does not depend on theta, and u equals it."""
     ours = solve_at(pressing(1.0, size=10.0), 3.0).sensitivity("theta")
     assert ours["u"].values.item() == pytest.approx(1.0)
     assert float(ours["cost"]) == pytest.approx(0.0, abs=1e-9)

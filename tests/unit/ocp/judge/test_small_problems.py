@@ -1,4 +1,4 @@
-"""A problem of millimetres is judged by millimetres, whatever sizes it has not stated."""
+"""A problem of millimetres is judged in millimetres, even if it states no characteristic sizes."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ SCALES = [1.0, 1e-3]
 
 @pytest.mark.parametrize("length", SCALES)
 def test_a_flight_through_a_body_does_not_survive_however_small_the_body(length: float) -> None:
-    """One step leads from -0.5 to 0.5 across a disc of radius 0.2, clear of it at both nodes."""
+    """One step leads from -0.5 to 0.5 across a disc of radius 0.2, which neither node touches."""
     p = ParameterTable([])
     system = time_stepping(
         "flight",
@@ -46,7 +46,7 @@ def test_a_flight_through_a_body_does_not_survive_however_small_the_body(length:
 @pytest.mark.costly_cases("0.001")
 @pytest.mark.parametrize("length", SCALES)
 def test_a_hard_end_that_only_smoothing_meets_is_named_at_any_size(length: float) -> None:
-    """At mu = 0.1 a force from afar brings the body to 0.3; replayed, it is elsewhere."""
+    """At mu = 0.1 a force at a distance moves the body to 0.3; the exact replay ends elsewhere."""
     system = quasi_dynamic(
         "line",
         states=signals("x [m]; a [m]"),

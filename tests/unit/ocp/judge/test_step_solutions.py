@@ -1,4 +1,4 @@
-"""Steps with several solutions: every one that can be enumerated by hand, and none where one is."""
+"""Steps with several solutions: all that enumeration finds, and no other where the solution is unique."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from tests.unit.ocp.user_problems import at_defaults, defaults, trajectories
 
 
 def coupled(F: np.ndarray, d: np.ndarray, N: int = 1) -> Problem:
-    """``x+ = lam``, ``0 <= lam ⟂ F lam + d + u >= 0``: the ends of a step are its multipliers."""
+    """Return a problem with ``x+ = lam``, ``0 <= lam ⟂ F lam + d + u >= 0``, whose next states are multipliers."""
     n = len(d)
     system = lcs(
         "coupled",
@@ -48,7 +48,7 @@ def coupled(F: np.ndarray, d: np.ndarray, N: int = 1) -> Problem:
 
 
 def enumerated(F: np.ndarray, d: np.ndarray) -> list[np.ndarray]:
-    """Solutions of ``0 <= lam ⟂ F lam + d >= 0``, from all its ``2^n`` systems of equations."""
+    """Return all solutions of ``0 <= lam ⟂ F lam + d >= 0``, from its ``2^n`` systems of equations."""
     solutions = []
     for active in product([False, True], repeat=len(d)):
         rows, lam = np.flatnonzero(active), np.zeros(len(d))
@@ -59,7 +59,7 @@ def enumerated(F: np.ndarray, d: np.ndarray) -> list[np.ndarray]:
 
 
 def others_of(problem: Problem, lam: np.ndarray) -> Nonuniqueness | None:
-    """Other ends of a first step from zero that ends at x = lam, without an input."""
+    """Return the other solutions of the first step from zero to x = lam without input, or None."""
     x = np.stack([np.zeros_like(lam), lam])[None]
     return find_nonuniqueness(at_defaults(problem), trajectories(x, np.zeros((1, 1, 1)), lam[None, None]))
 
@@ -69,7 +69,7 @@ def distinct(ends: np.ndarray) -> np.ndarray:
 
 
 def test_a_pair_of_contacts_that_lift_each_other_off_has_two_ends() -> None:
-    """lam = 0, or ``F^-1 = -[[1, 2], [2, 1]] / 3`` and both at 1; P fails by det F = -3."""
+    """Solutions are lam = 0 and lam = (1, 1); F is not a P-matrix, since det F = -3."""
     F, d = np.array([[1.0, -2.0], [-2.0, 1.0]]), np.ones(2)
     found = others_of(coupled(F, d), np.zeros(2))
     assert found is not None and (found.step, found.scenario, found.steps) == (0, 0, 1)
@@ -81,7 +81,7 @@ def test_a_pair_of_contacts_that_lift_each_other_off_has_two_ends() -> None:
 
 @pytest.mark.parametrize("stiff", [1.0, 1e6])
 def test_all_solutions_of_random_matrices_are_found(stiff: float) -> None:
-    """Five coupled contacts, of which one may be stiff: 2^5 systems of equations each."""
+    """Each matrix couples five contacts, one of which may be stiff, and has 2^5 systems of equations."""
     rng, several = np.random.default_rng(4), 0
     for _ in range(40):
         F, d = rng.normal(size=(5, 5)) + 0.5 * np.eye(5), rng.normal(size=5)
@@ -98,14 +98,14 @@ def test_all_solutions_of_random_matrices_are_found(stiff: float) -> None:
 
 
 def test_a_step_with_one_solution_has_no_other() -> None:
-    """Where F is a P-matrix, symmetric or not, and where only the forces are open."""
+    """The step is unique if F is a P-matrix, symmetric or not, or if only the forces are ambiguous."""
     rng = np.random.default_rng(5)
     for _ in range(30):
         L, skew = rng.normal(size=(2, 4, 4))
         F, d = L @ L.T + 0.1 * np.eye(4) + skew - skew.T, rng.normal(size=4)
         (lam,) = enumerated(F, d)
         assert others_of(coupled(F, d), lam) is None
-    # Two contacts push the same way: any share of one impulse, and a single end.
+    # Two contacts push in the same direction: their shares are ambiguous, but the next state is unique.
     system = lcs(
         "twins",
         A=[[0.0]],
@@ -131,9 +131,9 @@ def test_a_step_with_one_solution_has_no_other() -> None:
 
 
 def rod(friction: float, slip: float, rise: float, h: float = 0.01) -> Problem:
-    """A rod of 2 m and 1 kg at 60 degrees slides on its lower end: Painlevé's paradox.
+    """Return a problem of a rod of 2 m and 1 kg at 60 degrees that slides on its tip: Painlevé's paradox.
 
-    ``slip`` and ``rise`` [m/s] are the velocities of that end, along and across the floor.
+    ``slip`` and ``rise`` [m/s] are the velocities of the tip along and across the floor.
     """
     p = ParameterTable([Parameter("h", h, "s"), Parameter("friction", friction)])
     system = time_stepping(
@@ -164,7 +164,7 @@ def rod(friction: float, slip: float, rise: float, h: float = 0.01) -> Problem:
 
 
 def test_painleves_rod_lifts_off_slides_or_jams() -> None:
-    """With ``A = 1 + 3 c² - 3 f s c < 0`` a rising tip may open, slide on, or stop at once."""
+    """For ``A = 1 + 3 c² - 3 f s c < 0`` a rising tip may lift off, keep sliding, or stop at once."""
     f, slip, rise, c, s = 2.0, -5.0, 0.1, 0.5, np.sqrt(0.75)
     nn, nt, tt = 1 + 3 * c * c, -3 * s * c, 1 + 3 * s * s
     slides = -rise / (nn + f * nt)
@@ -187,7 +187,7 @@ def test_painleves_rod_lifts_off_slides_or_jams() -> None:
 
 @pytest.mark.parametrize(("friction", "slip", "rise"), [(1.0, -5.0, 0.1), (2.0, 5.0, 0.1)])
 def test_a_rod_without_the_paradox_goes_on_in_one_way(friction: float, slip: float, rise: float) -> None:
-    """A > 0: less friction, or sliding the other way; the tip opens, and nothing else."""
+    """For A > 0, by less friction or sliding in the other direction, the tip can only lift off."""
     problem = rod(friction, slip, rise)
     plan = roll_out(problem, np.zeros((1, 2, 1)), defaults(problem))
     report, _ = referee_plan(at_defaults(problem), problem.exact_step, plan)
@@ -201,7 +201,7 @@ def test_a_rod_without_the_paradox_goes_on_in_one_way(friction: float, slip: flo
 
 @pytest.mark.costly
 def test_finger_discs_second_end_is_named_with_its_cost() -> None:
-    """Its tip may leave the disc at step 1, and the same torques then cost 27.5."""
+    """The tip may leave the disc at step 1; the same torques then cost 27.5."""
     found = solve(get("finger-disc"), Exact(), Direct())
     report = found.referee
     assert report.nonuniqueness.startswith(
@@ -212,7 +212,7 @@ def test_finger_discs_second_end_is_named_with_its_cost() -> None:
     lam = found.data["lam"].values
     other = find_nonuniqueness(Evaluation(p, found.values), trajectories(x, u, lam))
     assert other is not None and not other.replayed
-    # By the relation itself: zero residual, and lam and gap complementary and not negative.
+    # Both solutions satisfy the relation: zero residual, nonnegative and complementary lam and gap.
     for end, forces in ((other.x_next[0], other.lam[0]), (x[0, 2], lam[0, 1])):
         residual, gap, _ = p.exact_step.relation(x[0, 1], u[0, 1], end, forces, p.parameters.values)
         assert np.abs(np.array(residual)).max() < 1e-8
@@ -228,7 +228,7 @@ def test_finger_discs_second_end_is_named_with_its_cost() -> None:
 
 @pytest.mark.parametrize("name", ["box-slide", "cart-transport"])
 def test_a_slip_whose_friction_stands_in_its_own_pair_is_searched_too(name: str) -> None:
-    """These contacts have no pairs of friction beside their slip."""
+    """These contacts have no friction pairs in addition to their slip pair."""
     found = solve(get(name, N=1), method="single-shooting")
     assert found.success
     assert not found.route.failures

@@ -1,4 +1,4 @@
-"""A cost that falls without end, or towards what no point attains, is never solved."""
+"""A problem is not solved if its cost falls without end, or towards a value that no point attains."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def test_a_minimum(kind):
 
 
 def cart(cost, end=lambda x: ca.SX(0), path=(), **changes) -> Problem:
-    """A cart that two inputs push, with a wall behind it."""
+    """Return a problem of a cart that two inputs push, with a wall behind it."""
     system = time_stepping(
         "cart",
         states=signals("x [m]; v [m/s]"),
@@ -159,7 +159,7 @@ ENDS = {
 
 
 def solved(cost, rows, low, high) -> mpcc.MPCCSolution:
-    """Solve with ``0 <= A ⟂ B >= 0``."""
+    """Solve the problem of a cost and rows with the pair ``0 <= A ⟂ B >= 0``."""
     rows = ca.vertcat(ca.SX(0, 1), *rows, *[ca.SX(0)] * bool(rows))
     bound = [[low, -1], [high, 1]] if rows.numel() else [[], []]
     lower = [0, 0, -np.inf, -np.inf]

@@ -1,4 +1,4 @@
-"""A scalar task that can be followed by hand: x+ = 0.9 x + 0.5 u, its contact far away."""
+"""A scalar task that can be computed by hand: x+ = 0.9 x + 0.5 u, with a contact far away."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ A, B, FAR = 0.9, 0.5, 1e3
 
 
 def scalar(horizon: int = 2, done: float | None = None, broken: float | None = None, width: float = 0.25) -> Task:
-    """Reward -(x+ - 1)² - 0.1 u², start 0.5 + ``width`` chance; an end above ``done``.
+    """Return the task with reward -(x+ - 1)² - 0.1 u² and start 0.5 + ``width`` chance, ended where x > ``done``.
 
-    The reward is not a number where x+ exceeds ``broken``.
+    The reward is NaN where x+ exceeds ``broken``.
     """
     p = ParameterTable([Parameter("goal", 1.0, "1", "where to go")])
     system = lcs("scalar", A=[[A]], B=[[B]], C=[[1.0]], D=[[1.0]], E=[[B]], F=[[1.0]], d=[FAR], parameters=p)
@@ -45,6 +45,6 @@ def scalar(horizon: int = 2, done: float | None = None, broken: float | None = N
 
 
 def experiment(algorithm: Any, **given: Any) -> Experiment:
-    """An experiment on the scalar task under the exact law, small and on one thread."""
+    """Return a small experiment on the scalar task under the exact law, with one thread."""
     settings = {"task": scalar(), "law": Exact(), "iterations": 3, "threads": 1, "episodes": 4}
     return Experiment(algorithm=algorithm, **{**settings, **given})

@@ -1,4 +1,4 @@
-"""A mass on a spring with a damper before a wall at 0: all of it in closed form."""
+"""A mass with spring and damper in front of a wall at 0, with steps in closed form."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ NAMES = ["m", "k", "d"]
 
 
 def exact_step() -> Step:
-    """``m (v+ - v) = h (u - k x - d v+) + lam``, ``x+ = x + h v+``, ``0 <= lam ⟂ x+ >= 0``."""
+    """Return the step ``m (v+ - v) = h (u - k x - d v+) + lam``, ``x+ = x + h v+``, ``0 <= lam ⟂ x+ >= 0``."""
     p = ParameterTable(
         [
             Parameter("m", M, "kg"),
@@ -46,14 +46,14 @@ def exact_step() -> Step:
 
 
 def following(x: np.ndarray, u: np.ndarray, m: float, k: float, d: float) -> np.ndarray:
-    """The next states (n, 2) in closed form."""
+    """Return the next states (n, 2) in closed form."""
     free = (m * x[:, 1] + H * (u[:, 0] - k * x[:, 0])) / (m + H * d)
     v = np.maximum(free, -x[:, 0] / H)
     return np.stack([x[:, 0] + H * v, v], axis=1)
 
 
 def transitions(n: int, seed: int = 0, force: float = 20.0, noise: float = 0.0) -> Buffer:
-    """Random states before the wall and forces up to ``force`` [N]; noise on the velocity."""
+    """Draw n transitions: states in front of the wall, forces up to ``force`` [N], and noise on the next velocity."""
     rng = np.random.default_rng(seed)
     x = np.stack([rng.uniform(0, 0.25, n), rng.uniform(-2, 2, n)], axis=1)
     u = rng.uniform(-force, force, (n, 1))
@@ -63,7 +63,7 @@ def transitions(n: int, seed: int = 0, force: float = 20.0, noise: float = 0.0) 
 
 
 def spring_task(horizon: int = 6, far: float = 0.3) -> Task:
-    """Pulled to the wall: reward ``-x+² - 0.1 u²``, ended where x reaches ``far`` [m]."""
+    """Return the task of moving to the wall: reward ``-x+² - 0.1 u²``, ended where x reaches ``far`` [m]."""
     system = exact_step().system
     x, u, chance = system.x, system.u, ca.SX.sym("chance", 2)
     return Task(

@@ -1,4 +1,4 @@
-"""Adam against its recursion by hand."""
+"""Adam agrees with its recursion by hand."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ocp.learning.unrolling import adam
 
 
 def test_steps_are_those_of_the_recursion_by_hand():
-    """On a linear cost m/(1 - b1^t) = g and v/(1 - b2^t) = g² exactly: steps of the rate's size."""
+    """On a linear cost m/(1 - b1^t) = g and v/(1 - b2^t) = g², so that every step has the size of the rate."""
     slope = np.array([3.0, -1e-2, 0.5])
     found = list(islice(adam(lambda t: (float(slope @ t), slope), np.zeros(3), 0.1), 4))
     for count, (theta, cost) in enumerate(found):

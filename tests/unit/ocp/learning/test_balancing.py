@@ -1,4 +1,4 @@
-"""Policies that keep a system at rest, on a falling pendulum with a contact far away."""
+"""Initial policies that balance an unstable pendulum, whose contact is far away."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ HALF = 3.0
 
 
 def pendulum(observed: slice = slice(0, 2), offset: float = 0.0) -> Task:
-    """Angle, its rate, and a place that nobody sees; it falls without feedback."""
+    """Return a task of balancing a pendulum: angle, rate, and a third state that is not observed by default."""
     system = lcs(
         "pendulum",
         A=A,
@@ -54,7 +54,7 @@ def pendulum(observed: slice = slice(0, 2), offset: float = 0.0) -> Task:
 
 
 def test_the_feedback_is_that_of_the_riccati_equation():
-    """Of the two states that matter, in units of the action; what is seen is twice the state."""
+    """The Riccati equation is that of the first two states; observations are twice the states."""
     W, b = balancing_feedback(pendulum(), np.zeros(3))
     fall, push = A[:2, :2], HALF * B[:2]
     P = solve_discrete_are(fall, push, 4e-3 * np.eye(2), np.eye(1))
@@ -65,7 +65,7 @@ def test_the_feedback_is_that_of_the_riccati_equation():
 
 @pytest.mark.parametrize("hidden", [(), (8,), (16, 4)])
 def test_policies_begin_by_balancing(hidden):
-    """Whatever the layers; by chance they fall."""
+    """Policies with any layers balance from the start if ``rest`` is given; random ones fall."""
     for rest, expected in (((0.0, 0.0, 2.0), True), (None, False)):
         e = experiment(FOPG(), task=pendulum(), hidden=hidden, rest=rest, seed=1)
         found = evaluate(e, e.algorithm.policy(e, e.algorithm.begin(e)), EXACT, 8)

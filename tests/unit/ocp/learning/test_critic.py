@@ -1,4 +1,4 @@
-"""Critics: targets by hand, the gradient with a value at the end, values in closed form."""
+"""Critics: targets by hand, gradients with a terminal value, and values in closed form."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ UNITS = 5
 
 
 def with_weights(critic: Critic, e: Experiment, state: State) -> State:
-    """The state with a critic that is not zero."""
+    """Return the state of learning with random weights of the critic."""
     begun = critic.begin(e)
     theta = np.random.default_rng(4).standard_normal(begun["critic.theta"].size)
     return {**state, **begun, "critic.theta": theta}
 
 
 def test_targets_by_hand():
-    """Of episodes that go on, that end on their way, and that end at the last state."""
+    """Targets are right for episodes that go on, that end early, and that end at the last state."""
     steps, discount, critic = 4, 0.5, Critic(units=UNITS)
     e = experiment(FOPG(), task=scalar(horizon=9, done=1.2), discount=discount)
     seen = {"seen.n": np.array(4.0), "seen.mean": np.array([0.2]), "seen.m2": np.array([1.0])}
@@ -59,7 +59,7 @@ def test_targets_by_hand():
 @pytest.mark.parametrize("smoothing", ["rollout", "gradient"])
 @pytest.mark.parametrize("hidden", [(), (8, 8)], ids=["affine", "2 x 8"])
 def test_the_step_is_along_the_gradient_of_return_and_value(hidden, smoothing):
-    """Against differences of the mean of both, where some end on the way, by the sharp law."""
+    """The step equals differences of the mean return plus value under the sharp law; some episodes end early."""
     critic = Critic(units=UNITS)
     e, state = set_up(hidden, SHARP_LAW)
     state = with_weights(critic, e, state)
@@ -90,7 +90,7 @@ def test_the_step_is_along_the_gradient_of_return_and_value(hidden, smoothing):
 
 @pytest.mark.costly
 def test_the_value_of_a_linear_law_is_found():
-    """u = k x with reward -(x+ - 1)² - u² / 10: a x² + b x + c, by the recursions of all three."""
+    """For u = k x and the reward -(x+ - 1)² - u² / 10 the value is a x² + b x + c in closed form."""
     k, discount, steps, critic = -0.6, 0.9, 4, Critic(units=16)
     wide = np.array([1e3])
     task = replace(scalar(horizon=9), lower=-wide, upper=wide)
@@ -114,7 +114,7 @@ def test_the_value_of_a_linear_law_is_found():
 
 
 def test_what_was_seen_does_not_change_values():
-    """Another mean and scale of the observations, no step of learning: the same function of x."""
+    """With new statistics of the observations and no learning, the value is the same function of x."""
     critic = Critic(units=UNITS, steps=0)
     e, state = set_up((), SHARP_LAW)
     state, noise = with_weights(critic, e, state), e.noise(0.3, 0, "actions")
@@ -127,7 +127,7 @@ def test_what_was_seen_does_not_change_values():
 
 
 def test_nothing_is_to_come_after_ends():
-    """Nobody goes on from where all have ended, and nobody pulls."""
+    """Where all episodes have ended, the value adds nothing to the gradient."""
     critic = Critic(units=UNITS)
     e = experiment(FOPG(), task=scalar(horizon=9, done=-5.0), discount=0.9)
     state = with_weights(critic, e, e.algorithm.begin(e))

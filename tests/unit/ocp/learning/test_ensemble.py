@@ -1,4 +1,4 @@
-"""The ensemble's likelihood, bounds, elites and training against numbers made by hand."""
+"""Likelihood, bounds, elites and training of the ensemble agree with numbers computed by hand."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from ocp.learning.mbpo_networks import (
 
 
 def affine(*members: tuple[float, float, float, float]) -> Ensemble:
-    """Members of one layer, z (1,) to ``mean = w z + b`` and raw log-variance ``s z + c``."""
+    """Return an ensemble of one-layer members (w, b, s, c): mean ``w z + b``, raw log-variance ``s z + c``."""
     W = jnp.array([[[w], [s]] for w, _, s, _ in members])
     b = jnp.array([[b, c] for _, b, _, c in members])
     return Ensemble(((W, b),), jnp.array([-3.0]), jnp.array([1.0]))
@@ -41,13 +41,13 @@ def test_log_variances_lie_between_their_bounds():
     mean, log_var = predict_gaussians(affine((2.0, 0.5, 1.0, 0.0)), z)
     assert mean[0, :, 0] == pytest.approx(2 * raw + 0.5, rel=1e-6)
     assert log_var[0, :, 0] == pytest.approx(bounded(raw), abs=2e-6)
-    # Softplus is never its straight line: at the bounds' ends log 1.018 is missing.
+    # Softplus stays above its asymptote, so that the upper bound is exceeded by up to softplus(-4).
     assert (log_var >= -3).all() and (log_var <= 1 + softplus(-4.0) + 1e-6).all()
 
 
 @pytest.mark.costly
 def test_the_loss_is_the_likelihood_by_hand():
-    """Two members on two rows, each with rows of its own."""
+    """Each of two members has two rows of its own."""
     ensemble = affine((1.0, 0.0, 0.0, -1.0), (0.0, 2.0, 0.5, 0.0))
     z, y = np.array([[1.0, 2.0], [3.0, -1.0]]), np.array([[1.5, 1.0], [2.0, 2.5]])
     means = np.array([[1.0, 2.0], [2.0, 2.0]])
@@ -77,7 +77,7 @@ def test_a_next_state_is_drawn_from_the_row_s_own_member():
 
 @pytest.mark.costly
 def test_training_finds_a_mean_and_a_variance_that_depends_on_the_place():
-    """y = sin 2z with noise of deviation 0.05 left of 0 and 0.5 right of it."""
+    """The data are y = sin 2z with noise of deviation 0.05 for z < 0 and 0.5 for z > 0."""
     rng = np.random.default_rng(0)
     z = rng.uniform(-1, 1, (2048, 1)).astype("f4")
     deviation = np.where(z > 0, 0.5, 0.05)

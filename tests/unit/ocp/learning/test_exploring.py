@@ -1,4 +1,4 @@
-"""Transitions of policies against the closed form of a mass on a spring."""
+"""Transitions under policies agree with the closed form of a mass on a spring."""
 
 from __future__ import annotations
 

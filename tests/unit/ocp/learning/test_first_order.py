@@ -1,4 +1,4 @@
-"""The gradient that first-order policy gradients follow, against differences of the mean return."""
+"""The gradient of first-order policy gradients agrees with differences of the mean return."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ PLAIN = {"rate": 1.0, "optimiser": "plain"}
 
 
 def before_the_wall() -> Task:
-    """A mass that is to stay near the wall at 0; episodes end where it is fast or far."""
+    """Return a task of keeping a mass near a wall at 0; episodes end where it is too fast or too far."""
     system = wall()
     x, chance = system.x, ca.SX.sym("chance", 2)
     return Task(
@@ -43,7 +43,7 @@ def before_the_wall() -> Task:
 
 
 def set_up(hidden: tuple[int, ...], law: ContactLaw, **settings: str) -> tuple[Experiment, State]:
-    """An experiment with a state whose observations are normalised, by numbers that stay."""
+    """Return an experiment and a state of learning whose observations are normalised by constants."""
     algorithm = FOPG(samples=SAMPLES, unroll=UNROLL, **PLAIN, sigma=0.3)
     experiment = Experiment(
         task=before_the_wall(),
@@ -63,7 +63,7 @@ def set_up(hidden: tuple[int, ...], law: ContactLaw, **settings: str) -> tuple[E
 @pytest.mark.parametrize("law", LAWS, ids=["barrier", "quartic", "gaussian"])
 @pytest.mark.parametrize("hidden", [(), (64, 64)], ids=["affine", "2 x 64"])
 def test_the_step_is_along_the_gradient_of_the_mean_return(hidden, law):
-    """With an end on the way and normalised observations, along random directions to 1e-5."""
+    """They agree to 1e-5 along random directions, with episodes that end early and normalised observations."""
     experiment, state = set_up(hidden, law)
     changed, row = experiment.algorithm.iterate(experiment, state, 0)
     gradient = changed["theta"] - state["theta"]
@@ -98,7 +98,7 @@ def test_the_variance_told_is_that_of_the_samples():
 
 
 def test_gradient_smoothing_keeps_exact_states():
-    """Returns are those of mu = 1e-10; the gradient is neither that one's nor the rollout's."""
+    """Returns are those of mu = 1e-10; the gradient differs from those of the sharp and of the smoothed rollout."""
     told = {}
     for name, law, smoothing in (
         ("sharp", Barrier(1e-10), "rollout"),
@@ -115,7 +115,7 @@ def test_gradient_smoothing_keeps_exact_states():
 
 
 def test_gradient_smoothing_without_smoothing_is_the_plain_gradient():
-    """At the law of the states themselves both kinds are one."""
+    """If the gradient's law is that of the states, both kinds of smoothing give the same step."""
     steps = []
     for smoothing in ("gradient", "rollout"):
         experiment, state = set_up((), Barrier(1e-10), smoothing=smoothing)

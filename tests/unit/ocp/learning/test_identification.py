@@ -1,4 +1,4 @@
-"""Physical parameters from transitions: the loss, the bootstrap_intervals, and what cannot be known."""
+"""Physical parameters psi from transitions: the loss, bootstrap intervals, and parameters that are not identifiable."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def in_contact(buffer: Buffer) -> np.ndarray:
 
 
 def test_the_loss_is_that_of_the_closed_form():
-    """Eq. 4.1, with each coordinate in its own scale, through contact and without."""
+    """The loss is eq. 4.1 with a scale for each coordinate, for steps with and without contact."""
     buffer, scale = transitions(200), np.array([0.1, 3.0])
     assert 10 < in_contact(buffer).sum() < 190
     psi = np.array([[M, K, D], [1.3, 44.0, 0.2], [3.0, 10.0, 5.0]])
@@ -50,7 +50,7 @@ def test_what_is_not_learned_has_the_values_given_and_threads_change_nothing():
 
 
 def test_psi_is_found_where_linear_least_squares_finds_it():
-    """Free steps obey ``m (v+ - v) + h k x + h d v+ = h u``, linear in psi: another way there."""
+    """Free steps satisfy ``m (v+ - v) + h k x + h d v+ = h u``, which is linear in psi."""
     buffer = transitions(400)
     free = buffer[~in_contact(buffer)]
     rows = np.stack([free.x_next[:, 1] - free.x[:, 1], H * free.x[:, 0], H * free.x_next[:, 1]], 1)
@@ -109,7 +109,7 @@ def test_psi_stays_within_reach_of_its_start():
 
 
 def test_without_input_only_ratios_are_known():
-    """``(m, k, d)`` times a number moves alike where no force is applied: psi has no scale."""
+    """Without force, a multiple of ``(m, k, d)`` gives the same motion, so that the scale of psi is unknown."""
     buffer = transitions(300, force=0.0)
     loss = OneStepLoss(exact_step(), NAMES)
     found = bootstrap_intervals(loss, np.log(TRUE), buffer)
@@ -122,7 +122,7 @@ def test_without_input_only_ratios_are_known():
 
 
 def test_the_information_is_that_of_the_closed_form():
-    """Of k: ``dv+/d log k = -h k x / (m + h d)`` in free steps, 0 in contact; x+ moves h as far."""
+    """For k, ``dv+/d log k = -h k x / (m + h d)`` in free steps and 0 in contact; dx+ is h dv+."""
     buffer = transitions(300)
     slope = np.where(in_contact(buffer), 0.0, -H * K * buffer.x[:, 0] / (M + H * D))
     found = bootstrap_intervals(OneStepLoss(exact_step(), ["k"]), np.log([K]), buffer)
@@ -131,7 +131,7 @@ def test_the_information_is_that_of_the_closed_form():
 
 @pytest.mark.costly
 def test_intervals_of_noisy_data_are_those_of_the_sandwich_and_hold_the_truth():
-    """Near the minimum ``log k`` has variance ``sum J²r² / (sum J²)²`` (k enters linearly)."""
+    """Near the minimum ``log k`` has the sandwich variance ``sum J²r² / (sum J²)²``."""
     sigma, covered, n = 0.05, 0, 20
     loss = OneStepLoss(exact_step(), ["k"], scale=np.array([1e6, 1.0]))
     for seed in range(n):

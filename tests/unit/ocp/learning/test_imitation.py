@@ -1,4 +1,4 @@
-"""Policies fitted to plans: a linear regulator is found again, and learning goes on from there."""
+"""Policies fitted to plans: the fit recovers a linear regulator, and learning starts from it."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ A, B = np.array([[1.0, H], [0.0, 1.0]]), np.array([[0.0], [H]])
 Q, R = np.diag([2.0, 1.0]), np.array([[0.5]])
 P = solve_discrete_are(A, B, Q, R)
 GAIN = np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A)
-"""Of the regulator u = -GAIN x, which is optimal at every horizon that ends with x' P x."""
+"""Gain of the regulator u = -GAIN x, which is optimal at every horizon with the terminal cost x' P x."""
 
 
 def regulated(horizon: int = 8, largest: float = 1e3) -> Task:
-    """A mass to be brought to rest at 0, its contact far away."""
+    """Return a task of bringing a mass to rest at 0, with a contact far away."""
     p = ParameterTable([Parameter("unit", 1.0, "1")])
     system = lcs(
         "mass",
@@ -62,7 +62,7 @@ def regulated(horizon: int = 8, largest: float = 1e3) -> Task:
 
 
 def plans(task: Task, n: int = 4) -> list[Solution]:
-    """Plans from ``n`` starts."""
+    """Return optimal plans from ``n`` random starts."""
     starts = task.reset(n, np.random.default_rng(2))
     return [solve(planned_problem(task, x0), Exact()) for x0 in starts]
 

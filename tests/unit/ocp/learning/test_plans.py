@@ -1,4 +1,4 @@
-"""Plans for a task's episode against searches and closed forms that know nothing of them."""
+"""Plans of a task's episode agree with independent searches and closed forms."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ START = np.array([0.2])
 
 
 def returned(task: Task, states: np.ndarray, inputs: np.ndarray, p: np.ndarray | None = None) -> float:
-    """Sum of rewards and what is gained at the end, step by step."""
+    """Return the sum of all rewards and the final reward, step by step."""
     p = task.parameters.values if p is None else p
     steps = zip(states[:-1], inputs, states[1:], strict=True)
     return sum(float(task.rewards(*at, p)) for at in steps) + float(task.finals(states[-1], p))
 
 
 def best_inputs(task: Task, cap: float = np.inf) -> float:
-    """Largest return over inputs of the scalar task, states before the last up to ``cap``."""
+    """Return the largest return of the scalar task over inputs, with all states but the last at most ``cap``."""
 
     def motion(u: np.ndarray) -> np.ndarray:
         x = [START]
@@ -95,7 +95,7 @@ def test_the_cost_is_minus_the_return_whatever_the_trajectory():
 
 
 def straight_line_guess(first, last):
-    """The straight way between two states with the middle inputs."""
+    """Return a guess on the straight line between two states, with inputs in the middle of their bounds."""
 
     def guess(problem, p):
         low, high = (np.array(end).ravel() for end in problem.limits(p)[2:4])

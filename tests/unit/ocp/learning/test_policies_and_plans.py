@@ -1,4 +1,4 @@
-"""A4's measure of policies by plans: the same rewards, and claims that can come out either way."""
+"""Study A4 compares policies with plans by the same rewards, and its claims follow the data."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def doubled(job: float, _: object) -> dict[str, np.ndarray]:
 
 
 class Kept(FinishedParts):
-    """Has the piece ``one``, and counts what it is asked to keep."""
+    """Finished parts that contain the part ``one`` and record which parts are saved."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -92,7 +92,7 @@ def test_every_algorithm_has_the_same_budget_but_the_one_that_stands_beside():
 
 
 def test_curves_end_where_steps_were_spent(monkeypatch: pytest.MonkeyPatch):
-    """Returns of a hundredth of the steps: what is drawn is that line, up to what was reached."""
+    """With returns of a hundredth of the steps the curves are that line, up to the steps spent."""
 
     def made(jobs: dict[str, TrainingJob], _: FinishedParts) -> dict[str, dict[str, np.ndarray]]:
         reached = {key: 60.0 if job.algorithm.name == "mbpo" else 1200.0 for key, job in jobs.items()}
@@ -125,7 +125,7 @@ def test_between_judgements_lines_are_straight_and_beyond_them_there_is_nothing(
 
 @pytest.mark.parametrize("first", [1.0, -1.0])
 def test_the_mean_is_over_equal_steps_of_those_that_spend_the_same(first: float):
-    """ABS is above early or late, by as much: neither pays on a linear axis; MBPO is no rival."""
+    """A lead early or late in training counts the same, and MBPO is not compared."""
     made = curves_of(3, points=101)
     steps = np.linspace(-1, 1, 101)
     made["by_steps"].loc[{"algorithm": "FOPG-ABS"}] = 5 - first * steps
@@ -140,7 +140,7 @@ def test_the_mean_is_over_equal_steps_of_those_that_spend_the_same(first: float)
 
 
 def test_algorithms_that_never_leave_their_initial_policy_are_named():
-    """Their best return is the first of every run; one run that rises is enough to have trained."""
+    """An algorithm is named if in every run its best return is the first one."""
     made = curves_of(3, points=4)
     made["best"][:] = 3.0
     made["best"].loc[{"task": "hopper", "algorithm": ["FOPG", "AoBG"]}] = 0.0
@@ -163,7 +163,7 @@ def test_verdicts_on_plans_follow_the_data(reached: float, gain: float):
 
 
 def curves_of(runs: int, points: int) -> xr.Dataset:
-    """A study's data: all curves rise alike, and plans return 10."""
+    """Return data of the study in which all curves rise equally and plans return 10."""
     names = list(METHODS)
     rising = np.arange(points) * np.ones((len(TASKS), len(names), runs, points))
     of = ("task", "algorithm", "run")

@@ -1,4 +1,4 @@
-"""Algorithm 1 on a mass on a spring: psi and the policy side by side."""
+"""Algorithm 1 on a mass on a spring: physical parameters psi and a policy are learned together."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from ocp.learning.unroll_gradients import FOPG
 from tests.unit.ocp.learning.spring_mass import D, K, M, following, spring_task
 
 WRONG = np.array([1.5 * M, 0.6 * K, D, 0.0])
-"""psi as it is believed at first; the damping is known, the rest length not learned."""
+"""Initial psi; its damping is right, and its rest length is not learned."""
 
 
 @dataclass(frozen=True)
 class Told:
-    """An algorithm that does nothing but tell which psi it is given."""
+    """Algorithm that only records the psi that it gets."""
 
     name: ClassVar[str] = "told"
     summary: ClassVar[str] = ""
@@ -90,7 +90,7 @@ def test_a_run_that_goes_on_from_its_arrays_ends_at_the_same_bits():
 
 
 def test_the_gradient_s_model_is_the_one_learned():
-    """FOPG beside psi learning tells the return of its model: at the truth, that of the truth."""
+    """FOPG with psi learning reports returns of its model, which tend to those of the true model."""
     inner = FOPG(samples=8, unroll=10, rate=1e-12)
     own = learning(inner, n_envs=8, steps=10, searched=20)
     found = train(experiment(own))

@@ -1,4 +1,4 @@
-"""The random search against its recursion by hand, and on functions that are hard for it."""
+"""The random search agrees with its recursion by hand, and minimises difficult functions."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from ocp.learning.random_search import RandomSearch
 
 
 def test_one_step_is_that_of_the_tutorial_by_hand():
-    """Four candidates in one dimension, all numbers from the formulas of Hansen's tutorial."""
+    """With four candidates in one dimension all numbers equal the formulas of Hansen's tutorial on CMA-ES."""
     search = RandomSearch(candidates=4, width=0.5)
     first, second = np.log(2.5), np.log(2.5) - np.log(2)
     w = np.array([first, second]) / (first + second)
@@ -40,7 +40,7 @@ def test_one_step_is_that_of_the_tutorial_by_hand():
 
 
 def test_a_turned_valley_is_followed_to_its_end():
-    """A quadratic of condition 1e6 in turned axes, and Rosenbrock's bent valley."""
+    """It minimises a rotated quadratic of condition 1e6 and Rosenbrock's function."""
     axes = np.linalg.qr(np.random.default_rng(0).standard_normal((6, 6)))[0]
     scales = np.logspace(0, 3, 6)
     search = RandomSearch(iterations=600, narrow=1e-10)

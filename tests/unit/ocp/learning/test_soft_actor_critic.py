@@ -1,4 +1,4 @@
-"""Soft actor-critic's targets and losses against numbers made by hand."""
+"""Targets and losses of soft actor-critic agree with numbers computed by hand."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ from ocp.learning.mbpo_networks import (
 )
 
 ACTOR = Actor((), (jnp.array([[0.5]]), jnp.array([0.1])), (jnp.array([[0.0]]), jnp.array([-1.0])))
-"""``a = 0.5 o + 0.1 + noise / e``."""
+"""Actor ``a = 0.5 o + 0.1 + noise / e``."""
 CRITICS = ((jnp.array([[[1.0, 2.0]], [[-1.0, 3.0]]]), jnp.array([[0.5], [0.0]])),)
-"""``o + 2 t + 1/2`` and ``-o + 3 t``."""
+"""Critics ``o + 2 t + 1/2`` and ``-o + 3 t``."""
 ALPHA = 0.2
 
 
 def by_hand(o, noise):
-    """tanh action_moments and their log-densities, from the change of variables."""
+    """Return actions tanh(a) and their log-densities by the change of variables."""
     a = 0.5 * o + 0.1 + noise / np.e
     normal = -0.5 * noise**2 + 1.0 - 0.5 * np.log(2 * np.pi)
     return np.tanh(a), normal - np.log(1 - np.tanh(a) ** 2)
@@ -89,7 +89,7 @@ def test_losses_by_hand():
 
 
 def test_the_temperature_falls_while_the_entropy_is_above_its_aim():
-    """Of ``-log alpha (log pi + aim)``: slope ``-aim - log pi``."""
+    """The loss ``-log alpha (log pi + aim)`` has the slope ``-aim - log pi``."""
     slope = jax.grad(temperature_loss)
     assert float(slope(jnp.log(0.2), jnp.array(-1.0), -3.0)) == pytest.approx(4.0)
     assert float(slope(jnp.log(0.2), jnp.array(5.0), -3.0)) == pytest.approx(-2.0)
@@ -107,7 +107,7 @@ def test_an_update_moves_targets_slowly_and_each_network_by_its_own_loss():
         *(jax.tree.leaves(tree) for tree in (agent.targets, critics, found.targets)), strict=True
     ):
         assert np.asarray(slow) == pytest.approx(np.asarray(0.9 * old + 0.1 * new), abs=1e-6)
-        # Adam's first step is the rate against the sign of the slope.
+        # Adam's first step has the size of the rate.
         assert np.abs(new - old).max() == pytest.approx(1e-2, rel=1e-2)
     entropy = float(told["entropy"][0])
     change = float(found.networks.log_alpha - agent.networks.log_alpha)

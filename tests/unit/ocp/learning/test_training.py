@@ -1,4 +1,4 @@
-"""The loop: judged under the exact law, resumed to the last bit, the same for any threads."""
+"""The training loop: evaluated under the exact law, resumed to the last bit, the same for any number of threads."""
 
 from __future__ import annotations
 
@@ -37,20 +37,20 @@ TASK = {"horizon": 7, "done": 1.2}
 
 
 class Always(Checkpoint):
-    """Saves after every iteration."""
+    """Checkpoint that saves after every iteration."""
 
     def due(self) -> bool:
         return True
 
 
 def given_to(name: str) -> dict[str, float]:
-    """Settings of the experiments with an algorithm."""
+    """Return the settings of experiments with the algorithm ``name``."""
     discount = 0.9 if name == "critic" else 1.0
     return {"iterations": 6, "evaluate_every": 2, "discount": discount}
 
 
 def run(name: str, root: Path | None = None, kill_at: int = -1, stop_at: int = -1, **given) -> xr.Dataset:
-    """Train, under a checkpoint in ``root``; killed or interrupted in the iteration named."""
+    """Train with a checkpoint in ``root``; iteration ``kill_at`` is killed, or ``stop_at`` interrupted."""
 
     def report(k, _):
         if k == stop_at + 1 > 0:
@@ -64,7 +64,7 @@ def run(name: str, root: Path | None = None, kill_at: int = -1, stop_at: int = -
 
 
 def assert_same(one: xr.Dataset, other: xr.Dataset) -> None:
-    """All but times, to the last bit."""
+    """Check that two runs are equal to the last bit, except for times."""
     assert set(one) == set(other)
     for name in set(one) - {"wall_s"}:
         np.testing.assert_array_equal(one[name].values, other[name].values, err_msg=str(name))
@@ -73,7 +73,7 @@ def assert_same(one: xr.Dataset, other: xr.Dataset) -> None:
 @pytest.mark.costly
 @pytest.mark.parametrize("name", ["fopg", "critic", "ars", "total-propagation"])
 def test_a_killed_training_goes_on_to_the_same_end(name, tmp_path):
-    """Killed with signal 9 in iteration 3, taken up by another process."""
+    """Training is killed by signal 9 in iteration 3 and resumed by another process."""
     context = multiprocessing.get_context("spawn")
     process = context.Process(target=run, args=(name, tmp_path, 3))
     process.start()
@@ -104,7 +104,7 @@ def test_seeds_change_everything_and_are_kept(name):
 @pytest.mark.costly
 @pytest.mark.parametrize("name", list(SMALL))
 def test_every_algorithm_goes_most_of_the_way_to_the_best_policy(name):
-    """The best affine one by a search of its own over the two parameters."""
+    """The best affine policy comes from a separate search over its two parameters."""
     task = scalar(horizon=7)
     found = run(name, task=task, iterations=150, evaluate_every=150, initial=1.0)
     first, last = found["evaluation_return"].values[[0, -1]]
@@ -137,7 +137,7 @@ def test_curves_tell_the_policy_before_each_iteration():
 @pytest.mark.costly_cases("along", "critic")
 @pytest.mark.parametrize("name", list(SMALL))
 def test_every_step_that_an_engine_simulates_is_counted(name, monkeypatch):
-    """Both batches, mirrored noise, what gradients are taken along; judgements are not counted."""
+    """Both batches, mirrored noise and steps of gradients are counted; evaluations are not."""
     engines = []
     rolled, stepped = EpisodeFunction.__call__, StepFunction._stepped
 
@@ -166,7 +166,7 @@ def test_every_step_that_an_engine_simulates_is_counted(name, monkeypatch):
 @pytest.mark.cheap_cases("ars", "aobg")
 @pytest.mark.parametrize("name", list(SMALL))
 def test_a_budget_ends_learning_and_sets_its_judgements(name, tmp_path):
-    """At the first iteration past each of five even distances, whatever an iteration takes."""
+    """Evaluations are at the first iteration past each of five equal distances in steps."""
     found = run(name, budget=Budget(200, 5))
     steps, judged = found["env_steps"].values, np.isfinite(found["evaluation_return"].values)
     assert steps[-2] < 200 <= steps[-1]
@@ -194,7 +194,7 @@ def test_other_settings_cannot_go_on(tmp_path):
 
 
 def test_evaluation_by_hand():
-    """The sum of rewards until the end, the measure's mean over the steps that count."""
+    """Returns are sums of rewards until the episode's end; measures are means over the same steps."""
     e = experiment(FOPG(), task=scalar(horizon=6, done=0.9), discount=0.5)
     theta, seen = np.array([0.3, 0.4]), Normaliser(4.0, np.array([0.2]), np.array([1.0]))
     found = evaluate(e, Trained(theta, seen), EXACT, 5, seed=3)
@@ -226,7 +226,7 @@ def test_running_statistics_are_those_of_all_at_once():
 
 
 def test_the_buffer_carries_episodes_on():
-    """On where they were, again where one ended, or had all its steps, or was lost."""
+    """An episode continues from its state; it restarts if it ended, had all its steps, or became NaN."""
     e = experiment(FOPG(), task=scalar(horizon=10))
     states = np.arange(20.0).reshape(4, 5, 1)
     states[3, 4] = np.nan
@@ -283,7 +283,7 @@ def test_experiments_that_cannot_be_are_refused(given, words):
 
 @pytest.mark.parametrize("name", ["fopg", "ars", "zopg", "aobg", "total-propagation"])
 def test_a_reward_that_is_no_number_is_named(name):
-    """Without inputs x is 0.5, 0.45, ...: it should have stayed below 0.4."""
+    """Without inputs x is 0.5, 0.45, ..., where the reward is NaN above 0.4."""
     e = experiment(SMALL[name], task=scalar(horizon=3, broken=0.4, width=0.0), initial=0.0)
     state = e.algorithm.begin(e)
     with pytest.raises(InputError, match=r"scalar: the reward of step 0 of sample \d in"):
@@ -291,14 +291,14 @@ def test_a_reward_that_is_no_number_is_named(name):
 
 
 def test_a_reward_that_is_no_number_is_named_by_evaluations():
-    """Without inputs x is 0.5, 0.45, 0.405, ...: it should have stayed below 0.42."""
+    """Without inputs x is 0.5, 0.45, 0.405, ..., where the reward is NaN above 0.42."""
     e = experiment(FOPG(), task=scalar(horizon=3, broken=0.42, width=0.0), initial=0.0)
     with pytest.raises(InputError, match="the reward of step 0 of episode 0 of the evaluation is"):
         train(e)
 
 
 def test_nothing_finite_is_told():
-    """States that leave for infinity, as no reward's fault."""
+    """Infinite states are reported, and not as an error of the reward."""
     e = experiment(FOPG(samples=4, unroll=3))
     state = {**e.algorithm.begin(e), "starts.x": np.full((4, 1), np.inf)}
     with pytest.raises(NotConverged, match="scalar: no sample of iteration 0 stayed finite"):

@@ -27,12 +27,12 @@ THETA = np.array([0.4, -0.2])
 
 
 def experiment(algorithm, **given):
-    """With the statistics left as they are, so that steps are steps of theta."""
+    """Return an experiment with constant statistics of the observations, so that updates change theta alone."""
     return scalar_experiment(algorithm, normalise=False, **given)
 
 
 def follow(x: float, theta: np.ndarray, noise: np.ndarray, discount: float = 1.0):
-    """Return and score times sigma², and states, of actions w o + b + noise, step by step."""
+    """Compute the return, the score times sigma², and the states of actions w o + b + noise, step by step."""
     total, score, states = 0.0, np.zeros(2), [x]
     for t, w in enumerate(noise):
         o = (x - MEAN) / SCALE
@@ -45,7 +45,7 @@ def follow(x: float, theta: np.ndarray, noise: np.ndarray, discount: float = 1.0
 
 
 def slope(x: float, theta: np.ndarray, noise: np.ndarray) -> np.ndarray:
-    """The gradient of the return by theta, by complex steps: none of the code's derivatives."""
+    """Return the gradient of the return by theta, by complex steps, independent of the package's derivatives."""
     found = []
     for k in range(2):
         turned = theta.astype(complex)
@@ -78,7 +78,7 @@ def test_random_search_by_hand():
 
 
 def test_what_was_seen_moves_no_policy():
-    """The statistics are those of all states so far, and the same inputs come out."""
+    """The statistics become those of all states so far, and theta changes such that the inputs stay the same."""
     e = scalar_experiment(ARS(directions=3, top=2, spread=0.2, rate=0.3))
     still = experiment(e.algorithm)
     state = {**e.algorithm.begin(e), **SEEN, "theta": THETA}
@@ -106,7 +106,7 @@ def test_random_search_stays_where_all_returns_agree():
 
 
 def test_likelihood_ratio_by_hand():
-    """Pairs of w and -w, the baseline that of the other pairs."""
+    """Samples are pairs of w and -w; the baseline is the mean of the other pairs."""
     algorithm = ZOPG(samples=6, unroll=2, sigma=0.3, **PLAIN)
     e = experiment(algorithm)
     state = {**algorithm.begin(e), **SEEN, "theta": THETA}
@@ -123,7 +123,7 @@ def test_likelihood_ratio_by_hand():
 
 
 def test_likelihood_ratio_tends_to_the_gradient():
-    """Of the mean return over the noise, by first order: two estimators, one quantity."""
+    """It agrees with the first-order estimate of the same gradient, that of the mean return over the noise."""
     e = experiment(ZOPG(samples=200_000, unroll=2, sigma=0.3, **PLAIN))
     state = {**e.algorithm.begin(e), **SEEN, "theta": THETA}
     after, row = e.algorithm.iterate(e, state, 0)
@@ -135,7 +135,7 @@ def test_likelihood_ratio_tends_to_the_gradient():
 
 
 def test_alpha_order_by_hand():
-    """Alpha weighs the first order; a batch of its own for each order."""
+    """Alpha weighs the first-order gradient; each order has its own batch."""
     algorithm = AoBG(samples=5, unroll=2, sigma=0.3, **PLAIN, gamma=1e3)
     e = experiment(algorithm)
     state = {**algorithm.begin(e), **SEEN, "theta": THETA}
@@ -155,7 +155,7 @@ def test_alpha_order_by_hand():
 
 
 def test_the_bias_bound_pulls_alpha_back():
-    """Of a step, first order is 0 without variance: alpha* = 1, which the bound does not allow."""
+    """A step's first-order gradient is 0 without variance, so that alpha would be 1; the bound forbids it."""
     zeroth = np.array([[1.0], [3.0], [2.0], [2.0]])
     none = np.zeros((4, 1))
     level = log(2 / 0.05)
@@ -169,7 +169,7 @@ def test_the_bias_bound_pulls_alpha_back():
 
 
 def test_nothing_but_a_number_of_the_user_s_lets_a_step_s_first_order_in():
-    """Of the Heaviside's two slopes one is always 0: by default too few samples reject it."""
+    """The Heaviside's first-order gradient is always 0; with few samples alpha is 0 by default."""
     w = 0.1 * np.random.default_rng(0).standard_normal(64)
     zeroth = ((w > 0) - 0.5) * w / 0.01
     assert mixing_weight(np.zeros((64, 1)), zeroth[:, None], AoBG().gamma, AoBG().delta)[0] == 0
@@ -177,7 +177,7 @@ def test_nothing_but_a_number_of_the_user_s_lets_a_step_s_first_order_in():
 
 @pytest.mark.parametrize("done", [None, 0.4])
 def test_total_propagation_by_hand(done):
-    """Two steps of five particles, backwards, every term written out; an end on the way too."""
+    """Two backward steps of five particles are written out term by term, also with an early end."""
     sigma, n, discount = 0.1, 5, 0.9
     algorithm = TotalPropagation(samples=n, unroll=2, sigma=sigma, **PLAIN)
     e = experiment(algorithm, task=scalar(horizon=5, done=done), discount=discount)
@@ -218,7 +218,7 @@ def test_total_propagation_by_hand(done):
 
 
 def test_total_propagation_is_first_order_where_the_likelihood_ratio_is_noise():
-    """With hardly any noise on the states its share vanishes, and complex steps agree."""
+    """With little noise on the states the likelihood ratio's share vanishes, and complex steps agree."""
     algorithm = TotalPropagation(samples=4, unroll=3, sigma=1e-9, **PLAIN)
     e = experiment(algorithm, task=scalar(horizon=9))
     state = {**algorithm.begin(e), **SEEN, "theta": THETA}
@@ -230,7 +230,7 @@ def test_total_propagation_is_first_order_where_the_likelihood_ratio_is_noise():
 
 @pytest.mark.parametrize("hidden", [None, (3, 2)])
 def test_total_propagation_through_layers(hidden):
-    """Without noise to speak of it is the engine's own gradient, for any policy."""
+    """With little noise it equals the first-order gradient, for any policy."""
     changes = []
     for algorithm in (
         TotalPropagation(samples=4, unroll=3, sigma=1e-9, **PLAIN),
@@ -252,7 +252,7 @@ def test_long_gradients_are_cut_to_the_median_length():
 
 @pytest.mark.parametrize("algorithm", [FOPG, ZOPG, TotalPropagation])
 def test_a_step_goes_along_the_plain_mean_unless_samples_are_cut(algorithm):
-    """Of 4 or 64 samples: without clip the step is the mean of what is told, with it another."""
+    """Without ``clip`` the step is the mean gradient; with it the step is different."""
     e = experiment(algorithm(samples=64, unroll=3, rate=1.0, optimiser="plain"))
     state = {**e.algorithm.begin(e), **SEEN, "theta": THETA}
     cut = algorithm(samples=64, unroll=3, rate=1.0, optimiser="plain", clip=1.0)

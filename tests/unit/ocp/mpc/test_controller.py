@@ -1,4 +1,4 @@
-"""The controller and its loop: optimal costs that are known otherwise, bad input, determinism."""
+"""The controller and its closed loop: independently known optimal costs, bad input, determinism."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ocp.problem.problem import Constraint
 from problems import get
 
 OPTIMUM = 361.3236972
-"""Enumerated over all windows of contact, tests/golden/test_contact_windows.py."""
+"""Optimal cost over all enumerated windows of contact, from tests/golden/test_contact_windows.py."""
 
 
 @pytest.fixture(scope="module")
@@ -29,7 +29,7 @@ def disc() -> Controller:
 
 
 def test_the_loop_costs_what_the_best_of_all_contact_windows_does(walls: Controller) -> None:
-    """The terminal cost is the value of going on without contact, so receding changes nothing."""
+    """The terminal cost is the value of continuing without contact, so that the receding horizon changes nothing."""
     loop = simulate(walls, 60, certify=6)
     assert loop.costs[0] == pytest.approx(OPTIMUM, rel=1e-6)
     assert loop.survived.all()
@@ -43,7 +43,7 @@ def test_other_phases_agree_where_the_plan_is_followed(phase: str) -> None:
 
 
 def test_the_whole_route_agrees_with_one_quadratic_program(walls: Controller) -> None:
-    """From a disturbed start, where active sets differ from the first plan's."""
+    """They agree from a disturbed start, where active sets differ from those of the first plan."""
     x0 = walls.start + np.array([0.03, 0.1, -0.2, 0.3])
     full = simulate(Controller(get("soft-walls"), phase="full"), 3, x0=x0)
     fast = simulate(walls, 3, x0=x0)
@@ -102,7 +102,7 @@ def test_a_bad_last_input_is_told_and_a_wrong_shape_refused(disc: Controller) ->
 
 
 def test_projection_is_the_smallest_motion_out(disc: Controller) -> None:
-    """A pusher inside the disc leaves it; both move alike, and only along the line between them."""
+    """A pusher inside the disc is moved out: both move by the same distance along the line between them."""
     p = disc.problem.parameters.values
     x = np.array([0.0, 0.0, -0.2, 0.0])
     bounds = [np.full(4, -np.inf), np.full(4, np.inf)]
@@ -193,7 +193,7 @@ def test_bad_plants_get_one_sentence(disc: Controller) -> None:
 
 
 def test_terminal_constraints_are_softened_and_told() -> None:
-    """100 characteristic costs times the squared violation, in characteristic sizes."""
+    """The penalty is 100 characteristic costs times the squared violation in characteristic sizes."""
     plain = get("push-disc")
     ends = [Constraint("stop", plain.system.x[:1], 0.5, 0.5)]
     problem = replace(plain, terminal=ends)

@@ -1,4 +1,4 @@
-"""Linearised steps, active sets and the regulator, each against another way to the same numbers."""
+"""Linearised steps, active sets and the regulator agree with independent computations."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from problems import get
 
 
 class Horizon:
-    """A problem with random inputs, rolled out under the exact law."""
+    """Rollout of a problem under the exact law with random inputs."""
 
     def __init__(self, name: str, seed: int, **params: float) -> None:
         self.problem = Receding.of(get(name, **params)).problem
@@ -42,7 +42,7 @@ class Horizon:
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("name", ["soft-walls", "finger-disc"])
 def test_linearised_steps_are_those_of_the_implicit_function(name: str, seed: int) -> None:
-    """Where no pair is near both zeros, and a plan that was rolled out moves nowhere by itself."""
+    """They agree where no pair is near both zeros, and the affine term is zero along a rolled-out plan."""
     made = Horizon(name, seed)
     plan, model = made.plan, made.model
     _, lin = made.linearised(plan)
@@ -60,7 +60,7 @@ def test_linearised_steps_are_those_of_the_implicit_function(name: str, seed: in
 
 @pytest.mark.parametrize("seed", range(3))
 def test_friction_has_one_closure_for_each_motion(seed: int) -> None:
-    """Slip is always closed; a contact without force slides, one that sticks holds both forces."""
+    """Slip pairs are always closed; a contact without force slides, and one that sticks closes both friction pairs."""
     made = Horizon("finger-disc", seed)
     sets = ActiveSets(made.model)
     closed = sets.of(made.plan)
@@ -80,7 +80,7 @@ def test_friction_has_one_closure_for_each_motion(seed: int) -> None:
 
 
 def regular(nx: int, nu: int, N: int, seed: int) -> Linearised:
-    """A linear-quadratic horizon with drawn matrices."""
+    """Draw a linear-quadratic horizon with random matrices."""
     rng = np.random.default_rng(seed)
     A, B = rng.standard_normal((N, nx, nx)), rng.standard_normal((N, nx, nu))
     root = rng.standard_normal((N, nx + 2 * nu, nx + 2 * nu))
@@ -104,7 +104,7 @@ def regular(nx: int, nu: int, N: int, seed: int) -> Linearised:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_the_regulator_is_the_quadratic_program_without_constraints(seed: int) -> None:
-    """``du_k = K_k dx_k`` along the program's solution."""
+    """The solution of the quadratic program satisfies ``du_k = K_k dx_k``."""
     problem = Receding.of(get("soft-walls", N=6)).problem
     model = StageModel(problem, problem.exact_step)
     lin = regular(model.nx, model.nu, model.N, seed)
