@@ -1,4 +1,4 @@
-"""No decision of an answer reads a clock: on a busy computer the same answer comes later."""
+"""No decision of a solve depends on a clock: a busy computer gives the same solution later."""
 
 from __future__ import annotations
 
@@ -20,31 +20,31 @@ from problems import get
 
 CLOCKS = {"perf_counter", "thread_time", "process_time", "monotonic", "time_ns", "clock_gettime"}
 LIMITS = {"time_limit", "max_wall_time", "max_cpu_time"}
-"""Options of solvers by which a clock would decide."""
+"""Names of solver options that would make a clock decide."""
 HOUSE = Path(ocp.__file__).parent
 AROUND = {
     "store/checkpoint.py": "how often the work is saved",
     "scheduling/processes.py": "how long a worker that was told to end is waited for",
     "programs/options.py": "a user's own limits, checked",
 }
-"""Files in which a clock decides something around an answer."""
+"""Mapping from file to what a clock decides in it, outside of the solution."""
 FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)
 
 
 def called(node: ast.AST) -> str:
-    """The last name of a variable, an attribute or what is called; "" for anything else."""
+    """Return the name of a variable, or the last name of an attribute; "" for other nodes."""
     if isinstance(node, ast.Name):
         return node.id
     return node.attr if isinstance(node, ast.Attribute) else ""
 
 
 def tells(node: ast.AST | None, timed: set[str]) -> bool:
-    """Whether something below a node is, or holds, what a clock said."""
+    """Return whether a node contains a clock, or a name in ``timed``."""
     return node is not None and any(called(one) in timed for one in ast.walk(node))
 
 
 def assigned(node: ast.AST) -> list[tuple[ast.AST, ast.AST]]:
-    """Targets of an assignment with what each is given, tuples taken apart."""
+    """Return the pairs of target and value of an assignment, with tuples split."""
     if isinstance(node, ast.AugAssign):
         return [(node.target, node.value)]
     if not isinstance(node, ast.Assign):
@@ -57,7 +57,7 @@ def assigned(node: ast.AST) -> list[tuple[ast.AST, ast.AST]]:
 
 
 def decisions(code: str) -> list[str]:
-    """Comparisons, conditions and chosen numbers of a file that hang on what a clock said."""
+    """Return the comparisons, conditions and limits in ``code`` that depend on a clock."""
     tree, timed, before = ast.parse(code), set(CLOCKS), 0
     while len(timed) > before:
         before = len(timed)
@@ -112,7 +112,7 @@ def test_the_rule_lets_a_clock_be_recorded() -> None:
 
 
 def answer(name: str, **params: float) -> tuple[bytes, ...]:
-    """The bits of a solve: inputs, states, cost and the iterations it took."""
+    """Return the bytes of a solve: states, inputs, cost and number of iterations."""
     found = solve(get(name, **params), Exact())
     return (
         *(found.data[key].values.tobytes() for key in ("x", "u")),
@@ -132,7 +132,7 @@ def test_a_clock_that_jumps_by_hours_changes_no_bit(monkeypatch: pytest.MonkeyPa
 
 @pytest.mark.slow
 def test_a_loaded_computer_gives_half_cheetah_the_same_bits() -> None:
-    """Alone, and beside as many busy processes as there are cores and two more."""
+    """The solve is repeated while busy processes run on all cores, two more than there are cores."""
     alone = answer("half-cheetah")
     command = [sys.executable, "-c", "while True: pass"]
     load = [subprocess.Popen(command) for _ in range((os.cpu_count() or 1) + 2)]

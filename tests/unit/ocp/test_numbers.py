@@ -1,4 +1,4 @@
-"""The one grammar of numbers."""
+"""All numbers are read by the same grammar."""
 
 from __future__ import annotations
 

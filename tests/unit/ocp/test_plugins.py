@@ -1,4 +1,4 @@
-"""Packages above ocp have the functions that ocp calls by entry point."""
+"""Packages above ocp have the functions that ocp calls through entry points."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Problems written as a user would write them, on which a plan leans on its model."""
+"""Problems written as a user would write them, whose plans exploit weaknesses of their contact model."""
 
 from __future__ import annotations
 
@@ -18,29 +18,29 @@ from ocp.problem.rollout import Rollout
 
 
 def defaults(problem: Problem) -> dict[str, float]:
-    """Values of a problem's parameters by name."""
+    """Return a mapping from parameter of a problem to its value."""
     return {parameter.name: parameter.value for parameter in problem.parameters}
 
 
 def physical(problem: Problem) -> np.ndarray:
-    """Values of a problem's parameters in their order."""
+    """Return the values (n,) of a problem's parameters, in their order."""
     return problem.parameters.values
 
 
 def at_defaults(problem: Problem) -> Evaluation:
-    """The problem at its parameters' own values."""
+    """Return an evaluation of the problem at its parameters' defaults."""
     return Evaluation(problem, defaults(problem))
 
 
 def trajectories(x: np.ndarray, u: np.ndarray, lam: np.ndarray) -> Rollout:
-    """Trajectories as a rollout whose multipliers are the problem's impulses."""
+    """Return trajectories as a rollout whose multipliers are the problem's impulses."""
     return Rollout(x, u, lam, 0 * lam, lam, np.zeros(len(x)))
 
 
 def round_a_post(N: int = 10, linearised: bool = True) -> Problem:
-    """A disc, pulled back by a smaller one to where a fixed post is in between.
+    """Return a problem of a disc that a smaller one pushes past a fixed post.
 
-    Quasi-dynamic and frictionless; the contacts are pusher-disc, disc-post and pusher-post.
+    It is quasi-dynamic and frictionless; the contacts are pusher-disc, disc-post and pusher-post.
     """
     p = ParameterTable([Parameter("h", 0.1, "s"), Parameter("post", 0.3, "m")])
 
@@ -81,10 +81,10 @@ def round_a_post(N: int = 10, linearised: bool = True) -> Problem:
 
 
 def rough_slope(N: int = 10) -> Problem:
-    """A cart on rails pushes a block up a rough slope, q = (cart, block, height over the slope).
+    """Return a problem of a cart that pushes a block up a rough slope, q = (cart, block, height over the slope).
 
-    The cart's face is rough too. Where block and cart move together the face may press the block
-    onto the slope or lift it off, as its friction likes: the motion is not determined.
+    The cart's face is rough too. If block and cart move together, the face's friction may press the
+    block onto the slope or lift it off, so that the motion is not determined.
     """
     p = ParameterTable(
         [
@@ -128,7 +128,7 @@ def rough_slope(N: int = 10) -> Problem:
 
 
 def two_grippers(friction: float = 0.0, N: int = 8) -> Problem:
-    """A disc between two fingers on springs, of which the right one is oiled: friction (f, 0)."""
+    """Return a problem of a disc between two fingers on springs, with friction at the left one only."""
     p = ParameterTable([Parameter("h", 0.1, "s"), Parameter("oiled", friction)])
 
     def sides(q: ca.SX) -> ca.SX:
@@ -166,7 +166,7 @@ def two_grippers(friction: float = 0.0, N: int = 8) -> Problem:
 
 
 def ring(h: float, speed: float, N: int = 20) -> Problem:
-    """A puck inside a fence of radius 1, thrown at it from (0.9, 0)."""
+    """Return a problem of a puck inside a fence of radius 1, thrown at it from (0.9, 0)."""
     p = ParameterTable([Parameter("h", h, "s")])
     system = time_stepping(
         "ring",

@@ -1,4 +1,4 @@
-"""Small complementarity problems in CasADi, in the shape that a certificate reads."""
+"""Small complementarity problems in CasADi, with the interface that certificates need."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ocp.programs.units import Scale
 
 @dataclass
 class SmallMPCC:
-    """``min f`` subject to ``g_lower <= g <= g_upper`` and ``0 <= x_i ⟂ x_j >= 0`` for pairs."""
+    """Program ``min f`` subject to ``g_lower <= g <= g_upper`` and ``0 <= x_i ⟂ x_j >= 0`` for ``pairs`` (i, j)."""
 
     x: ca.SX
     f: ca.SX
@@ -59,13 +59,13 @@ class SmallMPCC:
 
 
 def free_pair(f) -> SmallMPCC:
-    """Two complementary variables and a cost ``f(x1, x2)`` on them."""
+    """Return the problem of two complementary variables with the cost ``f(x1, x2)``."""
     x = ca.SX.sym("x", 2)
     return SmallMPCC(x, f(x[0], x[1]), ca.SX(0, 1), [], [], [[0], [1]])
 
 
 def scheel_scholtes() -> SmallMPCC:
-    """``min z1 + z2 - z0``, ``-4 z1 + z0 <= 0``, ``-4 z2 + z0 <= 0``, ``0 <= z1 ⟂ z2 >= 0``.
+    """Return ``min z1 + z2 - z0``, ``-4 z1 + z0 <= 0``, ``-4 z2 + z0 <= 0``, ``0 <= z1 ⟂ z2 >= 0``.
 
     Its only minimiser, the origin, is B-stationary and, as LICQ fails, only M-stationary (Scheel
     and Scholtes 2000, example 3).

@@ -1,4 +1,4 @@
-"""Complementarity problems stated in CasADi: textbook ones, parameters, bad input."""
+"""Complementarity problems stated in CasADi: textbook examples, parameters, bad input."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def follower_of(mpcc: MPCC) -> Homotopy:
 def test_the_example_of_the_documentation_is_15_lines_and_right(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    """The follower takes min(x, 1); the leader's best is x = 2, which costs (1 - 3)²."""
+    """The follower's solution is min(x, 1); the leader's best x is 2, which costs (1 - 3)²."""
     text = textwrap.dedent(re.split(r"::\n\n", ocp.mpcc.__doc__ or "")[1])
     scope: dict[str, Any] = {}
     exec(text, scope)
@@ -56,7 +56,7 @@ def bilevel(p: ca.SX) -> MPCC:
 
 @pytest.mark.parametrize(("p", "x", "cost"), [(1.0, [2, 1], 4.0), (5.0, [2.5, 2.5], 0.5), (-1.0, [2, -1], 16.0)])
 def test_parameters(p: float, x: list[float], cost: float) -> None:
-    """min(x, p) for the follower: the leader wants x = 2 where p < 2, x = 2.5 where p > 2.5."""
+    """The follower's solution is min(x, p); the leader's best x is 2 for p < 2 and 2.5 for p > 2.5."""
     solution = solve(bilevel(ca.SX.sym("p")), p=[p])
     assert solution.success
     assert solution.x[:2] == pytest.approx(x, abs=1e-6)
@@ -64,7 +64,7 @@ def test_parameters(p: float, x: list[float], cost: float) -> None:
 
 
 def test_scheel_and_scholtes_example_3() -> None:
-    """``min z1 + z2 - z0``: the origin, B-stationary although not strongly stationary (2000)."""
+    """The solution of ``min z1 + z2 - z0`` is the origin, B-stationary but not strongly stationary."""
     z, (z0, z1, z2) = symbols(3)
     g = ca.vertcat(z0 - 4 * z1, z0 - 4 * z2)
     solution = solve(MPCC(z, z1 + z2 - z0, z1, z2, g=g, lbg=-np.inf, ubg=0.0), x0=[1.0, 1.0, 0.5])
@@ -74,7 +74,7 @@ def test_scheel_and_scholtes_example_3() -> None:
 
 
 def test_a_saddle_that_complementarity_makes_a_minimum() -> None:
-    """``min x² + y² - 4 x y`` is unbounded without the pair; with it the origin is best."""
+    """``min x² + y² - 4 x y`` is unbounded without the pair; with it the origin is the minimum."""
     z, (x, y) = symbols(2)
     solution = solve(MPCC(z, x**2 + y**2 - 4 * x * y, x, y), x0=[1.0, 1.0])
     assert solution.success
@@ -82,10 +82,10 @@ def test_a_saddle_that_complementarity_makes_a_minimum() -> None:
 
 
 def test_outrata_stackelberg() -> None:
-    """A duopoly: the follower's best answer to x is ``max(0, (24 - x) / 4)``.
+    """In a duopoly the follower's best response to x is ``max(0, (24 - x) / 4)``.
 
-    Leader: ``min x²/2 + x y / 2 - 95 x``; for x below 24 the slope is 3 x / 4 - 92, negative, and
-    above it x - 95, so that x = 95, y = 0.
+    The leader solves ``min x²/2 + x y / 2 - 95 x``. The slope is 3 x / 4 - 92 < 0 for x < 24 and
+    x - 95 above, so that x = 95, y = 0.
     """
     z, (x, y, s) = symbols(3)
     f = x**2 / 2 + x * y / 2 - 95 * x
@@ -96,7 +96,7 @@ def test_outrata_stackelberg() -> None:
 
 @pytest.mark.costly
 def test_expressions_as_sides_against_all_branches() -> None:
-    """The answer costs as little as the best of the branches, solved one by one in closed form."""
+    """The solution costs as little as the best of the branches at it, each solved in closed form."""
     rng = np.random.default_rng(3)
     for _ in range(4):
         A, B = rng.normal(size=(2, 4)), rng.normal(size=(2, 4))
@@ -123,7 +123,7 @@ def branch_minimum(
     c: np.ndarray,
     chosen: tuple[bool, ...],
 ) -> float:
-    """``min |x - c|²`` on a branch, by its active sets: projections onto affine subspaces."""
+    """Return ``min |x - c|²`` on a branch, by projections onto the affine subspaces of its active sets."""
     take = np.array(chosen)
     held, held_0 = np.where(take[:, None], B, A), np.where(take, b, a)
     free, free_0 = np.where(take[:, None], A, B), np.where(take, a, b)
@@ -138,7 +138,7 @@ def branch_minimum(
 
 
 def test_a_variable_may_be_a_side_of_several_pairs() -> None:
-    """One x against y and z: from (0, 1, 1) to cost 1, x = 0."""
+    """With x complementary to both y and z, the solution is (0, 1, 1) with cost 1."""
     v, (x, y, z) = symbols(3)
     f = (x - 1) ** 2 + (y - 1) ** 2 + (z - 1) ** 2
     solution = solve(MPCC(v, f, ca.vertcat(x, x), ca.vertcat(y, z)), x0=[0.0, 1.0, 1.0])
@@ -156,7 +156,7 @@ def test_a_side_that_is_bounded_above_zero_holds_the_other_at_zero() -> None:
 
 
 def test_symbols_of_one_name_are_told_apart() -> None:
-    """``min x + (y - 1)²``, ``0 <= y ⟂ z >= 0``, all three called "a"."""
+    """The problem ``min x + (y - 1)²``, ``0 <= y ⟂ z >= 0`` is solved if all three symbols are called "a"."""
     x, y, z = (ca.SX.sym("a") for _ in range(3))
     mpcc = MPCC(ca.vertcat(x, y, z), x + (y - 1) ** 2, y, z, lbx=[0.0, -np.inf, -np.inf])
     solution = solve(mpcc, x0=[1.0, 0.5, 0.0])
@@ -172,7 +172,7 @@ def test_without_pairs_it_is_an_nlp() -> None:
 
 
 def test_the_cheaper_of_two_minima_that_strategies_find() -> None:
-    """``(x - 1)² + (y - 1.1)²``: minima (1, 0) and (0, 1.1); the table of all tells the cheaper."""
+    """``(x - 1)² + (y - 1.1)²`` has the minima (1, 0) and (0, 1.1); all strategies together find the cheaper."""
     v, (x, y) = symbols(2)
     mpcc = MPCC(v, (x - 1) ** 2 + (y - 1.1) ** 2, x, y)
     alone = [solve(mpcc, x0=[0.6, 0.1], strategies=[name]).f for name in ocp.mpcc.DEFAULTS]
@@ -245,7 +245,7 @@ def test_a_missing_parameter_is_said() -> None:
 
 
 def test_derivatives_of_every_form_are_those_of_its_functions() -> None:
-    """Against CasADi's own of f_g, at a random point and random multipliers."""
+    """Derivatives equal those by CasADi of f_g, at a random point with random multipliers."""
     v, (x, y, z) = symbols(3)
     sides = ca.vertcat(x * y, ca.exp(z)), ca.vertcat(y, x + z**2)
     mpcc = MPCC(v, ca.sin(x) * z + y**4, *sides, g=x * y * z)
@@ -270,7 +270,7 @@ def unsolved(nlp: Any, x: list[float]) -> Result:
 
 
 def test_a_branch_that_cannot_be_guessed_is_proposed() -> None:
-    """At (0.002, 0.001) the larger side is x, but ``y = 0.001`` asks for x = 0."""
+    """At (0.002, 0.001) x is the larger side, but ``y = 0.001`` requires x = 0."""
     v, (x, y) = symbols(2)
     follower = follower_of(MPCC(v, (x - 1) ** 2, x, y, g=y - 1e-3, ubx=[np.inf, 2.0]))
     nlp = follower.nlp_of("none")
@@ -282,14 +282,14 @@ def test_a_branch_that_cannot_be_guessed_is_proposed() -> None:
 
 
 def test_an_infeasible_branch_is_left_for_the_other() -> None:
-    """``y - x = 1`` from (0.2, 0): its branch ends at the origin, one off; the other's does not."""
+    """From (0.2, 0) the branch y = 0 cannot satisfy ``y - x = 1``; the other branch can."""
     v, (x, y) = symbols(2)
     found = solve(MPCC(v, x, x, y, g=y - x - 1), [0.2, 0.0])
     assert found.success and found.x == pytest.approx([0, 1], abs=1e-8)
 
 
 def test_the_softened_problem_without_cost_leaves_the_least_violation() -> None:
-    """``x = 1`` and ``y = 2`` cannot both be: giving up x costs 1, giving up y costs 2."""
+    """``x = 1`` and ``y = 2`` contradict the pair: violating the first costs 1, the second 2."""
     v, (x, y) = symbols(2)
     mpcc = MPCC(v, x, x, y, g=ca.vertcat(x - 1, y - 2))
     found = solve(softened(mpcc, 0.0, 1.0))
@@ -300,7 +300,7 @@ def test_the_softened_problem_without_cost_leaves_the_least_violation() -> None:
 
 @pytest.mark.parametrize("weight", [2.1, 10.0])
 def test_the_softened_problem_is_the_problem_above_a_weight(weight: float) -> None:
-    """min (x - 3)² with x = 2, y free: the multiplier of the row is 2."""
+    """For min (x - 3)² with x = 2 the row's multiplier is 2, so that a larger weight gives the exact solution."""
     v, (x, y) = symbols(2)
     mpcc = MPCC(v, (x - 3) ** 2, x, y, g=x - 2)
     assert solve(softened(mpcc, 1.0, weight)).x[0] == pytest.approx(2, abs=1e-6)
@@ -309,7 +309,7 @@ def test_the_softened_problem_is_the_problem_above_a_weight(weight: float) -> No
 
 
 def test_rows_may_be_more_than_variables() -> None:
-    """Rank counts: three times one line; and products, a square, of what the pair says already."""
+    """Redundant rows are allowed: three multiples of one line, and products that the pair already implies."""
     v, (x, y) = symbols(2)
     line = x + y - 1
     found = solve(MPCC(v, (x - 1) ** 2 + (y - 2) ** 2, x, y, g=line * ca.DM([1, 2, 3])), [0.3, 0.3])
@@ -322,7 +322,7 @@ def test_rows_may_be_more_than_variables() -> None:
 
 @pytest.mark.parametrize("name", ["tank-1 radau 10x3x2 fine", "hopper radau 10x3x2 fine"])
 def test_switches_and_jumps_by_finite_elements(name: str) -> None:
-    """Certified, and no dearer than where a plain Scholtes loop ends."""
+    """The solution is certified and costs no more than that of a plain Scholtes loop."""
     problem, start = instances()[name]()
     found, loop = solve(problem, start), scholtes_peer.solve(problem, start)
     assert found.success and found.infeasibility <= 1e-6
@@ -332,7 +332,7 @@ def test_switches_and_jumps_by_finite_elements(name: str) -> None:
 @pytest.mark.parametrize("factor", [1e-6, 1.0, 1e6])
 @pytest.mark.parametrize("rows", [{}, {"lbg": -np.inf, "ubg": 10.0}], ids=["none", "one"])
 def test_programs_of_one_row_are_solved_at_every_size_of_the_cost(factor: float, rows: dict[str, float]) -> None:
-    """By enumeration x = 0, y = 3 costs 4 factors, and x = 2, y = 0 nine."""
+    """By enumeration x = 0, y = 3 costs 4 factor, and x = 2, y = 0 costs 9 factor."""
     x, (a, b) = symbols(2)
     more = {"g": a + b, **rows} if rows else {}
     cost = factor * ((a - 2) ** 2 + (b - 3) ** 2)

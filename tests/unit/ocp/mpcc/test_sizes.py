@@ -1,4 +1,4 @@
-"""Sizes of a complementarity problem's variables: from its start, bounds, cost and rows."""
+"""Sizes of a complementarity problem's variables, from its start, bounds, cost and rows."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def test_the_largest_of_start_bounds_and_cost_counts() -> None:
 
 
 def test_sizes_are_carried_over_from_variable_to_variable() -> None:
-    """A current of 1e-6 A through 1e9 Ohm is a voltage of 1e3 V, and that over 1 s a flux."""
+    """A current of 1e-6 A through 1e9 Ohm gives a voltage of 1e3 V, and that gives a size of 1e5 by the next row."""
     mpcc = MPCC(
         ca.vertcat(x, y, z),
         ca.SX(0),
@@ -67,9 +67,9 @@ def test_what_nothing_tells_has_no_size() -> None:
 
 @pytest.mark.parametrize("unit", [1e-9, 1e-3, 1e6])
 def test_sizes_follow_the_unit_of_a_variable(unit: float) -> None:
-    """The same diode with its current counted in another unit.
+    """Sizes of a diode's variables change with the unit of its current, up to a small factor.
 
-    But for a small factor: what rows say of the others is a least size up to 1 alone.
+    The factor arises since rows give a lower limit on the others' sizes only up to 1.
     """
     known, found = (
         MPCC(

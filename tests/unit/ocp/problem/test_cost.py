@@ -1,4 +1,4 @@
-"""The part of a cost that no plan can change."""
+"""The constant part of a cost, which no plan can change."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def test_rest_and_constant_add_up_and_the_constant_is_all_there_is(form: str) ->
     assert not ca.depends_on(constant, X)
     np.testing.assert_allclose(values(rest + constant), values(cost), rtol=1e-13)
     np.testing.assert_allclose(values(constant), values(known), rtol=1e-13)
-    # What is left has no further constant.
+    # The rest has no constant.
     assert split_constant(rest, X)[1].is_zero()
 
 
@@ -73,7 +73,7 @@ def test_a_sum_over_more_terms_than_are_searched_is_still_the_cost() -> None:
 
 
 def wagon(offset: float, weight: float = 1.0) -> Problem:
-    """A wagon that its brake alone cannot stop before the buffer; ``offset`` is in its cost."""
+    """Return a problem of a wagon that the brake alone cannot stop before a buffer, with ``offset`` in its cost."""
     table = ParameterTable([Parameter("h", 0.1, "s"), Parameter("offset", offset, "1")])
     system = time_stepping(
         "wagon",
@@ -103,7 +103,7 @@ def wagon(offset: float, weight: float = 1.0) -> Problem:
 
 
 def words(found: Solution) -> list[str]:
-    """The verdict without its first line, which has the costs."""
+    """Return the verdict without its first line, which contains costs."""
     return [found.status.label, found.grade, *found.verdict.splitlines()[1:]]
 
 
@@ -116,7 +116,7 @@ def test_an_offset_of_the_cost_changes_no_bit_of_the_plan(law: str, offset: floa
     assert words(plain) == words(moved)
     assert moved.referee.survives == plain.referee.survives
     assert moved.certificate.tolerance == plain.certificate.tolerance
-    # One N-th in each of ten stage costs, and one at the end.
+    # Ten stage costs add up to one offset, and the terminal cost has another.
     assert moved.cost - 2 * offset == pytest.approx(plain.cost, abs=1e-6 + 1e-14 * abs(offset))
 
 

@@ -1,4 +1,4 @@
-"""A free final time: least-time motions in closed form, under every method that can choose it."""
+"""Free final time: minimum-time motions in closed form, under every method that supports it."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ N, GOAL, FORCE, MASS = 10, 0.9, 3.0, 2.0
 
 
 def dash(h: FreeStep | None, wall: float = 9.0, **more: object) -> Problem:
-    """A mass goes from rest at 0 to GOAL in least time; a wall stands at ``wall``."""
+    """Return the problem of moving a mass from rest at 0 to GOAL in minimum time, with a wall at ``wall``."""
     p = ParameterTable([Parameter("h", 0.1, "s"), Parameter("m", MASS, "kg")])
     system = time_stepping(
         "dash",
@@ -60,7 +60,7 @@ def at_rest() -> Problem:
 
 @pytest.mark.parametrize("method", [Direct(), MultipleShooting()], ids=lambda one: one.name)
 def test_the_least_time_to_rest_is_that_of_bang_bang(method: Direct) -> None:
-    """n steps of a = F/m and n of -a reach ``a h² n²``: T = 2 n h = 2 sqrt(d / a), for any n."""
+    """n steps of a = F/m and n steps of -a reach ``d = a h² n²``, so that T = 2 n h = 2 sqrt(d / a)."""
     found = solve(at_rest(), Exact(), method)
     least = 2 * np.sqrt(GOAL * MASS / FORCE)
     assert found.cost == pytest.approx(least, rel=1e-6)
@@ -72,7 +72,7 @@ def test_the_least_time_to_rest_is_that_of_bang_bang(method: Direct) -> None:
 
 @pytest.mark.parametrize(("law", "wall"), [(Exact(), GOAL), (Exact(), 9.0), (Barrier(1e-7), 9.0)])
 def test_the_least_time_without_brakes(law: ContactLaw, wall: float) -> None:
-    """Full force all the way, up to a wall at the goal or not: ``a h² N (N + 1) / 2 = d``."""
+    """Full force throughout, with or without a wall at the goal, gives ``a h² N (N + 1) / 2 = d``."""
     found = solve(dash(free(0.01, 1.0), wall=wall), law)
     least = N * np.sqrt(2 * GOAL * MASS / FORCE / (N * (N + 1)))
     assert found.cost == pytest.approx(least, rel=1e-6)

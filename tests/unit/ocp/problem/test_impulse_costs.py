@@ -32,7 +32,7 @@ METHODS = (Direct(), MultipleShooting(), SingleShooting())
 
 
 def pressing(**more: object) -> Problem:
-    """A mass at rest on the wall of ``wall-1d`` that is to be pressed with 5 N."""
+    """Return the problem of pressing a mass at rest against the wall of ``wall-1d`` with 5 N."""
     plain = get("wall-1d", N=N, x0=0.0, u_max=10.0)
     cost = (plain.system.lam / H - FORCE) ** 2 + 1e-3 * plain.system.u**2
     given = {"stage_cost": cost, "terminal_cost": 0} | more
@@ -40,7 +40,7 @@ def pressing(**more: object) -> Problem:
 
 
 def held() -> Problem:
-    """The same mass, pressed with at least 5 N for the least input."""
+    """Return the problem of pressing the mass with at least 5 N by the smallest input."""
     plain = get("wall-1d", N=N, x0=0.0, u_max=10.0)
     limit = Constraint("press", plain.system.lam / H, FORCE, np.inf)
     return replace(plain, stage_cost=plain.system.u**2, terminal_cost=0, path=[limit])
@@ -49,7 +49,7 @@ def held() -> Problem:
 @pytest.mark.cheap_cases("single-shooting")
 @pytest.mark.parametrize("method", METHODS, ids=lambda one: one.name)
 def test_it_presses_with_the_force_that_is_asked_for(method: Direct) -> None:
-    """At rest on the wall lam = -u: ``min (s/h - F)² + w s²`` is at ``s = F/h / (1/h² + w)``."""
+    """At rest lam = -u = s, and ``min (s/h - F)² + w s²`` is at ``s = F/h / (1/h² + w)``."""
     found = solve(pressing(), Exact(), method)
     pressed = FORCE / H / (1 / H**2 + 1e-3)
     assert found.data["lam"].values == pytest.approx(pressed, rel=1e-6)
@@ -69,7 +69,7 @@ def test_methods_agree_under_every_law(law: ContactLaw) -> None:
 
 
 def test_a_force_limit_is_kept_and_priced() -> None:
-    """``lam >= F h`` at the least input: the force is F in every step, at its price."""
+    """With ``lam >= F h`` and the smallest input, the force is F in every step, and its input is the cost."""
     found = solve(held(), Exact())
     assert found.data["lam"].values == pytest.approx(FORCE * H, rel=1e-6)
     assert found.cost == pytest.approx(N * (FORCE * H) ** 2, rel=1e-6)

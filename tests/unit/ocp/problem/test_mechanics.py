@@ -1,4 +1,4 @@
-"""Steps, masses, stiffnesses and friction that are none are refused at every door."""
+"""Invalid step sizes, masses, stiffnesses and friction are rejected wherever they are set."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ocp.routes.session import Session
 
 
 def finger(m: float = 1.0, K: float = 50.0, f: float = 0.5, h: float = 0.1) -> Problem:
-    """A body on a line, pushed by a finger on springs that may also move across."""
+    """Return a problem of a body on a line, pushed by a finger on springs that can also move sideways."""
     p = ParameterTable([Parameter("m", m, "kg"), Parameter("K", K, "N/m"), Parameter("f", f), Parameter("h", h, "s")])
     system = quasi_dynamic(
         "finger",
@@ -52,7 +52,7 @@ def session(problem: Problem) -> Session:
 @pytest.mark.costly_cases("given2-stiffness matrix must be positive definite, but its smallest eigenvalue is -3")
 @pytest.mark.parametrize(("given", "said"), WRONG)
 def test_what_is_no_mechanics_is_refused_when_built_and_when_turned(given, said: str) -> None:
-    if np.isfinite([*given.values()]).all():  # A parameter that is not finite is refused earlier.
+    if np.isfinite([*given.values()]).all():  # A parameter that is not finite is rejected earlier.
         with pytest.raises(InputError, match=re.escape(said)):
             session(finger(**given))
     turned = session(finger())

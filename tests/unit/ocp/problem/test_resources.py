@@ -1,4 +1,4 @@
-"""What a task would take: told before it is begun, and near to what it does take."""
+"""Predicted time and memory of a task: reported before it starts, and close to the real ones."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def test_feedback_adds_its_gains_to_a_stage_and_noise_its_nodes_to_a_program() -
 
 
 def test_limits_are_those_of_the_groups_around_too(tmp_path: Path, monkeypatch) -> None:
-    """Version 2 has one tree, version 1 one of memory; a group may have less than it asks for."""
+    """Memory limits of control groups of version 1 and 2 are read, those of parent groups included."""
     machine = resources.machine_memory()
     groups, own = tmp_path / "cgroup", tmp_path / "own"
     (groups / "outer/inner").mkdir(parents=True)
@@ -66,7 +66,7 @@ def test_limits_are_those_of_the_groups_around_too(tmp_path: Path, monkeypatch) 
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "few", "many"), [("wall-1d", 1000, 4000), ("push-disc", 400, 1600)])
 def test_memory_is_what_a_solve_takes(name: str, few: int, many: int) -> None:
-    """Growth of the peak between two horizons, within a factor 2.5 of what is said beforehand."""
+    """Growth of the peak memory between two horizons is within a factor 2.5 of the prediction."""
     peaks = [
         float(
             subprocess.run(
@@ -96,6 +96,6 @@ def test_the_time_of_a_study_is_proportional_to_its_samples() -> None:
     sampling = Sampling(("zobg",), 10**13, reference="none")
     study, longer = (SweepRun(objective, p) for p in (sampling, replace(sampling, samples=10**16)))
     assert (study.n_samples, longer.n_samples) == (10**13, 10**16)
-    # Each is timed by itself on a machine that does other things too.
+    # Each prediction measures times, which vary on a busy machine.
     assert 100 < longer.predict_seconds() / study.predict_seconds() < 10_000
     assert SweepRun(objective, replace(sampling, samples=10**5)).predict_seconds() == 0

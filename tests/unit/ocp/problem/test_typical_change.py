@@ -1,4 +1,4 @@
-"""What the certificate measures moves against grows neither with the horizon nor with one entry."""
+"""The certificate's tolerance grows neither with the horizon nor with one steep entry of the gradient."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from ocp.routes.session import Session
 from ocp.transcription import Direct
 
 OFF = 3e-3
-"""How far from its best an entry is; the whole way gains nine times what counts as a gain, and what
-is left of the cost's slope, 6e-3, is 4 % of what 1e-4 of a sum over 1,600 entries would allow."""
+"""Distance of an entry from its optimum; the remaining gain is nine times the smallest that counts, and the
+slope of the cost, 6e-3, is 4 % of what 1e-4 of a sum over 1,600 entries would allow."""
 
 
 def program_of(mpcc: MPCC, start: np.ndarray) -> MPCCProgram:
@@ -34,7 +34,7 @@ def certificate_of(mpcc: MPCC, x: np.ndarray) -> Certificate:
 
 
 def prices(N: int, price: float = 1.0) -> MPCC:
-    """``min price sum_k u_k + (w - 1)²`` with ``u_k >= 1``."""
+    """Return the problem ``min price sum_k u_k + (w - 1)²`` with ``u_k >= 1``."""
     u, w = ca.SX.sym("u", N), ca.SX.sym("w")
     lower = np.append(np.ones(N), -np.inf)
     none = ca.SX(0, 1)
@@ -43,7 +43,7 @@ def prices(N: int, price: float = 1.0) -> MPCC:
 
 @pytest.mark.parametrize("N", [1, 10, 160, 1600])
 def test_a_sum_over_many_bounds_hides_no_move(N: int) -> None:
-    """At w = 1.003 a move of 3e-3 gains 9e-6, whatever the N entries at their bounds cost."""
+    """At w = 1.003 a move of 3e-3 gains 9e-6, however much the N entries at their bounds cost."""
     off, at = np.append(np.ones(N), 1 + OFF), np.ones(N + 1)
     assert certificate_of(prices(N), off).stationarity == "not"
     assert certificate_of(prices(N), at).certified
@@ -56,7 +56,7 @@ def test_the_tolerance_does_not_grow_with_the_sum() -> None:
 
 
 def steep(price: float) -> MPCC:
-    """One entry at its bound has a price beside which all else is small."""
+    """Return a problem in which one entry at its bound has a large price."""
     z, a = ca.SX.sym("z"), ca.SX.sym("a")
     none = ca.SX(0, 1)
     return MPCC(ca.vertcat(z, a), price * z + (a - 1) ** 2, none, none, lbx=[0, -np.inf])
@@ -80,7 +80,7 @@ def test_a_constant_hides_no_move(constant: float) -> None:
 
 
 def carried(N: int) -> Session:
-    """``min sum_k u_k + (x_N - goal)²`` of a place that two inputs move, one of which is priced."""
+    """Return a session of ``min sum_k u_k + (x_N - 1)²``, in which the other input is the velocity."""
     table = ParameterTable([Parameter("h", 1.0 / N, "s")])
     system = time_stepping(
         "carried",
@@ -111,7 +111,7 @@ def carried(N: int) -> Session:
 
 @pytest.mark.parametrize("N", [10, 100, pytest.param(1600, marks=pytest.mark.slow)])
 def test_a_horizon_hides_no_move(N: int) -> None:
-    """With w = 1 all the way x_N is 1; with 1.01 it is a hundredth too far."""
+    """With w = 1 in all steps x_N is 1; with w = 1.01 it is 0.01 too large."""
     session = carried(N)
     nlp = session.nlp_of("none")
     p, bounds = nlp.parameter_vector(session.values), nlp.bounds(session.values)

@@ -1,4 +1,4 @@
-"""Sizes follow a change of the units of mass, length and time, and so do plans."""
+"""Sizes and plans change consistently with the units of mass, length and time."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from ocp.problem.sizes import derive_sizes
 from ocp.programs.units import row_units, solver_unit
 
 SI = (1.0, 1.0, 1.0)
-"""How many kg, m and s the units of mass, length and time are."""
+"""Units of mass [kg], length [m] and time [s]."""
 
 
 def wall(units: tuple[float, float, float], **scaling: float) -> Problem:
-    """A mass that its brake cannot stop, before a wall; its numbers are counted in ``units``.
+    """Return a problem of a mass that its brake cannot stop before a wall, with all numbers in ``units``.
 
-    The names of the units are those of SI: nothing tells but the numbers. The cost has no unit.
+    The names of the units stay those of SI, so that only the numbers differ. The cost has no unit.
     """
     kg, m, s = units
     force = kg * m / s**2
@@ -54,7 +54,7 @@ def wall(units: tuple[float, float, float], **scaling: float) -> Problem:
 
 
 def factors(units: tuple[float, float, float]) -> tuple[np.ndarray, np.ndarray, float, float]:
-    """SI's numbers of states, inputs, impulses and gaps over those in ``units``."""
+    """Return the factors from states, inputs, impulses and gaps in ``units`` to those in SI units."""
     kg, m, s = units
     return np.array([m, m / s]), np.array([kg * m / s**2]), kg * m / s, m
 
@@ -71,18 +71,18 @@ def test_derived_sizes_are_those_of_any_units(seed: int) -> None:
 
 
 def test_sizes_are_those_of_the_motion() -> None:
-    """Flying on at 3 m/s for 1.2 s would take the mass from 1 m to the wall, and no farther."""
+    """At 3 m/s the mass reaches the wall, 1 m away, within the horizon of 1.2 s."""
     sizes = derive_sizes(wall(SI))
     assert sizes.x == pytest.approx([1.0, 3.0], rel=0.3)
     assert sizes.u == pytest.approx([1.0])
-    # What stops the mass, or, where that is less, moves it by a twelfth of its way in a step.
+    # The impulse stops the mass or, if that is less, moves it by a twelfth of its distance in a step.
     assert sizes.impulse == pytest.approx(1.3 * min(sizes.x[1], sizes.x[0] / 12 / 0.1), rel=1e-9)
     assert sizes.gap == pytest.approx(0.1 * sizes.x[0], rel=1e-9)
 
 
 @pytest.mark.parametrize("name", ["impulse", "gap", "x", "u"])
 def test_a_stated_size_wins_and_the_others_are_derived(name: str) -> None:
-    """Sizes of states decide over the others."""
+    """The other sizes are derived from those of the states."""
     scales = wall(SI, **{name: 7.5}).scales
     derived = derive_sizes(wall(SI), np.full(2, 7.5) if name == "x" else None)
     for size in ("impulse", "gap", "x", "u"):
@@ -108,7 +108,7 @@ def solved(units: tuple[float, float, float], soft: bool) -> Solution:
 
 
 def words(found: Solution) -> list[str]:
-    """The verdict without its costs, and without sizes, which have numbers of the units."""
+    """Return the verdict without costs, and without lines on sizes, which depend on the units."""
     lines = found.verdict.splitlines()[1:]
     return [
         found.status.label,
@@ -147,7 +147,7 @@ def test_what_is_no_size_has_the_unit_one(size: float) -> None:
 
 @pytest.mark.parametrize("factor", [1e-12, 1e-9, 1.0, 1e6, 1e12])
 def test_a_row_means_the_same_in_whatever_unit_it_is_written(factor: float) -> None:
-    """Two rows of which the first is written in another unit; the second keeps its own."""
+    """The first of two rows is written in another unit; the second keeps its own."""
     import scipy.sparse as sp
 
     x = np.array([2.0**20, 1.0])

@@ -1,4 +1,4 @@
-"""Options of solvers have types and ranges; a value outside is refused in one sentence."""
+"""Options of solvers have types and ranges; values outside are rejected with a message of one sentence."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from ocp.programs.options import LOOSEST, MAX_INTEGER, _ipopt, check_options, ha
 IPOPT = _ipopt()
 NUMBERS = [name for name, option in IPOPT.items() if option.annotation is not str]
 ENDS = ("max_iter", "print_level", "tol", "tau_min", "obj_scaling_factor")
-"""One option for each kind of range: whole or real, closed or open, with one, two or no ends."""
+"""One option for each kind of range: integer or real, closed or open, with one, two or no ends."""
 
 
 def ipopt_takes(name: str, value: Any) -> bool:
-    """Whether IPOPT can be made with an option at this value."""
+    """Return whether IPOPT accepts the option ``name`` at ``value``."""
     x = ca.MX.sym("x")
     options = {"print_time": False, "ipopt": {name: value}}
     try:
@@ -31,21 +31,21 @@ def ipopt_takes(name: str, value: Any) -> bool:
 
 
 def ends_of_range(option: Setting) -> list[float]:
-    """Ends of a range, without the largest integer."""
+    """Return the ends of an option's range, without the largest integer."""
     bounds = option.declaration.metadata
     ends = [getattr(bound, sign, None) for bound in bounds for sign in ("gt", "ge", "lt", "le")]
     return [end for end in ends if end is not None and end != MAX_INTEGER]
 
 
 def values(option: Setting) -> list[float]:
-    """Numbers at, on both sides of, and far from the ends of a range."""
+    """Return numbers at and on both sides of the ends of an option's range."""
     step = 1 if option.annotation is int else 0.25
     numbers = [end + shift for end in ends_of_range(option) for shift in (-step, 0, step)] or [0, 7]
     return [option.annotation(number) for number in numbers]
 
 
 def takes(option: Setting, value: Any) -> bool:
-    """Whether an option is declared to take a value."""
+    """Return whether the declaration of an option accepts a value."""
     with suppress(InputError):
         option.read(value)
         return True

@@ -1,4 +1,4 @@
-"""Contact schedules far from the one that was found."""
+"""Contact schedules far from that of the current solution."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ THROW = {
 
 
 def throws_cost(params: Params, theta: float, speed: float) -> float:
-    """What a throw costs, by the closed form of its steps."""
+    """Return the cost of a throw, by the closed form of its steps."""
     end = roll(params, theta, speed)[-1]
     place = (end[0] - params.goal_x) ** 2 + (end[1] - params.goal_z) ** 2
     velocity = (end[2] - params.goal_vx) ** 2 + (end[3] - params.goal_vz) ** 2
@@ -48,9 +48,9 @@ def throws_cost(params: Params, theta: float, speed: float) -> float:
 
 @pytest.mark.costly
 def test_the_bounce_is_found_at_whichever_step_is_best() -> None:
-    """Every throw on a grid, by closed form: none is cheaper than the answer.
+    """No throw on a grid, computed in closed form, is cheaper than the solution.
 
-    The bounce at step 33 is a local minimum, 14 % above the one at step 8.
+    The bounce at step 33 is a local minimum, 14 % above that at step 8.
     """
     params = Params(**THROW)
     found = solve("ball-throw", "exact", params=THROW)
@@ -66,10 +66,10 @@ def test_the_bounce_is_found_at_whichever_step_is_best() -> None:
 @pytest.mark.costly
 @pytest.mark.parametrize(("seed", "index", "known"), [(41507, 3, 0.60505), (4242, 10, 0.667125), (41507, 0, None)])
 def test_a_throw_far_from_the_guess_is_found(seed: int, index: int, known: float | None) -> None:
-    """Drawn throws, judged by a grid of all throws in closed form.
+    """Solutions of random instances cost no more than the best throw on a grid in closed form.
 
     The valleys of the first two are narrow: plans near the guess lead to 1.18437, and a thousand
-    even plans to 0.96619. Their best costs are those of a grid refined around its twelve best.
+    evenly spaced plans to 0.96619. Their known costs are from a grid refined around its twelve best.
     """
     *_, instance = drawn("ball-throw", index + 1, seed)
     params = Params(**instance.params)
@@ -83,7 +83,7 @@ def test_a_throw_far_from_the_guess_is_found(seed: int, index: int, known: float
 
 
 def test_only_the_throw_acts_in_ball_throw_and_every_push_in_push_1d() -> None:
-    """At no speed the guess's cost has no slope in the angle, which acts all the same."""
+    """At zero speed the cost of the guess has no slope in the angle, which still counts as acting."""
     cases = [(get("ball-throw"), 2), (get("ball-throw", speed_start=0.0), 2)]
     for problem, acting in (*cases, (get("push-1d"), get("push-1d").N)):
         session = new_session(problem, Exact())
@@ -104,9 +104,9 @@ def test_schedules_lie_apart_by_the_steps_that_contacts_move(by: int) -> None:
 @pytest.mark.costly
 @pytest.mark.parametrize("solved", [False, True])
 def test_a_move_that_pays_is_made_or_the_verdict_says_why_not(solved: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Every branch of a short push: those that are not stationary are left, or told with a reason.
+    """Every branch of a short push that is not stationary is left, or its certificate says why not.
 
-    With ``solved`` false no branch that is proposed converges.
+    With ``solved`` False no proposed branch converges.
     """
     session = new_session(get("push-1d", N=4), Exact())
     branches = Branches(Homotopy(session.nlp_of, session.solver, session.values))
@@ -132,7 +132,7 @@ def test_a_move_that_pays_is_made_or_the_verdict_says_why_not(solved: bool, monk
 @pytest.mark.slow
 @pytest.mark.parametrize("strategy", ["scholtes", "scholtes-adaptive"])
 def test_the_default_is_no_worse_than_a_strategy_alone(strategy: str) -> None:
-    """A cart whose pole hits walls, where rolled plans alone end at three times the cost."""
+    """On this instance of a cart whose pole hits walls, starts from rollouts alone cost three times as much."""
     *_, instance = drawn("cart-walls", 8, 41507)
     problem = get("cart-walls", **instance.params)
     alone = solve(problem, Exact(), settings={"strategy": strategy})

@@ -1,4 +1,4 @@
-"""Paths of NLPs: warm starts, stepping back, the table, and the way between forms."""
+"""Homotopies over NLPs: warm starts, stepping back, the table of stages, and changes of the formulation."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def session() -> Session:
 
 
 def follow(plan, values=VALUES, strict: bool = True, complete=None, progress=None):
-    """Follow a path of mu and return the follower and what came of it."""
+    """Follow a path of mu; return the follower, and the result, its NLP and whether the path was finished."""
     found = session()
     follower = Homotopy(found.nlp_of, Solver(), found.values, progress)
     start = found.first_point(found.nlp_of("product"))
@@ -38,7 +38,7 @@ def at_mu(mu: float, **options) -> HomotopyStage:
 
 
 def failing(where: float, times: int):
-    """Stages of which the ones at ``where`` stop at once, so many times."""
+    """Return a function that builds stages, of which those at ``where`` fail for the first ``times`` calls."""
     left = [times]
 
     def stage(mu: float) -> HomotopyStage:
@@ -67,7 +67,7 @@ def test_a_path_is_followed_to_its_end_with_falling_complementarity() -> None:
 
 
 def test_a_stage_that_fails_once_is_stepped_back_from() -> None:
-    """The middle value fails: the geometric mean is tried, then the value again, then the end."""
+    """If the middle value fails, the geometric mean is tried, then the value again, then the last one."""
     follower, (_, _, finished) = follow(failing(0.01, 1))
     assert finished
     between = math.sqrt(0.02 * 0.01)

@@ -1,4 +1,4 @@
-"""Contact schedules exchanged for neighbours, and other starts."""
+"""Exchange of contact schedules for neighbouring ones, and other starts."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def test_moves_change_one_chain_and_are_undone_by_their_opposite(held: list[bool
 
 
 def every_branch(name: str, steps: int) -> tuple[Branches, dict[bytes, Result]]:
-    """Solve all 2^pairs branches of a short problem from its guess."""
+    """Solve all 2^pairs branches of a short problem from its guess; return those that converge."""
     session = new_session(get(name, N=steps), Exact())
     branches = Branches(Homotopy(session.nlp_of, session.solver, session.values))
     start = Point(session.first_point(branches.program).x)
@@ -101,7 +101,7 @@ def test_exchanged_schedules_find_what_a_relaxation_alone_does_not() -> None:
 
 @pytest.mark.costly
 def test_exchange_knows_no_size_and_begins_where_multipliers_promise_most() -> None:
-    """Of planar-hand's 160 pairs `r2+` at step 7 once was the one whose change pays."""
+    """Of planar-hand's 160 pairs one of the five with the steepest predicted gain lowers the cost."""
     session = new_session(get("planar-hand"), Exact())
     branches = Branches(Homotopy(session.nlp_of, session.solver, session.values))
     assert branches.program.pairs.shape[1] > 128
@@ -118,7 +118,7 @@ def test_exchange_knows_no_size_and_begins_where_multipliers_promise_most() -> N
 
 
 def _flipped(branches: Branches, best: Result, pair: int) -> bool:
-    """Whether the branch with one pair on its other side costs less."""
+    """Return whether the branch with one pair on its other side costs less."""
     active = moved(branches.program.active_sets(best.point.x)[-1], branches.program.chains, pair)
     assert active is not None
     found = branches.solve(best.point, active)

@@ -1,4 +1,4 @@
-"""Work beyond the usual route: a guess is never lost, samples only improve, and the exact replay decides."""
+"""Effort beyond the usual route: a guess is never lost, samples only improve, and the exact replay decides."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def solution() -> Solution:
 
 
 def judged(solution: Solution, planned: float, replayed: float, certified: bool = True) -> Solution:
-    """Return a solution with other costs, and with or without a certificate."""
+    """Return ``solution`` with other costs, and with or without a certificate."""
     certificate = replace(solution.certificate, stationarity="B" if certified else "not")
     status = Status.SOLVED if certified else Status.NOT_OPTIMAL
     audit = replace(solution.audit, exact_cost=replayed)

@@ -1,4 +1,4 @@
-"""Sampled plans: bases of knots, costs against other routes, constraints as penalties, the same bits for a seed."""
+"""Sampled plans: bases of knots, costs compared with other routes, penalties for constraints, reproducibility."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from problems import get
 
 @pytest.fixture(autouse=True)
 def few_runs(monkeypatch):
-    """Two bases and twenty rounds suffice where inputs are few."""
+    """Limit the sampler to two bases and twenty rounds, which suffice for few inputs."""
     monkeypatch.setattr(sampling, "KNOTS", (4, 8))
     monkeypatch.setattr(sampling, "ROUNDS", 20)
 

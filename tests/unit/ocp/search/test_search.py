@@ -1,4 +1,4 @@
-"""Pushes found from nothing: steps, complementarity problems and plans by independent means."""
+"""Pushes found without a guess: steps, complementarity problems and plans agree with independent methods."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ REACH = 0.15
 
 
 def behind(N: int = 20) -> Problem:
-    """The finger stands between a disc and its goal; a block narrows the way round."""
+    """Return a problem in which a finger must go round a disc to push it back, past a block."""
     scene = Scene(
         [
             Pusher("finger", Disc(0.05), at=(-0.3, 0.0), stiffness=50.0),
@@ -144,7 +144,7 @@ def test_a_scene_that_passes_through_is_solved_as_swept_and_resumed_so() -> None
 
 
 def test_steps_of_a_system_whose_gaps_do_not_see_their_impulses() -> None:
-    """Without friction no gap depends on lam itself; the steps are the exact law's all the same."""
+    """Without friction no gap depends on lam directly, but the steps still equal those of the exact law."""
     problem = get("push-1d")
     values = problem.parameters.defaults
     x = np.array(problem.limits(problem.parameters.pack(values))[0]).ravel()[None]

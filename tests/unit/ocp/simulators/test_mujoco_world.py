@@ -1,4 +1,4 @@
-"""MuJoCo as another world: the same machine to rounding, soft contact, what becomes of plans."""
+"""MuJoCo as an external simulator: the same machine up to rounding, soft contact, and replays of plans."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ PENDULUM = Machine(
 
 
 def problem_of(machine: Any, h: float = H, N: int = 1, **given: Any) -> Problem:
-    """A problem that costs nothing, h a parameter and friction 0.5."""
+    """Return a problem without cost for a machine, with the parameter h and friction 0.5."""
     p = ParameterTable([Parameter("h", h, "s"), Parameter("friction", 0.5, "1")])
     given = {"friction": p["friction"], **given}
     system = machine.system("own", p, h=p["h"], **given)
@@ -60,7 +60,7 @@ def world(problem: Problem) -> MujocoWorld:
 
 
 def run(problem: Problem, x: Any, steps: int, *soft: float) -> np.ndarray:
-    """States of a motion without inputs."""
+    """Return the states (steps + 1, nx) of a motion without inputs in MuJoCo."""
     there, found = world(problem), [np.array(x, dtype=float)]
     u = np.zeros(problem.system.nu)
     for _ in range(steps):
@@ -70,13 +70,13 @@ def run(problem: Problem, x: Any, steps: int, *soft: float) -> np.ndarray:
 
 @pytest.mark.parametrize("name", ["hopper", "half-cheetah", "idto-hopper", "spinner", "finger-disc"])
 def test_a_named_machine_is_the_same_in_mujoco(name: str) -> None:
-    world(get(name))  # which checks M, forces and distances
+    world(get(name))  # The constructor checks M, forces and distances.
 
 
 def test_joints_stand_in_our_order_whatever_the_tree() -> None:
     there = world(problem_of(PENDULUM, friction=None))
     assert there.mjcf.joints == ["upper", "rod", "other", "end"]
-    assert list(there._q) == [0, 1, 3, 2]  # MuJoCo goes down a branch first
+    assert list(there._q) == [0, 1, 3, 2]  # MuJoCo numbers joints depth-first.
 
 
 @pytest.mark.parametrize(
@@ -113,7 +113,7 @@ def test_a_motion_without_contact_is_ours_in_the_limit() -> None:
         for _ in range(n):
             ours = np.array(step.solve(ours, np.zeros(2), step.p.pack({"h": 0.2 / n}))[0]).ravel()
         off.append(ours - theirs)
-    # The error of our step is linear in h, so that of the extrapolation is small.
+    # The error of our step is linear in h, so that extrapolation leaves a small one.
     assert abs(off[1]).max() < 0.1 and abs(2 * off[1] - off[0]).max() < 0.1 * abs(off[1]).max()
 
 
@@ -249,13 +249,13 @@ MASSLESS: dict[str, Any] = {
 
 
 def test_bodies_without_mass_share_one_with_several_joints() -> None:
-    """M, forces and distances are compared as the world is built."""
+    """The simulator's constructor compares M, forces and distances."""
     tyre = space.SpatialPart("tyre", "wheel", space.Sphere(0.2, (0.0, 0.1, 0.0)))
     ground = space.SpatialPart("ground", "world", space.Plane())
     machine = space.SpatialMachine(MASSLESS["slide, slide, hinge"], (tyre, ground), (("tyre", "ground"),))
     there = world(problem_of(machine))
     assert there.mjcf.joints == ["x", "z", "wheel"] and there.model.nbody == 2
-    # b carries two bodies and stays: with them it has mass, and MuJoCo wants it in each moving one.
+    # b carries two bodies and remains; MuJoCo requires mass in every moving body.
     bodies = tuple(
         replace(body, mass=0.01, inertia=(1e-4,) * 3) if body.name == "b" else body
         for body in MASSLESS["turned and moved"]

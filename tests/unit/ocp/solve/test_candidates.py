@@ -1,4 +1,4 @@
-"""Candidates that raise cost nothing but themselves; starts, seeds and ranks that cannot be."""
+"""Candidates that raise an error do not affect the others; invalid starts, seeds and ranks are rejected."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ judge_outcome = starts.judge_outcome
 
 
 def failing(monkeypatch: pytest.MonkeyPatch, *numbers: int) -> None:
-    """Let the judgement of the candidates of these numbers raise."""
+    """Make the judgement of the candidates with these numbers raise an error."""
     calls: list[int] = []
 
     def judge(*given: Any) -> Any:

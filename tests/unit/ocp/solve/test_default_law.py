@@ -1,4 +1,4 @@
-"""One default law: in Python, on the command line, in sweeps, and by the stored evidence."""
+"""The default contact law is the same in Python, on the command line and in sweeps, and the best by stored data."""
 
 from __future__ import annotations
 

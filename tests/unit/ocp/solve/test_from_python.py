@@ -1,4 +1,4 @@
-"""What Python takes and prints: typed parameters and settings, guesses, short representations."""
+"""Python arguments and representations: typed parameters and settings, guesses, short printed forms."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Guesses that people have: keyframes, drawn paths, contact schedules, runs of other problems."""
+"""Guesses of users: keyframes, drawn paths, contact schedules, runs of other problems."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Ctrl-C keeps the best answer of several starts, and in the first one the best point there was."""
+"""Ctrl-C keeps the best solution of several starts or, during the first start, its best point."""
 
 import os
 import signal
@@ -42,7 +42,7 @@ def test_the_best_finished_start_is_kept() -> None:
 
 
 def test_before_the_first_answer_the_best_point_is_kept() -> None:
-    """Stopped after the first polish, which is feasible; the stages before it break lam gap = 0."""
+    """The solve is stopped after the first polish, which is feasible; earlier stages violate lam gap = 0."""
     stages: list[StageRecord] = []
     stop_after = stopping_after(0)
 
@@ -64,7 +64,7 @@ def test_before_the_first_answer_the_best_point_is_kept() -> None:
 
 
 def test_without_a_feasible_point_the_nearest_to_it_is_kept() -> None:
-    """On the way down mu the last stage breaks lam gap = mu least."""
+    """As mu falls, the last stage violates lam gap = mu the least."""
     stages: list[StageRecord] = []
 
     def progress(stage: StageRecord) -> None:
@@ -82,7 +82,7 @@ def test_without_a_feasible_point_the_nearest_to_it_is_kept() -> None:
 
 @pytest.fixture
 def handled() -> Iterator[None]:
-    """Ctrl-C is heard, also where whoever started the tests had it ignored."""
+    """Install Python's handler of Ctrl-C, also if the parent process ignores the signal."""
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
     signal.signal(signal.SIGINT, before)
@@ -97,7 +97,7 @@ def sigint_in(seconds: float) -> threading.Timer:
 @pytest.mark.costly
 @pytest.mark.usefixtures("handled")
 def test_a_signal_in_the_solver_leaves_its_iterate(capfd) -> None:
-    """IPOPT's interface swallows the signal; what it had found by then is not lost."""
+    """IPOPT's interface catches the signal; the iterate at that time is kept."""
     session = new_session(get("planar-hand", N=60), Barrier(mu=1e-3))
     nlp = session.nlp_of("product")
     start, p = session.first_point(nlp), nlp.parameter_vector(session.values)
@@ -140,7 +140,7 @@ def test_handlers_are_as_before() -> None:
 
 
 def test_a_replay_under_a_law_takes_that_laws_parameter() -> None:
-    """A soft replay of a hard plan must be the soft law's, not the plan's own mu again."""
+    """A replay under a soft law uses that law's mu, not the mu of the plan."""
     found = solve(get("push-1d"), Barrier(mu=1e-6))
     soft, own = found.replay(Barrier(mu=1e-1)), found.replay(Barrier(mu=1e-6))
     assert own.cost == pytest.approx(found.cost, rel=1e-6)

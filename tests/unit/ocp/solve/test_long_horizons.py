@@ -1,4 +1,4 @@
-"""What a solve takes grows with its horizon no faster than the horizon: counted, not timed."""
+"""The effort of a solve grows no faster than its horizon, mostly by counted iterations."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def test_a_horizon_twenty_times_as_long_takes_no_more_than_twice_the_iterations(
 
 @pytest.mark.costly
 def test_the_exact_answer_is_near_the_barriers_own_at_any_length() -> None:
-    """An answer's small impulses, one a step, are not pushed off their bounds on the way back."""
+    """The solve from the exact solution does not push the many small impulses off their bounds."""
     for steps in (20, 400):
         back = [stage for stage in softened(steps).stages if stage.label == "from exact"]
         assert len(back) == 1 and back[0].accepted
@@ -43,7 +43,7 @@ def test_the_exact_answer_is_near_the_barriers_own_at_any_length() -> None:
 
 
 def test_the_barrier_below_a_path_falls_as_the_horizon_grows() -> None:
-    """Held at t/10 up to sixty steps, then the sum over steps of the barrier's weights is."""
+    """The barrier's weight is t/10 up to sixty steps; for more its sum over steps is constant."""
     mu = get("push-disc").natural_scales.mu
 
     def held(steps: int) -> float:
@@ -58,7 +58,7 @@ def test_the_barrier_below_a_path_falls_as_the_horizon_grows() -> None:
 
 
 class Guessing(Branches):
-    """Branches of push-1d whose guesses of the active set cost what a test says."""
+    """Branches of push-1d whose solves take given numbers of iterations, by the number of active pairs."""
 
     def __init__(self, took: dict[int, int]) -> None:
         session = new_session(get("push-1d", N=4), Exact())
@@ -94,7 +94,7 @@ def test_a_second_guess_is_given_up_soon_after_what_the_first_took(
 
 
 def test_multipliers_a_little_off_need_no_program(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The barrier of an interior point leaves a slope at every bound; a thousand of them count."""
+    """An interior-point method leaves a slope at every bound, and a thousand of these add up."""
     session = new_session(get("push-disc"), Barrier(mu=1e-3))
     outcome = session.solve()
     nlp, x, y = outcome.nlp, outcome.result.point.x, outcome.result.point.lam_g
@@ -110,9 +110,9 @@ def test_multipliers_a_little_off_need_no_program(monkeypatch: pytest.MonkeyPatc
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["half-cheetah", "hopper-1d", "planar-push", "cart-walls"])
 def test_a_step_of_a_long_horizon_takes_twice_the_time_at_most(name: str) -> None:
-    """Under the exact law, iterations and processor time, judges included.
+    """Limits hold for iterations and processor time under the exact law, with audit and certificate included.
 
-    The half-cheetah's certificate over 200 steps may run out of its own time and stay undecided.
+    The half-cheetah's certificate over 200 steps may exceed its own limit and stay undecided.
     """
     lengths, seconds, found = (24, 200), [], []
     solve("push-1d", Exact())

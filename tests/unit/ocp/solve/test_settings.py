@@ -1,4 +1,4 @@
-"""Settings and solvers by name: what is read, what is passed on, what is refused."""
+"""Settings and solvers by name: which are read, passed on, or rejected."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One solve: reproducible, from several starts, over seeded scenarios, labelled."""
+"""One solve: reproducible, from several starts, over seeded scenarios, with labelled data."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from tests.findings import codes
 
 
 def without_times(found: Solution) -> dict[str, Any]:
-    """Everything that is said of a solution, but for seconds."""
+    """Return everything that is reported on a solution, except times."""
     record = {key: value for key, value in found.record.items() if not key.endswith("_s")}
     stages = [replace(line, seconds=0.0, evaluation_s=0.0) for line in found.stages]
     told = (found.cost, found.status, found.audit, stages, found.iterations, found.route.attempts)
@@ -83,7 +83,7 @@ def test_guesses_come_from_the_seed_and_keep_the_start() -> None:
 
 
 def two_wells() -> Problem:
-    """The mass of wall-1d with a good place at 0.5 m and a worse one at 1.5 m."""
+    """Return wall-1d with a terminal cost that has its minimum at 0.5 m and a local one at 1.5 m."""
     problem = get("wall-1d", N=10)
     x, u = problem.system.x[0], problem.system.u
     wells = 10 * ((x - 1) ** 2 - 0.25) ** 2 + 0.5 * x
@@ -200,7 +200,7 @@ def final_errors(plan: Any, found: Solution, seed: int = 1000) -> np.ndarray:
 @pytest.mark.parametrize("law", [Exact(), Barrier(mu=1e-3)], ids=["exact", "barrier"])
 @pytest.mark.parametrize("scenario_seed", [0, 1])
 def test_gains_beat_the_open_loop_plan_under_exact_physics(law, scenario_seed: int) -> None:
-    """Mean final error over fresh starts: at least two times less; five is what it should be."""
+    """Feedback gains reduce the mean final error over new starts at least fivefold."""
     plan = solve(get("push-disc"), law, Direct())
     several = get("push-disc", scenarios=8, scenario_seed=scenario_seed)
     gains = solve(several, law, Direct(), Feedback())
@@ -213,7 +213,7 @@ def test_gains_beat_the_open_loop_plan_under_exact_physics(law, scenario_seed: i
 
 @pytest.mark.costly
 def test_gains_beat_the_open_loop_plan() -> None:
-    """The same with a thick barrier and one stage, quick enough for every run."""
+    """With a soft barrier law gains halve the mean final error, in a shorter test."""
     plan = solve(get("push-disc"), Barrier(mu=1e-3))
     gains = solve(get("push-disc", scenarios=8), Barrier(mu=1e-3), Direct(), Feedback())
     assert gains.success

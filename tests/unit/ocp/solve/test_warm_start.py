@@ -1,4 +1,4 @@
-"""A solution carried elsewhere: what arrives is feasible, optimal where it was, and helps."""
+"""A solution carried to another program is feasible, optimal if the program is the same, and saves iterations."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ METHODS = [Direct(), MultipleShooting(), SingleShooting()]
 
 
 def stationarity(nlp: NLP, point: Any, values: dict[str, float]) -> float:
-    """Largest entry of ``grad f + J' lam_g + lam_x``."""
+    """Return the largest entry of ``grad f + J' lam_g + lam_x``."""
     p = nlp.parameter_vector(values)
     slope = np.array(nlp.gradient(point.x, p)[1]).ravel()
     jacobian = nlp.jacobian(point.x, p)[1].sparse()

@@ -1,4 +1,4 @@
-"""Systems without a contact or a limit: optima from linear algebra, under every law and method."""
+"""Systems without contacts and limits: optima from linear algebra, under every law and method."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ METHODS = [Direct(), MultipleShooting(), SingleShooting()]
 
 
 def free_mass() -> Problem:
-    """Move a mass of 1 kg by 1 m to rest: ``sum u² + 100 (x_N - 1)² + 100 v_N²``."""
+    """Return the problem of moving 1 kg by 1 m to rest: ``min sum u² + 100 (x_N - 1)² + 100 v_N²``."""
     p = ParameterTable([Parameter("h", H, "s")])
     system = time_stepping(
         "free mass",
@@ -45,8 +45,8 @@ def free_mass() -> Problem:
 
 
 def quadratic_program() -> tuple[float, np.ndarray]:
-    """Cost and inputs of ``min |u|² + 100 |G u - b|²``: ``b' (I/100 + G G')^-1 b``."""
-    # u_k changes v by h, and x by h² in each of the N - k steps from its own on.
+    """Return the cost ``b' (I/100 + G G')^-1 b`` and the inputs of ``min |u|² + 100 |G u - b|²``."""
+    # u_k changes v by h, and x by h² in each of the N - k steps from k on.
     G = np.array([H**2 * np.arange(N, 0, -1), np.full(N, H)])
     b = np.array([1.0, 0.0])
     y = np.linalg.solve(np.eye(2) / WEIGHT + G @ G.T, b)
@@ -75,14 +75,14 @@ def test_gains_without_contact_reach_the_same_optimum() -> None:
 
 
 def test_the_closed_loop_of_a_free_mass_follows_its_plan() -> None:
-    """With the whole horizon ahead and no disturbance the first input is the plan's own."""
+    """With the whole horizon ahead and no disturbance the first input is that of the plan."""
     loop = simulate(Controller(free_mass()), 3)
     u = loop.data["u"].values.ravel()
     assert u[0] == pytest.approx(quadratic_program()[1][0], rel=1e-4)
 
 
 def test_a_machine_without_spheres_swings_like_a_pendulum() -> None:
-    """A rod of 1 kg at 0.5 m: ``I a = -m g l sin(q)``, one step of it by hand."""
+    """One step of a rod of 1 kg at 0.5 m agrees with ``I a = -m g l sin(q)`` by hand."""
     p = ParameterTable([Parameter("h", 0.01, "s")])
     rod = Link("rod", None, mass=1.0, inertia=0.02, com=(0, -0.5), gear=1.0)
     system = Machine(links=(rod,), spheres=()).system("rod", p, h=p["h"], friction=0.0)
@@ -112,7 +112,7 @@ def fixed_gap(gap: float) -> Problem:
 
 @pytest.mark.parametrize("law", LAWS[:2], ids=lambda law: law.name)
 def test_a_contact_that_never_closes_changes_nothing(law) -> None:
-    """``min |u|² + (G u - 1)²`` has the value ``1 / (1 + |G|²)``."""
+    """The minimum of ``|u|² + (G u - 1)²`` is ``1 / (1 + |G|²)``."""
     found = solve(fixed_gap(0.5), contact=law)
     G = H * np.arange(5, 0, -1)
     assert found.success
@@ -127,7 +127,7 @@ def test_a_contact_that_is_closed_in_every_state_is_refused(gap: float) -> None:
 
 
 def test_a_tip_straight_below_its_hinge_is_advanced() -> None:
-    """There no impulse opens or closes the contact: its compliance is zero."""
+    """In this state no impulse opens or closes the contact, whose compliance is zero."""
     p = ParameterTable([Parameter("h", 0.05, "s")])
     rod = Link("rod", None, mass=0.3, inertia=1e-3, com=(0, -0.3), anchor=(0, 0.5), gear=1.0)
     machine = Machine(links=(rod,), spheres=(Sphere("tip", "rod", (0, -0.4), 0.05),))
@@ -141,7 +141,7 @@ def test_a_tip_straight_below_its_hinge_is_advanced() -> None:
 
 @pytest.mark.parametrize("phase", ["qpcc", "qp", "policy", "full"])
 def test_the_closed_loop_of_a_machine_without_contacts_swings_like_its_plan(phase: str) -> None:
-    """A rod whose inertia depends on its state, so that no step is linear in the next state."""
+    """The rod's inertia depends on its state, so that no step is linear in the next state."""
     p = ParameterTable([Parameter("h", 0.05, "s")])
     cart = Link("cart", None, mass=1.0, inertia=1.0, joint="slide", axis=(1, 0), gear=10.0)
     rod = Link("rod", "cart", mass=0.3, inertia=1e-3, com=(0, -0.5))

@@ -1,4 +1,4 @@
-"""A checkpoint belongs to one study of one content, and one process at a time holds it."""
+"""A checkpoint belongs to one computation with fixed content, and one process at a time holds it."""
 
 from __future__ import annotations
 
@@ -75,12 +75,12 @@ def test_two_at_once_have_places_of_their_own(tmp_path: Path) -> None:
             second.save_rows(0, [{"of": "second"}])
             second.discard()
         assert first.rows(0) == [{"of": "first"}]
-        # The other way round: the first to begin is the first to end.
+        # In the other order, the first to begin ends first.
         with Checkpoint(tmp_path, "toy", ASKED) as third:
             third.save_rows(0, [{"of": "third"}])
             first.discard()
             assert third.rows(0) == [{"of": "third"}]
-    # What the third left is found, though the place before it is free.
+    # The rows of the third are found, although the folder before it is free.
     with Checkpoint(tmp_path, "toy", ASKED) as fourth:
         assert fourth.rows(0) == [{"of": "third"}]
 
@@ -101,7 +101,7 @@ def test_what_a_killed_process_left_is_taken_over(tmp_path: Path) -> None:
 
 
 def test_a_place_that_vanishes_while_it_is_entered_is_not_held(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Its owner removes it between the opening and the locking of another."""
+    """The owner removes the folder after another process opens its lock file and before that locks it."""
     with Checkpoint(tmp_path, "toy", ASKED) as owner:
         assert owner.place is not None
         place = owner.place
@@ -134,7 +134,7 @@ def test_another_content_starts_anew_and_says_so(tmp_path: Path, monkeypatch: py
         assert ("file, or what it imports, has changed" in note) == (changed == "source")
         assert "starting again; earlier results are in" in note
         assert ".unfinished-" in note
-    # Other words are another study, of which nothing is said.
+    # Other settings are another computation, so that there is no note.
     with Checkpoint(tmp_path, "toy", {"samples": 11}, source) as other:
         assert other.rows(0) is None and not other.notes
 

@@ -1,4 +1,4 @@
-"""Output files: a regular one is replaced whole, what is none is written to or refused."""
+"""Output files: a regular file is replaced atomically, other kinds are written to or rejected."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ocp.store import atomic
 
 
 def read_in_background(fifo: Path) -> tuple[threading.Thread, list[bytes]]:
-    """A reader of a FIFO, and where what it has read will stand."""
+    """Start a reader of a FIFO; return its thread and the list that gets the bytes read."""
     got: list[bytes] = []
     reader = threading.Thread(target=lambda: got.append(fifo.read_bytes()), daemon=True)
     reader.start()
@@ -58,7 +58,7 @@ def test_a_device_is_written_to_and_a_disk_is_refused(tmp_path: Path) -> None:
     try:
         os.mknod(null, 0o666 | stat.S_IFCHR, os.makedev(1, 3))
         os.mknod(full, 0o666 | stat.S_IFCHR, os.makedev(1, 7))
-        # No driver has this number, so that nothing could come to harm.
+        # No driver has this number, so that no disk can be damaged.
         os.mknod(disk, 0o600 | stat.S_IFBLK, os.makedev(511, 1))
         null.write_bytes(b"")
     except OSError as error:
@@ -107,7 +107,7 @@ def test_what_is_no_file_is_refused(tmp_path: Path) -> None:
 
 @pytest.mark.costly
 def test_an_open_file_is_written_to(tmp_path: Path) -> None:
-    """As ``--pdf /dev/stdout`` in a pipe is, and where standard output goes to a file."""
+    """``/dev/stdout`` is written to, both in a pipe and if standard output is a file."""
     code = "from pathlib import Path; from ocp.store import atomic; atomic.write_file(Path('{}'), b'x')"
     for place in ("/dev/stdout", "/proc/self/fd/1"):
         command = [sys.executable, "-c", code.format(place)]
@@ -119,7 +119,7 @@ def test_an_open_file_is_written_to(tmp_path: Path) -> None:
 
 
 def test_nobody_else_opens_a_file_to_write() -> None:
-    """But for drafts: of a run, of a film and its frames, and of what typst reads."""
+    """Other modules write only drafts: of runs, of films and their frames, and of input for typst."""
     opened = r"(?<!devnull\).)(?<!fd)open\([^)]*[\"'][wax]"
     by_hand = re.compile(rf"write_(text|bytes)\(|savefig\(|{opened}")
     root = Path(atomic.__file__).parents[2]

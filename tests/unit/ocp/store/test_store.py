@@ -1,4 +1,4 @@
-"""The run store: what goes in comes out, whole or not at all."""
+"""The run store: stored runs are read back complete or not at all."""
 
 from __future__ import annotations
 
@@ -354,7 +354,7 @@ def test_a_file_is_replaced_whole_or_not_at_all(tmp_path: Path, ending: type) ->
 
 
 def test_only_one_module_renames_into_place() -> None:
-    """Above the floor of mechanics, which has a cache of its own, nobody else writes by hand."""
+    """In ocp, problems and reports no other module moves files; dynamics has its own cache."""
     root = Path(store.__file__).parents[2]
     moves = r"(replace|rename)"
     by_hand = re.compile(rf"mkstemp|mkdtemp|os\.{moves}\(|[a-z)]\.{moves}\([a-z_]+\)")
@@ -368,7 +368,7 @@ def test_only_one_module_renames_into_place() -> None:
 
 
 def test_runs_are_found_by_their_names_without_opening_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Those of one second are in the order in which they were written, damaged ones too."""
+    """Runs of the same second are in the order in which they were written, damaged ones included."""
     paths = [store.save(solution(), tmp_path, []).path for _ in range(3)]
     (paths[1] / "meta.json").write_bytes(b"damaged")
     for place, path in enumerate(paths):

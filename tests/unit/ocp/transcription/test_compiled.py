@@ -1,4 +1,4 @@
-"""A compiled stage is the same stage."""
+"""Compiled functions of a stage return the same values as interpreted ones."""
 
 from pathlib import Path
 
@@ -41,7 +41,7 @@ def test_compiled_and_plain_solves_agree(method) -> None:
 @needs_compiler
 @pytest.mark.parametrize("method", METHODS)
 def test_every_function_of_an_nlp_is_the_same(method) -> None:
-    """Two contacts, so that the path solver is compiled as well where a method has it."""
+    """With two contacts the path solver is compiled too, in methods that use it."""
     plain, fast = (
         new_session(get("cart-walls", N=4), Barrier(mu=1e-3), method, settings={"jit": word}) for word in (False, True)
     )
