@@ -1,4 +1,4 @@
-"""Gradients of smoothed objectives from samples: estimators, their moments, and verdicts."""
+"""Sampled gradients of smoothed objectives: estimators, moments of their samples, and verdicts on bias."""
 
 from ocp.gradients.estimation import Estimate, Sampling, estimate_gradient
 from ocp.gradients.objective import SampledObjective, StaticObjective

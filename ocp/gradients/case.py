@@ -1,4 +1,4 @@
-"""Description of a named objective, so that any process can build it."""
+"""Serialisable description of an objective, from which any process can build it."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from ocp.store.provenance import check_content
 from ocp.transcription.factories import law_digest, make_law, policy_of
 
 SIGMA_SHARE = 0.1
-"""Default noise on a problem's inputs, as a share of their characteristic size."""
+"""Default standard deviation of the noise on a problem's inputs, as a share of their characteristic size."""
 SIGMA_RATIO = 1e9
-"""Largest ratio of noise to default noise: beyond it, rounding hides one size behind the other."""
+"""Maximum ratio of the noise to the default noise, or its inverse; beyond it rounding errors dominate."""
 
 
 @dataclass(frozen=True)
 class NamedObjective:
-    """An objective with all its parameters and its default noise ``sigma``.
+    """An objective with the values of all its parameters and its default noise ``sigma``.
 
-    ``usual`` is the noise to which the limits of :meth:`check_sigma` are relative.
+    The limits of :meth:`check_sigma` are relative to the noise ``usual``.
     """
 
     objective: SampledObjective
@@ -38,7 +38,7 @@ class NamedObjective:
     usual: float
 
     def check_sigma(self, values: Iterable[float]) -> None:
-        """Raise InputError for noise so small or large that rounding hides its effect."""
+        """Raise InputError for a noise so small or large that rounding errors dominate its effect."""
         smallest, largest = self.usual / SIGMA_RATIO, self.usual * SIGMA_RATIO
         for value in values:
             if not smallest <= value <= largest:
@@ -50,10 +50,10 @@ class NamedObjective:
 
 @dataclass(frozen=True)
 class ObjectiveCase:
-    """Description of an objective by names and numbers, so that any process can build it.
+    """Description of an objective by names and numbers, from which any process can build it.
 
-    ``at`` holds parameters and components of the decision that are changed after the build.
-    ``content`` is the digest of the user's files: the problem's and a learned law's.
+    ``at`` maps parameters and components of the decision to values that are set after the build.
+    ``content`` is the digest of the user's files, those of the problem and of a learned law.
     """
 
     problem: str
@@ -68,13 +68,13 @@ class ObjectiveCase:
     content: str | None = None
 
     def build(self, spec: Any = None) -> NamedObjective:
-        """Build the objective from its ``spec``, which is looked up by name if not passed.
+        """Build the objective from the problem's ``spec``, which is looked up by name if not passed.
 
-        The default noise of rollouts is a tenth of the inputs' largest scale.
+        The default noise for rollouts is a tenth of the inputs' largest characteristic size.
 
         Raises :class:`~ocp.errors.InputError` for a law that cannot close the system, for a policy
-        setting other than ``stationary``, and where the decision needs more memory than there is;
-        :class:`~ocp.store.provenance.FilesChanged` where a file has changed since.
+        setting other than ``stationary``, and for a decision that needs more memory than there is;
+        :class:`~ocp.store.provenance.FilesChanged` if a file has changed since the description was made.
         """
         spec = plugins.problems.named(self.problem) if spec is None else spec
         digests = getattr(spec, "digest", None), law_digest(self.contact)
@@ -83,7 +83,7 @@ class ObjectiveCase:
         return replace(named_objective, objective=named_objective.objective.at(self.at)) if self.at else named_objective
 
     def _static(self, spec: Any) -> NamedObjective:
-        """Build an objective without dynamics; its parameter ``sigma`` is the default noise."""
+        """Build an objective without dynamics, whose default noise is its parameter ``sigma``."""
         values = spec.params(self.params).model_dump()
         usual = float(spec.Params.model_fields["sigma"].default)
         objective = spec.objective(self.params, **self.engine)
@@ -105,7 +105,7 @@ class ObjectiveCase:
             )
 
     def _rollouts(self, spec: Any) -> NamedObjective:
-        """Build the objective of a problem's rollouts."""
+        """Build the objective that is the cost of a problem's rollouts."""
         values, problem = spec.params(self.params).model_dump(), spec.problem(self.params)
         law = make_law(self.contact, self.contact_settings, problem.system)
         policy_settings = self.policy_settings

@@ -1,4 +1,4 @@
-"""Sums of samples by chunks: bitwise the same wherever a chunk is computed."""
+"""Moments of samples in chunks, which are bitwise the same in whichever process a chunk is computed."""
 
 from __future__ import annotations
 
@@ -12,16 +12,19 @@ from dynamics.batch import Gaussian, Moments
 from ocp.gradients.objective import Bulk, SampledObjective
 
 CHUNK = 1 << 13
-"""Number of samples per chunk; fixed, since sums are taken chunk by chunk."""
+"""Number of samples per chunk, which is fixed so that sums are bitwise reproducible."""
 BULK = 1 << 18
-"""Number of samples per chunk of moments computed in bulk; fixed for the same reason."""
+"""Number of samples per chunk if moments are computed in bulk, fixed so that sums are bitwise reproducible."""
 
 Contributions = Callable[[Gaussian, int], np.ndarray]
-"""Maps (noise from its first sample on, m) to the estimates (m, d) of m single samples."""
+"""Function from (noise, m) to estimates (m, d) from the first m samples of the noise."""
 
 
 class Sampler(NamedTuple):
-    """Two functions: ``single`` estimates, and moments of many samples by ``bulk``, None if unsupported."""
+    """Sampler of an estimator: ``single`` returns single samples, ``bulk`` the moments of many.
+
+    ``bulk`` returns None if the objective does not support it.
+    """
 
     single: Contributions
     bulk: Callable[[Gaussian, int], Bulk | None] = lambda noise, m: None
@@ -29,10 +32,10 @@ class Sampler(NamedTuple):
 
 @dataclass(frozen=True)
 class Chunk:
-    """Moments (d,) of the finite ones of ``size`` samples.
+    """Moments (d,) of the finite samples in a chunk of ``size`` samples.
 
-    ``nonfinite`` holds the indices of the others, from 0; ``largest`` is the largest norm of a
-    sample, 0 where the moments were computed in bulk.
+    ``nonfinite`` are the indices of the other samples, counted from 0 in the chunk; ``largest`` is the
+    largest norm of a sample, or 0 if moments were computed in bulk.
     """
 
     size: int
@@ -42,7 +45,7 @@ class Chunk:
 
     @classmethod
     def of(cls, values: np.ndarray) -> Chunk:
-        """Return the moments of single estimates (m, d)."""
+        """Build a chunk from single samples (m, d)."""
         finite = np.isfinite(values).all(axis=1)
         finite_values = values[finite]
         n, d = finite_values.shape
@@ -55,7 +58,7 @@ class Chunk:
 
 
 def iterate_chunks(sampler: Sampler, noise: Gaussian, first: int, last: int) -> Iterator[Chunk]:
-    """Yield the chunks of the samples from ``first`` to ``last`` in order."""
+    """Compute the samples from ``first`` to ``last`` and yield their chunks in order."""
     while first < last:
         remaining_noise, size = noise.skip_samples(first), min(BULK, last - first)
         if bulk_sums := sampler.bulk(remaining_noise, size):
@@ -67,7 +70,7 @@ def iterate_chunks(sampler: Sampler, noise: Gaussian, first: int, last: int) -> 
 
 
 def cost_sampler(objective: SampledObjective) -> Sampler:
-    """Return a sampler of the cost_sampler themselves, d = 1."""
+    """Return a sampler of an objective's costs, d = 1."""
     return Sampler(
         lambda noise, m: objective.sample_scores(noise, m).cost[:, None],
         lambda noise, m: objective.moments(noise, m, "cost"),
@@ -75,7 +78,7 @@ def cost_sampler(objective: SampledObjective) -> Sampler:
 
 
 def mean_of_chunks(chunks_of_costs: Iterator[Chunk]) -> float:
-    """Mean of samples with d = 1; 0 if none is finite."""
+    """Return the mean over chunks of samples with d = 1, or 0 if no sample is finite."""
     total = Moments(0, np.zeros(1), np.zeros(1))
     for chunk in chunks_of_costs:
         total = total.merge_with(chunk.moments)
@@ -83,5 +86,5 @@ def mean_of_chunks(chunks_of_costs: Iterator[Chunk]) -> float:
 
 
 def mean_cost(objective: SampledObjective, noise: Gaussian, n: int) -> float:
-    """Mean of the finite cost_sampler among n samples."""
+    """Return the mean of the finite costs among n samples of an objective."""
     return mean_of_chunks(iterate_chunks(cost_sampler(objective), noise, 0, n))

@@ -1,4 +1,4 @@
-"""Estimate a gradient by several estimators: moments, intervals, reference, verdicts."""
+"""Estimation of a gradient by several estimators, with confidence intervals, a reference and verdicts."""
 
 from __future__ import annotations
 
@@ -37,20 +37,21 @@ from ocp.gradients.verdict import (
 )
 
 JUMP_STREAM = 4
-"""Number of the random stream that :func:`find_sharpest_change` draws from."""
+"""Index of the random stream that :func:`find_sharpest_change` uses."""
 ALPHA_ORDERS = ("zobg-mean", "fobg")
-"""The two orders that the alpha estimators interpolate, on independent streams."""
+"""Names of the two estimators, on independent streams, between which the alpha estimators interpolate."""
 REFERENCE_FACTOR = 10
-"""Default number of samples of the reference, as a multiple of an estimator's."""
+"""Default number of samples for the reference, as a multiple of that for an estimator."""
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """Estimate by one estimator of the gradient of one objective, for a decision of d components.
+    """Estimate of an objective's gradient (d,) by one estimator, with its verdict.
 
-    ``moments`` are those of one sample, (d,) each; ``evaluations`` counts rollouts. ``known`` is
-    the reference that it is judged against, ``choice`` the weight of an interpolated estimate,
-    ``bias`` the triple of pathologies, def. III.3, ``nonfinite`` the indices of samples left out.
+    ``moments`` (d,) are those of single samples, ``evaluations`` is the number of rollouts. ``known`` is
+    the reference that it is judged against, or None; ``choice`` is the weight of an interpolated
+    estimate, ``bias`` the empirical bias of a sampled one, and ``nonfinite`` the indices of samples
+    that were left out.
     """
 
     estimator: str
@@ -64,28 +65,28 @@ class Estimate:
 
     @property
     def mean(self) -> np.ndarray:
-        """The estimate, (d,)."""
+        """Estimated gradient (d,), the mean of the samples."""
         return self.moments.mean
 
     @property
     def variance(self) -> np.ndarray:
-        """Variance of one sample, (d,)."""
+        """Variance (d,) of single samples."""
         return self.moments.variance
 
     @property
     def standard_error(self) -> np.ndarray:
-        """Standard deviation of the mean, (d,)."""
+        """Standard deviation (d,) of the estimated gradient."""
         return self.moments.standard_error
 
     def interval(self, confidence: float = 0.95) -> tuple[np.ndarray, np.ndarray]:
-        """Return the ends (d,) of each component's normal confidence interval."""
+        """Return the lower and upper ends (d,) of the components' normal confidence intervals."""
         from scipy.stats import norm
 
         half_width = float(norm.ppf(0.5 + confidence / 2)) * self.standard_error
         return self.mean - half_width, self.mean + half_width
 
     def row(self) -> dict[str, Any]:
-        """Return the estimate as it stands in JSON: numbers for one component, lists for several."""
+        """Return the estimate as a JSON object; vectors are numbers for one component, else lists."""
         reference, variance = self.known, self.variance
         return {
             "estimator": self.estimator,
@@ -114,20 +115,20 @@ class Estimate:
 
 
 def number_or_list(values: np.ndarray) -> float | list[float]:
-    """Return a float for an array of one element, else a list."""
+    """Return an array as a float if it has one element, else as a list of floats."""
     flat = np.asarray(values, dtype=float).ravel()
     return float(flat[0]) if flat.size == 1 else flat.tolist()
 
 
 MIN_SIGMA = 1e-150
-"""Smallest sigma, the inverse of the largest: its square must neither underflow nor overflow."""
+"""Minimum sigma, and inverse of the maximum: its square must neither underflow nor overflow."""
 
 
 @dataclass(frozen=True)
 class Sampling(Configured):
-    """Request of an estimate: estimators by name, samples of each, the noise and the seed.
+    """Settings of an estimation: names of estimators, number of samples of each, noise and seed.
 
-    ``rules`` replaces the settings of alpha estimators by name.
+    ``rules`` are the rules for the weights of alpha estimators with other than their default settings.
 
     Raises :class:`~ocp.errors.InputError` for an unknown or repeated estimator and a setting out of range.
     """
@@ -160,18 +161,18 @@ class Sampling(Configured):
 
     @property
     def sampled(self) -> list[str]:
-        """Names of the estimators to sample, including those that interpolated ones need."""
+        """Names of the estimators to sample, including those between which others interpolate."""
         alphas = [name for name in self.estimators if name in RULES]
         names = [name for name in self.estimators if name in SAMPLED]
         return list(dict.fromkeys([*names, *(ALPHA_ORDERS if alphas else ())]))
 
     @property
     def n_reference_samples(self) -> int:
-        """Number of samples of the reference, if it is sampled."""
+        """Number of samples for the reference, if it is sampled."""
         return self.reference_samples or REFERENCE_FACTOR * self.samples
 
     def rule(self, name: str) -> Rule:
-        """Return the settings of an alpha estimator."""
+        """Return the weighting rule of the alpha estimator ``name``."""
         return next((rule for rule in self.rules if rule.name == name), RULES[name]())
 
 
@@ -184,14 +185,15 @@ def estimate_gradient(
     progress: Progress | None = None,
     **settings: Any,
 ) -> dict[str, Estimate]:
-    """Estimate ``grad F(theta)``, F the mean of V(theta, w) over ``w ~ N(0, sigma^2 I)``.
+    """Estimate ``grad F(theta)``, where F is the mean of V(theta, w) over ``w ~ N(0, sigma^2 I)``.
 
-    Returns an :class:`Estimate` for each name: ``zobg``, ``zobg-zero-noise``, ``zobg-mean``,
-    ``zobg-antithetic``, ``fobg``, ``es``, ``alpha``, ``alpha-variance``, ``alpha-fixed``. Sample i
-    is the same in every larger run of the same seed. ``settings`` are those of :class:`Sampling`.
+    Return a mapping from names to :class:`Estimate`. Names are ``zobg``, ``zobg-zero-noise``,
+    ``zobg-mean``, ``zobg-antithetic``, ``fobg``, ``es``, ``alpha``, ``alpha-variance`` and
+    ``alpha-fixed``. Sample i is the same for any number of samples with the same seed. ``settings`` are
+    those of :class:`Sampling`.
 
-    Raises :class:`~ocp.errors.InputError` for settings that :class:`Sampling` rejects, and where
-    too few samples were finite.
+    Raises :class:`~ocp.errors.InputError` for settings that :class:`Sampling` rejects, and if too
+    few samples were finite.
     """
     sequence = seed if isinstance(seed, np.random.SeedSequence) else np.random.SeedSequence(seed)
     sampling = Sampling(tuple(estimators), samples, sigma, **settings)
@@ -206,10 +208,10 @@ def run_sampling(
     keep: CheckpointKey = NOT_SAVED,
     workers: ChunkSource | None = None,
 ) -> dict[str, Estimate]:
-    """Estimate one objective by ``sampling``, with the random streams of ``seed``.
+    """Estimate the gradient of one objective as set by ``sampling``, with random streams derived from ``seed``.
 
-    ``keep`` is the place where unfinished sums are saved, and the prefix of their keys;
-    ``workers`` sum chunks elsewhere.
+    ``keep`` is the storage of unfinished sums and the prefix of their keys; ``workers`` compute chunks
+    in other processes.
     """
 
     def checkpoint_key(name: str) -> CheckpointKey:
@@ -245,7 +247,7 @@ def run_sampling(
 
 
 class _Judge:
-    """Judge that makes estimates with verdicts from estimators' runs."""
+    """Construction of estimates with verdicts from the estimators' runs."""
 
     def __init__(
         self,
@@ -260,7 +262,7 @@ class _Judge:
         pathwise = name == "fobg"
         mean = None if self._reference is None or not pathwise else self._reference.gradient
         bias = empirical_bias(run.first_samples, mean)
-        # A smoothing over parameters has this reference only if the noise is added to the parameters.
+        # Evolution strategies smooth over parameters; the reference is theirs only if the noise is added to those.
         noise_on_decision = len(self._objective.theta) == self._objective.n_noise
         reference = self._reference if name != "es" or noise_on_decision else None
         verdict = self._verdict(reference, run.moments, bias if pathwise else None)
@@ -299,9 +301,9 @@ def _evidence(zeroth: EstimatorRun, first: EstimatorRun) -> Evidence:
 
 
 def interpolate(alpha: float, zeroth: Moments, first: Moments) -> Moments:
-    """Moments of ``alpha first + (1 - alpha) zeroth``, one independent sample of each.
+    """Return the moments of ``alpha first + (1 - alpha) zeroth`` for independent samples of both.
 
-    alpha is taken as a constant; that it was chosen from the same samples biases the result a little.
+    alpha is taken as a constant; its choice from the same samples biases the result slightly.
     """
     n = min(zeroth.n, first.n)
     mean = alpha * first.mean + (1 - alpha) * zeroth.mean

@@ -1,4 +1,4 @@
-"""Estimators of the gradient of a smoothed objective, and rules for the weight of the first order."""
+"""Estimators of a smoothed objective's gradient, and rules that weight first- and zeroth-order estimates."""
 
 from __future__ import annotations
 
@@ -18,11 +18,10 @@ from ocp.gradients.objective import Bulk, SampledObjective
 
 
 class Estimator(ABC):
-    """One estimator of ``grad F(theta)``, F the mean of V(theta, w) over ``w ~ N(0, sigma^2 I)``.
+    """Base class of estimators of ``grad F(theta)``, where F is the mean of V(theta, w), ``w ~ N(0, sigma^2 I)``.
 
-    ``stream`` numbers the random numbers that it uses: estimators of one stream see the same
-    samples, those of different streams independent ones. ``evaluations`` is how many rollouts one
-    sample costs.
+    ``stream`` is the index of its random stream: estimators with the same stream use the same noise,
+    those with different streams independent noise. ``evaluations`` is the number of rollouts per sample.
     """
 
     name: str
@@ -32,21 +31,21 @@ class Estimator(ABC):
 
     @abstractmethod
     def make_sampler(self, objective: SampledObjective, noise: Gaussian, n: int) -> Sampler:
-        """Return the sampler of single estimates; ``n`` is their total number."""
+        """Return a sampler of the estimator; ``n`` is the total number of samples."""
 
     def with_baseline(self, objective: SampledObjective, mean_cost: Callable[[], float]) -> Estimator:
-        """Return the same with its baseline as a number; ``mean_cost()`` is the mean over all samples."""
+        """Return the estimator with its baseline computed; ``mean_cost()`` returns the mean over all samples."""
         return self
 
 
 @dataclass(frozen=True)
 class ZeroOrder(Estimator):
-    """ZoBG, the likelihood-ratio gradient (pathologies, def. II.1), with a baseline b.
+    """Zeroth-order batched gradient (ZoBG), the likelihood-ratio gradient, with a baseline b.
 
-    One sample is ``(V(theta, w) - b) s``, s the score. b is 0 (``none``), the cost without noise
-    (``zero-noise``), or the mean cost of the other n - 1 samples (``mean``, which stays unbiased);
-    ``antithetic`` is the mean of the samples at w and -w, both less the cost without noise, which
-    cancels for open loop and counts under feedback, whose score is not odd in w.
+    A sample is ``(V(theta, w) - b) s`` with the score s (Suh, Simchowitz, Zhang et al. 2022, def. II.1).
+    b is 0 (``none``), the cost without noise (``zero-noise``), or the mean cost of the other n - 1
+    samples (``mean``, which is unbiased). ``antithetic`` averages the samples at w and -w, with the cost
+    without noise as b, which matters only under feedback, where the score is not odd in w.
     """
 
     name: str
@@ -57,21 +56,21 @@ class ZeroOrder(Estimator):
     stream: ClassVar[int] = 0
 
     def with_baseline(self, objective: SampledObjective, mean_cost: Callable[[], float]) -> ZeroOrder:
-        """Return the same with b as a number."""
+        """Return the estimator with its baseline b computed."""
         if self.baseline == "none":
             return replace(self, value=0.0)
         return replace(self, value=mean_cost() if self.baseline == "mean" else objective.nominal_cost())
 
     def make_sampler(self, objective: SampledObjective, noise: Gaussian, n: int) -> Sampler:
-        """Return the sampler of ``(V - b) s``, cost V, baseline b and score s; b is computed if not given.
+        """Return a sampler of ``(V - b) s`` with cost V, baseline b and score s; b is computed if not yet known.
 
-        Raises :class:`~ocp.errors.InputError` for one sample with the mean of the others as its baseline.
+        Raises :class:`~ocp.errors.InputError` for a single sample if the baseline is the mean of the others.
         """
         factor = 1.0
         if self.baseline == "mean":
             if n < 2:
                 raise InputError("the mean of the other samples needs 2 samples or more, got 1")
-            # V_i less the mean of the others is n/(n-1) times V_i less the mean of all.
+            # V_i minus the mean of the others is n/(n-1) times V_i minus the mean of all.
             factor = n / (n - 1)
         baseline = self.value
         if baseline is None:
@@ -96,14 +95,17 @@ class ZeroOrder(Estimator):
 
 @dataclass(frozen=True)
 class FirstOrder(Estimator):
-    """FoBG, the pathwise gradient ``grad_theta V(theta, w)`` (pathologies, def. II.2)."""
+    """First-order batched gradient (FoBG), whose samples are ``grad_theta V(theta, w)``, through contact.
+
+    Source: Suh, Simchowitz, Zhang et al. (2022), def. II.2.
+    """
 
     name: str = "fobg"
     summary: str = "first order, gradients through contact"
     stream: ClassVar[int] = 1
 
     def make_sampler(self, objective: SampledObjective, noise: Gaussian, n: int) -> Sampler:
-        """Return the sampler of gradients; they are NaN where the cost is not finite."""
+        """Return a sampler of gradients, which are NaN where the cost is not finite."""
 
         def contributions(g: Gaussian, m: int) -> np.ndarray:
             samples = objective.sample_gradients(g, m)
@@ -114,11 +116,11 @@ class FirstOrder(Estimator):
 
 @dataclass(frozen=True)
 class EvolutionStrategies(Estimator):
-    """Likelihood ratio in the space of parameters (abs, sec. 7.2).
+    """Evolution strategies: likelihood ratio in the space of parameters (Zhang, Jin and Wang 2023, sec. 7.2).
 
-    One sample is ``(V(theta + sigma e) - V(theta - sigma e)) e / (2 sigma)`` without any other
-    noise. Where the noise is added to the decision itself, or to open-loop inputs, this is the
-    antithetic ZoBG; for feedback it smooths over gains, and so estimates another gradient.
+    A sample is ``(V(theta + sigma e) - V(theta - sigma e)) e / (2 sigma)`` without other noise. If noise
+    is added to the decision itself or to open-loop inputs, this is the antithetic ZoBG; for feedback
+    it smooths over gains and therefore estimates another gradient.
     """
 
     name: str = "es"
@@ -127,7 +129,7 @@ class EvolutionStrategies(Estimator):
     evaluations: int = 2
 
     def make_sampler(self, objective: SampledObjective, noise: Gaussian, n: int) -> Sampler:
-        """Return the sampler of antithetic differences."""
+        """Return a sampler of antithetic differences of the cost."""
 
         def contributions(g: Gaussian, m: int) -> np.ndarray:
             above, below = (objective.sample_perturbed(side, m) for side in (g, g.negate()))
@@ -142,7 +144,7 @@ _BASELINES = (
     ("zobg-mean", "mean", 2, "the mean cost of the other samples as baseline"),
     ("zobg-antithetic", "antithetic", 2, "pairs of samples at w and -w"),
 )
-"""Name, baseline, evaluations (a pair of samples, or another pass for the mean) and summary."""
+"""Zeroth-order estimators: name, baseline, evaluations per sample, and summary."""
 SAMPLED: dict[str, Estimator] = {
     estimator.name: estimator
     for estimator in (
@@ -151,17 +153,16 @@ SAMPLED: dict[str, Estimator] = {
         EvolutionStrategies(),
     )
 }
-"""Estimators that are means of independent samples, by name."""
+"""Mapping from names to the estimators that are means of independent samples."""
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """Statistics from which alpha is chosen, both estimates being means of ``n`` samples.
+    """Statistics of two estimates, each a mean of ``n`` samples, from which the weight alpha is chosen.
 
-    ``first_variance`` and ``zeroth_variance`` are traces of the covariance of one sample;
-    ``distance`` is ``|first mean - zeroth mean|``, ``gradient_size`` the size of the zeroth mean,
-    ``deviation`` a bound on how far one zeroth-order sample lies from its mean; ``d`` the number of
-    components.
+    ``d`` is the number of components; ``first_variance`` and ``zeroth_variance`` are traces of the
+    covariance of one sample; ``distance`` is the norm of the difference of the means, ``gradient_size``
+    that of the zeroth-order mean; ``deviation`` bounds the distance of a zeroth-order sample from its mean.
     """
 
     n: int
@@ -175,9 +176,9 @@ class Evidence:
 
 @dataclass(frozen=True)
 class Choice:
-    """The chosen alpha in [0, 1], the weight of the *first-order* estimate, and the reason.
+    """The chosen weight alpha in [0, 1] of the *first-order* estimate, and the reason.
 
-    ``epsilon`` and ``gamma`` are the confidence test's, NaN without such a test.
+    ``epsilon`` and ``gamma`` are those of the confidence test, NaN for rules without a test.
     """
 
     alpha: float
@@ -187,21 +188,21 @@ class Choice:
 
 
 def inverse_variance(first_variance: float, zeroth_variance: float) -> float:
-    """``alpha* = s0^2 / (s0^2 + s1^2)``, which minimises ``alpha^2 s1^2 + (1 - alpha)^2 s0^2``.
+    """Return the first-order weight ``alpha* = s0^2 / (s0^2 + s1^2)``, which minimises the variance.
 
-    The weight of the first order; pathologies, eq. 6, writes 1 - alpha. Two estimates without
-    variance give 1.
+    The variance is ``alpha^2 s1^2 + (1 - alpha)^2 s0^2``; alpha* is 1 if both variances are 0. In Suh,
+    Simchowitz, Zhang et al. (2022), eq. 6, it is 1 - alpha.
     """
     total = first_variance + zeroth_variance
     return zeroth_variance / total if total > 0 else 1.0
 
 
 def bernstein_distance(n: int, d: int, variance: float, deviation: float, delta: float) -> float:
-    """Bound on a mean of n samples' distance from its expectation, with probability 1 - delta.
+    """Return a bound on the distance of the mean of n samples from its expectation, of probability 1 - delta.
 
-    ``sqrt(2 s^2 l / n) + 2 L l / (3 n)`` with ``l = ln((d + 1)/delta)``: the vector Bernstein
-    inequality, solved for the distance, with ``variance`` s^2 the trace and ``deviation`` L a bound
-    on one sample.
+    It is ``sqrt(2 s^2 l / n) + 2 L l / (3 n)`` with ``l = ln((d + 1)/delta)``, the vector Bernstein
+    inequality solved for the distance. ``variance`` s^2 is the trace of one sample's covariance, and
+    ``deviation`` L bounds the distance of one sample from the mean.
     """
     log = math.log((d + 1) / delta)
     return math.sqrt(2 * variance * log / n) + 2 * deviation * log / (3 * n)
@@ -211,13 +212,12 @@ def bernstein_distance(n: int, d: int, variance: float, deviation: float, delta:
 class ConfidenceTest(Configured):
     """Weight alpha of the first order, of least variance subject to ``alpha B + epsilon <= gamma``.
 
-    B is the distance between the two estimates and epsilon bounds the error of the zeroth order with
-    failure probability ``delta``, so that the error of the interpolated gradient stays below
-    ``gamma`` with probability 1 - delta (the rule of Suh, Simchowitz, Zhang and Tedrake, ICML 2022,
-    used by pathologies, sec. IV-C). ``gamma`` None is a tenth of the zeroth-order gradient's size.
-    ``deviation`` None takes the largest that the samples show: Gaussian noise has no certain bound.
-
-    Their public code passes 0.95 for delta, which is the probability to *fail*; here it is 0.05.
+    B is the distance between the two estimates, and epsilon bounds the error of the zeroth order with
+    failure probability ``delta``, so that the error of the interpolated gradient is below ``gamma`` with
+    probability 1 - delta. This is the rule of Suh, Simchowitz, Zhang and Tedrake (ICML 2022), also used
+    in Suh, Simchowitz, Zhang et al. (2022), sec. IV-C. With ``gamma`` None it is a tenth of the
+    zeroth-order gradient's norm; with ``deviation`` None it is the largest in the samples, since
+    Gaussian noise is unbounded. Their public code uses 0.95 for the failure probability; here it is 0.05.
 
     Raises :class:`~ocp.errors.InputError` for gamma <= 0, delta outside (0, 1), deviation < 0.
     """
@@ -231,7 +231,7 @@ class ConfidenceTest(Configured):
     summary: ClassVar[str] = "both orders, weighted subject to a confidence test"
 
     def choose_weight(self, evidence: Evidence) -> Choice:
-        """Choose alpha: 0 where the zeroth order alone is too uncertain, alpha* where the test allows it."""
+        """Choose alpha: 0 if the zeroth order alone is too uncertain, else alpha*, or less if the test demands it."""
         deviation = evidence.deviation if self.deviation is None else self.deviation
         epsilon = bernstein_distance(evidence.n, evidence.d, evidence.zeroth_variance, deviation, self.delta)
         gamma = 0.1 * evidence.gradient_size if self.gamma is None else self.gamma
@@ -245,32 +245,33 @@ class ConfidenceTest(Configured):
 
 @dataclass(frozen=True)
 class InverseVariance:
-    """Least variance by the empirical variances, without regard to the two estimates' distance.
+    """Weight of least variance by the empirical variances, without a test of the two estimates' distance.
 
-    It is fooled where the first order is biased and its variance small (pathologies, sec. IV-C).
+    It is wrong where the first-order estimate is biased and has a small variance (Suh, Simchowitz, Zhang
+    et al. 2022, sec. IV-C).
     """
 
     name: ClassVar[str] = "alpha-variance"
     summary: ClassVar[str] = "both orders, weighted by inverse empirical variance"
 
     def choose_weight(self, evidence: Evidence) -> Choice:
-        """Choose ``alpha*``."""
+        """Choose the weight ``alpha*`` that minimises the variance."""
         return Choice(inverse_variance(evidence.first_variance, evidence.zeroth_variance), "least variance")
 
 
 @dataclass(frozen=True)
 class FixedWeight(Configured):
-    """A constant alpha in [0, 1]; raises :class:`~ocp.errors.InputError` outside."""
+    """A constant weight alpha of the first order; raises :class:`~ocp.errors.InputError` outside [0, 1]."""
 
     alpha: float = setting(0.5, "weight of the first order", least=0, most=1)
     name: ClassVar[str] = "alpha-fixed"
     summary: ClassVar[str] = "both orders, with a constant weight"
 
     def choose_weight(self, evidence: Evidence) -> Choice:
-        """Return the constant."""
+        """Choose the constant weight, whatever the evidence."""
         return Choice(self.alpha, "constant")
 
 
 Rule = ConfidenceTest | InverseVariance | FixedWeight
 RULES: dict[str, type[Rule]] = {rule.name: rule for rule in (ConfidenceTest, InverseVariance, FixedWeight)}
-"""Rules for the weight of the first order, by name."""
+"""Mapping from names to rules that choose the weight of the first-order estimate."""

@@ -1,4 +1,4 @@
-"""Objectives for gradient estimators: a cost of a decision and of Gaussian noise."""
+"""Objectives of gradient estimators: costs that are functions of a decision and of Gaussian noise."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from dynamics.systems import ParameterTable, Signal
 from ocp.errors import InputError
 
 Order = Literal["cost", "zeroth", "first"]
-"""Quantity whose moments are summed: the cost, or an estimate of zeroth or first order."""
+"""Quantity whose moments are computed: the cost, or the gradient estimate of zeroth or first order."""
 Bulk = tuple[Moments, np.ndarray]
-"""Moments of many samples, and the indices of those left out as not finite."""
+"""Moments of many samples, and the indices of samples left out because they are not finite."""
 
 
 @dataclass(frozen=True)
 class CostSamples:
-    """Samples of n evaluations: ``cost`` (n,), and ``direction`` (n, d), their scores or gradients."""
+    """Costs (n,) of n samples, and in ``direction`` (n, d) their scores or gradients."""
 
     cost: np.ndarray
     direction: np.ndarray
@@ -33,11 +33,11 @@ class CostSamples:
 
 @dataclass(frozen=True)
 class ClosedForm:
-    """Exact moments of an objective, for a decision of d components.
+    """Closed-form value and gradient of a smoothed objective, and moments of its estimators.
 
-    ``objective`` is F = E f, ``gradient`` (d,) its gradient; ``zobg_variance`` and
-    ``fobg_variance`` (d,) are variances of one sample (ZoBG without baseline), ``fobg_mean`` (d,)
-    is the mean of the first-order estimate, which differs from ``gradient`` where f jumps.
+    ``objective`` is F = E f, ``gradient`` (d,) its gradient; ``zobg_variance`` and ``fobg_variance``
+    (d,) are variances of single samples (ZoBG without baseline); ``fobg_mean`` (d,) is the mean of the
+    first-order estimate, which differs from ``gradient`` if f jumps.
     """
 
     objective: float
@@ -48,10 +48,10 @@ class ClosedForm:
 
 
 class SampledObjective(ABC):
-    """A cost ``V(theta, w)`` whose mean over ``w ~ N(0, sigma^2 I)`` is to be differentiated.
+    """Base class of costs ``V(theta, w)`` whose mean over ``w ~ N(0, sigma^2 I)`` is to be differentiated.
 
-    ``decision`` names the d components of ``theta`` (d,); ``parameters`` holds every other number
-    that a sweep may turn, by name; ``n_noise`` is the number of components of w.
+    ``decision`` are the names and units of the d components of ``theta`` (d,); ``parameters`` maps all
+    other parameters that a sweep may change to their values; ``n_noise`` is the number of components of w.
     """
 
     name: str
@@ -61,10 +61,10 @@ class SampledObjective(ABC):
     parameters: dict[str, float]
 
     def at(self, values: Mapping[str, float]) -> Self:
-        """Return the same objective with other parameters or components of the decision.
+        """Return a copy with other values of parameters or of components of the decision.
 
-        Nothing is built or compiled again. Raises :class:`~ocp.errors.InputError` for a name that
-        it does not have, and a value that is not finite.
+        Nothing is built or compiled again. Raises :class:`~ocp.errors.InputError` for an unknown name and
+        for a value that is not finite.
         """
         names = [*(signal.name for signal in self.decision), *self.parameters]
         for name, value in values.items():
@@ -81,7 +81,7 @@ class SampledObjective(ABC):
 
     @property
     def values(self) -> np.ndarray:
-        """Values of the parameters, in order."""
+        """Values of the parameters, in the order of ``parameters``."""
         return np.array(list(self.parameters.values()))
 
     @abstractmethod
@@ -90,33 +90,33 @@ class SampledObjective(ABC):
 
     @abstractmethod
     def sample_scores(self, noise: Gaussian, n: int) -> CostSamples:
-        """Return the costs and scores of n samples.
+        """Return the costs (n,) and scores (n, d) of n samples.
 
-        The score is the gradient by theta of the log-density of the noise,
-        ``sum_t D_theta pi(x_t)' w_t / sigma^2`` (pathologies, def. II.1), of those components of
-        the noise on which the cost depends: the score of any other adds variance alone.
+        The score is the gradient in theta of the log-density of the noise,
+        ``sum_t D_theta pi(x_t)' w_t / sigma^2`` (Suh, Simchowitz, Zhang et al. 2022, def. II.1). It includes
+        only components of the noise that affect the cost, since others would only add variance.
         """
 
     @abstractmethod
     def sample_gradients(self, noise: Gaussian, n: int) -> CostSamples:
-        """Return the costs of n samples and their gradients by theta (pathologies, def. II.2)."""
+        """Return the costs (n,) of n samples and their gradients (n, d) in theta."""
 
     def sample_perturbed(self, noise: Gaussian, n: int) -> CostSamples:
-        """Return the costs at ``theta + w`` without further noise, and ``w / sigma^2``.
+        """Return the costs (n,) at ``theta + w`` without other noise, and the scores ``w / sigma^2`` (n, d).
 
-        Where the noise is added to the decision these are costs and scores.
+        If the noise is added to the decision, this is the same as :meth:`sample_scores`.
         """
         return self.sample_scores(noise, n)
 
     def moments(self, noise: Gaussian, n: int, order: Order, baseline: float = 0.0) -> Bulk | None:
-        """Return the moments over n samples of cost, of (cost - baseline) score, or of the gradient.
+        """Return the moments over n samples of the cost, of (cost - baseline) score, or of the gradient.
 
-        Return None if the objective can do it no faster than sample by sample.
+        Return None if the objective has no faster method than single samples.
         """
         return None
 
     def nominal_cost(self) -> float:
-        """Return the cost without noise."""
+        """Return the cost at zero noise."""
         return float(self.costs(np.zeros((1, self.n_noise)))[0])
 
     def closed_form(self, sigma: float) -> ClosedForm | None:
@@ -125,13 +125,13 @@ class SampledObjective(ABC):
 
 
 class StaticObjective(SampledObjective):
-    """A cost ``f(theta + w)`` of a decision, given as a CasADi expression.
+    """Objective ``f(theta + w)`` without dynamics, given as a CasADi expression.
 
     ``cost`` is an expression in ``theta`` (d, 1) and the parameters. ``closed_form(values, sigma)``
-    returns its closed form, ``values`` holding the decision's components and the parameters.
-    ``engine`` is passed on to :class:`~dynamics.batch.BatchFunction`.
+    returns its closed form, where ``values`` maps the decision's components and parameters to numbers.
+    ``engine`` are arguments of :class:`~dynamics.batch.BatchFunction`.
 
-    Raises :class:`~ocp.errors.InputError` where dimensions do not fit.
+    Raises :class:`~ocp.errors.InputError` if dimensions do not match.
     """
 
     def __init__(
@@ -160,16 +160,16 @@ class StaticObjective(SampledObjective):
         self._cost_and_gradient = BatchFunction(ca.Function("cost_and_gradient", arguments, values), **engine)
 
     def costs(self, noise: np.ndarray) -> np.ndarray:
-        """Return the costs (n,) at theta plus the noise (n, d)."""
+        """Return the costs (n,) at ``theta + noise`` for noise (n, d)."""
         return without_warnings(self._cost, self.theta + noise, self.values)[:, 0]
 
     def sample_scores(self, noise: Gaussian, n: int) -> CostSamples:
-        """Return the costs, and w / sigma^2 for the components on which the cost depends."""
+        """Return the costs (n,), and scores w / sigma^2 (n, d), 0 for components that do not affect the cost."""
         w = noise.draw(n, 1, self.n_noise)[:, 0]
         return CostSamples(self.costs(w), self._acts * w / noise.component_scales(self.n_noise) ** 2)
 
     def sample_gradients(self, noise: Gaussian, n: int) -> CostSamples:
-        """Return the costs and gradients at theta + w."""
+        """Return the costs (n,) and gradients (n, d) at ``theta + w``."""
         theta = self.theta + noise.draw(n, 1, self.n_noise)[:, 0]
         cost, gradient = without_warnings(self._cost_and_gradient, theta, self.values)
         return CostSamples(cost[:, 0], gradient)
@@ -189,7 +189,7 @@ class StaticObjective(SampledObjective):
 
 
 def without_warnings(function: Callable[..., Any], *args: Any, **named: Any) -> Any:
-    """Call ``function`` without warnings of non-finite samples, which estimators count and name."""
+    """Call ``function`` without warnings about non-finite samples, which estimators count themselves."""
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", category=BatchWarning, message=".*non-finite")
         return function(*args, **named)

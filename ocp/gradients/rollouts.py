@@ -1,4 +1,4 @@
-"""The cost of a problem's rollouts as an objective of its inputs or gains."""
+"""Objective that is the cost of a problem's rollouts, as a function of inputs or gains."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from ocp.problem.problem import Problem
 
 
 class RolloutObjective(SampledObjective):
-    """Cost of a problem's rollout under a law, with noise added to the input of every step.
+    """Cost of a problem's rollout under a contact law, with noise added to the input of every step.
 
         V(theta, w) = sum_k l(x_k, u_k, du_k) + l_N(x_N),   u_k = pi(x_k, theta) + w_k
 
-    (pathologies, eq. 1). ``theta`` holds the inputs of all steps, or the gains of every step as
-    rows of K and then k (one step if the feedback is stationary); its default is the problem's
-    guess, with K = 0. Bounds on inputs do not clip: the estimators' theory is
-    about the unclipped policy. With several scenarios sample i starts in scenario i modulo their
-    number, so the mean over samples is the mean over scenarios too. ``parameters`` are those of the
-    problem and the parameters of the law, ``contact.mu`` and the like.
+    (Suh, Simchowitz, Zhang et al. 2022, eq. 1). ``theta`` are the inputs of all steps, or the gains of
+    every step as rows of K and then k (of one step if the feedback is stationary); its default is the
+    problem's initial guess, with K = 0. Inputs are not clipped to their bounds, since the estimators'
+    theory is for the unclipped policy. With several scenarios sample i starts in scenario i modulo their
+    number, so that the mean over samples is also one over scenarios. ``parameters`` are those of the
+    problem and of the law, such as ``contact.mu``.
 
     Raises ``ValueError`` where the law cannot close the system.
     """
@@ -44,7 +44,7 @@ class RolloutObjective(SampledObjective):
         self.problem, self.policy = problem, policy
         self.step = law.close(replace(problem.system, parameters=problem.parameters))
         self.name, self.n_noise = problem.name, problem.N * problem.system.nu
-        # A list, shared by all copies that differ in values alone, so that nothing is compiled twice.
+        # The list is shared by all copies that differ only in values, so that functions are compiled once.
         self._compiled: list[RolloutFunction] = []
         self._engine = engine
         self.parameters = self.step.p.defaults
@@ -53,7 +53,7 @@ class RolloutObjective(SampledObjective):
         self.decision = _decision(problem, policy, shape)
 
     def costs(self, noise: np.ndarray) -> np.ndarray:
-        """Return the costs (n,) at the noise (n, N nu), in the order of steps."""
+        """Return the costs (n,) at the noise (n, N nu), which is ordered by steps."""
         n, system = len(noise), self.problem.system
         noise_per_step = np.ascontiguousarray(noise.reshape(n, self.problem.N, system.nu))
         return self._roll_out(n, 0, noise=noise_per_step, gradient=False).cost
@@ -70,17 +70,17 @@ class RolloutObjective(SampledObjective):
         return float(rollouts.cost.mean()), gradient.mean(axis=0)
 
     def sample_scores(self, noise: Gaussian, n: int) -> CostSamples:
-        """Return the costs and ``sum_t D_theta pi(x_t)' w_t / sigma^2``."""
+        """Return the costs (n,) and scores ``sum_t D_theta pi(x_t)' w_t / sigma^2`` (n, d) of n samples."""
         rollouts = self._roll_out(n, noise.first, noise=noise, gradient=False, score=True)
         return CostSamples(rollouts.cost, rollouts.score.reshape(n, -1))
 
     def sample_gradients(self, noise: Gaussian, n: int) -> CostSamples:
-        """Return the costs and their exact gradients through contact."""
+        """Return the costs (n,) of n samples and their exact gradients (n, d) through contact."""
         rollouts = self._roll_out(n, noise.first, noise=noise)
         return CostSamples(rollouts.cost, rollouts.gradient.reshape(n, -1))
 
     def sample_perturbed(self, noise: Gaussian, n: int) -> CostSamples:
-        """Return the costs of policies with disturbed parameters, which act without noise."""
+        """Return the costs (n,) of policies with perturbed parameters and no other noise, and their scores (n, d)."""
         d = len(self.theta)
         disturbance = noise.draw(n, 1, d)[:, 0]
         theta = (self.theta + disturbance).reshape(n, *self._policy.shape(self.problem.N))
@@ -89,7 +89,7 @@ class RolloutObjective(SampledObjective):
         return CostSamples(rollouts.cost, acts * disturbance / noise.component_scales(d) ** 2)
 
     def moments(self, noise: Gaussian, n: int, order: Order, baseline: float = 0.0) -> Bulk | None:
-        """Return moments computed inside the kernel that rolls out and draws the noise."""
+        """Return moments over n samples, computed in the compiled function that simulates and draws the noise."""
         sums = without_warnings(
             self._forward.moments,
             **self._arguments(n, noise.first),
@@ -144,7 +144,7 @@ class RolloutObjective(SampledObjective):
 
 
 def _decision(problem: Problem, policy: Policy, shape: tuple[int, ...]) -> tuple[Signal, ...]:
-    """Return theta's components by name: ``u[3]``, or ``K[3].u.x`` and ``k[3].u``."""
+    """Return the names and units of theta's components, such as ``u[3]``, ``K[3].u.x`` and ``k[3].u``."""
     system = problem.system
     if isinstance(policy, OpenLoop):
         input_units = [(s.name, s.unit) for s in system.inputs]

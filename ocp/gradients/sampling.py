@@ -1,4 +1,4 @@
-"""Runs of one estimator over its samples, and the reference gradient that they are judged against."""
+"""Runs of a gradient estimator over its samples, and reference gradients against which they are judged."""
 
 from __future__ import annotations
 
@@ -16,33 +16,35 @@ from ocp.gradients.objective import SampledObjective, StaticObjective
 from ocp.store.checkpoint import UNSAVED, SavedWork
 
 _MAX_KEPT_VALUES = 1 << 20
-"""Number of values, samples times components, from which on samples are no longer kept singly."""
+"""Number of values (samples times components) above which only moments are stored, not single samples."""
 CheckpointKey = tuple[SavedWork, str]
-"""Place where unfinished sums are saved, and their key."""
+"""Storage of unfinished sums, and the key under which they are saved."""
 NOT_SAVED: CheckpointKey = (UNSAVED, "")
-"""Key of sums that are not saved."""
+"""Checkpoint key for sums that are not saved."""
 Progress = Callable[[int], None]
-"""Called with the number of samples done since the last call."""
+"""Callback with the number of samples computed since the last call."""
 
 
 ChunkSource = Callable[[Estimator | None, Gaussian, int, int, int], Iterator[Chunk]]
-"""Yields the chunks of samples ``first`` to ``last`` of n in order; of the costs without an estimator."""
+"""Function ``(estimator, noise, first, last, n)`` that yields chunks of samples ``first`` to ``last`` of n in order.
+
+Without an estimator the samples are costs."""
 
 
 def local_chunks(
     objective: SampledObjective, estimator: Estimator | None, noise: Gaussian, first: int, last: int, n: int
 ) -> Iterator[Chunk]:
-    """Sum chunks in this process; a :data:`ChunkSource` of an objective."""
+    """Compute chunks in this process; with the objective bound it is a :data:`ChunkSource`."""
     sampler = cost_sampler(objective) if estimator is None else estimator.make_sampler(objective, noise, n)
     return iterate_chunks(sampler, noise, first, last)
 
 
 @dataclass(frozen=True)
 class EstimatorRun:
-    """Moments of one estimator's samples, (d,) each.
+    """Result of sampling one estimator: moments (d,) of its samples, and some single samples.
 
-    ``first_samples`` (k, d) are kept one by one, ``largest`` is the largest norm among them, and
-    ``nonfinite`` holds the indices of samples left out for a NaN or an infinity.
+    ``first_samples`` (k, d) are the first finite samples, ``largest`` is the largest norm of a sample,
+    and ``nonfinite`` are the indices of samples left out because of a NaN or an infinity.
     """
 
     moments: Moments
@@ -60,10 +62,10 @@ def run_estimator(
     keep: CheckpointKey = NOT_SAVED,
     workers: ChunkSource | None = None,
 ) -> EstimatorRun:
-    """Sample ``n`` estimates, merging the moments of chunks in order (Welford, Chan).
+    """Draw ``n`` samples of an estimator and merge the moments of chunks in order (Welford, Chan).
 
-    The chunks do not depend on threads, block size or ``workers``, so neither does any bit of the
-    result. With ``keep`` the sums are saved at intervals, and a later call resumes.
+    Chunks do not depend on threads, block size or ``workers``, so the result is bitwise reproducible.
+    With ``keep`` the sums are saved at intervals, and a later call resumes from them.
     """
     sums = _Sums(len(objective.theta))
     sums.restore(*keep)
@@ -86,7 +88,10 @@ def _advance(
     n: int,
     workers: ChunkSource | None,
 ) -> Iterator[int]:
-    """Add all samples and yield their numbers: singly while they are kept, then in chunks."""
+    """Add all remaining samples to ``sums``, and yield the number of samples after each addition.
+
+    Samples are stored singly at first, then only as moments of chunks.
+    """
 
     chunks = workers or partial(local_chunks, objective)
     estimator = estimator.with_baseline(objective, lambda: mean_of_chunks(chunks(None, noise, 0, n, n)))
@@ -99,7 +104,7 @@ def _advance(
 
 
 class _Sums:
-    """Sums over the samples done so far; saving and restoring them is exact."""
+    """Sums over the samples so far, which can be saved and restored exactly."""
 
     def __init__(self, d: int) -> None:
         self.done, self.largest = 0, 0.0
@@ -108,18 +113,18 @@ class _Sums:
         self.nonfinite = [np.empty(0, dtype=np.int64)]
 
     def keep(self, values: np.ndarray) -> int:
-        """Add the next single estimates (m, d) and keep the finite ones; return m."""
+        """Add the next m samples (m, d) and store the finite ones singly; return m."""
         self.kept_samples.append(values[np.isfinite(values).all(axis=1)])
         self.add(Chunk.of(values))
         return len(values)
 
     @property
     def keeps_samples(self) -> bool:
-        """Whether samples are still kept singly."""
+        """Whether further samples are stored singly."""
         return self.done * len(self.total.mean) < _MAX_KEPT_VALUES
 
     def add(self, chunk: Chunk) -> None:
-        """Add the next chunk."""
+        """Merge the moments of the next chunk of samples."""
         if len(chunk.nonfinite):
             self.nonfinite.append(self.done + chunk.nonfinite)
         self.total = self.total.merge_with(chunk.moments)
@@ -127,7 +132,7 @@ class _Sums:
         self.done += chunk.size
 
     def save(self, files: SavedWork, key: str) -> None:
-        """Save the sums."""
+        """Save the sums to ``files`` under ``key``."""
         files.save_state(
             key,
             done=self.done,
@@ -140,7 +145,7 @@ class _Sums:
         )
 
     def restore(self, files: SavedWork, key: str) -> None:
-        """Restore saved sums, if there are any."""
+        """Load the sums saved under ``key``, if there are any."""
         state = files.state(key)
         if state is None:
             return
@@ -150,21 +155,21 @@ class _Sums:
 
 
 REFERENCE_STREAM = 3
-"""Number of the random stream of the reference."""
+"""Index of the random stream from which a sampled reference is drawn."""
 REFERENCE_KINDS = ("auto", "closed-form", "quadrature", "zobg", "none")
-"""Kinds of reference gradients; ``auto`` takes the first that the objective has."""
+"""Kinds of reference gradients; ``auto`` is the first of the following that the objective has."""
 _QUADRATURE_POINTS = 1 << 21
-"""Number of points of the midpoint rule."""
+"""Number of points of the midpoint rule for a reference by quadrature."""
 _QUADRATURE_REACH = 9.0
-"""Half-width of the midpoint rule, in standard deviations."""
+"""Half-width of the interval of the midpoint rule, in standard deviations of the noise."""
 
 
 @dataclass(frozen=True)
 class ReferenceGradient:
-    """Gradient of the smoothed objective (d,), its standard error, and its source.
+    """Reference gradient (d,) of a smoothed objective, its standard error (d,), and its source in words.
 
-    The error is 0 for a closed form, the numerical error of a quadrature, and the standard
-    deviation of the mean for a run of ``n_samples``.
+    The error is 0 for a closed form, the numerical error for a quadrature, and the standard
+    deviation of the mean for ``n_samples`` samples.
     """
 
     gradient: np.ndarray
@@ -183,12 +188,12 @@ def reference_gradient(
     keep: CheckpointKey = NOT_SAVED,
     workers: ChunkSource | None = None,
 ) -> ReferenceGradient | None:
-    """Return the gradient of the smoothed objective; None for the kind ``none``.
+    """Return a reference gradient of the smoothed objective, or None for the kind ``none``.
 
-    ``auto`` takes the first kind that the objective has. ``zobg`` samples ``n_samples`` antithetic
-    ZoBG pairs on a stream of its own.
+    ``auto`` is the first kind that the objective has. ``zobg`` draws ``n_samples`` antithetic ZoBG
+    pairs from a separate random stream.
 
-    Raises :class:`~ocp.errors.InputError` where the objective has no reference of that ``kind``.
+    Raises :class:`~ocp.errors.InputError` if the objective has no reference of that ``kind``.
     """
     chosen_kind = reference_kind(objective, sigma, kind)
     if chosen_kind == "none":
@@ -205,9 +210,9 @@ def reference_gradient(
 
 
 def reference_kind(objective: SampledObjective, sigma: float, kind: str) -> str:
-    """Return ``kind``, with ``auto`` resolved; only ``zobg`` is sampled.
+    """Return the kind of reference, with ``auto`` replaced by the first kind that the objective has.
 
-    Raises :class:`~ocp.errors.InputError` where the objective has no such reference.
+    Raises :class:`~ocp.errors.InputError` if the objective has no reference of that ``kind``.
     """
     closed = objective.closed_form(sigma) is not None
     line = isinstance(objective, StaticObjective) and objective.n_noise == 1
@@ -224,17 +229,17 @@ def reference_kind(objective: SampledObjective, sigma: float, kind: str) -> str:
 
 
 def child_seed(seed: np.random.SeedSequence, number: int) -> np.random.SeedSequence:
-    """Return the seed of one of the independent streams that belong to ``seed``."""
+    """Return the seed of the independent random stream with index ``number`` derived from ``seed``."""
     return np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, number))
 
 
 def quadrature(objective: SampledObjective, sigma: float) -> ReferenceGradient:
-    """``grad F = E[f(theta + w) w]/sigma^2`` by the midpoint rule over 9 sigma either side.
+    """Return ``grad F = E[f(theta + w) w]/sigma^2`` by the midpoint rule from -9 to 9 sigma.
 
-    Its error is the larger of the difference to the rule of half as many points and of the
-    effect of the sharpest jump, an interval times its height.
+    Its error is the larger of two: the difference from the rule with half as many points, and the
+    effect of the largest jump between two points, its height times their distance.
 
-    Raises :class:`~ocp.errors.InputError` unless the decision is one number with noise added to it.
+    Raises :class:`~ocp.errors.InputError` unless the decision is a single number with noise added to it.
     """
     reference_kind(objective, sigma, "quadrature")
 

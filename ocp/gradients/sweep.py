@@ -1,4 +1,4 @@
-"""Gradient estimates along a parameter, point by point; an interrupted run resumes."""
+"""Gradient estimates at several values of a parameter, which can be interrupted and resumed."""
 
 from __future__ import annotations
 
@@ -24,19 +24,19 @@ if TYPE_CHECKING:
     import xarray as xr
 
 Build = Callable[[dict[str, float]], SampledObjective]
-"""Function that builds the objective at other values of structural parameters, such as its horizon."""
+"""Function that builds an objective at other values of structural parameters, such as the horizon."""
 _MIN_TIMED_NUMBERS = 3e9
-"""Number of random numbers from which on a study is timed beforehand."""
+"""Number of random numbers from which a study's run time is predicted by timing a few samples."""
 _PROBE_SAMPLES = 1 << 11
-"""Number of samples by which a study is timed."""
+"""Number of samples that are timed to predict a study's run time."""
 SAMPLING_AXES = ("sigma", "samples")
-"""Axes of a sweep over the sampling rather than over the objective."""
+"""Names of sweep axes that change the sampling instead of the objective."""
 
 
 def read_sweep(text: str) -> Axis:
-    """Parse the values of a parameter, of one of :data:`SAMPLING_AXES`, or of a decision's component.
+    """Parse a sweep axis: values of a parameter, of one of :data:`SAMPLING_AXES`, or of a decision's component.
 
-    ``problem.sigma`` is the problem's parameter of that name, ``sigma`` the sampling's.
+    ``problem.sigma`` is the problem's parameter ``sigma``, ``sigma`` that of the sampling.
 
     Raises :class:`~ocp.errors.InputError` as :func:`~ocp.validation.parse_axis_option` does.
     """
@@ -51,7 +51,7 @@ def read_sweep(text: str) -> Axis:
 
 @dataclass(frozen=True)
 class SweepProgress:
-    """Progress of a study: samples ``done`` of ``total``, and finished points of all points."""
+    """Progress of a study: numbers of samples and of points, finished and in total, and of resumed points."""
 
     done: int
     total: int
@@ -61,11 +61,11 @@ class SweepProgress:
 
 
 class SweepRun:
-    """A study: :meth:`run` computes the unfinished points; ``rows`` holds the finished ones.
+    """Gradient estimates at the points of a sweep: :meth:`run` computes them, ``rows`` are the finished ones.
 
-    Point i draws from the streams ``SeedSequence(seed, spawn_key=(i,))``, so that points are
-    independent of each other and of how often the study was interrupted. ``workers`` maps a
-    point's swept value by name to the workers that sample its objective.
+    The random streams of point i are ``SeedSequence(seed, spawn_key=(i,))``, so that points are
+    independent of each other and of interruptions. ``workers`` is a function from a point's swept
+    value, as a mapping from its name, to workers that sample its objective.
     """
 
     def __init__(
@@ -85,33 +85,33 @@ class SweepRun:
 
     @property
     def widest_objective(self) -> SampledObjective:
-        """Objective of the point whose decision has the most components."""
+        """Objective whose decision has the most components of all points."""
         return max((task[0] for task in self._tasks), key=lambda objective: len(objective.decision))
 
     @property
     def finished(self) -> bool:
-        """Whether every point is finished."""
+        """Whether all points are finished."""
         return len(self.rows) == len(self._tasks)
 
     @property
     def n_samples(self) -> int:
-        """Number of samples at all points, including those of references."""
+        """Total number of samples at all points, including those for references."""
         return sum(self._samples_per_point)
 
     @cached_property
     def _samples_per_point(self) -> list[int]:
-        """Number of samples at each point."""
+        """Number of samples at each point, including those for its reference."""
         return [_samples_of_point(*task) for task in self._tasks]
 
     def predict_seconds(self) -> float:
-        """Return the predicted run time [s] of a study with many samples; 0 if they are few."""
+        """Return the predicted run time [s] of all points, or 0 if there are few samples."""
         largest_task = self._tasks[int(np.argmax(self._samples_per_point))]
         if self.n_samples * max(1, largest_task[0].n_noise) < _MIN_TIMED_NUMBERS:
             return 0.0
         return self.n_samples * _seconds_per_sample(*largest_task)
 
     def run(self, progress: Callable[[SweepProgress], None] | None = None) -> None:
-        """Estimate at all unfinished points, in order."""
+        """Estimate the gradient at all unfinished points, in order, and store the results."""
         sizes = self._samples_per_point
         for i, (objective, sampling) in enumerate(self._tasks):
             samples_done = [sum(sizes[:i])]
@@ -136,7 +136,7 @@ class SweepRun:
             self.rows.append(rows)
 
     def _swept_value(self, value: float | None) -> dict[str, float]:
-        """Return the objective's swept value by name; empty if the sampling is swept."""
+        """Return a mapping from the objective's swept parameter to ``value``; empty if the sampling is swept."""
         if value is None or self.sweep is None or self.sweep.name in SAMPLING_AXES:
             return {}
         return {self.sweep.name.removeprefix("problem."): value}
@@ -145,7 +145,7 @@ class SweepRun:
 def _point_tasks(
     objective: SampledObjective, sampling: Sampling, sweep: Axis | None, build: Build | None
 ) -> list[tuple[SampledObjective, Sampling]]:
-    """Return objective and sampling at each value; raise InputError for impossible values."""
+    """Return the objective and sampling at each point; raise InputError for impossible values."""
     if sweep is None:
         return [(objective, sampling)]
     if sweep.name == "sigma":
@@ -160,7 +160,7 @@ def _point_tasks(
 
 
 def _seconds_per_sample(objective: SampledObjective, sampling: Sampling) -> float:
-    """Return the time per sample [s] of the second of two batches: the first compiles."""
+    """Return the time per sample [s], measured on the second of two batches, since the first compiles."""
     noise = Gaussian(sampling.sigma, np.random.SeedSequence(sampling.seed))
     start = 0.0
     for _ in range(2):
@@ -182,9 +182,9 @@ def sweep_dataset(
     sweep: Axis | None,
     unit: str = "1",
 ) -> xr.Dataset:
-    """Return finished points as arrays over (point, estimator, component), with units.
+    """Return finished points as a dataset of arrays over (point, estimator, component), with units.
 
-    ``objective`` names the components; points that have fewer are padded with NaN.
+    Names of components are those of ``objective``; points with fewer components are padded with NaN.
     """
     import xarray as xr
 
@@ -226,7 +226,7 @@ def sweep_dataset(
 
 
 def summarise_verdicts(rows: Sequence[Sequence[dict[str, Any]]]) -> str:
-    """Return a sentence with each estimator's verdicts over all points."""
+    """Return a sentence with each estimator's verdicts and the number of points for each verdict."""
     sentences = []
     for j, row in enumerate(rows[0]):
         words = [short_verdict(point[j]) for point in rows]

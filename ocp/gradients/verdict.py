@@ -1,4 +1,4 @@
-"""Verdicts on estimates: comparison with a reference gradient, jumps, and empirical bias."""
+"""Verdicts on gradient estimates: comparison with a reference, search for jumps, and empirical bias."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from ocp.gradients.sampling import ReferenceGradient
 
 @dataclass(frozen=True)
 class EmpiricalBias:
-    """A triple (beta, Delta, S) of pathologies, def. III.3, for samples z (n, d).
+    """Empirical bias (beta, Delta, S) of samples z (n, d), as in Suh, Simchowitz, Zhang et al. (2022), def. III.3.
 
-    On an event of probability ``1 - beta`` the samples lie within ``S`` of their mean on it, which
-    is ``Delta`` off the mean of z. ``beta_upper`` is the 95 % upper bound on beta when no more
-    than a share beta of n samples was outside. ``variance`` is the trace of the samples'
-    covariance, ``bound`` lemma III.4's, ``max(0, (1 - beta) Delta - beta |E z|)^2 / beta``, and
-    ``sharp`` the tighter ``(1 - beta)/beta Delta^2``, which needs no ``|E z|`` and does not change
-    when z is shifted; both take ``beta_upper`` where no sample was outside.
+    On an event of probability ``1 - beta`` the samples are within ``S`` of their conditional mean, which
+    differs from the mean of z by ``Delta``. ``beta_upper`` is the 95 % upper bound on beta, given the
+    share of the n samples outside the event. ``variance`` is the trace of the samples' covariance.
+    Lower bounds on it are ``bound``, ``max(0, (1 - beta) Delta - beta |E z|)^2 / beta`` (lemma III.4),
+    and ``sharp``, the tighter ``(1 - beta)/beta Delta^2``, which does not change if z is shifted; both
+    use ``beta_upper`` if no sample is outside.
     """
 
     beta: float
@@ -36,11 +36,11 @@ class EmpiricalBias:
 
 
 def empirical_bias(samples: np.ndarray, mean: np.ndarray | None = None) -> EmpiricalBias:
-    """Return the triple that explains the most variance of ``samples`` (n, d).
+    """Return the empirical bias that explains the most variance of ``samples`` (n, d).
 
-    Events are balls around the componentwise median. The one whose bound
-    ``(1 - beta)/beta Delta^2`` is the largest is taken; it may hold all samples. ``mean`` (d,) is
-    E z if that is known; its default is the samples' mean.
+    Events are balls around the componentwise median. The ball with the largest bound
+    ``(1 - beta)/beta Delta^2`` is chosen; it may contain all samples. ``mean`` (d,) is E z if it is
+    known, by default the samples' mean.
 
     Raises :class:`~ocp.errors.InputError` for fewer than two samples.
     """
@@ -56,7 +56,7 @@ def empirical_bias(samples: np.ndarray, mean: np.ndarray | None = None) -> Empir
     counts = np.arange(1, n + 1)
     inside = np.cumsum(z, axis=0) / counts[:, None]
     distance = np.linalg.norm(inside - centre, axis=1)
-    # A ball holds all samples at its radius, and an event of probability below a half says little.
+    # A ball includes all samples at its radius; events of probability below a half are not informative.
     complete_ball = np.append(radius[1:] > radius[:-1], True) & (2 * counts > n)
     beta = 1 - counts / n
     weight = np.divide(counts, n - counts, out=np.full(n, float(n)), where=counts < n)
@@ -77,7 +77,7 @@ def empirical_bias(samples: np.ndarray, mean: np.ndarray | None = None) -> Empir
 
 
 def _probability_bound(outside: int, n: int) -> float:
-    """Return Clopper and Pearson's 95 % upper bound on a probability, from ``outside`` events in n."""
+    """Return Clopper and Pearson's 95 % upper bound on the probability of an event seen ``outside`` times in n."""
     from scipy.stats import binomtest
 
     return float(binomtest(outside, n, alternative="less").proportion_ci(0.95).high)
@@ -85,7 +85,7 @@ def _probability_bound(outside: int, n: int) -> float:
 
 @dataclass(frozen=True)
 class Jump:
-    """Sharpest change of the cost between samples: ``size`` over a distance ``width``.
+    """Sharpest change of a cost between samples: a change by ``size`` over the distance ``width``.
 
     ``discontinuous`` is true if the change remained when the distance was halved down to rounding.
     """
@@ -96,27 +96,28 @@ class Jump:
 
     @property
     def slope(self) -> float:
-        """Mean slope over the width."""
+        """Mean slope of the cost over the width, infinite for width 0."""
         return self.size / self.width if self.width > 0 else np.inf
 
 
 _JUMP_LINES = 64
-"""Number of lines along which a discontinuity is sought."""
+"""Number of lines along which a discontinuity is searched for."""
 _LINE_SEGMENTS = 64
 """Number of segments into which each line is divided."""
 _SEGMENT_HALVINGS = 42
-"""Number of halvings of the segment with the largest change: down to rounding."""
+"""Number of halvings of the segment with the largest change, enough to reach rounding errors."""
 _LINE_CANDIDATES = 1 << 14
-"""Number of samples among which the ends of the lines are chosen."""
+"""Number of samples from which the ends of the lines are chosen."""
 
 
 def find_sharpest_change(objective: SampledObjective, noise: Gaussian) -> Jump:
     """Search for a discontinuity of the cost along lines between samples.
 
-    On lines from no noise to 64 samples, the segment of 64 in which the cost changes most is
-    halved repeatedly, and the half that changes more is kept. The change of a continuous cost,
-    however steep, vanishes; that of a discontinuous one remains. The samples are those of 16384
-    whose costs are the farthest from the best linear fit, so that rarely crossed jumps are found.
+    Lines go from zero noise to 64 samples and are divided into 64 segments. On each line the segment
+    with the largest change of the cost is halved repeatedly, each time keeping the half with the larger
+    change. The change of a continuous cost, however steep, vanishes; that of a discontinuous one
+    remains. The samples are those of 16384 with the largest residuals of a linear fit of the cost, so
+    that rarely crossed jumps are found.
     """
     noise_samples = noise.draw(_LINE_CANDIDATES, 1, objective.n_noise)[:, 0]
     end = noise_samples[_least_linear(noise_samples, objective.costs(noise_samples))]
@@ -146,7 +147,7 @@ def find_sharpest_change(objective: SampledObjective, noise: Gaussian) -> Jump:
 
 
 def _least_linear(noise: np.ndarray, cost: np.ndarray) -> np.ndarray:
-    """Return the indices of the samples whose costs a linear function of the noise fits worst."""
+    """Return the indices of the samples with the largest residuals of a linear fit of the cost to the noise."""
     finite = np.isfinite(cost)
     columns = np.column_stack([np.ones(len(noise)), noise])
     fit = np.linalg.lstsq(columns[finite], cost[finite], rcond=None)[0]
@@ -161,7 +162,7 @@ Word = Literal[
     "no reference",
 ]
 TOO_WIDE = "too wide to tell"
-"""Short verdict on an estimate within its interval where that is wider than the gradient itself."""
+"""Short verdict on an estimate whose confidence interval is wider than the gradient itself."""
 WORST_FIRST = (
     "biased",
     "empirically biased at this sample size",
@@ -169,19 +170,19 @@ WORST_FIRST = (
     "no reference",
     "unbiased within the interval",
 )
-"""Short verdicts from the weakest to the strongest."""
+"""Short verdicts in order, from the worst to the best."""
 NEGLIGIBLE = 1e-4
-"""Largest error, as a share of the gradient's largest component, that does not count as bias."""
+"""Maximum error that does not count as bias, as a share of the gradient's largest component."""
 CONFIDENCE = 0.999
-"""Probability with which an unbiased estimate is judged unbiased, for all components together."""
+"""Probability that an unbiased estimate is judged unbiased in all components together."""
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """Verdict in one word, its explanation, and the error's norm.
+    """Verdict on a gradient estimate, its explanation in a sentence, and the error's norm.
 
-    ``largest_z`` is the largest error in standard errors; ``wide`` is true if the interval is wider
-    than the gradient itself, so that lying within it says little.
+    ``largest_z`` is the largest component of the error in standard errors; ``wide`` is true if the
+    interval is wider than the gradient itself, so that the verdict is not informative.
     """
 
     word: Word
@@ -192,7 +193,7 @@ class Verdict:
 
 
 def joint_quantile(d: int) -> float:
-    """Half-width, in standard errors, of ``d`` intervals that hold jointly with ``CONFIDENCE``."""
+    """Return the half-width, in standard errors, of ``d`` intervals with joint probability ``CONFIDENCE``."""
     from scipy.stats import norm
 
     return float(norm.ppf(1 - (1 - CONFIDENCE) / (2 * d)))
@@ -206,16 +207,16 @@ def judge_estimate(
 ) -> Verdict:
     """Judge an estimate's moments against ``reference``, whose own error widens the interval.
 
-    Outside the interval the estimate is *biased* if the cost jumps, or if no jump was sought: more
-    samples will not help. It is *empirically biased at this sample size* if the cost is continuous,
-    so that its expectation is right (pathologies, lemma III.1) but the samples that matter are too
-    rare to have been drawn.
+    An estimate outside the interval is *biased* if the cost jumps, or if no search for jumps was made;
+    more samples will not help. It is *empirically biased at this sample size* if the cost is continuous:
+    then its expectation is correct (Suh, Simchowitz, Zhang et al. 2022, lemma III.1), but the samples
+    that determine it are too rare to have been drawn.
     """
     if reference is None:
         return Verdict("no reference", "There is no reference gradient.", np.nan, np.nan)
     error_vector = moments.mean - reference.gradient
     width = np.hypot(moments.standard_error, reference.standard_error)
-    # Rounding is relative to the gradient where that is not zero: one of 1e-80 counts.
+    # The tolerance is relative to the gradient, also for one of 1e-80, unless the gradient is zero.
     slack = NEGLIGIBLE * np.abs(reference.gradient).max(initial=0) or 1e-15
     z = np.where(np.abs(error_vector) <= slack, 0.0, np.abs(error_vector) / np.maximum(width, 1e-300))
     error, worst, limit = float(np.linalg.norm(error_vector)), float(z.max()), joint_quantile(len(error_vector))
@@ -247,10 +248,10 @@ def judge_estimate(
 
 
 def short_verdict(row: Mapping[str, Any]) -> str:
-    """Return a stored estimate's verdict, replaced where its interval is too wide to tell of bias."""
+    """Return the verdict of a stored estimate, or :data:`TOO_WIDE` if its interval is too wide."""
     return TOO_WIDE if row["wide"] else str(row["verdict"])
 
 
 def weakest_verdict(rows: Iterable[Mapping[str, Any]]) -> str:
-    """Return the weakest verdict of stored estimates."""
+    """Return the worst short verdict of stored estimates."""
     return min((short_verdict(row) for row in rows), key=WORST_FIRST.index)

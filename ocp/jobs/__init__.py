@@ -1,1 +1,1 @@
-"""Many jobs side by side: here, over processes of this computer, or over a Dask cluster."""
+"""Parallel jobs, such as the solves of a sweep: in this process, in several processes, or on a Dask cluster."""

@@ -1,8 +1,8 @@
-"""Description of one solve by names and numbers, so that any process can build its session.
+"""Description of a solve by names and numbers, from which any process can build its session.
 
-The session of a point is built as that of any solve, so that its answer is bitwise the same: guess,
-natural units and every decision by numbers are its own. Only functions of programs, steps, costs
-and bounds are reused: all parameters are their inputs, so equal graphs make equal functions.
+The session of a sweep's point is built like that of a single solve, so that its solution is bitwise
+the same. Only compiled functions of programs, steps, costs and bounds are reused between points:
+parameters are their inputs, so that equal graphs give equal functions.
 """
 
 from __future__ import annotations
@@ -27,16 +27,16 @@ from ocp.store.provenance import check_content, content_digest
 from ocp.transcription.factories import DEFAULT_LAW, law_digest, law_settings
 
 NAME_PREFIXES = {"contact": "contact_settings", "problem": "params", "setting": "settings"}
-"""Field of a case by the prefix of a full name."""
+"""Mapping from prefixes of full names, such as ``contact.mu``, to fields of a case."""
 
 
 @dataclass(frozen=True)
 class Case:
-    """Request of ``ocp solve``: a named problem or a file, and names and settings of the rest.
+    """Request of ``ocp solve``: a problem's name or file, and names and settings of law, method, policy and solver.
 
-    ``settings`` are those of ``-s``: the method's, the solver's, and ``policy.<name>``. ``content``
-    is the digest of the user's files, the problem's and a learned law's, if known: any process that
-    builds the case checks that its files are the same.
+    ``settings`` are those of ``-s``: the method's, the solver's, and ``policy.<name>``. ``content`` is
+    the digest of the user's files, those of the problem and of a learned law, or None if unknown. Any
+    process that builds the case checks that its files have the same digest.
     """
 
     problem: str
@@ -53,14 +53,14 @@ class Case:
         """Return the source that builds the problem.
 
         Raises :class:`~ocp.errors.InputError` for an unknown name, and
-        :class:`~ocp.store.provenance.FilesChanged` where files have changed since the request.
+        :class:`~ocp.store.provenance.FilesChanged` if files have changed since the request.
         """
         source = plugins.problems.source(self.problem)
         check_content(self.problem, self.content, self._digests(source), self.contact_settings)
         return source
 
     def with_content(self, source: ProblemSource) -> Case:
-        """Return the same with the digest of the user's files from which ``source`` was read."""
+        """Return the case with the digest of the user's files from which ``source`` was read."""
         content = content_digest(self._digests(source), self.contact_settings)
         return replace(self, content=content)
 
@@ -68,10 +68,10 @@ class Case:
         return getattr(source, "digest", None), law_digest(self.contact)
 
     def session(self, source: ProblemSource | None = None) -> Session:
-        """Build the session, from ``source`` if given.
+        """Build the session of the solve, from ``source`` if given.
 
-        Raises :class:`~ocp.errors.InputError` as :func:`~ocp.solve.solve.new_session` does, and for names
-        and settings that there are not.
+        Raises :class:`~ocp.errors.InputError` as :func:`~ocp.solve.solve.new_session` does, and for
+        unknown names and settings.
         """
         return new_session(
             source or self.source(),
@@ -85,7 +85,7 @@ class Case:
         )
 
     def at(self, values: Mapping[str, float]) -> Case:
-        """Return the same with other values by full name (:meth:`full_name`)."""
+        """Return the case with other values, a mapping from full names (:meth:`full_name`)."""
         changes: dict[str, dict[str, Any]] = {}
         for name, value in values.items():
             field_name, key = _field_and_key(name)
@@ -94,17 +94,17 @@ class Case:
         return replace(self, **changes)
 
     def sets(self, name: str) -> bool:
-        """Return whether the case sets a value for a full name."""
+        """Return whether the case sets a value for the full name ``name``."""
         place, key = _field_and_key(name)
         return key in getattr(self, place)
 
     def full_name(self, name: str, source: ProblemSource) -> str:
-        """Return the full name of ``name``: ``problem.M``, ``contact.mu``, ``setting.tol``, ``policy.bound``.
+        """Return the full name of ``name``, such as ``problem.M``, ``contact.mu``, ``setting.tol``, ``policy.bound``.
 
-        A parameter of the problem, or else a setting of the law, needs no prefix.
+        A ``name`` without prefix is a parameter of the problem or else a setting of the law.
 
-        Raises :class:`~ocp.errors.InputError` with the nearest names for an unknown one, and for
-        one that is not a number.
+        Raises :class:`~ocp.errors.InputError` for an unknown name, with the nearest names, and for the
+        name of something other than a number.
         """
         params, law = source.Params.model_fields, law_settings(self.contact)
         prefix, dot, key = name.partition(".")
@@ -129,7 +129,7 @@ class Case:
         return full_name
 
     def command(self, seed: int = 0, starts: int = 1, rank: str = "planned") -> list[str]:
-        """Return the words of the equivalent ``ocp solve``."""
+        """Return the words of the equivalent ``ocp solve`` command."""
         words = ["ocp", "solve", self.problem]
         for option, settings in (("-p", self.params), ("-c", self.contact_settings), ("-s", self.settings)):
             words += [word for key, value in settings.items() for word in (option, f"{key}={value}")]
@@ -148,20 +148,20 @@ class Case:
 
 
 def _field_and_key(name: str) -> tuple[str, str]:
-    """Return the field of a :class:`Case` and the key in it for a full name."""
+    """Return the field of a :class:`Case`, and the key in that mapping, for a full name."""
     head, _, key = name.partition(".")
     return ("settings", name) if head == "policy" else (NAME_PREFIXES[head], key)
 
 
 class SessionCache:
-    """Cache of a worker's last session, whose functions the next one reuses if it can."""
+    """Cache of a worker's last session, whose compiled functions the next session reuses if possible."""
 
     def __init__(self) -> None:
         self._last: tuple[Any, Session] | None = None
         self._sources: dict[tuple[str, str | None], ProblemSource] = {}
 
     def session(self, case: Case) -> Session:
-        """Build a session; raises as :meth:`~ocp.jobs.case.Case.session` does."""
+        """Build a session of ``case`` and cache it; raises as :meth:`~ocp.jobs.case.Case.session` does."""
         request = case.problem, case.content
         if request not in self._sources:
             self._sources[request] = case.source()
@@ -173,19 +173,19 @@ class SessionCache:
         return session
 
 
-# Local to a thread, since Dask may run two jobs in one process, each in its own thread.
+# The state is local to a thread, since Dask may run two jobs in one process, each in its own thread.
 _thread_state = threading.local()
 
 
 def cached_session(case: Case) -> Session:
-    """Build a session with this thread's cache; raises as :class:`SessionCache` does."""
+    """Build a session of ``case`` with this thread's cache; raises as :class:`SessionCache` does."""
     if not hasattr(_thread_state, "kept"):
         _thread_state.kept = SessionCache()
     return _thread_state.kept.session(case)
 
 
 def structure(session: Session) -> list[Any]:
-    """Return all on which a session's functions depend: graphs, sizes and choices, no parameter's value."""
+    """Return all on which a session's compiled functions depend: graphs, sizes and choices, but no parameter values."""
     problem, step = session.problem, session.step
     steps = (step, problem.exact_step, problem.referee_step)
     return [
@@ -225,7 +225,7 @@ def _digest(function: ca.Function) -> str:
 
 
 def _fixed_settings(law: ContactLaw, p: ParameterTable) -> list[Any]:
-    """Return a law's settings that are not parameters of its graphs."""
+    """Return a law's type and those of its settings that are not parameters of its graphs."""
     fixed = [
         (key, _fixed_settings(value, p) if isinstance(value, ContactLaw) else value)
         for key, value in law.settings().items()
@@ -250,7 +250,7 @@ def _share_functions(old: Session, new: Session) -> None:
 
 
 def _copy_functions(old: Problem | Step, new: Problem | Step) -> None:
-    # The instance's dictionary holds the values of cached properties.
+    # The instance's dictionary contains the values of cached properties.
     cached = vars(new)
     for name, value in vars(old).items():
         if isinstance(value, ca.Function):

@@ -1,4 +1,4 @@
-"""Jobs on a Dask cluster, whose scheduler gives a job of a dead worker to another."""
+"""Jobs on a Dask cluster, whose scheduler reassigns the jobs of workers that die."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from ocp.errors import InputError
 from ocp.jobs.sequential import Callback, Failure, Function, run_job, worker_died
 
 CONNECT_TIMEOUT_S = 10.0
-"""Time [s] within which a scheduler must answer."""
+"""Maximum time [s] to wait for a scheduler's answer."""
 WORKER_IMPORT = "import ocp.jobs.cluster"
-"""Statement that workers must be able to execute: a job that they cannot unpickle would hang."""
+"""Statement that workers must be able to execute, since a job that they cannot unpickle would hang."""
 
 
 def run_on_cluster(
     function: Function, jobs: Sequence[Any], address: str, callback: Callback
 ) -> Generator[tuple[int, Any], None, None]:
-    """Do the jobs on the workers of the scheduler at ``address``; yield as they end.
+    """Run jobs on the workers of the scheduler at ``address``; yield index and outcome of each as it ends.
 
-    Raises :class:`~ocp.errors.InputError` where dask.distributed is not installed, no scheduler
+    Raises :class:`~ocp.errors.InputError` if dask.distributed is not installed, no scheduler
     answers, it has no workers, or they cannot import this package.
     """
     with _connect(address) as client:
@@ -60,7 +60,7 @@ def _outcome(future: Any, place: int) -> Any:
 
 
 def _run_on_worker(function: Function, job: Any, place: int, topic: str) -> Any:
-    """Run a job on a worker."""
+    """Run a job on a Dask worker and send its reports to ``topic``; return None if it is cancelled."""
     from distributed import get_worker
 
     worker = get_worker()
@@ -80,7 +80,7 @@ def _run_on_worker(function: Function, job: Any, place: int, topic: str) -> Any:
 
 
 async def _check_answer(address: str) -> None:
-    """Connect once, as a client does; raises as ``distributed.comm.connect`` does."""
+    """Check that a scheduler answers, by connecting once; raises as ``distributed.comm.connect`` does."""
     from distributed.comm.core import connect
     from distributed.core import coerce_to_address
     from distributed.security import Security
@@ -100,7 +100,7 @@ def _connect(address: str) -> Iterator[Any]:
             " centralpath[cluster], or use processes with --jobs"
         ) from None
     try:
-        # A Client that fails to connect leaves a thread that its destructor waits for.
+        # A Client that fails to connect leaves a thread for which its destructor waits.
         asyncio.run(_check_answer(address))
         client = Client(address, timeout=CONNECT_TIMEOUT_S, set_as_default=False)
     except (OSError, ValueError, TypeError, NotImplementedError) as error:

@@ -1,4 +1,4 @@
-"""``ocp.estimate``: gradient estimators of a named objective, or of a problem's rollouts."""
+"""``ocp.estimate``: gradient estimates for a named objective or for the cost of a problem's rollouts."""
 
 from __future__ import annotations
 
@@ -41,19 +41,19 @@ def estimate(
     scheduler: str | None = None,
     **engine: Any,
 ) -> dict[str, Estimate]:
-    """Estimate a gradient as ``ocp estimate`` does::
+    """Estimate the gradient of a smoothed objective, as ``ocp estimate`` does::
 
         estimate("heaviside", samples=10_000, params={"theta": 0.5})["fobg"].verdict
 
-    ``problem`` is an objective's or a problem's name, or the path of a problem's file. Without
-    ``sigma`` the noise is the objective's default, or a tenth of the inputs' largest scale.
-    ``theta`` is the decision: the components of an objective, or a problem's inputs or gains at
-    all steps, by default the problem's guess; ``engine`` takes ``backend`` and ``threads``.
-    Everything else is as in :class:`Sampling` and :func:`ocp.solve`. Results do not depend on the
-    number of processes, ``jobs``, nor on the Dask cluster of ``scheduler``.
+    ``problem`` is the name of an objective or problem, or the path of a problem's file. ``sigma`` is the
+    standard deviation of the noise, by default the objective's or a tenth of the inputs' largest
+    characteristic size. ``theta`` is the decision: the components of an objective, or a problem's inputs
+    or gains at all steps, by default the problem's initial guess. ``engine`` are ``backend`` and
+    ``threads``. Other arguments are those of :class:`Sampling` and :func:`ocp.solve`. Results do not
+    depend on the number of processes, ``jobs``, or the Dask cluster at ``scheduler``.
 
     Raises :class:`~ocp.errors.InputError` for unknown names, parameters out of range, and noise
-    beyond 1e9 times or below 1e-9 times the default.
+    above 1e9 times or below 1e-9 times the default.
     """
     if not isinstance(problem, str | PathLike):
         raise InputError(
@@ -69,7 +69,7 @@ def estimate(
     noise = named_objective.sigma if sigma is None else sigma
     sampling = Sampling(tuple(estimators), samples, noise, seed, rules, reference, reference_samples)
     named_objective.check_sigma([noise])
-    # The streams of the first point of ocp estimate, so that both print the same numbers.
+    # These are the streams of the first point of ocp estimate, so that both give the same numbers.
     streams = np.random.SeedSequence(seed, spawn_key=(0,))
     workers = Workers(jobs, scheduler)
     piece_workers = None if workers.serial else JobWorkers(case, workers)

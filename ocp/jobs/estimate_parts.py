@@ -1,4 +1,4 @@
-"""Samples drawn in processes or on a Dask cluster, bitwise as in one process."""
+"""Sampling of gradient estimates in several processes or on a Dask cluster, bitwise as in one process."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from ocp.gradients.sampling import local_chunks
 from ocp.jobs.scheduling import Workers, in_order, map_jobs
 
 PIECE = 4 * BULK
-"""Number of samples per job."""
+"""Number of samples that one job draws."""
 
 
 @dataclass(frozen=True)
 class PieceJob:
-    """Job: sums over samples ``first`` to ``last`` of ``n``; of the costs if there is no estimator."""
+    """Job that samples an estimator: samples ``first`` to ``last`` of ``n``, or of the cost if it is None."""
 
     case: ObjectiveCase
     estimator: Estimator | None
@@ -33,12 +33,12 @@ class PieceJob:
     n: int
 
 
-# Local to a thread, since Dask may run two jobs in one process, each in its own thread.
+# The state is local to a thread, since Dask may run two jobs in one process, each in its own thread.
 _last_objective = threading.local()
 
 
 def _cached_objective(case: ObjectiveCase) -> SampledObjective:
-    """Return the objective of this thread's last job if it is the same, or build it."""
+    """Return the objective of ``case``, reusing that of this thread's last job if it is the same."""
     key = pickle.dumps(case)
     if getattr(_last_objective, "key", None) != key:
         _last_objective.objective, _last_objective.key = case.build().objective, key
@@ -46,7 +46,7 @@ def _cached_objective(case: ObjectiveCase) -> SampledObjective:
 
 
 def sum_piece(job: PieceJob, report: Callable[[Any], None]) -> list[Chunk]:
-    """Sum the chunks of a piece; a :data:`~ocp.jobs.scheduling.Function`."""
+    """Return the chunks of a job's samples, and report the size of each."""
     summed = []
     objective = _cached_objective(job.case)
     for chunk in local_chunks(objective, job.estimator, job.noise, job.first, job.last, job.n):
@@ -57,7 +57,7 @@ def sum_piece(job: PieceJob, report: Callable[[Any], None]) -> list[Chunk]:
 
 @dataclass(frozen=True)
 class JobWorkers:
-    """Workers that sum the chunks of an objective; a :data:`~ocp.gradients.sampling.ChunkSource`."""
+    """Workers that sample an objective in parallel; a :data:`~ocp.gradients.sampling.ChunkSource`."""
 
     case: ObjectiveCase
     workers: Workers
@@ -65,7 +65,7 @@ class JobWorkers:
     def __call__(self, estimator: Estimator | None, noise: Gaussian, first: int, last: int, n: int) -> Iterator[Chunk]:
         """Yield the chunks of samples ``first`` to ``last`` of n in order; raise a job's exception.
 
-        A sample depends on its number alone, not on the worker that draws it.
+        A sample depends only on its index, not on the worker that draws it.
         """
         pieces = [
             PieceJob(self.case, estimator, noise, begin, min(begin + PIECE, last), n)

@@ -1,4 +1,4 @@
-"""A grid of points: its axes, the checkpoint of each point, and one labelled dataset."""
+"""Grid of a sweep's points: its axes, the checkpoints of points, and the dataset of all results."""
 
 from __future__ import annotations
 
@@ -36,14 +36,14 @@ if TYPE_CHECKING:
 
 
 AXIS_DIGITS = 12
-"""Significant digits of a value, so that 0.3 can be selected as 0.3."""
+"""Number of significant digits to which values are rounded, so that a point can be selected by 0.3."""
 
 
 def parse_axes(over: Mapping[str, Any] | Iterable[str | Axis]) -> tuple[Axis, ...]:
-    """Read axes: words of :data:`AXIS_GRAMMAR`, or values by name, each an array or ``"A:B:n"``.
+    """Parse a grid's axes: texts as in :data:`AXIS_GRAMMAR`, or a mapping from names to arrays or ``"A:B:n"``.
 
-    Raises :class:`~ocp.errors.InputError` for none, a name twice, what does not read so, and more
-    than :data:`MAX_AXIS_VALUES` points.
+    Raises :class:`~ocp.errors.InputError` for no axis, repeated names, texts that do not follow the
+    grammar, and more than :data:`MAX_AXIS_VALUES` points.
     """
     if isinstance(over, Mapping):
         parsed = [_axis_of_values(str(name), values) for name, values in over.items()]
@@ -62,7 +62,7 @@ def parse_axes(over: Mapping[str, Any] | Iterable[str | Axis]) -> tuple[Axis, ..
 
 
 def parse_axis(text: str) -> Axis:
-    """Read ``M=0.5:2:7`` or ``contact.mu=1e-4:1e-1:4:log``; raises as :func:`parse_axes` does."""
+    """Parse an axis such as ``M=0.5:2:7`` or ``contact.mu=1e-4:1e-1:4:log``; raises as :func:`parse_axes` does."""
     parsed = parse_axis_option("--over", text, least=2)
     name, begin, end = parsed.name, parsed.values[0], parsed.values[-1]
     if begin == end:
@@ -88,7 +88,7 @@ def _axis_of_values(name: str, values: Any) -> Axis:
 
 
 def _is_geometric(values: np.ndarray) -> bool:
-    """Return whether three or more values have equal ratios rather than equal steps."""
+    """Return whether values are closer to equal ratios than to equal steps; False for fewer than three."""
     if values.size < 3 or np.any(values <= 0):
         return False
     steps, ratios = np.diff(values), np.diff(np.log(values))
@@ -96,23 +96,26 @@ def _is_geometric(values: np.ndarray) -> bool:
 
 
 ROW_UNITS = {"solve_s": "s", "seconds": "s", "penetration": "m"}
-"""Units of the numbers of a point; others have none."""
+"""Mapping from names of a point's numbers to their units; other numbers have none."""
 SECONDS = "seconds"
-"""Name of the time of a point's solve."""
+"""Name of a point's total time [s]."""
 GAIN_NAMES = {"K": "gain_K", "k": "gain_k"}
-"""Names of gains in a dataset, where parameters may be called K and k."""
+"""Names of gains in a dataset, which differ from K and k since parameters may have those names."""
 _DIMENSIONS = ("scenario", "node", "interval", "state", "control", "contact", "contact_exact")
-"""Dimensions of the trajectories at a point."""
+"""Dimensions of a point's trajectories in a dataset."""
 DATASET_NAMES = {
     *(*_DIMENSIONS, "time", SECONDS, *ROW_NUMBERS, *ROW_TEXTS, *ROW_COUNTS),
     *(name for name in STORED_ARRAYS if name not in GAIN_NAMES),
 }
-"""Names that a study's dataset uses itself."""
+"""Names of a sweep dataset's variables and dimensions, which an axis cannot have."""
 
 
 @dataclass(frozen=True)
 class Grid:
-    """A case over axes whose names are full (:meth:`~ocp.jobs.case.Case.full_name`)."""
+    """Grid of solves: a case at all combinations of the axes' values, with full names as in :class:`Case`.
+
+    ``starts``, ``seed`` and ``rank`` are those of each solve.
+    """
 
     case: Case
     axes: tuple[Axis, ...]
@@ -122,7 +125,7 @@ class Grid:
 
     @cached_property
     def source(self) -> ProblemSource:
-        """Source that builds the problem, read once."""
+        """Source that builds the problem, which is read once."""
         return self.case.source()
 
     @property
@@ -132,13 +135,13 @@ class Grid:
 
     @property
     def places(self) -> list[dict[str, float]]:
-        """Values of every point by full name, the last axis fastest."""
+        """Mappings from full names to values for all points, the last axis fastest."""
         names = [axis.name for axis in self.axes]
         values = itertools.product(*(axis.values for axis in self.axes))
         return [dict(zip(names, combination, strict=True)) for combination in values]
 
     def shape_of(self, place: Mapping[str, float]) -> tuple[float, ...]:
-        """Return the values of a point that change its structure: all but those of real parameters."""
+        """Return the values of a point that change its program's structure: settings and integer parameters."""
         fields = self.source.Params.model_fields
 
         def is_integer(name: str) -> bool:
@@ -151,11 +154,11 @@ class Grid:
         )
 
     def job(self, place: Mapping[str, float], start: JobResult | None = None) -> SolveJob:
-        """Return the job of a point, on its own or from the plan of another one."""
+        """Return the job that solves the point with values ``place``, from the plan of ``start`` if given."""
         return SolveJob(self.case.at(place), self.starts, self.seed, self.rank, start=start)
 
     def neighbours(self, place: int) -> list[int]:
-        """Return the indices of the points one step away along an axis."""
+        """Return the indices of the points that are one step along an axis from the point ``place``."""
         index, neighbours = np.unravel_index(place, self.shape), list[int]()
         for axis, size in enumerate(self.shape):
             for shifted in (index[axis] - 1, index[axis] + 1):
@@ -165,10 +168,10 @@ class Grid:
         return neighbours
 
     def check(self, jobs: int = 1) -> Session:
-        """Build the first valid point; check that every value is accepted at some point, and that memory suffices.
+        """Check that every value is valid at some point and that memory suffices; return the first valid session.
 
-        Raises the :class:`~ocp.errors.InputError` of a value that no point accepts, and one where
-        ``jobs`` solves at once, or all points together, need too much memory.
+        Raises the :class:`~ocp.errors.InputError` of a value that is valid at no point, and one if
+        ``jobs`` solves at once, or the results of all points, need too much memory.
         """
         source = self.source
         refused: dict[tuple[str, float], InputError] = {}
@@ -198,7 +201,7 @@ class Grid:
         return session
 
     def checkpoint(self, root: Path | None, name: str) -> Checkpoint:
-        """Return its checkpoint in a store; changed files have another one."""
+        """Return the checkpoint of this grid in the store ``root``; it is another one after the user's files change."""
         request = {
             "case": {**vars(self.case), "content": None},
             "axes": [vars(axis) for axis in self.axes],
@@ -210,15 +213,15 @@ class Grid:
 
 
 def dimension_name(name: str) -> str:
-    """Return the dimension's name in a dataset for an axis's full name: ``M``, or ``contact.mu``."""
+    """Return the name of an axis's dimension in a dataset, such as ``M`` or ``contact.mu``, from its full name."""
     short = name.removeprefix("problem.")
     return name if short in DATASET_NAMES else short
 
 
 def grid_dataset(study: Grid, session: Session, points: Sequence[JobResult]) -> xr.Dataset:
-    """Return all points as a dataset: a dimension per axis, then those of the trajectories.
+    """Return all points as a dataset with a dimension for each axis, followed by those of the trajectories.
 
-    Where points differ in size, as over N, smaller ones are padded with NaN.
+    If trajectories differ in size, as in a sweep over N, shorter ones are padded with NaN.
     """
     import xarray as xr
 
@@ -250,7 +253,7 @@ def _axis_unit(session: Session, name: str) -> str:
 
 
 def _dimension_sizes(points: Iterable[JobResult]) -> dict[str, int | list[str]]:
-    """Return the largest size of each dimension over all points, or all its labels in order."""
+    """Return a mapping from dimensions to their largest size over all points or, if labelled, to all labels."""
     counts: dict[str, int] = {}
     labels: dict[str, list[str]] = {}
     for array in (array for point in points for array in point.arrays.values()):
@@ -286,13 +289,16 @@ def _stack_array(
 
 @dataclass(frozen=True)
 class SavedPoints:
-    """Finished points by index, saved from number ``first`` on: :class:`~ocp.jobs.scheduling.SavedResults`."""
+    """Checkpoint files of finished points, under numbers from ``first`` on.
+
+    It is a :class:`~ocp.jobs.scheduling.SavedResults`.
+    """
 
     files: SavedWork
     first: int = 0
 
     def load(self, place: int) -> JobResult | None:
-        """Return a finished point; None if there is none."""
+        """Return the result of the point ``place``, or None if it is not finished."""
         rows = self.files.rows(self.first + place)
         if rows is None:
             return None
@@ -304,7 +310,7 @@ class SavedPoints:
         return JobResult(rows[0]["row"], arrays)
 
     def save(self, place: int, point: JobResult) -> JobResult:
-        """Save a point, arrays first, so that a row means that they are complete; return the point."""
+        """Save and return a point; its row is written after its arrays, so that a row implies complete arrays."""
         layout = {name: [array.dims, dict(array.labels)] for name, array in point.arrays.items()}
         if point.arrays:
             arrays = {name: array.values for name, array in point.arrays.items()}
@@ -317,6 +323,6 @@ class SavedPoints:
 
 
 def load_points(study: Grid, files: SavedWork) -> dict[int, JobResult]:
-    """Return finished points by index."""
+    """Return a mapping from indices to the finished points in ``files``."""
     points = ((place, SavedPoints(files).load(place)) for place in range(math.prod(study.shape)))
     return {place: point for place, point in points if point is not None}

@@ -1,4 +1,4 @@
-"""Points of a grid that are solved again from a neighbour's plan, and the choice of the better answer."""
+"""Improvement of a sweep: points are solved again from neighbours' plans, and the better solution is taken."""
 
 from __future__ import annotations
 
@@ -12,16 +12,17 @@ from ocp.jobs.sweep_job import FAULT_STATUS, REJECTED_STATUS, JobResult, RollJob
 from ocp.jobs.sweep_record import describe_point
 
 OUTLIER_SHARE = 1e-3
-"""Gain of a neighbour's plan that counts, as a share of the cost that a plan can change."""
+"""Minimum gain of a neighbour's plan that counts, as a share of the cost that a plan can change."""
 
 
 @dataclass
 class Exchange:
-    """Points that take over their neighbours' plans, pass by pass.
+    """Improvement of a grid's points by solves from neighbours' plans, in several passes.
 
-    ``solve`` solves jobs by place, saved from a number on; ``roll`` returns by place the costs of other plans there.
-    ``rolled_costs`` has the cost at a place of a neighbour's present plan, ``tried`` the places with neighbours from
-    whose present plan they were solved.
+    ``solve(jobs, first)`` yields the results of jobs, a mapping from indices of points, and saves them under numbers
+    from ``first`` on; ``roll(jobs)`` yields the costs of other points' plans. Pairs are (point, neighbour):
+    ``rolled_costs`` maps them to the cost of the neighbour's present plan at the point, and ``tried`` are the
+    pairs whose point was solved from it.
     """
 
     study: Grid
@@ -32,10 +33,11 @@ class Exchange:
     tried: set[tuple[int, int]] = field(default_factory=set)
 
     def run(self) -> list[JobResult]:
-        """Improve points as long as any is better from a neighbour's plan; return all, the rest of the outliers marked.
+        """Improve points until no solve from a neighbour's plan is better; return all points.
 
-        In a pass each point is solved from its cheapest neighbour, where that costs less, and then from the plan that
-        costs least at the point's own parameters, where that costs less than the point's.
+        In each pass a point is solved from its cheapest neighbour if that costs less, and then from the plan that
+        costs least at the point's own parameters if that costs less than the point's. Points at which a neighbour's
+        plan is better in the end are marked as outliers.
         """
         study, count = self.study, len(self.points)
         passes, changed = sum(study.shape), set(range(count))
@@ -53,7 +55,7 @@ class Exchange:
         return self.points
 
     def _improve(self, starts: Mapping[int, int], first: int) -> set[int]:
-        """Solve places from the plans of the neighbours in ``starts``; return the places that are better now."""
+        """Solve points from neighbours' plans, ``starts`` from point to neighbour; return the improved points."""
         study, points, places = self.study, self.points, self.study.places
         jobs = {place: study.job(places[place], points[neighbour]) for place, neighbour in starts.items()}
         warm_started = dict(self.solve(jobs, first))
@@ -68,7 +70,7 @@ class Exchange:
         return improved
 
     def _roll_plans(self) -> None:
-        """Roll out all plans at neighbouring places where that has not been done."""
+        """Roll out all neighbours' plans at the points at which this has not been done."""
         jobs, study, neighbours = dict[int, RollJob](), self.study, dict[int, list[int]]()
         for place, values in enumerate(study.places):
             new = [k for k in study.neighbours(place) if self.points[k].row["success"]]
@@ -80,7 +82,10 @@ class Exchange:
             self.rolled_costs.update(((place, k), cost) for k, cost in zip(neighbours[place], costs, strict=True))
 
     def _better_plans(self, untried: bool = False) -> dict[int, int]:
-        """Return the neighbour whose plan costs least at each place, where that is better than the place's own."""
+        """Return a mapping from points to the neighbour whose plan costs least there, if it is better than theirs.
+
+        With ``untried`` only neighbours count from whose plan the point has not been solved.
+        """
         best: dict[int, int] = {}
         for (place, neighbour), cost in sorted(self.rolled_costs.items()):
             own = self.points[place].row
@@ -92,9 +97,9 @@ class Exchange:
 
 
 def cheaper_neighbours(study: Grid, points: Sequence[JobResult], changed: Collection[int]) -> dict[int, int]:
-    """Return the cheapest neighbour of each point that is dearer than it, or unsolved.
+    """Return a mapping from points to their cheapest neighbour, if the point costs more or is unsolved.
 
-    Only neighbours in ``changed`` count: from the others it was solved before.
+    Only neighbours in ``changed`` count, since points have been solved from the others before.
     """
     starts_by_place = {}
     for place, point in enumerate(points):
@@ -108,12 +113,12 @@ def cheaper_neighbours(study: Grid, points: Sequence[JobResult], changed: Collec
 
 
 def _ranking_cost(study: Grid, row: Mapping[str, Any]) -> float:
-    """Return the cost by which answers are ranked."""
+    """Return the cost by which the study ranks solutions: planned, exact, or the referee's."""
     return row[{"exact": "exact_cost", "referee": "referee_cost"}.get(study.rank, "cost")]
 
 
 def is_better(study: Grid, new: Mapping[str, Any], own: Mapping[str, Any]) -> bool:
-    """Return whether a point's answer from a neighbour's plan is better than its own."""
+    """Return whether a point's solution ``new``, from a neighbour's plan, is better than its solution ``own``."""
     if not new["success"] or not own["success"]:
         return bool(new["success"])
     if new["survives"] < own["survives"]:
@@ -122,14 +127,14 @@ def is_better(study: Grid, new: Mapping[str, Any], own: Mapping[str, Any]) -> bo
 
 
 def _gains(study: Grid, cost: float, own: Mapping[str, Any]) -> bool:
-    """Return whether a cost is below that of a point's answer by a share of what a plan changes."""
+    """Return whether ``cost`` is below that of the solution ``own`` by enough to count (:data:`OUTLIER_SHARE`)."""
     span = abs(own["idle_cost"] - cost)
     min_gain = OUTLIER_SHARE * (span if math.isfinite(span) else abs(cost))
     return _ranking_cost(study, own) - cost > min_gain
 
 
 def outlier(new: JobResult, own: JobResult, start: str) -> JobResult:
-    """Return the better answer, marked with its start and the cost of the point's own solve."""
+    """Return the better result ``new``, with its ``start``, the neighbour, and the cost of the point's own solve."""
     own_cost = own.row["own_cost"] if own.row["start"] else own.row["cost"]
     totals = {name: new.row[name] + own.row[name] for name in ("iterations", "seconds", "solve_s")}
     return JobResult({**new.row, **totals, "own_cost": own_cost, "start": start}, new.arrays)

@@ -1,7 +1,7 @@
-"""Jobs in processes: each worker runs one job after another, and a dead worker is replaced.
+"""Jobs in worker processes, each of which runs one job after another and is replaced if it dies.
 
-A pool of concurrent.futures or joblib fails all jobs when one worker is killed, does not name the
-job that it died of, and reports nothing before a job's end.
+In contrast, a pool of concurrent.futures or joblib fails all jobs if one worker is killed, does not
+say in which job it died, and reports nothing before a job's end.
 """
 
 from __future__ import annotations
@@ -25,22 +25,22 @@ from typing import Any
 from ocp.jobs.sequential import MAX_TRIES, Callback, Failure, Function, run_job, worker_died
 
 STOP_GRACE_S = 30.0
-"""Time [s] that a worker has to save its work before it is killed."""
-# A fork of a process that has threads, as numerical libraries start them, may hang.
+"""Time [s] for a stopped worker to save its work before it is killed."""
+# Processes are spawned, since a fork of a process with threads, as of numerical libraries, may hang.
 _spawn_context = multiprocessing.get_context("spawn")
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 """Environment variables that limit the threads of numerical libraries."""
 _interrupted = threading.Event()
-"""Event that is set in a worker that got the signal of Ctrl-C."""
+"""Event that is set in a worker process after it received the signal of Ctrl-C."""
 
 
 def run_in_processes(
     function: Function, jobs: Sequence[Any], workers: int, callback: Callback
 ) -> Generator[tuple[int, Any], None, None]:
-    """Run the jobs in ``workers`` processes; yield index and outcome of each as it ends.
+    """Run jobs in ``workers`` processes; yield index and outcome of each as it ends.
 
-    A job whose worker dies is started again by another worker. When the caller stops, workers get
-    the signal of Ctrl-C, and some time to save their work.
+    A job whose worker dies is started again in another worker. When the caller stops, workers receive
+    the signal of Ctrl-C and have some time to save their work.
     """
     waiting, tries = deque(range(len(jobs))), [0] * len(jobs)
     pool: list[_Worker] = []
@@ -93,12 +93,12 @@ class _Worker:
 
     def give(self, place: int, jobs: Sequence[Any]) -> None:
         self.place = place
-        # A worker that has died meanwhile is noticed at the next receive.
+        # The death of a worker is noticed at the next receive.
         with suppress(OSError):
             self.pipe.send((jobs[place],))
 
     def receive(self) -> tuple[str, Any] | None:
-        """Return the worker's next message, or None if it has died."""
+        """Return the worker's next message, a kind and its content, or None if the worker has died."""
         try:
             return self.pipe.recv()
         except (EOFError, OSError):
@@ -113,8 +113,8 @@ class _Worker:
 
 @contextmanager
 def _block_interrupts() -> Iterator[None]:
-    """Block Ctrl-C within the block; a process that is started inside inherits the block."""
-    # Python's tracker, which starts with the first process, would let signals through again.
+    """Block the signal of Ctrl-C in a context, also in processes that are started in it."""
+    # Python's resource tracker, which starts with the first process, would unblock signals.
     resource_tracker.ensure_running()
     previous_mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
@@ -125,10 +125,10 @@ def _block_interrupts() -> Iterator[None]:
 
 @contextmanager
 def _isolated_start() -> Iterator[None]:
-    """Start processes with one thread each, and without running the caller's main program.
+    """Context in which processes start with one thread each and without running the caller's main program.
 
-    Workers import their function by its module. Running the main program again, as ``spawn`` does,
-    would restart a script without a guard, and is impossible for a program from a pipe.
+    Workers import their function from its module. Running the main program again, as ``spawn`` does,
+    would restart a script without a ``__main__`` guard, and is impossible for a program from a pipe.
     """
     main, unset = sys.modules["__main__"], [name for name in THREAD_VARIABLES if name not in os.environ]
     sys.modules["__main__"] = ModuleType("__main__")
@@ -145,11 +145,11 @@ def _stop_workers(pool: Sequence[_Worker]) -> None:
     for worker in pool:
         with suppress(OSError, TypeError):
             os.kill(worker.process.pid, signal.SIGINT)
-            # A worker that is still starting, and ignores signals, ends with its first job.
+            # A worker that is still starting ignores signals; the empty job ends it.
             worker.pipe.send(())
     end = time.monotonic() + STOP_GRACE_S
     for worker in pool:
-        # Reports are dropped now; a full pipe must not block the worker.
+        # Reports are read and dropped, so that a full pipe does not block the worker.
         while worker.process.is_alive() and time.monotonic() < end:
             if worker.pipe.poll(0.1) and worker.receive() is None:
                 break
@@ -159,7 +159,7 @@ def _stop_workers(pool: Sequence[_Worker]) -> None:
 
 
 def _serve(function: Function, pipe: Any) -> None:
-    """Do jobs until the pipe closes, or Ctrl-C."""
+    """Run jobs from the pipe, in a worker process, until the pipe is closed or Ctrl-C."""
     threading.Thread(target=_end_with_parent, daemon=True).start()
     signal.signal(signal.SIGINT, _interrupt_once)
 
@@ -176,7 +176,7 @@ def _serve(function: Function, pipe: Any) -> None:
 
 
 def _check_interrupt() -> None:
-    """Raise KeyboardInterrupt after Ctrl-C, which a solver in compiled code turns into a failed solve."""
+    """Raise KeyboardInterrupt if Ctrl-C was received, since compiled solvers turn it into a failed solve."""
     if _interrupted.is_set():
         raise KeyboardInterrupt
 
@@ -191,14 +191,14 @@ def _sendable(outcome: Any) -> Any:
 
 
 def _interrupt_once(*_: object) -> None:
-    # On a terminal Ctrl-C reaches the workers too, and then again from the parent.
+    # On a terminal, Ctrl-C reaches workers directly, and a second time from the parent.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     _interrupted.set()
     raise KeyboardInterrupt
 
 
 def _end_with_parent() -> None:
-    """End this worker when its parent is killed."""
+    """Wait for the end of the parent process, and then end this worker."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()

@@ -1,4 +1,4 @@
-"""Parallel jobs: in this process, in processes of this computer, or on a Dask cluster."""
+"""Scheduling of jobs in this process, in several processes of this computer, or on a Dask cluster."""
 
 from __future__ import annotations
 
@@ -24,16 +24,17 @@ def run_jobs(
 ) -> Generator[tuple[int, Any], None, None]:
     """Run all jobs; yield the index in the list and the outcome of each as it ends.
 
-    ``function(job, report)`` must depend on its job alone, which is plain data that can be
-    pickled. Results are then the same in any process and any order, and a job whose worker died
-    can be started again. An outcome is a result or a :class:`~ocp.jobs.scheduling.Failure`. What a
-    job reports arrives here as ``callback(place, message)``.
+    ``function(job, report)`` must depend only on the job, which is plain data that can be pickled.
+    Results are then the same in any process and order, and a job whose worker died can be started
+    again. An outcome is a result or a :class:`~ocp.jobs.scheduling.Failure`. For each report of a job,
+    ``callback(place, message)`` is called in this process.
 
-    One worker is this process; more are processes of this computer. With ``scheduler``, an address
-    such as ``tcp://127.0.0.1:8786``, the jobs go to a Dask cluster, whose workers see this package.
+    With one worker jobs run in this process, with more in processes of this computer. With
+    ``scheduler``, an address such as ``tcp://127.0.0.1:8786``, jobs run on a Dask cluster, whose
+    workers must be able to import this package.
 
-    Raises :class:`~ocp.errors.InputError` for fewer than one worker, where dask.distributed is
-    not installed, where no scheduler answers, and where it has no workers.
+    Raises :class:`~ocp.errors.InputError` for fewer than one worker, if dask.distributed is not
+    installed, if no scheduler answers, and if it has no workers.
     """
     if workers < 1:
         raise InputError(f"jobs need at least 1 worker, got {workers}")
@@ -50,7 +51,7 @@ def run_jobs(
 
 @dataclass(frozen=True)
 class Workers:
-    """Place where jobs run: ``jobs`` processes of this computer, or the Dask cluster at ``scheduler``."""
+    """Workers on which jobs run: ``jobs`` processes of this computer, or the Dask cluster at ``scheduler``."""
 
     jobs: int = 1
     scheduler: str | None = None
@@ -62,19 +63,19 @@ class Workers:
 
 
 class SavedResults(Protocol):
-    """Results of finished jobs by their keys."""
+    """Protocol of storage for the results of finished jobs, identified by keys."""
 
     def load(self, key: Any, /) -> Any:
-        """Return the result of a finished job, None of an unfinished one."""
+        """Return the saved result of the job ``key``, or None if it is not finished."""
         ...
 
     def save(self, key: Any, result: Any, /) -> Any:
-        """Save the result of a job that has ended; return what the caller gets instead of it."""
+        """Save the result of a finished job; return the result that is given to the caller."""
         ...
 
 
 THIS_PROCESS = Workers()
-"""Workers of a map that is not parallel."""
+"""Workers of jobs that run one after another in this process."""
 
 
 def map_jobs(
@@ -85,10 +86,10 @@ def map_jobs(
     callback: Callable[[Key, Any], None] = lambda *_: None,
     recover: Callable[[Key, Exception], Any] | None = None,
 ) -> Generator[tuple[Key, Any], None, None]:
-    """Run all jobs as :func:`run_jobs` does; yield key and result of each: saved ones, then others as they end.
+    """Run all jobs as :func:`run_jobs` does; yield key and result of each, first saved ones, then as jobs end.
 
-    ``saved`` gets each result before it is yielded. What ``recover`` returns for the error of a job
-    is yielded instead of a result, and is not saved; without it the error is raised.
+    Each new result is saved in ``saved`` before it is yielded. If a job raises, the value of
+    ``recover(key, error)`` is yielded and not saved; without ``recover`` the error is raised.
     """
     loaded = {} if saved is None else {key: saved.load(key) for key in jobs}
     yield from ((key, result) for key, result in loaded.items() if result is not None)
@@ -112,7 +113,7 @@ def map_jobs(
 
 
 def in_order(results: Iterable[tuple[int, Any]]) -> Generator[Any, None, None]:
-    """Yield results in the order of their indices from 0, each as soon as those before it are there."""
+    """Yield results in the order of their indices from 0, each as soon as all earlier ones are available."""
     early: dict[int, Any] = {}
     next_index = 0
     for index, result in results:

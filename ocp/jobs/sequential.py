@@ -1,4 +1,4 @@
-"""One job: its function, its result or failure, and its reports."""
+"""Types of jobs, their results and reports, and execution of jobs one after another in this process."""
 
 from __future__ import annotations
 
@@ -9,24 +9,24 @@ from typing import Any
 from ocp.errors import interruptible
 
 Report = Callable[[Any], None]
-"""Called by a job with progress as plain data: numbers, texts, lists and dictionaries of them."""
+"""Callback with a job's progress as plain data: numbers, texts, and lists and dictionaries of them."""
 Function = Callable[[Any, Report], Any]
-"""Function ``function(job, report)`` of one job; workers import it by name, so it is public."""
+"""Function ``function(job, report)`` that does a job; workers import it by name, so it must be public."""
 Callback = Callable[[int, Any], None]
-"""Called in this process with the index of a job in the list and its report."""
+"""Callback, called in this process, with the index of a job in the list and its report."""
 MAX_TRIES = 3
-"""Maximum number of times that a job is started if its worker dies."""
+"""Maximum number of times that a job is started if its workers die."""
 
 
 @dataclass(frozen=True)
 class Failure:
-    """A job that raised ``error`` instead of giving a result."""
+    """Outcome of a job that raised ``error``."""
 
     error: Exception
 
 
 def run_job(function: Function, job: Any, report: Report) -> Any:
-    """Run a job; return its result, or a :class:`Failure`."""
+    """Run a job; return its result, or a :class:`Failure` if it raised an exception."""
     try:
         with interruptible():
             return function(job, report)
@@ -37,7 +37,7 @@ def run_job(function: Function, job: Any, report: Report) -> Any:
 def run_sequentially(
     function: Function, jobs: Sequence[Any], callback: Callback
 ) -> Generator[tuple[int, Any], None, None]:
-    """Run the jobs in this process one after another; yield index and outcome of each."""
+    """Run jobs one after another in this process; yield index and outcome of each."""
     for place, job in enumerate(jobs):
 
         def report(message: Any, place: int = place) -> None:
@@ -47,7 +47,7 @@ def run_sequentially(
 
 
 def worker_died(place: int) -> Failure:
-    """Return the failure of a job whose worker died each time."""
+    """Return the outcome of a job whose worker died at every try."""
     return Failure(
         RuntimeError(f"job {place + 1} failed: its worker died each time, killed or out of memory; use fewer processes")
     )

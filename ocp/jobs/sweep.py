@@ -1,4 +1,4 @@
-"""Parallel solves over a grid, saved as they end; the verdict on all points."""
+"""Parameter sweeps: parallel solves at the points of a grid, which are saved as they end."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 
 OnPoint = Callable[[int, JobResult], None]
-"""Called with the index of a point in the grid, the last axis fastest, and its result."""
+"""Callback with the index of a point in the grid (the last axis fastest) and its result."""
 
 
 def sweep(
@@ -66,23 +66,22 @@ def sweep(
 
         sweep("push-disc", {"M": [0.5, 1, 2], "contact.mu": "1e-4:1e-1:4:log"}, N=20, jobs=2)
 
-    ``over`` are values by name, arrays or words such as ``"0.5:2:7"`` and ``"1e-4:1e-1:4:log"``: of
-    a parameter of the problem (``M``, also ``N``), a setting of the law (``contact.mu``), a number
-    of the settings (``setting.tol``) or of the policy (``policy.bound``). Everything else is as for
-    :func:`ocp.solve`; a problem goes by its name or its file, for other processes build it too.
+    ``over`` maps names to arrays or texts such as ``"0.5:2:7"`` and ``"1e-4:1e-1:4:log"``. A name is a
+    parameter of the problem (``M``, also ``N``), a setting of the law (``contact.mu``), a numeric
+    setting (``setting.tol``), or one of the policy (``policy.bound``). Other arguments are those of
+    :func:`ocp.solve`; the problem is given by its name or file, since other processes build it too.
+    Points are solved in parallel by ``jobs`` processes of this computer or, with ``scheduler``, such as
+    ``tcp://127.0.0.1:8786``, on a Dask cluster; solutions do not depend on these.
 
-    ``jobs`` processes of this computer work side by side, or with ``scheduler``, such as
-    ``tcp://127.0.0.1:8786``, a Dask cluster; answers do not depend on them. Each point's answer is
-    that of a solve of its own, to the last bit, unless a neighbour's plan is better there: such
-    outliers have the neighbour in ``start`` and the cost of their own solve in ``own_cost``. Where
-    a neighbour's plan is better, and no solve from it is, ``outlier`` is 1, and ``neighbour_cost``
-    what that plan costs there. A
-    point whose worker was killed is begun again. With ``store``, a directory, finished points are
-    kept there until all are, and the same call goes on after a stop.
+    Each solution is bitwise that of a separate solve, unless one from a neighbour's plan is better. Such
+    outliers have the neighbour in ``start`` and the cost of their own solve in ``own_cost``. If a
+    neighbour's plan is better but no solve from it is, ``outlier`` is 1 and ``neighbour_cost`` is the
+    cost of that plan at the point. A point whose worker was killed is started again. With ``store``, a
+    directory, finished points are stored there until all are finished, and the same call resumes.
 
-    Returns a dataset with a dimension an axis and, at each point, ``cost exact_cost referee_cost
+    Return a dataset with a dimension for each axis and, at each point, ``cost exact_cost referee_cost
     survives status stationarity iterations seconds verdict`` and more, and the trajectories ``x u
-    lam gap``, their replays, and ``time``. A point that failed has its verdict and NaN.
+    lam gap``, their replays, and ``time``. A failed point has a verdict, and NaN as numbers.
 
     Raises :class:`~ocp.errors.InputError` for requests that no point can satisfy.
     """
@@ -104,7 +103,7 @@ def sweep(
 
 
 def _problem_name(problem: ProblemLike) -> str:
-    """Return the name of a problem, or the absolute path of its file, for any process."""
+    """Return the problem's name, or the absolute path of its file, from which any process can build it."""
     if isinstance(problem, Problem):
         raise InputError(
             f"{problem.name} is built already, and a sweep builds it at every point, in other"
@@ -117,9 +116,9 @@ def _problem_name(problem: ProblemLike) -> str:
 
 
 def make_grid(case: Case, over: tuple[Axis, ...], starts: int = 1, seed: int = 0, rank_by: Rank = "planned") -> Grid:
-    """Return the grid of a case, its axes by their full names.
+    """Return the grid of a case over the axes ``over``, with names replaced by full names.
 
-    Raises :class:`~ocp.errors.InputError` for a name that is unknown, repeated or set otherwise.
+    Raises :class:`~ocp.errors.InputError` for a name that is unknown, repeated or also set in the case.
     """
     check_starts(starts, seed, rank_by)
     source = case.source()
@@ -142,21 +141,20 @@ def solve_grid(
     on_point: OnPoint = lambda *_: None,
     callback: Callable[[int, Any], None] = lambda *_: None,
 ) -> list[JobResult]:
-    """Solve all points of a study that are not ``finished``, and add them to it; return all points.
+    """Solve all points of a grid that are not in ``finished``, and add them to it; return all points.
 
-    Then, pass by pass, points are solved from neighbours' plans that cost less
-    (:class:`~ocp.jobs.neighbours.Exchange`), and the better answer is taken: a pass starts from the
-    results of the one before, so that neither the order nor the number of workers matters.
+    Points are then solved again, in passes, from neighbours' plans that cost less
+    (:class:`~ocp.jobs.neighbours.Exchange`), and the better solution is taken. Each pass starts from
+    the results of the previous one, so that results do not depend on order or number of workers. Each
+    point solved first is passed to ``on_point``, and all are saved in ``files``. Reports of a job, and
+    None at its end, are passed to ``callback``, which may raise to stop.
 
-    Each solved point is saved in ``files`` and passed to ``on_point``. A point's reports,
-    and None at its end, go to ``callback``, which may raise to stop.
-
-    Raises :class:`~ocp.store.provenance.FilesChanged` where files have changed since the request.
+    Raises :class:`~ocp.store.provenance.FilesChanged` if files have changed since the request.
     """
     finished, places = {} if finished is None else finished, study.places
 
     def solve_jobs(jobs: Mapping[int, SolveJob], first: int) -> Generator[tuple[int, JobResult], None, None]:
-        # Points of one structure are neighbours, since a worker builds each structure once.
+        # Points of the same structure are solved in succession, since a worker reuses the last structure.
         ordered = {place: jobs[place] for place in sorted(jobs, key=lambda place: study.shape_of(places[place]))}
         saved = SavedPoints(files, first)
         with closing(map_jobs(solve_job, ordered, workers, saved, callback, _fault)) as points_of_jobs:
@@ -177,13 +175,13 @@ def solve_grid(
 
 
 def _fault(_: int, error: Exception) -> JobResult:
-    """Return the point of a job that failed; it is not saved, as the next try may succeed."""
+    """Return the result of a point whose job failed; it is not saved, since the next try may succeed."""
     if isinstance(error, FilesChanged):
         raise error
     return failed_result(FAULT_STATUS, str(error))
 
 
 def _no_costs(jobs: Mapping[int, RollJob], place: int, error: Exception) -> list[float]:
-    """Return the costs of plans that could not be rolled out."""
+    """Return NaN as the cost of each plan of a job that failed."""
     _fault(place, error)
     return [math.nan] * len(jobs[place].plans)

@@ -1,4 +1,4 @@
-"""Points of a sweep, and starts of one case, as jobs for any process."""
+"""Jobs that any process can run: points of a sweep, and the starts of a single solve."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from ocp.solve.warm_start import StoredPlan, carried_guess, carry
 from ocp.store.provenance import FilesChanged
 
 STORED_ARRAYS = ("x", "u", "lam", "gap", "x_replay", "u_replay", "x_referee", "u_referee", "K", "k")
-"""Names of a solution's arrays that are stored, beside the times of nodes."""
+"""Names of a solution's arrays that are stored, in addition to the times of nodes."""
 REJECTED_STATUS = "refused"
 """Status of a point whose request is invalid."""
 FAULT_STATUS = "fault"
@@ -43,9 +43,10 @@ FAULT_STATUS = "fault"
 
 @dataclass(frozen=True)
 class SolveJob:
-    """A case, its guesses, and the rank by which an answer is taken; or the ``number`` of one guess.
+    """Job that solves a case from ``starts`` guesses and takes the best solution by ``rank``.
 
-    With ``start``, the result of a neighbouring point, it is solved from that plan alone.
+    In :func:`solve_start` only the guess with index ``number`` is used. With ``start``, the result of
+    a neighbouring point, the case is solved only from that plan.
     """
 
     case: Case
@@ -58,7 +59,10 @@ class SolveJob:
 
 @dataclass(frozen=True)
 class RollJob:
-    """A case, the rank by which an answer is taken, and plans of neighbouring points to roll out there."""
+    """Job that rolls out ``plans`` of neighbouring points at the parameters of a case.
+
+    ``rank`` selects the contact law, as it selects the cost by which solutions are ranked.
+    """
 
     case: Case
     rank: Rank
@@ -67,7 +71,7 @@ class RollJob:
 
 @dataclass(frozen=True)
 class LabelledArray:
-    """Values with the names of their dimensions, and labels of dimensions with named entries."""
+    """Array with the names of its dimensions, and a mapping from dimensions with named entries to the names."""
 
     dims: tuple[str, ...]
     values: np.ndarray
@@ -76,13 +80,13 @@ class LabelledArray:
 
 @dataclass(frozen=True)
 class JobResult:
-    """Result of a job: numbers, texts and arrays by name; no arrays if it failed."""
+    """Result of a job: numbers and texts in ``row`` and labelled arrays, which are empty if the job failed."""
 
     row: dict[str, Any]
     arrays: dict[str, LabelledArray]
 
     def plan(self, session: Session) -> StoredPlan:
-        """Return the trajectories as a plan, from which a session of the same problem starts."""
+        """Return the trajectories as a plan from which a session of the same problem can start."""
         import xarray as xr
 
         coords = {dim: names for a in self.arrays.values() for dim, names in a.labels.items()}
@@ -92,15 +96,15 @@ class JobResult:
 
 
 def solve_job(job: SolveJob, report: Callable[[Any], None]) -> JobResult:
-    """Solve a point; a :data:`~ocp.jobs.scheduling.Function` that reports each stage's iterations, None at its end.
+    """Solve a point of a sweep; report the iterations of each stage, and None at the end.
 
-    The answer is that of ``ocp solve`` with the same options, whatever the worker did before. A
-    request that is invalid, or raises, is a point too, with the message as its verdict.
+    The solution is that of ``ocp solve`` with the same options, whatever the worker did before. The
+    result of an invalid request, or of a solve that raises, has the message as its verdict.
 
-    Raises :class:`~ocp.store.provenance.FilesChanged` where files have changed since the request.
+    Raises :class:`~ocp.store.provenance.FilesChanged` if files have changed since the request.
     """
     point = _solve_point(job, report)
-    # Compiled code may have turned Ctrl-C into a failed solve; who hears this may raise it again.
+    # Compiled code may have turned Ctrl-C into a failed solve; this report allows the receiver to raise it again.
     report(None)
     return point
 
@@ -129,9 +133,9 @@ def _solve_point(job: SolveJob, report: Callable[[Any], None]) -> JobResult:
 
 
 def plan_costs(job: RollJob, report: Callable[[Any], None]) -> list[float]:
-    """Return the cost of each plan at a job's parameters; a :data:`~ocp.jobs.scheduling.Function`.
+    """Return the cost of each plan of a job at its parameters, under the law by whose costs solutions are ranked.
 
-    The law is that by whose costs answers are ranked. NaN where a step is not solved, or a constraint is violated.
+    The cost is NaN if a step is not solved or a constraint is violated.
     """
     session = cached_session(job.case)
     problem, evaluation, costs = session.problem, session.evaluation, list[float]()
@@ -148,7 +152,7 @@ def plan_costs(job: RollJob, report: Callable[[Any], None]) -> list[float]:
 
 
 def failed_result(status: str, sentence: str) -> JobResult:
-    """Return a point without an answer, with the reason."""
+    """Return the result of a point without a solution; ``sentence`` gives the reason."""
     no_numbers: dict[str, Any] = dict.fromkeys(ROW_NUMBERS, float("nan"))
     row = {
         **no_numbers,
@@ -178,8 +182,10 @@ ROW_NUMBERS: dict[str, Callable[[Solution], float]] = {
     "own_cost": lambda _: math.nan,
     "neighbour_cost": lambda _: math.nan,
 }
-"""Numbers of a row, NaN without an answer; of outliers alone ``own_cost`` is the cost of the own solve, where a
-neighbour's plan gave a better answer, and ``neighbour_cost`` that of a neighbour's plan, where it is still better."""
+"""Mapping from names of a row's numbers to functions of a solution; numbers are NaN without a solution.
+
+``own_cost`` and ``neighbour_cost`` are set only for outliers: the cost of the point's own solve if the solution is
+from a neighbour's plan, and the cost of a neighbour's plan if that is better than the solution."""
 ROW_TEXTS: dict[str, Callable[[Solution], str]] = {
     "status": lambda solution: solution.status.label,
     "stationarity": lambda solution: solution.certificate.stationarity,
@@ -188,15 +194,18 @@ ROW_TEXTS: dict[str, Callable[[Solution], str]] = {
     "verdict": lambda solution: solution.verdict,
     "start": lambda _: "",
 }
-"""Texts of a row; ``start`` is the point whose plan gave the answer of an outlier."""
+"""Mapping from names of a row's texts to functions of a solution.
+
+``start`` is the point from whose plan an outlier's solution is."""
 ROW_COUNTS: dict[str, Callable[[Solution], int]] = {
     "success": lambda solution: solution.success,
     "survives": lambda solution: -1 if solution.referee.survives is None else solution.referee.survives,
     "iterations": lambda solution: solution.iterations,
     "outlier": lambda _: 0,
 }
-"""Integers of a row; success and survives are 1 or 0, and -1 if unknown; outlier is 1 where a neighbour's plan is
-better than every answer."""
+"""Mapping from names of a row's integers to functions of a solution.
+
+``success`` and ``survives`` are 1 or 0, or -1 if unknown; ``outlier`` is 1 if a neighbour's plan is better."""
 
 
 def _row_of(solution: Solution) -> dict[str, Any]:
@@ -219,19 +228,19 @@ def _labelled_arrays(solution: Solution) -> dict[str, LabelledArray]:
 
 
 GRAPH_FIELDS = {"problem", "derivative"}
-"""Fields of a solution that hold graphs and are not sent."""
+"""Fields of a solution that contain CasADi graphs and are not sent between processes."""
 
 
 @dataclass(frozen=True)
 class StartResult:
-    """Result of a solved start: its outcome, with its NLP's reformulation, and the verdicts."""
+    """Result of a solve from one guess: its outcome, with the NLP replaced by its name, and fields of its solution."""
 
     outcome: RouteResult
     judged: dict[str, Any]
 
 
 def solve_start(job: SolveJob, report: Callable[[Any], None]) -> StartResult:
-    """Solve from one guess; a :data:`~ocp.jobs.scheduling.Function` that tells each stage."""
+    """Solve a case from one of its guesses, and report each stage."""
     session = cached_session(job.case)
     guess = initial_guesses(session.evaluation, job.starts, job.seed)[job.number]
     outcome = session.solve(progress=lambda stage: report(asdict(stage)), guess=guess, number=job.number)
@@ -254,10 +263,10 @@ def solve_starts(
     rank_by: Rank = "planned",
     workers: Workers = THIS_PROCESS,
 ) -> Solution:
-    """Solve from ``starts`` guesses side by side.
+    """Solve a case from ``starts`` guesses in parallel and return the best solution.
 
-    ``session`` is the session of ``case`` in this process. The solution is the same as that of
-    :func:`~ocp.solve.starts.solve_session`, to the last bit, and so are the errors raised.
+    ``session`` is the session of ``case`` in this process. Solution and errors are bitwise the same as
+    those of :func:`~ocp.solve.starts.solve_session`.
     """
     check_starts(starts, seed, rank_by)
     if starts == 1 or workers.serial:
@@ -276,7 +285,7 @@ def solve_starts(
 
     try:
         with closing(map_jobs(solve_start, work, workers, None, callback, note_failure)) as results:
-            # Those that end before Ctrl-C stay.
+            # Results from before a Ctrl-C are kept.
             finished.update((number, result) for number, result in results if result is not None)
     except KeyboardInterrupt as stop:
         if not finished:
@@ -290,7 +299,7 @@ def solve_starts(
 
 
 def _solutions_of(session: Session, finished: dict[int, StartResult], seed: int, rank_by: Rank) -> list[Solution]:
-    """Return the solutions of all starts, the best judged again in this process, which has its graphs."""
+    """Return the solutions of all starts; the best one is judged again here, in the process with its graphs."""
     results = [finished[place] for place in sorted(finished)]
     solutions_of_starts = [Solution(**start.judged, problem=session.problem) for start in results]
     solutions = accept_standing_still(session, solutions_of_starts)

@@ -1,4 +1,4 @@
-"""The record of a sweep: the description of its run, its rows, and the verdict on all points."""
+"""Record of a sweep: description of its run, rows of its points, and a verdict on all points."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ if TYPE_CHECKING:
     import xarray as xr
 
 SWEEP_KIND = "sweep"
-"""Kind of a stored run."""
+"""Kind of a sweep among stored runs."""
 MAX_LISTED = 5
-"""Number of outliers, and of failed points, that a verdict lists."""
+"""Maximum number of outliers, and of failed points, that a verdict lists."""
 
 
 def run_meta(study: Grid, session: Session, data: xr.Dataset) -> dict[str, Any]:
-    """Return a study's description for its run, without ``argv`` and the problem's origin."""
+    """Return the description (``meta.json``) of a sweep's run, without ``argv`` and the problem's origin."""
     rows, dims = grid_rows(data), [dimension_name(axis.name) for axis in study.axes]
     solved = sum(row["success"] for row in rows)
     failures = [
@@ -64,7 +64,7 @@ def run_meta(study: Grid, session: Session, data: xr.Dataset) -> dict[str, Any]:
 
 
 def _shared_record(study: Grid, session: Session) -> dict[str, Any]:
-    """Return the request shared by all points."""
+    """Return the record of the request without the swept values, which is the same for all points."""
     shared = session_record(session, study.seed)
     swept = {axis.name for axis in study.axes}
     groups = {
@@ -83,7 +83,7 @@ def _shared_record(study: Grid, session: Session) -> dict[str, Any]:
 
 
 def grid_rows(data: xr.Dataset) -> list[dict[str, Any]]:
-    """Return every point's coordinates and result, the last axis fastest."""
+    """Return a row with coordinates and results for each point of a sweep's dataset, the last axis fastest."""
     dims = [str(dim) for dim in data["cost"].dims]
     names = (*ROW_NUMBERS, "seconds", *ROW_COUNTS, *ROW_TEXTS)
     count = data["cost"].size
@@ -96,7 +96,10 @@ def grid_rows(data: xr.Dataset) -> list[dict[str, Any]]:
 
 
 def summarise_points(rows: list[dict[str, Any]], dims: list[str]) -> str:
-    """Return counts, the cheapest and the dearest solved point; then a line for some outliers and failures."""
+    """Return a sentence on all points, and lines on some outliers and failures.
+
+    The sentence has numbers of solved and surviving points, and the lowest and highest cost.
+    """
     solved = [row for row in rows if row["success"]]
     refereed = [row for row in solved if row["survives"] >= 0]
     count = "All" if len(solved) == len(rows) else f"{len(solved)} of"
@@ -129,5 +132,5 @@ def summarise_points(rows: list[dict[str, Any]], dims: list[str]) -> str:
 
 
 def describe_point(row: dict[str, Any], dims: list[str]) -> str:
-    """Return the coordinates of a point as text: ``M = 0.5, contact.mu = 0.001``."""
+    """Return the coordinates of a point as text, such as ``M = 0.5, contact.mu = 0.001``."""
     return ", ".join(f"{dim} = {row[dim]:g}" for dim in dims)

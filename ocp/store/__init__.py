@@ -1,4 +1,4 @@
-"""The store of runs: what was asked and what came out, on disk, and read back."""
+"""Store of runs: requests and results on disk, which can be read back."""
 
 from ocp.store.lookup import default_root, find_run
 from ocp.store.runs import (

@@ -1,8 +1,8 @@
 """Atomic writes of files and directories.
 
-Everything is written in a hidden directory beside its target, flushed to the disk and renamed, so
-that a process killed at any time leaves nothing half written. A target that is no regular file, such
-as a FIFO or ``/dev/null``, is never replaced but written to.
+Everything is written in a hidden directory beside its target, flushed to disk and renamed, so that a
+process killed at any time leaves no partial result. A target that is not a regular file, such as a FIFO
+or ``/dev/null``, is not replaced; the content is written to it.
 """
 
 from __future__ import annotations
@@ -25,26 +25,26 @@ if TYPE_CHECKING:
     import xarray as xr
 
 _DRAFT_PREFIX = ".ocp-partial-"
-"""Beginning of the names of unfinished files and directories."""
+"""Prefix of the names of unfinished files and directories."""
 NETCDF_LOCK = threading.Lock()
 """Lock around calls of the netCDF library, which crashes if two threads use it at once."""
 
 
 def write_file(path: Path, content: bytes, what: str = "") -> None:
-    """Replace the content of ``path`` by ``content``; raises as :func:`replace_file` does."""
+    """Write ``content`` to the file ``path`` atomically; raises as :func:`replace_file` does."""
     with replace_file(path, what) as draft:
         draft.write_bytes(content)
 
 
 @contextmanager
 def replace_file(path: Path, what: str = "") -> Iterator[Path]:
-    """Yield an empty draft, a file of the same name, that replaces ``path`` at the end of the block.
+    """Yield the path of a draft, to be written by the caller, that replaces ``path`` at the end of the context.
 
-    A regular file keeps its mode; a link stays, and the file that it points to is replaced. A
-    device or a FIFO is written to once the draft is complete.
+    The mode of a regular file is kept. For a link, the file that it points to is replaced. To a
+    device or a FIFO the complete draft is written.
 
-    Raises :class:`~ocp.errors.InputError` with the reason where the file cannot be written;
-    ``what`` names its kind in the message.
+    Raises :class:`~ocp.errors.InputError` with the reason if the file cannot be written; ``what`` names
+    its kind in the message.
     """
     with write_errors(f"{what} {path}".strip()):
         target = replaceable_path(path)
@@ -52,7 +52,7 @@ def replace_file(path: Path, what: str = "") -> Iterator[Path]:
             with tempfile.TemporaryDirectory(prefix=_DRAFT_PREFIX) as draft_folder:
                 draft = Path(draft_folder) / path.name
                 yield draft
-                # Without O_CREAT: had it vanished since, a plain file would be created, not atomically.
+                # O_CREAT is not set, since it would create a regular file if the target has vanished.
                 handle = os.open(path, os.O_WRONLY)  # A FIFO waits for its reader.
                 with draft.open("rb") as draft_stream, os.fdopen(handle, "wb") as target_stream:
                     shutil.copyfileobj(draft_stream, target_stream)
@@ -68,9 +68,9 @@ def replace_file(path: Path, what: str = "") -> Iterator[Path]:
 
 
 def replaceable_path(path: Path) -> Path | None:
-    """Return ``path`` with links followed; None for a device or FIFO, which is written into.
+    """Return the file to replace: ``path`` with links resolved, or None for a device or FIFO.
 
-    Raises OSError for anything else: a directory, a socket, a disk, a circle of links.
+    Raises OSError for anything else, such as a directory, a socket, a disk or a loop of links.
     """
     try:
         mode = path.stat().st_mode
@@ -85,7 +85,7 @@ def replaceable_path(path: Path) -> Path | None:
 
 
 def _is_handle(path: Path) -> bool:
-    """Return whether ``path`` names an open file of a process, as ``/dev/stdout`` does."""
+    """Return whether ``path`` links to an open file of a process, as ``/dev/stdout`` does."""
     link = path
     while link.is_symlink():
         folder = link.parent.resolve()
@@ -97,9 +97,9 @@ def _is_handle(path: Path) -> bool:
 
 @contextmanager
 def write_errors(target: str, advice: str = "another place") -> Iterator[None]:
-    """Turn an OSError into an :class:`~ocp.errors.InputError` with the place and a remedy.
+    """Context that turns an OSError into an :class:`~ocp.errors.InputError` with the target and a remedy.
 
-    A full disk raises its subclass :class:`~ocp.errors.NotWritten`.
+    For a full disk the error is its subclass :class:`~ocp.errors.NotWritten`.
     """
     try:
         yield
@@ -111,9 +111,9 @@ def write_errors(target: str, advice: str = "another place") -> Iterator[None]:
 
 
 def netcdf_bytes(data: xr.Dataset, what: str) -> bytes:
-    """Return the content of the netCDF file of ``data``; ``what`` names it in errors.
+    """Return ``data`` as the content of a netCDF file; ``what`` names the file in errors.
 
-    Raises :class:`~ocp.errors.NotWritten` where the netCDF library fails.
+    Raises :class:`~ocp.errors.NotWritten` if the netCDF library fails.
     """
     try:
         with NETCDF_LOCK:
@@ -127,7 +127,7 @@ def netcdf_bytes(data: xr.Dataset, what: str) -> bytes:
 
 @contextmanager
 def draft_directory(directory: Path) -> Iterator[Path]:
-    """Yield a draft directory in ``directory``, locked while its process lives and removed at the end."""
+    """Yield a new draft directory in ``directory``, locked by this process and removed at the end of the context."""
     directory.mkdir(parents=True, exist_ok=True)
     folder_lock = _acquire_lock(directory, wait=True)
     try:
@@ -144,20 +144,20 @@ def draft_directory(directory: Path) -> Iterator[Path]:
 
 
 def remove_directory(directory: Path) -> None:
-    """Remove a directory atomically: it is hidden by a rename before its files are deleted.
+    """Remove a directory atomically: rename it to a hidden name and then delete its files.
 
-    A process killed meanwhile leaves a draft like others, which the next writer here removes.
+    If the process is killed in between, the next writer in the parent directory removes the rest.
     """
     hidden = directory.with_name(f"{_DRAFT_PREFIX}{directory.name}")
     directory.rename(hidden)
     sync_to_disk(directory.parent)
-    # Another process may be removing it already, as a draft without an owner.
+    # Another process may already be removing it as a stale draft.
     with suppress(FileNotFoundError):
         shutil.rmtree(hidden)
 
 
 def sync_to_disk(path: Path) -> None:
-    """Flush a file's content, or the names in a directory, to the disk."""
+    """Flush the content of a file, or the names in a directory, to disk."""
     handle = os.open(path, os.O_RDONLY)
     try:
         # Some file systems cannot flush a directory; a rename is still atomic there.
@@ -168,7 +168,7 @@ def sync_to_disk(path: Path) -> None:
 
 
 def _remove_stale_drafts(directory: Path) -> None:
-    """Remove drafts of killed processes: the kernel releases a lock when its process ends."""
+    """Remove the drafts of killed processes, whose locks the kernel has released."""
     for stale in directory.glob(f"{_DRAFT_PREFIX}*"):
         stale_lock = _acquire_lock(stale, wait=False)
         if stale_lock is not None:
@@ -177,7 +177,7 @@ def _remove_stale_drafts(directory: Path) -> None:
 
 
 def _acquire_lock(directory: Path, wait: bool) -> int | None:
-    """Open and lock a directory; None if another process holds it or the file system has no locks."""
+    """Lock a directory and return its handle, or None if another process has the lock or there are no locks."""
     try:
         handle = os.open(directory, os.O_RDONLY)
     except OSError:

@@ -1,4 +1,4 @@
-"""Checkpoints of long studies on disk, from which the same command resumes."""
+"""Checkpoints of long studies on disk, from which the same command resumes after a stop."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ from ocp.store.json_values import to_json
 from ocp.store.provenance import program_digest, versions
 
 SAVE_INTERVAL_S = 2.0
-"""Time [s] between two saves of an unfinished run."""
+"""Minimum time [s] between two saves of unfinished work."""
 _LOCK_FILE = ".lock"
-"""Name of the file in a checkpoint's directory that its process locks."""
+"""Name of the file in a checkpoint's directory that the process which uses it locks."""
 
 
 class SavedWork:
-    """Finished points and arrays of unfinished work in a directory; saves nothing without a directory.
+    """Storage of finished points and of arrays of unfinished work in a directory; without one nothing is saved.
 
-    A file that cannot be read counts as not written.
+    A file that cannot be read counts as missing.
     """
 
     def __init__(self, directory: Path | None = None) -> None:
@@ -41,11 +41,11 @@ class SavedWork:
 
     @property
     def place(self) -> Path | None:
-        """Directory of the files, None if nothing is saved."""
+        """Directory of the files, or None if nothing is saved."""
         return self._directory
 
     def rows(self, point: int) -> list[dict[str, Any]] | None:
-        """Return the rows of a finished point, None for an unfinished one."""
+        """Return the rows of a finished point, or None if it is unfinished."""
         if self.place is None:
             return None
         try:
@@ -54,21 +54,21 @@ class SavedWork:
             return None
 
     def save_rows(self, point: int, rows: list[dict[str, Any]]) -> None:
-        """Save a finished point and delete its states, which are no longer needed."""
+        """Save the rows of a finished point, and delete its arrays of unfinished work."""
         self._write(f"point-{point:05d}.json", json.dumps(rows).encode())
         for state in self.place.glob(f"{point:05d}-*.npz") if self.place else ():
             state.unlink(missing_ok=True)
 
     def state(self, key: str) -> dict[str, np.ndarray] | None:
-        """Return the saved arrays of unfinished work, or None."""
+        """Return the arrays of unfinished work saved under ``key``, or None if there are none."""
         return None if self.place is None else _read_arrays(self.place / f"{key}.npz")
 
     def due(self) -> bool:
-        """Return whether the last save is long enough ago; never if nothing is saved."""
+        """Return whether it is time to save again; False if nothing is saved."""
         return self.place is not None and time.monotonic() - self._last_save >= SAVE_INTERVAL_S
 
     def save_state(self, key: str, **arrays: Any) -> None:
-        """Save the arrays of unfinished work."""
+        """Save the arrays of unfinished work under ``key``."""
         if self.place is None:
             return
         buffer = io.BytesIO()
@@ -82,39 +82,39 @@ class SavedWork:
 
 
 UNSAVED = SavedWork()
-"""Place of work that is not saved."""
+"""Storage that saves nothing."""
 
 
 class Checkpoint(SavedWork):
-    """A hidden directory beside the runs of a problem, locked by one process while it is entered.
+    """Storage of a study's unfinished work, in a hidden directory beside the runs of a problem.
 
-    Its name holds digests of the request, of the user's files (``source``) and of the program: if
-    any of them differs, nothing is resumed. If a living process holds the directory, the next one
-    with the same request uses another; a directory of a process that has ended is taken over.
-    Nothing is saved if ``root`` is None.
+    It is a context manager that locks the directory. The directory's name has digests of the request,
+    of the user's files (``source``) and of the program; if one of them differs, nothing is resumed. If
+    another process has locked the directory, a new one is used; that of a process that has ended is
+    reused. Nothing is saved if ``root`` is None.
     """
 
     def __init__(self, root: Path | None, problem: str, request: dict[str, Any], source: str = "") -> None:
         request_digest = _short_hash(to_json(request))
         self._prefix = f".unfinished-{request_digest}-"
-        # The program: our source, the versions of its libraries, the compiler and the CPU.
+        # The program is identified by its source, the versions of its libraries, the compiler and the CPU.
         program = _short_hash({"source": program_digest(), "compiler": compiler_identity(), **versions()})
         self._name = f"{self._prefix}{source[:12] or 'own'}-{program}"
         self._folder = None if root is None else root / problem
         super().__init__()
         self._lock_handle: int | None = None
         self.notes: list[str] = []
-        """Sentences for the user about where it resumes from, once it is entered."""
+        """Sentences for the user on what is resumed, or why it is not; set on entry."""
 
     @property
     def place(self) -> Path | None:
-        """Directory that this process holds, None if nothing is saved; only inside a ``with`` block."""
+        """Directory locked by this process, or None if nothing is saved; available only inside a ``with`` block."""
         if self._directory is None and self._folder is not None:
             raise RuntimeError("a checkpoint can only be used inside a 'with' block")
         return self._directory
 
     def __enter__(self) -> Self:
-        """Lock the first free directory; raise InputError if none can be made."""
+        """Lock the first free directory; raise InputError if none can be created."""
         if self._folder is None:
             return self
         with write_errors(f"the checkpoint in {self._folder}", "another directory with --out"):
@@ -124,7 +124,7 @@ class Checkpoint(SavedWork):
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Release the directory; remove it if it is empty."""
+        """Unlock the directory, and remove it if it is empty."""
         if self._folder is None or self._directory is None:
             return
         if _is_empty(self._directory):
@@ -134,7 +134,7 @@ class Checkpoint(SavedWork):
         self._directory, self._lock_handle = None, None
 
     def other_states(self, key: str) -> Iterator[dict[str, np.ndarray]]:
-        """Yield the arrays of unfinished work on the same problem by other requests."""
+        """Yield the arrays saved under ``key`` by unfinished studies of the same problem with other requests."""
         for directory in sorted(self._folder.glob(".unfinished-*")) if self._folder else ():
             same_request = directory.name.startswith(self._prefix)
             arrays = None if same_request else _read_arrays(directory / f"{key}.npz")
@@ -142,7 +142,7 @@ class Checkpoint(SavedWork):
                 yield arrays
 
     def discard(self) -> None:
-        """Remove the directory, once the study is stored as a run."""
+        """Remove the directory, after the study is finished."""
         if self.place is not None and self._folder is not None:
             _remove_held(self.place)
 
@@ -158,7 +158,7 @@ class Checkpoint(SavedWork):
         return notes
 
     def _outdated(self, folder: Path) -> Iterator[str]:
-        """Yield the reason why unfinished work by the same request is not resumed."""
+        """Yield a sentence that says why unfinished work with the same request is not resumed, if there is any."""
         source, program = _digests_in_name(self._name, self._prefix)
         for other in sorted(folder.glob(f"{self._prefix}*")):
             old_source, old_program = _digests_in_name(other.name, self._prefix)
@@ -174,7 +174,7 @@ class Checkpoint(SavedWork):
 
 
 def _digests_in_name(name: str, asked: str) -> list[str]:
-    """Return the digests of source and program in a directory's name."""
+    """Return the digests of source and program in the name of a checkpoint's directory."""
     return name.removeprefix(asked).partition(".")[0].split("-")
 
 
@@ -186,8 +186,8 @@ def _is_empty(place: Path) -> bool:
 
 
 def _remove_held(place: Path) -> None:
-    """Remove a directory that this process holds, its lock last: until then no other enters it."""
-    # Another process may have entered as soon as the lock was gone.
+    """Remove a directory that this process has locked; the lock file is removed last, to keep others out."""
+    # Another process may lock the directory as soon as the lock file is removed.
     with suppress(OSError):
         for file in place.iterdir():
             if file.is_dir():
@@ -199,7 +199,10 @@ def _remove_held(place: Path) -> None:
 
 
 def _hold_directory(folder: Path, name: str) -> tuple[Path, int, bool]:
-    """Lock a directory ``name.1``, ``name.2``, ..., old ones first; also return whether others hold one."""
+    """Lock the first free of the directories ``name.1``, ``name.2``, ..., preferring existing ones.
+
+    Return its path, the handle of the lock, and whether another process has locked one of them.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     existing = sorted(folder.glob(f"{name}.*"), key=lambda place: (len(place.name), place.name))
     for place in existing:
@@ -217,7 +220,7 @@ def _hold_directory(folder: Path, name: str) -> tuple[Path, int, bool]:
 
 
 def _try_lock(place: Path) -> int | None:
-    """Lock a directory; return None if another process holds it or has removed it."""
+    """Lock a directory and return the handle, or None if another process has locked or removed it."""
     try:
         handle = os.open(place / _LOCK_FILE, os.O_RDWR | os.O_CREAT, 0o600)
     except FileNotFoundError:
@@ -230,7 +233,7 @@ def _try_lock(place: Path) -> int | None:
     except (BlockingIOError, FileNotFoundError):
         pass
     except OSError:
-        # A file system without locks: assume that no other process is there.
+        # The file system has no locks; assume that no other process uses the directory.
         return handle
     os.close(handle)
     return None

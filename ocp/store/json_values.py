@@ -1,4 +1,4 @@
-"""Conversion of values to and from JSON, and the hash of a run's content."""
+"""Conversion of values to and from JSON, and a hash of a run's content."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
-# Keys that say where, when and how fast a run was made: the hash of a run leaves them out.
+# Keys for where, when and from which files a run was made, which its hash leaves out.
 _PROVENANCE_KEYS = {
     "argv",
     "created",
@@ -39,13 +39,13 @@ _PROVENANCE_KEYS = {
     "tags",
 }
 _TIME_KEYS = {"build_s", "solve_s", "audit_s", "seconds", "stage_seconds", "evaluation_s", "solver_s", "wall_s"}
-"""Keys of times, in seconds."""
+"""Keys of computing times [s]."""
 _UNHASHED_KEYS = _PROVENANCE_KEYS | _TIME_KEYS
-"""Keys that do not count in the hash of a run's content."""
+"""Keys that the hash of a run's content leaves out."""
 
 
 def content_hash(data: xr.Dataset, meta: dict[str, Any]) -> str:
-    """Return ten hex digits of a hash over arrays and description, without times and provenance."""
+    """Return ten hexadecimal digits of a hash of a run's arrays and description, without times and provenance."""
     digest = hashlib.sha256()
     for name in sorted(set(map(str, data.variables)) - _UNHASHED_KEYS):
         variable = data.variables[name]
@@ -59,7 +59,7 @@ def content_hash(data: xr.Dataset, meta: dict[str, Any]) -> str:
 
 
 def to_json(value: Any) -> Any:
-    """Convert nested values to types that JSON has; a number that is not finite becomes None."""
+    """Convert nested values to types of JSON, and numbers that are not finite to None."""
     if isinstance(value, dict):
         return {str(key): to_json(item) for key, item in value.items()}
     if isinstance(value, list | tuple | set | frozenset):
@@ -82,13 +82,13 @@ def _without_unhashed_keys(value: Any) -> Any:
 
 
 def from_json(kind: Any, value: Any, place: str = "") -> Any:
-    """Build an instance of the type ``kind`` from the JSON ``value``, nested records included.
+    """Build an instance of the type ``kind``, with nested records, from the JSON ``value``.
 
-    Types are those of fields of dataclasses and TypedDicts: numbers, texts, lists and mappings by
-    text of them, Literals, Enums by their names in lower case, and unions. For a float, null is NaN,
-    a number that was not finite; a TypedDict may have further entries.
+    Supported are dataclasses and TypedDicts with fields that are numbers, texts, lists, mappings from
+    texts, Literals, Enums (by their names in lower case), and unions. For a float, null is NaN, since
+    numbers that are not finite are stored as null. A TypedDict may have additional entries.
 
-    Raises ``ValueError`` that names the mismatch and its ``place`` in the document.
+    Raises ``ValueError`` with the mismatch and its ``place`` in the document.
     """
     origin, arguments = get_origin(kind), get_args(kind)
     if kind is Any:
@@ -121,9 +121,9 @@ _TYPE_DESCRIPTIONS = {
     dict: "an object",
     NoneType: "null",
 }
-"""Names of JSON's types in messages."""
+"""Mapping from types to their descriptions in messages."""
 _ACCEPTED_TYPES: dict[Any, Any] = {float: (int, float, NoneType)}
-"""Types that are accepted for another one."""
+"""Mapping from types to the JSON types accepted for them, if those are others."""
 
 
 def _check_type(kind: Any, value: Any, place: str) -> None:
@@ -133,7 +133,7 @@ def _check_type(kind: Any, value: Any, place: str) -> None:
 
 
 def _union_from_json(kinds: tuple[Any, ...], value: Any, place: str) -> Any:
-    """Build the first type of a union that fits; null stays None if the union has it."""
+    """Build an instance of the first type of a union that fits; null is None if the union contains it."""
     if value is None and NoneType in kinds:
         return None
     errors = []
@@ -152,7 +152,10 @@ def _choice_from_json(words: Mapping[Any, Any], value: Any, place: str) -> Any:
 
 
 def _record_from_json(kind: Any, value: Any, place: str) -> Any:
-    """Build a dataclass, with all of its fields and no others, or a TypedDict with those required."""
+    """Build a dataclass or TypedDict from a JSON object; a dataclass may have no unknown entries.
+
+    Raises ``ValueError`` if a required field is missing.
+    """
     _check_type(dict, value, place)
     types, required = _field_types(kind)
     if is_dataclass(kind) and (unknown := sorted(set(value) - set(types))):
@@ -169,7 +172,7 @@ def _record_from_json(kind: Any, value: Any, place: str) -> Any:
 
 @cache
 def _field_types(kind: Any) -> tuple[dict[str, Any], frozenset[str]]:
-    """Return the types of a record's fields, and the names of the required ones."""
+    """Return a mapping from fields of a dataclass or TypedDict to types, and the names of required fields."""
     if is_dataclass(kind):
         required = {f.name for f in fields(kind) if f.default is f.default_factory is MISSING}
         return get_type_hints(kind), frozenset(required)

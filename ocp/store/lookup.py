@@ -1,4 +1,4 @@
-"""Lookup of runs by path, part of a name, or age; the folder that holds them."""
+"""Lookup of runs by path, part of a name, or age, and saving, loading and removal of runs."""
 
 from __future__ import annotations
 
@@ -22,22 +22,22 @@ from ocp.validation import expand_path
 STORE_VARIABLE = "OCP_RUNS"
 """Environment variable that names the default store."""
 _MAX_SUGGESTED_AMONG = 200
-"""Number of latest runs among which the nearest name is searched."""
+"""Number of latest runs whose names are compared for the suggestion after a misspelt name."""
 
 
 def default_root() -> Path:
-    """Return the default store: ``$OCP_RUNS``, else ``runs`` in the working directory."""
+    """Return the default folder of runs: ``$OCP_RUNS``, or ``runs`` in the working directory."""
     return expand_path(os.environ.get(STORE_VARIABLE) or "runs")
 
 
 def find_run(text: str, root: Path | str | None = None) -> Path:
-    """Return the run that ``text`` names.
+    """Return the path of the run that ``text`` identifies.
 
-    ``text`` is a path; part of a run's name in ``root`` (default :func:`default_root`), where the
-    latest of several with identical content is taken; ``@last``, the latest of all; ``@2`` the one
-    before it, and so on.
+    ``text`` is a path; or part of a run's name in ``root`` (by default :func:`default_root`), where the
+    latest is taken of several with identical content; or ``@last`` for the latest of all, ``@2`` for the
+    one before, and so on.
 
-    Raises :class:`~ocp.errors.InputError` if no run matches, or several that differ.
+    Raises :class:`~ocp.errors.InputError` if no run matches, or several with different content.
     """
     store = default_root() if root is None else expand_path(root)
     if not text.startswith("@") and expand_path(text).exists():
@@ -70,15 +70,15 @@ def _run_by_name(text: str, runs: Sequence[Path], store: Path) -> Path:
 
 
 def _content_hash(path: Path) -> str:
-    """Return the hash of a run's content; the path of a damaged one."""
+    """Return the hash of a run's content, or the path of a damaged run."""
     entry = read_entry(path)
     return str(path) if entry.meta is None else entry.meta["hash"]
 
 
 def check_removable(path: Path) -> None:
-    """Raise :class:`~ocp.errors.InputError` unless ``path`` is a run's directory, damaged or not.
+    """Raise :class:`~ocp.errors.InputError` unless ``path`` is the directory of a run, damaged or not.
 
-    A run holds its own files and nothing else.
+    Directories that also contain other files are rejected.
     """
     if path.is_symlink():
         raise InputError(f"{path} is a symbolic link; remove the link, or name what it leads to")
@@ -91,7 +91,7 @@ def check_removable(path: Path) -> None:
 
 
 def remove_runs(paths: Iterable[Path]) -> None:
-    """Delete runs, and the directory of a problem with the last of its runs.
+    """Delete runs, and a problem's directory once it is empty.
 
     Raises :class:`~ocp.errors.InputError`, before anything is deleted, if a path is not a run
     (:func:`check_removable`).
@@ -106,12 +106,11 @@ def remove_runs(paths: Iterable[Path]) -> None:
 
 
 def save_solution(solution: Solution, store: Path | str | None = None, tags: Sequence[str] = ()) -> Path:
-    """Store a solution as ``ocp solve`` does and return the run's directory, for :func:`ocp.load`.
+    """Store a solution as ``ocp solve`` does, and return the run's directory, which :func:`ocp.load` reads.
 
-    ``store`` is the folder of runs, by default ``$OCP_RUNS``, else ``runs``; ``tags`` mark the run.
+    ``store`` is the folder of runs, by default ``$OCP_RUNS`` or ``runs``; ``tags`` are attached to the run.
 
-    Raises :class:`~ocp.errors.InputError` where ``store`` cannot be written, and for a tag that is
-    no word.
+    Raises :class:`~ocp.errors.InputError` if ``store`` cannot be written, and for a tag that is not a word.
     """
     folder = default_root() if store is None else store
     return save(solution, folder, ["python", Path(sys.argv[0]).name], tags).path
@@ -123,12 +122,12 @@ def load_solution(
     store: Path | str | None = None,
     source: Path | str | None = None,
 ) -> Solution:
-    """Read a run of ``ocp solve``, or of :func:`ocp.save`.
+    """Read the solution from a run of ``ocp solve`` or :func:`ocp.save`.
 
     ``run`` is its directory, part of its name in the folder ``store`` of runs, or ``@last``, as on the
-    command line (:func:`~ocp.store.lookup.find_run`). A problem of the workbench is rebuilt by its
-    name. For a user's problem, give its file as ``source``, since code that a run names is never
-    loaded, or the built ``problem``. Warns if the file has changed.
+    command line (:func:`~ocp.store.lookup.find_run`). A problem of the workbench is rebuilt from its
+    name. For a user's problem, give its file as ``source`` or the built ``problem``, since code that is
+    named in a run is never loaded. Warn if the file has changed.
 
     Raises :class:`~ocp.errors.InputError` if there is no such run, it is not a solve, or its
     problem is not found, and :class:`~ocp.errors.DamagedRun` if it is incomplete.

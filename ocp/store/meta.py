@@ -1,4 +1,4 @@
-"""Descriptions of runs: the entries of ``meta.json`` by kind of run, and their checks."""
+"""Descriptions of runs: types of the entries of ``meta.json`` for each kind of run, and their checks."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Row = dict[str, Any]
 
 
 class Record(TypedDict, total=False):
-    """Request of a run; each kind of run has some of these entries."""
+    """Record of a run's request, of which each kind of run has some of these entries."""
 
     params: Values
     contact: str
@@ -50,7 +50,7 @@ class Record(TypedDict, total=False):
 
 
 class RunMeta(TypedDict):
-    """Entries of every run."""
+    """Entries of ``meta.json`` that every run has."""
 
     schema: int
     kind: str
@@ -68,7 +68,10 @@ class RunMeta(TypedDict):
 
 
 class OptionalMeta(TypedDict, total=False):
-    """Entries of some runs only; ``source_digest`` covers a user's file and all that it imports."""
+    """Entries of ``meta.json`` that only some runs have.
+
+    ``source_digest`` is that of a user's file and all that it imports.
+    """
 
     seed: int | None
     source_digest: str | None
@@ -82,7 +85,7 @@ class OptionalMeta(TypedDict, total=False):
 
 
 class SolveMeta(TypedDict):
-    """Further entries of a run of ``ocp solve``."""
+    """Additional entries of ``meta.json`` for a run of ``ocp solve``."""
 
     status: Status
     grade: Grade
@@ -100,7 +103,7 @@ class SolveMeta(TypedDict):
 
 
 class ContinueRow(TypedDict):
-    """A point of a path."""
+    """Entry of ``meta.json`` for a point of a path of solutions, traced by ``ocp continue``."""
 
     value: float
     status: str
@@ -118,7 +121,7 @@ Ends = TypedDict("Ends", {"from": float, "to": float})
 
 
 class ContinueMeta(Ends):
-    """Further entries of a run of ``ocp continue``."""
+    """Additional entries of ``meta.json`` for a run of ``ocp continue``."""
 
     over: str
     steps: int
@@ -132,7 +135,7 @@ class ContinueMeta(Ends):
 
 
 class SweepAxis(TypedDict):
-    """An axis of a sweep."""
+    """Entry of ``meta.json`` for an axis of a sweep."""
 
     name: str
     full_name: str
@@ -142,7 +145,7 @@ class SweepAxis(TypedDict):
 
 
 class SweepGrid(TypedDict):
-    """Grid of a sweep, and its failed points."""
+    """Entry of ``meta.json`` for the grid of a sweep and its failed points."""
 
     axes: list[SweepAxis]
     shape: list[int]
@@ -150,7 +153,7 @@ class SweepGrid(TypedDict):
 
 
 class SweepMeta(TypedDict):
-    """Further entries of a run of ``ocp sweep``."""
+    """Additional entries of ``meta.json`` for a run of ``ocp sweep``."""
 
     study: SweepGrid
     solved: int
@@ -160,14 +163,14 @@ class SweepMeta(TypedDict):
 
 
 class EstimateMeta(TypedDict):
-    """Further entries of a run of ``ocp estimate``."""
+    """Additional entries of ``meta.json`` for a run of ``ocp estimate``."""
 
     sweep: Row | None
     estimates: list[Row]
 
 
 class TrainMeta(TypedDict):
-    """Further entries of a run of ``ocp train``."""
+    """Additional entries of ``meta.json`` for a run of ``ocp train``."""
 
     evaluation: dict[str, float]
     untrained: dict[str, float]
@@ -178,13 +181,13 @@ class TrainMeta(TypedDict):
 
 
 class FigureMeta(TypedDict):
-    """Further entries of a run of ``ocp figure``."""
+    """Additional entries of ``meta.json`` for a run of ``ocp figure``."""
 
     claims: list[Row]
 
 
 class ClosedLoopMeta(TypedDict):
-    """Further entries of a run of ``ocp mpc``; lists have one entry per seed, times are in seconds."""
+    """Additional entries of ``meta.json`` for a run of ``ocp mpc``; ``costs`` and ``ended`` have one item per seed."""
 
     costs: list[float]
     cost_interval: list[float]
@@ -200,21 +203,21 @@ class ClosedLoopMeta(TypedDict):
 
 
 class ParameterMeaning(TypedDict):
-    """Unit and meaning of a parameter."""
+    """Entry of ``problem.json`` for a parameter: its unit and description."""
 
     unit: str
     description: str
 
 
 class MotionRecord(TypedDict):
-    """Shapes and contacts at each node."""
+    """Entry of ``problem.json`` for a motion: shapes and contacts to draw at each node."""
 
     shapes: list[list[Row]]
     contacts: list[list[Row]]
 
 
 class OwnProblem(TypedDict):
-    """Description of a problem from a user's file, from which a run is shown without that file."""
+    """Entries of ``problem.json``, the description of a user's problem that allows showing a run without its file."""
 
     title: str
     equations: list[str]
@@ -233,11 +236,11 @@ META_TYPES: dict[str, Any] = {
     "figure": FigureMeta,
     "closed-loop": ClosedLoopMeta,
 }
-"""Further entries of a run by its kind."""
+"""Mapping from kinds of runs to the types of their additional entries in ``meta.json``."""
 
 
 def check_meta(file: Path, meta: dict[str, Any]) -> None:
-    """Raise :class:`~ocp.errors.DamagedRun` for the first entry that is missing or invalid."""
+    """Raise :class:`~ocp.errors.DamagedRun` if an entry of the description ``meta`` is missing or invalid."""
     try:
         from_json(RunMeta, meta)
         from_json(OptionalMeta, meta)
@@ -276,7 +279,7 @@ def _check_time(created: str) -> None:
 
 
 def check_tags(tags: Iterable[str]) -> list[str]:
-    """Return ``tags`` in order, each once.
+    """Return ``tags`` sorted and without duplicates.
 
     Raises :class:`~ocp.errors.InputError` for a tag that is not one word of letters, digits, ``_ . -``.
     """

@@ -1,4 +1,4 @@
-"""Transitions and models on disk: one netCDF file each, written atomically."""
+"""Files of transitions and learned models: one netCDF file each, written atomically."""
 
 from __future__ import annotations
 
@@ -15,16 +15,17 @@ if TYPE_CHECKING:
 
 
 def save(dataset: xr.Dataset, path: Path) -> None:
-    """Write the ``.dataset()`` of transitions or of a model, and anything merged to it.
+    """Write the ``.dataset()`` of transitions or of a model to a file, with a checksum.
 
-    Raises :class:`~ocp.errors.InputError` where the file cannot be written.
+    The dataset may have additional variables. Raises :class:`~ocp.errors.InputError` if the file
+    cannot be written.
     """
     sealed_dataset = dataset.assign_attrs({files.CHECKSUM_KEY: files.checksum(dataset)})
     atomic.write_file(path, atomic.netcdf_bytes(sealed_dataset, f"the file {path}"), "the file")
 
 
 def load_any(path: Path) -> Transitions | xr.Dataset:
-    """Read transitions, or the whole dataset of a model; raises as :func:`load_model` does."""
+    """Read transitions, or the dataset of a model, from a file; raises as :func:`load_model` does."""
     with input_errors():
         dataset = files.read_dataset(path)
         if dataset.attrs["kind"] == files.TRANSITIONS:
@@ -34,15 +35,15 @@ def load_any(path: Path) -> Transitions | xr.Dataset:
 
 
 def load_transitions(path: Path) -> Transitions:
-    """Read transitions from their file; raises as :func:`load_model` does."""
+    """Read transitions from a file; raises as :func:`load_model` does."""
     with input_errors():
         return files.transitions_of(files.read_dataset(path), path)
 
 
 def load_model(path: Path) -> Any:
-    """Read a model from its file.
+    """Read a learned model from a file.
 
-    Raises :class:`~ocp.errors.InputError` if the file is incomplete, or holds something else.
+    Raises :class:`~ocp.errors.InputError` if the file is incomplete or is not that of a model.
     """
     with input_errors():
         return files.read_model(path)

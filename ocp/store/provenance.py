@@ -1,4 +1,4 @@
-"""Provenance of results: versions of the libraries, digests of sources, and the git revision."""
+"""Provenance of results: versions of libraries, digests of sources, and the git revision."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from ocp.errors import InputError
 _DISTRIBUTIONS = ("centralpath", "casadi", "numpy", "scipy", "xarray", "netCDF4")
 """Distributions whose versions are stored with each run."""
 _MAX_PATH_LENGTH = 4096
-"""Length from which on a text cannot be a path."""
+"""Length from which a text cannot be a path."""
 _COMPUTING_PACKAGES = ("dynamics", "ocp", "problems")
-"""Packages whose source decides a result."""
+"""Packages whose source code determines results."""
 
 
 @cache
 def versions() -> dict[str, str]:
-    """Return the versions of Python and of the distributions that decide a result."""
+    """Return a mapping from Python and the distributions that determine results to their versions."""
     versions_by_name = {"python": platform.python_version()}
     for name in _DISTRIBUTIONS:
         try:
@@ -35,7 +35,7 @@ def versions() -> dict[str, str]:
 
 
 def file_digest(file: Path) -> str:
-    """Return the SHA-256, in hex, of a file; raise :class:`~ocp.errors.InputError` if it is unreadable."""
+    """Return the hexadecimal SHA-256 of a file; raise :class:`~ocp.errors.InputError` if it is unreadable."""
     try:
         with file.open("rb") as content:
             return hashlib.file_digest(content, "sha256").hexdigest()
@@ -44,29 +44,29 @@ def file_digest(file: Path) -> str:
 
 
 def content_digest(sources: Iterable[str | None], settings: Mapping[str, Any]) -> str:
-    """Return the SHA-256, in hex, of the user's files on which a study depends; "" for none.
+    """Return the hexadecimal SHA-256 of the user's files on which a study depends, or "" if there are none.
 
     ``sources`` are the digests of the files of problem and law, None for those of the workbench;
-    ``settings`` may name further files, as ``model`` of a learned law does. Raises as
+    ``settings`` may have the names of further files, such as ``model`` of a learned law. Raises as
     :func:`file_digest` does.
     """
     digests = [source for source in sources if source is not None]
     for key, value in sorted(settings.items()):
         file = Path(value) if isinstance(value, str | Path) else None
-        # A longer text is no path, and is_file would raise.
+        # A longer text is not a path, and is_file would raise.
         if file is not None and len(str(file)) < _MAX_PATH_LENGTH and file.is_file():
             digests.append(f"{key} {file_digest(file)}")
     return hashlib.sha256("\n".join(digests).encode()).hexdigest() if digests else ""
 
 
 class FilesChanged(InputError):
-    """Files have changed since a study was requested; the message names them."""
+    """Error for a user's files that have changed since a study was requested."""
 
 
 def check_content(
     problem: str, expected: str | None, sources: Iterable[str | None], settings: Mapping[str, Any]
 ) -> None:
-    """Raise :class:`FilesChanged` unless :func:`content_digest` is ``expected``, None for any."""
+    """Raise :class:`FilesChanged` if :func:`content_digest` differs from ``expected``, unless that is None."""
     if expected not in (None, content_digest(sources, settings)):
         raise FilesChanged(
             f"{problem}, what it imports, or a file of the law has changed since this was begun, so"
@@ -76,7 +76,7 @@ def check_content(
 
 @cache
 def program_digest() -> str:
-    """Return the SHA-256, in hex, of the source of the computing packages: a version may be edited."""
+    """Return the hexadecimal SHA-256 of the source of the computing packages, which users may edit."""
     digest = hashlib.sha256()
     for name in _COMPUTING_PACKAGES:
         spec = find_spec(name)
@@ -88,9 +88,9 @@ def program_digest() -> str:
 
 @cache
 def git_revision() -> str | None:
-    """Return the git revision of the checkout of this package, with ``+`` if it has changes.
+    """Return the git revision of the checkout of this package, followed by ``+`` if it has changes.
 
-    None if the package does not lie at the root of a checkout.
+    Return None if the package is not at the root of a checkout or git fails.
     """
     root = Path(__file__).resolve().parents[2]
     if not (root / ".git").exists():

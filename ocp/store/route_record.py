@@ -1,4 +1,4 @@
-"""A route's report among the other entries of a run's record, under the keys that runs have."""
+"""Conversion of a route's report to and from entries of a run's record."""
 
 from __future__ import annotations
 
@@ -11,33 +11,33 @@ from ocp.solution import Solution
 from ocp.store.json_values import from_json
 
 _STORED_KEYS = {"name": "route", "started_from": "from", "idle_attempts": "ways", "refinement": "refined"}
-"""Keys of a record for fields of a report that have another name there."""
+"""Mapping from fields of a route's report to their keys in a record, for those that differ."""
 _RECORDED = {
     field.name: _STORED_KEYS.get(field.name, field.name) for field in fields(RouteReport) if field.name != "attempts"
 }
-"""Key of a record for every field; a run stores attempts beside its record."""
+"""Mapping from fields of a route's report to their keys in a record; attempts are stored outside the record."""
 
 
 ADDED = {"unbounded": "unbounded", "simulator": "world", "sensitivities": "sensitivities"}
-"""Keys of a record for fields of a solution that say more than what was asked."""
+"""Mapping from fields of a solution to their keys in a record, for fields that are not part of the request."""
 
 
 def record_of(solution: Solution) -> dict[str, Any]:
-    """Return the record of a run: what was asked, and how the answer was found."""
+    """Return the record of a solution's run: the request, the route to the solution, and additional results."""
     added = {key: getattr(solution, name) for name, key in ADDED.items()}
     added = {key: entry for key, entry in added.items() if key == "unbounded" or entry}
     return {**solution.record, **route_to_record(solution.route), **added}
 
 
 def route_to_record(route: RouteReport) -> dict[str, Any]:
-    """Return the record's entries for a route: fields that differ from their defaults, and all of a warm start."""
+    """Return the record's entries for a route: fields that differ from their defaults and those of a warm start."""
     values, defaults = asdict(route), asdict(RouteReport())
     warm = ("resumed", "swept") if route.started_from is not None else ()
     return {key: values[name] for name, key in _RECORDED.items() if name in warm or values[name] != defaults[name]}
 
 
 def route_from_record(record: Mapping[str, Any], attempts: Any) -> tuple[RouteReport, dict[str, Any]]:
-    """Split a record into a route's report and the other entries.
+    """Split a run's record into the report of its route, with ``attempts``, and the other entries.
 
     Raises ``ValueError`` for an entry of the wrong type.
     """

@@ -1,7 +1,7 @@
-"""The files of a run: regular files of limited size, verified by checksums.
+"""Files of a run: regular files of limited size, verified by checksums.
 
-``meta.json`` names the SHA-256 of every other file under ``parts`` and ends in a checksum of its
-own, over everything before it. Both are compared before a file is parsed.
+``meta.json`` has the SHA-256 of every other file under ``parts``, and at its end a checksum of
+everything before. Checksums are verified before a file is parsed.
 """
 
 from __future__ import annotations
@@ -19,30 +19,30 @@ from typing import Any, NoReturn
 from ocp.errors import DamagedRun, InputError
 
 DATA_FILE = "solution.nc"
-"""File of a run's arrays."""
+"""Name of the file with a run's arrays."""
 META_FILE = "meta.json"
-"""File of a run's description."""
+"""Name of the file with a run's description."""
 PROBLEM_FILE = "problem.json"
-"""File that describes a user's problem."""
+"""Name of the file that describes a user's problem."""
 MAX_BYTES = {DATA_FILE: 4 << 30, META_FILE: 32 << 20, PROBLEM_FILE: 256 << 20}
-"""Largest size [bytes] of each file that a run may have."""
+"""Mapping from the files that a run may have to their maximum sizes [bytes]."""
 
 _MAX_JSON_DEPTH = 20
-"""Largest depth of nesting in a run's JSON."""
+"""Maximum depth of nesting in a run's JSON files."""
 _CONTROL_ESCAPES = {code: f"\\x{code:02x}" for code in (*range(32), *range(127, 160)) if chr(code) not in "\n\t"}
-"""Escapes of control characters, for ``str.translate``."""
+"""Mapping from control characters to escapes such as ``\\x1b``, for ``str.translate``."""
 _CONTROL_PATTERN = re.compile(rb"[\x7f-\xff]|\\u00[0189][0-9a-fA-F]|\\u007[fF]|\\[bfr]")
-"""Control characters in the text of a JSON document, as bytes or escaped."""
+"""Pattern of bytes in a JSON document that may be control characters, raw or escaped."""
 _SEAL_PATTERN = re.compile(rb',\n "checksum": "([0-9a-f]{64})"\n}\n')
-"""End of ``meta.json``: its checksum."""
+"""Pattern of the end of ``meta.json``, which contains its checksum."""
 _SEAL_LENGTH = len(b',\n "checksum": ""\n}\n') + 64
-"""Length [bytes] of that end."""
+"""Length [bytes] of the end of ``meta.json`` that contains its checksum."""
 
 
 def seal_run(description: Mapping[str, Any], parts: Mapping[str, bytes]) -> dict[str, bytes]:
-    """Return all files of a run by name: ``parts``, and the description with all checksums.
+    """Return a mapping from names to contents of a run's files: ``parts`` and ``meta.json`` with all checksums.
 
-    Raises :class:`~ocp.errors.InputError` for a file over its size limit.
+    Raises :class:`~ocp.errors.InputError` for a file above its maximum size.
     """
     sums = {name: hashlib.sha256(content).hexdigest() for name, content in parts.items()}
     text = json.dumps({**description, "parts": sums}, indent=1, sort_keys=True, allow_nan=False)
@@ -61,7 +61,7 @@ def seal_run(description: Mapping[str, Any], parts: Mapping[str, bytes]) -> dict
 def read_sealed(directory: Path) -> dict[str, Any]:
     """Read ``meta.json`` of a run and verify its checksum.
 
-    Raises :class:`~ocp.errors.DamagedRun`, naming file and reason, if it was changed.
+    Raises :class:`~ocp.errors.DamagedRun`, with file and reason, if it was changed.
     """
     file = directory / META_FILE
     content = read_regular_file(file, MAX_BYTES[META_FILE])
@@ -74,7 +74,7 @@ def read_sealed(directory: Path) -> dict[str, Any]:
 
 
 def read_part(directory: Path, meta: Mapping[str, Any], name: str) -> bytes:
-    """Read another file of a run and verify its checksum; raises as :func:`read_sealed` does."""
+    """Read the file ``name`` of a run and verify its checksum in ``meta``; raises as :func:`read_sealed` does."""
     file = directory / name
     content = read_regular_file(file, MAX_BYTES[name])
     if hashlib.sha256(content).hexdigest() != meta["parts"][name]:
@@ -83,7 +83,7 @@ def read_part(directory: Path, meta: Mapping[str, Any], name: str) -> bytes:
 
 
 def parse_json_object(file: Path, content: bytes) -> dict[str, Any]:
-    """Parse a JSON object; raise :class:`~ocp.errors.DamagedRun` for anything else."""
+    """Parse a JSON object and escape control characters; raise :class:`~ocp.errors.DamagedRun` for anything else."""
     try:
         document = json.loads(content, parse_constant=_reject_constant)
     except ValueError as error:
@@ -102,14 +102,14 @@ def parse_json_object(file: Path, content: bytes) -> dict[str, Any]:
 def read_regular_file(file: Path, most: int) -> bytes:
     """Read a regular file of at most ``most`` bytes.
 
-    No other kind is opened: a FIFO would wait for a writer, a device might never end, and a link
-    leads out of the run. Raises :class:`~ocp.errors.DamagedRun` with the reason.
+    Other kinds are not opened: a FIFO would wait for a writer, a device might never end, and a symbolic
+    link may lead out of the run. Raises :class:`~ocp.errors.DamagedRun` with the reason.
     """
     try:
         _check_regular(file, os.lstat(file), most)
         handle = os.open(file, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
         with os.fdopen(handle, "rb") as stream:
-            # Checked again, since the file may have been replaced between the two calls.
+            # The check is repeated, since the file may have been replaced between the two calls.
             _check_regular(file, os.fstat(handle), most)
             content = stream.read(most + 1)
     except OSError as error:
@@ -120,7 +120,7 @@ def read_regular_file(file: Path, most: int) -> bytes:
 
 
 def error_reason(error: OSError) -> str:
-    """Return the system's message for an error."""
+    """Return the reason for an OSError in words."""
     if error.errno == errno.ELOOP:
         return "it is a symbolic link; a run holds regular files"
     return error.strerror or str(error)
@@ -150,7 +150,7 @@ def _is_deeper(value: Any, most: int) -> bool:
 
 
 def escape_controls(value: Any) -> Any:
-    """Escape control characters in nested texts as ``\\x1b``, since terminals obey them."""
+    """Escape control characters in nested texts, as in ``\\x1b``, since terminals execute them."""
     if isinstance(value, dict):
         return {escape_controls(key): escape_controls(item) for key, item in value.items()}
     if isinstance(value, list):

@@ -1,8 +1,8 @@
-"""The run store: requests and results on disk, written atomically.
+"""Writing, reading and listing of stored runs.
 
-A run is ``<root>/<problem>/<utc-time>-<hash>/`` with the files of :mod:`ocp.store.run_files`:
-``solution.nc`` (netCDF), ``meta.json``, and ``problem.json`` for a user's problem. It is data:
-nothing is ever pickled, and no code that it names is ever loaded.
+A run is a directory ``<root>/<problem>/<utc-time>-<hash>/``, written atomically, with the files of
+:mod:`ocp.store.run_files`: ``solution.nc`` (netCDF), ``meta.json``, and ``problem.json`` for a user's
+problem. Nothing is pickled, and code that is named in a run is never loaded.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ SCHEMA = 3
 
 @dataclass(frozen=True)
 class RunEntry:
-    """One line of a store's listing: ``meta`` of a run, or the reason why it cannot be read."""
+    """Entry in the list of stored runs: ``meta`` of a run, or in ``damage`` the reason why it cannot be read."""
 
     path: Path
     meta: dict[str, Any] | None
@@ -59,22 +59,23 @@ class RunEntry:
 
 
 def save(solution: Solution, root: Path | str, argv: Sequence[str], tags: Sequence[str] = ()) -> StoredRun:
-    """Store a solution and return the run; raises as :func:`write_run` does."""
+    """Store a solution as a run in ``root`` and return the run; raises as :func:`write_run` does."""
     problem, data, meta = _describe_solution(solution, argv, tags)
     return write_run(root, problem, data, meta, problem_parts(solution.problem, data))
 
 
 def in_memory_run(solution: Solution) -> StoredRun:
-    """Return the run that :func:`save` would store, to be shown; it has no path on disk."""
+    """Return the run that :func:`save` would store, without storing it; its path is empty."""
     problem, data, meta = _describe_solution(solution, [], [])
     description = _complete_meta(problem, data, meta, datetime.now(UTC))
     return StoredRun(Path(), data, description, problem_parts(solution.problem, data))
 
 
 def problem_parts(problem: Problem, data: xr.Dataset | None = None) -> dict[str, bytes]:
-    """Return the file that describes a user's problem, drawn at the states of ``data``, by name.
+    """Return a mapping from ``problem.json`` to the description of a user's problem.
 
-    Empty for a problem of the workbench.
+    The description includes drawings at the states of ``data``. The mapping is empty for a problem of
+    the workbench.
     """
     if problem.origin.record is None:
         return {}
@@ -89,7 +90,7 @@ def problem_parts(problem: Problem, data: xr.Dataset | None = None) -> dict[str,
 def _describe_solution(
     solution: Solution, argv: Sequence[str], tags: Sequence[str] = ()
 ) -> tuple[str, xr.Dataset, dict[str, Any]]:
-    """Return the problem's name, the arrays and the description of a solution."""
+    """Return the name of a solution's problem, its arrays, and its description for ``meta.json``."""
     record = record_of(solution)
     summary_keys = (
         "idle_cost",
@@ -126,15 +127,15 @@ def write_run(
     meta: dict[str, Any],
     parts: Mapping[str, bytes] | None = None,
 ) -> StoredRun:
-    """Store ``data`` and ``meta`` as one run of ``problem`` and return the run.
+    """Store ``data`` and ``meta`` as a run of ``problem`` and return the run.
 
-    ``meta`` has the entries that :mod:`ocp.store.meta` lists for its ``kind``; ``tags`` mark the
-    run; ``parts`` come from :func:`problem_parts`. ``schema problem created versions revision hash
-    parts checksum`` are added. The hash in the name covers the content without times and tags, so
-    identical solves share it.
+    ``meta`` has the entries that :mod:`ocp.store.meta` defines for its ``kind``, and optionally ``tags``;
+    ``parts`` are from :func:`problem_parts`. ``schema problem created versions revision hash parts
+    checksum`` are added. The hash in the run's name is that of the content without times and tags, so
+    that identical solves have the same hash.
 
     Raises :class:`~ocp.errors.InputError` for a tag that is not one word, and if the directory
-    cannot be written or the disk is full; then nothing of the run is left behind.
+    cannot be written or the disk is full; no partial run is left then.
     """
     created = datetime.now(UTC)
     description = _complete_meta(problem, data, meta, created)
@@ -150,7 +151,7 @@ def write_run(
         sync_to_disk(draft)
         run_folder = _rename_into(draft, problem_folder, name)
         sync_to_disk(problem_folder)
-    # Parsed from the written text, so that pages of this run and of the stored one are the same.
+    # The description is parsed from the written text, so that it equals that of the run when read back.
     return StoredRun(run_folder, data, json.loads(files[META_FILE]), dict(parts or {}))
 
 
@@ -168,7 +169,7 @@ def _complete_meta(problem: str, data: xr.Dataset, meta: dict[str, Any], created
 
 
 def check_writable(root: Path | str) -> None:
-    """Make the folder ``root``; raise :class:`~ocp.errors.InputError` if it is not writable."""
+    """Create the folder ``root`` if needed; raise :class:`~ocp.errors.InputError` if it is not writable."""
     store = expand_path(root)
     with _write_errors(store), draft_directory(store):
         pass
@@ -182,7 +183,7 @@ def load(path: Path | str) -> StoredRun:
     """Read a run and verify the checksums of all its files.
 
     Raises :class:`~ocp.errors.InputError` if there is no such directory and
-    :class:`~ocp.errors.DamagedRun`, naming file and reason, if the run is incomplete or changed.
+    :class:`~ocp.errors.DamagedRun`, with file and reason, if the run is incomplete or changed.
     """
     directory = expand_path(path)
     meta = read_meta(directory)
@@ -192,7 +193,7 @@ def load(path: Path | str) -> StoredRun:
 
 
 def _parse_netcdf(file: Path, content: bytes) -> xr.Dataset:
-    """Parse the bytes of a netCDF file, whose checksum was verified."""
+    """Parse the content of a netCDF file; raise :class:`~ocp.errors.DamagedRun` if it is not readable."""
     import xarray as xr
 
     try:
@@ -206,7 +207,7 @@ def _parse_netcdf(file: Path, content: bytes) -> xr.Dataset:
 
 
 def _escape_dataset(data: xr.Dataset) -> xr.Dataset:
-    """Escape control characters in texts, which a terminal would obey."""
+    """Escape control characters in a dataset's texts, since terminals execute them."""
     for name, variable in data.variables.items():
         variable.attrs = escape_controls(variable.attrs)
         if variable.dtype.kind in "OUS":
@@ -218,7 +219,7 @@ def _escape_dataset(data: xr.Dataset) -> xr.Dataset:
 
 
 def read_meta(directory: Path) -> dict[str, Any]:
-    """Read ``meta.json`` of a run; raises as :func:`load` does."""
+    """Read and check ``meta.json`` of a run; raises as :func:`load` does."""
     if not directory.is_dir():
         raise InputError(f"there is no run at {directory}; ocp runs lists what the store holds")
     meta, file = read_sealed(directory), directory / META_FILE
@@ -234,10 +235,10 @@ def read_meta(directory: Path) -> dict[str, Any]:
 
 
 def run_paths(root: Path | str) -> list[Path]:
-    """Return the folders of all runs under ``root``, oldest first by name; no file is opened.
+    """Return the directories of all runs under ``root``, oldest first, without opening files.
 
-    Runs of the same second are ordered by modification time. An unreadable folder of a problem
-    stands for its runs.
+    Runs are ordered by the time in their names, those of the same second by modification time. An
+    unreadable directory of a problem is listed in place of its runs.
 
     Raises :class:`~ocp.errors.InputError` for an unreadable ``root``.
     """
@@ -253,10 +254,7 @@ def run_paths(root: Path | str) -> list[Path]:
 
 
 def list_runs(root: Path | str) -> list[RunEntry]:
-    """Read all runs under ``root``, oldest first; a damaged one has the reason.
-
-    Raises as :func:`run_paths` does.
-    """
+    """Return entries of all runs under ``root``, oldest first, also of damaged ones; raises as :func:`run_paths`."""
     return [read_entry(path) for path in run_paths(root)]
 
 
@@ -268,7 +266,7 @@ def _runs_of_problem(problem_folder: Path) -> list[Path]:
 
 
 def read_entry(directory: Path) -> RunEntry:
-    """Read the description of a run and verify the checksums of its files."""
+    """Read the description of a run and verify its checksums; the entry of a damaged run has the reason."""
     try:
         os.scandir(directory).close()
         meta = read_meta(directory)
@@ -282,7 +280,7 @@ def read_entry(directory: Path) -> RunEntry:
 
 
 def _visible_folders(directory: Path) -> list[Path]:
-    """Return the visible folders in ``directory`` by name, and entries that cannot be examined."""
+    """Return the folders in ``directory`` that are not hidden, and entries that cannot be examined, by name."""
 
     def may_be_visible_folder(entry: os.DirEntry[str]) -> bool:
         try:
@@ -295,7 +293,7 @@ def _visible_folders(directory: Path) -> list[Path]:
 
 
 def _age_key(path: Path) -> tuple[str, int, str]:
-    """Return a key that sorts runs by age: by the second in the name, then by modification time."""
+    """Return a key that sorts runs by the time in their names, then by modification time."""
     try:
         modified_ns = path.stat().st_mtime_ns
     except OSError:
@@ -304,7 +302,7 @@ def _age_key(path: Path) -> tuple[str, int, str]:
 
 
 def _rename_into(draft: Path, problem_folder: Path, name: str) -> Path:
-    """Rename to ``name``, with a number if an identical run was stored in the same second."""
+    """Rename a draft to ``name``, with a number appended if a run of that name exists; return the new path."""
     attempt = 1
     while True:
         run_folder = problem_folder / (name if attempt == 1 else f"{name}-{attempt}")

@@ -1,4 +1,4 @@
-"""Stored runs: arrays and records, and their export as CSV and NPZ."""
+"""Stored runs: their arrays and records, and export as CSV and NPZ."""
 
 from __future__ import annotations
 
@@ -35,12 +35,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class StoredRun:
-    """A run read back: labelled arrays, and everything else as plain JSON values.
+    """A stored run: labelled arrays in ``data``, and everything else as JSON values in ``meta``.
 
-    ``parts`` are the contents of its other files by name. ``meta`` holds ``schema kind problem
-    created argv versions revision seed hash parts checksum``, with the types of
-    :mod:`ocp.store.meta`, and for ``kind == "solve"`` also ``record audit certificate referee
-    idle_cost cost status verdict grade stages iterations build_s solve_s others``.
+    ``parts`` maps names of the other files to their contents. ``meta`` has ``schema kind problem created
+    argv versions revision seed hash parts checksum``, with the types of :mod:`ocp.store.meta`, and for
+    ``kind == "solve"`` also ``record audit certificate referee idle_cost cost status verdict grade stages
+    iterations build_s solve_s others``.
     """
 
     path: Path
@@ -50,19 +50,19 @@ class StoredRun:
 
     @property
     def kind(self) -> str:
-        """Kind of the run: ``solve``, ``continue``, ..."""
+        """Kind of the run, such as ``solve`` or ``continue``."""
         return self.meta["kind"]
 
     @property
     def record(self) -> dict[str, Any]:
-        """Request of the run."""
+        """Record of the run's request, as a mapping."""
         return self.meta.get("record") or {}
 
     @cached_property
     def own_problem(self) -> dict[str, Any] | None:
-        """Description of a user's problem (:class:`~ocp.store.meta.OwnProblem`).
+        """Description of a user's problem (:class:`~ocp.store.meta.OwnProblem`), None for one of the workbench.
 
-        None for a problem of the workbench; raises as :attr:`audit` does.
+        Raises as :attr:`audit` does.
         """
         if PROBLEM_FILE not in self.parts:
             return None
@@ -73,38 +73,38 @@ class StoredRun:
 
     @cached_property
     def status(self) -> Status:
-        """Outcome of the solve; raises as :attr:`audit` does."""
+        """Status with which the solve ended; raises as :attr:`audit` does."""
         return self._described(Status, "status")
 
     @cached_property
     def audit(self) -> Audit:
-        """Audit of the solve; numbers that were not finite are NaN.
+        """Audit of the solve's solution, with NaN for numbers that were not finite.
 
-        Raises :class:`~ocp.errors.DamagedRun` if ``meta.json`` lacks a part of it.
+        Raises :class:`~ocp.errors.DamagedRun` if entries are missing or invalid in ``meta.json``.
         """
         return self._described(Audit, "audit")
 
     @cached_property
     def certificate(self) -> Certificate:
-        """Certificate of the solve; raises as :attr:`audit` does."""
+        """Certificate of the solve's solution; raises as :attr:`audit` does."""
         return self._described(Certificate, "certificate")
 
     @cached_property
     def referee(self) -> RefereeReport:
-        """Report of the referee; raises as :attr:`audit` does."""
+        """Report of the referee on the solve's solution; raises as :attr:`audit` does."""
         return self._described(RefereeReport, "referee")
 
     @cached_property
     def stages(self) -> list[StageRecord]:
-        """Homotopy table of the solve; raises as :attr:`audit` does."""
+        """Records of the homotopy stages of the solve; raises as :attr:`audit` does."""
         return self._described(list[StageRecord], "stages")
 
     def solution(self, problem: Problem) -> Solution:
-        """Return the solution of ``problem``, which was rebuilt at the run's parameters.
+        """Return the run's solution, of ``problem``, which must have been rebuilt at the run's parameters.
 
-        Its ``values`` are the problem's alone: a replay takes the parameters of its own law.
+        The solution's ``values`` are only the problem's; a replay uses the parameters of its own law.
 
-        Raises :class:`~ocp.errors.DamagedRun` if ``meta.json`` lacks a part of it, and
+        Raises :class:`~ocp.errors.DamagedRun` if entries are missing in ``meta.json``, and
         :class:`~ocp.errors.InputError` for a run that is not a solve.
         """
         self.check_solve()
@@ -127,7 +127,7 @@ class StoredRun:
 
     @property
     def route(self) -> RouteReport:
-        """The way to the answer of a solve."""
+        """Report on the route by which the solve reached its solution."""
         return self._route()[0]
 
     def _route(self) -> tuple[RouteReport, dict[str, Any]]:
@@ -137,7 +137,7 @@ class StoredRun:
             raise DamagedRun(f"{self.path / META_FILE}: the route's description is damaged ({error})") from error
 
     def check_solve(self) -> None:
-        """Raise :class:`~ocp.errors.InputError` unless the run is one of ``ocp solve``."""
+        """Raise :class:`~ocp.errors.InputError` if the run is not from ``ocp solve``."""
         if self.kind != "solve":
             hints = {"train": "; ocp evaluate judges a policy", "figure": "; ocp report shows it"}
             command = {"closed-loop": "mpc"}.get(self.kind, self.kind)
@@ -161,28 +161,28 @@ CSV_ROW_DIMENSIONS = {
     "train": ("iteration",),
     "closed-loop": ("seed", "node"),
 }
-"""Dimensions whose entries are rows of the CSV, by kind of run; intervals and samples count as nodes."""
+"""Mapping from kinds of runs to the dimensions over which a CSV has rows; intervals and samples count as nodes."""
 
 
 def csv_row_dimensions(run: StoredRun) -> tuple[str, ...] | None:
-    """Return the dimensions whose entries are rows of the run's CSV, None if it has no single table."""
+    """Return the dimensions over which a run's CSV has rows, or None if its arrays do not fit one table."""
     if run.kind == "sweep":
         return tuple(axis["name"] for axis in run.meta["study"]["axes"])
     return CSV_ROW_DIMENSIONS.get(run.kind)
 
 
 def check_csv_rows(run: StoredRun) -> None:
-    """Raise :class:`~ocp.errors.InputError` for a kind of run that does not fit one table."""
+    """Raise :class:`~ocp.errors.InputError` for a run whose arrays do not fit one table."""
     if csv_row_dimensions(run) is None:
         raise InputError(f"{run.path} holds a {run.kind}, whose arrays make no one table; take --format npz")
 
 
 def write_csv(run: StoredRun, file: Path) -> None:
-    """Write the arrays over :data:`CSV_ROW_DIMENSIONS` as one table with units in its header.
+    """Write a run's arrays over :data:`CSV_ROW_DIMENSIONS` to a CSV file, with units in its header.
 
-    Numbers keep all their digits; where an array has no value, as an input at the last node, the
-    cell is empty. A text that a spreadsheet would run as a formula is prefixed by a quote. Raises
-    as the store does.
+    Numbers are written with all digits; missing values, such as the input at the last node, are empty
+    cells. A text that a spreadsheet would run as a formula is prefixed with a quote. Raises as
+    :func:`check_csv_rows` and :func:`~ocp.store.atomic.write_file` do.
     """
     check_csv_rows(run)
     headers, columns = zip(*_csv_columns(run), strict=True)
@@ -194,9 +194,9 @@ def write_csv(run: StoredRun, file: Path) -> None:
 
 
 def write_npz(run: StoredRun, file: Path) -> None:
-    """Write every array and coordinate by name, and the description as JSON in ``meta``."""
+    """Write all arrays and coordinates of a run to an NPZ file, and its description as JSON under ``meta``."""
     values = {str(name): run.data[name].values for name in run.data.variables}
-    # NumPy would pickle objects.
+    # Texts are converted, since NumPy would pickle objects.
     arrays: dict[str, Any] = {
         name: values.astype(str) if values.dtype.kind == "O" else values for name, values in values.items()
     }
@@ -206,7 +206,7 @@ def write_npz(run: StoredRun, file: Path) -> None:
 
 
 EXPORT_FORMATS: dict[str, Callable[[StoredRun, Path], None]] = {"csv": write_csv, "npz": write_npz}
-"""Functions that export a run, by format."""
+"""Mapping from formats to functions that export a run."""
 
 
 def _csv_cell(value: Any) -> str:
@@ -216,12 +216,12 @@ def _csv_cell(value: Any) -> str:
 
 
 def _escape_formula(value: str) -> str:
-    """Prefix a text by a quote if a spreadsheet would run it as a formula."""
+    """Prefix a text with a quote if a spreadsheet would run it as a formula."""
     return f"'{value}" if value[:1] in set("=+-@\t\r") else value
 
 
 def _csv_columns(run: StoredRun) -> Iterator[tuple[str, list[Any]]]:
-    """Yield header and cells of each column: first the row's coordinates, then every array over rows."""
+    """Yield header and cells of each CSV column: first the coordinates of rows, then all arrays over rows."""
     data, row_dimensions = run.data, csv_row_dimensions(run) or ()
     shape = tuple(data.sizes[name] for name in row_dimensions)
     for position, name in enumerate(row_dimensions):
@@ -237,7 +237,7 @@ def _csv_columns(run: StoredRun) -> Iterator[tuple[str, list[Any]]]:
 def _array_columns(
     data: Any, name: str, row_dimensions: tuple[str, ...], shape: tuple[int, ...]
 ) -> Iterator[tuple[str, list[Any]]]:
-    """Yield the columns of one array, one per label; none if the array is not over the rows."""
+    """Yield header and cells of an array's CSV columns, one for each label; none if it does not fit the rows."""
     array = data[name]
     step = next((dimension for dimension in ("interval", "sample") if dimension in array.dims), None)
     if step is not None and "node" in row_dimensions:
@@ -260,7 +260,7 @@ def _array_columns(
 
 
 def _labels_and_units(data: Any, dimension: str) -> list[tuple[str, str]]:
-    """Return label and unit of every entry along a dimension."""
+    """Return the label and unit of each entry along a dimension."""
     count = data.sizes[dimension]
     names = data[dimension].values if dimension in data.coords else range(count)
     unit = f"{dimension}_unit"
