@@ -21,10 +21,7 @@ Contributions = Callable[[Gaussian, int], np.ndarray]
 
 
 class Sampler(NamedTuple):
-    """Sampler of an estimator: ``single`` returns single samples, ``bulk`` the moments of many.
-
-    ``bulk`` returns None if the objective does not support it.
-    """
+    """Sampler of an estimator: ``single`` returns samples, ``bulk`` the moments of many, or None if unsupported."""
 
     single: Contributions
     bulk: Callable[[Gaussian, int], Bulk | None] = lambda noise, m: None

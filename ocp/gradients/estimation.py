@@ -48,10 +48,9 @@ REFERENCE_FACTOR = 10
 class Estimate:
     """Estimate of an objective's gradient (d,) by one estimator, with its verdict.
 
-    ``moments`` (d,) are those of single samples, ``evaluations`` is the number of rollouts. ``known`` is
-    the reference that it is judged against, or None; ``choice`` is the weight of an interpolated
-    estimate, ``bias`` the empirical bias of a sampled one, and ``nonfinite`` the indices of samples
-    that were left out.
+    ``moments`` (d,) are those of single samples, ``evaluations`` is the number of rollouts. ``known`` is the
+    reference that it is judged against, or None; ``choice`` is the weight of an interpolated estimate, ``bias`` the
+    empirical bias of a sampled one, and ``nonfinite`` the indices of samples that were left out.
     """
 
     estimator: str
@@ -187,10 +186,9 @@ def estimate_gradient(
 ) -> dict[str, Estimate]:
     """Estimate ``grad F(theta)``, where F is the mean of V(theta, w) over ``w ~ N(0, sigma^2 I)``.
 
-    Return a mapping from names to :class:`Estimate`. Names are ``zobg``, ``zobg-zero-noise``,
-    ``zobg-mean``, ``zobg-antithetic``, ``fobg``, ``es``, ``alpha``, ``alpha-variance`` and
-    ``alpha-fixed``. Sample i is the same for any number of samples with the same seed. ``settings`` are
-    those of :class:`Sampling`.
+    Return a mapping from names to :class:`Estimate`. Names are ``zobg``, ``zobg-zero-noise``, ``zobg-mean``,
+    ``zobg-antithetic``, ``fobg``, ``es``, ``alpha``, ``alpha-variance`` and ``alpha-fixed``. Sample i is the same
+    for any number of samples with the same seed. ``settings`` are those of :class:`Sampling`.
 
     Raises :class:`~ocp.errors.InputError` for settings that :class:`Sampling` rejects, and if too
     few samples were finite.

@@ -95,10 +95,7 @@ class ZeroOrder(Estimator):
 
 @dataclass(frozen=True)
 class FirstOrder(Estimator):
-    """First-order batched gradient (FoBG), whose samples are ``grad_theta V(theta, w)``, through contact.
-
-    Source: Suh, Simchowitz, Zhang et al. (2022), def. II.2.
-    """
+    """First-order batched gradient (FoBG), mean of ``grad_theta V`` (Suh, Simchowitz, Zhang et al. 2022, def. II.2)."""
 
     name: str = "fobg"
     summary: str = "first order, gradients through contact"

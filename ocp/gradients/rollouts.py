@@ -22,12 +22,11 @@ class RolloutObjective(SampledObjective):
 
         V(theta, w) = sum_k l(x_k, u_k, du_k) + l_N(x_N),   u_k = pi(x_k, theta) + w_k
 
-    (Suh, Simchowitz, Zhang et al. 2022, eq. 1). ``theta`` are the inputs of all steps, or the gains of
-    every step as rows of K and then k (of one step if the feedback is stationary); its default is the
-    problem's initial guess, with K = 0. Inputs are not clipped to their bounds, since the estimators'
-    theory is for the unclipped policy. With several scenarios sample i starts in scenario i modulo their
-    number, so that the mean over samples is also one over scenarios. ``parameters`` are those of the
-    problem and of the law, such as ``contact.mu``.
+    (Suh, Simchowitz, Zhang et al. 2022, eq. 1). ``theta`` are the inputs of all steps, or the gains of every step
+    as rows of K and then k (of one step if the feedback is stationary); its default is the problem's initial guess,
+    with K = 0. Inputs are not clipped to their bounds, since the estimators' theory is for the unclipped policy.
+    With several scenarios sample i starts in scenario i modulo their number, so that the mean over samples is also
+    one over scenarios. ``parameters`` are those of the problem and of the law, such as ``contact.mu``.
 
     Raises ``ValueError`` where the law cannot close the system.
     """

@@ -88,10 +88,7 @@ def _advance(
     n: int,
     workers: ChunkSource | None,
 ) -> Iterator[int]:
-    """Add all remaining samples to ``sums``, and yield the number of samples after each addition.
-
-    Samples are stored singly at first, then only as moments of chunks.
-    """
+    """Add the remaining samples to ``sums``, first singly, then as moments of chunks; yield the size of each."""
 
     chunks = workers or partial(local_chunks, objective)
     estimator = estimator.with_baseline(objective, lambda: mean_of_chunks(chunks(None, noise, 0, n, n)))

@@ -38,9 +38,8 @@ class EmpiricalBias:
 def empirical_bias(samples: np.ndarray, mean: np.ndarray | None = None) -> EmpiricalBias:
     """Return the empirical bias that explains the most variance of ``samples`` (n, d).
 
-    Events are balls around the componentwise median. The ball with the largest bound
-    ``(1 - beta)/beta Delta^2`` is chosen; it may contain all samples. ``mean`` (d,) is E z if it is
-    known, by default the samples' mean.
+    Events are balls around the componentwise median. The ball with the largest bound ``(1 - beta)/beta Delta^2`` is
+    chosen; it may contain all samples. ``mean`` (d,) is E z if it is known, by default the samples' mean.
 
     Raises :class:`~ocp.errors.InputError` for fewer than two samples.
     """
@@ -113,11 +112,10 @@ _LINE_CANDIDATES = 1 << 14
 def find_sharpest_change(objective: SampledObjective, noise: Gaussian) -> Jump:
     """Search for a discontinuity of the cost along lines between samples.
 
-    Lines go from zero noise to 64 samples and are divided into 64 segments. On each line the segment
-    with the largest change of the cost is halved repeatedly, each time keeping the half with the larger
-    change. The change of a continuous cost, however steep, vanishes; that of a discontinuous one
-    remains. The samples are those of 16384 with the largest residuals of a linear fit of the cost, so
-    that rarely crossed jumps are found.
+    Lines go from zero noise to 64 samples and are divided into 64 segments. On each line the segment with the
+    largest change of the cost is halved repeatedly, each time keeping the half with the larger change. The change
+    of a continuous cost, however steep, vanishes; that of a discontinuous one remains. The samples are those of
+    16384 with the largest residuals of a linear fit of the cost, so that rarely crossed jumps are found.
     """
     noise_samples = noise.draw(_LINE_CANDIDATES, 1, objective.n_noise)[:, 0]
     end = noise_samples[_least_linear(noise_samples, objective.costs(noise_samples))]

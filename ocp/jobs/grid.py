@@ -289,10 +289,7 @@ def _stack_array(
 
 @dataclass(frozen=True)
 class SavedPoints:
-    """Checkpoint files of finished points, under numbers from ``first`` on.
-
-    It is a :class:`~ocp.jobs.scheduling.SavedResults`.
-    """
+    """Files of finished points, under numbers from ``first`` on (:class:`~ocp.jobs.scheduling.SavedResults`)."""
 
     files: SavedWork
     first: int = 0

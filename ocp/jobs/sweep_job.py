@@ -194,9 +194,7 @@ ROW_TEXTS: dict[str, Callable[[Solution], str]] = {
     "verdict": lambda solution: solution.verdict,
     "start": lambda _: "",
 }
-"""Mapping from names of a row's texts to functions of a solution.
-
-``start`` is the point from whose plan an outlier's solution is."""
+"""Mapping from a row's texts to functions of a solution; ``start`` is the point whose plan led to an outlier."""
 ROW_COUNTS: dict[str, Callable[[Solution], int]] = {
     "success": lambda solution: solution.success,
     "survives": lambda solution: -1 if solution.referee.survives is None else solution.referee.survives,

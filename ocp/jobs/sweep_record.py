@@ -96,10 +96,7 @@ def grid_rows(data: xr.Dataset) -> list[dict[str, Any]]:
 
 
 def summarise_points(rows: list[dict[str, Any]], dims: list[str]) -> str:
-    """Return a sentence on all points, and lines on some outliers and failures.
-
-    The sentence has numbers of solved and surviving points, and the lowest and highest cost.
-    """
+    """Return a sentence with counts and the lowest and highest cost, and lines on some outliers and failures."""
     solved = [row for row in rows if row["success"]]
     refereed = [row for row in solved if row["survives"] >= 0]
     count = "All" if len(solved) == len(rows) else f"{len(solved)} of"

@@ -56,19 +56,17 @@ class Budget(NamedTuple):
 class Experiment(Configured):
     """Learning experiment that maximises ``E sum_t discount^t reward_t`` over the parameters of a policy.
 
-    The policy is ``u = mid + half tanh(a)``, ``a = W_L tanh(... W_1 o + b_1 ...) + b_L + w``, with tanh
-    layers of sizes ``hidden`` on normalised observations and noise w; ``()`` is the affine policy and
-    None a constant input, without observations. Initial weights are normal with standard deviation
-    1 / sqrt(fan in), those of the last layer times ``initial``; offsets are 0. With a state ``rest``
-    (nx,) they are instead those of linear feedback that stabilises the system there. With a policy
-    ``start`` they are its weights, with its normaliser.
+    The policy is ``u = mid + half tanh(a)``, ``a = W_L tanh(... W_1 o + b_1 ...) + b_L + w``, with tanh layers of
+    sizes ``hidden`` on normalised observations and noise w; ``()`` is the affine policy and None a constant input,
+    without observations. Initial weights are normal with standard deviation 1 / sqrt(fan in), those of the last
+    layer times ``initial``; offsets are 0. With a state ``rest`` (nx,) they are instead those of linear feedback
+    that stabilises the system there. With a policy ``start`` they are its weights, with its normaliser.
 
-    The algorithm learns under the contact law ``law``, at the task's parameters ``model_params`` (all,
-    in the order of the task's table; by default its own). Evaluations are under the exact law, with
-    ``episodes`` episodes, before every ``evaluate_every``-th iteration and at the end. With a ``budget``
-    learning ends with the iteration that exceeds its number of steps, whatever ``iterations`` is, and
-    evaluations are at equal numbers of steps. ``params`` are the task's arguments, for the record.
-    Results do not depend on ``threads``.
+    The algorithm learns under the contact law ``law``, at the task's parameters ``model_params`` (all, in the order
+    of the task's table; by default its own). Evaluations are under the exact law, with ``episodes`` episodes,
+    before every ``evaluate_every``-th iteration and at the end. With a ``budget`` learning ends with the iteration
+    that exceeds its number of steps, whatever ``iterations`` is, and evaluations are at equal numbers of steps.
+    ``params`` are the task's arguments, for the record. Results do not depend on ``threads``.
 
     Raises :class:`~ocp.errors.InputError` for invalid settings, such as a discount outside (0, 1].
     """

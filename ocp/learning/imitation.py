@@ -118,10 +118,9 @@ def fit_actions(
     """Fit a policy with tanh layers ``hidden`` to ``inputs`` (n, nu) in ``states`` (n, nx).
 
     It minimises the mean of ``|a(o) - a*|²``, where a is the action before tanh and
-    ``a* = artanh((u - mid) / half)``, with u limited to 0.99 of the half range. Observations are
-    normalised by their mean and standard deviation. The affine policy, ``()``, is the least-squares
-    solution of minimum norm; others are the result of up to 500 iterations of L-BFGS from random
-    weights drawn with ``seed``.
+    ``a* = artanh((u - mid) / half)``, with u limited to 0.99 of the half range. Observations are normalised by
+    their mean and standard deviation. The affine policy, ``()``, is the least-squares solution of minimum norm;
+    others are the result of up to 500 iterations of L-BFGS from random weights drawn with ``seed``.
     """
     policy = dense_policy(task.observe, hidden, task.lower, task.upper)
     observations = BatchFunction(task.observe, "numpy", 1)(states, task.parameters.values)

@@ -85,8 +85,7 @@ class MBPO(Algorithm):
     def begin(self, experiment: Experiment) -> State:
         """Return networks initialised from the seed, and the steps of random policies.
 
-        Raises :class:`~ocp.errors.InputError` if settings do not fit or the extra ``learn`` is not
-        installed.
+        Raises :class:`~ocp.errors.InputError` if settings do not fit or the extra ``learn`` is not installed.
         """
         self.check(experiment)
         return self._trainer(experiment).initial_state()

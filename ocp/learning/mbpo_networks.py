@@ -120,10 +120,7 @@ def likelihood_loss(ensemble: Ensemble, z: jax.Array, y: jax.Array) -> jax.Array
 
 @functools.cache
 def make_trainer(rate: float) -> Callable[..., tuple[Learner, jax.Array]]:
-    """Return a function that trains an ensemble with Adam at learning rate ``rate``.
-
-    It maps ``(learner, z (n, nz), y (n, ny), rows (steps, members, batch))`` to the learner and losses (steps,).
-    """
+    """Return a function ``(learner, z (n, nz), y (n, ny), rows (steps, members, batch)) -> (learner, losses)``."""
     adam = optax.adamw(rate, weight_decay=WEIGHT_DECAY)
 
     @jax.jit
@@ -156,10 +153,7 @@ def select_elites(errors: np.ndarray, n: int) -> np.ndarray:
 
 @jax.jit
 def sample_next_states(ensemble: Ensemble, member: Any, z: Any, noise: Any) -> jax.Array:
-    """Return samples ``mean + noise sqrt(var)`` (n, ny), row i from member ``member[i]``.
-
-    ``noise`` (n, ny) is standard normal.
-    """
+    """Return samples ``mean + noise sqrt(var)`` (n, ny) with noise (n, ny), row i from member ``member[i]``."""
     members = ensemble.layers[0][0].shape[0]
     mean, log_var = predict_gaussians(ensemble, jnp.broadcast_to(z, (members, *z.shape)))
     row = jnp.arange(z.shape[0])
@@ -207,10 +201,7 @@ class Batch(NamedTuple):
 
 
 class Rates(NamedTuple):
-    """Rates of the agent's updates: learning ``rate``, ``discount``, and rate ``tau`` of the target critics.
-
-    ``target_entropy`` is the target entropy per input.
-    """
+    """Settings of updates: learning rate, discount, rate ``tau`` of target critics, and target entropy per input."""
 
     rate: float
     discount: float

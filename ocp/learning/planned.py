@@ -120,11 +120,10 @@ def best_plan(
 ) -> BestPlan:
     """Plan an episode from ``x0`` (nx,) by direct transcription under the exact law.
 
-    The search starts at each of ``guesses``, by default at the problem's initial guess. A guess that is
-    a motion under the exact law is solved with its contact modes fixed and then improved locally; other
-    guesses, and motions for which this fails, are solved by the default route. Return the best
-    certified plan or, if none is certified, the best of the others. ``settings`` are those of
-    :func:`ocp.solve`.
+    The search starts at each of ``guesses``, by default at the problem's initial guess. A guess that is a motion
+    under the exact law is solved with its contact modes fixed and then improved locally; other guesses, and motions
+    for which this fails, are solved by the default route. Return the best certified plan or, if none is certified,
+    the best of the others. ``settings`` are those of :func:`ocp.solve`.
 
     Raises as :func:`~ocp.learning.planned.planned_problem` does.
     """

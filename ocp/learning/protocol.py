@@ -166,9 +166,8 @@ def balancing_feedback(task: Task, rest: np.ndarray) -> tuple[np.ndarray, np.nda
 def embed_affine(W: np.ndarray, b: np.ndarray, layers: list[tuple[np.ndarray, np.ndarray]]) -> None:
     """Set a network's ``layers`` (views of its parameters) so that its output is close to ``W o + b``.
 
-    The first units of each hidden layer compute a tenth of it, where tanh is nearly linear; the last
-    layer ignores the other units. Raises :class:`~ocp.errors.InputError` for layers with fewer units
-    than inputs.
+    The first units of each hidden layer compute a tenth of it, where tanh is nearly linear; the last layer ignores
+    the other units. Raises :class:`~ocp.errors.InputError` for layers with fewer units than inputs.
     """
     n, (*hidden, last) = len(b), layers
     if not hidden:

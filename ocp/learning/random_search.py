@@ -100,10 +100,7 @@ class RandomSearch(Configured):
         return weights / weights.sum()
 
     def updated_cloud(self, cloud: Cloud, y: np.ndarray, step: np.ndarray, white: np.ndarray) -> Cloud:
-        """Return the search distribution after the steps ``y`` (k, n) of the better half.
-
-        ``step`` (n,) is their weighted mean and ``white`` (n,) is ``C^(-1/2) step``.
-        """
+        """Return the distribution updated by steps ``y`` (k, n), their mean ``step`` and ``white = C^(-1/2) step``."""
         n, w = len(step), self.weights
         effective_size = 1 / np.sum(w**2)
         c_s = (effective_size + 2) / (n + effective_size + 5)

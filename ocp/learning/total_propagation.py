@@ -192,11 +192,10 @@ def with_jacobians(fn: ca.Function, count: int) -> BatchFunction:
 class TotalPropagation(Clipping):
     """Gradient ascent by total propagation along particles ``x_{t+1} = f(x_t, u_t) + sigma e_t``.
 
-    Backwards in time, the gradient with respect to the mean of x_{t+1} is estimated by the likelihood
-    ratio, L, and by the reparameterisation, R, and mixed: ``k L + (1 - k) R``,
-    ``k = 1 / (1 + v_L / v_R)``, where v_L and v_R are the variances over particles of the resulting
-    gradients of the policy's parameters (:func:`total_propagation`). ``sigma`` [units of the state] is
-    the same for all entries; actions have no noise.
+    Backwards in time, the gradient with respect to the mean of x_{t+1} is estimated by the likelihood ratio, L, and
+    by the reparameterisation, R, and mixed: ``k L + (1 - k) R``, ``k = 1 / (1 + v_L / v_R)``, where v_L and v_R are
+    the variances over particles of the resulting gradients of the policy's parameters (:func:`total_propagation`).
+    ``sigma`` [units of the state] is the same for all entries; actions have no noise.
 
     Source: Parmas, Rasmussen, Peters and Doya (ICML 2018), algorithm 1. Their PIPPS uses in addition a
     learned Gaussian process for f and importance weights over the batch in L.

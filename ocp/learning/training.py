@@ -73,8 +73,7 @@ def evaluate(
 ) -> PolicyEvaluation:
     """Simulate episodes of a policy at the task's parameters, from random initial states drawn with ``seed``.
 
-    Raises :class:`~ocp.errors.InputError`, with step and episode, if a reward is not finite at
-    finite states.
+    Raises :class:`~ocp.errors.InputError`, with step and episode, if a reward is not finite at finite states.
     """
     read_count("episodes", episodes)
     x0 = experiment.task.reset(episodes, np.random.default_rng(seed))
@@ -166,17 +165,15 @@ class _Progress:
 def train(experiment: Experiment, checkpoint: SavedWork = UNSAVED, report: Report | None = None) -> xr.Dataset:
     """Run an experiment, continuing from ``checkpoint``, and return learning curves and policy.
 
-    Row k of the curves, over ``iteration`` 0..iterations, describes the policy after k iterations:
-    ``evaluation_*`` under the exact law if it was evaluated; the ``env_steps`` (counted by
-    :meth:`Experiment.count_steps`, without evaluations) and time ``wall_s`` [s] up to then; and the
-    numbers of iteration k itself (return of the samples, gradient), NaN in the last row. ``theta``,
-    ``mean`` and ``scale`` are those of the policy with the best evaluation, ``theta_last`` that of the
-    last policy; ``psi`` are the final parameters of the model.
+    Row k of the curves, over ``iteration`` 0..iterations, describes the policy after k iterations: ``evaluation_*``
+    under the exact law if it was evaluated; the ``env_steps`` (counted by :meth:`Experiment.count_steps`, without
+    evaluations) and time ``wall_s`` [s] up to then; and the numbers of iteration k itself (return of the samples,
+    gradient), NaN in the last row. ``theta``, ``mean`` and ``scale`` are those of the policy with the best
+    evaluation, ``theta_last`` that of the last policy; ``psi`` are the final parameters of the model.
 
     Results except times are bitwise the same with and without interruptions, for any number of threads.
 
-    Raises :class:`~ocp.errors.InputError` if the checkpoint has other settings, and as the
-    algorithm does.
+    Raises :class:`~ocp.errors.InputError` if the checkpoint has other settings, and as the algorithm does.
     """
     progress = _resume(experiment, checkpoint) or _begin(experiment)
     algorithm, budget, steps, marks = experiment.algorithm, experiment.budget, progress.steps, -1

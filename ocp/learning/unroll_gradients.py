@@ -154,11 +154,10 @@ class FOPG(Clipping):
 class AoBG(Unrolled):
     """Alpha-order batched gradient ``g = alpha g1 + (1 - alpha) g0`` of first and zeroth order.
 
-    alpha is the weight of the *first* order (:func:`mixing_weight`). g1 and g0 are computed from two
-    independent batches of ``samples``. ``gamma`` bounds |g - E g0| with probability 1 - ``delta``; with
-    too few samples to bound the error of g0 itself by gamma, alpha is 0. gamma has the unit of the
-    return divided by that of theta, and no value fits all tasks.
-    Source: Suh, Simchowitz, Zhang and Tedrake (ICML 2022), algorithm 1.
+    alpha is the weight of the *first* order (:func:`mixing_weight`). g1 and g0 are computed from two independent
+    batches of ``samples``. ``gamma`` bounds |g - E g0| with probability 1 - ``delta``; with too few samples to
+    bound the error of g0 itself by gamma, alpha is 0. gamma has the unit of the return divided by that of theta,
+    and no value fits all tasks. Source: Suh, Simchowitz, Zhang and Tedrake (ICML 2022), algorithm 1.
     """
 
     name: ClassVar[str] = "aobg"

@@ -145,11 +145,10 @@ def unroll_episodes(
 ) -> Episodes:
     """Simulate unrolls of ``horizon`` steps from ``x0`` (n, nx) under the policy of ``state``.
 
-    ``theta`` (n, n_theta) replaces the policy's parameters, separately for each sample; ``law`` replaces
-    the experiment's contact law. Physical parameters are the state's ``psi`` if it has any.
-    ``options``, such as noise, gradient and score, are those of :class:`~dynamics.batch.EpisodeFunction`.
-    Samples that are not finite, with an unsolved contact or an overflow, are not removed; see
-    :func:`finite_samples`.
+    ``theta`` (n, n_theta) replaces the policy's parameters, separately for each sample; ``law`` replaces the
+    experiment's contact law. Physical parameters are the state's ``psi`` if it has any. ``options``, such as noise,
+    gradient and score, are those of :class:`~dynamics.batch.EpisodeFunction`. Samples that are not finite, with an
+    unsolved contact or an overflow, are not removed; see :func:`finite_samples`.
     """
     episodes = experiment.rollouts(horizon, law)(
         x0,
@@ -206,10 +205,7 @@ def non_finite_reward_message(experiment: Experiment, step: int, location: str) 
 
 
 def normalised_state(experiment: Experiment, state: State, episodes: Episodes, good: np.ndarray) -> State:
-    """Return the state with the normaliser updated by observations of the samples in the mask ``good`` (n,).
-
-    The policy's parameters are changed so that the policy stays the same.
-    """
+    """Return the state with its normaliser updated from samples in the mask ``good`` (n,), and an unchanged policy."""
     steps = np.arange(episodes.states.shape[1] - 1)
     alive = good[:, None] & (steps < episodes.lived[:, None])
     observations = experiment.observations(episodes.states[:, :-1][alive])

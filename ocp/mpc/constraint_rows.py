@@ -13,8 +13,7 @@ from ocp.problem.problem import Problem
 from ocp.transcription.common import constraint_names
 
 PENALTIES = (1e3, 1e4, 1e5, 1e6)
-"""Penalties of a slack, in characteristic costs per characteristic size; the next is tried while each lowers
-the violation by 1 %."""
+"""Penalties of a slack [characteristic costs / size]; the next is tried while each lowers the violation by 1 %."""
 MET_TOLERANCE = 1e-6
 """Maximum violation of a row that counts as satisfied, in characteristic sizes."""
 PENALTY_FALL = 0.99

@@ -35,11 +35,10 @@ from ocp.validation import Count, Positive, validated
 class Command:
     """A controller's answer to one sample: the input ``u`` (nu,), the plan that it is from, and a status.
 
-    ``status`` is ``solved``, ``plan before`` (no step improved on the shifted plan), ``kept`` (no new
-    plan could be computed; the shifted one is used again) or ``late`` (the deadline was missed and the
-    shifted plan's input is used). ``note`` describes anything unusual in sentences. ``seconds`` is the
-    computing time of the sample, preparation and feedback. ``merit`` is the plan's cost plus the
-    penalty of violated constraints.
+    ``status`` is ``solved``, ``plan before`` (no step improved on the shifted plan), ``kept`` (no new plan could be
+    computed; the shifted one is used again) or ``late`` (the deadline was missed and the shifted plan's input is
+    used). ``note`` describes anything unusual in sentences. ``seconds`` is the computing time of the sample,
+    preparation and feedback. ``merit`` is the plan's cost plus the penalty of violated constraints.
     """
 
     u: np.ndarray
@@ -57,15 +56,14 @@ class Controller:
         controller = Controller(problems.get("soft-walls"))
         command = controller.step(x, u_before)
 
-    ``contact`` is the contact law of the plans or its name: the exact law, or for the phase ``relaxed``
-    a smoothed one. ``phase`` is one of :data:`~ocp.mpc.phases.PHASES`. ``policy`` is for the phase
-    ``policy``: a function ``(x, k) -> u``, :class:`~ocp.problem.rollout.Gains`, or None for the
-    gains of a linear-quadratic regulator along the first plan. ``iterations`` is the number of quadratic
-    programs per sample. ``trust`` in (0, 1] weights a measurement against the state that the law
-    predicts from the previous sample: a value below 1 averages out noise, like an observer with constant
-    gain. An answer later than the optional ``deadline`` [s] is replaced by the shifted plan's input,
-    and counted in ``misses``. ``notes`` are sentences on changes that the receding horizon made to the
-    problem.
+    ``contact`` is the contact law of the plans or its name: the exact law, or for the phase ``relaxed`` a smoothed
+    one. ``phase`` is one of :data:`~ocp.mpc.phases.PHASES`. ``policy`` is for the phase ``policy``: a function
+    ``(x, k) -> u``, :class:`~ocp.problem.rollout.Gains`, or None for the gains of a linear-quadratic regulator
+    along the first plan. ``iterations`` is the number of quadratic programs per sample. ``trust`` in (0, 1] weights
+    a measurement against the state that the law predicts from the previous sample: a value below 1 averages out
+    noise, like an observer with constant gain. An answer later than the optional ``deadline`` [s] is replaced by
+    the shifted plan's input, and counted in ``misses``. ``notes`` are sentences on changes that the receding
+    horizon made to the problem.
 
     All symbolic work is done on construction, and functions are compiled once and cached. Measured
     state, last input, parameters and the law's mu are parameters of a single program.

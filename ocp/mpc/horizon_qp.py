@@ -44,11 +44,10 @@ class Direction:
 class HorizonQP:
     """Quadratic program ``min sum_k 1/2 w' H w + g' w + penalty`` for a plan's step, of fixed sparsity.
 
-    The variables of step k are du_k, slacks s_k and dx_{k+1}, and w_k = (dx_k, du_{k-1}, du_k).
-    Dynamics and bounds on inputs are hard. Rows may be violated by s_k >= 0 at an exact penalty, so
-    that every program is feasible. All rows of a step share one slack. With ``separate`` each of the
-    model's constraints, which are the last rows, has its own slack, so that a constraint that cannot
-    be satisfied does not loosen the others.
+    The variables of step k are du_k, slacks s_k and dx_{k+1}, and w_k = (dx_k, du_{k-1}, du_k). Dynamics and bounds
+    on inputs are hard. Rows may be violated by s_k >= 0 at an exact penalty, so that every program is feasible. All
+    rows of a step share one slack. With ``separate`` each of the model's constraints, which are the last rows, has
+    its own slack, so that a constraint that cannot be satisfied does not loosen the others.
     """
 
     def __init__(self, model: StageModel, rows: int, separate: bool = False) -> None:

@@ -54,11 +54,10 @@ class Affine(NamedTuple):
 class Linearised:
     """Linear-quadratic model of a horizon around a plan, in the changes dx_k and du_k.
 
-    ``x_next`` (its change), ``lam``, ``gap`` and ``rows`` are affine in dx and du. ``gradient``
-    (N, nw) and ``hessian`` (N, nw, nw) are those of the stage cost with respect to
-    w = (x, u_before, u), ``end`` those of the terminal cost. ``by_closure`` (N, nx + n, n) is the
-    derivative of (x_next, lam) with respect to the closures' right sides c, ``gap_by_closure``
-    (N, n, n) that of the gaps, ``rows_by_closure`` (N, m, n) that of the rows.
+    ``x_next`` (its change), ``lam``, ``gap`` and ``rows`` are affine in dx and du. ``gradient`` (N, nw) and
+    ``hessian`` (N, nw, nw) are those of the stage cost with respect to w = (x, u_before, u), ``end`` those of the
+    terminal cost. ``by_closure`` (N, nx + n, n) is the derivative of (x_next, lam) with respect to the closures'
+    right sides c, ``gap_by_closure`` (N, n, n) that of the gaps, ``rows_by_closure`` (N, m, n) that of the rows.
     """
 
     x_next: Affine

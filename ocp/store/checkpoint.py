@@ -199,10 +199,7 @@ def _remove_held(place: Path) -> None:
 
 
 def _hold_directory(folder: Path, name: str) -> tuple[Path, int, bool]:
-    """Lock the first free of the directories ``name.1``, ``name.2``, ..., preferring existing ones.
-
-    Return its path, the handle of the lock, and whether another process has locked one of them.
-    """
+    """Lock the first free directory ``name.1``, ``name.2``, ...; return it, the lock, and whether others hold one."""
     folder.mkdir(parents=True, exist_ok=True)
     existing = sorted(folder.glob(f"{name}.*"), key=lambda place: (len(place.name), place.name))
     for place in existing:

@@ -152,10 +152,7 @@ def _choice_from_json(words: Mapping[Any, Any], value: Any, place: str) -> Any:
 
 
 def _record_from_json(kind: Any, value: Any, place: str) -> Any:
-    """Build a dataclass or TypedDict from a JSON object; a dataclass may have no unknown entries.
-
-    Raises ``ValueError`` if a required field is missing.
-    """
+    """Build a dataclass or TypedDict; raise ``ValueError`` for missing fields, and for unknown ones of a dataclass."""
     _check_type(dict, value, place)
     types, required = _field_types(kind)
     if is_dataclass(kind) and (unknown := sorted(set(value) - set(types))):

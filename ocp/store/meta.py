@@ -68,10 +68,7 @@ class RunMeta(TypedDict):
 
 
 class OptionalMeta(TypedDict, total=False):
-    """Entries of ``meta.json`` that only some runs have.
-
-    ``source_digest`` is that of a user's file and all that it imports.
-    """
+    """Entries of ``meta.json`` that only some runs have; ``source_digest`` covers a user's file and its imports."""
 
     seed: int | None
     source_digest: str | None

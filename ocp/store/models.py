@@ -17,8 +17,7 @@ if TYPE_CHECKING:
 def save(dataset: xr.Dataset, path: Path) -> None:
     """Write the ``.dataset()`` of transitions or of a model to a file, with a checksum.
 
-    The dataset may have additional variables. Raises :class:`~ocp.errors.InputError` if the file
-    cannot be written.
+    The dataset may have additional variables. Raises :class:`~ocp.errors.InputError` if the file cannot be written.
     """
     sealed_dataset = dataset.assign_attrs({files.CHECKSUM_KEY: files.checksum(dataset)})
     atomic.write_file(path, atomic.netcdf_bytes(sealed_dataset, f"the file {path}"), "the file")

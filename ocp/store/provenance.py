@@ -46,9 +46,8 @@ def file_digest(file: Path) -> str:
 def content_digest(sources: Iterable[str | None], settings: Mapping[str, Any]) -> str:
     """Return the hexadecimal SHA-256 of the user's files on which a study depends, or "" if there are none.
 
-    ``sources`` are the digests of the files of problem and law, None for those of the workbench;
-    ``settings`` may have the names of further files, such as ``model`` of a learned law. Raises as
-    :func:`file_digest` does.
+    ``sources`` are the digests of the files of problem and law, None for those of the workbench; ``settings`` may
+    have the names of further files, such as ``model`` of a learned law. Raises as :func:`file_digest` does.
     """
     digests = [source for source in sources if source is not None]
     for key, value in sorted(settings.items()):
