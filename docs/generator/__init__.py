@@ -1,1 +1,1 @@
-"""The documentation site: what writes ``docs/generated``, and what ``mkdocs`` calls in building."""
+"""Generator of the documentation site: writers of ``docs/generated``, and hooks that ``mkdocs`` calls."""

@@ -1,4 +1,4 @@
-"""``python -m docs.generator`` writes the generated pages of the site anew; ``make generated``."""
+"""``python -m docs.generator`` (``make generated``) writes all generated pages of the site."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from ocp.store.atomic import write_file
 
 
 def pages() -> dict[str, str]:
-    """Every generated page by its path below ``docs/generated``."""
+    """Return a mapping from the path below ``docs/generated`` to the text of every generated page."""
     return {**gallery.pages(), **figures.pages(), **table_pages(), **code_pages.pages(), **parts.pages()}
 
 

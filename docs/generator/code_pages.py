@@ -19,12 +19,12 @@ WIDTH = 80
 
 
 def pages() -> dict[str, str]:
-    """All of these pages."""
+    """Return the pages on settings, commands, examples and architecture, as a mapping from path to text."""
     return {**settings_pages(), **command_pages(), **example_pages(), **architecture_pages()}
 
 
 def command_pages() -> dict[str, str]:
-    """Help of every command, and a list of them."""
+    """Return a page with the help of each command, and a page that lists the commands."""
     commands = load_commands()
     rows = [(f"[`ocp {name}`]({name}.md)", first_paragraph(c.help)) for name, c in commands.items()]
     help_pages = {
@@ -35,7 +35,7 @@ def command_pages() -> dict[str, str]:
 
 
 def help_text(name: str, command: Any) -> str:
-    """The text of ``ocp NAME --help`` in a terminal of 80 columns."""
+    """Return the text of ``ocp NAME --help`` in a terminal of 80 columns."""
     context = command.make_context(
         f"ocp {name}", [], resilient_parsing=True, terminal_width=WIDTH, max_content_width=WIDTH
     )
@@ -57,7 +57,7 @@ INTRODUCTIONS = {
 
 
 def settings_pages() -> dict[str, str]:
-    """A page each for laws, methods, estimators, training and the solver, and a list."""
+    """Return one page each for laws, methods, estimators, training and the solver, and a page that lists them."""
     groups_by_page = {
         "laws": ("Contact laws", settings.law_groups()),
         "solves": ("Methods and policies", settings.method_groups()),
@@ -78,7 +78,7 @@ def settings_pages() -> dict[str, str]:
 
 
 def section(group: SettingGroup) -> str:
-    """One group: its summary and its settings."""
+    """Return the section of a group of settings: its summary, and a table of the settings."""
     head = f"## {group.name}\n\n{escaped(group.summary)}.\n"
     if not group.settings:
         return f"{head}\nIt has no settings.\n"
@@ -100,7 +100,7 @@ FOLDER = DOCS.parent / "examples"
 
 
 def example_pages() -> dict[str, str]:
-    """A page per script and notebook of ``examples``, and a list of them."""
+    """Return a page for each script and notebook of ``examples``, and a page that lists them."""
     scripts = {file.stem: file.read_text(encoding="utf-8") for file in sorted(FOLDER.glob("*.py"))}
     rows = [
         (f"[{name}]({name}.md)", (ast.get_docstring(ast.parse(source)) or "").partition("\n\n")[0])
@@ -135,11 +135,11 @@ _HEAD = (
 )
 """Text above the table of packages."""
 PACKAGES = ("dynamics", "ocp", "problems", "reports")
-"""Packages of the wheel."""
+"""Packages of this program, the lowest layer first."""
 
 
 def architecture_pages() -> dict[str, str]:
-    """``architecture.md``: the layers as text, then each package with its imports."""
+    """Return ``architecture.md``: the layers as text, and a table of packages with their imports."""
     names = sorted(_units())
     rows = [(f"`{name}`", _summary(name), ", ".join(f"`{other}`" for other in _imports(name, names))) for name in names]
     listed = table(("package", "contents", "imports"), rows)
@@ -147,7 +147,7 @@ def architecture_pages() -> dict[str, str]:
 
 
 def layers() -> str:
-    """Every import contract of ``pyproject.toml`` that orders layers, the lowest layer last."""
+    """Return the import contracts of ``pyproject.toml`` on layers as text, the lowest layer last."""
     settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     lines = []
     for contract in settings["tool"]["importlinter"]["contracts"]:
@@ -158,7 +158,7 @@ def layers() -> str:
 
 
 def _units() -> Iterator[str]:
-    """Packages one level below the four, as ``ocp.routes``."""
+    """Yield the names of packages one level below the four, such as ``ocp.routes``."""
     for package in PACKAGES:
         for folder in (ROOT / package).iterdir():
             if (folder / "__init__.py").exists():
@@ -171,7 +171,7 @@ def _summary(name: str) -> str:
 
 
 def _imports(name: str, names: list[str]) -> list[str]:
-    """The other packages of ``names`` that a package's modules import."""
+    """Return the other packages among ``names`` that the modules of a package import."""
     imported_packages = set()
     for file in (ROOT / name.replace(".", "/")).rglob("*.py"):
         imported_packages |= {".".join(module.split(".")[:2]) for module in _imported(file)}

@@ -1,7 +1,7 @@
-"""Equations in MathML, set by typst from the lines that reports are set from.
+"""Equations of pages in MathML, which typst makes from the same lines as in reports.
 
-Before a block of plain text, which stands in for them where pages are read as they are, a page says
-``<!-- equations: push-disc -->``, or has lines of typst there. ``(push-disc.2)`` is a link.
+A page marks equations by ``<!-- equations: push-disc -->``, or by lines of typst in such a comment,
+before a block of plain text, which the site replaces. ``(push-disc.2)`` becomes a link.
 """
 
 from __future__ import annotations
@@ -21,25 +21,25 @@ from problems import names, spec
 from reports.drawing.notation import plain
 
 BLOCK = re.compile(r"<!-- equations:\s+(.*?)\s+-->\n+```text\n(.*?)\n```\n", re.S)
-"""Marker of equations with the plain text that stands in for them."""
+"""Marker of equations, followed by their plain text, which is shown where a page is not rendered."""
 CITED = re.compile(r"\(([a-z][a-z0-9-]*)\.(\d+)\)")
 """Citation of a numbered equation, as ``(push-disc.2)``."""
 _TEMPLATE = Path(__file__).with_name("equations.typ")
-"""File that typst sets lines of mathematics with."""
+"""Template with which typst sets lines of mathematics."""
 _BREAKS = {"=", "≤", "≥", "⟂", "+", "−", "∈"}
-"""Before these a line may break, where no bracket is open."""
+"""Signs before which a line may break outside brackets."""
 _BEFORE_COMMA = re.compile(r"</span> <wbr>(<math[^>]*><mo[^>]*>[,;])")
-"""Break that would leave a comma at the beginning of a line."""
+"""Place of a possible line break before a comma, which is removed."""
 
 
 def listed(name: str) -> str:
-    """The marker and the plain text of the numbered equations of a problem."""
+    """Return the marker and the plain text of the numbered equations of a problem."""
     lines = [f"{plain(line)}    ({k})" for k, line in enumerate(spec(name).equations, 1)]
     return "\n".join([f"<!-- equations: {name} -->\n", "```text", *lines, "```\n"])
 
 
 def typeset(page: str, url: str) -> str:
-    """The page at ``url`` with its equations in MathML, and citations of equations as links."""
+    """Return the page at ``url`` with its equations in MathML, and citations of equations as links."""
     page = CITED.sub(lambda match: _link(match, posixpath.dirname(url)), page)
     return BLOCK.sub(lambda match: _equations(match[1]), page)
 
@@ -64,7 +64,7 @@ def _equations(content: str) -> str:
 
 @cache
 def mathml(lines: Sequence[str]) -> list[str]:
-    """Each line of typst's mathematics as formulas between which a browser may break it."""
+    """Return each line of typst's mathematics in HTML, as formulas between which a browser may break the line."""
     page, _ = typst.compile_with_warnings(
         str(_TEMPLATE),
         root=str(_TEMPLATE.parents[2]),
@@ -78,7 +78,7 @@ def mathml(lines: Sequence[str]) -> list[str]:
 
 
 def _pieces(formula: Xml.Element) -> Iterator[str]:
-    """Formulas that begin with a relation or a sign, and words, which break like all words."""
+    """Yield the pieces of a formula in HTML: formulas that begin with a relation or a sign, and words."""
     piece = ""
     for element in formula:
         word, wide = element.tag == "mtext", element.get("width") == "1em"

@@ -1,8 +1,8 @@
 """A page per figure: its picture, and every claim of the papers with the measured value.
 
-Claims lie as JSON in ``docs/generated/data/claims``; ``python -m docs.generator.figures FILE.json``
-stores there the claims in that file, the output of ``ocp figure --all --json``, each picture in
-``docs/pictures/figures/<id>.png``, and of N3 and C1 the tables of :mod:`docs.generator.law_tables`;
+Claims are stored as JSON in ``docs/generated/data/claims``. ``python -m docs.generator.figures
+FILE.json`` stores the claims of that file, the output of ``ocp figure --all --json``, each picture as
+``docs/pictures/figures/<id>.png``, and for N3 and C1 the tables of :mod:`docs.generator.law_tables`;
 ``make claims`` makes the figures first.
 """
 
@@ -47,27 +47,27 @@ PAPERS = {
     "C": "Linear feedback on smoothed dynamics, and planning again",
     "T": "Theorems of all three",
 }
-"""What figures reproduce, by the first letter of their names."""
+"""Mapping from the first letter of a figure's name to the paper or subject that it reproduces."""
 
 _TABLES = {"N3": ("smoothings", law_tables.smoothing_rows), "C1": ("smoothings-in-the-loop", law_tables.loop_rows)}
-"""Name and rows of the table that a figure's data give."""
+"""Mapping from a figure to the name of its table, and to the function that returns the table's rows."""
 
 
 def measured() -> dict[str, dict[str, Any]]:
-    """Claims of every figure that was made, by its name, in the order of the papers."""
+    """Return a mapping from the name of each stored figure to its claims, in the order of the papers."""
     stored_names = {file.stem for file in (DATA / "claims").glob("*.json")}
     return {name: read(f"claims/{name}") for name in studies.ids() if name in stored_names}
 
 
 def pages() -> dict[str, str]:
-    """The page of each figure, and one that lists them."""
+    """Return the page of each figure, and a page that lists them, as a mapping from path to text."""
     figures_by_name = measured()
     figure_pages = {f"figures/{name}.md": page(studies.get(name), figures_by_name[name]) for name in figures_by_name}
     return {"figures/index.md": index(figures_by_name), **figure_pages}
 
 
 def index(figures_by_name: Mapping[str, Mapping[str, Any]]) -> str:
-    """List the figures, paper by paper, with how many of their claims hold."""
+    """Return the page that lists the figures of each paper, with the number of claims that hold."""
     all_claims = [claim for figure in figures_by_name.values() for claim in figure["claims"]]
     sections = [
         "# Figures\n",
@@ -87,7 +87,7 @@ def index(figures_by_name: Mapping[str, Mapping[str, Any]]) -> str:
 
 
 def page(study: FigureStudy, figure: Mapping[str, Any]) -> str:
-    """One figure: picture, caption, source, notes, claims, and where the numbers come from."""
+    """Return the page of a figure: picture, caption, source, claims with their origin, and notes."""
     source = f"Source: {study.citation.text} of {full_citation(study.citation.key)}"
     source += "" if source.endswith(("?", "!", ".")) else "."
     sections = [f"# {study.id}: {study.title}\n"]
@@ -101,7 +101,7 @@ def page(study: FigureStudy, figure: Mapping[str, Any]) -> str:
 
 
 def claims(figure: Mapping[str, Any]) -> str:
-    """A figure's claims as a table, with a bold mark on those that do not hold."""
+    """Return the claims of a figure as a table, with a bold mark on those that do not hold."""
     marks, rows = {"holds": "yes", "does not hold": "**no**"}, []
     for claim in figure["claims"]:
         word = claim_verdict(claim["holds"], claim.get("margin"))
@@ -110,7 +110,7 @@ def claims(figure: Mapping[str, Any]) -> str:
 
 
 def stored(figure: Mapping[str, Any]) -> dict[str, Any]:
-    """The claims of a figure for the site, and their origin."""
+    """Return the claims of a figure and their origin, as stored for the site."""
     keys = (*COLUMNS, "margin")
     claims = [{name: claim[name] for name in keys if claim.get(name) is not None} for claim in figure["claims"]]
     command = f"ocp figure {figure['id']}"
@@ -118,9 +118,9 @@ def stored(figure: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def keep(figures: Sequence[Mapping[str, Any]]) -> list[Path]:
-    """Write claims, pictures and the table of smoothings; returns the files.
+    """Write the claims, pictures and tables of ``figures``; return the files.
 
-    Raises :class:`~ocp.errors.InputError` for a figure that no study has.
+    Raises :class:`~ocp.errors.InputError` for a figure without a study.
     """
     written_files = []
     for figure in figures:
@@ -142,7 +142,7 @@ def keep(figures: Sequence[Mapping[str, Any]]) -> list[Path]:
 
 
 def main() -> None:
-    """Store the content of the file on the command line."""
+    """Store the figures in the file that the command line names."""
     parser = ArgumentParser(prog="python -m docs.generator.figures", description=__doc__)
     parser.add_argument("figures", type=Path, metavar="FIGURES.json")
     arguments = parser.parse_args()

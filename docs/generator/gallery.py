@@ -1,4 +1,4 @@
-"""A page per problem: picture, equations, parameters, best known values, verdicts per law."""
+"""A page per problem: pictures, equations, parameters, best known values, and verdicts for each law."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from reports.documents.citations import full_citation
 from reports.drawing.notation import powers
 
 PICTURES = DOCS / "pictures"
-"""Folder of the pictures."""
+"""Folder of the site's pictures."""
 
 
 def pages() -> dict[str, str]:
-    """The page of each problem, and one that shows them all."""
+    """Return the page of each problem, and a page that shows them all, as a mapping from path to text."""
     measured_tables = [read(kind) for kind in ("verdicts", "refined") if (DATA / f"{kind}.json").exists()]
     problem_pages = {f"gallery/{name}.md": page(spec(name), measured_tables) for name in names()}
     return {"gallery/index.md": index(), **problem_pages}
 
 
 def index() -> str:
-    """All problems as cards, each with its picture."""
+    """Return the page that shows all problems as cards with pictures."""
     cards = "".join(map(_card, map(spec, names())))
     return (
         "# Gallery\n\nThe problems of the workbench. Each is one command, `ocp solve NAME`, at any"
@@ -46,7 +46,7 @@ def _still(name: str) -> str:
 
 
 def page(problem_spec: ProblemSpec, measured_tables: Sequence[Mapping[str, Any]]) -> str:
-    """One problem from its spec, and its rows of measured tables."""
+    """Return the page of a problem, with its rows of the measured tables."""
     solve = f"```sh\nocp solve {problem_spec.name} --contact exact\n```\n"
     sections = [f"# {problem_spec.name}\n", f"{problem_spec.title}.\n", *_pictures(problem_spec), solve]
     if problem_spec.equations:

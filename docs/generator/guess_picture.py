@@ -18,11 +18,11 @@ from reports.drawing.style import house_style
 from reports.drawing.view import RunView
 
 PATH = {"x": [0.0, 1.1, 2.2], "y": [0.0, 1.0, 2.0]}
-"""Path [m] of the box's centre, as the page has it in ``path.toml``."""
+"""Path [m] of the box's centre, the same as ``path.toml`` on the page."""
 
 
 def picture(store: Path) -> Figure:
-    """Return both plans side by side, the drawn path dashed over the second; runs go to ``store``."""
+    """Return a figure of both plans side by side, with the drawn path dashed; runs are saved to ``store``."""
     figure = Figure(figsize=(9.0, 4.2), layout="constrained")
     guesses = {"without a guess": None, "from a drawn path": Sketch(paths=PATH)}
     for axis, (name, guess) in zip(figure.subplots(1, 2, sharex=True, sharey=True), guesses.items(), strict=True):

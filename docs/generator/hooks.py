@@ -1,4 +1,4 @@
-"""Hooks of mkdocs: folders become pages, notebooks and equations are set."""
+"""Hooks of mkdocs, which expand folders of the navigation, and insert notebooks and equations."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ _LINK = re.compile(r"\]\(([\w/.-]+\.md)")
 
 
 def expanded(nav: Any, docs: Path) -> Any:
-    """Replace every entry ``folder/`` of a navigation by the pages of that folder.
+    """Return a navigation in which every entry ``folder/`` is replaced by the pages of that folder.
 
-    ``index.md`` comes first, then pages in the order in which it links them, the others by name;
-    an entry whose folder has no page goes. Other entries stay as they are.
+    ``index.md`` comes first, then pages in the order in which it links to them, then others by name.
+    An entry whose folder has no page is removed.
     """
     if isinstance(nav, dict):
         inner = {title: expanded(entry, docs) for title, entry in nav.items()}
@@ -41,11 +41,11 @@ def _pages(docs: Path, folder: str) -> list[str]:
 
 
 def on_config(config: Any) -> Any:
-    """Give mkdocs the navigation with its folders expanded."""
+    """Expand the folders in the navigation of ``config``, and return it."""
     config.nav = expanded(config.nav, Path(config.docs_dir))
     return config
 
 
 def on_page_markdown(markdown: str, *, page: Any, **_: Any) -> str:
-    """Put in place of their markers the notebooks with their outputs, and equations in MathML."""
+    """Return a page in which markers are replaced by notebooks with outputs, and by equations in MathML."""
     return equations.typeset(notebooks.shown(markdown), page.file.src_uri)

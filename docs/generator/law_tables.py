@@ -1,4 +1,4 @@
-"""Tables "which smoothing to trust": of plans (study N3), and of closed loops (study C1)."""
+"""Tables that compare smoothed laws in plans (study N3) and in closed loops (study C1)."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def smoothing_rows(data: xr.Dataset) -> list[list[str]]:
 
 
 def _cell(share: float, n_alive: int, n_runs: int) -> str:
-    """Return an excess, bold within the margin, with a check mark where plans survive."""
+    """Return an excess cost as text, bold if it is within the margin, with a check mark if plans survive."""
     text = f"**{excess_text(share)}**" if share <= WITHIN else excess_text(share)
     if n_alive == 0:
         return text
@@ -36,8 +36,8 @@ def _cell(share: float, n_alive: int, n_runs: int) -> str:
 def loop_rows(data: xr.Dataset) -> list[list[str]]:
     """Return the column titles and a row per controller: excess and survival per task, then times.
 
-    An excess is the median over plants and seeds; that of gains, and their survival, are over the
-    first horizon.
+    An excess is the median over plants and seeds; those of feedback gains, and their survival, are
+    over the first horizon.
     """
     tasks = [str(name) for name in data["task"].values]
     excesses, alive = relative_cost(data).median(["plant", "seed"]) - 1, survival(data)

@@ -22,7 +22,7 @@ from ocp.store.provenance import git_revision, versions
 
 
 def cell(value: Any) -> str:
-    """Write a cell: numbers to six digits, nothing as a dash; a bar within would end it."""
+    """Return a table's cell in Markdown: numbers to six digits, None as a dash, bars escaped."""
     if value is None:
         return "–"
     if isinstance(value, bool):
@@ -32,7 +32,7 @@ def cell(value: Any) -> str:
 
 
 def table(columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
-    """Write a table; columns in which every cell begins like a number stand to the right."""
+    """Return a table in Markdown; columns in which every cell begins like a number are aligned to the right."""
     body = [[cell(value) for value in row] for row in rows]
     right = [any(row[k] for row in body) and all(_is_number(row[k]) for row in body) for k in range(len(columns))]
     rule = ["---:" if aligned else "---" for aligned in right]
@@ -45,7 +45,7 @@ def _is_number(text: str) -> bool:
 
 
 def provenance(origin: Mapping[str, Any]) -> str:
-    """One small line with command, date, commit and computer."""
+    """Return a line in small print with the command, date, commit and computer of an :func:`origin`."""
     return (
         f"<small>`{origin['command']}` · {origin['date']} · commit `{origin['commit']}` ·"
         f" {origin['machine']}</small>\n{{ .origin }}\n"
@@ -53,7 +53,7 @@ def provenance(origin: Mapping[str, Any]) -> str:
 
 
 def escaped(text: str) -> str:
-    """Keep the signs of formulas from being read as Markdown or as HTML."""
+    """Return ``text`` with characters escaped that are special in Markdown or HTML."""
     for sign in "\\`*_{}[]":
         text = text.replace(sign, f"\\{sign}")
     return text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
@@ -70,7 +70,7 @@ Cell = str | int | float | bool | None
 
 
 def origin(command: str) -> dict[str, str]:
-    """Origin of numbers: command, commit, date (UTC) and computer."""
+    """Return the origin of numbers measured now: command, commit, date (UTC) and computer."""
     return {
         "command": command,
         "commit": (git_revision() or "unknown")[:10],
@@ -81,7 +81,7 @@ def origin(command: str) -> dict[str, str]:
 
 @cache
 def computer() -> str:
-    """Processor, number of cores, and versions of Python and CasADi."""
+    """Return this computer's processor and number of cores, and the versions of Python and CasADi, as text."""
     model = platform.processor() or platform.machine()
     file = Path("/proc/cpuinfo")
     if file.exists():
@@ -96,9 +96,9 @@ def computer() -> str:
 def write_table(
     name: str, *, title: str, command: str, columns: Sequence[str], rows: Sequence[Sequence[Cell]], note: str = ""
 ) -> Path:
-    """Store a table as ``<name>.json``: ``rows`` of cells under ``columns``, texts as they are.
+    """Store a table with ``columns`` and ``rows`` of cells as ``<name>.json``; return the file.
 
-    ``command`` measured it, ``note`` is a sentence below it. Returns the file.
+    ``command`` is the one that measured it, ``note`` a sentence below it.
     Raises :class:`~ocp.errors.InputError` for a row that is not as long as ``columns``.
     """
     for row in rows:
@@ -117,14 +117,14 @@ def write_table(
 
 
 def write_data(name: str, content: Mapping[str, Any]) -> Path:
-    """Store ``content`` as ``<name>.json``, a line a row of what is in it."""
+    """Store ``content`` as ``<name>.json``, with one line for each item of a list; return the file."""
     file = DATA / f"{name}.json"
     write_file(file, _lines(content).encode())
     return file
 
 
 def _lines(content: Mapping[str, Any]) -> str:
-    """Write JSON in which each item of a list stands on a line of its own."""
+    """Return ``content`` as JSON in which each item of a list is on a line of its own."""
     entries = []
     for key, value in content.items():
         text = json.dumps(value, ensure_ascii=False)
@@ -136,16 +136,16 @@ def _lines(content: Mapping[str, Any]) -> str:
 
 
 def read(name: str) -> dict[str, Any]:
-    """Return what ``<name>.json`` holds."""
+    """Return the content of ``<name>.json`` in :data:`DATA`."""
     return json.loads((DATA / f"{name}.json").read_text(encoding="utf-8"))
 
 
 COLOURS = 200
-"""Colours of a stored picture, at most."""
+"""Maximum number of colours of a stored picture."""
 
 
 def save_picture(figure: Figure, name: str) -> Path:
-    """Write ``figure`` to ``docs/pictures/<name>.png``, in few colours; returns the file."""
+    """Write ``figure`` to ``docs/pictures/<name>.png``, reduced to few colours; return the file."""
     rendered, small = BytesIO(), BytesIO()
     figure.savefig(rendered, format="png", dpi=110, bbox_inches="tight", metadata={"Software": None})
     picture = (
@@ -160,11 +160,11 @@ def save_picture(figure: Figure, name: str) -> Path:
 
 
 APART = {"verdicts", "refined"}
-"""Tables that are split by problem."""
+"""Tables whose rows are on the pages of the problems."""
 
 
 def table_pages() -> dict[str, str]:
-    """A snippet for each JSON table, and a page for the tables on no other page."""
+    """Return a snippet for each JSON table, and a page for the tables that no other page includes."""
     contents_by_name = {file.stem: read(file.stem) for file in sorted(DATA.glob("*.json"))}
     tables = {name: content for name, content in contents_by_name.items() if "columns" in content}
     snippets = {f"tables/{name}.md": snippet(content) for name, content in tables.items()}
@@ -175,13 +175,13 @@ def table_pages() -> dict[str, str]:
 
 
 def included() -> set[str]:
-    """Names of the tables that pages written by hand include."""
+    """Return the names of the tables that handwritten pages include."""
     handwritten_pages = (page for page in DOCS.rglob("*.md") if not page.is_relative_to(GENERATED))
     inclusion = re.compile(r'--8<-- "generated/tables/([\w-]+)\.md"')
     return {name for page in handwritten_pages for name in inclusion.findall(page.read_text(encoding="utf-8"))}
 
 
 def snippet(content: Mapping[str, Any]) -> str:
-    """A table, its note, and its origin."""
+    """Return a stored table in Markdown, with its note and its origin."""
     note = f"{content['note']}\n\n" if content.get("note") else ""
     return f"{table(content['columns'], content['rows'])}\n{note}{provenance(content)}"

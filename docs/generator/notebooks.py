@@ -12,20 +12,20 @@ from docs.generator.measured import DOCS
 FOLDER = DOCS.parent / "examples"
 """Folder of the notebooks."""
 _PANDAS = re.compile(r'<style scoped>.*?</style>|(?<=<table) border="1" class="dataframe"', re.S)
-"""Styles of tables of pandas, which a page has none of."""
+"""Styles of pandas tables, which are removed from pages."""
 _MARKER = re.compile(r"<!-- notebook: ([\w-]+) -->")
 """Marker of the notebook that a page shows."""
 
 
 def shown(page: str) -> str:
-    """The page, or the notebook of its ``<!-- notebook: NAME -->``: texts, code, and outputs."""
+    """Return the page, or, if it has ``<!-- notebook: NAME -->``, the texts, code and outputs of that notebook."""
     marker = _MARKER.search(page)
     cells = _cells(FOLDER / f"{marker[1]}.ipynb") if marker else []
     return "\n\n".join(block for cell in cells for block in _parts(cell)) or page
 
 
 def title(path: Path) -> str:
-    """The heading that the notebook begins with."""
+    """Return the heading with which the notebook at ``path`` begins."""
     return _cells(path)[0]["source"][0].strip("# \n")
 
 
@@ -41,7 +41,7 @@ def _parts(cell: dict[str, Any]) -> list[str]:
 
 
 def _output(output: dict[str, Any]) -> str:
-    """The richest form of an output that a page can show."""
+    """Return the richest form of a cell's output that a page can show: picture, HTML, or text."""
     data = {kind: "".join(text) for kind, text in output.get("data", {}).items()}
     if picture := data.get("image/png"):
         source = f"data:image/png;base64,{picture.strip()}"

@@ -1,4 +1,4 @@
-"""Parts of a problem file with their signatures: a list that a tutorial includes."""
+"""List of the classes and functions for problem files with their signatures, which a tutorial includes."""
 
 from __future__ import annotations
 
@@ -36,19 +36,19 @@ PARTS: dict[str, tuple[Any, ...]] = {
     "Parameters": (parameters.quantity, parameters.structure, parameters.choice, parameters.table),
     "Drawing by hand": (drawing.Mark, drawing.Segment, drawing.Spring, drawing.ContactFrame),
 }
-"""Classes and functions of a problem file by their groups."""
+"""Mapping from a group's title to the classes and functions that problem files use."""
 _INNER = {"self", "origin"}
-"""Arguments that nobody passes."""
+"""Arguments that users never pass, and that are left out."""
 
 
 def pages() -> dict[str, str]:
-    """The list, one group after the other."""
+    """Return the page that lists all groups, as a mapping from path to text."""
     groups = (f"### {title}\n\n{''.join(map(_item, members))}" for title, members in PARTS.items())
     return {"signatures/parts.md": "\n".join(groups)}
 
 
 def _item(member: Any) -> str:
-    """Names and defaults of the arguments, and the first paragraph of the docstring."""
+    """Return a list item with names and defaults of arguments, and the docstring's first paragraph."""
     arguments = inspect.signature(member).parameters.values()
     argument_texts = ", ".join(_argument(p) for p in arguments if p.name not in _INNER)
     return f"- `{member.__qualname__}({argument_texts})`: {cleaned(inspect.getdoc(member))}\n"

@@ -1,7 +1,7 @@
 """Draw the README's pictures from stored runs.
 
 ``python -m docs.generator.readme_pictures ROOT FOLDER --still NAME... --moving NAME...`` draws
-``strobes.png`` of all that are still, and ``<name>.gif`` of each that moves.
+the problems after ``--still`` in one ``strobes.png``, and each one after ``--moving`` as ``<name>.gif``.
 """
 
 from __future__ import annotations
@@ -24,17 +24,17 @@ from reports.motion.animation import Animation, is_periodic, repeated
 from reports.motion.movie import write_animation
 
 _COLUMNS = 3
-"""Strobes beside each other."""
+"""Number of strobe pictures in a row."""
 _WIDTH = 10.5
-"""Width of the strobes [inch]."""
+"""Width of the picture of strobes [inch]."""
 _STRIDES = 4
-"""Strides of a periodic motion in an animation."""
+"""Number of strides of a periodic motion in an animation."""
 LARGEST = 1_500_000
-"""Bytes that a page can carry for one animation."""
+"""Maximum size of an animation on a page [bytes]."""
 
 
 def picture(views: Sequence[RunView]) -> Figure:
-    """Strobes in rows of three, each under the title of its problem; rows as high as they need."""
+    """Return a figure of strobe pictures in rows of three, each under the title of its problem."""
     columns = min(_COLUMNS, len(views))
     rows = -(-len(views) // columns)
     figure = Figure(layout="constrained")
@@ -54,9 +54,9 @@ def picture(views: Sequence[RunView]) -> Figure:
 
 
 def newest(root: Path, name: str) -> RunView:
-    """The latest run of a problem below ``root``.
+    """Return the latest run of a problem below ``root``.
 
-    Raises :class:`~ocp.errors.InputError` where there is none.
+    Raises :class:`~ocp.errors.InputError` if there is none.
     """
     paths = [path for path in run_paths(root) if path.parent.name == name]
     if not paths:
@@ -65,15 +65,15 @@ def newest(root: Path, name: str) -> RunView:
 
 
 def moving(view: RunView) -> Animation:
-    """Animate a run; a periodic one for several strides at half speed."""
+    """Return the animation of a run, of a periodic one over several strides at half speed."""
     return Animation(repeated(view, _STRIDES), speed=0.5) if is_periodic(view) else Animation(view)
 
 
 def draw(root: Path, folder: Path, still: Sequence[str], moved: Sequence[str]) -> list[Path]:
-    """Draw the newest run of every problem and return the files, the strobes first.
+    """Draw the latest run of every problem, and return the files, the strobes first.
 
-    Raises :class:`~ocp.errors.InputError` for a problem without a run and for an animation that
-    came out too large.
+    Raises :class:`~ocp.errors.InputError` for a problem without a run, and for an animation that
+    is too large.
     """
     files = [folder / "strobes.png", *(folder / f"{name}.gif" for name in moved)]
     with house_style():
@@ -91,7 +91,7 @@ def draw(root: Path, folder: Path, still: Sequence[str], moved: Sequence[str]) -
 
 
 def main() -> None:
-    """Draw the runs of the command line, and print the size of every file."""
+    """Draw the runs that the command line names, and print the size of every file."""
     parser = ArgumentParser(prog="python -m docs.generator.readme_pictures", description=__doc__)
     parser.add_argument("root", type=Path, metavar="ROOT")
     parser.add_argument("folder", type=Path, metavar="FOLDER")

@@ -1,4 +1,4 @@
-"""Docstrings for the site: their references as links, their indented formulas as they stand."""
+"""Conversion of docstrings for the site: references to links, indented formulas to blocks."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ _ROLE = re.compile(r":(?:class|func|meth|mod|attr|data|exc|obj):`(~?)([\w.]+)`")
 
 
 def linked(text: str) -> str:
-    """Replace roles such as ``:func:`~a.b``` by links to what they name, where the site has it."""
+    """Return ``text`` with roles such as ``:func:`~a.b``` replaced by links, if the site has their targets."""
     return _ROLE.sub(_link, text).replace("::\n\n    ", ":\n\n    ")
 
 
 def cleaned(text: str | None) -> str:
-    """The first paragraph of a docstring in Markdown, on one line, its references as code."""
+    """Return the first paragraph of a docstring in Markdown, on one line, with references as code."""
     with_names = _ROLE.sub(lambda match: f"`{match[2].rpartition('.')[2]}`", text or "")
     return " ".join(with_names.partition("\n\n")[0].replace("``", "`").split())
 
@@ -29,9 +29,9 @@ def _link(match: re.Match[str]) -> str:
 
 
 class Roles(griffe.Extension):
-    """Rewrite every docstring that griffe reads."""
+    """Extension of griffe that converts every docstring it reads with :func:`linked`."""
 
     def on_object(self, *, obj: griffe.Object, **kwargs: Any) -> None:
-        """Rewrite the docstring of ``obj``, where it has one."""
+        """Convert the docstring of ``obj``, if it has one."""
         if obj.docstring is not None:
             obj.docstring.value = linked(obj.docstring.value)

@@ -3,8 +3,8 @@
 ``python -m docs.generator.verdicts [PROBLEM...]`` (``make verdicts``) solves those problems under
 every law and by every method, keeps the rows of others, and draws each exact optimum to
 ``docs/pictures/problems/<name>.png``; learned laws are trained on transitions from ``ocp collect``.
-With ``--refine`` (``make refined``) it refines their steps instead. Rows are stored as they come,
-and a command that exceeds ``--limit`` seconds of processor time has a row that says so.
+With ``--refine`` (``make refined``) it refines their steps instead. Each row is stored at once;
+a command that exceeds ``--limit`` seconds of processor time has a row that says so.
 """
 
 from __future__ import annotations
@@ -32,34 +32,34 @@ from reports.drawing.style import house_style
 from reports.drawing.view import RunView
 
 LIMIT_S = 120
-"""Seconds of processor time of one command, unless ``--limit`` is given."""
+"""Maximum processor time of one command [s], unless ``--limit`` is given."""
 SAMPLES = "2e4"
-"""Transitions that learned laws are fitted to."""
+"""Number of transitions to which learned laws are fitted."""
 ANALYTIC = {
     "exact": ("exact",),
     "barrier, mu = 1e-3": ("barrier", "-c", "mu=1e-3"),
     "adaptive, sigma = 0.02": ("adaptive", "-c", "sigma=0.02"),
     "randomized, sigma = 0.1": ("randomized", "-c", "sigma=0.1"),
 }
-"""Analytic laws by their titles, with the words of ``--contact``."""
+"""Mapping from the title of an analytic law to the arguments of ``--contact``."""
 LEARNED = {"EWDA, noise 0.1": "ewda", "MLP, noise 0.1": "mlp"}
-"""Learned laws by their titles, with the kind of their model."""
+"""Mapping from the title of a learned law to the kind of its model."""
 MATRIX_LAWS = ("exact", "barrier, mu = 1e-3", "adaptive, sigma = 0.02")
-"""Laws of the table of methods."""
+"""Laws in the table of methods."""
 METHODS = ("direct", "multiple-shooting", "single-shooting")
-"""Methods of the table of methods."""
+"""Methods in the table of methods."""
 LARGE = ("hopper", "half-cheetah", "quadruped", "ant", "push-cube", "reorient")
-"""Problems of many joints and contacts: only solves by ``WAYS_OF_LARGE`` are tried."""
+"""Problems with many joints and contacts, for which only :data:`WAYS_OF_LARGE` are tried."""
 WAYS_OF_LARGE = [("direct", *ANALYTIC[law]) for law in MATRIX_LAWS[:2]]
-"""Methods and laws that are tried on large problems."""
+"""Pairs of a method and a law that are tried on large problems."""
 NOT_TRIED = "not tried"
-"""Cell of a combination that was not tried."""
+"""Cell for a combination that was not tried."""
 
 Row = list[measured.Cell]
 
 
 class Measurement:
-    """Solves of one problem, each within a limit of processor time; ``folder`` holds their files."""
+    """Solves of one problem, each with a limit of processor time [s]; their files are in ``folder``."""
 
     def __init__(self, problem: str, folder: Path, limit_s: int) -> None:
         self.problem, self.folder, self.limit_s = problem, folder, limit_s
@@ -67,7 +67,7 @@ class Measurement:
         self.over = f"over {limit_s} s"
 
     def run_command(self, *words: str) -> dict[str, Any] | str:
-        """Return the JSON document of ``ocp``; a refusal or the time limit as text."""
+        """Run ``ocp`` and return its JSON document; if it fails or exceeds the limit, the reason as text."""
         command = [sys.executable, "-m", "ocp", *words, "--json", "--quiet"]
         limited = partial(resource.setrlimit, resource.RLIMIT_CPU, (self.limit_s, self.limit_s + 5))
         children_s_before, start = _children_seconds(), time.perf_counter()
@@ -87,7 +87,7 @@ class Measurement:
         return self.run_command("solve", self.problem, "--method", method, "--contact", *law, "--out", runs)
 
     def _solve_unless_hopeless(self, method: str, *law: str) -> dict[str, Any] | str:
-        """Solve, unless the problem is large, or the exact law or ``direct``, which are cheaper, exceeded the limit."""
+        """Solve, unless the problem is large, or a cheaper solve by ``direct`` has exceeded the limit."""
         if self.problem in LARGE and (method, *law) not in WAYS_OF_LARGE:
             return NOT_TRIED
         cheaper = [("direct", "exact"), ("direct", *law)]
@@ -96,7 +96,7 @@ class Measurement:
         return self.solve(method, *law)
 
     def verdict_rows(self) -> Iterator[Row]:
-        """Rows of the table of verdicts, one per law."""
+        """Yield the rows of the table of verdicts, one per law."""
         for law, words in ANALYTIC.items():
             yield self._verdict_row(law, words)
         data = self.folder / "data.nc"
@@ -124,7 +124,7 @@ class Measurement:
         return [self.problem, law, verdict(run), *costs, run["iterations"], f"{seconds:.2g}"]
 
     def matrix_rows(self) -> Iterator[Row]:
-        """Rows of the table of methods, one per method."""
+        """Yield the rows of the table of methods, one per method."""
         for method in METHODS:
             yield [f"`{self.problem}`", method, *(self._matrix_cell(method, ANALYTIC[law]) for law in MATRIX_LAWS)]
 
@@ -137,7 +137,7 @@ class Measurement:
         return " / ".join([*costs, f"{run['iterations']}{mark}"])
 
     def refined_rows(self) -> Iterator[Row]:
-        """Rows of the table of step sizes, one per size; the last says how the refinement ended."""
+        """Yield the rows of the table of step sizes, one per size; the last says how the refinement ended."""
         if why := step_size_kind(get(self.problem).system).reason:
             yield [self.problem, *[None] * 4, why]
             return
@@ -159,7 +159,7 @@ def _children_seconds() -> float:
 
 
 def verdict(run: dict[str, Any]) -> str:
-    """Return the verdict of certificate and referee, as text."""
+    """Return the verdict of certificate and referee on a solve, as text."""
     if not run["success"]:
         return str(run["status"])
     words = {(True, True): "survives", (False, True): "survives at this step only", (None, None): "no referee"}
@@ -167,7 +167,7 @@ def verdict(run: dict[str, Any]) -> str:
 
 
 def digits(cost: float | None) -> str | None:
-    """Write a cost to six digits."""
+    """Return a cost to six digits, None for None."""
     return None if cost is None else f"{cost:.6g}"
 
 
@@ -197,11 +197,11 @@ ABOUT: dict[str, dict[str, Any]] = {
         " much processor time.",
     },
 }
-"""Texts of each table beside its rows."""
+"""Mapping from the name of a table to its title, command, columns and note."""
 
 
 def store(table: str, rows: Iterable[Row], keys: int) -> None:
-    """Put rows into a table as they come, in place of those with the same first ``keys`` cells."""
+    """Store each row in a table as soon as it is measured; it replaces rows with the same first ``keys`` cells."""
     order = [*names(), *ANALYTIC, *LEARNED, *METHODS]
     replaced: set[tuple[measured.Cell, ...]] = set()
     for row in rows:
@@ -215,7 +215,7 @@ def store(table: str, rows: Iterable[Row], keys: int) -> None:
 
 
 def main() -> None:
-    """Measure the problems of the command line, by default all."""
+    """Measure the problems that the command line names, by default all."""
     parser = ArgumentParser(prog="python -m docs.generator.verdicts", description=__doc__)
     parser.add_argument("problems", nargs="*", metavar="PROBLEM")
     parser.add_argument("--refine", action="store_true", help="cost over the step size instead")

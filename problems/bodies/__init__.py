@@ -1,1 +1,1 @@
-"""Robots, one a folder or file: the machine, the problems and the task of each."""
+"""Robots, one per folder or file: the machine, the problems and the task of each."""

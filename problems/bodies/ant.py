@@ -1,4 +1,4 @@
-"""Gymnasium's ant walks: a ball on four legs of two joints each, as the file ant.xml has it."""
+"""Gymnasium's ant, which walks: a ball on four legs of two joints each, with the values of ant.xml."""
 
 from __future__ import annotations
 
@@ -30,17 +30,17 @@ BALL = 0.25
 TUBE = 0.08
 """Radius of the legs [m]."""
 LEGS = {"1": (1, 1), "2": (-1, 1), "3": (-1, -1), "4": (1, -1)}
-"""Legs by the file's numbers: signs along x and y of where they point."""
+"""Mapping from the file's number of a leg to the signs of its direction along x and y."""
 ANKLES = {"1": (30.0, 70.0), "2": (-70.0, -30.0), "3": (-70.0, -30.0), "4": (30.0, 70.0)}
-"""Limits of the ankles [degrees], about (-1, 1, 0) of legs 1 and 3 and (1, 1, 0) of 2 and 4."""
+"""Limits of the ankles [degrees], which turn about (-1, 1, 0) in legs 1 and 3, (1, 1, 0) in legs 2 and 4."""
 MOTOR: dict[str, Any] = {"damping": 1.0, "armature": 1.0, "gear": 150.0}
 """Damping [N m s/rad], armature [kg m^2] and torque of one unit of input [N m] of every joint."""
 CAMERA = PinholeCamera.around((0.2, 0.0, 0.3), 1.4)
-"""View of the way that the ant goes by default."""
+"""Camera that shows the default path of the ant."""
 
 
 def _tube(end: tuple[float, float, float]) -> tuple[float, np.ndarray, np.ndarray]:
-    """Return mass, centre and inertia (3, 3) about it of a capsule of 8 cm from the origin to ``end``."""
+    """Return mass [kg], centre [m] and inertia (3, 3) [kg m^2] about it of a leg's capsule from 0 to ``end``."""
     to_end = np.array(end)
     length = float(np.linalg.norm(to_end))
     axis, r = to_end / length, TUBE
@@ -57,7 +57,7 @@ def _six_entries(inertia: np.ndarray) -> tuple[float, ...]:
 
 
 def _limb(name: str, parent: str, position: Any, end: Any, axis: Any, limits: tuple[float, float]) -> Body:
-    """Return a tube from the joint at ``position`` to ``end`` [m], in the joint's frame."""
+    """Return a capsule with a hinge at ``position`` in the parent, whose other end is ``end`` [m] in its own frame."""
     mass, centre, inertia = _tube(end)
     x, y, z = map(float, centre)
     return Body(name, parent, mass, _six_entries(inertia), (x, y, z), position, axis=axis, limits=limits, **MOTOR)
@@ -65,10 +65,10 @@ def _limb(name: str, parent: str, position: Any, end: Any, axis: Any, limits: tu
 
 @cache
 def ant() -> SpatialMachine:
-    """Return Gymnasium's ant, 14 velocities and 8 motors; one unit of input is 150 N m.
+    """Return Gymnasium's ant, with 14 velocities and 8 motors; one unit of input is 150 N m.
 
-    The torso carries the inner tubes of the legs, "aux" of the file, which are inside of what
-    touches first: ground contacts are those of the torso, of the knees and of the feet.
+    The inner capsules of the legs, "aux" in the file, are part of the torso and have no contacts,
+    since other parts touch the ground first: the torso, the knees and the feet.
     """
     ball = DENSITY * 4 / 3 * pi * BALL**3
     tubes = [_tube((0.2 * x, 0.2 * y, 0.0)) for x, y in LEGS.values()]
@@ -98,7 +98,7 @@ def ant() -> SpatialMachine:
 
 
 def standing_pose(bend: float = 1.0) -> np.ndarray:
-    """Return q of the ant on its four feet, ankles bent by ``bend`` [rad] (15,)."""
+    """Return the pose q (15,) of the ant on its four feet, with ankles bent by ``bend`` [rad]."""
     q = np.zeros(15)
     q[2], q[3] = 0.4 * sqrt(2) * sin(bend) + TUBE, 1.0
     q[8::2] = [bend if low > 0 else -bend for low, _ in ANKLES.values()]
@@ -106,7 +106,7 @@ def standing_pose(bend: float = 1.0) -> np.ndarray:
 
 
 class Params(GaitParams):
-    """Parameters of ``ant``; the file has h = 0.01 s, and an input holds for five of its steps."""
+    """Parameters of ``ant``; by default h is the five steps of 0.01 s for which the source holds an input."""
 
     friction: float = quantity(1.0, "1", "Coulomb's coefficient with the ground", above=0)
     h: float = quantity(0.05, "s", "step size", above=0)
@@ -115,14 +115,15 @@ class Params(GaitParams):
 
 
 def build(params: Params) -> Problem:
-    """Steps (ant.1) on the tangent space (ant.2) with contacts (ant.3) and friction (ant.4), cost
-    (ant.5); state (q, v), impulses lam [N s]."""
+    """Return the problem with steps (ant.1), (ant.2), contacts (ant.3), friction (ant.4), cost (ant.5).
+
+    The state is (q, v); lam are impulses [N s]."""
     scaling = Scaling(impulse=0.1, gap=0.1, x=0.1, u=0.1)
     return gait(name, params, ant(), standing_pose(), standing_pose(), _walk, scaling)
 
 
 def _walk(share: np.ndarray) -> np.ndarray:
-    """Return the joints (n, 8) of a walk: hips swing to and fro, diagonal legs alike."""
+    """Return joint angles (n, 8) [rad] at shares (n,) of a walk: hips swing, diagonal legs together."""
     joints = np.zeros((len(share), 8))
     for k, (x, y) in enumerate(LEGS.values()):
         joints[:, 2 * k] = 0.3 * np.sin(4 * np.pi * share) * x * y
@@ -130,10 +131,10 @@ def _walk(share: np.ndarray) -> np.ndarray:
 
 
 def draw(params: Params, state: np.ndarray) -> list[Shape]:
-    """Draw torso, legs and the floor."""
+    """Draw torso, legs and floor."""
     return spatial_shapes(ant(), CAMERA, state)
 
 
 def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
-    """Return the frames of the contacts with the floor."""
+    """Return the contact frames of torso, knees and feet on the floor."""
     return spatial_frames(ant(), CAMERA, state, params.friction)

@@ -75,7 +75,7 @@ class Params(Parameters):
 def _machine(
     m: Number = 1.0, m_leg: Number = 0.2, m_foot: Number = 0.1, stiffness: Number = 0.0, damping: Number = 0.0
 ) -> PublishedMachine:
-    """Return torso, leg and foot, whose disc at -0.15 m is the toe: it faces where it goes."""
+    """Return the hopper of torso, leg and foot, whose toe, at -0.15 m, points in the direction of motion."""
     joint = partial(Link, spring=stiffness, damping=damping, gear=1.0)
     return PublishedMachine(
         (
@@ -94,16 +94,16 @@ def _machine(
 
 
 MACHINE = _machine()
-"""The machine at its defaults, as it is drawn."""
+"""The machine with default parameters, for drawings."""
 
 
 def build(params: Params) -> Problem:
-    """Steps (idto-hopper.1) with contact (idto-hopper.3) and a nominal that runs (idto-hopper.4),
-    cost (idto-hopper.5); state (q, v, nominal), impulses lam [N s].
+    """Return the problem with steps (idto-hopper.1), contact (idto-hopper.3) and cost (idto-hopper.5).
 
-    Contact is rigid, where the source has stiff springs; so the start stands, 3 mm higher. The
-    source has PD control in the plant it simulates: that is ``stiffness`` 100 and ``damping`` 5,
-    with ``stiffness`` times the commanded angle added to u.
+    The state is (q, v, nominal), where the nominal position is (idto-hopper.4); lam are impulses
+    [N s]. Contact is rigid, but stiff springs in the source, so the robot starts 3 mm higher, on the
+    ground. The source's plant has PD control: that is ``stiffness`` 100 and ``damping`` 5, with
+    ``stiffness`` times the commanded angle added to u.
     """
     p, friction = friction_of(table(params))
     joints = {key: p[key] for key in ("m", "m_leg", "m_foot", "stiffness", "damping")}
@@ -124,10 +124,10 @@ def build(params: Params) -> Problem:
 
 
 def draw(params: Params, state: np.ndarray) -> list[Shape]:
-    """Draw links, discs of the foot, the ground, and the nominal place."""
+    """Draw links, discs of the foot, the ground, and the nominal position of the torso."""
     return [*machine_shapes(MACHINE, state), Mark(float(state[10]) + params.lead, 0.0, "goal")]
 
 
 def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
-    """Return the frames of toe and heel on the ground."""
+    """Return the contact frames of toe and heel on the ground."""
     return machine_frames(MACHINE, state, None, params.friction)

@@ -1,4 +1,4 @@
-"""A small quadruped of our own in space, 12 motors and 12.4 kg: trot, stand up from the floor, or jump."""
+"""A small quadruped in space, with 12 motors and 12.5 kg, that trots, stands up from the floor, or jumps."""
 
 from __future__ import annotations
 
@@ -36,25 +36,25 @@ LINK = 0.2
 FOOT = 0.02
 """Radius of a foot [m]."""
 HIP_X = 0.18
-"""Place of the hips along the trunk, from its middle [m]."""
+"""Distance of the hips from the trunk's middle along x [m]."""
 HIP_Y = 0.047
-"""Place of the hips across the trunk, from its middle [m]."""
+"""Distance of the hips from the trunk's middle along y [m]."""
 HIP_WIDTH = 0.08
-"""Way from the axis of a hip outward to the leg [m]."""
+"""Distance from the axis of a hip outwards to the leg [m]."""
 LEGS = {"fl": (1, 1), "fr": (1, -1), "hl": (-1, 1), "hr": (-1, -1)}
-"""Fore and hind legs, left and right, as signs along x and y."""
+"""Mapping from a leg (fore or hind, left or right) to the signs of its position along x and y."""
 MOTOR: dict[str, Any] = {"damping": 0.05, "armature": 0.005, "gear": 25.0}
 """Damping [N m s/rad], armature [kg m^2] and torque of one unit of input [N m] of every joint."""
 
 
 def _rod_inertia(mass: float) -> tuple[float, float, float]:
-    """Return the inertia of a link, a rod 2 cm thick that hangs down."""
+    """Return the inertias about x, y, z [kg m^2] of a link, a vertical rod with a radius of 2 cm."""
     long, thick = mass * LINK**2 / 12, mass * 0.02**2 / 2
     return long, long, thick
 
 
 def _leg_bodies(leg: str, fore: int, left: int) -> list[Body]:
-    """Return hip 0.7 kg, thigh 0.6 kg and shin 0.1 kg of a leg."""
+    """Return hip (0.7 kg), thigh (0.6 kg) and shin (0.1 kg) of a leg; ``fore`` and ``left`` are signs."""
     hip = Body(
         f"{leg}_hip",
         "trunk",
@@ -90,8 +90,8 @@ def _leg_parts(leg: str, left: int) -> list[SpatialPart]:
 def quadruped(belly: bool = False) -> SpatialMachine:
     """Return the machine: a trunk on four legs of three joints; one unit of input is 25 N m.
 
-    At q = 0 the legs hang straight down; hips turn outward about x, thighs and shins about y. Feet
-    are spheres of 2 cm; with ``belly`` the lower corners of the trunk may touch the ground too.
+    At q = 0 the legs hang straight down; hips turn about x, thighs and shins about y. Feet are spheres
+    with a radius of 2 cm; with ``belly`` the lower corners of the trunk can also touch the ground.
     """
     a, b, c = (2 * half for half in TRUNK)
     inertia = tuple(TRUNK_MASS * (s * s + t * t) / 12 for s, t in ((b, c), (a, c), (a, b)))
@@ -110,21 +110,21 @@ def quadruped(belly: bool = False) -> SpatialMachine:
 
 
 def pose(x: float, z: float, thigh: float, shin: float) -> np.ndarray:
-    """Return q with the trunk level at (x, 0, z) and all legs bent alike (19,)."""
+    """Return q (19,) with the trunk level at (x, 0, z) [m] and the angles ``thigh``, ``shin`` [rad] in all legs."""
     return np.r_[x, 0.0, z, 1.0, 0.0, 0.0, 0.0, np.tile([0.0, thigh, shin], 4)]
 
 
 def height(thigh: float, shin: float) -> float:
-    """Return the height of the trunk over feet on the ground [m]."""
+    """Return the height [m] of the trunk with all feet on the ground, for the joint angles [rad] of the legs."""
     return LINK * cos(thigh) + LINK * cos(thigh + shin) + FOOT
 
 
 STANDING = pose(0.0, height(0.8, -1.6), 0.8, -1.6)
-"""q on all feet."""
+"""Pose q (19,) of the robot standing on its feet."""
 LYING = pose(0.0, TRUNK[2] + 1e-4, 2.6, -2.6)
-"""q on the belly, legs folded, the feet on the floor beside it."""
+"""Pose q (19,) of the robot lying on its belly with folded legs, its feet on the floor."""
 CAMERA = PinholeCamera.around((0.25, 0.0, 0.2), 0.75)
-"""View of the way that the robot goes by default."""
+"""Camera that shows the default path of the robot."""
 
 
 class Params(GaitParams):
@@ -134,15 +134,16 @@ class Params(GaitParams):
 
 
 def build(params: Params) -> Problem:
-    """Steps (quadruped.1) on the tangent space (quadruped.2) with contacts (quadruped.3) and
-    friction (quadruped.4), cost (quadruped.5); state (q, v), impulses lam [N s]."""
+    """Return the problem with steps (quadruped.1), (quadruped.2), contacts (quadruped.3) and cost (quadruped.5).
+
+    Friction is (quadruped.4), the state (q, v); lam are impulses [N s]."""
     lies = params.start == "lie"
     scaling = Scaling(impulse=1.0, gap=0.1, x=0.1, u=0.3)
     return gait(name, params, quadruped(belly=lies), LYING if lies else STANDING, STANDING, _trot, scaling)
 
 
 def _trot(share: np.ndarray) -> np.ndarray:
-    """Return the joints (n, 12) of a trot: diagonal legs are lifted in turn, twice each."""
+    """Return joint angles (n, 12) [rad] at shares (n,) of a trot that lifts each pair of diagonal legs twice."""
     joints = np.zeros((len(share), 12))
     for k, (fore, left) in enumerate(LEGS.values()):
         lift = np.maximum(0.0, np.sin(4 * np.pi * share) * fore * left)
@@ -151,10 +152,10 @@ def _trot(share: np.ndarray) -> np.ndarray:
 
 
 def draw(params: Params, state: np.ndarray) -> list[Shape]:
-    """Draw trunk, legs and the floor."""
+    """Draw trunk, legs and floor."""
     return spatial_shapes(quadruped(), CAMERA, state)
 
 
 def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
-    """Return the frames of the contacts with the floor."""
+    """Return the contact frames of the feet on the floor, and of the belly if the robot starts on it."""
     return spatial_frames(quadruped(belly=params.start == "lie"), CAMERA, state, params.friction)

@@ -1,4 +1,4 @@
-"""Machines simulated from the reset of the environment that their tables come from."""
+"""Simulation of published machines from the start states of their original environments."""
 
 from __future__ import annotations
 
@@ -19,22 +19,22 @@ from problems.machines.machine import PublishedMachine
 from problems.registry import get
 
 MACHINES = {"hopper": hopper, "half-cheetah": half_cheetah}
-"""Machines by the names of their problems."""
+"""Mapping from the name of a problem to the function that builds its machine."""
 
 
 def simulation(
     name: str, steps: int = 50, seed: int = 0, gyroscopic: Gyroscopic = "implicit", **params: Any
 ) -> tuple[Problem, Any]:
-    """Return the problem ``name`` over ``steps``, and the state x0 (nx,) of its environment's reset.
+    """Return the problem ``name`` over ``steps``, and the start state x0 (nx,) of its original environment.
 
-    All spheres may touch, h is the environment's 0.05 s, and the start its pose, lifted by 0.25 m
-    and shaken by uniform noise out of ``seed``: 0.005 for ``hopper``, 0.1 for ``half-cheetah``, in
-    every coordinate and velocity. With ``gyroscopic="implicit"`` velocity forces gain no energy and
-    no motion overflows (:func:`~dynamics.systems.planar.flight.gyroscopic_impulse`); the problem's own are explicit.
-    ``params`` change any parameter, ``spheres`` and hopper's ``h`` too.
+    All spheres can touch the ground, and h is the environment's 0.05 s. The start is the machine's
+    pose, lifted by 0.25 m, with uniform noise from ``seed`` of up to 0.005 for ``hopper`` and 0.1 for
+    ``half-cheetah`` in every coordinate and velocity. With ``gyroscopic="implicit"`` velocity forces
+    add no energy and no motion overflows (:func:`~dynamics.systems.planar.flight.gyroscopic_impulse`);
+    the problem itself has explicit ones. ``params`` can set any parameter, also those named here.
 
-    Raises :class:`~ocp.errors.InputError` for a name that is no machine, another word in
-    ``gyroscopic``, or a bad parameter.
+    Raises :class:`~ocp.errors.InputError` for an unknown machine, another value of ``gyroscopic``, or a
+    bad parameter.
     """
     if name not in MACHINES:
         raise InputError(f"{name!r} is not a machine that can be simulated; available: {', '.join(MACHINES)}")
@@ -62,15 +62,15 @@ def simulate(
     gyroscopic: Gyroscopic = "implicit",
     **params: Any,
 ) -> Rollout:
-    """Roll a machine out from its environment's reset (:func:`simulation`).
+    """Simulate a machine from the start of its original environment (:func:`simulation`).
 
-    ``inputs`` (steps, nu) are the motors', by default at rest, and go unclipped, as in the source;
-    ``law`` is the contact law, by default the exact one, ``gyroscopic`` how velocity forces act.
-    States are (q, v), for ``half-cheetah`` with h behind them, shape (1, steps + 1, nx).
+    ``inputs`` (steps, nu) are those of the motors, by default 0, and are not clipped, as in the
+    source; ``law`` is the contact law, by default the exact one; for ``gyroscopic`` and ``params`` see
+    :func:`simulation`. States (1, steps + 1, nx) are (q, v), for ``half-cheetah`` (q, v, h).
 
-    Raises :class:`~ocp.errors.InputError` where the inputs do not fit, and
-    :class:`~ocp.errors.NotConverged` where a step has no solution or none was found; the message
-    says which.
+    Raises :class:`~ocp.errors.InputError` if the inputs have another shape, and
+    :class:`~ocp.errors.NotConverged` if a step has no solution or none was found, with a message
+    that says which.
     """
     problem, x0 = simulation(name, steps, seed, gyroscopic, **params)
     plan = np.zeros((steps, problem.system.nu)) if inputs is None else np.asarray(inputs, float)
@@ -87,7 +87,7 @@ def simulate(
 
 
 def _reason(problem: Problem, plan: np.ndarray, law: ContactLaw | None, x0: np.ndarray, lost: NotConverged) -> str:
-    """Return a sentence: why the rollout of ``plan`` (N, nu) from ``x0`` (nx,) was ``lost``."""
+    """Return a sentence that says why the rollout of ``plan`` (N, nu) from ``x0`` (nx,) failed with ``lost``."""
     step, system = problem.exact_step if law is None else law.close(problem.system), problem.system
     p = step.p.pack(problem.parameters.defaults)
     x = [x0]

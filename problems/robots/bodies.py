@@ -1,4 +1,4 @@
-"""Bodies, joints and motors of a compiled file as bodies in space, one for each joint."""
+"""Conversion of bodies, joints and motors of a compiled file to bodies in space, one for each joint."""
 
 from __future__ import annotations
 
@@ -14,30 +14,30 @@ from dynamics.systems.space.body import Joint
 from problems.robots.inertias import Moments, combined
 
 ROUNDED_TO_ZERO = 1e-12
-"""Share of the size of a vector below which an entry counts as zero."""
+"""Size of an entry, as a share of the vector's size, below which it counts as zero."""
 JOINTS: tuple[Joint, ...] = ("free", "ball", "slide", "hinge")
-"""Joints in the order of MuJoCo's numbers."""
+"""Kinds of joints, in the order of MuJoCo's numbers for them."""
 
 
 @dataclass(frozen=True)
 class BodyFrame:
-    """A frame that is fixed to ``body``: its origin ``place`` (3,) [m], and the ``turn`` of its axes."""
+    """A frame that is fixed to ``body``, with its origin at ``place`` (3,) [m] and axes rotated by ``turn``."""
 
     body: str
     place: np.ndarray = field(default_factory=lambda: np.zeros(3))
     turn: Rotation = field(default_factory=Rotation.identity)
 
     def compose(self, place: np.ndarray, quaternion: np.ndarray) -> BodyFrame:
-        """Return the frame that has ``place`` and ``quaternion`` (w, x, y, z) in this one."""
+        """Return the frame whose origin and quaternion (w, x, y, z) relative to this one are given."""
         turn = self.turn * Rotation.from_quat(quaternion, scalar_first=True)
         return BodyFrame(self.body, self.place + self.turn.apply(place), turn)
 
 
 @dataclass(frozen=True)
 class Actuator:
-    """An actuator's name and the range of its input, with ``gear`` or ``servo``, and ``damping``.
+    """An actuator with the range of its input: a motor with a ``gear``, or a ``servo`` with that stiffness.
 
-    ``damper`` names a velocity servo whose damping it has too, and whose input is 0.
+    ``damper`` names a velocity servo of input 0 whose damping is part of ``damping``, "" if there is none.
     """
 
     name: str
@@ -49,7 +49,7 @@ class Actuator:
 
 
 def exact(values: Sequence[float] | np.ndarray, size: float = 1.0) -> Any:
-    """Return a tuple in which entries that rounding keeps from 0 or ±1 are exact, for numbers about ``size``."""
+    """Return ``values``, of magnitude ``size``, as a tuple in which rounding errors about 0 and ±1 are removed."""
     without_zeros = (0.0 if abs(value) < ROUNDED_TO_ZERO * size else float(value) for value in values)
     return tuple(float(round(x)) if abs(abs(x) - 1) < ROUNDED_TO_ZERO else x for x in without_zeros)
 
@@ -57,9 +57,9 @@ def exact(values: Sequence[float] | np.ndarray, size: float = 1.0) -> Any:
 def bodies(model: Any, actuators: Mapping[int, Actuator]) -> tuple[tuple[Body, ...], list[BodyFrame]]:
     """Return bodies in the order of q, and the frame of each body of the file in one of them.
 
-    What is fixed to a body is part of it. One with several joints becomes a chain, all but the last
-    of it without mass and named as their joints. A frame has its origin in its joint; its axes are
-    those of the file's body where the joint is free or a ball, and else the parent's at q = 0.
+    Bodies that are fixed to a body become part of it. A body with several joints becomes a chain, all
+    but the last without mass and named after their joints. The origin of a body's frame is its joint;
+    its axes are those of the file's body for a free or ball joint, else the parent's at q = 0.
     """
     poses, chain, last = [BodyFrame(WORLD)], list[Body](), dict[int, int]()
     names = {model.body(b).name for b in range(model.nbody)}
@@ -83,9 +83,9 @@ def bodies(model: Any, actuators: Mapping[int, Actuator]) -> tuple[tuple[Body, .
 
 
 def _jointed(model: Any, j: int, name: str, pose: BodyFrame, actuator: Actuator | None) -> tuple[Body, BodyFrame]:
-    """Return the body of a joint, without mass, and the frame of the file's body in it, not in the parent.
+    """Return the body of joint ``j``, without mass, and the frame of the file's body relative to it.
 
-    With axes that are the parent's at q = 0 no rotation by 90 degrees leaves rounded zeros.
+    A hinge or slide has the parent's axes at q = 0, so that rotations by 90 degrees add no rounding errors.
     """
     kind, dof, index = JOINTS[model.jnt_type[j]], int(model.jnt_dofadr[j]), int(model.jnt_qposadr[j])
     damping = float(model.dof_damping[dof]) + (actuator.damping if actuator else 0.0)
@@ -119,7 +119,7 @@ def _jointed(model: Any, j: int, name: str, pose: BodyFrame, actuator: Actuator 
 
 
 def _inertia(model: Any, body: int, poses: Sequence[BodyFrame]) -> dict[str, Any]:
-    """Return mass, inertia and centre of all that is welded to a body, in the frame of its carrier."""
+    """Return mass, inertia and centre of a body and all that is welded to it, in the frame of :func:`bodies`."""
     solids = list[Moments]()
     for b in np.flatnonzero(model.body_weldid == body).tolist():
         frame = poses[b].compose(model.body_ipos[b], model.body_iquat[b])
@@ -131,10 +131,11 @@ def _inertia(model: Any, body: int, poses: Sequence[BodyFrame]) -> dict[str, Any
 
 
 def actuators_of(model: Any, followers: Container[int] = ()) -> dict[int, Actuator]:
-    """Return motors and servos by joint; a velocity servo beside a position servo only damps.
+    """Return a mapping from the number of a joint to its motor or servo.
 
-    In a file without any, joints whose torque is bounded have motors, but for ``followers``.
-    Raises ``ValueError`` for a joint with two others.
+    A velocity servo in addition to a position servo only adds damping. In a file without actuators,
+    joints with bounded torque get motors, except ``followers``. Raises ``ValueError`` for a joint with
+    any other two actuators.
     """
     actuators: dict[int, Actuator] = {}
     for k in range(model.nu):
@@ -159,13 +160,10 @@ def actuators_of(model: Any, followers: Container[int] = ()) -> dict[int, Actuat
 
 
 def actuator_of(model: Any, k: int) -> Actuator | None:
-    """Return actuator ``k`` of a hinge or slide: a motor, or a servo that pulls to a position.
-
-    None where it is neither.
-    """
+    """Return actuator ``k`` if it is a motor, or a servo, of a hinge or slide; None for others."""
     joint, bias = int(model.actuator_trnid[k][0]), int(model.actuator_biastype[k])
     odd = model.actuator_gaintype[k] or model.actuator_dyntype[k] or bias > 1
-    # Other transmissions have numbers of tendons, sites or bodies in the joint's place.
+    # Other transmissions have the numbers of tendons, sites or bodies instead of a joint's.
     if odd or model.actuator_trntype[k] > 1 or JOINTS[model.jnt_type[joint]] in ("free", "ball"):
         return None
     gain, gear = float(model.actuator_gainprm[k][0]), float(model.actuator_gear[k][0])

@@ -1,4 +1,4 @@
-"""Joints of a compiled file that move together: equality constraints that are linear in q."""
+"""Coupled joints of a compiled file: equality constraints that are linear in q."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from typing import Any
 from problems.robots.urdf import Mimic
 
 EQUALITY_KINDS = ("connect", "weld", "joint", "tendon")
-"""Equality constraints in the order of MuJoCo's numbers; joints and fixed tendons are linear."""
+"""Kinds of equality constraints, in the order of MuJoCo's numbers; joints and fixed tendons are linear."""
 EQUALITIES_DISABLED = 1 << 1
-"""Bit of MuJoCo's disabling flags: no equality constraints."""
+"""Bit of MuJoCo's ``disableflags`` that disables equality constraints."""
 Equation = tuple[dict[int, float], float]
-"""Coefficients by number of a joint, of which the first follows, and the sum's value."""
+"""Mapping from the number of a joint to its coefficient, the dependent joint first, and the value of the sum."""
 
 
 def equations(model: Any, mimics: Iterable[Mimic]) -> list[Equation]:
-    """Return ``sum(coefficient * q) = value`` for every active equality, and for ``mimics``.
+    """Return the equation ``sum(coefficient * q) = value`` of every active equality and of ``mimics``.
 
     Raises ``ValueError`` for a constraint that closes a loop, or is not linear.
     """
@@ -45,7 +45,7 @@ def equations(model: Any, mimics: Iterable[Mimic]) -> list[Equation]:
 
 
 def coupled_tendons(model: Any) -> set[int]:
-    """Return numbers of the tendons that an active equality uses."""
+    """Return the numbers of the tendons that are part of an active equality constraint."""
     ids = model.eq_obj1id, model.eq_obj2id
     return {int(of[k]) for k in _active(model) if model.eq_type[k] == 3 for of in ids}
 
@@ -57,7 +57,7 @@ def _active(model: Any) -> Iterator[int]:
 
 
 def _length(model: Any, kind: int, number: int) -> tuple[Mapping[int, float], float]:
-    """Return coefficients of a joint or fixed tendon, and its length at the joints' references."""
+    """Return the coefficients of a joint or fixed tendon, by joint, and its length at the joints' references."""
     if number < 0:
         return {}, 0.0
     if kind == 2:

@@ -1,4 +1,4 @@
-"""Tables of the elements and attributes of a robot's file that are read, and reasons for the rest."""
+"""Tables of the elements and attributes of robot files that are read, and reasons why others are not."""
 
 from __future__ import annotations
 
@@ -7,18 +7,18 @@ from xml.etree.ElementTree import Element
 
 
 def _table(text: str) -> dict[str, list[str]]:
-    """Read ``key: words; key: words``."""
+    """Parse ``key: words; key: words`` to a mapping from key to words."""
     entries = (entry.partition(":") for entry in " ".join(text.split()).split(";"))
     return {key.strip(): words.split() for key, _, words in entries}
 
 
 def _by_name(text: str) -> dict[str, str]:
-    """Read ``reason: names; reason: names``, by name."""
+    """Parse ``reason: names; reason: names`` to a mapping from name to reason."""
     return {name: reason for reason, names in _table(text).items() for name in names}
 
 
 ALL = "*"
-"""Stands for every attribute."""
+"""Word in a table for all attributes of an element."""
 _POSE = "pos quat axisangle xyaxes zaxis euler"
 """Attributes of MJCF that place an element."""
 _ACTUATOR = """name class joint jointinparent tendon site body refsite cranksite slidersite gear
@@ -32,7 +32,7 @@ radius length; mesh: filename scale; joint: name type; parent: link; child: link
 limit: lower upper effort; dynamics: damping; mimic: joint multiplier offset; mujoco:; compiler:
 *; lateral_friction: value; mu: value; mu1: value; mu2: value
 """)
-"""Attributes of URDF that are read, by element; the text of mu, mu1 and mu2 is read too."""
+"""Mapping from a URDF element to its attributes that are read; the text of mu, mu1 and mu2 is read too."""
 MJCF = _table(
     """
 mujoco: model; mujocoinclude: *; include: file; compiler: *; option: gravity; flag: gravity
@@ -49,11 +49,11 @@ position: ACTUATOR kp kv dampratio timeconst; velocity: ACTUATOR kv; keyframe:; 
 intvelocity: *; damper: *; cylinder: *; muscle: *; adhesion: *; dcmotor: *
 """.replace("POSE", _POSE).replace("ACTUATOR", _ACTUATOR)
 )
-"""Attributes of MJCF that are read, by element; some may be in vain, see :mod:`problems.robots.unsupported`."""
+"""Mapping from an MJCF element to its attributes that are read; for those without effect see ``unsupported``."""
 _BULKY = {"camera", "custom", "light", "material", "skin", "statistic", "texture", "visual"}
-"""Elements of MJCF that are left out before compiling; some name files."""
+"""Elements of MJCF that are removed before compiling, since some name files."""
 _PICTURES = _BULKY | {"color", "group", "numeric", "rgba", "size", "texcoord", "text", "tuple", "user"}
-"""Elements and attributes that change pictures alone."""
+"""Elements and attributes that change only pictures."""
 _REASONS = _by_name("""
 nothing is measured here: sensor calibration; each joint has its own motor: transmission; settings
 of another program: gazebo; its soft limits and gains act in another program: safety_controller;
@@ -64,29 +64,29 @@ rigid: solreflimit solimplimit; there is no such friction: solreffriction solimp
 no fluid: fluidshape fluidcoef; it stays flat and touches nothing: hfield; nothing acts at sites:
 site; surfaces do not run: surfacevel; motors act at once: delay; give it to the joint: armature
 """)
-"""What holds instead of elements and attributes that are not read."""
+"""Mapping from an element or attribute that is not read to the reason, for notes."""
 REFUSED = _by_name("""
 it copies another file: attach; nothing bends here: composite flex flexcomp; it runs programs:
 extension plugin; of a URDF nothing is included: include; it closes a loop, and joints form trees
 here: loop_joint; it reads another file: model; it makes copies: replicate
 """)
-"""Elements without which the robot would be another, and why they are not read."""
+"""Mapping from an element because of which a file is rejected to the reason; without it the robot would change."""
 REFUSED_OF_URDF = {"include", "loop_joint"}
-"""Elements of this table that a URDF may have."""
+"""Elements of :data:`REFUSED` because of which a URDF is rejected; others have no effect there."""
 
 
 def listed(what: str, names: Iterable[str]) -> str:
-    """Return ``what``, in the plural where there are several, and names: ``"sensors a, b"``."""
+    """Return ``what``, in the plural for several ``names``, and these: ``"sensors a, b"``."""
     names = list(dict.fromkeys(names))
     many = "" if len(names) == 1 else "s"
     return f"{what.replace('body', 'bodie') if many else what}{many} {', '.join(names)}"
 
 
 def unread(root: Element, *, urdf: bool) -> list[str]:
-    """Return a sentence for everything in a file that is not read, by name, grouped by reason.
+    """Return sentences that name everything in a file that is not read, one for each reason.
 
-    What is not read is removed from a URDF, and elements that draw from an MJCF.
-    Raises ``ValueError`` for elements without which the robot would be another.
+    Unread elements are removed from a URDF; from an MJCF file only those that are drawn or bulky.
+    Raises ``ValueError`` for an element in :data:`REFUSED`.
     """
     table, pictures = URDF if urdf else MJCF, set[str]()
     names_by_reason: dict[tuple[str, str, str], list[str]] = {}
@@ -114,7 +114,7 @@ def unread(root: Element, *, urdf: bool) -> list[str]:
 
 
 def _unread_attributes(element: Element, read: list[str], *, urdf: bool) -> dict[str, str]:
-    """Return attributes that are not read, and take those out that MuJoCo need not see."""
+    """Return the attributes that are not read, and remove those of a URDF or with a namespace."""
     unread = {k: v for k, v in element.attrib.items() if k not in read and read != [ALL]}
     for name in unread:
         if urdf or ":" in name:
@@ -123,7 +123,7 @@ def _unread_attributes(element: Element, read: list[str], *, urdf: bool) -> dict
 
 
 def _sentence(attribute: str, tag: str, kind: str, name: str) -> tuple[tuple[str, str, str], str]:
-    """Return beginning, kind of element and reason of a sentence about an attribute, and the name it is about."""
+    """Return prefix, kind of element and reason of a sentence about an attribute, and the name in it."""
     if tag in ("option", "flag"):
         return ("", "option", "settings of a simulator, or of a fluid"), attribute
     prefix = f"{attribute} of " if kind == tag else f"{attribute} of {tag} of "
@@ -137,9 +137,9 @@ def _why(name: str) -> str:
 def _walk(
     root: Element, table: dict[str, list[str]], remove: set[str] | None
 ) -> Iterator[tuple[Element, tuple[Element, ...]]]:
-    """Yield all elements that are read, and the topmost of those that are not, with those above.
+    """Yield all elements that are read, and the topmost unread ones, each with its ancestors.
 
-    The latter are removed, all where ``remove`` is None.
+    Unread elements with a tag in ``remove`` are removed from the tree, all if it is None.
     """
     stack: list[tuple[Element, tuple[Element, ...]]] = [(root, ())]
     while stack:

@@ -1,4 +1,4 @@
-"""Geoms of a compiled file as parts in space, and which of them may touch."""
+"""Conversion of the geoms of a compiled file to parts in space, and of the pairs that may touch."""
 
 from __future__ import annotations
 
@@ -31,24 +31,24 @@ from problems.robots.bodies import BodyFrame, exact
 from problems.robots.reach import joints_above, never_collide
 
 MOST_CORNERS = 32
-"""Most corners that a mesh may keep."""
+"""Maximum number of corners of a mesh's hull."""
 MOST_PAIRS = 10_000
-"""Most pairs of geoms that may touch."""
+"""Maximum number of pairs of geoms that may touch."""
 PAIRS_NAMED = 3
-"""Most pairs that a sentence about those left out names."""
+"""Maximum number of pairs that are named in a sentence about pairs left out."""
 CONTACT_DISABLED = 1 << 4
-"""Bit of MuJoCo's disabling flags: no contact."""
+"""Bit of MuJoCo's ``disableflags`` that disables contact."""
 PARENT_FILTER_DISABLED = 1 << 10
-"""Bit of MuJoCo's disabling flags: a body may touch its parent."""
+"""Bit of MuJoCo's ``disableflags`` that lets a body touch its parent."""
 
 
 @dataclass(frozen=True)
 class Touching:
-    """A machine, Coulomb's coefficient of each of its contacts by name, and what touches nothing.
+    """A machine with its parts and contacts.
 
-    ``distances`` maps q (nq, 1) to the signed distance of every contact (nc, 1) [m].
-    ``grounds`` are numbers of contacts with level ground, ``geoms`` those of the file that may
-    touch anything.
+    ``distances`` maps q (nq, 1) to the signed distance of every contact (nc, 1) [m], ``friction`` the
+    name of a contact to Coulomb's coefficient. ``grounds`` are indices of contacts with level ground,
+    ``geoms`` numbers of geoms that may touch, ``ignored`` sentences about those left out.
     """
 
     machine: SpatialMachine
@@ -60,9 +60,9 @@ class Touching:
 
 
 def touching(model: Any, machine: SpatialMachine, poses: Sequence[BodyFrame]) -> Touching:
-    """Give a machine all geoms whose shape is known, and the pairs that may touch and can meet.
+    """Add to a machine all geoms whose shape is supported, and the pairs that may touch and can meet.
 
-    Raises ``ValueError`` for contacts of one name.
+    Raises ``ValueError`` for too many pairs, and for two contacts of the same name.
     """
     pairs, ignored, data = pairs_of(model), list[str](), import_module("mujoco").MjData(model)
     if len(pairs) > MOST_PAIRS:
@@ -113,7 +113,7 @@ def touching(model: Any, machine: SpatialMachine, poses: Sequence[BodyFrame]) ->
 
 
 def _parts(model: Any, poses: Sequence[BodyFrame], geoms: list[int], ignored: list[str]) -> dict[int, SpatialPart]:
-    """Return parts by geom; append to ``ignored`` what is left out of ``geoms``, those that may touch anything."""
+    """Return a mapping from geom to part; append to ``ignored`` what is left out of ``geoms``, which may touch."""
     parts: dict[int, SpatialPart] = {}
     for g in range(model.ngeom):
         name, note = model.geom(g).name, ""
@@ -129,9 +129,9 @@ def _parts(model: Any, poses: Sequence[BodyFrame], geoms: list[int], ignored: li
 
 
 def _shape(model: Any, g: int, kind: str, pose: BodyFrame) -> tuple[Shape, str]:
-    """Return a geom in the frame of its body, and what of it is left out.
+    """Return the shape of a geom in the frame of its body, and a note on what is left out, "" for nothing.
 
-    Raises ``ValueError`` where no shape is like it, with the reason.
+    Raises ``ValueError`` with the reason if there is no such shape.
     """
     size, middle = model.geom_size[g], exact(pose.place)
     R, radius = pose.turn.as_matrix(), float(size[0])
@@ -153,7 +153,7 @@ def _shape(model: Any, g: int, kind: str, pose: BodyFrame) -> tuple[Shape, str]:
 
 
 def _hull(model: Any, g: int, pose: BodyFrame) -> tuple[Hull, str]:
-    """Return the corners that MuJoCo keeps of a mesh's hull, and how deep inside of it they are."""
+    """Return the hull of the corners that MuJoCo keeps of a mesh, and a note on how far it is inside the mesh."""
     mesh = int(model.geom_dataid[g])
     first, many = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
     corners = model.mesh_vert[first : first + many].astype(float)
@@ -170,10 +170,10 @@ def _hull(model: Any, g: int, pose: BodyFrame) -> tuple[Hull, str]:
 
 
 def pairs_of(model: Any) -> dict[tuple[int, int], float]:
-    """Return pairs of geoms that may touch, with Coulomb's coefficient, 0 where they only push.
+    """Return a mapping from pairs of geoms that may touch to Coulomb's coefficient, 0 without friction.
 
-    Those that the file names, and those that their bits let touch: of bodies that are neither
-    excluded nor fixed to each other, nor parent and child.
+    Pairs are those that the file names, and those that contype and conaffinity allow, unless their
+    bodies are excluded, fixed to each other, or parent and child.
     """
     if model.opt.disableflags & CONTACT_DISABLED:
         return {}

@@ -1,4 +1,4 @@
-"""Masses and inertias of a compiled file, checked body by body against the file's own numbers."""
+"""Check of the masses and inertias of a compiled file, body by body, against the file's own numbers."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 INERTIA_TOLERANCE = 1e-6
-"""Relative difference [1] that the compiler's decomposition of an inertia may leave."""
+"""Maximum relative difference [1], which may come from the compiler's decomposition of an inertia."""
 _ADJUSTMENTS = ("boundmass", "boundinertia", "balanceinertia", "settotalmass")
-"""Settings by which a file tells MuJoCo to change its masses and inertias, where positive."""
+"""Settings of a file with which, if they are positive, MuJoCo changes masses and inertias."""
 
 Moments = tuple[float, np.ndarray, np.ndarray]
 """Mass [kg], centre (3,) [m] and inertia about it (3, 3) [kg m²] in the axes of the body."""
 
 
 def check_inertias(model: Any, spec: Any, urdf: Element | None) -> None:
-    """Raise ``ValueError`` where ``model`` has another mass, centre or inertia than the file.
+    """Raise ``ValueError`` if a body of ``model`` has another mass, centre or inertia than in the file.
 
-    Expected are the numbers of ``<inertial>``, of the elements of a URDF or of ``spec`` before it
-    was compiled, and ``R I R'`` where that frame is turned by R; without one the closed forms of
-    solid geoms of their density. Not checked are bodies with meshes or shells in place of
-    ``<inertial>``, bodies whose frame MuJoCo aligns, and files that let it adjust inertias.
+    The file's numbers are those of ``<inertial>``, from the URDF or from ``spec`` before compilation,
+    with ``R I R'`` for a frame turned by R; without it they are the closed forms for solid geoms.
+    Bodies with meshes or shells and no ``<inertial>``, bodies whose frame MuJoCo aligns, and files
+    that let MuJoCo adjust inertias are not checked.
     """
     if any(getattr(spec.compiler, name, 0) > 0 for name in _ADJUSTMENTS):
         return
@@ -49,8 +49,8 @@ def check_inertias(model: Any, spec: Any, urdf: Element | None) -> None:
 
 
 def _compare(name: str, expected: Moments, compiled: Moments) -> None:
-    """Raise ``ValueError`` where two bodies differ by more than rounding."""
-    # What has no mass has its centre anywhere.
+    """Raise ``ValueError`` if mass, centre or inertia of a body differ by more than rounding errors."""
+    # The centre of a body without mass is arbitrary.
     length = np.sqrt(np.trace(expected[2]) / expected[0]) if expected[0] else np.inf
     sizes = expected[0], max(length, float(np.abs(expected[1]).max())), np.trace(expected[2])
     for quantity, a, b, size in zip(("mass", "centre", "inertia"), expected, compiled, sizes, strict=True):
@@ -86,7 +86,7 @@ def _of_mjcf(body: Any, spec: Any) -> Moments:
 
 
 def _of_geoms(model: Any, body: Any, groups: Any) -> Moments | None:
-    """Return the sum over the geoms of a body; None where a mesh or a shell is among them."""
+    """Return mass, centre and inertia of all geoms of a body; None if a mesh or a shell is among them."""
     solids = list[Moments]()
     for geom in body.geoms:
         if not groups[0] <= geom.group <= groups[1] or geom.mass == 0 or geom.density == 0:
@@ -106,7 +106,7 @@ def _of_geoms(model: Any, body: Any, groups: Any) -> Moments | None:
 
 
 def combined(solids: Sequence[Moments]) -> Moments:
-    """Return mass, centre and inertia of several solids as one; no mass has its centre at the origin."""
+    """Return mass, centre and inertia of several solids as one; without mass the centre is the origin."""
     total = sum(mass for mass, *_ in solids)
     centre = sum((mass * place for mass, place, _ in solids), np.zeros(3)) / (total or 1)
     inertia = np.zeros((3, 3))
@@ -117,7 +117,7 @@ def combined(solids: Sequence[Moments]) -> Moments:
 
 
 def _solid(kind: str, a: float, b: float, c: float) -> tuple[float, list[float]] | None:
-    """Return volume [m³] and moments (3,) [m²] of 1 kg of a solid with MuJoCo's sizes; None if unknown."""
+    """Return volume [m³] and moments of inertia per mass (3,) [m²] of a solid with MuJoCo's sizes, or None."""
     if kind == "sphere":
         kind, b, c = "ellipsoid", a, a
     if kind in ("ellipsoid", "box"):
@@ -133,6 +133,6 @@ def _solid(kind: str, a: float, b: float, c: float) -> tuple[float, list[float]]
 
 
 def _turned(turn: Rotation, six: Any) -> np.ndarray:
-    """Return ``R I R'`` of moments (xx, yy, zz, xy, xz, yz) in a frame that is turned by R."""
+    """Return ``R I R'`` (3, 3) for the inertia (xx, yy, zz, xy, xz, yz) in a frame that is turned by R."""
     R, (xx, yy, zz, xy, xz, yz) = turn.as_matrix(), six
     return R @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ R.T

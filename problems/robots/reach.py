@@ -1,4 +1,4 @@
-"""Pairs of geoms of a compiled file that never meet, whatever joints do within their limits."""
+"""Test of whether two geoms of a compiled file can meet at any angles within the joints' limits."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from typing import Any
 import numpy as np
 
 POSES_TRIED = 128
-"""Most poses of two geoms at which their distance is measured."""
+"""Maximum number of poses at which the distance of two geoms is measured."""
 LONGEST_DISTANCE_M = 1e4
-"""Longest distance of two geoms that is measured [m]."""
+"""Maximum distance of two geoms that is measured [m]."""
 PARALLEL_TOLERANCE = 1e-9
 """Sine of the angle between axes that count as parallel, and relative difference of equal lengths."""
 
 
 def never_collide(model: Any, data: Any, above: list[list[int]], one: int, other: int) -> bool:
-    """Return True where two geoms can never meet; False where that is not known.
+    """Return True if two geoms can never meet, False if they can or if it is not known.
 
-    ``above`` lists the joints that move each body; ``data`` is overwritten.
-    The ranges of the joints between the geoms are cut into pieces. The geoms never meet if, in the
-    middle of every piece, they are further apart than the joints can move them within the piece, or
-    if they move beside each other in parallel planes.
+    ``above`` is the result of :func:`joints_above`; ``data`` is overwritten. The ranges of the joints
+    between the geoms are divided into pieces. The geoms never meet if, in the middle of every piece,
+    they are further apart than the joints can move them within the piece, or if they move beside
+    each other in parallel planes.
     """
     mujoco, geoms = import_module("mujoco"), (one, other)
     chains = [above[model.geom_bodyid[g]] for g in geoms]
@@ -44,7 +44,7 @@ def never_collide(model: Any, data: Any, above: list[list[int]], one: int, other
         reach = 0.0
         for g, chain in zip(geoms, chains, strict=True):
             radius = 0.0
-            # From the last joint to the first, each moves what those before it have moved.
+            # From the last joint to the first, each joint also moves by what the previous ones have added.
             for j in chain:
                 arm = math.dist(data.xanchor[j], data.geom_xpos[g]) + model.geom_rbound[g]
                 radius += widths[j] * (1 if model.jnt_type[j] == 2 else arm + radius)
@@ -55,7 +55,7 @@ def never_collide(model: Any, data: Any, above: list[list[int]], one: int, other
 
 
 def _beside(model: Any, data: Any, joints: list[int], geoms: tuple[int, int]) -> bool:
-    """Return True where boxes around two geoms are apart along the one axis about which all joints turn."""
+    """Return whether all hinges have one axis, along which boxes around the two geoms are always apart."""
     data.qpos[:] = model.qpos0
     import_module("mujoco").mj_kinematics(model, data)
     hinges = [j for j in joints if model.jnt_type[j] == 3]
@@ -74,7 +74,7 @@ def _beside(model: Any, data: Any, joints: list[int], geoms: tuple[int, int]) ->
 
 
 def joints_above(model: Any) -> list[list[int]]:
-    """Return the joints that move each body, its own first."""
+    """Return for each body the list of the joints that move it, its own first."""
     moving: list[list[int]] = [[]]
     for body in range(1, model.nbody):
         joints = np.flatnonzero(model.jnt_bodyid == body)[::-1].tolist()
@@ -83,7 +83,7 @@ def joints_above(model: Any) -> list[list[int]]:
 
 
 def _range(model: Any, j: int) -> tuple[float, float]:
-    """Return the range of a hinge or a slide; without end for all other joints."""
+    """Return the range of a hinge or slide; without limits a whole turn for a hinge, and infinite for others."""
     if model.jnt_limited[j] and model.jnt_type[j] > 1:
         return tuple(model.jnt_range[j].tolist())
     return (-math.pi, math.pi) if model.jnt_type[j] == 3 else (-math.inf, math.inf)

@@ -1,4 +1,4 @@
-"""Robots from URDF and MJCF files: compiled by MuJoCo, then taken over as bodies in space."""
+"""Reading of robots from URDF and MJCF files, which MuJoCo compiles, as bodies in space."""
 
 from __future__ import annotations
 
@@ -28,23 +28,23 @@ from problems.robots.source import Source, read_source
 from problems.robots.unsupported import unsupported_features
 
 _SLIDE = 2
-"""MuJoCo's number of a slide; hinges have the next."""
+"""MuJoCo's number for a slide; that for a hinge is the next."""
 FINITE_FIELDS = ("body_mass", "body_inertia", "body_ipos", "geom_size", "dof_armature")
 """Arrays of a compiled model that must be finite."""
 _TILT = 1e-5
-"""How far an axis may be off the plane of a planar robot, or for a camera from its side."""
+"""Maximum error [1] of a joint's unit axis in a planar robot, and in one seen from the side."""
 
 
 def load(path: str | Path, *, floating: bool = False, planar: bool = False, folder: str | Path | None = None) -> Robot:
     """Read a robot from a URDF or MJCF file, all of whose numbers are in SI units.
 
-    Bodies without joints become part of their parent. A URDF stands over the ground z = 0, and each
-    of its joints with an ``effort`` has a motor whose unit is that; its root is fixed to the world
-    unless it is ``floating``, or ``planar``: free in the vertical plane in which its joints move
-    it. Nothing outside ``folder`` is opened, by default the file's own.
+    Bodies without joints become part of their parent. A URDF robot has the ground z = 0, and a motor at
+    each joint with an ``effort``, which is the unit of the input; its root is fixed to the world unless
+    it is ``floating``, or ``planar``: free in the vertical plane in which its joints move. No file
+    outside ``folder``, by default the file's own, is opened.
 
-    Raises :class:`~ocp.errors.InputError` where MuJoCo is not installed, the file is no robot, or
-    has what :class:`~dynamics.systems.space.Body` cannot express.
+    Raises :class:`~ocp.errors.InputError` if MuJoCo is not installed, or if the file is not a robot or
+    has parts that :class:`~dynamics.systems.space.Body` cannot express.
     """
     file = expand_path(path)
     try:
@@ -53,7 +53,7 @@ def load(path: str | Path, *, floating: bool = False, planar: bool = False, fold
         raise InputError("reading robot files needs the package mujoco; install 'centralpath[robots]'") from None
     source = read_source(file, None if folder is None else expand_path(folder))
     warn = mujoco.get_mju_user_warning()
-    # Its own handler writes a file into the current folder.
+    # MuJoCo's own handler writes a file to the current folder.
     mujoco.set_mju_user_warning(lambda message: None)
     try:
         with warnings.catch_warnings(action="ignore"):
@@ -96,10 +96,10 @@ def load(path: str | Path, *, floating: bool = False, planar: bool = False, fold
 
 
 def _complete(spec: Any, source: Source) -> list[str]:
-    """Give a URDF ground and friction, everything a name, and meshes hulls of few corners.
+    """Add ground and friction to a URDF, and names to all elements; limit the corners of meshes' hulls.
 
-    Links of a URDF without <inertial> have no mass, but where their own joint moves them; return
-    the names of those, whose mass is that of their shapes.
+    Return the names of links of a URDF that have a joint and no <inertial>, whose mass is that of
+    their shapes; other links without <inertial> have no mass.
     """
     spec.compiler.fusestatic = False
     estimated = [body for body in spec.bodies[1:] if source.urdf and not body.explicitinertial]
@@ -109,14 +109,14 @@ def _complete(spec: Any, source: Source) -> list[str]:
     if source.urdf:
         plane = import_module("mujoco").mjtGeom.mjGEOM_PLANE
         spec.worldbody.add_geom(name="ground", type=plane, size=[0, 0, 1])
-    # Of two geoms the one of higher priority decides: here a stated friction, and the smaller.
+    # The geom of higher priority decides: one with a stated friction, and of two the smaller.
     ranked = sorted(source.friction.items(), key=lambda item: -item[1])
     for priority, (link, friction) in enumerate(ranked, 1):
         body = spec.body(link)
         for geom in body.geoms if body else ():
             geom.friction[0], geom.priority = friction, priority
     for mesh in spec.meshes:
-        # Where the hull is what has mass it must stay whole.
+        # A hull that determines the mass must keep all corners.
         if mesh.inertia != import_module("mujoco").mjtMeshInertia.mjMESH_INERTIA_CONVEX:
             mesh.maxhullvert = MOST_CORNERS
     for kind in ("body", "joint", "actuator", "tendon", "equality", "key", "sensor"):
@@ -127,9 +127,9 @@ def _complete(spec: Any, source: Source) -> list[str]:
 
 
 def _plane_axis(model: Any, file: Path) -> np.ndarray:
-    """Return the horizontal unit vector (3,) about which all hinges turn, y where there is none.
+    """Return the horizontal unit vector (3,) about which all hinges turn, y if there are none.
 
-    Raises :class:`~ocp.errors.InputError` where a joint leaves the plane that it is normal to.
+    Raises :class:`~ocp.errors.InputError` if a joint moves out of the plane normal to it.
     """
     mujoco = import_module("mujoco")
     data = mujoco.MjData(model)
@@ -149,7 +149,7 @@ def _plane_axis(model: Any, file: Path) -> np.ndarray:
 
 
 def _free_in_plane(root: Any, axis: np.ndarray) -> None:
-    """Give the root of a robot two slides and a hinge about a horizontal ``axis`` (3,)."""
+    """Add two slides and a hinge about a horizontal ``axis`` (3,) to the root of a robot."""
     kinds = import_module("mujoco").mjtJoint
     forward = np.cross(axis, (0.0, 0.0, 1.0))
     forward *= np.sign(forward[np.abs(forward).argmax()])
@@ -159,7 +159,7 @@ def _free_in_plane(root: Any, axis: np.ndarray) -> None:
 
 
 def _name(elements: Iterable[tuple[Any, str]]) -> None:
-    """Name elements that have no name as it stands beside them, each in another way."""
+    """Give each element without a name the one paired with it, made unique."""
     listed = list(elements)
     names = {element.name for element, _ in listed}
     for element, name in listed:
@@ -171,7 +171,7 @@ def _name(elements: Iterable[tuple[Any, str]]) -> None:
 
 
 def _check(model: Any) -> None:
-    """Raise ``ValueError`` for what does not move, or overflows."""
+    """Raise ``ValueError`` for a model without joints, or with numbers that are not finite."""
     if model.njnt == 0:
         raise ValueError("no joint, so nothing moves; expected a robot")
     for name in FINITE_FIELDS:
@@ -180,7 +180,7 @@ def _check(model: Any) -> None:
 
 
 def _reason(message: str) -> str:
-    """Return the compiler's first line as the rest of a sentence, with the element that it names."""
+    """Return the first line of the compiler's message as a reason, with the element that it names."""
     lines = [line.strip() for line in message.splitlines() if line.strip()]
     text = lines[0].replace("XML ", "").replace("Error: ", "").replace("engine error: ", "")
     named = [line.split("'")[1] for line in lines if line.startswith("Element name '")]
@@ -238,14 +238,14 @@ def _robot(file: Path, model: Any, source: Source, notes: list[str]) -> Robot:
 
 
 def _equation(coupling: Coupling) -> str:
-    """Return a coupling as a sentence."""
+    """Return a sentence that states the equation of a coupling."""
     (first, unit), *others = coupling.coefficients.items()
     terms = [f"{-factor / unit:g} {name}" for name, factor in others]
     return f"Joint {first} follows: {first} = {' + '.join([*terms, f'{coupling.value / unit:g}'])}."
 
 
 def _camera(model: Any, home: np.ndarray) -> PinholeCamera:
-    """Return a camera that sees all geoms at home; from the side, where all moves in the plane of x and z."""
+    """Return a camera that shows all moving geoms at home, from the side if they move in the plane of x and z."""
     data = import_module("mujoco").MjData(model)
     data.qpos[:] = home
     import_module("mujoco").mj_kinematics(model, data)

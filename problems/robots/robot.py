@@ -1,4 +1,4 @@
-"""A robot's file as a machine and the numbers beside it."""
+"""A robot from a file: its machine, and further data for problems."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ from problems.robots.bodies import Actuator
 
 @dataclass(frozen=True, eq=False)
 class Robot:
-    """A robot of a file: its ``machine``, whose q is MuJoCo's qpos and v its qvel, and the rest.
+    """A robot from a file: its ``machine``, whose q and v are MuJoCo's qpos and qvel, and further data.
 
-    ``distances`` maps q (nq, 1) to the signed distance of every contact (nc, 1) [m].
-    ``joints`` names the file's joint of every entry of q, and ``actuators`` the motors and servos in
-    the order of inputs. ``home`` (nq,) is q of the file's keyframe ``home``, without one of its
-    joints at their references. ``friction`` has Coulomb's coefficient of every contact by name, in
-    the order of the machine's; ``grounds`` are numbers of those with level ground. ``camera`` is
-    one that sees all of the robot. ``ignored`` has a sentence for everything in the file that plays
-    no part, ``notes`` one for what could be read otherwise.
+    ``distances`` maps q (nq, 1) to the signed distance of every contact (nc, 1) [m]. ``joints`` are the
+    names of the file's joints, one for every entry of q, ``actuators`` the motors and servos in the
+    order of inputs. ``home`` (nq,) is q of the file's keyframe ``home``, or else the joints'
+    references. ``friction`` maps the name of a contact to Coulomb's coefficient, in the order of the
+    machine's contacts; ``grounds`` are indices of those with level ground. ``camera`` shows all of the
+    robot. ``ignored`` are sentences about everything in the file that has no effect, ``notes`` about
+    everything that could be read differently.
     """
 
     path: Path
@@ -45,7 +45,7 @@ class Robot:
 
     @property
     def controls(self) -> np.ndarray:
-        """The range of every input (nu, 2), infinite where there is none."""
+        """Range of every input (nu, 2), infinite if it has none."""
         return np.array([actuator.range for actuator in self.actuators]).reshape(-1, 2)
 
     @property
@@ -60,11 +60,11 @@ class Robot:
 
     @property
     def floats(self) -> bool:
-        """True where the root moves freely along z and along x or y."""
+        """Whether the root moves freely along z and along x or y."""
         return "z" in self._ways and len(self._ways) > 1
 
     def standing(self) -> np.ndarray:
-        """Return home (nq,), lifted or lowered to where a floating robot first touches the ground [m]."""
+        """Return the pose home (nq,), where a floating robot is lifted or lowered to just touch the ground."""
         pose = self.home.copy()
         if self.floats and self.grounds:
             index, sign = self._ways["z"]
@@ -72,9 +72,9 @@ class Robot:
         return pose
 
     def displaced(self, pose: np.ndarray, way: ca.SX | float) -> ca.SX:
-        """Return a pose (nq, 1) with the root ``way`` [m] further along x, or y if it has no x.
+        """Return a pose (nq, 1) with the root moved by ``way`` [m] along x, or y if it cannot move along x.
 
-        Where the root is fixed every hinge and slide is ``way`` further, up to its limit [rad, m].
+        If the root is fixed, every hinge and slide is moved by ``way`` [rad, m], up to its limit.
         """
         goal, tree = ca.SX(pose), self.machine.tree()
         if self.floats:
@@ -90,7 +90,7 @@ class Robot:
         return ties.close(tree, goal) if ties else goal
 
     def held(self, pose: np.ndarray) -> np.ndarray:
-        """Return inputs (nu,) that ask for a pose: its positions of servos, and 0 of motors."""
+        """Return inputs (nu,) that command a pose: its positions for servos, and 0 for motors."""
         tree = self.machine.tree()
         return np.array(
             [pose[tree.q_of[name]][0] if tree.bodies[name].servo is not None else 0.0 for name in tree.actuated]
@@ -98,7 +98,7 @@ class Robot:
 
     @cached_property
     def _ways(self) -> dict[str, tuple[int, float]]:
-        """Index into q and sign of what moves the root along the world's axes, unhindered."""
+        """Mapping from a world axis to index in q, and sign, of the coordinate that moves the root freely along it."""
         tree, slides, above = self.machine.tree(), {}, None
         for body in self.machine.bodies:
             if body.joint == "free":
@@ -119,11 +119,11 @@ class Robot:
         return spatial_shapes(self.machine, self.camera, state)
 
     def frames(self, state: np.ndarray, friction: float) -> list[ContactFrame]:
-        """Return place and normal of every contact, to draw its force."""
+        """Return the frame of every contact at ``state`` (q, v, ...), to draw its force."""
         return spatial_frames(self.machine, self.camera, state, friction)
 
     def document(self) -> dict[str, Any]:
-        """Return all that was read, as plain data: bodies, motors, contacts, home, and what was not read."""
+        """Return all that was read, and what was not, as plain data: bodies, coordinates, motors, contacts, notes."""
         tree = self.machine.tree()
         gaps, home = np.array(self.distances(self.home)).ravel().tolist(), self.home.tolist()
         return {

@@ -1,4 +1,4 @@
-"""The text of a robot's file, checked and complete, so that compiling it opens no file."""
+"""Reading of a robot's file to a checked text with its meshes, so that compiling it opens no file."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from problems.robots.elements import listed, unread
 from problems.robots.urdf import Mimic, children, clean, declare_world, take_friction, take_mimics
 
 MOST_BYTES = 2_000_000
-"""Largest size of a file with all that it includes [bytes]."""
+"""Maximum size of a file with all that it includes [bytes]."""
 MOST_LEVELS = 100
-"""Most levels of elements within each other."""
+"""Maximum depth of nested elements."""
 MOST_ATTRIBUTES = 200
-"""Most attributes of one element."""
+"""Maximum number of attributes of one element."""
 MOST_JOINTS = 100
-"""Most joints of a robot."""
+"""Maximum number of joints of a robot."""
 MOST_GEOMS = 1000
-"""Most geoms of a robot."""
+"""Maximum number of geoms of a robot."""
 LARGEST_NUMBER = 1e50
 """Largest number that is read; products of several such numbers stay finite."""
 TEXT_ATTRIBUTES = {"name", "class", "childclass", "model", "text", "data"}
@@ -31,16 +31,16 @@ TEXT_ATTRIBUTES = {"name", "class", "childclass", "model", "text", "data"}
 INFINITE_ATTRIBUTES = {"lower", "upper", "effort", "velocity", "range", "ctrlrange", "forcerange", "actuatorfrcrange"}
 """Attributes that may be infinite."""
 OWNING_ELEMENTS = {"body", "worldbody", "frame"}
-"""Elements of MJCF whose joints and geoms are those of the robot."""
+"""Elements of MJCF whose direct joints and geoms are part of the robot."""
 FOLDER_ATTRIBUTES = ("assetdir", "meshdir", "texturedir")
-"""Attributes of a compiler that name folders: of all files, of meshes, of textures."""
+"""Attributes of ``<compiler>`` that name the folders of all files, of meshes, and of textures."""
 MESH_SUFFIXES = {".stl", ".obj", ".msh"}
-"""Endings of the meshes that MuJoCo reads."""
+"""File extensions of the meshes that MuJoCo reads."""
 
 
 @dataclass(frozen=True)
 class Source:
-    """A robot's file as one text, with the files that it names, and what was left out of it."""
+    """A robot's file as one text, with the contents of its meshes, and with what was taken out of the text."""
 
     text: str
     urdf: bool
@@ -51,13 +51,13 @@ class Source:
 
 
 def read_source(file: Path, folder: Path | None = None) -> Source:
-    """Read a URDF or MJCF file with all that it includes from its ``folder``, by default its own.
+    """Read a URDF or MJCF file with all that it includes from ``folder``, by default the file's own.
 
-    ``friction`` has Coulomb's coefficients of a URDF's links that state one.
+    The result's ``friction`` maps links of a URDF that state Coulomb's coefficient to that.
 
-    Raises :class:`~ocp.errors.InputError` for what is no such file, for a name of a file outside
-    the folder, for more than 100 joints or 1000 geoms, and for elements that are not read and
-    without which the robot would be another.
+    Raises :class:`~ocp.errors.InputError` for other files, for the name of a file outside the
+    folder, for more than 100 joints or 1000 geoms, and for elements in
+    :data:`~problems.robots.elements.REFUSED`.
     """
     root, size = _parsed(file, 0)
     kind = root.tag.rpartition(":")[2]
@@ -73,7 +73,7 @@ def read_source(file: Path, folder: Path | None = None) -> Source:
         raise InputError(f"{file}: <{kind}> is neither a URDF (<robot>) nor an MJCF (<mujoco>) file{hint}")
     place = Place(file, (folder or file.parent).resolve())
     urdf, read_files = root.tag == "robot", {file.resolve()}
-    # Step by step, as what is included may include more.
+    # One at a time, since an included file may include others.
     while not urdf and (pair := next(children(root, {"include"}), None)):
         parent, child = pair
         name = child.get("file", "")
@@ -105,7 +105,7 @@ def read_source(file: Path, folder: Path | None = None) -> Source:
 
 
 def _parsed(file: Path, size: int) -> tuple[Element, int]:
-    """Return a file's root, and ``size`` of the files before it with its own [bytes]."""
+    """Return the root of a file, and the ``size`` of the files read before plus its own [bytes]."""
     if not file.is_file():
         kind = "is not a regular file" if file.exists() else "there is no such file"
         raise InputError(f"{file}: {kind}; expected a robot as URDF or MJCF")
@@ -125,7 +125,7 @@ def _parsed(file: Path, size: int) -> tuple[Element, int]:
 
 
 def _tree(text: str) -> Element:
-    """Parse XML; prefixes of names stay as they are, declared or not."""
+    """Parse XML; namespace prefixes, declared or not, stay in the names."""
     builder, parser = ElementTree.TreeBuilder(), expat.ParserCreate()
     parser.StartElementHandler = builder.start
     parser.EndElementHandler = builder.end
@@ -136,13 +136,13 @@ def _tree(text: str) -> Element:
 
 @dataclass(frozen=True)
 class Place:
-    """A robot's ``file``, and the ``folder`` out of which nothing is opened."""
+    """A robot's ``file``, and the ``folder`` outside which no file is opened."""
 
     file: Path
     folder: Path
 
     def resolve(self, name: str, tag: str) -> Path:
-        """Return the path of a file that is named relative to the robot's file, with links resolved.
+        """Return the absolute path of a file that is named relative to the robot's file, with links resolved.
 
         Raises :class:`~ocp.errors.InputError` for a path outside the folder.
         """
@@ -155,7 +155,7 @@ class Place:
         return path
 
     def existing(self, name: str) -> Path | None:
-        """Return where a file lies, None without one in the folder."""
+        """Return the absolute path of a file, None if there is no such file in the folder."""
         try:
             path = self.resolve(name, "mesh")
         except InputError:
@@ -163,7 +163,7 @@ class Place:
         return path if _there(path) else None
 
     def find(self, name: str, tag: str) -> Path:
-        """Return where a file lies; raise :class:`~ocp.errors.InputError` if it does not exist."""
+        """Return the absolute path of a file; raise :class:`~ocp.errors.InputError` if it does not exist."""
         path = self.resolve(name, tag)
         if not _there(path):
             raise InputError(f"{self.file}: file {abbreviated(name)} of <{tag}> is not in its folder")
@@ -171,7 +171,7 @@ class Place:
 
 
 def _check_size(root: Element, file: Path) -> None:
-    """Refuse more joints, geoms, levels or attributes than are read, before any work."""
+    """Raise :class:`~ocp.errors.InputError` for too many joints, geoms, levels or attributes."""
     level, depth = [root], 0
     while level:
         level, depth = [child for element in level for child in element], depth + 1
@@ -197,7 +197,7 @@ def _check_size(root: Element, file: Path) -> None:
 
 
 def _check(root: Element, place: Place) -> None:
-    """Refuse files outside the folder, and numbers that no robot has."""
+    """Raise :class:`~ocp.errors.InputError` for files outside the folder, and for numbers out of range."""
     for element in root.iter():
         for name, value in element.attrib.items():
             if name == "file" or name in FOLDER_ATTRIBUTES[:2]:
@@ -207,7 +207,7 @@ def _check(root: Element, place: Place) -> None:
 
 
 def _out_of_range(name: str, value: str) -> str:
-    """Return what is wrong with the numbers of an attribute, "" where nothing is."""
+    """Return why a number of an attribute is rejected, as a part of a sentence; "" if none is."""
     for word in value.split():
         try:
             number = float(word)
@@ -223,19 +223,19 @@ def _out_of_range(name: str, value: str) -> str:
 
 
 def _strip_mjcf(root: Element) -> None:
-    """Remove the names of files of pictures and heights."""
+    """Remove references to materials, and to files of height fields."""
     for element in root.iter():
         element.attrib.pop("material", None)
     for field in root.iter("hfield"):
-        # It stays flat, and touches nothing.
+        # A height field stays flat, and has no contacts.
         field.attrib.pop("file", None)
         field.attrib |= {"nrow": "2", "ncol": "2"}
 
 
 def _take_meshes(root: Element, place: Place, ignored: list[str]) -> dict[str, bytes]:
-    """Return the contents of all meshes under names without a folder.
+    """Rename all meshes in ``root`` to names without a folder; return a mapping from these to the contents.
 
-    A URDF does without those that are outside the folder, or of another kind.
+    Meshes of a URDF that are outside the folder, or of another format, are removed.
     """
     urdf, folder = root.tag == "robot", ""
     assets, lost = dict[str, bytes](), dict[str, None]()
@@ -247,7 +247,7 @@ def _take_meshes(root: Element, place: Place, ignored: list[str]) -> dict[str, b
     bases = [one for one in place.file.resolve().parents if one.is_relative_to(place.folder)]
     for mesh in [one for one in root.iter("mesh") if one.get(key)]:
         name = mesh.attrib[key]
-        # The first folders may be a package's, or those of another computer.
+        # The first folders of the name may be those of a package, or of another computer.
         path_parts = Path(name.rpartition("://")[2].lstrip("/") if urdf else name).parts
         places = [str(base / Path(folder, *path_parts[k:])) for base in bases for k in range(len(path_parts))]
         content = next(filter(None, map(place.existing, places)), None)
@@ -270,7 +270,7 @@ def _take_meshes(root: Element, place: Place, ignored: list[str]) -> dict[str, b
 
 
 def _there(file: Path) -> bool:
-    """Return whether a file exists; a name that is too long for one is no error."""
+    """Return whether a file exists; False also for a name that is too long."""
     try:
         return file.is_file()
     except OSError:

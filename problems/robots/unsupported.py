@@ -1,4 +1,4 @@
-"""Elements of a compiled file that have no effect, since this kind of joint or motor has none."""
+"""Elements of a compiled file that have no effect here, such as springs of ball joints."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from problems.robots.elements import listed
 
 
 def unsupported_features(model: Any, geoms: Iterable[int]) -> list[str]:
-    """Return a sentence about everything that plays no part: its name, and what holds instead.
+    """Return sentences that name everything without effect, and say what holds instead.
 
-    Of geoms those count that may touch anything.
+    ``geoms`` are the numbers of the geoms that may touch.
     """
     sentences = list[str]()
     for prefix, kind, which, instead in _unsupported_elements(model):
@@ -28,7 +28,7 @@ def unsupported_features(model: Any, geoms: Iterable[int]) -> list[str]:
 
 
 def _unsupported_elements(model: Any) -> Iterator[tuple[str, str, list[int], str]]:
-    """Yield the feature, the kind of element, those that have it, and what holds instead."""
+    """Yield the feature, the kind of element, the numbers of those that have it, and what holds instead."""
     single = np.flatnonzero(model.jnt_type < 2).tolist()
     for feature, has in (
         ("armature", model.dof_armature[model.jnt_dofadr]),

@@ -1,4 +1,4 @@
-"""Statements of URDF files in their own ways: the world, friction, joints that follow, dummies."""
+"""Conversion of parts of URDF files that MuJoCo does not read: the world, friction, mimic joints, dummy links."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from problems.robots.elements import listed
 FRICTION_TAGS = {"lateral_friction", "mu", "mu1", "mu2"}
 """Elements of a URDF that state a coefficient of friction."""
 FRICTION_HOLDERS = {"contact", "gazebo", "surface", "friction", "ode"}
-"""Elements of a URDF that friction may stand in."""
+"""Elements of a URDF that may contain those of friction."""
 MOMENTS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 """Attributes of a link's inertia: moments, then products."""
 DUMMY_MASS_KG = 1e-3
-"""Mass below which a link has one only because a program wants it [kg]."""
+"""Mass below which a link counts as a dummy, without a mass that is meant physically [kg]."""
 SINGULAR_INERTIA = 1e-9
-"""Least principal moment of an inertia, as a share of the largest, that a body may have."""
+"""Minimum principal moment of a valid inertia, as a share of the largest."""
 
 
 @dataclass(frozen=True)
 class Mimic:
     """A joint of a URDF that follows another: ``q = multiplier * q[leader] + offset``.
 
-    Without a ``leader`` it stays at its offset.
+    If ``leader`` is "", the joint stays at its offset.
     """
 
     joint: str
@@ -39,12 +39,12 @@ class Mimic:
 
 
 def children(root: Element, tags: set[str]) -> Iterator[tuple[Element, Element]]:
-    """Yield elements of some ``tags``, each behind its parent."""
+    """Yield pairs of a parent and an element whose tag is in ``tags``."""
     return ((parent, child) for parent in root.iter() for child in parent if child.tag in tags)
 
 
 def declare_world(root: Element) -> None:
-    """Add the link ``world`` of a URDF whose joints hang on it without declaring it."""
+    """Add the link ``world`` to a URDF whose joints name it as parent without declaring it."""
     links = {link.get("name") for link in root.iterfind("link")}
     parents = {parent.get("link") for parent in root.iterfind("joint/parent")}
     if "world" in parents - links:
@@ -52,9 +52,9 @@ def declare_world(root: Element) -> None:
 
 
 def take_friction(root: Element, file: Path, told: list[str]) -> dict[str, float]:
-    """Return the friction that links of a URDF state, and take it out; of several the smallest.
+    """Remove friction from the links of a URDF; return a mapping from link to coefficient, of several the smallest.
 
-    Raises :class:`~ocp.errors.InputError` for one that depends on the direction, or is negative.
+    Raises :class:`~ocp.errors.InputError` for a coefficient that depends on the direction, or is negative.
     """
     stated: dict[str, dict[float, None]] = {}
     links = [(link, link.get("name", "")) for link in root.iterfind("link")]
@@ -78,7 +78,7 @@ def take_friction(root: Element, file: Path, told: list[str]) -> dict[str, float
         if len(values) > 1:
             told.append(f"friction {max(values):g} of link {name}: the smaller {min(values):g} is")
             told[-1] += " used"
-    # What held nothing else is read as a whole.
+    # Elements that contained only friction have been read completely.
     while empty := [pair for pair in children(root, FRICTION_HOLDERS) if _is_empty(pair[1])]:
         for parent, child in empty:
             parent.remove(child)
@@ -90,9 +90,9 @@ def _is_empty(element: Element) -> bool:
 
 
 def take_mimics(root: Element, file: Path) -> list[Mimic]:
-    """Return the joints of a URDF that follow another, and take that out.
+    """Remove ``<mimic>`` from the joints of a URDF, and return which joints follow another.
 
-    What follows a joint that is fixed stays at its offset, and what is fixed follows none.
+    A joint that follows a fixed one stays at its offset; fixed joints follow none.
     """
     mimics = list[Mimic]()
     kinds = {joint.get("name"): joint.get("type") for joint in root.iterfind("joint")}
@@ -114,7 +114,7 @@ def take_mimics(root: Element, file: Path) -> list[Mimic]:
 
 
 def clean(root: Element) -> list[str]:
-    """Remove inertias that no body has, and bounds that are infinite; return sentences about them."""
+    """Remove products of inertia that no body can have, and infinite limits; return sentences about them."""
     sentences = []
     odd = [link.get("name", "") for link in root.iter("link") if _mended(link)]
     if odd:
@@ -141,7 +141,7 @@ def _infinite(value: str | None) -> bool:
 
 
 def _mended(link: Element) -> bool:
-    """Return True for a dummy whose products of inertia no body has, after removing these."""
+    """Set products of inertia that no body can have to zero in a dummy link; return whether it has any."""
     mass, inertia = link.find("inertial/mass"), link.find("inertial/inertia")
     if mass is None or inertia is None:
         return False

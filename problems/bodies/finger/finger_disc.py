@@ -1,4 +1,4 @@
-"""A finger that turns a disc to an angle from where it touches it."""
+"""A finger that turns a disc to an angle, starting in contact with it."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ golden = {"exact": Golden(1.6414158127, tried=24)}
 
 
 class Params(FingerParams):
-    """Parameters of ``finger-disc``; weights are near those of the source."""
+    """Parameters of ``finger-disc``; the default weights are near those of the source."""
 
     m: float = quantity(0.5, "kg", "mass of either link, centred in its middle", above=0)
     damping: float = quantity(0.0, "N m s/rad", "damping of either joint", least=0)
@@ -62,19 +62,19 @@ class Params(FingerParams):
 
 
 def _start(p: ParameterTable) -> ca.SX:
-    """Return shoulder and elbow (2, 1) [rad] at which the tip touches the disc from the left."""
+    """Return the angles (2, 1) [rad] of shoulder and elbow at which the tip touches the disc from the left."""
     x, z, a, b = p["x"] - p["R"] - p["r"], p["z"], p["length"], p["length"] - p["r"]
     elbow = ca.acos((x**2 + z**2 - a**2 - b**2) / (2 * a * b))
     return ca.vertcat(ca.atan2(x, z) - ca.atan2(b * ca.sin(elbow), a + b * ca.cos(elbow)), elbow)
 
 
 def build(params: Params) -> Problem:
-    """Steps (finger-disc.1) with contact (finger-disc.2) from (finger-disc.3), cost (finger-disc.5)
-    of the tracking error (finger-disc.4); state (q, v), impulses lam [N s].
+    """Return the problem with steps (finger-disc.1), contact (finger-disc.2) and cost (finger-disc.5).
 
-    Impacts are plastic. The source's controller starts away from the disc, keeps the tip left of
-    1.4 m by a penalty and has torques up to 15 N m; its weights of the joints' way are 0.5 and 0.1,
-    at the end 1, as is there that of the disc's velocity.
+    The start is (finger-disc.3), the tracking error (finger-disc.4), the state (q, v); lam are
+    impulses [N s]. Impacts are plastic. The source's controller starts away from the disc, keeps the
+    tip left of 1.4 m by a penalty, and has torques up to 15 N m; its weights of the joints' error are
+    0.5 and 0.1, and 1 at the end, as for the disc's velocity there.
     """
     p = table(params)
     system = finger_system(name, p)

@@ -18,13 +18,13 @@ M(q) (v^+ - v) = h (u - b(q, v) - D v^+) + J_n^top gamma + J_t^top (beta^+ - bet
   0 <= beta^plus.minus perp psi plus.minus h J_t v^+ >= 0, quad
   0 <= psi perp f gamma - beta^+ - beta^- >= 0
 """
-"""Equations of the finger and the disc."""
+"""Equations of the finger and the disc, in typst's mathematics."""
 LINK_RADIUS = 0.03
 """Radius of the links in the picture [m]."""
 
 
 class FingerParams(Parameters):
-    """The finger at the origin and the disc on its pin."""
+    """Parameters of a finger at the origin and a disc on its pin."""
 
     length: float = quantity(1.0, "m", "length of either link", above=0)
     m: float = quantity(1.0, "kg", "mass of either link, centred in its middle", above=0)
@@ -42,10 +42,10 @@ class FingerParams(Parameters):
 
 
 def finger_system(name: str, p: ParameterTable) -> ContactSystem:
-    """Return the step of shoulder, elbow and disc, torques [N m] at both joints of the finger.
+    """Return the contact system of shoulder, elbow and disc, with torques [N m] at the finger's joints.
 
-    Angles count clockwise from straight up, state (q, v); the centre of the fingertip lies ``r``
-    before the end of the second link, and nothing else of the finger touches. The disc is balanced
+    The state is (q, v), with angles clockwise from straight up. The centre of the fingertip is ``r``
+    before the end of the second link; no other part of the finger has contacts. The disc is balanced
     on its pin.
     """
     p, friction = friction_of(p)
@@ -55,7 +55,7 @@ def finger_system(name: str, p: ParameterTable) -> ContactSystem:
         (
             Link("shoulder", None, **link),
             Link("elbow", "shoulder", anchor=(0.0, length), **link),
-            # Balanced on its pin, the disc turns whatever its mass.
+            # The disc is balanced on its pin, so that its mass has no effect.
             Link("disc", None, 1.0, p["disc_inertia"], anchor=(p["x"], p["z"]), damping=p["disc_damping"]),
         ),
         (),
@@ -67,7 +67,7 @@ def finger_system(name: str, p: ParameterTable) -> ContactSystem:
 
 
 def finger_shapes(params: FingerParams, state: np.ndarray, goal: float) -> list[Shape]:
-    """Draw links, tip, and the disc with a radius that turns; another is the goal's [rad]."""
+    """Draw links, tip, and the disc with one radius at its angle and one at the angle ``goal`` [rad]."""
     (x, z), elbow, tip = (params.x, params.z), *_places(params, state)
     disc = Circle(x, z, params.R)
 
@@ -85,7 +85,7 @@ def finger_shapes(params: FingerParams, state: np.ndarray, goal: float) -> list[
 
 
 def finger_frames(params: FingerParams, state: np.ndarray) -> list[ContactFrame]:
-    """Return the frame of the tip, which pushes the disc from where its rim is nearest."""
+    """Return the contact frame at the tip's point nearest to the disc, with the normal into the disc."""
     tip = np.array(_places(params, state)[1])
     to_disc = np.array([params.x, params.z]) - tip
     nx, nz = (float(v) for v in to_disc / np.linalg.norm(to_disc))
@@ -94,7 +94,7 @@ def finger_frames(params: FingerParams, state: np.ndarray) -> list[ContactFrame]
 
 
 def _places(params: FingerParams, state: np.ndarray) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return the elbow, and the centre of the fingertip."""
+    """Return the positions of the elbow and of the centre of the fingertip [m]."""
     upper, fore = float(state[0]), float(state[0] + state[1])
     a, b = params.length, params.length - params.r
     elbow = a * math.sin(upper), a * math.cos(upper)

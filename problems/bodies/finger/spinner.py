@@ -28,7 +28,7 @@ golden = {"exact": Golden(8.3918095564, tried=44, note="other minima: 8.3963802,
 
 
 class Params(FingerParams):
-    """Parameters of ``spinner``, the source's."""
+    """Parameters of ``spinner``, with the source's values as defaults."""
 
     N: int = structure(40, "number of steps", least=1)
     shoulder0: float = quantity(0.3, "rad", "start and goal of the shoulder")
@@ -43,12 +43,12 @@ class Params(FingerParams):
 
 
 def build(params: Params) -> Problem:
-    """Steps (spinner.1) with contact (spinner.2) and a nominal that runs (spinner.3), cost
-    (spinner.4); state (q, v, nominal), impulses lam [N s].
+    """Return the problem with steps (spinner.1), contact (spinner.2), nominal (spinner.3) and cost (spinner.4).
 
-    The nominal begins at the disc's angle, zero, and is a state, so that a closed loop has it
-    too; there ``lead`` takes it back to the disc's present angle. Contact is rigid, where the
-    source has stiff springs; nothing drives the disc, where it penalises a force.
+    The state is (q, v, nominal); lam are impulses [N s]. The nominal angle starts at the disc's,
+    zero, and is a state, so that it continues in a closed loop, where ``lead`` moves it to the disc's
+    present angle. Contact is rigid, but stiff springs in the source; the disc has no motor, but a
+    penalised one in the source.
     """
     p = table(params)
     system = with_nominal(finger_system(name, p), p["rate"], Signal("nominal", "rad", "nominal angle of the disc"))

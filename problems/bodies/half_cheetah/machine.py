@@ -1,7 +1,7 @@
 """The half-cheetah: a torso on a hind and a fore leg of three links each.
 
-From the table of Dojo's halfcheetah.urdf and its environment (Howell et al., Dojo, 2022), decoded
-in the plane.
+The values are from Dojo's halfcheetah.urdf and its environment (Howell et al., Dojo, 2022), reduced
+to the plane.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from problems.machines.machine import PublishedMachine
 SPHERE_RADIUS = 0.046
 """Radius of all spheres [m]."""
 
-# name, parent, mass, inertia, centre of mass and tip below the joint, anchor, offset, limits,
-# spring, gear
+# Columns: name, parent, mass, inertia, centre of mass and tip relative to the joint along z, anchor,
+# offset, limits, spring, gear.
 _LEGS = (
     ("bthigh", "torso", 1.5352, 0.01525, -0.145, -0.290, (-0.5, 0.0), -0.658, (-0.52, 1.05), 240.0, 120.0),
     ("bshin", "bthigh", 1.5809, 0.01660, -0.145, -0.290, (0.0, -0.290), 1.7, (-0.785, 0.785), 180.0, 90.0),
@@ -28,11 +28,11 @@ _LEGS = (
 def half_cheetah(
     *, base_damping: Number = 0.0, spring_scale: Number = 1.0, damping: Number = 1.0, limits: bool = True
 ) -> PublishedMachine:
-    """Return the half-cheetah of adaptive barrier smoothing, sec. 7: 9 coordinates, 6 motors, 14.000 kg.
+    """Return the half-cheetah of Zhang et al. (2023), sec. 7: 9 coordinates, 6 motors, 14.000 kg.
 
     ``spring_scale`` multiplies the springs of the six joints (60 to 240 N m/rad), ``damping``
-    [N m s/rad] acts in each. ``base_damping`` drags x, z and angle of the torso [N s/m,
-    N m s/rad]; the source has none. One unit of input is 30 to 120 N m, meant to stay within
+    [N m s/rad] acts in each. ``base_damping`` acts on x, z and angle of the torso [N s/m,
+    N m s/rad]; the source has none. One unit of input is 30 to 120 N m; inputs are meant to be in
     [-1, 1], which the source does not enforce. At ``pose`` both feet touch the ground.
     """
     torso = Link("torso", None, 6.36031, 0.8835, joint="free", damping=base_damping)

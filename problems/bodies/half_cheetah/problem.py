@@ -1,4 +1,4 @@
-"""The half-cheetah: run in a periodic gait at a given mean speed."""
+"""Problem of the half-cheetah: run in a periodic gait at a given mean speed."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ SPHERES = {
     "all": ("fore end", "hind end", "head", *(f"{end}{link}" for end in "bf" for link in ("thigh", "shin", "foot"))),
     "feet": ("bfoot", "ffoot"),
 }
-"""Spheres that may touch the ground, by the words of the parameter ``spheres``."""
+"""Mapping from a value of the parameter ``spheres`` to the spheres that can touch the ground."""
 
 golden = {
     "exact": Golden(
@@ -50,7 +50,7 @@ golden = {
     "barrier mu=1e-3": smoothed(0.0402715748, tried=1),
 }
 MACHINE = half_cheetah()
-"""The machine at its defaults, as it is drawn."""
+"""The machine with default parameters, for drawings."""
 
 
 class Params(Parameters):
@@ -81,7 +81,7 @@ class Params(Parameters):
 
 
 def build(params: Params) -> Problem:
-    """Steps (half-cheetah.1) with contacts (half-cheetah.5); state (q, v, h), lam in N s."""
+    """Return the problem with steps (half-cheetah.1), contacts (half-cheetah.5); state (q, v, h), lam in N s."""
     p, friction = friction_of(table(params))
     step = ca.SX.sym("h")
     machine = half_cheetah(base_damping=p["base_damping"], damping=p["damping"], limits=bool(params.limits))
@@ -115,7 +115,7 @@ def build(params: Params) -> Problem:
 
 
 def _glide(problem: Problem, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return a guess that slides along in the standing pose."""
+    """Return a guess that slides forward in the standing pose, at the speed of the start."""
     N, nx = problem.N, problem.system.nx
     start = problem.initial_states(p)[0]
     X = np.tile(start, (N + 1, 1))
@@ -124,10 +124,10 @@ def _glide(problem: Problem, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def draw(params: Any, state: np.ndarray) -> list[Shape]:
-    """Draw links and the ground."""
+    """Draw links, spheres and the ground."""
     return machine_shapes(MACHINE, state)
 
 
 def frames(params: Any, state: np.ndarray) -> list[ContactFrame]:
-    """Return the frame of each sphere on the ground, and none of joint limits."""
+    """Return the contact frame of each sphere on the ground; joint limits have none."""
     return machine_frames(MACHINE, state, SPHERES[params.spheres], params.friction)

@@ -1,4 +1,4 @@
-"""The half-cheetah's task: run."""
+"""Task of the half-cheetah for training policies: run."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ q_0 = q_"standing" + (0, 0.25 "m", 0, dots) + 0.1 xi, quad v_0 = 0.1 xi', quad
 "seen: all but" x; quad abs(u) <= 1 "(the source means it and does not enforce it)"
 """
 LARGEST_STATE = float(np.finfo(float).max)
-"""An episode ends at an entry of the state above it: one that is not finite."""
+"""Size of a state's entry above which an episode ends: the largest finite float."""
 
 
 class CheetahDynamics(Parameters):
@@ -43,7 +43,7 @@ class CheetahDynamics(Parameters):
 
 
 class Params(with_weights(CheetahDynamics, problem.MACHINE)):
-    """Parameters of ``half-cheetah``; masses and inertias are symbols, to be learned."""
+    """Parameters of ``half-cheetah``; masses and inertias are symbols, so that they can be learned."""
 
     spheres: str = choice(("all", "legs", "feet"), "which parts may touch: all nine, shins and feet, or the feet")
     cone: Cone = choice(("linearised", "second-order"), "friction's cone: beta± and psi, or its eigenvalues")
@@ -51,7 +51,7 @@ class Params(with_weights(CheetahDynamics, problem.MACHINE)):
 
 
 def build(params: Params) -> Task:
-    """Build the task; the state is (q, v), the reward [1] adds a speed [m/s] to numbers."""
+    """Build the task; the state is (q, v), and the reward [1] is the speed in m/s minus a cost of the inputs."""
     spheres = problem.SPHERES[params.spheres]
     system, common = built(name, params, half_cheetah, "spring_scale", spheres)
     x, nq = system.x, system.nx // 2

@@ -1,7 +1,7 @@
 """The planar hopper: torso, thigh, leg and foot, standing upright at q = 0.
 
-From the table of Dojo's hopper_good.urdf and its environment (Howell et al., Dojo, 2022), decoded
-in the plane.
+The values are from Dojo's hopper_good.urdf and its environment (Howell et al., Dojo, 2022), reduced
+to the plane.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from problems.machines.machine import PublishedMachine
 def hopper(
     *, base_damping: Number = 0.0, spring: Number = 10.0, damping: Number = 1.0, limits: bool = False
 ) -> PublishedMachine:
-    """Return the hopper of adaptive barrier smoothing, sec. 7: 6 coordinates, 3 motors, 15.265 kg.
+    """Return the hopper of Zhang et al. (2023), sec. 7: 6 coordinates, 3 motors, 15.265 kg.
 
-    ``spring`` [N m/rad] and ``damping`` [N m s/rad] act in the three joints, ``limits`` are those
-    of the source's later version, where it first had any. ``base_damping`` drags x, z and angle
-    of the torso [N s/m, N m s/rad]; the source's parser sets it to 50, which no hopper has.
-    One unit of input is 200 N m. Thigh and leg carry a sphere at their upper ends only.
+    ``spring`` [N m/rad] and ``damping`` [N m s/rad] act in the three joints; ``limits`` are those of
+    the source's later version, since the first has none. ``base_damping`` acts on x, z and angle of
+    the torso [N s/m, N m s/rad]; the source's parser sets it to 50, which is not physical. One unit
+    of input is 200 N m. Thigh and leg have a sphere at their upper ends only.
     """
     joint = {"spring": spring, "damping": damping, "gear": 200.0}
     knee = (0.0, pi * 150 / 180) if limits else None

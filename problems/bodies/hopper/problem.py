@@ -1,4 +1,4 @@
-"""A one-legged planar hopper: hop forward and land at rest."""
+"""Problem of a one-legged planar hopper: hop forward and land at rest."""
 
 from __future__ import annotations
 
@@ -38,15 +38,15 @@ golden = {
     "barrier mu=1e-3": smoothed(0.0514836513, tried=1),
 }
 MACHINE = hopper()
-"""The machine at its defaults, as it is drawn."""
+"""The machine with default parameters, for drawings."""
 STANDING_HEIGHT = 1.21
-"""Height of the torso at the end [m]: the hopper stands upright."""
+"""Height of the torso [m] of the hopper standing upright, as at the goal."""
 SPHERES = {
     "outer": ("torso", "leg", "toe", "heel"),
     "all": ("torso", "thigh", "leg", "toe", "heel"),
     "foot": ("toe", "heel"),
 }
-"""Spheres that may touch the ground, by the words of the parameter ``spheres``."""
+"""Mapping from a value of the parameter ``spheres`` to the spheres that can touch the ground."""
 
 
 class Params(Parameters):
@@ -82,7 +82,7 @@ class Params(Parameters):
 
 
 def build(params: Params) -> Problem:
-    """Steps (hopper.1) with contacts (hopper.5); state (q, v), impulses lam [N s]."""
+    """Return the problem with steps (hopper.1) and contacts (hopper.5); the state is (q, v), lam in N s."""
     p, friction = friction_of(table(params))
     machine = hopper(
         base_damping=p["base_damping"], spring=p["spring"], damping=p["damping"], limits=bool(params.limits)
@@ -125,5 +125,5 @@ def draw(params: Params, state: np.ndarray) -> list[Shape]:
 
 
 def frames(params: Any, state: np.ndarray) -> list[ContactFrame]:
-    """Return the frames of the spheres on the ground."""
+    """Return the contact frames of the spheres on the ground."""
     return machine_frames(MACHINE, state, SPHERES[params.spheres], params.friction)

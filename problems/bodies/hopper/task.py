@@ -1,4 +1,4 @@
-"""The hopper's task: run without falling."""
+"""Task of the hopper for training policies: run without falling."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ citation = Citation("zhang2023adaptive", "Adaptive barrier smoothing, sec. 7; re
 axes, frames = problem.axes, problem.frames
 learner = "ars"
 training = {
-    # A hundredth of the largest torque turns the torso past its end in a few steps.
+    # A hundredth of the largest torque tilts the torso so far in a few steps that the episode ends.
     "all": {"rest": (0.0, 1.21, *[0.0] * 10), "sigma": 3e-3, "rate": 1e-3},
     "ars": {
         "directions": 32,
@@ -32,7 +32,7 @@ training = {
         "evaluate_every": 50,
         "episodes": 100,
     },
-    # One wild jerk gives the most at once, whatever follows; cut rewards make a fall the dearer.
+    # A single jerk gives the largest immediate reward; clipped rewards increase the cost of the fall after it.
     "mbpo": {"initial": 0.1, "sigma": 0.1, "rate": 3e-4, "reward_clip": 0.3, "hidden": (32, 32), "iterations": 80},
     "zopg": {"unroll": 100, "iterations": 400},
 }
@@ -47,11 +47,11 @@ q_0 = q_"upright" + (0, 0.25 "m", 0, dots) + 0.005 xi, quad v_0 = 0.005 xi', qua
 LOWEST_TORSO = 0.7
 """Height of the torso at which an episode ends [m]."""
 STEEPEST_PITCH = 0.2
-"""Angle of the torso at which an episode ends, to either side [rad]."""
+"""Angle of the torso, to either side, at which an episode ends [rad]."""
 LARGEST_STATE = 100.0
 """Size of a state's entry at which an episode ends [m, rad, m/s, rad/s]."""
 FASTEST_SEEN = 10.0
-"""Velocities are observed up to this size [m/s, rad/s]."""
+"""Size to which observed velocities are clipped [m/s, rad/s]."""
 observation_bounds = {signal.name: (-FASTEST_SEEN, FASTEST_SEEN) for signal in problem.MACHINE.tree().velocities}
 
 
@@ -75,10 +75,10 @@ class Params(with_weights(HopperDynamics, problem.MACHINE)):
 
 
 def build(params: Params) -> Task:
-    """Build the task; the state is (q, v), the reward [1] adds a speed [m/s] to numbers.
+    """Build the task; the state is (q, v), and the reward [1] is the speed in m/s plus 0.1 minus a cost of the inputs.
 
-    The source leaves the inputs unbounded; the bounds of one unit, 200 N m, are ours. A state that
-    is not finite ends the episode too.
+    The source has no bounds on the inputs; ours are one unit, 200 N m. A state that is not finite also
+    ends the episode.
     """
     system, common = built(name, params, hopper, "spring", problem.SPHERES[params.spheres])
     x, u, nq = system.x, system.u, system.nx // 2
