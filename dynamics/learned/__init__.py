@@ -1,1 +1,1 @@
-"""Laws from data: transitions, the exponentially weighted average of them, and networks."""
+"""Contact laws learned from transitions: exponentially weighted distance averages and networks."""

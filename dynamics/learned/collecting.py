@@ -1,4 +1,4 @@
-"""Transitions drawn from a closed step: states without penetration, half of them in a tube."""
+"""Collection of transitions of a step from random states without penetration, half of them near the task."""
 
 from __future__ import annotations
 
@@ -15,28 +15,28 @@ from dynamics.learned.region import Region
 from dynamics.learned.transitions import Transitions
 
 Keep = Callable[[np.ndarray], np.ndarray]
-"""Filter of states (n, nx) that are kept: n truth values."""
+"""Filter of states: function from states (n, nx) to a mask (n,) of those to use."""
 
 DrawStates = Callable[[np.random.Generator, int, Sequence[str]], np.ndarray]
 Rows = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 MAX_DRAWS_PER_ROW = 1000
-"""Draws per requested row after which a region is rejected."""
+"""Number of drawn states per requested transition above which a region is rejected."""
 PIECE_ROWS = 1 << 18
-"""Most transitions of a piece; fixed, since each piece has its own random stream."""
+"""Maximum number of transitions of a piece; constant, since each piece has its own random stream."""
 STATES_PER_DRAW = 200_000
-"""States that are drawn at once."""
+"""Maximum number of states that are drawn at once."""
 
 
 def collect_transitions(step: Step, region: Region, n: int, seed: int) -> Transitions:
     """Draw n transitions of ``step``, the first half in the region's ranges, the rest in its tube.
 
-    States that penetrate are not kept (:func:`nonpenetrating_filter`). A step that was not solved is left out,
-    another drawn in its place, and ``unsolved`` in the provenance counts them. The same seed gives
-    the same data, whatever the number of threads or of :class:`Piece` workers.
+    States with penetration are rejected (:func:`nonpenetrating_filter`). A step that is not solved is
+    replaced by another, and ``unsolved`` in the provenance counts them. The same seed gives the same
+    data for any number of threads and of workers that draw pieces.
 
-    Raises ``ValueError`` for a region that does not fit, that keeps almost no state, and for what
-    :meth:`Transitions.from_arrays` refuses.
+    Raises ``ValueError`` where the region does not fit the system or almost all its states are
+    rejected, and as :meth:`Transitions.from_arrays` does.
     """
     drawn_pieces = [draw_piece(step, region, piece) for piece in split_pieces(n, seed)]
     return merge_pieces(step, region, drawn_pieces, seed)
@@ -44,7 +44,7 @@ def collect_transitions(step: Step, region: Region, n: int, seed: int) -> Transi
 
 @dataclass(frozen=True)
 class Piece:
-    """Numbers of rows that one worker draws in the ranges and in the tube, from a random stream of its own."""
+    """Part of a collection: numbers of rows to draw in the ranges and in the tube, and its random stream."""
 
     in_ranges: int
     in_tube: int
@@ -53,7 +53,7 @@ class Piece:
 
 @dataclass(frozen=True)
 class Drawn:
-    """Results of a piece: rows x, u and x_next of either half, and how many were not solved."""
+    """Transitions of a piece, as x, u and x_next of both halves, and the number of steps that were not solved."""
 
     in_ranges: Rows
     in_tube: Rows
@@ -61,7 +61,7 @@ class Drawn:
 
 
 def split_pieces(n: int, seed: int) -> list[Piece]:
-    """Split n transitions; a single piece draws from the stream of the seed itself."""
+    """Split n transitions into pieces with independent random streams; a single piece uses the seed's own."""
     count = max(1, -(-n // PIECE_ROWS))
     root = np.random.SeedSequence(seed)
     streams = [root] if count == 1 else root.spawn(count)
@@ -74,7 +74,7 @@ def split_pieces(n: int, seed: int) -> list[Piece]:
 
 
 def draw_piece(step: Step, region: Region, piece: Piece) -> Drawn:
-    """Draw the transitions of a piece; raises as :func:`collect_transitions` does."""
+    """Draw the transitions of a piece; raise ``ValueError`` as :func:`collect_transitions` does."""
     region.check(step.system)
     p, rng = step.p.values, np.random.default_rng(piece.stream)
     source = _Source(step, p, region, nonpenetrating_filter(step, p))
@@ -90,7 +90,7 @@ def merge_pieces(
     seed: int,
     provenance: Mapping[str, Any] | None = None,
 ) -> Transitions:
-    """Put pieces together in their order, all rows in the ranges before those in the tube."""
+    """Concatenate pieces in order, all rows in the ranges before those in the tube."""
     rows = [*(piece.in_ranges for piece in drawn_pieces), *(piece.in_tube for piece in drawn_pieces)]
     x, u, x_next = (np.concatenate(column) for column in zip(*rows, strict=True))
     full_provenance = {
@@ -103,7 +103,7 @@ def merge_pieces(
 
 @dataclass
 class _Source:
-    """Steps of a system at ``p`` from states that ``keep`` takes, and how many did not solve."""
+    """Source of transitions at parameters ``p`` from states that ``keep`` accepts; counts unsolved steps."""
 
     step: Step
     p: np.ndarray
@@ -117,7 +117,7 @@ class _Source:
         self._states, self._inputs = ([signal.name for signal in signals] for signals in (system.states, system.inputs))
 
     def draw_rows(self, rng: np.random.Generator, n_rows: int, draw_states: DrawStates, place: str) -> Rows:
-        """``n_rows`` rows of x, u and x_next, states drawn by ``draw_states``."""
+        """Return ``n_rows`` rows of x, u and x_next, with states from ``draw_states``; ``place`` is for messages."""
         n_kept, batches = 0, [self._rows(draw_states(rng, 1, self._states)[:0], rng)]
         n_drawn = 0
         while n_kept < n_rows:
@@ -144,7 +144,7 @@ class _Source:
 
 
 def nonpenetrating_filter(step: Step, p: np.ndarray) -> Keep:
-    """Keep states whose true signed distances are all >= 0; all, where none are known."""
+    """Return the filter of states whose true signed distances are all >= 0, or of all states where none is defined."""
     system = step.system
     if system.phi is None or not system.phi.numel():
         return lambda x: np.ones(len(x), dtype=bool)

@@ -1,4 +1,4 @@
-"""The exponentially weighted distance average of data, with two derivatives."""
+"""The exponentially weighted distance average of data, with first and second derivatives."""
 
 from __future__ import annotations
 
@@ -18,17 +18,18 @@ if TYPE_CHECKING:
     import xarray as xr
 
 _MIN_SIGMA = 1e-50
-"""Smallest width, in normalised units, whose fourth power is a number."""
+"""Minimum sigma in normalised units; its fourth power does not underflow."""
 _MAX_SIGMA = 1e50
-"""Largest such width."""
+"""Maximum sigma in normalised units; its fourth power does not overflow."""
 _MAX_WIDTHS_FROM_DATA = 1e150
-"""Widths from the origin of the normalised data up to which a squared distance is a number."""
+"""Maximum size of a query in normalised units, relative to min(sigma, 1); squared distances do not overflow."""
 
 
 @dataclass(frozen=True, eq=False)
 class EwdaModel:
-    """``g(z) = E_w y``, weights ``w_i = exp(-|z~ - z~_i|² / 2 sigma²)``, noising, eq. 11 (lemma 3).
+    """Model ``g(z) = E_w y`` with weights ``w_i = exp(-|z~ - z~_i|² / 2 sigma²)``.
 
+    It is eq. 11 (lemma 3) of "How does noising data affect learned contact dynamics?" (Suh et al.).
     z~ is z in normalised units, and so is sigma. The last output is ``log p(z)``, the logarithm of
     the mean of the Gaussian densities of width sigma around the data, in normalised coordinates.
     The derivatives are moments under the weights,
@@ -39,11 +40,11 @@ class EwdaModel:
     with ``d = z~_i - E z~``. Far from the data g is the target of the nearest point.
 
     ``z`` (n, nz) and ``y`` (n, ny) are the data in their own units. `backend` is ``c``, ``numpy``
-    or ``auto`` for the faster one that there is; `threads` are those of ``c``, None for every
-    CPU. Results of one backend do not depend on the threads or on other queries.
+    or ``auto`` for the faster available one; `threads` is the number of threads of ``c``, None for
+    every CPU. Results of one backend do not depend on the threads or on other queries.
 
     Raises ``ValueError`` for sigma or data that are not finite, sigma not above 0, and shapes that
-    do not fit each other; in calls, for a query that is not finite.
+    do not fit each other; calls raise it for a query that is not finite.
     """
 
     kind: ClassVar[str] = EWDA
@@ -71,21 +72,21 @@ class EwdaModel:
 
     @property
     def n_in(self) -> int:
-        """Entries of z."""
+        """Number of entries of z."""
         return self.z.shape[1]
 
     @property
     def n_out(self) -> int:
-        """Entries of y, and the logarithm of the density."""
+        """Number of outputs: the entries of y, and the logarithm of the density."""
         return self.y.shape[1] + 1
 
     def values(self, z: np.ndarray) -> np.ndarray:
-        """``(g, log p)`` (n, ny + 1) at ``z`` (n, nz)."""
+        """Return ``(g, log p)`` (n, ny + 1) at ``z`` (n, nz)."""
         q = self._queries(z)
         return self._values(q, *self._engine.first_moments(q, slopes=False))
 
     def jacobians(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """``(g, log p)`` (n, ny + 1) and its Jacobian (n, ny + 1, nz) at ``z`` (n, nz)."""
+        """Return ``(g, log p)`` (n, ny + 1) and its Jacobian (n, ny + 1, nz) at ``z`` (n, nz)."""
         q = self._queries(z)
         nearest, sums = self._engine.first_moments(q, slopes=True)
         mean = sums / sums[:, :1, :1]
@@ -95,7 +96,7 @@ class EwdaModel:
         return self._values(q, nearest, sums), slopes / (self.sigma**2 * self.scales.scale)
 
     def curvatures(self, z: np.ndarray, weights: np.ndarray) -> np.ndarray:
-        """``sum_i weights_i d²(g, log p)_i/dz²`` (n, nz, nz), for ``weights`` (n, ny + 1)."""
+        """Return ``sum_i weights_i d²(g, log p)_i/dz²`` (n, nz, nz), for ``weights`` (n, ny + 1)."""
         q = self._queries(z)
         _, sums = self._engine.first_moments(q, slopes=True)
         mean = sums / sums[:, :1, :1]
@@ -114,7 +115,7 @@ class EwdaModel:
         return y
 
     def _queries(self, z: np.ndarray) -> np.ndarray:
-        """``z`` in normalised units, checked."""
+        """Return ``z`` in normalised units; raise ``ValueError`` for a wrong shape or numbers that are not finite."""
         z = np.asarray(z, dtype=float)
         if z.ndim != 2 or z.shape[1] != self.n_in:
             raise ValueError(f"ewda: queries must be (n, {self.n_in}), one a row, not {z.shape}")
@@ -142,7 +143,7 @@ class EwdaModel:
         return choose_backend(self.backend, makers, "the weighted average of data")[1]
 
     def dataset(self) -> xr.Dataset:
-        """All of it as arrays and attributes (:meth:`from_dataset` reads it back)."""
+        """Return the model as arrays and attributes for a file; :meth:`from_dataset` is the inverse."""
         import xarray as xr
 
         data = {
@@ -159,9 +160,9 @@ class EwdaModel:
 
     @classmethod
     def from_dataset(cls, dataset: xr.Dataset) -> EwdaModel:
-        """Back from :meth:`dataset`, to the last bit.
+        """Return the model that :meth:`dataset` stored, equal to the last bit.
 
-        Raises ``ValueError`` for a dataset that is no such model or lacks a part of one.
+        Raises ``ValueError`` for a dataset that is not such a model or is incomplete.
         """
         origin = DataOrigin.from_dataset(dataset, EWDA)
         names = ("z_data", "y_data", "z_shift", "z_scale")

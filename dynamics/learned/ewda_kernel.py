@@ -1,4 +1,4 @@
-"""The engine of the weighted average in C: order of the points, moments, threads over parts."""
+"""Engines, in NumPy and C, of the weighted sums in the exponentially weighted distance average."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from dynamics.batch.engines.parallel import checked_threads, on_threads
 from dynamics.learned.ewda_source import CHUNK, FAR, REGISTER, ewda_source
 
 CUTOFF = 1e-25
-"""Weights below this share of the heaviest are left out: all of them are less than its rounding."""
+"""Weights below this fraction of the largest are omitted; their sum is less than its rounding error."""
 _DISTANCES_PER_BLOCK = 1 << 22
-"""Distances that are held at once."""
+"""Maximum number of distances that are in memory at once."""
 
 
 @dataclass(frozen=True)
 class Cloud:
-    """The data in normalised coordinates: z (n, nz), y (n, ny), and the width sigma."""
+    """Data points z (n, nz) and sigma in normalised units, and targets y (n, ny) in their own units."""
 
     z: np.ndarray
     y: np.ndarray
@@ -29,18 +29,18 @@ class Cloud:
 
 @dataclass(frozen=True)
 class NumpyMoments:
-    """Weighted sums over data points z_i about queries q, computed by NumPy.
+    """Weighted sums over data points z_i for queries q, computed with NumPy.
 
     The weights are ``w_i = exp((|q - c|² - |q - z_i|²) / 2 sigma²)``, 1 for c, the point nearest to
-    q. Distances are computed as products of matrices, a block of queries at a time.
+    q. Distances are computed as products of matrices, for one block of queries after another.
     """
 
     points: Cloud
 
     def first_moments(self, q: np.ndarray, *, slopes: bool) -> tuple[np.ndarray, np.ndarray]:
-        """Index (nq,) of the nearest point c, and ``sum_i w_i a_i b_i'`` (nq, 1 + ny, 1 or 1 + nz).
+        """Return the index (nq,) of the nearest point c, and ``sum_i w_i a_i b_i'`` (nq, 1 + ny, 1 or 1 + nz).
 
-        ``a = (1, y_i - y_c)``, ``b = (1, z_i - z_c)``, of which without ``slopes`` only the 1.
+        ``a = (1, y_i - y_c)``, and ``b = (1, z_i - z_c)``, or 1 without ``slopes``.
         """
         z, y = self.points.z, self.points.y
         cols = 1 + z.shape[1] if slopes else 1
@@ -56,7 +56,7 @@ class NumpyMoments:
     def second_moments(
         self, q: np.ndarray, mean_z: np.ndarray, mean_y: np.ndarray, weights: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """``sum_i w_i`` (nq,) and ``sum_i w_i s_i d_i d_i'`` (nq, nz, nz), symmetric.
+        """Return ``sum_i w_i`` (nq,) and ``sum_i w_i s_i d_i d_i'`` (nq, nz, nz), symmetric.
 
         ``d_i = z_i - z_c - mean_z``, ``s_i = weights_y' (y_i - y_c - mean_y) + weights_last``
         with means (nq, nz), (nq, ny) and weights (nq, ny + 1) of every query.
@@ -69,17 +69,17 @@ class NumpyMoments:
             level = (y[neighbours] - y[nearest_point] - mean_y[i]) @ weights[i, :-1] + weights[i, -1]
             total[i] = w.sum()
             sums[i] = (d * (w * level)[:, None]).T @ d
-        # A product with scaled rows is symmetric only up to its rounding.
+        # A product with scaled rows is symmetric only up to rounding.
         return total, 0.5 * (sums + sums.transpose(0, 2, 1))
 
     def _weights(self, neighbours: np.ndarray, q: np.ndarray, c: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         d = self.points.z[neighbours] - c
         exponent = -np.einsum("ik,ik->i", d, d + 2 * (c - q)) / (2 * self.points.sigma**2)
-        # Above 0 only by rounding, which far out is of any size: there the neighbours tie.
+        # The exponent exceeds 0 only by rounding, which has any size far away, where distances are equal.
         return d, np.exp(np.minimum(exponent, 64.0))
 
     def _neighbours(self, q: np.ndarray) -> Iterator[tuple[int, int, np.ndarray]]:
-        """Every query's number, its nearest point, and the points whose weight counts."""
+        """Yield every query's index, the index of its nearest point, and the points whose weight is not omitted."""
         z = self.points.z
         square = np.einsum("ik,ik->i", z, z)
         reach = np.abs(z).max(axis=0).sum()
@@ -99,13 +99,13 @@ def _with_ones(rows: np.ndarray) -> np.ndarray:
     return np.hstack((np.ones((len(rows), 1)), rows))
 
 
-# Most parts that the points are divided into; sums of parts are added in order.
+# Maximum number of parts that the points are divided into; the parts' sums are added in order.
 _MAX_PARTS = 32
 _QUERIES_PER_BATCH = 128
-"""Queries that go through the points together."""
+"""Maximum number of queries for which the C program goes through the points together."""
 _PAIRS_PER_THREAD = 1 << 16
-"""Pairs of a point and a query from which a second thread is worth waking."""
-# Phases of the C program.
+"""Minimum number of pairs of a point and a query for each thread."""
+# Number of phases of the C program.
 _PHASES = 4
 _COUNTS = ("n_chunks", "n_boxes", "n_parts", "n_queries", "kind")
 _NUMBERS = ("inverse", "cutoff", "reach")
@@ -128,10 +128,10 @@ class _Job(ctypes.Structure):
 
 
 class CompiledMoments:
-    """As :class:`NumpyMoments`, in C; a query's answer has the same bits whatever the threads and
-    the other queries.
+    """Weighted sums like those of :class:`NumpyMoments`, computed in C.
 
-    Raises ``CompilerError`` where there is no compiler.
+    A query's result does not depend on the threads and the other queries, to the last bit. Raises
+    ``CompilerError`` where there is no compiler.
     """
 
     def __init__(self, points: Cloud, threads: int | None = None) -> None:
@@ -165,7 +165,7 @@ class CompiledMoments:
         }
 
     def first_moments(self, q: np.ndarray, *, slopes: bool) -> tuple[np.ndarray, np.ndarray]:
-        """See :class:`NumpyMoments`."""
+        """Return nearest points and first moments, see :meth:`NumpyMoments.first_moments`."""
         empty = np.zeros((len(q), 0))
         size = (1 + self._ny, 1 + self._nz if slopes else 1)
         return self._all(_SLOPES if slopes else _VALUES, size, q, empty, empty, empty)
@@ -173,7 +173,7 @@ class CompiledMoments:
     def second_moments(
         self, q: np.ndarray, mean_z: np.ndarray, mean_y: np.ndarray, weights: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """See :class:`NumpyMoments`."""
+        """Return total weights and second moments, see :meth:`NumpyMoments.second_moments`."""
         size = (1 + self._nz, 1 + self._nz)
         _, sums = self._all(_CURVED, size, q, mean_z, mean_y, weights)
         below = np.tril(sums[:, 1:, 1:])
@@ -181,7 +181,7 @@ class CompiledMoments:
         return sums[:, 0, 0], below + above
 
     def _all(self, kind: int, size: tuple[int, int], *arguments: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Index of the nearest point (nq,) and the sums (nq, *size), a batch at a time."""
+        """Return the index of the nearest point (nq,) and the sums (nq, *size), computed in batches of queries."""
         count = len(arguments[0])
         rows = [np.ascontiguousarray(array, dtype=float) for array in arguments]
         nearest, sums = np.empty(count, dtype=np.int64), np.empty((count, *size))
@@ -214,7 +214,7 @@ class CompiledMoments:
 
 
 def _aligned(shape: tuple[int, ...], values: np.ndarray | None = None) -> np.ndarray:
-    """A C-ordered float array at an address that any register can be loaded from."""
+    """Return a C-ordered float array, aligned to 64 bytes for SIMD registers, with ``values`` if given."""
     size = int(np.prod(shape))
     raw = np.empty(size + 8)
     begin = -(raw.ctypes.data // 8) % 8
@@ -225,11 +225,11 @@ def _aligned(shape: tuple[int, ...], values: np.ndarray | None = None) -> np.nda
 
 
 def order_by_neighbours(points: np.ndarray, chunk: int, finest: int) -> np.ndarray:
-    """An order of ``points`` (n, nz) in which every ``chunk`` consecutive ones lie close together.
+    """Return an order (n,) of ``points`` (n, nz) in which every ``chunk`` consecutive ones are close together.
 
-    Halves at the widest coordinate, again and again, at a multiple of ``chunk``: the leaves of a
-    k-d tree, of which only the last is not full. Those that are full are halved on in the same
-    way, down to ``finest`` points; ``chunk / finest`` is a power of 2.
+    The points are split recursively at the widest coordinate, at multiples of ``chunk``, as in a k-d
+    tree of which only the last leaf is not full. Full leaves are halved further in the same way, down
+    to ``finest`` points; ``chunk / finest`` is a power of 2.
     """
     order = np.arange(len(points))
     pieces = [(0, len(points))]
@@ -256,7 +256,7 @@ def order_by_neighbours(points: np.ndarray, chunk: int, finest: int) -> np.ndarr
 
 
 def chunk_rows(rows: np.ndarray, chunk: int, filling: float) -> np.ndarray:
-    """``rows`` (n, m) as (n_chunks, m, chunk), the last chunk filled up with ``filling``."""
+    """Return ``rows`` (n, m) as (n_chunks, m, chunk), the last chunk padded with ``filling``."""
     n, m = rows.shape
     n_chunks = -(-n // chunk)
     padded = np.full((n_chunks * chunk, m), filling)
@@ -265,9 +265,9 @@ def chunk_rows(rows: np.ndarray, chunk: int, filling: float) -> np.ndarray:
 
 
 def bounding_boxes(rows: np.ndarray, chunk: int, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Least and greatest coordinates (m, count) of every chunk; past the last chunk, of the last.
+    """Return minimum and maximum coordinates (m, count) of every chunk; boxes past the last repeat it.
 
-    ``rows`` (n, m) in the order of the chunks.
+    ``rows`` (n, m) are in the order of the chunks.
     """
     starts = np.arange(0, len(rows), chunk)
     of_box = np.minimum(np.arange(count), len(starts) - 1)

@@ -1,20 +1,20 @@
-"""The C of the weighted average: weighted moments of stored points about the nearest, per query.
+"""C source of the exponentially weighted distance average: weighted moments of the data for each query.
 
-The points lie in chunks of `C` near neighbours, coordinate by coordinate, in normalised units; the
-last chunk is filled up with points so far that their weight is 0. With D = z'(z - 2q), which is
-|z - q|² - |q|², the work on a query q goes in phases, each shared out among the threads:
+Chunks of `C` neighbouring points are stored coordinate by coordinate, in normalised units; the last
+chunk is padded with points so far away that their weight is 0. With D = z'(z - 2q), which is
+|z - q|² - |q|², the work on a query q has four phases, each distributed among the threads:
 
-1. `opening`: a lower bound of D over every chunk's bounding box, and the least D in the chunk of
-   the least bound;
-2. `nearest`: the point c of the least D, in the chunks whose bound lies below what is known;
-3. `moments`: sum_i w_i a_i b_i' over the registers of points of which one is within the cutoff, per
-   part of the chunks;
-4. `total`: the parts' sums, in their order.
+1. `opening`: a lower bound of D over every chunk's bounding box, and the minimum of D in the chunk
+   with the lowest bound;
+2. `nearest`: the point c with minimum D, in the chunks whose bound is below the minimum so far;
+3. `moments`: sum_i w_i a_i b_i' over the registers with a point within the cutoff, for each part of
+   the chunks;
+4. `total`: the sum over the parts, in order.
 
-The parts depend on the number of points alone and every sum has one order, so an answer depends
-neither on the threads nor on the other queries. The exponent of a weight is taken relative to c,
-|q - c|² - |q - z_i|² = -d'(d + 2(c - q)) with d = z_i - c: it does not cancel far away. Nor do the
-moments about c cancel by more than a factor n, for no point has a greater weight.
+The parts depend on the number of points alone and every sum has one order, so that results do not
+depend on the threads or the other queries. The exponent of a weight is relative to c,
+|q - c|² - |q - z_i|² = -d'(d + 2(c - q)) with d = z_i - c, which does not cancel far away. The
+moments about c cancel by at most a factor n, since no point has a larger weight.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from dynamics.batch.engines.c_prelude import vector_prelude
 from dynamics.batch.engines.compiler import Compiler
 
 CHUNK = 128
-"""Points that share a bounding box; with 18 columns they fill half of a first-level cache."""
+"""Number of points with a common bounding box; with 18 columns they fill half of a first-level cache."""
 REGISTER = 8
-"""Points of a chunk that lie yet closer together: those of the widest register there is."""
+"""Number of points in the widest SIMD register; these are the closest neighbours within a chunk."""
 FAR = 1e200
-"""A coordinate whose square is infinite and whose product with a weight of 0 is 0."""
+"""Coordinate of padding points: its square is infinite, and its product with a weight of 0 is 0."""
 
 _WORDS = """\
 #define C {chunk}
@@ -46,9 +46,9 @@ typedef struct {{
 }} Job;
 """
 
-# Cody and Waite's reduction by log(2) in two parts, the first short enough for exact products, and
-# the Taylor polynomial to r^13, |r| <= log(2) / 2, whose remainder is 5e-18. The weights below
-# exp(-700) are 0.
+# C code of exp: Cody and Waite's reduction by log(2) in two parts, the first short enough for exact
+# products, and the Taylor polynomial to r^13, |r| <= log(2) / 2, whose remainder is 5e-18. Weights
+# below exp(-700) are 0.
 _WEIGHT = """\
 INLINE V weight(V x) {
   V top = SPLAT(64.0);
@@ -238,8 +238,8 @@ static void total(const Job *j, i64 i) {
 }
 """
 
-# A thread that finds no work left in a phase waits for those that are still in it; one that comes
-# late finds none in any phase.
+# C code of the four phases. A thread that finds no work left in a phase waits for the threads that still
+# work on it; a thread that starts late finds no work in any phase.
 _RUN = """\
 INLINE void phase(const Job *j, int number, i64 n, void (*work)(const Job *, i64)) {
   i64 i;
@@ -259,7 +259,7 @@ void run(const Job *j) {
 
 
 def ewda_source(nz: int, ny: int, compiler: Compiler) -> str:
-    """C text for points of ``nz`` coordinates with ``ny`` targets, for this compiler and CPU."""
+    """Return the C text for points with ``nz`` coordinates and ``ny`` targets, for this compiler and CPU."""
     edge = 4 if compiler.width == 8 else 2
     products = (
         _product("values", 1 + ny, 1, edge, lower=False),
@@ -272,7 +272,7 @@ def ewda_source(nz: int, ny: int, compiler: Compiler) -> str:
 
 
 def _block(rows: int, cols: int) -> str:
-    """s[r, c] += sum over a chunk of a[r] b[c], in ``rows x cols`` registers."""
+    """Return a C function ``s[r, c] += sum over a chunk of a[r] b[c]``, with ``rows x cols`` sums in registers."""
     pairs = [(r, c) for r in range(rows) for c in range(cols)]
     lines = [
         f"INLINE void block_{rows}_{cols}(const V *a, const V *b, V *s, int n, const int step) {{",
@@ -289,7 +289,7 @@ def _block(rows: int, cols: int) -> str:
 
 
 def _product(name: str, rows: int, cols: int, edge: int, *, lower: bool) -> str:
-    """s += a b' (rows, cols) over a chunk, block by block; with ``lower`` up to the diagonal."""
+    """Return a C function ``s += a b'`` (rows, cols) over a chunk; ``lower`` omits blocks above the diagonal."""
     lines = [f"static void product_{name}(const V *a, const V *b, V *s, int n) {{"]
     for r in range(0, rows, edge):
         for c in range(0, r + edge if lower else cols, edge):

@@ -1,4 +1,4 @@
-"""Reading transitions and models from netCDF, never code, and transitions from others' tables."""
+"""Reading of transitions and models from netCDF files, which contain no code, and of transitions from tables."""
 
 from __future__ import annotations
 
@@ -21,21 +21,18 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
-# Attribute that holds the checksum.
+# Name of the attribute with the checksum.
 CHECKSUM_KEY = "checksum"
 _HDF_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 
 
 def read_model(path: Path) -> Any:
-    """The model in a netCDF file.
-
-    Raises ``ValueError`` where the file is missing or damaged, or holds no model.
-    """
+    """Return the model in a netCDF file; raise ``ValueError`` where it is missing, damaged or contains no model."""
     return model_of(read_dataset(path), path)
 
 
 def transitions_of(dataset: xr.Dataset, path: Path) -> Transitions:
-    """The transitions in what :func:`read_dataset` gave of ``path``; raises as :func:`read_model` does."""
+    """Return the transitions in the dataset of the file ``path``; raise ``ValueError`` where it contains none."""
     kind = dataset.attrs["kind"]
     if kind != TRANSITIONS:
         raise ValueError(
@@ -45,7 +42,7 @@ def transitions_of(dataset: xr.Dataset, path: Path) -> Transitions:
 
 
 def model_of(dataset: xr.Dataset, path: Path) -> Any:
-    """The model in what :func:`read_dataset` gave of ``path``; raises as :func:`read_model` does."""
+    """Return the model in the dataset of the file ``path``; raise ``ValueError`` where it contains none."""
     kind = dataset.attrs["kind"]
     if kind == TRANSITIONS:
         raise ValueError(f"{path} holds transitions, not a model; learn one from them: ocp learn")
@@ -63,10 +60,9 @@ def _made(kind: Any, dataset: xr.Dataset, path: Path) -> Any:
 
 
 def read_dataset(path: Path) -> xr.Dataset:
-    """Everything in a file of transitions or of a model, its checksum compared.
+    """Return the dataset in a file of transitions or of a model, after a comparison of its checksum.
 
-    Raises ``ValueError`` where a file is missing, truncated or changed, or is something
-    else.
+    Raises ``ValueError`` where the file is missing, truncated or changed, or of another kind.
     """
     import xarray as xr
 
@@ -93,7 +89,7 @@ def read_dataset(path: Path) -> xr.Dataset:
 
 
 def checksum(dataset: xr.Dataset) -> str:
-    """SHA-256 over names, shapes, values and attributes, but for the checksum's own."""
+    """Return the SHA-256 of a dataset's names, shapes, values and attributes, except that of the checksum."""
     digest = hashlib.sha256()
     for name in sorted(map(str, dataset.variables)):
         values = np.asarray(dataset.variables[name].values)
@@ -108,7 +104,7 @@ def checksum(dataset: xr.Dataset) -> str:
 
 # File name suffixes of tables that can be read.
 TABLE_SUFFIXES = (".csv", ".parquet")
-# Suffix of a state's column that holds its next value.
+# Suffix of the name of the column with a state's next value.
 NEXT_SUFFIX = "_next"
 _HEAD_PATTERN = re.compile(r"\s*(?P<name>[^\[\]]*?)\s*(?:\[(?P<unit>[^\[\]]*)\])?\s*")
 
@@ -119,14 +115,14 @@ def read_table(
     signals: tuple[Sequence[Signal], Sequence[Signal]] | None = None,
     provenance: Mapping[str, Any] | None = None,
 ) -> Transitions:
-    """One transition a row: columns named after states, inputs, and ``<state>_next``.
+    """Read transitions from a table, one per row, with columns for states, inputs, and ``<state>_next``.
 
-    A column may carry its unit, ``ox [m]``. ``columns`` maps such names to those of the table where
-    they differ. ``signals`` are the states and inputs that are expected; without them whatever has
-    a ``_next`` is a state and all else, of the mapped columns where ``columns`` says any, an input.
+    A column's name may end with its unit, ``ox [m]``. ``columns`` maps names of signals to names of
+    columns where they differ. ``signals`` are the expected states and inputs; without them a column
+    that has a ``_next`` is a state, and the others, or with ``columns`` only those, are inputs.
 
-    Raises ``ValueError`` for a file that cannot be read, columns that are missing or hold no
-    numbers, other units than those expected, and as :meth:`Transitions.from_arrays` does.
+    Raises ``ValueError`` for a file that cannot be read, columns that are missing or not numeric,
+    units other than the expected ones, and as :meth:`Transitions.from_arrays` does.
     """
     table = _table(path)
     heads = _named(path, [str(head) for head in table.columns], columns or {})
@@ -178,13 +174,13 @@ def _parquet(path: Path) -> pd.DataFrame:
 
 
 def _split(head: str) -> tuple[str, str | None]:
-    """Name and unit of ``ox [m]``; the whole text and None where it has no such form."""
+    """Split a column's head such as ``ox [m]`` into name and unit; the unit is None where there is none."""
     head_match = _HEAD_PATTERN.fullmatch(head)
     return (head_match["name"], head_match["unit"]) if head_match and head_match["name"] else (head, None)
 
 
 Heads = dict[str, tuple[str, str | None]]
-"""By the name of a signal: the column of the table, and its unit where it says one."""
+"""Mapping from the name of a signal to the column of the table, and to its unit, None where not given."""
 
 
 def _named(path: Path, texts: list[str], columns: Mapping[str, str]) -> Heads:
@@ -204,7 +200,7 @@ def _named(path: Path, texts: list[str], columns: Mapping[str, str]) -> Heads:
 
 
 def _guessed(path: Path, heads: Heads, names: list[str]) -> tuple[tuple[Signal, ...], tuple[Signal, ...]]:
-    """States and inputs of a table that nothing is known about."""
+    """Return states and inputs of a table, inferred from the names of its columns."""
     states = [name for name in names if f"{name}{NEXT_SUFFIX}" in names]
     if not states:
         raise ValueError(
@@ -218,7 +214,7 @@ def _guessed(path: Path, heads: Heads, names: list[str]) -> tuple[tuple[Signal, 
 
 
 def _column(path: Path, heads: Heads, signal: Signal) -> str:
-    """The column of a signal, whose unit, where the table says it, must be the signal's."""
+    """Return the name of a signal's column; raise ``ValueError`` where it is missing or in another unit."""
     if signal.name not in heads:
         raise ValueError(
             f"{path}: no column for {signal.name} [{signal.unit}]; it has"

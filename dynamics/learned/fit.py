@@ -1,4 +1,4 @@
-"""Fit of a learned map to held-out data, and its behaviour outside of the data."""
+"""Errors of a learned model on held-out data, and its behaviour outside of the data."""
 
 from __future__ import annotations
 
@@ -13,28 +13,28 @@ from dynamics.learned.transitions import Samples
 if TYPE_CHECKING:
     import xarray as xr
 
-# Distances from the data, in normalised units, at which a map is followed outside.
+# Distances from the data, in normalised units, at which a model is evaluated outside.
 RAY_DISTANCES = (0.0, 0.5, 1.0, 2.0, 4.0)
-# Random directions in which rays leave the data.
+# Number of random directions in which rays leave the data.
 N_RAYS = 256
 
 
 @dataclass(frozen=True)
 class Fit:
-    """Errors of a map, per coordinate of y and along rays that leave the data.
+    """Errors of a learned model g, per coordinate of y and along rays that leave the data.
 
     ``clean`` and ``noised`` (ny,): root mean square of ``g(z) - y`` and of ``g(z + w) - y``, w of
-    width ``sigma`` in normalised units of z, over the standard deviation of y in the data; times
-    ``y_scale`` they are in the coordinates' units. The second has a lower bound for every map: the
-    spread of the y whose z could have been noised to the same place.
+    width ``sigma`` in normalised units of z, relative to the standard deviation of y in the data;
+    times ``y_scale`` they are in the coordinates' units. ``noised`` has a lower bound for every model,
+    the spread of the y whose z noise can move to the same point.
 
     Rays start at the sample farthest out in a random direction of normalised z and follow it, so
     that ``distances`` (k,) are the distances to the data's convex hull, and to the nearest sample.
     No y is known there. ``displacement`` (k,) is the root mean square over rays and coordinates of
-    ``g - y`` over y's scale, with y that of the sample where the ray left: it tends to 0 where the
-    map falls back to the nearest sample, and grows like the distance where it extrapolates.
-    ``outside`` (k,) is the fraction of rays on which some coordinate of g is beyond every y of the
-    data: 0 for whatever averages the data.
+    ``g - y`` relative to y's scale, with y of the sample where the ray starts: it tends to 0 where the
+    model returns the nearest sample, and grows like the distance where it extrapolates.
+    ``outside`` (k,) is the fraction of rays on which a coordinate of g is outside the range of the
+    data's y; it is 0 for averages of the data.
     """
 
     sigma: float
@@ -46,7 +46,7 @@ class Fit:
     outside: np.ndarray
 
     def dataset(self) -> xr.Dataset:
-        """All of it, names with ``fit_`` before, to stand beside a model's arrays in one file."""
+        """Return the errors as arrays with names ``fit_...``, to be stored in a model's file."""
         import xarray as xr
 
         return xr.Dataset(
@@ -60,23 +60,23 @@ class Fit:
 
     @classmethod
     def from_dataset(cls, dataset: xr.Dataset) -> Fit:
-        """Back from a dataset that :meth:`dataset` is part of."""
+        """Return the errors stored in a model's dataset by :meth:`dataset`."""
         names = (*PER_COORDINATE, *ALONG_RAYS)
         arrays = {name: dataset[f"fit_{name}"].values for name in names}
         distances = dataset["fit_distance"].values
         return cls(sigma=float(dataset["fit_sigma"]), distances=distances, **arrays)
 
 
-# Fields with one entry a coordinate.
+# Names of the fields of Fit with one entry per coordinate of y.
 PER_COORDINATE = ("y_scale", "clean", "noised")
-# Fields with one entry a distance.
+# Names of the fields of Fit with one entry per distance.
 ALONG_RAYS = ("displacement", "outside")
 
 
 def measure_fit(learned: LearnedMap, data: Samples, held_out: np.ndarray, sigma: float, seed: int = 0) -> Fit:
-    """Compare a map with the rows ``held_out`` of the data, and follow it out of all of them.
+    """Compare a model with the rows ``held_out`` of the data, and evaluate it on rays out of all the data.
 
-    Raises ``ValueError`` for no held-out row and for a map of other sizes.
+    Raises ``ValueError`` where no row is held out, or where sizes of model and data differ.
     """
     ny = data.y.shape[1]
     if learned.n_in != data.z.shape[1] or learned.n_out < ny:
@@ -100,11 +100,11 @@ def measure_fit(learned: LearnedMap, data: Samples, held_out: np.ndarray, sigma:
 
 
 def _rays(learned: LearnedMap, data: Samples, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """``displacement`` and ``outside`` at each of the distances."""
+    """Return the arrays ``displacement`` and ``outside`` of :class:`Fit`, one entry per distance."""
     z_scales, y_scales = data.scales
     z = z_scales.normalise(data.z)
     exit_rows = np.array([np.argmax(z @ direction) for direction in directions])
-    # Rounding of a mean of equal numbers must not count as leaving their range.
+    # A rounding error of an average must not count as outside.
     slack = 1e-9 * y_scales.scale
     y_min, y_max = data.y.min(axis=0) - slack, data.y.max(axis=0) + slack
     displacement, outside = np.empty(len(RAY_DISTANCES)), np.empty(len(RAY_DISTANCES))

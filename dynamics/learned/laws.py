@@ -1,4 +1,4 @@
-"""The laws that were learned: the average of data, and networks."""
+"""Learned contact laws: the exponentially weighted distance average of data, and networks."""
 
 from __future__ import annotations
 
@@ -22,22 +22,22 @@ from dynamics.systems import LAW_PREFIX, ContactSystem, Parameter, ParameterTabl
 
 @runtime_checkable
 class StepModel(LearnedMap, Protocol):
-    """A map from state and input to the next state, with the origin of its training data."""
+    """Interface of a model from state and input to the next state that stores the origin of its data."""
 
     kind: ClassVar[str]
 
     @property
     def origin(self) -> DataOrigin:
-        """Names and units of its numbers, and the data it was trained on."""
+        """Names and units of inputs and outputs, and the problem, parameters and hash of the training data."""
         ...
 
 
 @dataclass(eq=False, repr=False)
 class LearnedLaw(ContactLaw):
-    """``x_next = g(x, u)``, g a model of transitions: contact is closed by what was seen.
+    """Contact law ``x_next = g(x, u)``, g a model learned from transitions; the step has no multipliers.
 
-    ``model`` is the model or the place of its file. Forces are not known: the step has no
-    multipliers. Raises ``ValueError`` for a file that is no such model.
+    ``model`` is the model or the path of its file. Raises ``ValueError`` for a file that does not
+    contain such a model.
     """
 
     model: Any = setting(None, "file of a model, made by ocp learn; required")
@@ -57,7 +57,7 @@ class LearnedLaw(ContactLaw):
         self._map = CasadiMap(loaded)
 
     def settings(self) -> dict[str, float | int | str]:
-        """The model's file, or the hash of its data where it came from none."""
+        """Return the path of the model's file, or the hash of its data where it is not from a file."""
         from_file = isinstance(self._stated, (str, Path))
         return {"model": str(self._stated) if from_file else self.model.origin.data_hash}
 
@@ -80,7 +80,7 @@ class LearnedLaw(ContactLaw):
         return ParameterTable()
 
     def learned_at(self, system: ContactSystem, values: Mapping[str, float]) -> dict[str, tuple[float, float]]:
-        """Parameters of the motion that were others when the data were taken: then, and now."""
+        """Return the parameters of the motion that differ from those of the training data, as (then, now) by name."""
         motion_symbols = {str(symbol) for symbol in ca.symvar(ca.vertcat(system.residual, system.gap))}
         training_parameters = self.model.origin.parameters
         return {
@@ -92,11 +92,11 @@ class LearnedLaw(ContactLaw):
         }
 
     def target(self, system: ContactSystem, z: ca.SX, F: ca.SX, p: ParameterTable) -> ca.SX:
-        """Return no mu: no pairs are left."""
+        """Return an empty mu (0, 1), as a learned step has no contact pairs."""
         return ca.SX(0, 1)
 
     def close_at_nodes(self, system: ContactSystem, law: Closure, p: ParameterTable, nodes: tuple[Branch, ...]) -> Step:
-        """The model's step."""
+        """Return the step of the learned model."""
         name = LAW_PREFIX + "trust"
         trust = p[name] if name in p.names else None
         return LearnedStep(system, law, p, nodes, self._map, trust)
@@ -104,10 +104,10 @@ class LearnedLaw(ContactLaw):
 
 @dataclass(eq=False, repr=False)
 class Ewda(LearnedLaw):
-    """The exponentially weighted distance average of transitions, noising, eq. 11.
+    """Contact law by the exponentially weighted distance average of transitions (Suh et al., "noising", eq. 11).
 
     ``trust`` adds ``-trust log p_sigma(x, u)`` to the stage cost, p_sigma the density of the data
-    smoothed by the same noise, in normalised units: plans stay where there were data.
+    smoothed by the same noise, in normalised units, so that plans stay near the data.
     """
 
     name: ClassVar[str] = "ewda"
@@ -116,11 +116,11 @@ class Ewda(LearnedLaw):
     trust: float = setting(0.0, "weight of -log p of the data in the stage cost", least=0)
 
     def settings(self) -> dict[str, float | int | str]:
-        """The model and the weight of its density."""
+        """Return the model's file and the weight ``trust``, for the run's record."""
         return {**super().settings(), "trust": self.trust}
 
     def parameters(self, system: ContactSystem) -> ParameterTable:
-        """``contact.trust``."""
+        """Return the parameter ``contact.trust``; raise ``ValueError`` where states or inputs differ."""
         meaning = "weight of -log p of the data in the stage cost"
         weight = Parameter(LAW_PREFIX + "trust", self.trust, "1", meaning)
         return super().parameters(system) + ParameterTable([weight])
@@ -128,7 +128,7 @@ class Ewda(LearnedLaw):
 
 @dataclass(eq=False, repr=False)
 class Mlp(LearnedLaw):
-    """A network trained on transitions, with or without noise on its inputs, noising, eq. 3."""
+    """Contact law by a network trained on clean or noised transitions (Suh et al., "noising", eq. 3)."""
 
     name: ClassVar[str] = "mlp"
     summary: ClassVar[str] = "network trained on transitions, from a model file"

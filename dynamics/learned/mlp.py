@@ -1,4 +1,4 @@
-"""Multilayer perceptrons h and h_sigma, evaluated with two derivatives by matrix products."""
+"""Multilayer perceptrons learned from transitions, with first and second derivatives by matrix products."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ if TYPE_CHECKING:
     import xarray as xr
 
 QUERIES_PER_BLOCK = 256
-"""Queries at once, which bounds the memory of the layers' Jacobians."""
-# Queries up to which products are taken one by one.
+"""Maximum number of queries evaluated at once, which limits the memory of the layers' Jacobians."""
+# Number of queries up to which each is a separate matrix product.
 SMALL_BATCH = 64
 IGNORE_OVERFLOW = np.errstate(over="ignore", invalid="ignore")
-"""What is not finite is for the caller to count."""
+"""Context without NumPy's warnings of overflow; callers check for results that are not finite."""
 
 
 @dataclass(frozen=True, eq=False)
 class MlpModel:
-    """``y = shift_y + scale_y (W_L a_L + b_L)``, ``a_{l+1} = elu(W_l a_l + b_l)``.
+    """Network ``y = shift_y + scale_y (W_L a_L + b_L)``, ``a_{l+1} = elu(W_l a_l + b_l)``.
 
-    ``a_0`` is z normalised; ``weights[l]`` (n_{l+1}, n_l) and ``biases[l]`` (n_{l+1},) are float64
-    whatever they were trained in. ``elu(s) = s`` for s > 0, else ``exp(s) - 1``, has one continuous
-    derivative; the second jumps at s = 0 and is there that of the left side.
+    ``a_0`` is z normalised; ``weights[l]`` (n_{l+1}, n_l) and ``biases[l]`` (n_{l+1},) are float64,
+    though trained in float32. ``elu(s) = s`` for s > 0, else ``exp(s) - 1``, has one continuous
+    derivative; the second one jumps at s = 0, where the left limit is used.
     ``sigma`` is the width of the noise in training, in normalised units of z; 0 for clean data.
 
-    Far from the data y grows linearly. A query that is not finite has an answer that is not finite,
-    or the limit there; those of the other queries do not know of it.
+    Far from the data y grows linearly. The result for a query that is not finite is not finite or the
+    limit there; it does not affect the other queries.
     """
 
     kind: ClassVar[str] = MLP
@@ -47,22 +47,22 @@ class MlpModel:
 
     @property
     def n_in(self) -> int:
-        """Entries of z."""
+        """Number of entries of z."""
         return self.weights[0].shape[1]
 
     @property
     def n_out(self) -> int:
-        """Entries of y."""
+        """Number of entries of y."""
         return self.weights[-1].shape[0]
 
     @property
     def hidden(self) -> tuple[int, ...]:
-        """Units of each hidden layer."""
+        """Number of units of each hidden layer."""
         return tuple(bias.size for bias in self.biases[:-1])
 
     @IGNORE_OVERFLOW
     def values(self, z: np.ndarray) -> np.ndarray:
-        """``y`` (n, n_out) at ``z`` (n, n_in)."""
+        """Return ``y`` (n, n_out) at ``z`` (n, n_in)."""
         y = np.empty((len(z), self.n_out))
         for rows in _blocks(len(z)):
             a = self.z_scales.normalise(z[rows])
@@ -73,7 +73,7 @@ class MlpModel:
 
     @IGNORE_OVERFLOW
     def jacobians(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """``y`` (n, n_out) and ``dy/dz`` (n, n_out, n_in), carried forward through the layers."""
+        """Return ``y`` (n, n_out) and ``dy/dz`` (n, n_out, n_in), by forward mode through the layers."""
         y, jacobians = np.empty((len(z), self.n_out)), np.empty((len(z), self.n_out, self.n_in))
         for rows in _blocks(len(z)):
             last, J = self._forward(z[rows])[-1]
@@ -83,11 +83,10 @@ class MlpModel:
 
     @IGNORE_OVERFLOW
     def curvatures(self, z: np.ndarray, weights: np.ndarray) -> np.ndarray:
-        """``sum_i weights_i d²y_i/dz²`` (n, n_in, n_in), symmetric, for ``weights`` (n, n_out).
+        """Return ``sum_i weights_i d²y_i/dz²`` (n, n_in, n_in), symmetric, for ``weights`` (n, n_out).
 
-        ``sum_l J_l' diag(adj_l elu''(s_l)) J_l`` over the hidden layers, with pre-activations
-        s_l, their Jacobians ``J_l = ds_l/dz`` and ``adj_l``, the derivative of ``weights'y`` by
-        ``elu(s_l)``.
+        It is ``sum_l J_l' diag(adj_l elu''(s_l)) J_l`` over the hidden layers, with pre-activations s_l,
+        ``J_l = ds_l/dz``, and adj_l the derivative of ``weights'y`` with respect to ``elu(s_l)``.
         """
         curvatures = np.empty((len(z), self.n_in, self.n_in))
         for rows in _blocks(len(z)):
@@ -102,11 +101,11 @@ class MlpModel:
             _, slope, bend = _elu(s)
             curvatures += (J * (adjoint * bend)[:, None, :]) @ J.swapaxes(1, 2)
             adjoint = (adjoint * slope) @ W
-        # The product of a matrix with its own transpose is symmetric only up to its rounding.
+        # The product of a matrix and its scaled transpose is symmetric only up to rounding.
         return 0.5 * (curvatures + curvatures.swapaxes(1, 2))
 
     def _forward(self, z: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Each layer's ``s`` (n, n_l) and ``ds/dz`` (n, n_in, n_l); the last is y normalised."""
+        """Return each layer's pre-activation s (n, n_l) and ``ds/dz`` (n, n_in, n_l); the last s is y normalised."""
         W, b = self.weights[0], self.biases[0]
         J = np.broadcast_to((W / self.z_scales.scale).T, (len(z), self.n_in, b.size))
         layers = [(self.z_scales.normalise(z) @ W.T + b, J)]
@@ -117,7 +116,7 @@ class MlpModel:
         return layers
 
     def dataset(self) -> xr.Dataset:
-        """All of it as arrays and attributes (:meth:`from_dataset` reads it back)."""
+        """Return the network as arrays and attributes for a file; :meth:`from_dataset` is the inverse."""
         import xarray as xr
 
         data = {}
@@ -140,9 +139,9 @@ class MlpModel:
 
     @classmethod
     def from_dataset(cls, dataset: xr.Dataset) -> MlpModel:
-        """Back from :meth:`dataset`, to the last bit.
+        """Return the network that :meth:`dataset` stored, equal to the last bit.
 
-        Raises ``ValueError`` for a dataset that is no network or lacks a part of one.
+        Raises ``ValueError`` for a dataset that is not a network or is incomplete.
         """
         origin = DataOrigin.from_dataset(dataset, MLP)
         layers = range(int(dataset.attrs["layers"]))
@@ -165,17 +164,16 @@ def _blocks(n: int) -> Iterator[slice]:
 
 
 def _product(J: np.ndarray, W: np.ndarray) -> np.ndarray:
-    """``J_i W'`` (n, n_in, n_out) for J (n, n_in, k) and W (n_out, k)."""
-    # One product of all rows fills the cores, but beside other programs it waits a time slice for
-    # the thread that has not got one: 8 ms, where the many small products of a plan's stages,
-    # which no library shares among threads, take 0.3 ms together.
+    """Return ``J_i W'`` (n, n_in, n_out) for J (n, n_in, k) and W (n_out, k)."""
+    # One product of all rows uses several threads, but when other programs run it waits 8 ms for a
+    # thread without a core; the small products of a plan's stages, each on one thread, take 0.3 ms.
     if len(J) <= SMALL_BATCH:
         return J @ W.T
     return (J.reshape(-1, J.shape[2]) @ W.T).reshape(*J.shape[:2], len(W))
 
 
 def _elu(s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """``elu``, ``elu'`` and ``elu''``."""
+    """Return the activation elu(s) and its first and second derivatives."""
     below = np.minimum(s, 0.0)
     slope = np.exp(below)
     return np.maximum(s, 0.0) + np.expm1(below), slope, np.where(s > 0.0, 0.0, slope)

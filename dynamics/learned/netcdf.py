@@ -1,7 +1,7 @@
-"""Whether a netCDF file can be read at all, found out by a child process.
+"""Check in a child process of whether a netCDF file can be read.
 
-The C libraries trust a file's addresses and counts: flipped bits may make them loop for ever, or
-touch memory that is not theirs, which ends the process.
+The C libraries do not check a file's addresses and counts: in a damaged file these may cause an
+infinite loop or an invalid memory access, which ends the process.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ import warnings
 import numpy as np
 
 _BASE_CPU_S = 1
-"""CPU time [s] that reading may take, whatever the load and the size."""
+"""Limit of the CPU time [s] of reading a small file."""
 _BYTES_PER_CPU_S = 20_000_000
-"""Bytes for which reading may take one more second of CPU time."""
+"""Number of bytes of a file for which the limit is one second of CPU time larger."""
 
 
 def check_readable(content: bytes) -> None:
@@ -26,7 +26,7 @@ def check_readable(content: bytes) -> None:
 
     receiver, sender = os.pipe()
     with warnings.catch_warnings():
-        # Of threads, which the child does not need.
+        # The warning is about threads, which the child does not need.
         warnings.simplefilter("ignore", DeprecationWarning)
         child = os.fork()
     if child == 0:
@@ -50,7 +50,7 @@ def check_readable(content: bytes) -> None:
 
 
 def _failure(content: bytes, library: object) -> str:
-    """Read every variable; return what is wrong, if anything."""
+    """Read every variable of a file; return the reason why it is not valid, ``""`` if it is."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
     seconds = _BASE_CPU_S + len(content) // _BYTES_PER_CPU_S

@@ -15,11 +15,11 @@ Ranges = Mapping[str, tuple[float, float]]
 
 @dataclass(frozen=True)
 class Region:
-    """Ranges by name, in the units of the system's signals, and the tube that half of data lie in.
+    """Ranges of states and inputs by name, in the system's units, and a tube for half of the data.
 
-    ``around`` names inputs whose range is measured from a state, as commanded positions are from
-    the actuated ones: ``{"ux": "ax"}``. The tube is the straight line from ``start`` to ``goal``
-    (nx,) and Gaussian noise of width ``spread`` (nx,) about it, which the ranges do not cut.
+    ``around`` maps inputs whose range is relative to a state to that state, such as commanded to
+    actuated positions: ``{"ux": "ax"}``. The tube is the straight line from ``start`` to ``goal``
+    (nx,) with Gaussian noise of width ``spread`` (nx,), not limited to the ranges.
     """
 
     states: Ranges
@@ -30,7 +30,7 @@ class Region:
     around: Mapping[str, str] = field(default_factory=dict)
 
     def check(self, system: ContactSystem) -> None:
-        """Raise ``ValueError`` where names or sizes are not those of ``system``."""
+        """Raise ``ValueError`` where names or sizes differ from ``system``, or a number is not valid."""
         states, inputs = ([s.name for s in signals] for signals in (system.states, system.inputs))
         for role, ranges, names in (("state", self.states, states), ("input", self.inputs, inputs)):
             if set(ranges) != set(names):
@@ -57,11 +57,11 @@ class Region:
             raise ValueError(f"the region's spread must not be negative, got {self.spread}")
 
     def box_states(self, rng: np.random.Generator, n: int, names: Sequence[str]) -> np.ndarray:
-        """States (n, nx), uniform in their ranges."""
+        """Return random states (n, nx), uniform in their ranges."""
         return _uniform(rng, n, self.states, names)
 
     def tube_states(self, rng: np.random.Generator, n: int, names: Sequence[str]) -> np.ndarray:
-        """States (n, nx), uniform along the line from start to goal, with noise about it."""
+        """Return random states (n, nx), uniform along the line from start to goal, plus Gaussian noise."""
         start, goal, spread = (np.asarray(v, float) for v in (self.start, self.goal, self.spread))
         line_share = rng.uniform(size=(n, 1))
         return start + line_share * (goal - start) + spread * rng.standard_normal((n, len(names)))
@@ -69,14 +69,14 @@ class Region:
     def draw_inputs(
         self, rng: np.random.Generator, x: np.ndarray, states: Sequence[str], inputs: Sequence[str]
     ) -> np.ndarray:
-        """Inputs (n, nu), uniform in their ranges, for the states ``x`` (n, nx)."""
+        """Return random inputs (n, nu), uniform in their ranges, for the states ``x`` (n, nx)."""
         u = _uniform(rng, len(x), self.inputs, inputs)
         for name, state in self.around.items():
             u[:, inputs.index(name)] += x[:, states.index(state)]
         return u
 
     def described(self) -> dict[str, Any]:
-        """The region as plain values, for a record."""
+        """Return the region as a dict of plain values, for the data's provenance."""
         return asdict(self)
 
 

@@ -1,4 +1,4 @@
-"""The form of files of transitions and of models, checked before anything is built of them."""
+"""Schema of the files of transitions and models, and its check before anything is built from a file."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from pydantic import BaseModel, ConfigDict, Field, Json, ValidationError
 if TYPE_CHECKING:
     import xarray as xr
 
-# Version of the files' form.
+# Version of the schema.
 SCHEMA = 1
-# Kinds of files: transitions, and models by the name of their law.
+# Kinds of files: transitions, and models, with the name of their contact law.
 TRANSITIONS = "transitions"
 EWDA = "ewda"
 MLP = "mlp"
 KINDS = (TRANSITIONS, EWDA, MLP)
 LARGEST_NUMBER = 1e50
-"""Sums and products of a few numbers of this size are finite."""
+"""Largest absolute value of a number in a file, so that sums and products of a few of them are finite."""
 _Count = Annotated[int, Field(ge=0)]
 
 
 class _Attributes(BaseModel):
-    """Attributes that all kinds have."""
+    """Attributes of files of all kinds."""
 
     model_config = ConfigDict(strict=True)
 
@@ -45,13 +45,13 @@ class _Network(_Model):
     layers: Annotated[int, Field(ge=1, le=100)]
 
 
-# Attributes of each kind.
+# Mapping from the kind of a file to the model of its attributes.
 _ATTRIBUTES: dict[str, type[_Attributes]] = {
     TRANSITIONS: _Attributes,
     EWDA: _Model,
     MLP: _Network,
 }
-# Dimensions of each variable.
+# Mapping from the name of a variable to its dimensions.
 _DIMENSIONS = {
     **dict.fromkeys(("z", "z_unit", "z_shift", "z_scale", "z_least", "z_most"), ("z",)),
     **dict.fromkeys(("state", "state_unit", "y_shift", "y_scale"), ("state",)),
@@ -61,23 +61,23 @@ _DIMENSIONS = {
     **{"fit_sigma": (), "z_data": ("sample", "z"), "y_data": ("sample", "state")},
     **{"x": ("sample", "state"), "x_next": ("sample", "state"), "u": ("sample", "input")},
 }
-# Variables that hold text.
+# Variables whose values are text.
 _TEXT_VARIABLES = ("z", "z_unit", "state", "state_unit", "input", "input_unit")
-# Variables that each kind has beside the common ones.
+# Mapping from the kind of a file to the variables that it needs in addition to the common ones.
 _VARIABLES_OF_KIND = {
     TRANSITIONS: ("x", "u", "x_next", "input", "input_unit"),
     EWDA: ("z_data", "y_data"),
     MLP: ("y_shift", "y_scale"),
 }
-# Variables of files that describe their fit.
+# Variables of files with the errors of a model's fit.
 _FIT_VARIABLES = ("z_least", "z_most", *(name for name in _DIMENSIONS if name.startswith("fit_")))
 
 
 def check_dataset(dataset: xr.Dataset, kind: str) -> None:
-    """Raise ``ValueError`` where a dataset is not as files of its ``kind`` are.
+    """Raise ``ValueError`` where a dataset does not have the schema of its ``kind``.
 
-    Attributes, variables, their dimensions and types are checked, signs of scales and errors, and
-    that numbers are finite and at most :data:`LARGEST_NUMBER`.
+    The check covers attributes, variables, their dimensions and types, the signs of scales and
+    errors, and that numbers are finite and at most :data:`LARGEST_NUMBER` in size.
     """
     attributes = {key: plain_value(value) for key, value in dataset.attrs.items()}
     if attributes.get("kind") != kind:
@@ -128,5 +128,5 @@ def _check_variable(name: str, dataset: xr.Dataset) -> None:
 
 
 def plain_value(value: Any) -> Any:
-    """An attribute as a plain value."""
+    """Return an attribute as a Python value, converted from NumPy where needed."""
     return value.tolist() if isinstance(value, np.generic | np.ndarray) else value

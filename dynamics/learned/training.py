@@ -1,4 +1,4 @@
-"""Training of networks on clean and on noised data."""
+"""Training of networks on transitions with clean or noised inputs."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from dynamics.settings import Configured, read_value, setting
 
 @dataclass(frozen=True)
 class Recipe(Configured):
-    """Hyperparameters of the training of a network. Defaults: the same authors' for 1e5 transitions of pushing.
+    """Hyperparameters of a network's training; defaults are those of Suh et al. for 1e5 transitions of pushing.
 
-    With held_out = 0 all rows are trained on, all epochs run, and the last weights are kept instead of the best.
+    With held_out = 0 training uses all rows, runs all epochs, and returns the last weights instead of the best.
     """
 
     name: ClassVar = "mlp"
@@ -43,10 +43,10 @@ class Recipe(Configured):
 
 @dataclass(frozen=True)
 class Epoch:
-    """After a pass over the data: mean squared errors a coordinate, in units of y's scales.
+    """Mean squared errors per coordinate after one pass over the data, in units of y's scales.
 
-    ``train`` is the mean over the pass, on inputs noised as trained; ``clean`` and ``noised`` are
-    those of held-out rows (NaN where none are held out), ``best`` the least ``noised`` so far.
+    ``train`` is the mean over the pass, with the noise of training; ``clean`` and ``noised`` are the
+    errors of held-out rows (NaN where none are held out), ``best`` is the lowest ``noised`` so far.
     """
 
     number: int
@@ -57,20 +57,21 @@ class Epoch:
 
 
 class Training:
-    """Minimise ``E |h(z + sigma w) - y|²``, w ~ N(0, I) fresh in every minibatch, by Adam [eq. 3].
+    """Minimisation of ``E |h(z + sigma w) - y|²`` by Adam, w ~ N(0, I) new in every minibatch.
 
-    z and y are normalised; only z is noised, never y. The network predicts the next state as in the
-    paper, which makes the minimiser g_sigma itself. An increment, added to the noised state x~, is
-    another law: ``x~ + E[y - x | x~]`` keeps the noise and does not pull back to the data.
+    It is eq. 3 of "How does noising data affect learned contact dynamics?" (Suh et al.).
+    z and y are normalised; noise is added to z only. The network predicts the next state as in the
+    paper, so that the minimiser is g_sigma itself. A prediction of the increment, added to the noised
+    state x~, would be another law: ``x~ + E[y - x | x~]`` contains the noise and does not lead back to
+    the data.
 
-    Training is in float32; the same seed, data and recipe give the same bits on one computer with
-    the same number of processors (how many there are decides in which order sums are taken) and
-    settings of JAX.
-    ``state``, given back, continues to the bits of an uninterrupted run; it is that of the last
-    whole epoch, whatever interrupts one.
+    Training is in float32; the same seed, data and recipe give the same bits on one computer with the
+    same settings of JAX and number of processors, which determines the order of sums. With ``state``
+    of an earlier training the result has the bits of an uninterrupted run; an interrupted epoch is
+    repeated.
 
-    Raises ``ValueError`` for a sigma that is negative, too few rows, a constant column, a state of
-    other training, and where the extra ``learn`` is not installed.
+    Raises ``ValueError`` for a negative sigma, too few rows, a constant column, a state of another
+    training, and where the extra ``learn`` is not installed.
     """
 
     def __init__(
@@ -95,26 +96,23 @@ class Training:
 
     @property
     def epoch(self) -> int:
-        """Passes over the data so far."""
+        """Number of passes over the data so far."""
         return self._now.number
 
     @property
     def error(self) -> float:
-        """The least held-out error so far, on noised inputs; infinite where none is held out."""
+        """Lowest mean squared error of held-out rows with noised inputs so far; infinite where none is held out."""
         return self._now.least
 
     @property
     def done(self) -> bool:
-        """Whether all epochs are over or the held-out error has stopped to fall."""
+        """Whether all epochs are over or the held-out error has not decreased for ``patience`` epochs."""
         progress, recipe = self._now, self.recipe
         stale = len(self.held_out) > 0 and progress.number - progress.best_at >= recipe.patience
         return progress.number >= recipe.epochs or stale
 
     def epochs(self) -> Iterator[Epoch]:
-        """The remaining epochs one by one; the next one is computed on request.
-
-        Raises ``ValueError`` when the weights are no longer finite.
-        """
+        """Run the remaining epochs, and yield the errors after each; raise ``ValueError`` when training diverges."""
         z, y = (
             scales.normalise(rows).astype(np.float32)
             for scales, rows in zip(self._scales, (self.data.z, self.data.y), strict=True)
@@ -138,7 +136,7 @@ class Training:
 
     @property
     def state(self) -> dict[str, np.ndarray]:
-        """All that continues the training, arrays only: weights now and best, Adam's, the epoch."""
+        """Arrays of a checkpoint: current and best weights, Adam's moments, the epoch, and a digest of the inputs."""
         identity = np.frombuffer(self._identity(), dtype=np.uint8)
         return {"identity": identity, **self._network.arrays(self._now)}
 
@@ -150,14 +148,14 @@ class Training:
         return self._network.progress(state)
 
     def _identity(self) -> bytes:
-        """Return a digest of everything that decides the bits; more epochs or patience continue the run."""
+        """Return a digest of all that determines the weights; epochs and patience may differ in a continued run."""
         recipe = self.recipe
         identity = recipe.hidden, recipe.batch, recipe.rate, recipe.held_out, self.sigma, self.seed
         identity = (*identity, self.data.hash)
         return hashlib.sha256(repr(identity).encode()).digest()
 
     def model(self) -> MlpModel:
-        """The network with the best weights so far, or with the last where nothing is held out."""
+        """Return the network with the best weights so far, or with the last ones where no row is held out."""
         best_layers = self._now.best
         weights = tuple(np.array(layer.weight, float) for layer in best_layers)
         biases = tuple(np.array(layer.bias, float) for layer in best_layers)
@@ -167,7 +165,7 @@ class Training:
 
 
 def train_network(data: Samples, sigma: float, seed: int = 0, **recipe: Any) -> MlpModel:
-    """Train to the end (:class:`Training`, :class:`Recipe`): h_sigma, or h for sigma = 0."""
+    """Train a network to the end, see :class:`Training`; ``recipe`` are the settings of :class:`Recipe`."""
     training = Training(data, sigma, Recipe(**recipe), seed)
     for _ in training.epochs():
         pass
@@ -175,16 +173,16 @@ def train_network(data: Samples, sigma: float, seed: int = 0, **recipe: Any) -> 
 
 
 EPOCH_STREAM = 1
-"""Stream of random numbers of the epochs."""
+"""Index of the random stream for the order and noise of the epochs."""
 HELD_OUT_STREAM = 2
-"""Stream of random numbers of the noise on held-out rows."""
+"""Index of the random stream for the noise on held-out rows."""
 
 
 @dataclass(frozen=True)
 class Progress:
-    """State of training: layers and Adam's moments now, and the layers of the least error.
+    """State of a training: current layers and Adam's moments, and the layers with the lowest error so far.
 
-    Replaced as a whole after every epoch, so that what interrupts one leaves that before it.
+    It is replaced as a whole after every epoch, so that an interrupted epoch leaves it unchanged.
     """
 
     layers: Any
@@ -196,7 +194,7 @@ class Progress:
 
 
 class Network:
-    """Updates of a network's weights in training, float32, on JAX's device."""
+    """The network in training: JAX functions that update its float32 weights and measure its errors."""
 
     def __init__(self, n_in: int, n_out: int, recipe: Recipe, sigma: float, seed: int) -> None:
         jax, _, optax = _libraries()
@@ -208,29 +206,29 @@ class Network:
         self._epoch, self._errors = _compiled(recipe.batch, recipe.rate, sigma > 0)
 
     def on_device(self, z: np.ndarray, y: np.ndarray) -> tuple[Any, Any]:
-        """Rows where the epochs read them."""
+        """Return the rows as arrays on JAX's device."""
         return self._jax.device_put(z), self._jax.device_put(y)
 
     def epoch(self, progress: Progress, z: Any, y: Any) -> tuple[Progress, float]:
-        """One more pass, in a fresh order with fresh noise, and its mean loss."""
+        """Return the progress after one more pass, in a new order with new noise, and its mean loss."""
         number = progress.number + 1
         key = self._jax.random.fold_in(self._draws, number)
         layers, moments, loss = self._epoch(progress.layers, progress.moments, key, self._sigma, z, y)
         return replace(progress, layers=layers, moments=moments, number=number), float(loss)
 
     def errors(self, layers: Any, z: Any, y: Any) -> tuple[float, float]:
-        """Mean squared error on clean and on noised inputs, the same noise after every epoch."""
+        """Return the mean squared errors with clean and with noised inputs, with the same noise in every call."""
         clean, noised = self._errors(layers, self._held, self._sigma, z, y)
         return float(clean), float(noised)
 
     def arrays(self, progress: Progress) -> dict[str, np.ndarray]:
-        """Progress as arrays alone."""
+        """Return the progress as a dict of arrays, for a checkpoint."""
         leaves = self._jax.tree.leaves((progress.layers, progress.moments, progress.best))
         leaf_arrays = {f"leaf_{i}": np.asarray(leaf) for i, leaf in enumerate(leaves)}
         return {"progress": np.array([progress.number, progress.best_at, progress.least]), **leaf_arrays}
 
     def progress(self, arrays: dict[str, np.ndarray]) -> Progress:
-        """Back from :meth:`arrays`."""
+        """Return the progress stored by :meth:`arrays`."""
         jax, start = self._jax, self.start
         leaves, structure = jax.tree.flatten((start.layers, start.moments, start.best))
         restored_leaves = [jax.numpy.asarray(arrays[f"leaf_{i}"]) for i in range(len(leaves))]
@@ -241,7 +239,7 @@ class Network:
 
 @functools.cache
 def _compiled(batch: int, rate: float, noised: bool) -> tuple[Any, Any]:
-    """An epoch and the errors of some rows, compiled once for all networks of equal sizes."""
+    """Return the functions of one epoch and of the errors, which JAX compiles once for networks of equal sizes."""
     jax, _, optax = _libraries()
     adam = optax.adam(rate)
 
@@ -256,7 +254,7 @@ def _compiled(batch: int, rate: float, noised: bool) -> tuple[Any, Any]:
         size = min(batch, len(z))
         steps = len(z) // size
         order, draws = jax.random.split(key)
-        # What does not fill a batch waits for another epoch, which has another order.
+        # Rows that do not fill a batch are omitted; each epoch has another order.
         rows = jax.random.permutation(order, len(z))[: steps * size].reshape(steps, size)
 
         def step(carried: Any, drawn: Any) -> Any:
@@ -277,7 +275,7 @@ def _compiled(batch: int, rate: float, noised: bool) -> tuple[Any, Any]:
 
 
 def evaluate_network(layers: Any, z: Any) -> Any:
-    """The network of Equinox's layers at one row, normalised in and out."""
+    """Return the output of a network of Equinox layers for one row; input and output are normalised."""
     import jax
 
     for layer in layers[:-1]:
@@ -295,10 +293,7 @@ def _layers(sizes: tuple[int, ...], key: Any) -> tuple[Any, ...]:
 
 
 def _libraries() -> tuple[Any, Any, Any]:
-    """JAX, Equinox, Optax.
-
-    Raises ``ValueError`` that names the extra which installs them.
-    """
+    """Import JAX, Equinox and Optax; raise ``ValueError`` that names the extra where they are not installed."""
     try:
         import equinox
         import jax

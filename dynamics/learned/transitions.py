@@ -1,4 +1,4 @@
-"""Steps of a system, measured or computed, and samples of them as a map is learned from."""
+"""Transitions of a system, measured or computed, and the samples from which models are learned."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class DataOrigin:
-    """Names and units of ``z`` and ``y``, and whose data they were.
+    """Names and units of ``z`` and ``y``, and the problem, its parameters and the hash of the data.
 
-    Entries of z that y has too are states, the others inputs: z = (x, u), y = x_next.
+    z = (x, u), y = x_next: entries of z with the name of an entry of y are states, the others inputs.
     """
 
     z: tuple[Signal, ...]
@@ -33,22 +33,22 @@ class DataOrigin:
 
     @property
     def inputs(self) -> tuple[Signal, ...]:
-        """Entries of z that are no states."""
+        """Entries of z that are inputs, not states."""
         states = {signal.name for signal in self.y}
         return tuple(signal for signal in self.z if signal.name not in states)
 
     def coordinates(self) -> dict[str, Any]:
-        """``z``, ``state`` and ``input`` of a dataset: names, and units as ``state_unit`` etc."""
+        """Return a dataset's coordinates ``z``, ``state`` and ``input`` with names, and ``z_unit`` etc. with units."""
         coordinates: dict[str, Any] = {}
         for dimension, entries in (("z", self.z), ("state", self.y), ("input", self.inputs)):
-            # The type is stated, since NumPy would make numbers of an empty list.
+            # Without a type NumPy would make an array of numbers from an empty list.
             names = np.array([signal.name for signal in entries], dtype=str)
             units = np.array([signal.unit for signal in entries], dtype=str)
             coordinates |= {dimension: names, f"{dimension}_unit": (dimension, units)}
         return coordinates
 
     def attributes(self, kind: str) -> dict[str, Any]:
-        """Attributes that transitions and models store."""
+        """Return the attributes that files of transitions and models have in common."""
         return {
             "kind": kind,
             "schema": SCHEMA,
@@ -59,7 +59,7 @@ class DataOrigin:
 
     @classmethod
     def from_dataset(cls, dataset: xr.Dataset, kind: str) -> DataOrigin:
-        """Back from a dataset with these coordinates and attributes.
+        """Return the origin stored in a dataset's coordinates and attributes.
 
         Raises ``ValueError`` where :func:`~dynamics.learned.stored.check_dataset` does.
         """
@@ -77,9 +77,9 @@ def _signals(dataset: xr.Dataset, dimension: str) -> tuple[Signal, ...]:
 
 @dataclass(frozen=True)
 class Normalisation:
-    """``(a - shift) / scale`` per coordinate, shift and scale (n,) in the coordinates' own units.
+    """Normalisation ``(a - shift) / scale`` per coordinate, shift and scale (n,) in the coordinates' units.
 
-    Noise of width sigma is ``sigma scale`` in those units: metres and radians have no common one.
+    Noise of width sigma in normalised units is ``sigma scale`` in these units, such as metres or radians.
     """
 
     shift: np.ndarray
@@ -87,9 +87,9 @@ class Normalisation:
 
     @classmethod
     def from_rows(cls, rows: np.ndarray, names: Sequence[str]) -> Normalisation:
-        """Mean and standard deviation of every column of ``rows`` (n_samples, n).
+        """Return the normalisation by mean and standard deviation of every column of ``rows`` (n_samples, n).
 
-        Raises ``ValueError`` that names a column which does not vary.
+        Raises ``ValueError`` that names columns which do not vary.
         """
         scale = rows.std(axis=0)
         size = np.abs(rows).max(axis=0, initial=0.0)
@@ -102,19 +102,19 @@ class Normalisation:
         return cls(rows.mean(axis=0), scale)
 
     def normalise(self, rows: np.ndarray) -> np.ndarray:
-        """From the coordinates' units, (..., n)."""
+        """Convert rows (..., n) from the coordinates' units to normalised units."""
         return (rows - self.shift) / self.scale
 
     def denormalise(self, rows: np.ndarray) -> np.ndarray:
-        """Back to the coordinates' units, (..., n)."""
+        """Convert rows (..., n) from normalised units to the coordinates' units."""
         return rows * self.scale + self.shift
 
 
 @dataclass(frozen=True)
 class Samples:
-    """``z`` (n, nz) and ``y = f(z)`` (n, ny) in physical units, a row a sample.
+    """Training data of a model: ``z`` (n, nz) and ``y = f(z)`` (n, ny) in physical units, one row per sample.
 
-    Raises ``ValueError`` for shapes that disagree with the names, and for rows that are not finite.
+    Raises ``ValueError`` for shapes that do not fit the names, and for rows that are not finite.
     """
 
     z: np.ndarray
@@ -133,7 +133,7 @@ class Samples:
 
     @property
     def scales(self) -> tuple[Normalisation, Normalisation]:
-        """Normalise z and y over all rows; raise ``ValueError`` for a column that never varies."""
+        """Normalisations of z and y over all rows; raises ``ValueError`` for a constant column."""
         named = (self.z, "{}", self.origin.z), (self.y, "the next {}", self.origin.y)
         z, y = (
             Normalisation.from_rows(rows, [form.format(signal.name) for signal in signals])
@@ -143,7 +143,7 @@ class Samples:
 
     @property
     def hash(self) -> str:
-        """SHA-256 over names, shapes and bytes."""
+        """SHA-256 of names, shapes and values."""
         digest = hashlib.sha256()
         for rows, signals in ((self.z, self.origin.z), (self.y, self.origin.y)):
             digest.update(repr([signal.name for signal in signals]).encode())
@@ -153,7 +153,7 @@ class Samples:
 
 
 def check_finite(arrays: Sequence[np.ndarray], names: Sequence[str]) -> None:
-    """Raise ``ValueError`` where arrays side by side, columns called ``names``, are not finite."""
+    """Raise ``ValueError`` that lists rows with values that are not finite; ``names`` are those of all columns."""
     table = np.hstack(arrays)
     rows, columns = np.nonzero(~np.isfinite(table))
     if not len(rows):
@@ -168,9 +168,9 @@ def check_finite(arrays: Sequence[np.ndarray], names: Sequence[str]) -> None:
 
 
 def split_rows(n: int, fraction: float, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """Row numbers of the rest and of the random ``fraction`` of n rows held out, each rising.
+    """Split n rows at random; return the sorted indices of the rest and of the ``fraction`` held out.
 
-    Whatever holds rows of the same data out at the same seed holds the same ones out.
+    The same n, fraction and seed always give the same rows.
     """
     order = np.random.default_rng([seed, 1]).permutation(n)
     n_held_out = round(fraction * n)
@@ -178,16 +178,16 @@ def split_rows(n: int, fraction: float, seed: int) -> tuple[np.ndarray, np.ndarr
 
 
 MIN_ROWS_PER_COORDINATE = 10
-"""Rows for every coordinate of z below which nothing is learned."""
+"""Minimum number of rows of data per coordinate of z."""
 
 
 @dataclass(frozen=True, eq=False)
 class Transitions:
-    """n steps: states ``x`` (n, nx), inputs ``u`` (n, nu) and next states ``x_next`` (n, nx).
+    """Data of n steps: states ``x`` (n, nx), inputs ``u`` (n, nu) and next states ``x_next`` (n, nx).
 
-    ``states`` and ``inputs`` name the columns and their units, in which all values are;
-    ``normalisation`` is of z = (x, u). ``provenance`` states where the data come from: ``problem``,
-    ``parameters``, ``seed``, ``region``, ``how``, as far as they are known.
+    ``states`` and ``inputs`` are the names and units of the columns; ``normalisation`` is that of
+    z = (x, u). ``provenance`` describes the origin of the data: ``problem``, ``parameters``, ``seed``,
+    ``region``, ``how``, as far as they are known.
     """
 
     x: np.ndarray
@@ -208,10 +208,10 @@ class Transitions:
         inputs: Sequence[Signal],
         provenance: Mapping[str, Any] | None = None,
     ) -> Transitions:
-        """Transitions from arrays, normalised by mean and standard deviation of every column.
+        """Return transitions made from arrays, with the normalisation by mean and standard deviation.
 
         Raises ``ValueError`` for shapes that do not fit, values that are not finite (with the
-        rows), a column that never varies, and fewer than ten rows for each entry of z.
+        rows), a constant column, and fewer than ten rows for each entry of z.
         """
         states, inputs = tuple(states), tuple(inputs)
         x, u, x_next = (np.ascontiguousarray(a, dtype=float) for a in (x, u, x_next))
@@ -249,7 +249,7 @@ class Transitions:
 
     @cached_property
     def hash(self) -> str:
-        """SHA-256 over names, units and values: the same data have the same hash."""
+        """SHA-256 of names, units and values, which identifies the data."""
         columns = [[s.name, s.unit] for s in (*self.states, *self.inputs)]
         digest = hashlib.sha256(json.dumps([len(self.states), columns]).encode())
         for array in (self.x, self.u, self.x_next):
@@ -257,7 +257,7 @@ class Transitions:
         return digest.hexdigest()
 
     def check_signals(self, states: Sequence[Signal], inputs: Sequence[Signal], owner: str) -> None:
-        """Raise ``ValueError`` unless names and units are those of ``owner``, in its order."""
+        """Raise ``ValueError`` unless names and units equal those given, in order; ``owner`` has them."""
         expected_signals = [[(s.name, s.unit) for s in group] for group in (states, inputs)]
         for role, data_signals, expected in zip(
             ("states", "inputs"), (self.states, self.inputs), expected_signals, strict=True
@@ -271,20 +271,20 @@ class Transitions:
 
     @property
     def origin(self) -> DataOrigin:
-        """The origin that a model of these data stores."""
+        """Description of the data's origin, which models of the data store."""
         provenance = self.provenance
         problem, parameters = str(provenance.get("problem", "")), provenance.get("parameters", {})
         return DataOrigin((*self.states, *self.inputs), self.states, problem, parameters, self.hash)
 
     def samples(self) -> Samples:
-        """``z`` and the next states as a map is learned from them."""
+        """Return z and the next states as training data of a model."""
         return Samples(self.z, self.x_next, self.origin)
 
     def dataset(self) -> xr.Dataset:
-        """As labelled arrays: ``x``, ``u`` and ``x_next`` over sample and state or input.
+        """Return the transitions as labelled arrays: ``x``, ``u`` and ``x_next`` over sample and state or input.
 
-        Coordinates, units and the scales of z are called as in a model's; provenance is JSON in
-        the attributes.
+        Coordinates, units and the scales of z have the same names as in a model's dataset; an
+        attribute has the provenance as JSON.
         """
         import xarray as xr
 
@@ -304,7 +304,7 @@ class Transitions:
 
     @classmethod
     def from_dataset(cls, dataset: xr.Dataset) -> Transitions:
-        """Read :meth:`dataset` back; raises ``ValueError`` where it has no such form."""
+        """Return the transitions that :meth:`dataset` stored; raise ``ValueError`` for any other dataset."""
         origin = DataOrigin.from_dataset(dataset, TRANSITIONS)
         names = ("x", "u", "x_next", "z_shift", "z_scale")
         x, u, x_next, shift, scale = (np.array(dataset[name].values) for name in names)
@@ -316,5 +316,5 @@ class Transitions:
 
 
 def list_signals(signals: Sequence[Signal]) -> str:
-    """Names with units, ``ox [m], theta [rad]``."""
+    """Return the text of names with units, ``ox [m], theta [rad]``."""
     return ", ".join(f"{signal.name} [{signal.unit}]" for signal in signals)
