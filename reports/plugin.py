@@ -1,4 +1,4 @@
-"""Functions of this package that ``ocp.Solution`` calls by entry point (:mod:`ocp.plugins`)."""
+"""Entry points of this package (:mod:`ocp.plugins`): the command line, and output of an ``ocp.Solution``."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def main() -> None:
 
 
 def report(solution: Solution, path: Path) -> Path:
-    """Write the PDF of a solution, stored or not."""
+    """Write the PDF report of a solution, stored or not, and return its path."""
     from reports.documents.pdf import write_pdf
 
     write_pdf([store.in_memory_run(solution)], path, file_spec=_file_spec(solution))
@@ -33,7 +33,7 @@ def report(solution: Solution, path: Path) -> Path:
 
 
 def animate(solution: Solution, path: Path, fps: int, speed: float) -> Path:
-    """Write the animation of plan and replay."""
+    """Write the animation of plan and replay at ``speed`` times real time, and return its path."""
     from reports.drawing.style import house_style
     from reports.motion.animation import Animation
     from reports.motion.movie import check_format, write_animation
@@ -97,7 +97,7 @@ def _view(solution: Solution) -> RunView:
 
 
 def _file_spec(solution: Solution) -> ProblemSpec | None:
-    """Return the problem of a user's file, if this process loaded one."""
+    """Return the spec of the problem's file, None for a problem that comes from no file."""
     from problems.registry import load
 
     source = solution.problem.origin.source

@@ -1,4 +1,4 @@
-"""The command line."""
+"""Command line of the workbench, the program ``ocp``."""
 
 import os
 
@@ -7,7 +7,7 @@ EXIT_CODE = 130
 
 
 def end(*_: object) -> None:
-    """End the process at once, as a handler of Ctrl-C."""
+    """Signal handler of Ctrl-C that ends the process at once."""
     try:
         os.write(2, b"stopped by the user\n")
     finally:

@@ -1,4 +1,4 @@
-"""The program ``ocp``: its commands and their parser."""
+"""Program ``ocp``: parser and execution of its commands."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from reports.cli.options.shared import Options, decode_utf8
 
 
 def execute(options: Options) -> int:
-    """Check the options of a command and run it; with ``-v`` its log goes to stderr."""
+    """Check the options of a command, run it, and return its exit code; ``-v`` logs to stderr."""
     if options.as_json:
         streams.redirect_stdout()
     module, _, name = options.code.partition(":")
@@ -38,7 +38,7 @@ def execute(options: Options) -> int:
 
 @contextmanager
 def _damage_reported(runs: Sequence[str]) -> Iterator[None]:
-    """Report as damaged a run whose content is inconsistent although its checksums agree."""
+    """Turn errors that a run with valid checksums but inconsistent content causes into DamagedRun."""
     try:
         yield
     except (ArithmeticError, AssertionError, AttributeError, LookupError, RuntimeError, TypeError, ValueError) as error:
@@ -54,14 +54,14 @@ def _damage_reported(runs: Sequence[str]) -> Iterator[None]:
 
 
 def run_checked(run: Callable[[Any, Any], int], options: Options, checked: Any) -> int:
-    """Run a checked command. Tests replace this function to stop after the checks."""
+    """Run a checked command and return its exit code. Tests replace this function to stop after the checks."""
     return run(options, checked)
 
 
 def click_command(name: str, options: type[Options]) -> Any:
     """Return the parser of a command: each field of its options class becomes an option."""
     option_fields = [field for field in fields(options) if field.name != "explicit"]
-    # Those of all commands stand last, as they do in every help text.
+    # The options that all commands share come last in every help text.
     option_fields.sort(key=lambda field: field.name in {common.name for common in fields(Options)})
     hints = get_type_hints(options)
     parameters = [Parameter("context", Parameter.KEYWORD_ONLY, annotation=typer.Context)]
@@ -83,7 +83,7 @@ def click_command(name: str, options: type[Options]) -> Any:
 
 
 def _parameter(field: Field[Any], hint: Any) -> Parameter:
-    """Return a field as a parameter of typer; its flag is ``--name`` unless it declares a long one."""
+    """Return the typer parameter of an options field; its flag is ``--name`` unless the field declares a long one."""
     metadata, flags = dict(field.metadata), field.metadata["flags"]
     parameter_class = metadata.pop("make")
     del metadata["flags"]
@@ -108,7 +108,7 @@ def _at_home(value: Any) -> Any:
 
 
 class StrictCommand(TyperCommand):
-    """A command of typer that rejects repeated options, empty texts and malformed numbers."""
+    """Typer command that rejects repeated options, empty texts and malformed numbers."""
 
     declared: type[Options]
     hints: dict[str, Any]
@@ -120,12 +120,12 @@ class StrictCommand(TyperCommand):
         formatter.write(self.declared.epilog())
 
     def make_parser(self, ctx: Any) -> Any:
-        """Return a parser that reads numbers as all settings are read, and rejects malformed words."""
+        """Return a parser that reads numbers like settings, such as 1e5 for an integer, and rejects malformed words."""
         parser = super().make_parser(ctx)
         parse = parser.parse_args
 
         def parse_args(args: list[str]) -> Any:
-            # In completion the last option has no value yet, and the others would not be read.
+            # During completion the last option has no value yet, and with it typer would read none of the options.
             completes_option = ctx.resilient_parsing and bool(args) and args[-1].startswith("-")
             words_by_name, remaining, order = parse(args=args[:-1] if completes_option else args)
             numbers = {name: self._number(ctx, name, word) for name, word in words_by_name.items()}
@@ -136,7 +136,7 @@ class StrictCommand(TyperCommand):
         return parser
 
     def _number(self, ctx: Any, name: str, word: Any) -> Any:
-        """Return the word of an option, with numbers written as the parser of their type expects."""
+        """Return the value of an option; a number is rewritten as typer's parser of its type expects it."""
         hint = self.hints.get(name)
         if hint is None or not isinstance(word, str) or not word.strip():
             return word
@@ -181,20 +181,20 @@ EXAMPLES = ("list", "show push-disc", "solve push-disc --contact exact", "runs",
 
 
 class CommandGroup(TyperGroup):
-    """All commands; the name of a command may have two words, such as ``runs rm``."""
+    """Group of all commands; the name of a command may have two words, such as ``runs rm``."""
 
     def __init__(self, **group_options: Any) -> None:
         super().__init__(**group_options)
         self.commands = dict.fromkeys(COMMANDS)
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        """Build the parser of a command, or return None for an unknown one."""
+        """Return the parser of a command, built at first use; None for an unknown command."""
         if cmd_name in COMMANDS and self.commands[cmd_name] is None:
             self.commands[cmd_name] = click_command(cmd_name, COMMANDS[cmd_name])
         return self.commands.get(cmd_name)
 
     def resolve_command(self, ctx: Any, args: list[str]) -> tuple[Any, Any, list[str]]:
-        """Return the command that the first two words name, or else the first word."""
+        """Return name, parser and arguments of the command that the first two words name, or else the first word."""
         two = " ".join(args[:2])
         if len(args) > 1 and two in COMMANDS:
             args = [two, *args[2:]]
@@ -243,7 +243,7 @@ def _program(
 
 
 def load_commands() -> dict[str, Any]:
-    """Return the parser of every command by name."""
+    """Return a mapping from the name of each command to its parser."""
     group: Any = typer.main.get_command(app)
     return {name: group.get_command(None, name) for name in COMMANDS}
 
@@ -251,8 +251,8 @@ def load_commands() -> dict[str, Any]:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code: 0 done, 2 usage, 3 not converged, 4 damaged run.
 
-    After Ctrl-C a solve with a stored best point gives 3, everything else 130. Errors go to stderr
-    in one or two lines; ``--debug`` adds the traceback.
+    After Ctrl-C a solve that stored its best iterate returns 3, every other command 130. Errors are
+    printed on stderr in one or two lines; ``--debug`` adds the traceback.
     """
     words = list(sys.argv[1:] if arguments is None else arguments)
     streams.set_error_handler()
@@ -262,7 +262,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             command = typer.main.get_command(app)
             code = command.main(args=words, prog_name="ocp", standalone_mode=False)
             interrupt.raise_if_interrupted()
-            # While a failure can still be reported.
+            # Flushed here, where a failure can still be reported.
             sys.stdout.flush()
     except BaseException as error:
         if isinstance(error, KeyboardInterrupt) or interrupt.was_interrupted():
@@ -276,7 +276,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             print(f"error: {message}", file=sys.stderr)
         return code
     finally:
-        # Not in a process of its own, where libraries still print at the end.
+        # In its own process stdout stays redirected, since libraries print even at the end.
         if arguments is not None:
             streams.restore_stdout()
     return code if isinstance(code, int) else 0

@@ -1,4 +1,4 @@
-"""The commands: each a class of options whose docstring is the command's help."""
+"""Commands of ``ocp``, each a class of options whose docstring is the command's help."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from reports.cli.options.shared import (
 from reports.cli.options.store import RmOptions, RunsExportOptions, RunsOptions
 
 BACKENDS = ("auto", "c", "numpy", "casadi")
-"""Engines of batched evaluation; auto takes the first that can be built."""
+"""Engines of batched evaluation; auto is the first of the others that can be built."""
 
 
 class ListOptions(Options):
@@ -37,7 +37,7 @@ class ListOptions(Options):
 
 
 class SettingsOptions(Options):
-    """List methods, strategies, policies, laws and every setting of -s and -c: default, meaning.
+    """List methods, strategies, policies, laws and all settings of -s and -c, with their defaults.
 
     IPOPT's options are listed where our default differs from IPOPT's; ocp settings ipopt has all.
     """
@@ -63,8 +63,8 @@ class ShowOptions(Options):
     """Show a problem: equations, parameters with units and defaults, citation, golden values.
 
     A learning task of the same name is shown too. For data and models: origin, ranges, scales, and
-    the quality of the fit. For a robot: its links, motors and contacts, and what of its file is not
-    used.
+    the quality of the fit. For a robot: its links, motors and contacts, and the parts of its file
+    that are not used.
     """
 
     code: ClassVar = "reports.cli.list_command:show"
@@ -79,7 +79,7 @@ class ShowOptions(Options):
 
 
 class NewOptions(Options):
-    """Write NAME.py, a commented problem file to begin with, which solves as it is."""
+    """Write NAME.py, a commented problem file that can be solved at once and then edited."""
 
     code: ClassVar = "reports.cli.new_command"
     examples: ClassVar = ("new bumper", "new push-box --scene", "new leg --machine", "new hop --robot robot.xml")
@@ -148,11 +148,11 @@ class ContinueOptions(SolverOptions):
 
 
 class SweepOptions(StartsOptions):
-    """Solve a problem at every point of a grid, over processes or a Dask cluster.
+    """Solve a problem at every point of a grid, in parallel processes or on a Dask cluster.
 
-    Each point is what ocp solve gives there, unless a neighbour's plan is better; such outliers are
-    named. Finished points are kept: after Ctrl-C or a kill the
-    same command resumes, with the same result as without the stop.
+    Each point has the answer of ocp solve, unless the plan of a neighbouring point is better there;
+    such points are marked as outliers. Finished points are kept: after Ctrl-C or a kill the same
+    command resumes, with the same result as without the stop.
     """
 
     code: ClassVar = "reports.cli.sweep_command"
@@ -223,4 +223,4 @@ COMMANDS: dict[str, type[Options]] = {
     "runs export": RunsExportOptions,
     "doctor": DoctorOptions,
 }
-"""The options of every command by its name, which may have two words."""
+"""Mapping from the name of each command, which may have two words, to its class of options."""

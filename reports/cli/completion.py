@@ -19,16 +19,16 @@ _NAMED = {
     "world": "ocp.simulators:SIMULATORS",
     "figures": "problems.studies:STUDIES",
 }
-"""Module and name of the table whose names complete a field, loaded when they are asked for."""
+"""Mapping from a field to ``module:table``; the table's names complete it, and are imported only for completion."""
 
 
 def field_completion(name: str) -> Callable[[typer.Context, str], list[str]] | None:
-    """Return the completion of the option or argument called ``name``; None where there is none."""
+    """Return the function that completes the option or argument ``name``; None if nothing completes it."""
     if name not in _WORDS and name not in _NAMED:
         return None
 
     def complete(ctx: typer.Context, incomplete: str) -> list[str]:
-        # A message would go into the command line.
+        # The shell would insert the message of an error into the command line.
         try:
             words = _WORDS[name](ctx.params) if name in _WORDS else _table(_NAMED[name])
             return [word for word in words if word.startswith(incomplete)]
@@ -58,7 +58,7 @@ def _law_settings(options: dict[str, Any]) -> Words:
 def _parameters(options: dict[str, Any]) -> Words:
     from problems.registry import registered
 
-    # A file of the user's is not run to complete a word.
+    # Completion does not execute a user's problem file.
     return [f"{name}=" for name in registered(options["problem"]).Params.model_fields]
 
 
@@ -87,4 +87,4 @@ _WORDS: dict[str, Callable[[dict[str, Any]], Words]] = {
     "decision_run": _runs,
     "subject": lambda options: [*_problems(options), *_runs(options)],
 }
-"""What completes the other fields, of the options that are given."""
+"""Mapping from each other field to a function from the options typed so far to its completions."""

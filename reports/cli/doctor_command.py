@@ -24,7 +24,7 @@ LINEAR_SOLVERS = ("mumps", "spral")
 
 
 def check(options: DoctorOptions) -> dict[str, Any]:
-    """Return the folder of each of the four packages, and names in this folder that hide one of them."""
+    """Return the folders of the four packages, and names in the working directory that hide one of them."""
     roots = {name: str(Path(import_module(name).__path__[0]).parent) for name in PACKAGES}
     hidden = shadowing(PACKAGES, Path.cwd())
     return {"root": common_root(roots), "roots": roots, "scripts here": hidden or "no name hidden"}
@@ -47,7 +47,7 @@ def run(options: DoctorOptions, place: dict[str, Any]) -> int:
 
 
 def common_root(roots: dict[str, str]) -> str:
-    """Return the root of all packages; raises InputError where another distribution hides one."""
+    """Return the folder that contains all packages; raises InputError if they are in different folders."""
     if len(set(roots.values())) > 1:
         places = ", ".join(f"{name} from {root}" for name, root in roots.items())
         raise InputError(

@@ -17,7 +17,7 @@ from reports.tables.listings import estimate_progress, estimate_table
 
 
 def check(options: EstimateOptions) -> tuple[EstimateRequest, SweepRun, Checkpoint]:
-    """Build the objective at every point, and check the total time."""
+    """Return the request, its sweep with all objectives built, and its checkpoint; check the predicted time."""
     choose("backend", options.backend, dict.fromkeys(BACKENDS))
     request = EstimateRequest.read(options)
     check_outputs(options.out, options.pdf)
@@ -63,7 +63,7 @@ def run(options: EstimateOptions, checked: tuple[EstimateRequest, SweepRun, Chec
 
 
 def _meta(request: EstimateRequest, study: SweepRun) -> dict[str, Any]:
-    """Return the description of the run to be stored."""
+    """Return the metadata of the run to be stored."""
     swept = request.sweep
     return {
         "kind": "estimate",

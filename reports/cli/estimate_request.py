@@ -31,12 +31,12 @@ from reports.cli.commands import EstimateOptions
 from reports.cli.request import parse_assignments
 
 _ROLLOUT_OPTIONS = {"contact": "--contact", "law_settings": "-c", "policy": "--policy", "decision_run": "--at"}
-"""Options, with their flags, that have an effect on rollouts alone."""
+"""Mapping from options that affect only objectives with rollouts to their flags."""
 
 
 @dataclass(frozen=True)
 class EstimateRequest:
-    """A checked estimate; ``params`` are all parameters of the objective."""
+    """Checked request of ``ocp estimate``; ``params`` are all parameters of the objective."""
 
     options: EstimateOptions
     spec: ObjectiveSpec | ProblemSpec
@@ -48,7 +48,7 @@ class EstimateRequest:
 
     @classmethod
     def read(cls, options: EstimateOptions) -> EstimateRequest:
-        """Check the options; raises InputError for the first value that does not fit."""
+        """Return the request that the options describe; raises InputError for the first invalid value."""
         spec = named(options.problem)
         parameter_texts = parse_assignments("-p", options.params)
         is_static = isinstance(spec, ObjectiveSpec)
@@ -85,7 +85,7 @@ class EstimateRequest:
 
     @property
     def record(self) -> dict[str, Any]:
-        """Everything that determines the result, as the run stores it."""
+        """Values that determine the result, as the run stores them."""
         options, sampling, swept = self.options, self.sampling, self.sweep
         path = getattr(self.spec, "path", None)
         record = {
@@ -114,22 +114,22 @@ class EstimateRequest:
 
     @property
     def decisive(self) -> dict[str, Any]:
-        """Values on which a stopped and a resumed study must agree; contents of files are compared elsewhere.
+        """Values that must be the same for a stopped study to be resumed; ``content`` covers the user's files.
 
-        A run of ``--at`` counts by its decision, for ``@last`` may name another run each time.
+        A digest of the decision replaces the run of ``--at``, since ``@last`` may name another run each time.
         """
         decision = hashlib.sha256(self.objective.theta.tobytes()).hexdigest()
         return {**self.record, "source": None, "at": None, "decision": decision}
 
     @property
     def content(self) -> str:
-        """Digest of the files of the user: that of the problem and that of a learned law."""
+        """Digest of the user's files: the problem, the contact law, and files that law settings name."""
         law_settings = parse_assignments("-c", self.options.law_settings)
         digests = getattr(self.spec, "digest", None), law_digest(self.options.contact)
         return content_digest(digests, law_settings)
 
     def rebuilt(self, changed: Mapping[str, float]) -> SampledObjective:
-        """Build the objective again for changed structural values, such as a number of steps."""
+        """Return the objective, built again for changed structural values such as a number of steps."""
         parameter_fields = self.spec.Params.model_fields
         for name in changed:
             if name not in parameter_fields:
@@ -150,7 +150,7 @@ class EstimateRequest:
 
     @property
     def workers(self) -> Callable[[Mapping[str, float]], JobWorkers] | None:
-        """Function from the values of a sweep's point to its workers; None where this process samples."""
+        """Function from the swept values to the worker processes; None if this process draws the samples."""
         options = self.options
         if not options.parallel:
             return None
@@ -164,7 +164,7 @@ class EstimateRequest:
         return workers
 
     def unit(self) -> str:
-        """Return the unit of the swept quantity."""
+        """Return the unit of the swept quantity, "1" without a sweep."""
         if self.sweep is None or self.sweep.name == "samples":
             return "1"
         parameter = settings_of(self.spec.Params).get(_swept_parameter(self.sweep, self.spec))
@@ -180,7 +180,7 @@ class EstimateRequest:
 def case_of(
     spec: ObjectiveSpec | ProblemSpec, parameter_texts: Mapping[str, Any], options: EstimateOptions
 ) -> ObjectiveCase:
-    """Return the objective as a case; raises InputError for options that have no effect on it."""
+    """Return a description from which any process can build the objective; raises InputError for unused options."""
     engine: dict[str, Any] = {"backend": options.backend, "threads": options.threads}
     policy_settings, path = _policy_settings(options), getattr(spec, "path", None)
     name = spec.name if path is None else str(path)
@@ -228,13 +228,13 @@ def _check_sweep(
         elif of_law:
             contact_law(options.contact, {**law_settings, parameter: str(value)})
     if isinstance(spec, ProblemSpec) and name in spec.Params.model_fields:
-        # The range of a parameter may allow what mechanics does not: a user's mass below zero.
+        # The range of a user's parameter may include values that mechanics excludes, such as a negative mass.
         for value in (min(swept.values), max(swept.values)):
             spec.problem({**parameter_texts, name: value})
 
 
 def _stored_decision(options: EstimateOptions, spec: ProblemSpec, parameter_texts: Mapping[str, Any]) -> np.ndarray:
-    """Return the inputs or gains of a stored run of this problem, ordered as a decision."""
+    """Return the inputs (N, nu), or gains and offsets (N, nu nx + nu), of a stored run of this problem."""
     run = options.stored(str(options.decision_run))
     if run.kind != "solve":
         raise InputError(f"--at {options.decision_run}: it is a run of ocp {run.kind}; give a run of ocp solve")
@@ -250,7 +250,7 @@ def _stored_decision(options: EstimateOptions, spec: ProblemSpec, parameter_text
 def _check_same(
     run: StoredRun, options: EstimateOptions, spec: ProblemSpec, parameter_texts: Mapping[str, Any]
 ) -> None:
-    """Raise InputError unless a run is of this problem, with equal parameters except the swept one."""
+    """Raise InputError unless a run solves this problem with the same parameters, the swept one aside."""
     complaint = f"--at {options.decision_run}: the run is of"
     if run.meta["problem"] != spec.name:
         raise InputError(f"{complaint} {run.meta['problem']}, not of {spec.name}; give a run of {spec.name}")
@@ -274,7 +274,7 @@ def _check_same(
 
 
 def _rules(setting_texts: Mapping[str, str], estimators: tuple[str, ...]) -> list[Any]:
-    """Return the rules that settings such as ``alpha.gamma=0.1`` configure."""
+    """Return the rules of estimators configured by settings such as ``alpha.gamma=0.1``."""
     known = {f"{rule}.{name}": setting for rule, cls in RULES.items() for name, setting in settings_of(cls).items()}
     settings: dict[str, dict[str, float]] = {}
     for key, text in setting_texts.items():

@@ -26,7 +26,7 @@ from reports.cli.request import check_output_file, parse_assignments
 
 @dataclass(frozen=True)
 class ExportRequest:
-    """A problem's step under a law, and the policy of a run, if there is one."""
+    """Checked request of ``ocp export``: a problem under a law, and the solution of a run, if there is one."""
 
     name: str
     title: str
@@ -37,19 +37,19 @@ class ExportRequest:
 
     @property
     def policy_name(self) -> str | None:
-        """``open-loop`` or ``feedback``; None for a problem."""
+        """Kind of the run's policy, ``open-loop`` or ``feedback``; None without a run."""
         if self.solution is None:
             return None
         return "open-loop" if self.solution.gains is None else "feedback"
 
     @cached_property
     def step(self) -> Step:
-        """The step under the contact law."""
+        """Time step of the problem's system under the contact law."""
         return self.law.close(self.problem.system)
 
     @property
     def values(self) -> np.ndarray:
-        """Values of the step's parameters."""
+        """Values of the step's parameters at the problem's defaults."""
         defaults = self.problem.parameters.defaults
         return Evaluation(self.problem, defaults).step_values(self.step, own=False)
 
@@ -86,7 +86,7 @@ def check(options: ExportOptions) -> ExportRequest:
 
 
 def _find(options: ExportOptions) -> ExportRequest:
-    """Return the problem or the run that the argument names, under its law."""
+    """Return the request for the problem or the run that the argument names."""
     check_output_file(options.file, "C file")
     name, law_settings = options.subject, parse_assignments("-c", options.law_settings)
     if not options.named_runs:
@@ -102,7 +102,7 @@ def _find(options: ExportOptions) -> ExportRequest:
 
 
 def _read_run(name: str, options: ExportOptions, law_settings: dict[str, str]) -> ExportRequest:
-    """Read a run; raises InputError with the closest name where no run has this one."""
+    """Return the request for a run; for an unknown name raises InputError with the closest problem's name."""
     if name in objective_names():
         raise InputError(f"{name} is an objective without dynamics and has no step to export")
     try:
@@ -125,7 +125,7 @@ def run(options: ExportOptions, request: ExportRequest) -> int:
     """Write a problem's step, its derivatives and a run's policy as a C11 file and a header."""
     text, header = export_step(request.step, request.values, request.name, request.about, request.policy)
     header_file = options.file.with_suffix(".h")
-    # Nothing is written beside a FIFO or a device.
+    # No header is written next to a FIFO or a device.
     is_regular_file = options.file.is_file() or not options.file.exists()
     atomic.write_file(options.file, text.encode(), "the C file")
     if is_regular_file:

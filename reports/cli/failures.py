@@ -1,4 +1,4 @@
-"""The message and exit code of every failure."""
+"""Messages and exit codes of failed commands."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ _DISK_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 
 def explain(error: BaseException) -> tuple[str, int]:
     """Return the message and the exit code of an exception."""
-    # By attribute, not by type: typer has its own copy of click, and importing ocp.errors would
-    # load CasADi for every ocp --help.
+    # Exceptions are recognised by attributes, since typer has its own copy of click, and importing
+    # ocp.errors would load CasADi for every ocp --help.
     if hasattr(error, "format_message"):
         message = error.format_message()  # pyright: ignore[reportAttributeAccessIssue]
         if not message or type(error).__name__ == "NoArgsIsHelpError":
@@ -56,7 +56,7 @@ def explain(error: BaseException) -> tuple[str, int]:
 
 
 def _hidden_package() -> str:
-    """Return a sentence on a file or folder that hides one of our packages; "" where none does."""
+    """Return a sentence on the file or folder that hides one of our packages; "" if none does."""
     try:
         from ocp.distribution import shadowing
     except ImportError as error:
@@ -65,7 +65,7 @@ def _hidden_package() -> str:
 
 
 def _usage(error: Any, message: str) -> str:
-    """Return a message of the parser, with the nearest name written as in our own messages."""
+    """Return the parser's message, with the nearest name in the form of our own messages: (did you mean X?)."""
     option_names = getattr(error, "possibilities", None)
     if not option_names:
         return re.sub(r"\. Did you mean ('[^']+').*", r" (did you mean \1?)", message)
@@ -76,7 +76,7 @@ def _usage(error: Any, message: str) -> str:
 def _shortened(message: str) -> str:
     """Return a message with very long words cut, and control characters and invalid text escaped.
 
-    So no quoted text can control the terminal.
+    Quoted text therefore cannot control the terminal.
     """
     message = message.encode("utf-8", "backslashreplace").decode()
     message = re.sub(r"[\x00-\x09\x0b-\x1f\x7f-\x9f]", lambda sign: repr(sign[0])[1:-1], message)

@@ -39,7 +39,7 @@ FigureRequest = list["tuple[FigureStudy, dict[str, Any]] | StoredRun"]
 
 
 def check(options: FigureOptions) -> FigureRequest:
-    """Return the studies with all their parameters, and the stored runs."""
+    """Return, in the order of the arguments, studies with all their parameters and stored runs."""
     named = options.figures or []
     if options.every == bool(named):
         raise InputError(f"give figures or --all; available: {', '.join(studies.ids())}")
@@ -70,7 +70,7 @@ def _study(name: str, values: dict[str, Any], options: FigureOptions) -> tuple[F
 
 
 def run(options: FigureOptions, request: FigureRequest) -> int:
-    """Run a study, store it, draw it as ID.pdf beside its data ID.nc, and check its claims."""
+    """Run studies, store them, draw them to ID.pdf, write data to ID.nc, and check claims; draw stored runs again."""
     document_at: dict[int, dict[str, Any]] = {}
     for place, requested in enumerate(request):
         if isinstance(requested, StoredRun):
@@ -87,7 +87,7 @@ def run(options: FigureOptions, request: FigureRequest) -> int:
 
 @dataclass(frozen=True)
 class FigureJob:
-    """A study at its parameters, and the store in which its finished parts are kept."""
+    """Job that computes a study with its parameters; finished parts are kept in the store ``out``."""
 
     study: str
     params: dict[str, Any]
@@ -95,7 +95,7 @@ class FigureJob:
 
 
 def study_data(job: FigureJob, report: Callable[[Any], None]) -> xr.Dataset:
-    """Run a study in one process; a :data:`~ocp.jobs.scheduling.Function`."""
+    """Return the data of a study, computed in one process; a :data:`~ocp.jobs.scheduling.Function`."""
     study = studies.get(job.study)
     with Checkpoint(job.out if study.resumes else None, study.id, job.params) as checkpoint:
         return study.data(job.params, checkpoint, jobs=1)
@@ -104,7 +104,7 @@ def study_data(job: FigureJob, report: Callable[[Any], None]) -> xr.Dataset:
 def _computed(
     named: dict[int, tuple[FigureStudy, dict[str, Any]]], options: FigureOptions
 ) -> Iterator[tuple[int, xr.Dataset]]:
-    """Yield the place and data of every study: studies in parallel, or the parts of a single one."""
+    """Yield index and data of every study; several studies run in parallel, of a single one its parts."""
     if not options.parallel or len(named) == 1:
         for place, (study, params) in named.items():
             yield place, _alone(study, params, options)
@@ -158,10 +158,10 @@ def _bare(run: StoredRun, options: FigureOptions) -> Path:
 
 @contextmanager
 def _explained(study: FigureStudy, params: dict[str, Any]) -> Iterator[None]:
-    """Raise InputError with the parameters where a study fails at values other than its defaults.
+    """Turn an error of a study at parameters other than its defaults into an InputError that names them.
 
-    At its defaults a failure is a defect. Elsewhere a study may have no result: ranges are checked
-    one by one, and a ball may land outside the whole observed interval.
+    At its defaults an error is a defect. Elsewhere a study may have no result, since ranges are checked
+    parameter by parameter: a ball may, for example, land outside the observed interval.
     """
     defaults = study.params({}).model_dump()
     chosen = [f"{name}={value}" for name, value in params.items() if name != "seed" and value != defaults[name]]
@@ -196,7 +196,7 @@ def _shown(study: FigureStudy, params: dict[str, Any], data: xr.Dataset, options
     pdf, copy = out / f"{study.id}.pdf", out / f"{study.id}.nc"
     with _explained(study, params):
         write_pdf([stored], pdf)
-    # netCDF 3: HDF5 stamps its root group with the time of writing.
+    # netCDF 3, since HDF5 stores the time of writing, and equal data would give different files.
     atomic.write_file(copy, bytes(data.to_netcdf(engine="scipy", format="NETCDF3_64BIT")))
     output.note(claim_table(claims))
     output.say(f"{study.id}: {meta['verdict']}")

@@ -1,4 +1,4 @@
-"""The guess of ``--guess``: a stored run, or a file of keyframes, paths and contacts."""
+"""Initial guess of ``--guess``: a stored run, or a file of keyframes, paths and contacts."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from reports.cli.options.shared import StoreOptions
 
 
 def read_guess(options: StoreOptions, guess: str) -> GuessLike:
-    """Return what ``--guess`` names: the sketch of a .json or .toml file, else a run of ``ocp solve``."""
+    """Return the guess that ``--guess`` names: the sketch in a .json or .toml file, else the data of a solve."""
     if Path(guess).suffix in READERS:
         return read_sketch(expand_path(guess))
     stored_run = options.stored(guess)
@@ -26,9 +26,9 @@ def read_guess(options: StoreOptions, guess: str) -> GuessLike:
 
 
 def read_sketch(file: Path) -> Sketch:
-    """Read the tables ``keyframes``, whose keys are steps, ``paths`` and ``contacts`` of a file.
+    """Return the sketch in a file with tables ``keyframes``, whose keys are steps, ``paths`` and ``contacts``.
 
-    Raises :class:`~ocp.errors.InputError` for a file that cannot be read, other tables, and a step given twice.
+    Raises :class:`~ocp.errors.InputError` for an unreadable file, an unknown table, or a repeated step.
     """
     try:
         tables = READERS[file.suffix](file.read_text(encoding="utf-8"))
@@ -51,7 +51,7 @@ def _step(file: Path, text: str) -> int:
 
 
 def _unique(pairs: Iterable[tuple[Any, Any]]) -> dict[Any, Any]:
-    """Return a mapping of pairs; raises :class:`~ocp.errors.InputError` where a key comes twice."""
+    """Return a dictionary of the pairs; raises :class:`~ocp.errors.InputError` for a repeated key."""
     mapping: dict[Any, Any] = {}
     for key, value in pairs:
         if key in mapping:
@@ -65,4 +65,4 @@ def _read_json(text: str) -> Any:
 
 
 READERS: dict[str, Callable[[str], Any]] = {".json": _read_json, ".toml": tomllib.loads}
-"""Readers of sketches, by the suffix of a file."""
+"""Mapping from the suffix of a sketch's file to the function that parses its text."""

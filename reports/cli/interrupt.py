@@ -1,4 +1,4 @@
-"""Ctrl-C, also during compiled code that ignores it."""
+"""Handling of Ctrl-C, also during compiled code that ignores it."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ __all__ = [
 _PRESSED = threading.Event()
 """Set once Ctrl-C was pressed."""
 _ANSWERED = threading.Event()
-"""Set once a Ctrl-C is handled."""
+"""Set once a Ctrl-C was handled."""
 _DEFERRED = threading.Event()
 """Set while a first Ctrl-C is only recorded."""
 
@@ -32,8 +32,8 @@ _DEFERRED = threading.Event()
 def watch_interrupts() -> Iterator[None]:
     """Record a Ctrl-C within the block; a second one ends the process at once.
 
-    IPOPT's callback catches Python's KeyboardInterrupt and reports a solve that failed, after
-    which a homotopy would go on: :func:`raise_if_interrupted` raises it again as soon as Python is back.
+    IPOPT's callback catches Python's KeyboardInterrupt and reports a failed solve, after which a
+    homotopy would continue; :func:`raise_if_interrupted`, called between solves, raises it again.
     """
     _PRESSED.clear()
     _ANSWERED.clear()
@@ -84,7 +84,7 @@ def _note(*_: object) -> None:
 
 
 def _quiet(report: Any) -> Any:
-    """Return the hook ``report`` without Ctrl-C, which :func:`raise_if_interrupted` raises later."""
+    """Return a hook that passes to ``report`` all unraisable exceptions except KeyboardInterrupt."""
 
     def hook(unraisable: Any) -> None:
         if not isinstance(unraisable.exc_value, KeyboardInterrupt):

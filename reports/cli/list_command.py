@@ -1,4 +1,4 @@
-"""``ocp list``, ``ocp settings`` and ``ocp show``: names, settings, and one problem in full."""
+"""``ocp list``, ``ocp settings`` and ``ocp show``: names, settings, and one problem or file in full."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ Catalogue = dict[str, list[dict[str, str]]]
 
 
 def check_list(options: Options) -> Catalogue:
-    """Return what ``ocp list --json`` prints: per kind, objects with name and summary."""
+    """Return the JSON document of ``ocp list``: a mapping from kind to objects with name and summary."""
     summaries = {
         "problems": {name: spec(name).title for name in names()},
         "tasks": {name: registry.spec(name).title for name in registry.names()},
@@ -56,7 +56,7 @@ def check_list(options: Options) -> Catalogue:
 
 
 def run_list(options: Options, content: Catalogue) -> int:
-    """Print the names and summaries."""
+    """Print names and summaries of all objects, kind by kind."""
     options.output.document(content)
     if not options.as_json:
         for title, items in content.items():
@@ -69,14 +69,14 @@ def run_list(options: Options, content: Catalogue) -> int:
 
 
 def check_settings(options: SettingsOptions) -> list[SettingGroup]:
-    """Return the settings to list; without a name all, of IPOPT only those with a changed default."""
+    """Return the groups of settings for a name; without a name all, but of IPOPT only changed defaults."""
     if options.word is not None:
         return settings.find_groups(options.word)
     return [*settings.declared_groups(), settings.changed_defaults(settings.solver_group("ipopt"))]
 
 
 def run_settings(options: SettingsOptions, setting_groups: list[SettingGroup]) -> int:
-    """Print the settings."""
+    """Print groups of settings, with default, range and meaning of each."""
     options.output.document({"settings": [group.row() for group in setting_groups]})
     for number, group in enumerate(() if options.as_json else setting_groups):
         if number:
@@ -89,7 +89,7 @@ def run_settings(options: SettingsOptions, setting_groups: list[SettingGroup]) -
 
 
 def check_show(options: ShowOptions) -> ProblemSpec | ObjectiveSpec | Transitions | Dataset | Robot:
-    """Return the problem, or the content of the file."""
+    """Return the named problem or objective, or the content of a robot's, data or model file."""
     from ocp.store import models
 
     if options.problem.lower().endswith(ROBOT_FILES):
@@ -102,7 +102,7 @@ def check_show(options: ShowOptions) -> ProblemSpec | ObjectiveSpec | Transition
 
 
 def run_show(options: ShowOptions, shown_object: ProblemSpec | ObjectiveSpec | Transitions | Dataset | Robot) -> int:
-    """Show a problem: equations, parameters with units and defaults, citation, golden values."""
+    """Print a problem, its learning task and best known values, or the content of a file."""
     if isinstance(shown_object, Spec):
         return _show_spec(options, shown_object)
     if options.problem.lower().endswith(ROBOT_FILES):

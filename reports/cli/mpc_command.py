@@ -34,12 +34,12 @@ from reports.tables.console import live
 NOT_SURVIVED = 3
 """Exit code of a closed loop that did not reach its end."""
 _DEFAULT_STEPS = 100
-"""Fewest samples of a closed loop where no number is given."""
+"""Smallest default number of samples of a closed loop."""
 
 
 @dataclass(frozen=True)
 class LoopCase:
-    """The checked options: problem, law, disturbances of the plant, and the number of samples."""
+    """Checked request of ``ocp mpc``: problem, law, disturbances of the plant, and number of samples."""
 
     spec: ProblemSpec
     params: dict[str, Any]
@@ -49,7 +49,7 @@ class LoopCase:
     steps: int
 
     def record(self, options: MpcOptions) -> dict[str, Any]:
-        """Return everything that determines the result, as the run stores it."""
+        """Return the values that determine the result, as the run stores them."""
         path = self.spec.path
         return {
             "params": self.params,
@@ -104,14 +104,14 @@ def _disturbance(options: MpcOptions, spec: ProblemSpec, problem: Problem, steps
         for name, text in parse_assignments("--mismatch", options.mismatch).items()
     }
     check_mismatch(problem, mismatch)
-    # A plant's parameter has the range of the problem's.
+    # Parameters of the plant have the ranges of the problem's.
     spec.params({**parse_assignments("-p", options.params), **mismatch})
     pushes = _pushes(options.push or (), states, steps)
     return Disturbance(state_noise, input_noise, mismatch, options.delay, pushes)
 
 
 def _deviation(flag: str, words: Sequence[str] | None) -> float | dict[str, float]:
-    """Return one number for all signals, or values by name."""
+    """Return one standard deviation for all signals, or a mapping from signal names to theirs."""
     words = list(words or ())
     if len(words) == 1 and "=" not in words[0]:
         return read_value(flag, words[0], float)
@@ -124,7 +124,7 @@ def _deviation(flag: str, words: Sequence[str] | None) -> float | dict[str, floa
 
 
 def _pushes(words: Iterable[str], states: list[str], steps: int) -> dict[int, np.ndarray]:
-    """Return changes of the state (nx,) by sample."""
+    """Return a mapping from a sample to the change of the state (nx,) before it."""
     push_at: dict[int, np.ndarray] = {}
     for word in words:
         sample, sign, change = word.partition(":")
@@ -148,7 +148,7 @@ def run(options: MpcOptions, case: LoopCase) -> int:
             case.problem, case.law, options.phase, None, options.iterations, options.trust, options.deadline
         )
         interrupt.raise_if_interrupted()
-        # In the middle of a sample it could end as an error of compiled code.
+        # Raised within a sample, KeyboardInterrupt could become an error of compiled code.
         with interrupt.defer_interrupts():
             loop = simulate(
                 controller,
@@ -174,7 +174,7 @@ def run(options: MpcOptions, case: LoopCase) -> int:
 
 
 def _stored(options: MpcOptions, case: LoopCase, controller: Controller, loop: ClosedLoop) -> StoredRun:
-    """Store the simulated samples; raises KeyboardInterrupt where there are none."""
+    """Store the simulated samples and return the run; raises KeyboardInterrupt if there are none."""
     data = labelled_arrays(loop, case.disturbance.mismatch)
     if not data.sizes["seed"]:
         raise KeyboardInterrupt
@@ -194,7 +194,7 @@ def _stored(options: MpcOptions, case: LoopCase, controller: Controller, loop: C
 
 @contextmanager
 def _progress(options: MpcOptions, steps: int) -> Iterator[Any]:
-    """Yield a callback for samples: one line on a terminal, elsewhere one every two seconds."""
+    """Yield a callback that reports samples: one live line on a terminal, elsewhere a line every two seconds."""
     with live(not options.output.progress, every_s=2.0) as show:
         show(f"{options.problem}: building the controller", now=True)
 

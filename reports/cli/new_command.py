@@ -1,4 +1,4 @@
-"""``ocp new NAME``: write a problem file to begin with."""
+"""``ocp new NAME``: write the template of a problem file."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from reports.cli.commands import NewOptions
 from reports.cli.request import check_output_file
 
 TEMPLATES = {"plain": "bumper.py", "scene": "past_a_post.py", "machine": "push_up.py", "robot": "hop_on.py"}
-"""Files of ``examples``, which a wheel has among its templates (pyproject.toml)."""
+"""Mapping from kind of problem to its template, a file of ``examples`` that wheels include (pyproject.toml)."""
 _TEMPLATE_FOLDERS = [Path(__file__).with_name("templates"), Path(__file__).parents[2] / "examples"]
 """Folders of the templates in a wheel and in a checkout."""
 
@@ -59,6 +59,6 @@ def run(options: NewOptions, file: Path) -> int:
 
 
 def _relative(path: Path) -> str:
-    """Return the path relative to the current folder, as a string literal of Python."""
+    """Return the path relative to the current folder, as a Python string literal."""
     place = os.path.relpath(path.expanduser().resolve(), Path.cwd())
     return json.dumps(Path(place).as_posix(), ensure_ascii=False)

@@ -18,14 +18,14 @@ from reports.motion.movie import check_format, write_animation
 
 
 def check_report(options: ReportOptions) -> tuple[list[StoredRun], ProblemSpec | None]:
-    """Read the runs, and the problem's file if one is given."""
+    """Return the runs, and the problem of ``--source`` (None without it)."""
     check_output_file(options.pdf, "PDF")
     runs = [options.stored(text) for text in options.runs]
     return runs, options.problem_from_source(runs)
 
 
 def run_report(options: ReportOptions, request: tuple[list[StoredRun], ProblemSpec | None]) -> int:
-    """Write the PDF."""
+    """Write the PDF report of the runs."""
     runs, file_spec = request
     write_pdf(runs, options.pdf, options.cones, file_spec, options.signals)
     options.output.say(f"PDF: {options.pdf}")
@@ -34,7 +34,7 @@ def run_report(options: ReportOptions, request: tuple[list[StoredRun], ProblemSp
 
 
 def check_animate(options: AnimateOptions) -> RunView:
-    """Read the run, and check that it can be drawn."""
+    """Return the view of the run, after checks that it can be drawn and written."""
     check_format(options.file, options.fps)
     check_output_file(options.file, "animation")
     stored_run = options.stored(options.run)
@@ -52,7 +52,7 @@ def check_animate(options: AnimateOptions) -> RunView:
 
 
 def run_animate(options: AnimateOptions, view: RunView) -> int:
-    """Draw the frames, with a bar on a terminal and a check for Ctrl-C after each."""
+    """Write the animation, with a progress bar on a terminal and a check for Ctrl-C after each frame."""
     output, file = options.output, options.file
     hidden = output.quiet or not output.console.is_terminal
     with house_style(), Progress(console=output.console, transient=True, disable=hidden) as bar:

@@ -1,4 +1,4 @@
-"""Parse the command line into checked values, and into the session that solves them."""
+"""Checked values of a command line, and the session that solves the requested problem."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 def parse_assignments(option: str, words: Iterable[str] | None) -> dict[str, str]:
-    """Read ``["a=1", "b=x"]``; raises InputError for anything else and for a repeated name."""
+    """Return words such as ``a=1`` as a dictionary; raises InputError for other words and repeated names."""
     values: dict[str, str] = {}
     for item in words or ():
         name, sign, value = (piece.strip() for piece in item.partition("="))
@@ -38,7 +38,7 @@ def parse_assignments(option: str, words: Iterable[str] | None) -> dict[str, str
 
 @contextmanager
 def input_errors(prefix: str = "") -> Iterator[None]:
-    """Raise any ValueError of the block as InputError, after ``prefix``."""
+    """Turn a ValueError in the block into an InputError, with ``prefix`` before its message."""
     try:
         yield
     except ValueError as error:
@@ -53,25 +53,25 @@ EXAMPLES = {
     "figure": "figure.pdf",
     "data": "data.csv",
 }
-"""A file of every kind of output."""
+"""Mapping from each kind of output to an example of its file's name."""
 _FIXED_SUFFIX = ("PDF", "C file", "transitions", "model")
 """Kinds of output whose files have one suffix, that of their example."""
 
 
 def check_outputs(out: Path, pdf: Path | None) -> None:
-    """Raise InputError where ``out`` cannot store a run, or ``pdf`` cannot be written."""
+    """Raise InputError if ``out`` cannot store a run, or ``pdf`` cannot be written."""
     store.check_writable(out)
     if pdf is not None:
         check_output_file(pdf, "PDF")
 
 
 def check_output_file(file: Path, kind: str) -> None:
-    """Raise InputError where ``file`` has the wrong ending for its kind, or cannot be written."""
+    """Raise InputError if ``file`` has the wrong suffix for its kind, or cannot be written."""
     if file.is_dir():
         example = EXAMPLES.get(kind, "report.gif")
         raise InputError(f"{file} is a directory; name a file such as {file / example}")
     ending = Path(EXAMPLES[kind]).suffix if kind in _FIXED_SUFFIX else file.suffix
-    # A device or a pipe has any name.
+    # A device or a pipe may have any name.
     if file.suffix.lower() != ending and (file.is_file() or not file.exists()):
         raise InputError(
             f"the {kind} must end in {ending}, got {str(file)!r}; use {file.with_suffix(ending).name!r}, for example"
@@ -97,13 +97,13 @@ class Request:
 
     @classmethod
     def read(cls, options: SolverOptions) -> Request:
-        """Check the options; raises InputError for the first value that does not fit."""
+        """Return the request that the options describe; raises InputError for the first invalid value."""
         spec, arguments = read_names(options)
         return cls(spec, arguments, new_session(spec, **arguments))
 
     @cached_property
     def params(self) -> dict[str, Any]:
-        """All parameters of the problem by name."""
+        """Mapping from all parameters of the problem to their values."""
         return self.spec.params(self.arguments["params"]).model_dump()
 
     @property
@@ -116,8 +116,7 @@ class Request:
 def read_names(options: SolverOptions) -> tuple[ProblemSpec, dict[str, Any]]:
     """Return the problem, and the other names and settings as arguments of :func:`ocp.solve`.
 
-    Raises :class:`~ocp.errors.InputError` for an unknown problem, and for words that are no
-    assignments.
+    Raises :class:`~ocp.errors.InputError` for an unknown problem and for malformed assignments.
     """
     return source(options.problem), {
         "params": parse_assignments("-p", options.params),
@@ -131,8 +130,8 @@ def read_names(options: SolverOptions) -> tuple[ProblemSpec, dict[str, Any]]:
 
 
 def case_of(spec: ProblemSpec, arguments: dict[str, Any]) -> Case:
-    """Return the case that any process can build; a problem file is named by its absolute path."""
-    # Only here: one solve in this process needs no jobs.
+    """Return a description from which any process builds the problem; it has the absolute path of a problem file."""
+    # Imported only here, since one solve in this process needs no jobs.
     from ocp.jobs.case import Case
 
     return Case(spec.name if spec.path is None else str(spec.path), **arguments).with_content(spec)

@@ -18,18 +18,18 @@ from reports.tables.console import print_table
 from reports.tables.listings import run_lines, run_table
 
 FILTERS = ("problem", "kind", "contact", "method", "algorithm", "status")
-"""Filters of a listing, by their names in its objects."""
+"""Options that filter the listing, named like the keys of its rows."""
 _SHOWN = 100
-"""Runs that are listed, and files of which are read, where no number is given."""
+"""Maximum number of runs that are listed by default."""
 _SECONDS_PER_UNIT = {"s": 1, "m": 60, "h": 3600, "d": 86400, "w": 7 * 86400}
-"""Seconds of each unit of an age."""
+"""Mapping from units of an age to seconds."""
 
 
 RunsRequest = tuple[StoredRun | None, datetime | None]
 
 
 def check(options: RunsOptions) -> RunsRequest:
-    """Read the single run, if one is named, and the date of ``--since``."""
+    """Return the named run and the date of ``--since``; None for each that is not given."""
     narrowed = sorted(options.explicit & {*FILTERS, "tags", "since", "last"})
     if options.run is not None and narrowed:
         raise InputError(f"a single run takes no filter; drop --{narrowed[0].replace('tags', 'tag')}")
@@ -38,7 +38,7 @@ def check(options: RunsOptions) -> RunsRequest:
 
 
 def parse_date(text: str) -> datetime:
-    """Read an age such as ``2h``, or a date or time in ISO form, UTC unless it has a zone.
+    """Return the date of an age such as ``2h``, or of a date or time in ISO form, UTC unless it has a zone.
 
     Raises :class:`~ocp.errors.InputError` for anything else.
     """
@@ -79,7 +79,7 @@ def run(options: RunsOptions, request: RunsRequest) -> int:
 
 def _print(options: RunsOptions, entries: list[dict[str, Any]], all_entries: list[dict[str, Any]]) -> None:
     if entries:
-        # Folders may have any name.
+        # Names of folders may contain control characters.
         print("\n".join(run_lines(escape_controls(entries))))
     elif all_entries:
         print(f"No run matches ({len(all_entries)} in {options.out}). Available:")
@@ -123,7 +123,7 @@ def _row(entry: Any, alias: str) -> dict[str, Any]:
 
 
 def check_rm(options: RmOptions) -> list[Path]:
-    """Return the folders of the runs; raises InputError for a folder that is no run."""
+    """Return the folders of the runs; raises InputError for a folder that is not a run."""
     run_paths = [find_run(text, options.out) for text in options.runs]
     for path in run_paths:
         check_removable(path)
@@ -140,7 +140,7 @@ def run_rm(options: RmOptions, run_paths: list[Path]) -> int:
 
 
 def check_export(options: RunsExportOptions) -> tuple[StoredRun, str]:
-    """Read the run, and check that it can be written in the chosen format."""
+    """Return the run and the chosen format, after a check that the run can be written in it."""
     check_output_file(options.file, "data")
     file_format = options.form or options.file.suffix.removeprefix(".").lower()
     choose("format", file_format, EXPORT_FORMATS)

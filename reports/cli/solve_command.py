@@ -37,11 +37,11 @@ from reports.tables.contacts import contact_table
 NOT_CONVERGED = 3
 """Exit code of a solve without a solution."""
 REQUIREMENTS = {"survives": "the referee's replay follows the plan, at h and at h/4"}
-"""Values of ``--require`` with their meaning."""
+"""Mapping from values of ``--require`` to their meaning."""
 
 
 def check(options: SolveOptions) -> tuple[Request, Solution | None]:
-    """Build the session, and read the solution to start from."""
+    """Return the checked request, and the solution to start from (None without ``--from``)."""
     if options.require is not None:
         choose("requirement", options.require, REQUIREMENTS)
     parallel = [f"--{name}" for name in ("jobs", "scheduler") if name in options.explicit]
@@ -81,7 +81,7 @@ def check(options: SolveOptions) -> tuple[Request, Solution | None]:
 
 
 def _start(request: Request, options: SolveOptions) -> Solution:
-    """Return the stored solution of ``--from``: of this problem, at its own parameters."""
+    """Return the stored solution that ``--from`` names; raises InputError if it solves another problem."""
     run, name = str(options.start), request.session.problem.name
     stored_run = options.stored(run)
     if stored_run.meta["problem"] != name:
@@ -129,7 +129,7 @@ def run(options: SolveOptions, checked: tuple[Request, Solution | None]) -> int:
 
 
 def _cost_slopes(solution: Solution, name: str) -> dict[str, Any]:
-    """Return slopes of the cost and of its replays by a parameter, or the reason for having none."""
+    """Return derivatives of the planned and replayed costs by a parameter, or the reason why there are none."""
     try:
         sensitivity = solution.sensitivity(name)
     except InputError as error:
@@ -139,7 +139,7 @@ def _cost_slopes(solution: Solution, name: str) -> dict[str, Any]:
 
 
 def _solved(options: SolveOptions, request: Request, start: Solution | None) -> Solution:
-    """Solve; after Ctrl-C return the best point, or store the best of several starts and raise."""
+    """Return the solution; after Ctrl-C its best iterate, or store the best of several starts and raise."""
     rank = cast("Rank", options.rank)
     with console.progress(options.output.progress, f"{request.spec.name}: building") as report:
 
@@ -180,7 +180,7 @@ def _solved(options: SolveOptions, request: Request, start: Solution | None) -> 
 
 def print_solution(output: Output, solution: Solution) -> None:
     """Print the homotopy table, the audit, contacts and, for a failure, the worst constraints."""
-    # Elsewhere lines have listed the stages already.
+    # Elsewhere the stages were printed as lines during the solve.
     if solution.stages and output.console.is_terminal and output.progress:
         output.note(console.stage_table(solution.stages, solution.cost))
     if note := console.stage_note(solution.stages, solution.cost):
@@ -207,16 +207,13 @@ _SOLUTION_KEYS = (
     "solver_s",
     "iteration_s",
 )
-"""Keys of the document that are attributes of the solution."""
+"""Keys of the JSON document that are attributes of the solution."""
 _CERTIFICATE_KEYS = ("biactive", "lpec_decrease", "kkt_residual", "negative_curvature")
-"""Keys of the document that are attributes of the certificate."""
+"""Keys of the JSON document that are attributes of the certificate."""
 
 
 def solution_document(solution: Solution, meta: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what ``ocp solve --json`` prints, except the paths of the run and of its report.
-
-    ``meta`` is the description of the stored run.
-    """
+    """Return the JSON document of ``ocp solve``, without paths; ``meta`` is the metadata of the stored run."""
     record, audit, certificate = record_of(solution), asdict(solution.audit), solution.certificate
     return {
         **{key: record.get(key) for key in ("problem", "contact", "method", "policy", "solver")},
@@ -251,7 +248,7 @@ ReplayRequest = tuple[StoredRun, Solution, ContactLaw | str]
 
 
 def check_replay(options: ReplayOptions) -> ReplayRequest:
-    """Read the plan of the run, and make the law, or return the name of the simulator."""
+    """Return the run, its solution, and the contact law, or the name of the simulator, of the replay."""
     if options.world is not None and options.explicit & {"contact", "law_settings"}:
         raise InputError("--world excludes a contact law; drop --contact and -c, or --world")
     stored_run = options.stored(options.run)
@@ -268,7 +265,7 @@ def check_replay(options: ReplayOptions) -> ReplayRequest:
 
 
 def run_replay(options: ReplayOptions, request: ReplayRequest) -> int:
-    """Simulate the inputs, or the feedback policy, of a stored run under a law, or in a world."""
+    """Simulate the inputs, or the feedback policy, of a stored run under a law, or in another simulator."""
     (stored, solution, law), output = request, options.output
     if isinstance(law, str):
         external = solution.replay_in(law)
@@ -290,7 +287,7 @@ def run_replay(options: ReplayOptions, request: ReplayRequest) -> int:
 
 
 def replay_document(stored: StoredRun, rolled: Replay) -> dict[str, Any]:
-    """Return what ``ocp replay --json`` prints.
+    """Return the JSON document of ``ocp replay``.
 
     ``cost`` under the law, ``planned_cost``, ``state_gap`` max |x - x_replay|, ``penetration`` [m]
     by true signed distance, ``between`` the deepest penetration between nodes, ``broken`` the

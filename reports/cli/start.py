@@ -1,26 +1,25 @@
-"""The first lines of the program: they set up Ctrl-C before anything else is imported."""
+"""Entry point of the program, which handles Ctrl-C before it imports anything else."""
 
 import os
 import sys
 
 from reports.cli import end
 
-# What the module signal wraps: that one imports for 10 ms, in which Ctrl-C would raise a traceback.
+# The C module behind signal, whose own import takes 10 ms, in which Ctrl-C would print a traceback.
 _signal = __import__("_signal")
 
 
 def main() -> None:
-    """Run the command that ``sys.argv`` gives, and end the process with its exit code.
+    """Run the command in ``sys.argv``, and end the process with its exit code.
 
-    Ctrl-C ends the process at once, with 130, before :mod:`reports.cli.interrupt` takes over and
-    after it, up to the last instruction.
+    Ctrl-C ends the process at once with code 130, except while :mod:`reports.cli.interrupt` handles it.
     """
     _signal.signal(_signal.SIGINT, end)
     _open_closed()
     from reports.cli.app import main as run
 
     code = run()
-    # Python's own end runs no handlers of signals: the process ends here, once that work is done.
+    # Python runs no signal handlers while it shuts down, so that work is done here and the process ended.
     __import__("atexit")._run_exitfuncs()
     try:
         sys.stdout.flush()

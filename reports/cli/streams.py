@@ -30,7 +30,7 @@ _ERR = 2
 
 @dataclass(frozen=True)
 class _Saved:
-    """The original stdout, a copy of descriptor 1, and the stream among both for the document."""
+    """The original stdout, a copy of descriptor 1, and the stream for the JSON document."""
 
     stdout: TextIO
     copy: int
@@ -41,11 +41,11 @@ _saved: list[_Saved] = []
 
 
 def redirect_stdout() -> None:
-    """Redirect stdout to stderr, until :func:`restore_stdout`; only the document goes to stdout.
+    """Redirect stdout to stderr, until :func:`restore_stdout`; only the JSON document goes to stdout.
 
-    Solvers, compilers and a user's own file print anywhere, compiled code straight to descriptor 1,
-    some of it only as the process ends. So the descriptor itself is redirected to stderr, and the
-    document is written to a copy of the original.
+    Solvers, compilers and a user's file may print, compiled code directly to descriptor 1, and in part
+    only as the process ends. Therefore the descriptor itself is redirected to stderr, and the document
+    is written to a copy of the original.
     """
     stdout = sys.stdout
     if _saved or stdout is None:
@@ -66,7 +66,7 @@ def redirect_stdout() -> None:
 
 
 def document_stream() -> TextIO:
-    """Return the stream for the document."""
+    """Return the stream for the JSON document, which is the original stdout."""
     return _saved[0].document if _saved else sys.stdout
 
 
@@ -118,7 +118,7 @@ SIGNS = {
     "π": "pi",
     "‖": "||",
 }
-"""Replacements for signs that an encoding lacks."""
+"""Mapping from signs that an encoding may lack to their replacements in ASCII."""
 ERROR_HANDLER = "centralpath-signs"
 """Name under which the error handler of encodings is registered."""
 
@@ -136,7 +136,7 @@ def _replaced(error: UnicodeError) -> tuple[str, int]:
 
 
 def set_error_handler() -> None:
-    """Let stdout and stderr replace signs that their encoding lacks; UTF-8 is left alone.
+    """Make stdout and stderr replace signs that their encoding lacks; UTF-8 streams stay as they are.
 
     Under ``PYTHONIOENCODING=cp1252`` or an ASCII locale, ``⟂`` would otherwise end the program.
     """
@@ -167,14 +167,14 @@ PACKAGES = ("dynamics", "ocp", "problems", "reports")
 def libraries_silenced(quiet: bool) -> Iterator[None]:
     """Print warnings of our own packages as one line each, or none where ``quiet``.
 
-    Warnings and logs of libraries are hidden, for a user cannot act on them (matplotlib on a
-    read-only home, say); ``python -W error`` still finds them.
+    Warnings and logs of libraries are hidden, since a user cannot act on them (such as those of
+    matplotlib on a read-only home); ``python -W error`` still raises them.
     """
     import logging
     import warnings
 
     nowhere = logging.NullHandler()
-    # A root without a handler has every library's warnings printed.
+    # Without a handler of the root logger, Python prints the warnings that libraries log.
     logging.getLogger().addHandler(nowhere)
     printed = set[str]()
 
@@ -194,9 +194,9 @@ def libraries_silenced(quiet: bool) -> Iterator[None]:
 
 @contextmanager
 def log_to_stderr(verbosity: int) -> Iterator[None]:
-    """Print log records of the block: none at 0, INFO at 1, DEBUG from 2 on.
+    """Print log records of the block on stderr: none at ``verbosity`` 0, INFO at 1, DEBUG from 2 on.
 
-    A line has the milliseconds since the start of the program, the module and the message.
+    A line shows milliseconds since the start of the program, module and message.
     """
     if verbosity <= 0:
         yield
@@ -223,13 +223,13 @@ _LOG_FORMAT = "{relativeCreated:9.0f} ms  {name}: {message}"
 
 
 GRADES = {"survives": "green", "certified": "yellow", "failed": "red"}
-"""Colour of a verdict: certified and surviving, only certified, neither."""
+"""Mapping from a grade to the colour of its verdict: certified and surviving, only certified, neither."""
 
 
 class Output:
     """Streams of a command: results go to stdout, or with ``--json`` only JSON; the rest to stderr.
 
-    Where progress is ``logged``, no bar and no table shows it too.
+    If progress is ``logged``, no bar and no table shows it.
     """
 
     def __init__(self, as_json: bool, quiet: bool, logged: bool = False) -> None:
@@ -237,7 +237,7 @@ class Output:
 
     @property
     def progress(self) -> bool:
-        """Whether progress is shown: not with ``--quiet``, and not where it is logged."""
+        """Whether progress is shown: not with ``--quiet``, and not if it is logged."""
         return not (self.quiet or self.logged)
 
     @property
@@ -256,11 +256,11 @@ class Output:
             self.console.print(renderable)
 
     def say(self, line: str) -> None:
-        """Print a result line for people."""
+        """Print a line of results on stdout, with ``--json`` on stderr."""
         print(line, file=sys.stderr if self.as_json else sys.stdout)
 
     def announce(self, task: str, seconds: float, memory: float = 0.0) -> None:
-        """Print on stderr one line about a long computation, unless quiet."""
+        """Print the predicted time of a long computation on stderr, unless quiet."""
         from ocp.problem.resources import long_task_notice
 
         line = long_task_notice(task, seconds, memory)
@@ -281,7 +281,7 @@ class Output:
         Console(file=stream, highlight=False).print(*lines, sep="\n")
 
     def document(self, content: dict[str, Any]) -> None:
-        """Print the JSON document, with ``--json``."""
+        """Print the JSON document on stdout, only with ``--json``."""
         if not self.as_json:
             return
         from ocp.store.json_values import to_json
@@ -290,9 +290,9 @@ class Output:
         print(text, file=document_stream(), flush=True)
 
     def finish(self, run: StoredRun, content: dict[str, Any], pdf: Path | None, file_spec: Any = None) -> None:
-        """Print where a run was stored, write its report to ``pdf``, and print its document.
+        """Print the path of a run, write its report to ``pdf`` unless None, and print the JSON document.
 
-        ``file_spec`` is the problem that was solved, whose drawing the report shows.
+        ``file_spec`` is the spec of the solved problem, with which the report draws it.
         """
         self.say(f"run: {run.path}")
         if pdf is not None:

@@ -33,7 +33,7 @@ from reports.tables.listings import curve_lines, event_table, point_table, sweep
 
 @dataclass(frozen=True)
 class SweepRequest:
-    """A checked grid, the session of its first point, and the checkpoint of finished points."""
+    """Checked request of ``ocp sweep``: grid, session of its first point, and checkpoint of finished points."""
 
     study: Grid
     session: Session
@@ -56,7 +56,7 @@ def check(options: SweepOptions) -> SweepRequest:
 
 
 def run(options: SweepOptions, request: SweepRequest) -> int:
-    """Solve a problem at every point of a grid, over processes or a Dask cluster."""
+    """Solve a problem at every point of a grid, in parallel processes or on a Dask cluster."""
     output, study = options.output, request.study
     count, session = math.prod(study.shape), request.session
     output.announce(
@@ -84,7 +84,7 @@ def run(options: SweepOptions, request: SweepRequest) -> int:
 
 
 def _points(options: SweepOptions, request: SweepRequest) -> list[JobResult]:
-    """Return all points; report the resumed ones and, after Ctrl-C, how to resume."""
+    """Return the results at all points; print how many were resumed and, after Ctrl-C, how to resume."""
     study, output = request.study, options.output
     dims = [dimension_name(axis.name) for axis in study.axes]
     names = [describe_point(dict(zip(dims, place.values(), strict=True)), dims) for place in study.places]
@@ -121,11 +121,11 @@ def _document(meta: dict[str, Any], points: list[dict[str, Any]], data: xr.Datas
 
 
 SCALES = {"log": "in equal ratios", "linear": "in equal steps"}
-"""Values of ``--scale`` with their meaning."""
+"""Mapping from values of ``--scale`` to their meaning."""
 
 
 def check_continue(options: ContinueOptions) -> Request:
-    """Build the session, and check the range of the parameter."""
+    """Return the request with its session, after checks of the parameter's range and of memory."""
     choose("scale", options.scale, SCALES)
     request = Request.read(options)
     check_memory(f"--steps {options.steps}", points_memory(request.session.problem, options.steps))
@@ -164,7 +164,7 @@ def run_continue(options: ContinueOptions, request: Request) -> int:
 
 
 def _followed(options: ContinueOptions, request: Request) -> tuple[Continuation, bool]:
-    """Return the path, and whether Ctrl-C ended it; it then holds the finished points."""
+    """Return the path of solutions, up to Ctrl-C if that ended it, and whether it did."""
     session, over, finished = request.session, options.over, []
 
     def note(point: Any) -> None:

@@ -1,4 +1,4 @@
-"""Citations, set by typst from ``references.bib``."""
+"""Citations, typeset by typst from ``references.bib``."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from functools import cache
 from pathlib import Path
 
 _ROOT = Path(__file__).parent
-"""Folder that typst may read: it holds the templates and the bibliography."""
+"""Folder that typst may read, with the templates and the bibliography."""
 
 
 @cache
 def full_citation(key: str) -> str:
-    """Return an entry in its citation style, or ``key`` itself where the bibliography lacks it."""
+    """Return the full citation of a bibliography entry as text, or ``key`` itself if there is no such entry."""
     import typst
 
     page, inputs = str(_ROOT / "templates" / "citation.typ"), {"key": key}

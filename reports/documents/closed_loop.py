@@ -12,13 +12,13 @@ from reports.tables.closed_loop import loop_notes, loop_rows
 from reports.tables.console import number
 
 _GRADE_OF_STATUS = {"done": "survives", "warnings": "certified", "stopped": "certified"}
-"""Grade of a closed loop by its status; others have failed."""
+"""Mapping from the status of a closed loop to its grade; with any other status it has failed."""
 _LEADING_KEYS = ("phase", "plant")
 """Settings that are listed with the request."""
 
 
 def loops_page(views: list[RunView]) -> Page:
-    """Return content and figures of one closed loop, or of several."""
+    """Return content and figures of the page on one closed loop, or on several."""
     content = {
         **page_header(views[0]),
         "law": law_summary(views[0]),

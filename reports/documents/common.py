@@ -38,7 +38,7 @@ _NOT_SETTINGS = (
     "unbounded",
     "search",
 )
-"""Keys of a run's record that are shown elsewhere, or nowhere."""
+"""Keys of a run's record that the table of settings leaves out."""
 _REQUEST_KEYS = ("contact", "method", "policy", "solver")
 """Keys of a run's record that :func:`request_rows` shows."""
 _LEAST_MU = 1e-12
@@ -57,7 +57,7 @@ def page_header(view: RunView) -> dict[str, Any]:
 
 
 def run_summary(run: StoredRun, spec: Spec | FigureStudy | None, values: dict[str, Any]) -> dict[str, Any]:
-    """Return origin, request and verdict of a run."""
+    """Return hash, verdict, request, equations, parameters, citation, settings and versions of a run."""
     cited = spec.citation if spec else None
     stored = run.own_problem if spec is None else None
     return {
@@ -65,7 +65,7 @@ def run_summary(run: StoredRun, spec: Spec | FigureStudy | None, values: dict[st
         "verdict": run.meta["verdict"],
         "how": request_rows(run),
         "equations": list(spec.equations) if isinstance(spec, Spec) else [],
-        # Text of a run stays text: typst's mathematics is a program, which a page would execute.
+        # Equations stored in a run stay plain text: as typst's mathematics they would be code that a page executes.
         "typed": [plain(line) for line in stored["equations"]] if stored else [],
         "unloaded": _UNLOADED if stored else "",
         "parameters": _parameters(spec, stored, values),
@@ -76,7 +76,7 @@ def run_summary(run: StoredRun, spec: Spec | FigureStudy | None, values: dict[st
 
 
 def _as_sentence(text: str) -> str:
-    """Return a text with a full stop, unless it ends as a sentence does."""
+    """Return a text with a full stop added, unless it already ends like a sentence."""
     return text if text.endswith((".", "?", "!")) else f"{text}."
 
 
@@ -92,7 +92,7 @@ def request_rows(run: StoredRun, without: Collection[str] = ()) -> list[list[str
 
 
 def law_text(run: StoredRun, without: Collection[str] = ()) -> str:
-    """Return name and settings of the law, except ``without``: ``barrier (μ = 0.001)``."""
+    """Return name and settings of the law, such as ``barrier (μ = 0.001)``, except settings in ``without``."""
     name = str(run.record["contact"])
     law_settings = {key: value for key, value in _law_settings(run, name).items() if f"contact.{key}" not in without}
     settings = ", ".join(f"{symbol(key)} = {as_text(value)}" for key, value in law_settings.items())
@@ -111,7 +111,7 @@ def _law_settings(run: StoredRun, name: str) -> dict[str, Any]:
 
 
 def law_summary(view: RunView) -> dict[str, Any]:
-    """Return name and summary of the law, and the plan's place on the central path."""
+    """Return name and summary of the law, and a sentence on the values of mu along the plan."""
     name = str(view.run.record.get("contact", ""))
     law_class = LAWS.get(name)
     return {
@@ -151,7 +151,7 @@ def _parameters(
 
 
 def as_text(value: Any) -> str:
-    """Return a value as text: short numbers, lists with commas."""
+    """Return a value as text: numbers with 8 digits, lists with commas, booleans as yes or no."""
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, list | tuple):
@@ -160,13 +160,13 @@ def as_text(value: Any) -> str:
 
 
 def setting_rows(run: StoredRun) -> list[list[str]]:
-    """Return the settings of the request that no other table or line shows."""
+    """Return rows on the settings of the request that no other table or line shows."""
     remaining = {key: value for key, value in run.record.items() if key not in _NOT_SETTINGS}
     return [row for row in flatten(remaining) if row[0] not in _REQUEST_KEYS and not row[0].startswith("contact.")]
 
 
 def flatten(values: dict[str, Any]) -> list[list[str]]:
-    """Return names and values as text; those of a group as ``group.name``."""
+    """Return rows of name and value as text; values in nested dictionaries are named ``group.name``."""
     rows = []
     for key, value in values.items():
         if isinstance(value, dict):
@@ -178,10 +178,10 @@ def flatten(values: dict[str, Any]) -> list[list[str]]:
 
 
 def row_figures(name: str, rows: list[Row], columns: int = PANEL_COLUMNS, below: float = 0.34) -> dict[str, Figure]:
-    """Return a figure per row, ``name-01`` and so on, so that pages can break between rows."""
+    """Return a figure per row under ``name-01`` and so on, so that pages can break between rows."""
     return numbered_figures(name, [draw_rows([row], columns, below) for row in rows])
 
 
 def numbered_figures(name: str, figures: Sequence[Figure]) -> dict[str, Figure]:
-    """Return figures by numbered names, in the order of a template."""
+    """Return figures under the names ``name-01``, ``name-02`` and so on, in which templates place them."""
     return {f"{name}-{index:02d}": figure for index, figure in enumerate(figures, start=1)}

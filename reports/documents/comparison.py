@@ -28,11 +28,11 @@ from reports.tables.console import number, small, value_text
 from reports.tables.listings import event_rows
 
 _LABEL_KEYS = ("problem", "contact", "method", "policy", "solver", "strategy")
-"""Keys of a request in the order in which labels have them."""
+"""Keys of a request that labels begin with, in this order."""
 _SETTING_GROUPS = ("params", "contact_settings", "policy_settings", "solver_options")
 """Keys of a request that hold several settings."""
 _NOT_COMPARED = ("source", "versions", "citation", "audit_s", "law_parameters", "jit", "learned_at", "certify", "rate")
-"""Keys of a run's record that label no run."""
+"""Keys of a run's record that labels leave out."""
 
 
 def comparison_page(views: list[RunView], cones: bool = False) -> Page:
@@ -66,7 +66,7 @@ def comparison_page(views: list[RunView], cones: bool = False) -> Page:
 
 
 def describe_runs(views: Sequence[RunView]) -> tuple[list[str], list[str], bool]:
-    """Return letters and labels of several runs, and whether all are of one problem."""
+    """Return letters and labels of several runs, and whether all solve the same problem."""
     letters = [chr(ord("A") + i) if i < 26 else str(i + 1) for i in range(len(views))]
     one_problem = len({view.run.meta["problem"] for view in views}) == 1
     return letters, run_labels([view.run for view in views]), one_problem
@@ -98,7 +98,7 @@ def run_labels(runs: Sequence[StoredRun]) -> list[str]:
 
 
 def _flat(run: StoredRun) -> dict[str, Any]:
-    """Return the request of a run with one name per setting."""
+    """Return the request of a run as a flat dictionary, with one key per setting."""
     record = {key: value for key, value in run.record.items() if key not in _NOT_COMPARED}
     flat_request = {key: value for key, value in record.items() if key not in _SETTING_GROUPS and value is not None}
     for group in _SETTING_GROUPS:
@@ -108,7 +108,7 @@ def _flat(run: StoredRun) -> dict[str, Any]:
 
 
 def _differs(key: str, request: Mapping[str, Any], requests: Sequence[Mapping[str, Any]]) -> bool:
-    """Return whether another run, of the same law for a setting of a law, has another value."""
+    """Return whether other runs differ in a value; a setting of a law is compared only between runs with that law."""
     others = [other for other in requests if other is not request]
     if key == "strategy" or key.startswith("contact."):
         others = [other for other in others if other.get("contact") == request.get("contact")]
@@ -116,7 +116,7 @@ def _differs(key: str, request: Mapping[str, Any], requests: Sequence[Mapping[st
 
 
 def continuation_page(view: RunView, cones: bool = False) -> Page:
-    """Return content and figures of a path over a parameter; draw friction cones where ``cones``."""
+    """Return content and figures of the page on a path of solutions; ``cones`` draws friction cones."""
     meta, points, common = view.run.meta, view.run.meta["points"], page_header(view)
     over = str(meta["over"])
     rows = [
@@ -132,7 +132,7 @@ def continuation_page(view: RunView, cones: bool = False) -> Page:
         ]
         for point in points
     ]
-    # For a complete path: whether every plan on it survives.
+    # A complete path survives if every plan on it does.
     grade = "survives" if all(point["survives"] for point in points) else "certified"
     content = {
         **common,
@@ -157,11 +157,11 @@ def continuation_page(view: RunView, cones: bool = False) -> Page:
 
 
 _SURVIVAL_TEXT = {True: "yes", False: "no", None: "–"}
-"""Text of whether a plan survives; None is unknown."""
+"""Mapping from whether a plan survives, None if unknown, to its text."""
 
 
 def _below(points: list[dict[str, Any]]) -> str:
-    """Return a sentence on points with complementarity too small to draw; "" for none."""
+    """Return a sentence on points whose complementarity is too small to draw; "" if there are none."""
     sizes = [point["complementarity"] for point in points]
     count = sum(size is not None and np.isfinite(size) and size <= FLOOR for size in sizes)
     if not count:

@@ -22,7 +22,7 @@ from reports.drawing.style import house_style, show_literally, to_svg
 from reports.drawing.view import RunView
 
 _TEMPLATES = Path(__file__).with_name("templates")
-"""Folder of the templates."""
+"""Folder of the typst templates."""
 
 
 def write_pdf(
@@ -34,10 +34,10 @@ def write_pdf(
 ) -> None:
     """Write a report of one run, or of several solves, trainings or closed loops.
 
-    Friction cones are drawn where ``cones``; ``file_spec`` is the problem of a user's file; ``signals``
-    are those of a solve that are drawn, None for all.
-    Raises :class:`~ocp.errors.InputError` where the file cannot be written, where runs cannot be
-    compared, or where a problem's typst equations do not compile.
+    ``cones`` draws friction cones; ``file_spec`` is the problem of a user's file; ``signals`` names the
+    signals of a solve that are drawn, None draws all.
+    Raises :class:`~ocp.errors.InputError` if the file cannot be written, if runs cannot be compared, or
+    if a problem's typst equations do not compile.
     """
     atomic.write_file(path, render_pdf(runs, cones, file_spec, signals), "the PDF")
 
@@ -45,7 +45,7 @@ def write_pdf(
 def render_pdf(
     runs: Sequence[StoredRun], cones: bool = False, file_spec: ProblemSpec | None = None, signals: str | None = None
 ) -> bytes:
-    """Return the bytes of the PDF."""
+    """Return the bytes of the PDF that :func:`write_pdf` writes."""
     views = [RunView.of(run, file_spec) for run in runs]
     with house_style():
         template, content, figures = _page(views, cones, file_spec, signals)
@@ -64,15 +64,15 @@ PAGES = {
     "train": "reports.documents.training.training_page",
     "closed-loop": "reports.documents.closed_loop.loops_page",
 }
-"""Module and function of each kind of run, imported when it is drawn."""
+"""Mapping from the kind of a run to the function of its page, imported when it is drawn."""
 _TEMPLATE_OF_KIND = {"continue": "continuation", "figure": "study", "train": "training"}
-"""Template of the kinds of run that have not their own name."""
+"""Mapping from kinds of run to their templates, where a template does not have the name of the kind."""
 
 
 def _page(
     views: list[RunView], cones: bool, file_spec: ProblemSpec | None, signals: str | None
 ) -> tuple[str, dict[str, Any], dict[str, Figure]]:
-    """Return template, content and figures of the views."""
+    """Return the template's file, the content and the figures of the report on the views."""
     kinds = {view.run.kind for view in views}
     if signals is not None and (kinds != {"solve"} or len(views) > 1):
         raise InputError("--signals is for the report of one run of ocp solve; drop it")
@@ -100,7 +100,7 @@ def _page(
 
 
 _SCALES = (1.0, 0.94, 0.88, 0.82, 0.76)
-"""Sizes of figures that are tried, until the last page is half full."""
+"""Scales of the figures that are tried in turn until the last page is at least half full."""
 _TEXT_TOP_PT = 57.0
 """Distance of the first line from the top of the page [pt]."""
 _TEXT_HEIGHT_PT = 717.0
@@ -108,7 +108,7 @@ _TEXT_HEIGHT_PT = 717.0
 
 
 def _with_full_pages(root: Path, template: str, content: dict[str, Any]) -> bytes:
-    """Compile with the largest figures that fill at least half of the last page, if any do.
+    """Return the PDF with the largest figures that leave the last page half full, else with unscaled ones.
 
     Raises ``typst.TypstError`` for content that does not compile.
     """

@@ -1,4 +1,4 @@
-"""The page of one solve: verdict, numbers, motion, replay, law, contacts and homotopy."""
+"""Page of the report on one solve: verdict, numbers, motion, replay, law, contacts and homotopy."""
 
 from __future__ import annotations
 
@@ -17,18 +17,17 @@ from reports.tables.console import number, physics_residuals, small, stage_note,
 from reports.tables.contacts import contact_columns, contact_notes
 
 _GAP_STRIP_IN = 0.5
-"""Height of the strips with gaps [inch]."""
+"""Height of the strips that show gaps below contact forces [inch]."""
 _START_KEYS = ("start", "route", "status", "cost", "exact_cost", "referee_cost", "iterations", "chosen")
 """Columns of the table of starts."""
 _ENDS = 12
-"""Number of first and of last stages in a shortened table."""
+"""Number of stages that a shortened table keeps at its beginning and at its end."""
 
 
 def solve_page(view: RunView, cones: bool = False, signals: str | None = None) -> Page:
-    """Return content and figures of one solved run; draw friction cones where ``cones``.
+    """Return content and figures of the page on one solve; ``cones`` draws friction cones.
 
-    ``signals`` are those that are drawn over time (:func:`reports.figures.trajectories.select_signals`), None for
-    all.
+    ``signals`` chooses the signals drawn over time (:func:`reports.figures.trajectories.select_signals`), None all.
     """
     stored, all_tracks = view.run, trajectories.tracks(view)
     is_solved = stored.status is Status.SOLVED
@@ -78,7 +77,7 @@ def solve_page(view: RunView, cones: bool = False, signals: str | None = None) -
 
 
 def _motion(view: RunView, cones: bool) -> tuple[dict[str, Figure | None], str]:
-    """Return the strobe, or one for each scenario, and the caption of the arrows."""
+    """Return the strobe, or one for each drawn scenario, and the caption of the arrows."""
     if view.scenarios == 1 or view.picture is None:
         return {"strobe": strobe(view, cones)}, ""
     picked = picked_scenarios(view.pictured)
@@ -87,7 +86,7 @@ def _motion(view: RunView, cones: bool) -> tuple[dict[str, Figure | None], str]:
 
 
 def _stages(view: RunView) -> list[list[str]]:
-    """Return rows of the homotopy's table, without the middle of a long one."""
+    """Return the rows of the table of homotopy stages, without the middle of a long table."""
     rows = [
         [index, symbol(stage_title(label)), *cells, note]
         for index, label, *cells, _, note in stage_rows(view.run.stages, view.run.meta["cost"])
@@ -99,7 +98,7 @@ def _stages(view: RunView) -> list[list[str]]:
 
 
 def _starts(view: RunView) -> list[str]:
-    """Return the columns of the table of starts."""
+    """Return the columns of the table of starts, those for which any start has a value."""
     others = view.run.meta["others"]
     return [key for key in _START_KEYS if any(key in other for other in others)]
 
@@ -153,4 +152,4 @@ _SHORT = {
     "energy gained in a step": "energy gained",
     "momentum residual": "momentum",
 }
-"""Short names of the residuals of :func:`reports.tables.console.physics_residuals`."""
+"""Mapping from names of the residuals of :func:`reports.tables.console.physics_residuals` to shorter ones."""

@@ -1,4 +1,4 @@
-"""The page of a paper's figure: the drawing, and measured values beside the claims."""
+"""Page of the report on a study: its figure, and claims of the paper next to measured values."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from reports.figures.studies import DRAWINGS
 
 
 def study_page(run: StoredRun) -> Page:
-    """Return content and figure of a stored study; raises ``InputError`` for an unknown one."""
+    """Return content and figure of the page on a stored study; raises ``InputError`` for an unknown study."""
     study = studies.get(run.meta["problem"])
     content, fields = run_summary(run, study, run.record["params"]), study.Params.model_fields
     content |= {

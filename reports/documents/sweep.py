@@ -24,7 +24,7 @@ from reports.tables.listings import MOST, POINT_HEADS, estimate_cells, format_du
 
 
 def sweep_page(view: RunView) -> Page:
-    """Return content and figures of a sweep; swept names are left out of the tables of constants."""
+    """Return content and figures of the page on a sweep; tables of parameters and settings leave out swept ones."""
     swept, common = {axis["name"] for axis in view.run.meta["study"]["axes"]}, page_header(view)
     varied = {name.removeprefix("problem.") for name in swept}
     parameters = {row[0] for row in common["parameters"]}
@@ -36,7 +36,7 @@ def sweep_page(view: RunView) -> Page:
 
 
 def sweep_content(run: StoredRun) -> tuple[dict[str, Any], dict[str, Figure]]:
-    """Return key numbers, points, failures and figures."""
+    """Return key numbers, axes, points and failures of a sweep as content of a page, and its figures."""
     meta, axes = run.meta, run.meta["study"]["axes"]
     dims, points = [axis["name"] for axis in axes], grid_rows(run.data)
     figures = drawn.sweep_figures(run.data, axes)
@@ -80,16 +80,16 @@ _GRADES = {
     "empirically biased at this sample size": "failed",
     "biased": "failed",
 }
-"""Colour of the weakest verdict."""
+"""Mapping from the weakest verdict of estimates to the grade that colours their page."""
 
 
 def estimate_page(run: StoredRun, file_spec: ProblemSpec | None = None) -> Page:
-    """Return content and figure of a stored estimate; ``file_spec`` is the problem of a user's file."""
+    """Return content and figure of the page on an estimate; ``file_spec`` is the problem of a user's file."""
     meta, swept = run.meta, run.meta["sweep"]
     spec = _spec(run, file_spec)
     rows = meta["estimates"]
     content = run_summary(run, spec, run.record["params"])
-    # Of a rollout sigma and samples are those of the noise; the problem may have others.
+    # For rollouts sigma and samples belong to the noise; the problem may have parameters of the same name.
     noise = swept and swept["name"] in SAMPLING_AXES and run.record.get("contact")
     varied = swept["name"].removeprefix("problem.") if swept and not noise else ""
     parameters = [row for row in content["parameters"] if row[0] != varied]
@@ -117,11 +117,11 @@ def _spec(run: StoredRun, file_spec: ProblemSpec | None) -> ObjectiveSpec | Prob
 
 
 _REQUEST_SETTINGS = ("estimators", "reference", "reference samples", "samples", "sigma")
-"""Settings of an estimate that its request shows."""
+"""Settings of an estimate that the rows on its request show."""
 
 
 def weakest_sentence(rows: Sequence[dict[str, Any]]) -> str:
-    """Return the weakest verdict among rows, with its estimators, as a sentence."""
+    """Return a sentence on the weakest verdict among estimates, with the estimators that have it."""
     verdict = weakest_verdict(rows)
     estimators = list(dict.fromkeys(row["estimator"] for row in rows if short_verdict(row) == verdict))
     if all(short_verdict(row) == verdict for row in rows):
@@ -131,7 +131,7 @@ def weakest_sentence(rows: Sequence[dict[str, Any]]) -> str:
 
 
 def _estimate_how(run: StoredRun) -> list[list[str]]:
-    """Return rows on law, policy, reference with its source, noise and samples."""
+    """Return rows on an estimate's law, policy, reference with its source, noise and samples."""
     record, swept = run.record, run.meta["sweep"]
     sources = dict.fromkeys(row["reference_source"] for row in run.meta["estimates"])
     reference = ", ".join(filter(None, sources)) or "none"

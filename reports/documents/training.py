@@ -1,4 +1,4 @@
-"""The page of trained policies on one task."""
+"""Page of the report on trained policies of one task."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from reports.tables.training import SeedGroup, group_seeds, group_verdict, measu
 
 
 def training_page(views: list[RunView]) -> Page:
-    """Return content and figures of trained policies on one task."""
+    """Return content and figures of the page on trained policies of one task."""
     content, figures, firsts = training_content(views)
     settings_of_groups = [setting_rows(run) for run in firsts]
     shared = [row for row in settings_of_groups[0] if all(row in rows for rows in settings_of_groups)]
@@ -35,7 +35,7 @@ def training_page(views: list[RunView]) -> Page:
 
 
 def training_content(views: Sequence[RunView]) -> tuple[dict[str, Any], dict[str, Figure], list[StoredRun]]:
-    """Return verdicts, table and figures, and the first run of each group.
+    """Return verdicts and table as content of a page, figures, and the first run of each group.
 
     Raises :class:`~ocp.errors.InputError` for runs on several tasks.
     """
@@ -79,7 +79,7 @@ def _key_numbers(run: StoredRun) -> list[list[str]]:
 
 
 def _learned(group: SeedGroup) -> list[list[str]]:
-    """Return physical parameters that were learned with the policy, beside the task's values."""
+    """Return rows on physical parameters learned with the group's best policy, with the task's values."""
     view = RunView.of(group.best)
     if view.problem is None or "psi" not in view.run.data:
         return []

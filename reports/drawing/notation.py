@@ -11,7 +11,7 @@ _TOKEN = re.compile(
     r"|(?P<fraction> */ *| *\\/ *)"
     r"|(?P<other>.)"
 )
-"""Tokens of typst's mathematics."""
+"""Pattern of the tokens of typst's mathematics."""
 _PLAIN_WORDS = {
     "lambda": "lam",
     "perp": "⟂",
@@ -27,13 +27,13 @@ _PLAIN_WORDS = {
     "delta": "d",
     "dif": "d",
 }
-"""Names of typst's mathematics in plain characters."""
+"""Mapping from names in typst's mathematics to plain characters."""
 _AROUND = {"norm": "||", "abs": "||", "dot": " '", "macron": "  "}
-"""Text before and behind a function's argument, instead of its name and brackets."""
+"""Mapping from functions of typst's mathematics to the two characters around their argument in plain text."""
 
 
 def plain(line: str) -> str:
-    """Write ``line`` of typst's mathematics as a terminal shows it: ``abs(x)^2`` as ``|x|²``."""
+    """Return a line of typst's mathematics as plain text, such as ``|x|²`` for ``abs(x)^2``."""
     tokens, open_brackets = [], []
     brackets = ""
     for match in _TOKEN.finditer(line):
@@ -58,7 +58,7 @@ def plain(line: str) -> str:
 
 
 def _tidy(text: str) -> str:
-    """Write powers as superscripts, derivatives as ``dF/dx``, and a difference as one word."""
+    """Return the text with powers as superscripts, derivatives as ``dF/dx``, and ``dq`` for ``d q``."""
     for sign, replacement in (
         ("^2", "²"),
         ("^4", "⁴"),
@@ -76,7 +76,7 @@ def _tidy(text: str) -> str:
 
 
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-"""Translation of digits into superscripts."""
+"""Translation of digits and minus signs into superscripts."""
 GREEK = {
     "alpha": "α",
     "beta": "β",
@@ -95,13 +95,13 @@ GREEK = {
     "psi": "ψ",
     "omega": "ω",
 }
-"""Greek letters by name."""
+"""Mapping from names of Greek letters to the letters."""
 _LAW_SYMBOLS = (("lam", "λ"), ("mu", "μ"), ("<=", "≤"), (">=", "≥"))
 """Words in the summaries of laws, with their symbols."""
 
 
 def powers(unit: str) -> str:
-    """Write ``m/s^2`` as ``m/s²``, ``1/m^2`` as ``m⁻²`` and the unit of a number as ""."""
+    """Return a unit with superscripts, such as ``m/s²`` for ``m/s^2`` and ``m⁻²`` for ``1/m^2``; "" for "1"."""
     if unit == "1":
         return ""
     if reciprocal := re.fullmatch(r"1/([A-Za-z]+)(?:\^(\d+))?", unit):
@@ -116,13 +116,13 @@ def label(name: str, unit: str) -> str:
 
 
 def symbol(name: str) -> str:
-    """Write ``contact.mu`` as ``μ`` and ``nu`` as ``ν``; other names stay as they are typed."""
+    """Return ``μ`` for ``contact.mu``, ``ν`` for ``nu``, and any other name without its prefix."""
     last = name.rpartition(".")[2]
     return GREEK.get(last, last)
 
 
 def in_symbols(line: str) -> str:
-    """Replace names in the summary of a law by symbols: ``lam gap = mu`` by ``λ gap = μ``."""
+    """Return a law's summary with symbols for names, such as ``λ gap = μ`` for ``lam gap = mu``."""
     for word, sign in _LAW_SYMBOLS:
         line = re.sub(rf"(?<!\w){re.escape(word)}(?!\w)", sign, line)
     return line

@@ -1,4 +1,4 @@
-"""Shapes on matplotlib axes: one way to draw each kind, and the window around them."""
+"""Drawing of shapes on matplotlib axes, and cameras that choose the window around them."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ from problems.drawing import Circle, Mark, Outline, Rectangle, Segment, Shape, S
 from reports.drawing.style import BLUE, FAINT, GREEN, GREY, ORANGE, SKY
 
 _ROLE_COLORS = {"object": BLUE, "actuator": ORANGE, "environment": GREY, "goal": GREEN, "plan": SKY}
-"""Colour of bodies by their role."""
+"""Mapping from the role of a body to its colour."""
 Rgba = tuple[float, float, float, float]
 _ARC_STEP_RAD = math.pi / 16
 """Angle [rad] between the points of a rounded corner."""
 _CAP_ANGLES_RAD = np.linspace(-math.pi / 2, math.pi / 2, 18)
 """Angles [rad] of the points of a capsule's end."""
 COIL_COUNT = 6
-"""Windings of a spring."""
+"""Number of windings of a drawn spring."""
 COIL_HALF_WIDTH_M = 0.04
 """Half the width of a winding [m]."""
 EDGE_PT = 0.9
 """Width of the line around a body [pt]."""
 BAR_PT = {Segment: 1.6, Spring: 0.8}
-"""Width of the line along a bar [pt]."""
+"""Mapping from kinds of bar to the widths of their lines [pt]."""
 MARK_PT = 4.5
 """Diameter of a mark [pt]."""
 GOAL_PT = 11.0
@@ -42,14 +42,14 @@ GOAL_PT = 11.0
 FILLED = 0.25
 """Opacity of a body's inside."""
 REACH = 4.0
-"""How far a half plane reaches, in sums of the sides of a view."""
+"""Length and depth to which a half plane is drawn, as a multiple of the sum of the view's sides."""
 
 
 def bounds(shapes: Iterable[Shape]) -> np.ndarray:
     """Return the smallest box around shapes [m]: ((x_low, y_low), (x_high, y_high)), shape (2, 2).
 
-    Of a half plane only the point that it is given by counts, and no line on a floor; without
-    shapes the box is inside out.
+    A half plane counts as the point that defines it, and a line drawn on a floor not at all. Without
+    shapes the box is ((inf, inf), (-inf, -inf)).
     """
     points = [point for shape in shapes for point in _corners(shape)]
     if not points:
@@ -132,7 +132,7 @@ def half_plane_path(shape: Wall, middle: np.ndarray, reach: float) -> Path:
     """Return the part of a half plane within ``reach`` [m] of the projection of ``middle`` on its edge."""
     normal = np.array([shape.nx, shape.ny])
     direction = np.array([-shape.ny, shape.nx])
-    # From the projection of the view's middle, so that the view may move along the edge.
+    # Centred at the projection of the view's middle, so that the view may move along the edge.
     start = np.array([shape.x, shape.y])
     start = start + ((middle - start) @ direction) * direction
     edge = [start - reach * direction, start + reach * direction]
@@ -145,7 +145,7 @@ def width(shape: Shape) -> float:
 
 
 def color(role: str) -> str:
-    """Return the colour of bodies with a role."""
+    """Return the colour of bodies with this role, grey for an unknown role."""
     return _ROLE_COLORS.get(role, GREY)
 
 
@@ -155,7 +155,7 @@ def is_opaque(shape: Shape) -> bool:
 
 
 def shape_colors(shape: Shape, strength: float = 1.0) -> tuple[Rgba, Rgba]:
-    """Return the colours of a body's inside and edge, or of a bar twice; ``strength`` is how dark."""
+    """Return the colours of a body's inside and edge, twice the same for a bar; ``strength`` scales the darkness."""
     ink, shade = to_rgba(color(shape.role))[:3], getattr(shape, "shade", 0.0)
     if not is_opaque(shape):
         return (*ink, FILLED * strength), (*ink, strength)
@@ -175,7 +175,7 @@ T = TypeVar("T", bound=Hashable)
 def constant_shapes(frames: Sequence[Sequence[T]], hiding: Sequence[bool]) -> list[T]:
     """Return the shapes that are in every frame, to be drawn once below the rest.
 
-    Of what in the first frame is ``hiding`` others, only that with which all frames begin.
+    Shapes that hide others, marked in ``hiding`` for the first frame, count only if all frames begin with them.
     """
     n_leading = len([*takewhile(lambda same_place: len(set(same_place)) == 1, zip(*frames, strict=False))])
     common = set.intersection(*map(set, frames))
@@ -194,7 +194,7 @@ def name_axes(axis: Axes, names: tuple[str, str]) -> None:
 
 
 def draw(shape: Shape, axis: Axes, strength: float) -> Artist:
-    """Draw one shape and return its artist; ``strength`` in (0, 1] is how dark."""
+    """Draw one shape and return its artist; ``strength`` in (0, 1] scales the darkness."""
     face, edge = shape_colors(shape, strength)
     match shape:
         case Mark():
@@ -229,13 +229,13 @@ def _mark(shape: Mark, axis: Axes, strength: float) -> Line2D:
 _VIEW_MARGIN = 0.08
 """Margin around bodies, as a share of the longer side of the view."""
 _LEAST_ASPECT = 0.2
-"""Shorter side of a fixed view, as a share of its longer side, at least."""
+"""Minimum ratio of the shorter to the longer side of a fixed view."""
 _LEAST_FOLLOWED_ASPECT = 0.4
-"""Shorter side of a view that follows bodies, as a share of its longer side, at least."""
+"""Minimum ratio of the shorter to the longer side of a view that follows bodies."""
 _TRAVEL_RATIO = 5.0
-"""Length of a motion in bodies, or in heights of the view, from which the camera follows it."""
+"""Ratio of a motion's length to the size of bodies and to its width above which the camera follows it."""
 _FOLLOWED_WINDOW = 2.2
-"""Side of a window that follows bodies, in sizes of the bodies."""
+"""Side of a window that follows bodies, as a multiple of their size."""
 
 
 @dataclass(frozen=True)
@@ -246,19 +246,19 @@ class Camera:
     size: np.ndarray
 
     def aim(self, axis: Axes, frame: int) -> None:
-        """Set the limits of ``axis`` to those of a frame."""
+        """Set the limits of ``axis`` to the view in a frame."""
         low, high = self.middle[frame] - self.size / 2, self.middle[frame] + self.size / 2
         axis.set(aspect="equal", xlim=(low[0], high[0]), ylim=(low[1], high[1]))
 
 
 def show(axis: Axes, shapes: Iterable[Shape]) -> None:
-    """Fix the limits around ``shapes``, so that half planes and forces can be clipped to them."""
+    """Set the limits of ``axis`` around ``shapes``, so that half planes and forces can be clipped to them."""
     middle, size = view_around(bounds(shapes))
     Camera(middle[None], size).aim(axis, 0)
 
 
 def view_around(box: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return middle and size of the view of a box (low, high), with a margin and no side much the shorter."""
+    """Return middle and size (2,) of the view of a box (low, high), with a margin and a minimum ratio of sides."""
     low, high = box
     size = high - low
     # A fixed point has no size: show one metre.
@@ -269,9 +269,9 @@ def view_around(box: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def make_cameras(plays: Sequence[Sequence[list[Shape]]]) -> list[Camera]:
     """Return a camera for each of several motions, from the shapes in each frame.
 
-    All show the same window: the whole first motion, and the others within its size of it. A window
-    more than five times as long as high, or as the bodies, is replaced by cameras that each follow
-    their own motion.
+    All show the same window: the whole first motion, and the others as far as they stay within its size
+    of it. If this window is over five times as long as high and as the bodies, each camera follows its
+    own motion instead.
     """
     boxes = [
         np.array([bounds(shape for shape in shapes if not isinstance(shape, Wall)) for shapes in play])
@@ -299,7 +299,7 @@ def _union(boxes: list[np.ndarray]) -> np.ndarray:
 
 
 def _follow(boxes: np.ndarray, size: np.ndarray) -> np.ndarray:
-    """Return middles (n_frames, 2) that follow smoothly and keep the bodies in view."""
+    """Return middles (n_frames, 2) of views that follow the bodies smoothly and contain them."""
     middle = boxes.mean(axis=1)
     width = max(1, len(middle) // 8)
     padded = np.pad(middle, ((width, width), (0, 0)), mode="edge")

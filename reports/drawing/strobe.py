@@ -20,17 +20,17 @@ from reports.drawing.style import INK, PURPLE, VERMILLION, WIDTH
 from reports.drawing.view import RunView
 
 LEAST = 0.02
-"""Forces below this fraction of the largest are not drawn."""
+"""Fraction of the largest force below which forces are not drawn."""
 _ARROW_OF_LONG_SIDE = 0.18
 """Longest arrow, as a share of the longer side of the view."""
 _ARROW_OF_SHORT_SIDE = 0.4
 """Longest arrow, as a share of the shorter side of the view."""
 CONE_ARROWS = 0.7
-"""Length of a friction cone in longest arrows."""
+"""Length of a drawn friction cone, as a share of the longest arrow."""
 
 
 def largest_size(values: np.ndarray | None) -> float:
-    """Return the largest magnitude among the finite values; 0 where there is none."""
+    """Return the largest magnitude among the finite values, 0 if there are none."""
     if values is None:
         return 0.0
     return float(np.max(np.abs(values[np.isfinite(values)]), initial=0.0))
@@ -51,15 +51,15 @@ class Forces:
 
     @property
     def largest(self) -> float:
-        """Magnitude of the largest finite force, 0 where there is none."""
+        """Magnitude of the largest finite force, 0 if there are none."""
         return largest_size(np.hypot(self.normal, self.friction))
 
 
 def forces_of(view: RunView, suffix: str = "") -> Forces | None:
     """Return the forces of the plan, or of its replay (suffix ``"_replay"``); None without multipliers.
 
-    From the stored ``normal_impulse`` and ``friction_impulse``, else from the system's map of the
-    multipliers, else every multiplier is a normal impulse.
+    They come from the stored ``normal_impulse`` and ``friction_impulse``, or else from the system's map of
+    multipliers to forces; without both, every multiplier counts as a normal impulse.
     """
     lam = view.array(f"lam{suffix}")
     if lam is None:
@@ -68,7 +68,7 @@ def forces_of(view: RunView, suffix: str = "") -> Forces | None:
     if normal is not None and friction is not None:
         return Forces(normal[0], friction[0], "N s")
     signals = view.signals("contacts")
-    # lam of a law averaged over noise has one block a node; the mean is what moves the system.
+    # lam of a law averaged over noise has one block per node of the noise; their mean moves the system.
     mean = [lam[0, :, i :: len(signals)].mean(axis=-1) for i in range(len(signals))]
     pushed = np.stack(mean, axis=1) if mean else np.zeros((lam.shape[1], 0))
     if view.problem is not None and (force_map := view.problem.system.forces) is not None:
@@ -81,23 +81,23 @@ def forces_of(view: RunView, suffix: str = "") -> Forces | None:
 
 
 def forces_drawn(forces: Forces | None, contacts: Sequence[Sequence[ContactFrame]]) -> Forces | None:
-    """Return the forces that arrows show; of contacts seen in space only the normal ones."""
+    """Return the forces that arrows show, for contacts in space only normal ones; None without forces."""
     if forces is None or all(frame.flat for frames in contacts[:1] for frame in frames):
         return forces
     return replace(forces, friction=np.zeros_like(forces.friction))
 
 
 def arrow_caption(largest: float, unit: str, rough: bool) -> str:
-    """Return the caption of arrows and, where contacts are ``rough``, of cones."""
+    """Return the caption of force arrows and, if ``rough``, of friction cones."""
     cones = "; shaded: friction cone" if rough else ""
     noun = "impulse" if unit == "N s" else "force"
     return f"arrows: contact {noun}, the longest {largest:.3g} {unit}{cones}"
 
 
 def acting_contacts(view: RunView) -> tuple[dict[str, np.ndarray], dict[int, str]]:
-    """Return sizes (N, points) of the forces of plan and replay by suffix, and the acting contacts.
+    """Return a mapping from suffix, "" or "_replay", to sizes (N, points) of forces, and the acting contacts.
 
-    These are names by column: contacts with a visible force in the plan or in its replay.
+    The latter map columns to names, for contacts with a visible force in the plan or in its replay.
     """
     forces_by_suffix = {suffix: forces_of(view, suffix) for suffix in ("", "_replay")}
     sizes = {key: np.hypot(forces.normal, forces.friction) for key, forces in forces_by_suffix.items() if forces}
@@ -119,7 +119,7 @@ def longest_arrow(size: np.ndarray) -> float:
 def visible_forces(
     contacts: Sequence[ContactFrame], pushes: tuple[np.ndarray, np.ndarray], largest: float
 ) -> Iterator[tuple[ContactFrame, float, float]]:
-    """Yield contacts with their normal and friction force, without the smallest forces."""
+    """Yield the contacts whose forces are large enough to draw, with normal and friction force."""
     for frame, normal, friction in zip(contacts, *pushes, strict=False):
         length_in_view = math.hypot(frame.nx, frame.ny)
         if length_in_view * math.hypot(normal, friction) >= LEAST * largest > 0:
@@ -133,9 +133,10 @@ def draw_contacts(
     largest: float,
     cones: float = 1,
 ) -> list[Artist]:
-    """Draw the forces ``pushes``, normal and friction (points,), and cones of this strength, 0 for none.
+    """Draw the forces ``pushes``, normal and friction (points,), and friction cones; return the artists.
 
-    The ``largest`` force is as long as :func:`longest_arrow`; the smallest are left out.
+    The ``largest`` force has the :func:`longest_arrow`; very small forces are left out. ``cones`` is the
+    opacity of the cones relative to the usual one, 0 for none.
     """
     longest = longest_arrow(np.ptp([axis.get_xlim(), axis.get_ylim()], axis=1))
     artists = list[Artist]()
@@ -147,7 +148,7 @@ def draw_contacts(
 
 
 def draw_force(axis: Axes, frame: ContactFrame, normal: float, friction: float, scale: float) -> Artist:
-    """Draw the force as an arrow from the contact, ``scale`` [m per unit] times its size long."""
+    """Draw a force as an arrow from the contact, whose length is the force times ``scale`` [m per unit]."""
     tx, ty = frame.tangent
     tip = (frame.x + scale * (normal * frame.nx + friction * tx), frame.y + scale * (normal * frame.ny + friction * ty))
     return axis.annotate(
@@ -168,7 +169,7 @@ def draw_force(axis: Axes, frame: ContactFrame, normal: float, friction: float, 
 
 
 def draw_cone(axis: Axes, frame: ContactFrame, length: float, strength: float = 1) -> Artist:
-    """Draw the friction cone, half as wide as atan(friction) on either side of the normal."""
+    """Draw the friction cone of a contact, which spans atan(friction) on either side of the normal."""
     middle = math.degrees(math.atan2(frame.ny, frame.nx))
     half_angle = math.degrees(math.atan(frame.friction))
     cone = Wedge(
@@ -185,24 +186,21 @@ def draw_cone(axis: Axes, frame: ContactFrame, length: float, strength: float = 
 
 
 _FEWEST_INSTANTS = 3
-"""Fewest instants of a strobe."""
+"""Minimum number of instants in a strobe."""
 _MOST_INSTANTS = 7
-"""Most instants of a strobe."""
+"""Maximum number of instants in a strobe."""
 _TALLEST_IN = 3.1
-"""Greatest height of a strobe [inch]."""
+"""Maximum height of a strobe [inch]."""
 _ROW_HEIGHT_IN = 1.7
 """Height of a row of strobes before its limits are known [inch]."""
 _LETTERS = 120
-"""Letters of titles beside each other that fit across."""
+"""Number of characters of titles that fit across a row of strobes."""
 MOST_SCENARIOS = 12
-"""Most scenarios that are drawn."""
+"""Maximum number of scenarios that are drawn."""
 
 
 def strobe(view: RunView, cones: bool = False) -> Figure | None:
-    """Draw scenario 0 at several instants, early ones faint; None for a problem without a drawing.
-
-    Friction cones are drawn where ``cones``.
-    """
+    """Return a strobe of scenario 0, with friction cones if ``cones``; None for a problem without a drawing."""
     if view.picture is None:
         return None
     figure = Figure(figsize=(WIDTH, _TALLEST_IN))
@@ -214,16 +212,16 @@ def strobe(view: RunView, cones: bool = False) -> Figure | None:
 
 
 def picked_scenarios(count: int) -> list[int]:
-    """Return the numbers of the scenarios to draw."""
+    """Return the indices of the scenarios to draw, evenly spaced among all ``count``."""
     n_picked = min(count, MOST_SCENARIOS)
     return [int(index) for index in np.linspace(0, count - 1, n_picked).round()]
 
 
 def strobe_rows(titled_views: Sequence[tuple[str, RunView]], cones: bool = False) -> tuple[list[Figure], str]:
-    """Draw strobes of scenario 0 beside each other under their titles, one figure per row.
+    """Return strobes of scenario 0 side by side under titles, one figure per row, and the caption of arrows.
 
-    Views without a picture are left out. Those of one problem have the same limits, and their
-    arrows one scale, given in the returned caption; those of several have each its own.
+    Views without a picture are left out. Views of the same problem share their limits and the scale of
+    their arrows, which the caption states; with several problems each view has its own.
     """
     titled_views = [(title, view) for title, view in titled_views if view.picture is not None]
     if not titled_views:
@@ -249,7 +247,7 @@ def strobe_rows(titled_views: Sequence[tuple[str, RunView]], cones: bool = False
         figures.append(figure)
     if same_problem:
         _one_view(used_axes)
-    # A tall picture among others of several problems must not make all rows tall.
+    # The median, so that one tall picture among several problems does not make all rows tall.
     ratio = np.median([np.ptp(axis.get_ylim()) / np.ptp(axis.get_xlim()) for axis in used_axes])
     lines = max(axis.get_title("left").count("\n") for axis in used_axes)
     height = float(np.clip(ratio * 0.85 * WIDTH / columns + 0.55, 1.0, _TALLEST_IN)) + 0.12 * lines
@@ -272,7 +270,7 @@ def _one_view(axes: Sequence[Axes]) -> None:
 def draw_strobe(axis: Axes, view: RunView, cones: bool = False, largest: float | None = None) -> None:
     """Draw the strobe of scenario 0 with its forces into existing axes.
 
-    A force of ``largest``, if not given the largest of the run, has the longest arrow.
+    The longest arrow is that of a force of size ``largest``, by default the largest force of the run.
     """
     picture = view.picture
     assert picture is not None
@@ -292,15 +290,15 @@ def draw_strobe(axis: Axes, view: RunView, cones: bool = False, largest: float |
 
 
 def _strongest(forces: Forces) -> int | None:
-    """Return the node at the end of the step with the largest force."""
+    """Return the node at the end of the step with the largest force, None without forces."""
     size = np.nan_to_num(np.hypot(forces.normal, forces.friction))
     return int(size.max(axis=1).argmax()) + 1 if size.size and size.max() > 0 else None
 
 
 def draw_motion(axis: Axes, plays: list[list[Shape]], strongest: int | None = None) -> np.ndarray:
-    """Draw the shapes of several instants of a motion, early ones faint; return the instants.
+    """Draw the shapes at several nodes of a motion, early ones faint; return these nodes.
 
-    ``plays`` holds the shapes at every instant. ``strongest`` is drawn too where more than two are.
+    ``plays`` holds the shapes at every node. If more than two are drawn, the node ``strongest`` is among them.
     """
     chosen = _instants(plays)
     if strongest is not None and len(chosen) > 2:
@@ -320,7 +318,7 @@ def draw_motion(axis: Axes, plays: list[list[Shape]], strongest: int | None = No
 
 
 def _instants(plays: list[list[Shape]]) -> np.ndarray:
-    """Return a few evenly spaced nodes, fewer where bodies hardly move."""
+    """Return the nodes of a strobe, evenly spaced, and fewer if bodies hardly move."""
     fixed = set.intersection(*(set(shapes) for shapes in plays))
     boxes = np.array([bounds(s for s in shapes if s not in fixed) for shapes in plays])
     count = _FEWEST_INSTANTS
@@ -332,7 +330,7 @@ def _instants(plays: list[list[Shape]]) -> np.ndarray:
 
 
 def _forces_drawn(view: RunView) -> Forces | None:
-    """Return the forces to draw; None where the problem has no contact frames."""
+    """Return the forces to draw; None if the problem has no contact frames, or the run no forces."""
     if view.picture is None or not view.picture.framed:
         return None
     return forces_drawn(forces_of(view), view.picture.contacts("", view.time[:1]))

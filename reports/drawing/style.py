@@ -1,4 +1,4 @@
-"""The style of figures: a palette for colour-blind readers, and files with reproducible bytes."""
+"""Style of all figures: a palette for colour-blind readers, and files with reproducible bytes."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ ORANGE = "#E69F00"  # actuators and slip
 SKY = "#8CCDF2"  # plans and stick
 PURPLE = "#CC79A7"  # friction cones
 CYCLE = (BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY, "#332288", "#882255", "#999933", "#661100", "#7FC41C", "#E6007E")
-"""Twelve colours that stay apart, the six first ones for colour-blind readers and in grey too."""
+"""Twelve distinct colours; the first six are distinct for colour-blind readers and in grey print as well."""
 GREY = "#7A7A7A"  # the environment, and lines of reference
 FAINT = "#D9D9D9"  # grids, and areas behind others
 INK = "#222222"  # text
 PLANNED = BLUE  # curves of the plan
 REPLAYED = VERMILLION  # curves of the replay
 GRADES = {"survives": GREEN, "certified": ORANGE, "failed": VERMILLION}
-"""Colours of verdicts, those of the PDFs' templates."""
+"""Mapping from the grade of a verdict to its colour, as in the PDFs' templates."""
 WIDTH = 6.5
 """Width of the text block [inch]."""
 
@@ -69,18 +69,18 @@ _HOUSE_RC: dict[Any, Any] = {
 
 
 def line_of(place: int) -> dict[str, Any]:
-    """Return colour and line style number ``place``, distinct in grey print too."""
+    """Return colour and line style of line number ``place``, distinct in grey print as well."""
     place %= len(CYCLE)
     return {"color": CYCLE[place], "linestyle": "-" if place < 6 else _DASH_PATTERNS[place % 2]}
 
 
 _DASH_PATTERNS = ((0, (5, 1.5)), (0, (1, 1)))
-"""Dashes of the lines after the sixth: lengths on and off [line widths]."""
+"""Dash patterns of the lines after the sixth: lengths on and off [line widths]."""
 
 
 @contextmanager
 def house_style() -> Iterator[None]:
-    """Draw in the house style, whatever the user's matplotlib is set to."""
+    """Apply the house style in the block, regardless of the user's settings of matplotlib."""
     with mpl.rc_context():
         mpl.rcdefaults()
         mpl.rcParams.update(_HOUSE_RC)
@@ -88,9 +88,9 @@ def house_style() -> Iterator[None]:
 
 
 def show_literally(figure: Figure) -> Figure:
-    """Show names that a user chose as they are: ``x$a_{$`` is not mathematics.
+    """Make the texts of a figure literal, as users' names such as ``x$a_{$`` are not mathematics; return it.
 
-    Numbers at ticks are matplotlib's own and stay mathematics. Call it before the first draw.
+    Numbers at ticks remain mathematics. The figure must not have been drawn before.
     """
     axes = [axis for axis in figure.findobj(Axis) if isinstance(axis, Axis)]
     numbers = {
@@ -106,7 +106,7 @@ def show_literally(figure: Figure) -> Figure:
 
 
 def to_svg(figure: Figure) -> bytes:
-    """Render to SVG, the same bytes each time."""
+    """Return a figure as SVG, with the same bytes each time."""
     buffer = io.BytesIO()
     figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
     return buffer.getvalue()

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 def task_of(run: StoredRun) -> tuple[TaskSpec, Any, Task]:
-    """Build the task of a stored training; raises as :func:`~problems.plugin.problem_of` does."""
+    """Return spec, parameters and task of a training run; raises as :func:`~problems.plugin.problem_of` does."""
     from problems.tasks import registry
 
     task_spec = registry.spec(str(run.meta["problem"]))
@@ -35,7 +35,7 @@ def task_of(run: StoredRun) -> tuple[TaskSpec, Any, Task]:
 
 @dataclass(frozen=True)
 class RunView:
-    """A run for pages and figures; ``spec`` and ``params`` are None for an unknown problem."""
+    """Stored run for pages and figures; ``spec``, ``params`` and ``problem`` are None for an unknown problem."""
 
     run: StoredRun
     spec: ProblemSpec | TaskSpec | None
@@ -44,12 +44,12 @@ class RunView:
 
     @classmethod
     def of(cls, run: StoredRun, file_spec: ProblemSpec | None = None) -> RunView:
-        """Return the view of a run; a problem that cannot be built is left out.
+        """Return the view of a run; a problem that cannot be built counts as unknown.
 
         ``file_spec`` is the problem of a user's file (:func:`~problems.plugin.spec_of`).
         """
         if run.kind == "closed-loop":
-            # As far as its longest seed came.
+            # Cut after the last node that any seed reached.
             longest_seed = max(1, int(run.data["ended"].max()))
             data = run.data.isel(node=slice(0, longest_seed + 1), sample=slice(0, longest_seed))
             run = replace(run, data=data.rename(_SOLVE_NAMES))
@@ -60,7 +60,7 @@ class RunView:
 
     @property
     def title(self) -> str:
-        """Title of the problem."""
+        """Title of the problem, or its name if the title is unknown."""
         if self.spec is not None:
             return self.spec.title
         stored = self.run.own_problem
@@ -68,7 +68,7 @@ class RunView:
 
     @cached_property
     def picture(self) -> RunPicture | None:
-        """The drawing of the run; None for a run without states or without a drawing."""
+        """Drawing of the run; None for a run without states or without a drawing."""
         if self.array("x") is None:
             return None
         if self.spec is not None:
@@ -78,7 +78,7 @@ class RunView:
 
     @property
     def pictured(self) -> int:
-        """Number of scenarios that can be drawn: a run stores the drawing of the first alone."""
+        """Number of scenarios that can be drawn; 1 for an unknown problem, as a run stores the drawing of only one."""
         return self.scenarios if self.spec is not None else 1
 
     def signals(self, kind: str) -> list[Signal]:
@@ -98,9 +98,9 @@ class RunView:
         return str(self.run.data["gap"].attrs.get("units", "m")) if "gap" in self.run.data else "m"
 
     def array(self, name: str) -> np.ndarray | None:
-        """Return the values of a stored array, or None where the run has none.
+        """Return the values of a stored array, None if the run has none.
 
-        What a study varies may have the same name, and is a coordinate.
+        Coordinates do not count, since a swept parameter may have the name of an array.
         """
         variable = self.run.data.data_vars.get(name)
         return variable.values if variable is not None and variable.size else None
@@ -133,7 +133,7 @@ class RunView:
 
 
 _SOLVE_NAMES = {"seed": "scenario", "sample": "interval", "input": "control", "input_unit": "control_unit"}
-"""Dimensions of a closed loop, with their names in a solve."""
+"""Mapping from the dimensions of a closed loop to their names in a solve."""
 
 
 T = TypeVar("T", Shape, ContactFrame)
@@ -141,10 +141,10 @@ T = TypeVar("T", Shape, ContactFrame)
 
 @dataclass(frozen=True)
 class RunPicture:
-    """Shapes and contacts of scenario 0 at any times [s], of the plan or, with a suffix, of its replay.
+    """Drawing of scenario 0 at any times [s], of the plan or, with a suffix, of its replay.
 
-    Both functions map a suffix and times to one list per time, empty where nothing is known.
-    ``axes`` label the drawing; ``framed``: whether it has contact frames.
+    ``shapes`` and ``contacts`` map a suffix and times to one list per time, empty if nothing is known.
+    ``axes`` are the labels of the axes; ``framed`` is whether the problem has contact frames.
     """
 
     axes: tuple[str, str]
@@ -190,7 +190,7 @@ def _stored(view: RunView, stored: dict[str, Any]) -> RunPicture:
 
 
 def _read(motion: dict[str, Any]) -> tuple[list[list[Shape]], list[list[ContactFrame]]]:
-    """Return shapes and contacts at each node."""
+    """Return shapes and contact frames at each node of a stored motion."""
     shapes = [
         [STORED_KINDS[shape["kind"]](**{k: v for k, v in shape.items() if k != "kind"}) for shape in node_shapes]
         for node_shapes in motion["shapes"]
@@ -199,9 +199,9 @@ def _read(motion: dict[str, Any]) -> tuple[list[list[Shape]], list[list[ContactF
 
 
 def _between(frames: list[list[T]], place: float) -> list[T]:
-    """Interpolate between two nodes; where kinds of shapes change, return the nearer node.
+    """Return shapes interpolated between two nodes, or those of the nearer node if they do not correspond.
 
-    And in a picture of space, where the order of shapes changes.
+    They do not if their kinds change, and in a picture of space, where their order changes.
     """
     frame_before, frame_after = frames[int(place)], frames[min(int(place) + 1, len(frames) - 1)]
     changes = [type(shape) for shape in frame_before] != [type(shape) for shape in frame_after]

@@ -1,11 +1,11 @@
-"""The tasks as Gymnasium environments; importing this registers them.
+"""Learning tasks as Gymnasium environments, which the import of this package registers.
 
 ``gymnasium.make("centralpath/HalfCheetah-v0", contact="exact")`` makes one after
-``import reports.environments``, or by itself as
-``gymnasium.make("reports.environments:centralpath/HalfCheetah-v0")``: Gymnasium looks packages'
-entry points up no longer. ``gymnasium.make_vec(..., num_envs=64)`` makes many that step together.
+``import reports.environments``; ``gymnasium.make("reports.environments:centralpath/HalfCheetah-v0")``
+imports the package itself, since Gymnasium no longer loads entry points of packages.
+``gymnasium.make_vec(..., num_envs=64)`` makes many that step together.
 
-Raises ``ImportError`` where Gymnasium is not installed.
+Raises ``ImportError`` if Gymnasium is not installed.
 """
 
 try:
@@ -20,7 +20,7 @@ ENVIRONMENTS = {
     "centralpath/Hopper-v0": "hopper",
     "centralpath/HalfCheetah-v0": "half-cheetah",
 }
-"""Identifiers of the environments, and the tasks that they are."""
+"""Mapping from identifiers of environments to names of tasks."""
 
 for _identifier, _task in ENVIRONMENTS.items():
     register(

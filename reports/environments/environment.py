@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 RENDER_MODE = "rgb_array"
-"""The only way to render: an array of bytes."""
+"""The only render mode: images as arrays of bytes."""
 METADATA: dict[str, Any] = {"render_modes": [RENDER_MODE]}
 """Metadata of a single environment, as Gymnasium reads it."""
 
@@ -30,16 +30,16 @@ METADATA: dict[str, Any] = {"render_modes": [RENDER_MODE]}
 class TaskEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     """A task under a contact law as a Gymnasium environment.
 
-    Actions in [-1, 1] reach from the lower to the upper bounds of the inputs, and are clamped
-    there. An episode is *terminated* where the task is done, where its last step gains something of
-    its own (then ``horizon`` is the task's end), and where a contact step has no solution
-    (``info["unsolved"]``); it is *truncated* after ``horizon`` steps otherwise. ``info`` has
-    the task's measures too. A throw is one action: it flies for the whole episode.
+    Actions are clipped to [-1, 1] and mapped linearly to the range between the inputs' bounds. An
+    episode is *terminated* if the task ends it, if a contact step has no solution
+    (``info["unsolved"]``), and after ``horizon`` steps if the task has a final reward; otherwise it is
+    *truncated* after ``horizon`` steps. ``info`` also contains the task's measures. A throw is one
+    action, which lasts for the whole episode.
 
-    ``contact`` is any law by name with ``contact_settings``; other keywords are parameters of the
-    task, such as ``horizon``. ``render_mode`` may be ``"rgb_array"``.
+    ``contact`` is the name of a law, with settings ``contact_settings``; other keywords are parameters
+    of the task, such as ``horizon``. ``render_mode`` may be ``"rgb_array"``.
 
-    Raises :class:`~ocp.errors.InputError` for what is unknown or out of range, and
+    Raises :class:`~ocp.errors.InputError` for unknown names and values out of range, and
     :class:`gymnasium.error.ResetNeeded` for a step before :meth:`reset`.
     """
 
@@ -70,14 +70,14 @@ class TaskEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Start an episode and return the observation (n_o,); ``options`` are ignored."""
+        """Start an episode; return the observation (n_o,) and an empty info; ``options`` are ignored."""
         super().reset(seed=seed)
         self._trail = [self.world.start(self.np_random)[None]]
         self._t, self._over = np.zeros(1, int), False
         return self.world.observed(self._trail[-1])[0], {}
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
-        """Act (nu,); return the observation, the reward, terminated, truncated and info."""
+        """Apply an action (nu,); return observation (n_o,), reward, terminated, truncated and info."""
         if not self._trail or self._over:
             reason = "the episode has ended" if self._over else "the environment was not reset"
             raise ResetNeeded(f"{reason}; call reset() before step()")
@@ -98,7 +98,7 @@ class TaskEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         )
 
     def render(self) -> np.ndarray:  # pyright: ignore[reportIncompatibleMethodOverride]
-        """Draw the state as (height, width, 3) bytes; a flight as a strobe."""
+        """Return an image (height, width, 3) of the state, or a strobe of the last action if it took several steps."""
         check_renders(self.render_mode, self._trail)
         seconds = self.world.seconds / self.world.hold * int(self._t[0])
         return self._renderer.of([x[0] for x in self._trail[-self.world.hold :]], seconds)
@@ -118,7 +118,7 @@ def checked_mode(mode: str | None) -> str | None:
 
 
 def check_renders(mode: str | None, trail: list[np.ndarray]) -> None:
-    """Raise InputError where no render mode was chosen, and ResetNeeded before the first reset."""
+    """Raise InputError if no render mode was chosen, and ResetNeeded before the first reset."""
     if mode is None:
         raise InputError(f"no render mode was chosen; make it with render_mode={RENDER_MODE!r}")
     if not trail:
@@ -126,19 +126,17 @@ def check_renders(mode: str | None, trail: list[np.ndarray]) -> None:
 
 
 _VECTOR_METADATA = {**METADATA, "autoreset_mode": AutoresetMode.NEXT_STEP}
-"""Metadata of environments that step together."""
+"""Metadata of environments that step together, as Gymnasium reads it."""
 
 
 class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     """``num_envs`` episodes of a task under a contact law, solved at once by the batch engine.
 
-    Each is what :class:`~reports.environments.single.TaskEnv` would give with the same actions: the
-    i-th, reset with ``seed``, as one reset with ``seed + i``. An episode that has ended starts anew
-    at the next step, whose action is passed over (``AutoresetMode.NEXT_STEP``). ``backend`` and
-    ``threads`` are those of :class:`dynamics.batch.StepFunction`; numbers do not depend on
-    ``threads``.
-
-    Raises as :class:`~reports.environments.single.TaskEnv` does.
+    After a reset with ``seed``, the i-th episode is that of a
+    :class:`~reports.environments.environment.TaskEnv` reset with ``seed + i`` and given the same actions.
+    An episode that has ended restarts at the next step, which ignores its action
+    (``AutoresetMode.NEXT_STEP``). ``backend`` and ``threads`` are those of
+    :class:`dynamics.batch.StepFunction`; results do not depend on ``threads``. Raises as ``TaskEnv`` does.
     """
 
     metadata: dict[str, Any] = _VECTOR_METADATA
@@ -177,7 +175,7 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Start all episodes; return the observations (num_envs, n_o); ``options`` are ignored."""
+        """Start all episodes; return observations (num_envs, n_o) and an empty info; ``options`` are ignored."""
         super().reset(seed=seed)
         if seed is not None or not self._rngs:
             first = self.np_random_seed
@@ -189,7 +187,7 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return self.world.observed(self._x), {}
 
     def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """Act (num_envs, nu); every result, and every value of ``info``, has num_envs rows."""
+        """Apply actions (num_envs, nu); every result, and every value of ``info``, has num_envs rows."""
         if not len(self._x):
             raise ResetNeeded("the environments were not reset; call reset() before step()")
         action_rows = np.asarray(actions, float)
@@ -203,7 +201,7 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     def _acted(
         self, actions: np.ndarray, rows: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """Act in ``rows``, and restart the other episodes."""
+        """Apply the actions of episodes ``rows``, restart the others, and return the results of :meth:`step`."""
         world, n = self.world, self.num_envs
         outcome = world.advance(self._solver, self._x[rows], self._t[rows], actions[rows])
         restarted = np.flatnonzero(self._over)
@@ -227,7 +225,7 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return world.observed(self._x), reward, terminated, truncated, info
 
     def render(self) -> tuple[np.ndarray, ...]:  # pyright: ignore[reportIncompatibleMethodOverride]
-        """Draw every state as (height, width, 3) bytes; a flight as a strobe."""
+        """Return an image (height, width, 3) of every state, or a strobe of an action of several steps."""
         check_renders(self.render_mode, self._trail)
         seconds = self.world.seconds / self.world.hold * self._t
         recent_states = self._trail[-self.world.hold :]

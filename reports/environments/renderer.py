@@ -19,20 +19,20 @@ _IMAGE_SIZE_IN = (6.4, 4.0)
 _IMAGE_DPI = 100
 """Pixels per inch of an image."""
 _WINDOW_OF_BODIES = 2.2
-"""Width of the window in sizes of the bodies."""
+"""Width of the window, as a multiple of the bodies' size."""
 _ROOM_BELOW = 0.1
-"""Room below the ground, as a share of the height of the window."""
+"""Space below the ground, as a share of the height of the window."""
 
 
 class Renderer:
-    """Images of one size, (400, 640, 3), from a camera that follows the bodies."""
+    """Renderer of images (400, 640, 3), with a camera that follows the bodies."""
 
     def __init__(self, spec: TaskSpec, params: object) -> None:
         self._spec, self._params = spec, params
         self._size: np.ndarray | None = None
 
     def of(self, states: Sequence[np.ndarray], time: float) -> np.ndarray:
-        """Draw the last of ``states``, each (nx,), at ``time`` [s]; several states as a strobe."""
+        """Return an image of a state (nx,) at ``time`` [s], or a strobe of several ``states``."""
         with house_style():
             figure = Figure(_IMAGE_SIZE_IN, _IMAGE_DPI)
             canvas, axis = FigureCanvasAgg(figure), figure.subplots()
@@ -57,6 +57,6 @@ class Renderer:
             self._size = np.array([wide, wide * _IMAGE_SIZE_IN[1] / _IMAGE_SIZE_IN[0]])
         height = self._size[1]
         floor = min(y_low, bounds(shapes)[0, 1]) - _ROOM_BELOW * height
-        # A body that leaves the window upwards takes it along.
+        # The window moves up with a body that would leave it at the top.
         middle = max(floor + height / 2, y_high - height / 2)
         return Camera(np.array([[(x_low + x_high) / 2, middle]]), self._size)

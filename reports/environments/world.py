@@ -19,19 +19,19 @@ from ocp.transcription.factories import make_law
 from problems.tasks.registry import spec
 
 LARGEST = float(np.finfo(np.float32).max)
-"""Of what is observed, in any unit: larger states overflow in single precision."""
+"""Largest magnitude of states and observations, in any unit; larger ones overflow in single precision."""
 
 Solver = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
-"""Map states (n, nx) and inputs (n, nu) to the next states (n, nx) and which are solved (n,)."""
+"""Function from states (n, nx) and inputs (n, nu) to next states (n, nx) and whether each is solved (n,)."""
 
 
 @dataclass(frozen=True)
 class StepResult:
-    """The result of one action in n episodes; every array has n rows.
+    """Result of one action in n episodes; every array has n rows.
 
-    ``trail`` holds the states (n, nx) after each of the steps that the action took, the first of
-    them that it began at. ``unsolved`` are episodes that a step without solution ended; they stay
-    at the last state that had one. ``measures`` (n, k) are those of the last step.
+    ``trail`` holds the states (n, nx) before the action and after each of its steps. ``unsolved`` marks
+    episodes that a step without solution ended; they stay at the state before that step. ``measures``
+    (n, k) are those of the last step.
     """
 
     trail: list[np.ndarray]
@@ -51,8 +51,8 @@ class StepResult:
 class World:
     """The task ``name`` at ``params`` under the contact law ``contact`` with ``settings``.
 
-    Actions lie in [-1, 1], which the task's bounds of inputs are the ends of; what is beyond is
-    clamped. An action acts for one step, or, where only the first few inputs of an episode matter
+    Actions are clipped to [-1, 1] and mapped linearly to the range between the inputs' bounds. An action
+    lasts one step or, if only the first few inputs of an episode matter
     (:attr:`~problems.tasks.registry.TaskSpec.decisions`), until the next decision or the end.
 
     Raises :class:`~ocp.errors.InputError` for an unknown task or law, bad parameters or settings.
@@ -79,7 +79,7 @@ class World:
         return self.hold * float(h(self.task.parameters.values))
 
     def start(self, rng: np.random.Generator) -> np.ndarray:
-        """Return the initial state (nx,) of an episode."""
+        """Return a random initial state (nx,) of an episode."""
         return self.task.reset(1, rng)[0]
 
     def observed(self, x: np.ndarray) -> np.ndarray:
@@ -87,7 +87,7 @@ class World:
         return self._observe(x, self.task.parameters.values)
 
     def inputs(self, actions: np.ndarray) -> np.ndarray:
-        """Return the inputs (n, nu) of actions.
+        """Return the inputs (n, nu) for actions (n, nu).
 
         Raises :class:`~ocp.errors.InputError` for other shapes, NaN and infinity.
         """
@@ -102,7 +102,7 @@ class World:
         return task.lower + half_range + half_range * np.clip(action_rows, -1.0, 1.0)
 
     def advance(self, solver: Solver, x: np.ndarray, t: np.ndarray, actions: np.ndarray) -> StepResult:
-        """Act in n episodes at states ``x`` (n, nx) after ``t`` (n,) steps each."""
+        """Apply actions (n, nu) in n episodes at states ``x`` (n, nx), each after ``t`` (n,) steps."""
         task, n = self.task, len(x)
         u, p, trail, t = self.inputs(actions), task.parameters.values, [x], t.copy()
         is_over, unsolved, reward = np.zeros(n, bool), np.zeros(n, bool), np.zeros(n)
@@ -127,7 +127,7 @@ class World:
         return StepResult(trail, t, reward, terminated, is_full_length & ~terminated, unsolved, measures)
 
     def alone(self, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Solve each state by itself, with further starts where the first fails; a :data:`Solver`."""
+        """Solve the step at each state separately, with further starts if the first fails; a :data:`Solver`."""
         x_next_rows, solved = np.empty_like(x), np.zeros(len(x), bool)
         for i in range(len(x)):
             x_next, _, _, error = self.step.solve(x[i], u[i], self.p)
@@ -149,12 +149,12 @@ class World:
 
     @property
     def _has_final(self) -> bool:
-        """Whether the task rewards the end of an episode, which is then more than a time limit."""
+        """Whether the task has a final reward, with which the horizon terminates an episode, not truncates it."""
         return not ca.SX(self.task.final).is_zero()
 
     @cached_property
     def _outcome(self) -> BatchFunction:
-        """Map (x, u, x_next, p) to reward, end and measures."""
+        """Function from (x, u, x_next, p) to reward, whether the task ends the episode, and measures."""
         task, system = self.task, self.task.system
         x, u, p = system.x, system.u, task.parameters.vector
         arguments = [x, u, system.x_next, p]

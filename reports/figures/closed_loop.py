@@ -1,4 +1,4 @@
-"""Figures of closed loops: snapshots with the plan, cost so far, times of samples, contacts."""
+"""Figures of closed loops: snapshots with the plan, accumulated cost, times per sample, contacts."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ from reports.figures.run import contacts_of
 from reports.tables.closed_loop import counted_times
 
 _MAX_SNAPSHOTS = 4
-"""Most snapshots of a closed loop."""
+"""Maximum number of snapshots of a closed loop."""
 _BIN_EDGES = 40
-"""Edges of the bins of a histogram."""
+"""Number of edges of the bins of a histogram."""
 _TIMELINE = 12
-"""Most contacts of a timeline."""
+"""Maximum number of contacts in a timeline."""
 
 
 def snapshot_figure(view: RunView) -> Figure | None:
-    """Draw seed 0 at a few samples over the middle and end of its plan; None without a drawing."""
+    """Draw seed 0 at a few samples, over middle and end of the plan at each; None without a drawing."""
     picture = view.picture
     if picture is None:
         return None
@@ -140,7 +140,7 @@ def contact_timeline(view: RunView) -> Figure | None:
 
 
 def comparison_figure(views: Sequence[RunView], names: Sequence[str]) -> Figure:
-    """Draw the mean accumulated cost of each run with its range over seeds, and shares of samples by time."""
+    """Draw the mean accumulated cost of each run with its range over seeds, and distributions of time per sample."""
     figure = Figure(figsize=(WIDTH, 2.6))
     cost_axis, time_axis = figure.subplots(1, 2)
     for place, (view, name) in enumerate(zip(views, names, strict=True)):

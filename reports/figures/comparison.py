@@ -1,4 +1,4 @@
-"""Motions and costs of several runs, or of points along a path, over each other."""
+"""Figures that overlay motions and costs of several runs, or of points along a path."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ from reports.figures.trajectories import Track, idle_multipliers, tracks
 from reports.tables.console import number, small
 
 _LETTERS = 45
-"""Letters of a line of a run's name beside its costs."""
+"""Number of characters in a line of a run's name, next to its costs."""
 _WIDE = 30.0
-"""Times the second smallest difference beyond which differences are drawn by powers of ten."""
+"""Ratio of largest to smallest positive difference of costs above which their scale is logarithmic."""
 
 
 def comparison_rows(views: list[RunView]) -> list[list[str]]:
-    """Return the table of the comparison: a row per property, a column per run, without what all share."""
+    """Return the rows of a comparison, each a property and its values in all runs, without a shared request."""
     request_rows = [
         [key, *(str(view.run.record.get(key, "")) for view in views)]
         for key in ("problem", "contact", "method", "policy", "solver")
@@ -81,7 +81,7 @@ def cost_figure(views: list[RunView], names: list[str]) -> Figure:
 
 
 def same_instants(views: Sequence[RunView]) -> bool:
-    """Return whether the runs share their nodes in time, so that they have differences."""
+    """Return whether all runs have the same times of nodes, so that differences can be drawn."""
     first = views[0].time
     return all(v.time.shape == first.shape and np.allclose(v.time, first) for v in views[1:])
 
@@ -89,7 +89,7 @@ def same_instants(views: Sequence[RunView]) -> bool:
 def overlay_rows(views: list[RunView]) -> tuple[list[Row], list[str]]:
     """Return panels of every state, input and multiplier of all runs, with differences from run A below.
 
-    Multipliers that are zero throughout in every run are left out, and named.
+    Multipliers that are zero throughout in every run are left out; the second value has their names.
     """
     tracks_of_runs = [{(t.heading, t.name): t for t in tracks(view)} for view in views]
     idle_names = set.intersection(
@@ -139,15 +139,15 @@ def _panel(
 
 
 _EVENT_COLORS = {"contact": GREEN, "degenerate": GREEN, "fold": PURPLE, "switch": ORANGE}
-"""Colour of an event by its kind."""
+"""Mapping from the kind of an event to its colour."""
 _MAX_POINTS = 6
-"""Most points of a path that are drawn."""
+"""Maximum number of points of a path that are drawn."""
 
 
 def curve_figure(view: RunView) -> Figure:
     """Draw costs, complementarity and iterations over the parameter, with events marked.
 
-    Complementarity below what is told from zero is not drawn, and has no panel where all is.
+    Complementarity below :data:`~reports.figures.run.FLOOR` is not drawn, and its panel is left out if all is.
     """
     points = view.run.meta["points"]
     value = _column(points, "value")
@@ -159,7 +159,7 @@ def curve_figure(view: RunView) -> Figure:
     top, *middle, bottom = figure.subplots(len(heights), 1, sharex=True, height_ratios=heights)
     _costs(top, points, value, succeeded)
     for axis in middle:
-        # Under a barrier law all equal mu up to rounding, which gives an axis no range.
+        # Under a barrier law all values equal mu up to rounding, so the axis would have no range.
         axis.set(yscale="log", ylabel="max λ gap")
         axis.set_ylim(complementarity[is_visible].min() / 3, complementarity[is_visible].max() * 3)
         axis.plot(value[is_visible], complementarity[is_visible], "o-", color=CYCLE[2])
@@ -197,13 +197,13 @@ def _costs(axis: Axes, points: list[dict[str, Any]], value: np.ndarray, succeede
 
 
 def chosen_points(view: RunView) -> list[int]:
-    """Return the points of the path to draw, evenly spaced, with both ends."""
+    """Return the indices of the points of a path to draw, evenly spaced, with both ends."""
     count = view.run.data.sizes["point"]
     return sorted({int(i) for i in np.linspace(0, count - 1, min(_MAX_POINTS, count)).round()})
 
 
 def strobe_figures(view: RunView, cones: bool = False) -> tuple[list[Figure], str]:
-    """Draw the motion at points along the path under their values; return the caption of arrows too."""
+    """Return strobes at points along a path, titled by the parameter's value, and the caption of arrows."""
     if view.picture is None:
         return [], ""
     return strobe_rows([(title, view.at_point(point)) for point, title in _named(view)], cones)
@@ -254,7 +254,7 @@ def _shades(view: RunView) -> list[tuple[int, Any]]:
 
 
 def point_key(view: RunView) -> Figure:
-    """Draw the key of the colours of points along the path, in one line."""
+    """Draw the legend of the colours of points along the path, in one line."""
     handles = [
         Line2D([], [], color=color, label=title)
         for (_, color), (_, title) in zip(_shades(view), _named(view), strict=True)
@@ -302,5 +302,5 @@ def _column(points: list[dict], name: str) -> np.ndarray:
 
 
 def parameter_label(view: RunView) -> str:
-    """Return the swept parameter with its unit."""
+    """Return the label of the varied parameter, with its unit."""
     return label(symbol(str(view.run.meta["over"])), str(view.run.meta.get("unit") or ""))

@@ -1,4 +1,4 @@
-"""Small multiples: rows of equal panels, each row a figure of its own so that pages can break."""
+"""Small multiples: rows of panels of equal size, between which pages can break."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator
 from reports.drawing.style import GREY, INK, WIDTH
 
 PANEL_COLUMNS = 4
-"""Panels beside each other across a page."""
+"""Number of panels side by side across a page."""
 _LEFT_IN = 0.40
 """Space left of a panel, for its ticks [inch]."""
 _RIGHT_IN = 0.08
@@ -30,14 +30,14 @@ _BETWEEN_IN = 0.07
 _FOOT_IN = 0.34
 """Height of the ticks and labels below a panel [inch]."""
 _LONG = 20
-"""Characters of a title that fit over a panel."""
+"""Number of characters of a title that fit over a panel."""
 
 Drawing = Callable[[Axes], None]
 
 
 @dataclass(frozen=True)
 class Panel:
-    """One small picture: its title with the unit, a function that draws it, and one for a strip below."""
+    """One small picture: its title with unit, a function that draws it, and one that draws a strip below it."""
 
     title: str
     main: Drawing
@@ -46,7 +46,7 @@ class Panel:
 
 @dataclass(frozen=True)
 class Cell:
-    """A panel in its column; ``heading`` is the title of its group, "" but for the first in a row."""
+    """A panel in its column; ``heading`` is the title of its group, "" unless it is the group's first in a row."""
 
     column: int
     heading: str
@@ -57,10 +57,10 @@ Row = list[Cell]
 
 
 def lay_out_rows(groups: Mapping[str, Sequence[Panel]], columns: int = PANEL_COLUMNS) -> list[Row]:
-    """Lay groups of panels out by their headings, in order.
+    """Return the rows of a layout of ``groups``, which maps headings to panels.
 
-    A group begins beside the one before where that saves it a row, else on a new one. Its heading
-    stands over each of its rows: a page may end between two.
+    A group begins in the last row of the group before if that saves a row, else in a new row. Its
+    heading is repeated over each of its rows, since a page may end between them.
     """
     rows: list[Row] = []
     for heading, panels in groups.items():
@@ -76,14 +76,14 @@ def lay_out_rows(groups: Mapping[str, Sequence[Panel]], columns: int = PANEL_COL
 
 
 def columns_for(count: int) -> int:
-    """Return the number of columns in which ``count`` panels leave the fewest places empty."""
+    """Return the number of columns with which ``count`` panels leave the fewest places empty."""
     return {1: 1, 2: 2, 3: 3, 5: 3, 6: 3, 9: 3}.get(count, PANEL_COLUMNS)
 
 
 def draw_rows(
     rows: Sequence[Row], columns: int = PANEL_COLUMNS, below: float = 0.34, label: str = "time [s]"
 ) -> Figure:
-    """Draw rows below each other, placed in inches so that several figures align.
+    """Draw rows of panels below each other, placed in inches so that several figures align.
 
     ``below`` is the height [inch] of the strips below panels.
     """
@@ -179,19 +179,19 @@ def fill_band(axis: Axes, time: np.ndarray, low: np.ndarray, high: np.ndarray, *
 
 
 def shade_spans(axis: Axes, time: np.ndarray, is_shaded: np.ndarray, **style: Any) -> None:
-    """Shade the steps at which ``is_shaded`` (N,) holds; neighbours are one patch, without a seam."""
+    """Shade the steps at which ``is_shaded`` (N,) is true; adjacent steps form one patch, without a seam."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], np.asarray(is_shaded, dtype=int), [0]])))
     for first, stop in zip(edges[::2], edges[1::2], strict=True):
         axis.axvspan(float(time[first]), float(time[stop]), **style)
 
 
 def note_zero(axis: Axes) -> None:
-    """Draw the line at zero."""
+    """Draw a horizontal line at zero."""
     axis.axhline(0, color=GREY, linewidth=0.6)
 
 
 def use_log_if_wide(axis: Axes, values: np.ndarray) -> None:
-    """Give the axis a log scale where all finite values are positive, and the largest over 20 times the least."""
+    """Set a log scale if all finite values are positive and the largest is over 20 times the smallest."""
     finite = values[np.isfinite(values)]
     if finite.size and finite.min() > 0 and finite.max() > 20 * finite.min():
         axis.set_yscale("log")

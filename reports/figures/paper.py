@@ -1,4 +1,4 @@
-"""Figures for papers: bare, lettered, one or two columns wide, with embedded fonts."""
+"""Figures for papers, without a page around them: lettered, one or two columns wide, with embedded fonts."""
 
 from __future__ import annotations
 
@@ -27,17 +27,17 @@ from reports.drawing.view import RunView
 from reports.figures.studies import DRAWINGS
 
 _PANEL_COLUMNS = 3
-"""Panels beside each other."""
+"""Number of panels side by side."""
 _ROW_IN = 1.75
 """Height of a row of panels [inch]."""
 _STROBE_TALLEST_IN = 3.0
-"""Greatest height of a strobe [inch]."""
+"""Maximum height of a strobe [inch]."""
 _LINE_STYLES = ("-", (0, (4, 2)))
 """Line styles of planned and of replayed signals."""
 _LEVEL = 1e-6
-"""Of its size, below which a change is drawn as none."""
+"""Relative change of signals below which they are drawn as constant."""
 _LINE = 0.17
-"""Height of a line of the key, of a panel's."""
+"""Height of a line of the legend, as a share of the height of the curves."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ def solution_figure(view: RunView) -> Figure:
 
     Solid lines are planned, dashed ones replayed under the exact law.
 
-    Raises :class:`~ocp.errors.InputError` for a run that is no solve.
+    Raises :class:`~ocp.errors.InputError` for a run of another kind.
     """
     view.run.check_solve()
     signal_groups = group_signals(view)
@@ -85,7 +85,7 @@ def solution_figure(view: RunView) -> Figure:
 
 
 def group_signals(view: RunView) -> list[SignalGroup]:
-    """Return states and inputs grouped by unit, in the system's order, then the acting contacts."""
+    """Return states and inputs grouped by unit, in the system's order, then the forces of acting contacts."""
     signal_groups = []
     for kind, name in (("states", "x"), ("inputs", "u")):
         values, replayed_array = view.array(name), view.array(f"{name}_replay")
@@ -102,7 +102,7 @@ def group_signals(view: RunView) -> list[SignalGroup]:
 
 
 def _pushed(view: RunView) -> SignalGroup | None:
-    """Return the magnitude of the force of every acting contact, in scenario 0."""
+    """Return the magnitudes of the forces of acting contacts in scenario 0; None if no contact acts."""
     forces, (sizes, acting) = forces_of(view), acting_contacts(view)
     if forces is None or not acting:
         return None
@@ -118,7 +118,7 @@ def _draw(axis: Axes, time: np.ndarray, group: SignalGroup) -> None:
         style = {"linestyle": dash, "linewidth": 1.1 if len(values) == 1 else 0.6}
         for i, name in enumerate(group.names):
             for scenario, line in enumerate(values[..., i]):
-                # The colours of the first six are apart in grey print; the others have marks too.
+                # The first six colours are distinct in grey print; later lines also have marks.
                 mark = {"marker": "so^D"[i // 6 % 4], "markevery": 5 + i % 6} if i >= 6 else {}
                 color = CYCLE[i % len(CYCLE)]
                 line_label = name if dash == _LINE_STYLES[0] and scenario == 0 else None
@@ -132,7 +132,7 @@ def _draw(axis: Axes, time: np.ndarray, group: SignalGroup) -> None:
         low, high = low - half_height, high + half_height
     columns = 1 + len(group.names) // 4
     rows = -(-len(group.names) // columns)
-    # Names stand in a part of their own, above the lines.
+    # The legend has a space of its own above the lines.
     axis.set_ylim(low, high + _LINE * rows * (high - low))
     axis.set_title(group.title, loc="left")
     axis.set_xlabel("time [s]")
@@ -148,33 +148,33 @@ def _draw(axis: Axes, time: np.ndarray, group: SignalGroup) -> None:
 
 
 COLUMN_IN = 3.5
-"""Width of a column in journals of two columns [inch]."""
+"""Width of a column in two-column journals [inch]."""
 BOTH_COLUMNS_IN = 7.16
 """Width of both columns with the gap between them [inch]."""
 _RASTER_DPI = 300
 """Dots per inch of bitmaps."""
 _PADDING_IN = 0.02
-"""White space around a panel on its own [inch]."""
+"""White space around a panel that is drawn alone [inch]."""
 _TALLEST = 0.85
-"""Height of a panel on its own over its width, at most."""
+"""Maximum ratio of height to width of a panel that is drawn alone."""
 _WIDE_PANEL = 0.55
-"""Share of the figure's width from which a panel gets both columns."""
+"""Share of the figure's width above which a panel drawn alone is two columns wide."""
 _ALIGNED = 5e-3
-"""Difference of edges, as a share of the figure, up to which axes are aligned."""
+"""Difference of edges, as a share of the figure, up to which axes count as aligned."""
 _LAYOUT_ROUNDS = 4
-"""Rounds of resizing after which the layout has settled."""
-# Type 42: whole TrueType fonts, since publishers turn Type 3 away.
+"""Number of rounds of resizing, after which the layout has settled."""
+# Type 42 embeds whole TrueType fonts; publishers reject Type 3.
 _SETTINGS: dict[Any, Any] = {"pdf.fonttype": 42}
 FORMATS: dict[str, dict[str, None]] = {
     "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
     "svg": {"Date": None, "Creator": None},
     "png": {"Software": None},
 }
-"""Files that a bare figure can be, with the metadata left out of each."""
+"""Mapping from the formats of figures to the metadata that are left out of each."""
 
 
 def format_of(file: Path) -> str:
-    """Return the format of a file by its ending; raises InputError for an unknown one."""
+    """Return the format that a file's suffix names; raises InputError for an unknown one."""
     ending = file.suffix.removeprefix(".")
     if ending not in FORMATS:
         raise InputError(
@@ -185,9 +185,9 @@ def format_of(file: Path) -> str:
 
 
 def bare_figure(run: StoredRun, ending: str, panel: str | None = None, file_spec: ProblemSpec | None = None) -> bytes:
-    """Draw a stored study or solve, or only its panel ``"a"``, ``"b"``, ...
+    """Return the figure of a stored study or solve, or only its panel ``"a"``, ``"b"``, ..., as bytes of a file.
 
-    ``file_spec`` is the problem in a file that a person named.
+    ``file_spec`` is the problem of a user's file.
     Raises :class:`~ocp.errors.InputError` for a run of another kind, and as :func:`render_figure` does.
     """
     with house_style():
@@ -199,10 +199,10 @@ def bare_figure(run: StoredRun, ending: str, panel: str | None = None, file_spec
 
 
 def render_figure(figure: Figure, ending: str, panel: str | None = None) -> bytes:
-    """Render a drawn figure, or one of its panels, to the same bytes each time.
+    """Return a drawn figure, or one of its panels, as bytes of a file, the same each time.
 
-    A figure of several panels is as wide as both columns and each panel has its letter; one panel
-    is as wide as a column. Works on ``figure`` itself, which is not to be used again.
+    A figure of several panels is two columns wide, and each panel has its letter; a single panel is one
+    column wide. ``figure`` is changed, and must not be used again.
 
     Raises :class:`~ocp.errors.InputError` for an unknown ``ending`` or panel.
     """
@@ -231,14 +231,14 @@ def render_figure(figure: Figure, ending: str, panel: str | None = None) -> byte
 
 
 def panel_axes(figure: Figure) -> list[Axes]:
-    """Return the axes with content, in the order of their layout."""
+    """Return the axes that have content, in the order of their layout."""
     return [axis for axis in figure.axes if axis.axison or axis.has_data() or axis.get_title()]
 
 
 def _alone(figure: Figure, axis: Axes) -> Bbox:
     """Hide all axes but ``axis``, make it a column wide, and return the box that it covers [inch].
 
-    A panel over more than half of the figure gets both columns.
+    A panel wider than :data:`_WIDE_PANEL` of the figure is made two columns wide.
     """
     canvas, key = FigureCanvasAgg(figure), _lend_key(axis)
     figure.draw_without_rendering()
@@ -247,7 +247,7 @@ def _alone(figure: Figure, axis: Axes) -> Bbox:
         if other is not axis:
             _lend_labels(other, axis)
             other.set_visible(False)
-    # Fonts keep their size, so that the axes alone give way: a few rounds settle it.
+    # Fonts keep their size and only axes change theirs, so the layout settles after a few rounds.
     for _ in range(_LAYOUT_ROUNDS):
         figure.draw_without_rendering()
         if key is not None:
@@ -265,14 +265,14 @@ def _alone(figure: Figure, axis: Axes) -> Bbox:
 
 
 def _covered(axis: Axes, canvas: FigureCanvasAgg) -> Bbox:
-    """Return the box [pixel] that an axis with its labels and key covers."""
+    """Return the box [pixel] that an axis with its labels and legend covers."""
     covered = axis.get_tightbbox(canvas.get_renderer())
     assert covered is not None
     return covered
 
 
 def _lend_labels(other: Axes, axis: Axes) -> None:
-    """Copy to ``axis`` the labels that only a neighbour with the same scale has."""
+    """Copy to ``axis`` the labels that only a neighbour with the same limits has."""
     axis_box, other_box = axis.get_position(), other.get_position()
     if axis.get_shared_x_axes().joined(axis, other) or (
         np.allclose((axis_box.x0, axis_box.x1), (other_box.x0, other_box.x1), atol=_ALIGNED)
@@ -291,7 +291,7 @@ def _lend_labels(other: Axes, axis: Axes) -> None:
 
 
 def _lend_key(axis: Axes) -> Legend | None:
-    """Copy the key of the figure to an axis, beside its own key if it has one."""
+    """Copy the figure's legend to an axis, in addition to its own, and return it; None if there is none."""
     root = axis.get_figure(root=True)
     assert root is not None
     own_part = axis.get_figure(root=False)
@@ -314,7 +314,7 @@ def _lend_key(axis: Axes) -> Legend | None:
 
 
 def _put_below(key: Legend, axis: Axes, canvas: FigureCanvasAgg) -> None:
-    """Place a key right below an axis and its labels."""
+    """Place a legend directly below an axis and its labels."""
     label_box = axis.xaxis.get_tightbbox(canvas.get_renderer())
     low = axis.bbox.y0 if label_box is None else min(axis.bbox.y0, label_box.y0)
     place = (low - axis.bbox.y0) / axis.bbox.height

@@ -1,4 +1,4 @@
-"""Figures of one run: its contact law, its contacts, its homotopy, and its feedback gains."""
+"""Figures of one solve: contact law, contacts, homotopy stages, compared answers, and feedback gains."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ from reports.figures.trajectories import NEGLIGIBLE, SAME, mean_multiplier
 from reports.tables.console import shown_stages, stage_title
 
 FLOOR = 1e-12
-"""What lies below, zero included, is no number for a log axis and is not drawn."""
+"""Smallest multiplier or gap that is drawn on a log axis; smaller ones are zero up to rounding."""
 
 
 def is_before_path_end(view: RunView) -> bool:
-    """Return whether a contact is drawn before the end of the central path, mu = 0."""
+    """Return whether mu is not zero everywhere, and some contact has both a multiplier and a gap to draw."""
     lam, gap, mu = (view.array(name) for name in ("lam", "gap", "mu"))
     if lam is None or gap is None or mu is None or not np.isfinite(mu).any():
         return False
@@ -88,7 +88,7 @@ def _readable(axis: Axes) -> None:
 
 
 def pair_groups(view: RunView) -> dict[str, list[int]]:
-    """Return titles and indices of pairs with one style: of each kind, or of each pair without kinds."""
+    """Return a mapping from titles to indices of pairs with one style: pairs of one kind, or single pairs."""
     signals = view.signals("contacts")
     pairs = view.problem.system.pairs if view.problem is not None else ()
     if len({pair.kind for pair in pairs}) < 2:
@@ -120,10 +120,10 @@ def _central_path(axis: Axes, mu: np.ndarray, gap: np.ndarray) -> None:
 class ContactTrace:
     """One contact over the steps of all scenarios, arrays (S, N).
 
-    ``normal`` is its impulse or force, ``again`` that of the replay or None, ``gap`` None where it
-    is unknown; ``active`` as :func:`ocp.judge.contact_report.active_contacts` has it. ``friction`` holds
-    friction, its bound, and flags of slip and degeneracy, where there is friction. ``multipliers``
-    are the names of what is drawn.
+    ``normal`` is its impulse or force, ``replay`` that of the replay or None, ``gap`` its gap or None if
+    unknown; ``active`` comes from :func:`ocp.judge.contact_report.active_contacts`. ``friction`` holds
+    friction, its bound, and flags of slip and of degeneracy, or is empty without friction.
+    ``multipliers`` are the names of the multipliers that the trace shows.
     """
 
     title: str
@@ -136,7 +136,7 @@ class ContactTrace:
 
 
 def contacts_of(view: RunView) -> list[ContactTrace]:
-    """Return the contacts of a run in the order of its table; none for a run without multipliers."""
+    """Return a trace of each contact of a run, in the order of its table; none for a run without multipliers."""
     lam, signals = view.array("lam"), view.signals("contacts")
     if lam is None:
         return []
@@ -150,7 +150,7 @@ def contacts_of(view: RunView) -> list[ContactTrace]:
     multipliers = [mean_multiplier(view, lam, i) for i in range(len(signals))]
     gaps = [mean_multiplier(view, gap, i) for i in range(len(signals))]
     scales = getattr(view.problem, "scales", None)
-    # Without the problem's file, sizes are those of the run.
+    # For an unknown problem the largest values of the run replace the characteristic sizes.
     sizes = [max((float(values.max()) for values in group), default=0.0) or 1.0 for group in (multipliers, gaps)]
     if scales is not None:
         sizes = [scales.impulse, scales.gap]
@@ -168,7 +168,7 @@ def contacts_of(view: RunView) -> list[ContactTrace]:
 
 
 def _rough(view: RunView, point: int, pairs: Sequence[Pair]) -> ContactTrace:
-    """Return a contact with friction, from the arrays of the run."""
+    """Return the trace of a contact with friction, from the stored arrays of the run."""
     pair_indices = [i for i, pair in enumerate(pairs) if pair.contact == point and pair.kind in ("normal", "friction")]
     normal = next((i for i in pair_indices if pairs[i].kind == "normal"), None)
     gap, signals = view.array("gap"), view.signals("contacts")
@@ -192,7 +192,7 @@ def _rough(view: RunView, point: int, pairs: Sequence[Pair]) -> ContactTrace:
 
 
 _CONE_STYLE: dict[str, Any] = {"facecolor": PURPLE, "alpha": 0.3}
-"""Style of the band that friction must stay in."""
+"""Style of the band in which friction must stay."""
 _SLIP_STYLE: dict[str, Any] = {"facecolor": ORANGE, "alpha": 0.25, "linewidth": 0}
 """Style of the steps at which a contact slips."""
 _STICK_STYLE: dict[str, Any] = {"facecolor": SKY, "alpha": 0.3, "linewidth": 0}
@@ -202,12 +202,12 @@ _DEGENERATE_STYLE: dict[str, Any] = {"color": INK, "marker": "v", "markersize": 
 
 
 def rows_of_contacts(view: RunView) -> tuple[list[Row], int]:
-    """Return panels of impulse and gap over time for every contact that pushes, and their columns.
+    """Return panels of impulse and gap over time for every contact that pushes, and the number of columns.
 
-    With friction, its impulse and the band that it must stay in, +-friction times the normal
-    impulse. Steps at which the contact is active are shaded, by whether it slips, of several
-    scenarios the darker the more of them; steps without strict complementarity are marked. The
-    replay is dashed where it differs.
+    For a contact with friction a panel also shows its friction impulse, in the band of +-friction times
+    the normal impulse. Steps at which the contact sticks or slips are shaded in two colours, the darker
+    the more scenarios do so; steps without strict complementarity are marked. A replay that differs is
+    dashed.
     """
     contacts = contacts_of(view)
     largest_normal = max((float(contact.normal.max()) for contact in contacts), default=0.0)
@@ -243,7 +243,7 @@ def _contact(time: np.ndarray, contact: ContactTrace, largest_gap: float) -> Pan
         assert contact.gap is not None
         draw_lines(axis, time, contact.gap, color=GREEN, **style)
         if largest_gap > 0 and np.max(contact.gap) < NEGLIGIBLE * largest_gap:
-            # A gap that never opens: to its own scale it would be noise.
+            # At its own scale a gap that never opens would show only noise.
             axis.set_ylim(-0.05 * largest_gap, largest_gap)
 
     return Panel(contact.title, main, None if contact.gap is None else below)
@@ -260,11 +260,11 @@ def _friction(axis: Axes, time: np.ndarray, data: tuple[np.ndarray, ...], style:
 
 
 _BESIDE = 1.81
-"""Width [inch] of a figure beside the table of stages, 46 mm."""
+"""Width of a figure next to the table of stages [inch], 46 mm."""
 
 
 def homotopy_figure(view: RunView) -> Figure:
-    """Draw cost, complementarity and residual after each stage, without zeros."""
+    """Draw cost, complementarity and residual after each homotopy stage; zeros are left out."""
     numbers, stages = zip(*shown_stages(view.run.stages, view.run.meta["cost"])[0], strict=True)
     figure = Figure(figsize=(_BESIDE, min(max(1.9, 0.5 + 0.15 * len(numbers)), 2.8)))
     cost_axis, size_axis = figure.subplots(2, 1, sharex=True)
@@ -299,7 +299,7 @@ def homotopy_figure(view: RunView) -> Figure:
 
 
 def candidates_figure(view: RunView) -> Figure:
-    """Draw what every answer that was judged costs under the exact law, over the time in the solver."""
+    """Draw the exact cost of every answer among which a solve chose, over the accumulated time in the solver."""
     attempts = view.run.meta["others"]
     times = np.cumsum([attempt.get("seconds") or 0.0 for attempt in attempts])
     costs = np.array([attempt["exact_cost"] for attempt in attempts], dtype=float)
@@ -322,7 +322,7 @@ def gains_figure(view: RunView) -> Figure:
     states, inputs = view.signals("states"), view.signals("inputs")
     figure = Figure(figsize=(WIDTH, 0.9 + (0.45 + 0.16 * len(states)) * len(inputs)))
     axes = figure.subplots(len(inputs), 1, sharex=True, squeeze=False)[:, 0]
-    # One far outlier must not wash the rest out: the colours end at the 98th percentile.
+    # The colours end at the 98th percentile, so that an outlier does not make all others pale.
     limit = float(np.quantile(np.abs(K), 0.98)) or 1.0
     image = None
     for index, axis in enumerate(axes):

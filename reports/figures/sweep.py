@@ -18,28 +18,28 @@ from reports.drawing.style import CYCLE, FAINT, GRADES, GREY, INK, PLANNED, REPL
 from reports.figures.panels import use_log_if_wide
 
 _GRADE_TEXTS = {"failed": "fails", "certified": "certified only", "survives": "survives"}
-"""Text of each grade."""
+"""Mapping from each grade to its text in legends."""
 _GRADE_STYLES = {grade: (GRADES[grade], words) for grade, words in _GRADE_TEXTS.items()}
-"""Colour and text of each grade."""
+"""Mapping from each grade to its colour and its text in legends."""
 _ROWS = 4
-"""Slices on one figure."""
+"""Number of slices of a grid in one figure."""
 _WRITTEN = 64
-"""Cells of a map up to which numbers are written into them."""
+"""Maximum number of cells of a map with numbers written into them."""
 _MOST_TICKS = 8
-"""Most labels along an axis of a map."""
+"""Maximum number of labels along an axis of a map."""
 _TICK_LETTERS = 22
-"""Most letters of all labels that fit beside one another."""
+"""Number of characters of labels along an axis above which the labels are rotated."""
 _REACH = 1.1
-"""Least ratio that the colours of replayed over planned reach to."""
+"""Smallest upper end of the colour scale of replayed over planned cost."""
 Axis = Mapping[str, Any]
-"""An axis as a run's description has it: ``name``, ``values``, ``log``, ``units``."""
+"""Axis of a sweep in a run's metadata: ``name``, ``values``, ``log``, ``units``."""
 
 
 def sweep_figures(data: xr.Dataset, axes: Sequence[Axis]) -> list[Figure]:
-    """Return all figures of a sweep over ``axes`` in order."""
+    """Return the figures of a sweep: lines over a single axis, or heat maps over the two longest of ``axes``."""
     if len(axes) == 1:
         return [_lines(data, axes[0])]
-    # The longest two span the maps; the others are gone through.
+    # The two longest axes span the maps; every combination of the others' values is a slice.
     order = sorted(range(len(axes)), key=lambda i: -len(axes[i]["values"]))
     across, upward, *other_axes = order
     slices = [*itertools.product(*(range(len(axes[i]["values"])) for i in other_axes))]
@@ -65,12 +65,12 @@ def sweep_caption(axes: Sequence[Axis]) -> str:
 
 
 def _outliers(data: xr.Dataset) -> np.ndarray:
-    """Return a mask of the points where a neighbour's plan is better; older runs have none."""
+    """Return a mask of the points at which a neighbour's plan is better; all False for older runs."""
     return data["outlier"].values == 1 if "outlier" in data else np.zeros(data["cost"].shape, dtype=bool)
 
 
 def replayed_ratio(data: xr.Dataset) -> xr.DataArray:
-    """Return the plan's cost under the referee, or else the exact law, over its planned cost."""
+    """Return the cost under the referee, or else the exact law, over the planned cost; NaN at failed points."""
     replayed_cost = data["referee_cost"].where(np.isfinite(data["referee_cost"]), data["exact_cost"])
     return (replayed_cost / data["cost"]).where(data["success"] == 1)
 
@@ -194,7 +194,7 @@ def _verdicts(axes: Axes, grades: np.ndarray) -> Any:
 
 
 def _mesh(axes: Axes, values: np.ndarray, norm: Normalize, colours: str | ListedColormap) -> Any:
-    """Draw a cell for each of ``values`` (n_y, n_x) around whole coordinates, and end the axes there."""
+    """Return a drawn mesh of ``values`` (n_y, n_x), with a cell around each pair of integer coordinates."""
     edges = [np.arange(size + 1) - 0.5 for size in reversed(values.shape)]
     mesh = axes.pcolormesh(*edges, values, norm=norm, cmap=colours, rasterized=values.size > 2500)
     axes.grid(False)
@@ -204,7 +204,7 @@ def _mesh(axes: Axes, values: np.ndarray, norm: Normalize, colours: str | Listed
 
 
 def _readable(colour: tuple[float, float, float, float]) -> str:
-    """Return black or white, whichever contrasts with a colour."""
+    """Return the colour of text, black or white, that contrasts with a background colour."""
     red, green, blue, _ = colour
     return INK if 0.299 * red + 0.587 * green + 0.114 * blue > 0.5 else "white"
 
@@ -231,7 +231,7 @@ def _titled(axis: Axis) -> str:
 
 
 _ESTIMATOR_MARKERS = "os^Dvx*P+"
-"""Markers of estimators, in the order of their names."""
+"""Markers of estimators, in the order of :data:`_NAMES`."""
 _NAMES = (
     "zobg",
     "fobg",
@@ -243,9 +243,9 @@ _NAMES = (
     "alpha-variance",
     "alpha-fixed",
 )
-"""In this order estimators have colours and marks, the same on every page."""
+"""Names of estimators, in the order of their colours and markers, which are the same on every page."""
 _FAR = 30.0
-"""Times the largest reference beyond which an axis goes on by powers of ten."""
+"""Ratio of interval ends to the largest reference gradient above which the axis is logarithmic."""
 
 
 def estimate_caption(run: StoredRun) -> str:
@@ -277,7 +277,7 @@ def estimate_figure(run: StoredRun) -> Figure:
 
 
 def _show_all(axis: Axes, interval_ends: np.ndarray, reference: np.ndarray) -> None:
-    """Let the axis hold every interval, with powers of ten where some would flatten the rest."""
+    """Fit the axis to all intervals, with a symmetric log scale if some would flatten the rest."""
     ends = interval_ends[np.isfinite(interval_ends)]
     if not ends.size:
         return

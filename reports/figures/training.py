@@ -23,11 +23,11 @@ _SIGNAL_TITLES = {
     "gradient_norm": "norm of the gradient",
     "gradient_variance": "variance of a sample's gradient",
 }
-"""Title of each recorded signal of a training."""
+"""Mapping from each recorded signal of a training run to its title."""
 
 
 def learning_figure(seed_groups: Sequence[SeedGroup]) -> Figure:
-    """Draw return under the exact law, and the task's measures, over steps and over time."""
+    """Draw return under the exact law, and the task's measures, over simulated steps and over wall time."""
     names = ["return", *measure_names(seed_groups[0].runs[0].meta["evaluation"])][:3]
     figure = Figure(figsize=(WIDTH, 1.75 * len(names) + 0.5))
     axes = figure.subplots(len(names), 2, squeeze=False, sharey="row", sharex="col")
@@ -44,7 +44,7 @@ def learning_figure(seed_groups: Sequence[SeedGroup]) -> Figure:
 
 
 def signal_figure(seed_groups: Sequence[SeedGroup]) -> Figure | None:
-    """Draw returns of samples and gradients over the iterations; None where there are none."""
+    """Draw returns of samples, and gradients, over the iterations; return None if no run recorded any."""
     names = [name for name in _SIGNAL_TITLES if any(_known(group, name) for group in seed_groups)]
     if not names:
         return None
@@ -62,7 +62,7 @@ def signal_figure(seed_groups: Sequence[SeedGroup]) -> Figure | None:
 
 
 def strobe_figures(seed_groups: Sequence[SeedGroup]) -> list[Figure]:
-    """Draw an episode of the best policy of each group, from faint to dark."""
+    """Return strobes of an episode of each group's best policy."""
     views = [(group, RunView.of(group.best)) for group in seed_groups]
     pictured = [(group, view) for group, view in views if view.picture is not None]
     if len(pictured) == 1 and (single := strobe(pictured[0][1])) is not None:
@@ -73,7 +73,7 @@ def strobe_figures(seed_groups: Sequence[SeedGroup]) -> list[Figure]:
 
 
 def measure_label(run: StoredRun, name: str) -> str:
-    """Return the name of a measure with its unit."""
+    """Return the label of a measure, with its unit."""
     return label(name, str(run.data[f"evaluation_{name}"].attrs.get("units", "1")))
 
 
@@ -86,9 +86,9 @@ def _known(group: SeedGroup, name: str) -> bool:
 
 
 def _banded(axis: Axes, group: SeedGroup, abscissa: str, name: str, color: str) -> None:
-    """Draw the mean over seeds, and the band from the lowest to the highest seed.
+    """Draw the mean of ``name`` over seeds, and the band from the lowest to the highest seed.
 
-    At iterations that all of them have; ``abscissa`` is averaged over seeds too.
+    Only iterations that all seeds have are drawn; ``abscissa`` is averaged over seeds.
     """
     shortest = min(run.data.sizes["iteration"] for run in group.runs)
     values = np.stack([run.data[name].values[:shortest] for run in group.runs])

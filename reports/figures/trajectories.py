@@ -18,27 +18,27 @@ from reports.drawing.view import RunView
 from reports.figures.panels import Panel, Row, draw_lines, draw_rows, fill_band, lay_out_rows, note_zero
 
 SAME = 1e-4
-"""Share of a signal's range up to which plan and replay are one line."""
+"""Share of a signal's range up to which plan and replay count as equal."""
 NEGLIGIBLE = 1e-6
-"""Share of a size below which an amount is not drawn."""
+"""Share of the largest value below which a value is negligible in a figure."""
 _IDLE = 1e-9
-"""Share of the largest multiplier in the same unit below which one counts as zero throughout."""
+"""Share of the largest multiplier, slip aside, below which a multiplier counts as zero throughout."""
 _BEYOND = 3.0
-"""Times the plan's largest number up to which a replay is followed within the plan's panel."""
+"""Largest value of a replay that a panel shows, as a multiple of the plan's largest magnitude."""
 _STATE_HEADINGS = {"m": "Positions", "rad": "Angles", "m/s": "Velocities", "rad/s": "Angular velocities", "s": "Times"}
-"""Heading of states by their unit."""
+"""Mapping from units of states to headings."""
 _MULTIPLIER_HEADINGS = {"N s": "Impulses", "N": "Forces"}
-"""Heading of multipliers by their unit."""
+"""Mapping from units of multipliers to headings."""
 _PAIR_HEADINGS = {"normal": "Normal", "friction": "Friction", "slip": "Slip", "limit": "Limit"}
-"""Heading of multipliers by the kind of their pair."""
+"""Mapping from kinds of pairs to headings of their multipliers."""
 
 
 @dataclass(frozen=True)
 class Track:
-    """One component over time, under the heading of its quantity.
+    """One component of states, inputs or multipliers over time, under the heading of its quantity.
 
     ``plan`` and ``replay``, its replay under the exact law, are (S, N+1) at the nodes, or (S, N)
-    held over the steps; ``replay`` is None where there was no replay.
+    held over the steps; ``replay`` is None if there was no replay.
     """
 
     heading: str
@@ -54,12 +54,12 @@ class Track:
 
     @property
     def difference(self) -> np.ndarray | None:
-        """Replay minus plan."""
+        """Replay minus plan, None without a replay."""
         return None if self.replay is None else self.replay - self.plan
 
     @property
     def differs(self) -> bool:
-        """Whether the replay is visibly another line than the plan."""
+        """Whether the replay differs visibly from the plan."""
         return largest_size(self.difference) > max(SAME * self.span, NEGLIGIBLE * self.size)
 
     @property
@@ -107,7 +107,7 @@ def idle_multipliers(all_tracks: list[Track]) -> list[str]:
 
 
 def replay_deviation(all_tracks: list[Track]) -> float:
-    """Return the largest share of a state's or input's range by which the replay differs; 0 without one."""
+    """Return the largest deviation of the replay, as a share of the range of its state or input; 0 without one."""
     shares = [
         largest_size(track.difference) / track.span
         for track in all_tracks
@@ -124,16 +124,15 @@ def multipliers_undetermined(all_tracks: list[Track]) -> bool:
 
 
 def replay_differs(all_tracks: Sequence[Track]) -> bool:
-    """Return whether the replay of a state or an input is another line than its plan."""
+    """Return whether the replay of any state or input differs visibly from the plan."""
     return any(track.differs for track in all_tracks if not track.is_multiplier)
 
 
 def plan_rows(view: RunView, omitted: Collection[str] = (), signals: Collection[str] = ()) -> list[Row]:
     """Return rows of panels, one per component, except multipliers ``omitted`` or zero throughout.
 
-    With names of ``signals`` only these. Where plan and replay part, the band between them is
-    shaded and their difference drawn below, to one scale in each group; not for inputs that are the
-    same by construction.
+    If ``signals`` are named, only they have panels. If plan and replay differ, the band between them is
+    shaded and their difference is drawn below, on one scale in each group.
     """
     all_tracks, time = tracks(view), view.time
     idle_names = {*idle_multipliers(all_tracks), *omitted}
@@ -151,7 +150,7 @@ def plan_rows(view: RunView, omitted: Collection[str] = (), signals: Collection[
 def select_signals(view: RunView, words: str) -> list[str]:
     """Return names of signals that match words separated by commas, in which * is a wildcard.
 
-    Raises :class:`~ocp.errors.InputError` for a word that fits none.
+    Raises :class:`~ocp.errors.InputError` for a word that matches none.
     """
     names = [track.name for track in tracks(view)]
     matched: list[str] = []
@@ -207,7 +206,7 @@ def _one(track: Track) -> bool:
 
 
 def _heading(view: RunView, kind: str, index: int) -> str:
-    """Return the quantity with its unit: of states by their unit, of multipliers by their pair's kind."""
+    """Return the heading of a signal with its unit: states by unit, multipliers by the kind of their pair."""
     unit = view.signals(kind)[index].unit
     if kind == "states":
         return label(_STATE_HEADINGS.get(unit, "States"), unit)

@@ -1,4 +1,4 @@
-"""The motion of a run: the plan and its replay under the exact law, with contact forces."""
+"""Motions of a run for animations: the plan and its replay under the exact law, with contact forces."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from reports.drawing.strobe import Forces, forces_drawn, forces_of
 from reports.drawing.view import RunView
 
 _MOST_FRAMES = 1500
-"""Most frames of a file."""
+"""Maximum number of frames of an animation."""
 _SAME = 2e-4
-"""Of the largest state: less than a pixel of the picture."""
+"""Share of the largest state up to which plan and replay count as equal, less than a pixel."""
 
 
 @dataclass(frozen=True)
 class Motion:
     """States (n, nx), shapes and contacts of n frames, and the forces during each (n, points).
 
-    There are fewer frames than times where a replay diverges to non-finite states.
-    ``suffix`` ends the names of its arrays.
+    A replay that diverges to non-finite states has fewer frames than the animation has times.
+    ``suffix`` ends the names of the motion's arrays in the run.
     """
 
     title: str
@@ -39,7 +39,7 @@ class Motion:
 
 
 class Animation:
-    """A run at ``times`` [s]: one or two ``motions``, each with its camera."""
+    """Run sampled at ``times`` [s]: one or two ``motions``, each with its camera."""
 
     def __init__(self, view: RunView, fps: int = 25, speed: float = 1.0, cones: bool = False) -> None:
         """Sample ``fps`` frames per second; ``speed`` 0.5 shows one second of motion in two.
@@ -87,7 +87,7 @@ class Animation:
 
 
 def frame_times(duration: float, fps: int, speed: float) -> np.ndarray:
-    """Return times [s] of frames from 0 to ``duration``, evenly spaced, closest to ``speed / fps`` apart.
+    """Return evenly spaced times of frames from 0 to ``duration`` [s], about ``speed / fps`` apart.
 
     Raises :class:`~ocp.errors.InputError` for more frames than a file should hold.
     """
@@ -101,7 +101,7 @@ def frame_times(duration: float, fps: int, speed: float) -> np.ndarray:
 
 
 def motions(view: RunView, times: np.ndarray) -> list[Motion]:
-    """Return the plan and its exact replay at ``times``; one motion where they agree."""
+    """Return the plan and its exact replay at ``times`` [s]; only the plan if they agree or there is no replay."""
     law = view.run.record.get("contact", "chosen")
     title = f"planned under the {law} law"
     if view.run.kind == "train":
@@ -146,9 +146,9 @@ def _motion(view: RunView, suffix: str, title: str, times: np.ndarray) -> Motion
 
 
 def _sampled(forces: Forces, nodes: np.ndarray, times: np.ndarray) -> Forces:
-    """Return the force of the step before the node nearest to each frame, zero before the first.
+    """Return forces at frames: those of the step before the nearest node, zero before the first step.
 
-    Where steps are shorter than frames, the mean over the steps since the last frame.
+    If steps are shorter than frames, they are the mean over the steps since the last frame.
     """
     nearest = np.abs(times[:, None] - nodes).argmin(axis=1)
     count = max(1, round((times[1] - times[0]) / (nodes[1] - nodes[0])))

@@ -33,7 +33,7 @@ _FRAME_WIDTH_IN = 8.0
 
 
 class Canvas:
-    """The figure of an animation, and its frames: all of one size, with an even number of pixels a side."""
+    """Figure that draws the frames of an animation, all of one size with an even number of pixels per side."""
 
     def __init__(self, animation: Animation) -> None:
         self._animation = animation
@@ -65,9 +65,9 @@ class Canvas:
         self.clock.set_y(title.get_position()[1])
 
     def picture(self, frame: int) -> np.ndarray:
-        """Return red, green, blue and opacity of a frame, (height, width, 4) of uint8, contiguous.
+        """Return the RGBA image of a frame, a contiguous array (height, width, 4) of uint8.
 
-        The next frame is drawn over them.
+        The next call overwrites it.
         """
         self._canvas.restore_region(self._still)
         for scene in self.scenes:
@@ -78,7 +78,7 @@ class Canvas:
 
 
 def _layout(count: int, camera: Camera) -> tuple[Figure, list[Axes]]:
-    """Return figure and axes: two motions below each other where the view is wide, else side by side."""
+    """Return figure and axes: two motions below each other if the view is wide, else side by side."""
     ratio = float(camera.size[1] / camera.size[0])
     rows = count if ratio < 0.4 else 1
     columns = count // rows
@@ -91,17 +91,17 @@ def _layout(count: int, camera: Camera) -> tuple[Figure, list[Axes]]:
 
 
 MOVIE_FORMATS = (".gif", ".mp4", ".html")
-"""Suffixes of the files that an animation can be."""
+"""Suffixes of the files to which an animation can be written."""
 FASTEST_GIF = 50
-"""Frames a second of a GIF at most: shorter delays than 20 ms are played as 100 ms."""
+"""Maximum number of frames per second of a GIF, since players turn delays below 20 ms into 100 ms."""
 _REST = 60
-"""Hundredths of a second that a GIF shows its last frame before it repeats."""
+"""Additional time for which a GIF shows its last frame [1/100 s]."""
 _SAMPLED = 12
-"""Frames that the palette of a GIF is made from."""
+"""Number of frames from which the palette of a GIF is made."""
 _NEARLY_WHITE = 246
 """Value of a colour channel above which a colour counts as white."""
 _ROOM = 1 << 20
-"""Bytes; if fewer are free after a failure, the disk was full."""
+"""Free space below which a failure is reported as a full disk [bytes]."""
 
 
 def check_format(file: Path, fps: int = 25) -> None:
@@ -124,11 +124,11 @@ def check_format(file: Path, fps: int = 25) -> None:
 
 
 def write_animation(animation: Animation, file: Path, report: Callable[[int], None] = lambda _: None) -> int:
-    """Draw every frame to ``file``, atomically; return its size in bytes.
+    """Write an animation to ``file``, atomically; return the size of the file in bytes.
 
     ``report`` is called with the number of finished frames.
 
-    Raises :class:`~ocp.errors.InputError` as :func:`check_format` does, and where ffmpeg fails.
+    Raises :class:`~ocp.errors.InputError` as :func:`check_format` does, and if ffmpeg fails.
     """
     check_format(file, animation.fps)
     with atomic.replace_file(file) as draft:
@@ -173,9 +173,9 @@ def _write_gif(animation: Animation, draft: Path, report: Callable[[int], None])
 
 
 def _palette(canvas: Canvas, count: int) -> Image.Image:
-    """Return at most 256 colours for all frames, from every other line of a few of them.
+    """Return a palette of at most 256 colours for all frames, from every other line of a few of them.
 
-    Chosen by difference, not by frequency: an arrow has few pixels.
+    Colours are chosen by difference, not by frequency, since an arrow has few pixels.
     """
     sampled_frames = np.unique(np.linspace(0, count - 1, _SAMPLED).round().astype(int))
     lines = np.concatenate([canvas.picture(frame)[::2, :, :3].copy() for frame in sampled_frames])
@@ -183,7 +183,7 @@ def _palette(canvas: Canvas, count: int) -> Image.Image:
     colours = np.stack([codes >> 16, codes >> 8 & 255, codes & 255], axis=1).astype(np.uint8)
     palette = Image.fromarray(colours[None]).quantize(method=Image.Quantize.MAXCOVERAGE)
     colors = np.array(palette.getpalette()).reshape(-1, 3)
-    # Paper is white, and what is looked up is rounded: nothing else may be nearly white.
+    # Colours are rounded to the palette, so a nearly white entry could replace the white background.
     colors[(colors > _NEARLY_WHITE).all(axis=1)] = 255
     palette.putpalette(colors.ravel().tolist())
     return palette
@@ -196,7 +196,7 @@ def _write_mp4(animation: Animation, draft: Path, report: Callable[[int], None])
     target = "-codec:v h264 -preset veryfast -pix_fmt yuv420p -movflags +faststart"
     command = ["ffmpeg", "-y", "-loglevel", "error", *source.split(), *target.split(), str(draft)]
     log = draft.with_name("ffmpeg.log")
-    # If it ends early, its log and exit code give the reason.
+    # If ffmpeg ends early, its log and exit code give the reason.
     with (
         suppress(BrokenPipeError),
         log.open("wb") as errors,

@@ -1,4 +1,4 @@
-"""An HTML page that plays an animation: its data and our own script, without other resources."""
+"""HTML page that plays an animation, with its data and a script, and without other resources."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ from reports.drawing.view import RunView
 from reports.motion.animation import Animation, Motion
 
 _PAGE_FOLDER = Path(__file__).with_name("page")
-"""Folder of the page's parts."""
+"""Folder of the page's HTML, CSS and JavaScript."""
 _DIGITS = 5
-"""Digits of the size of the view: its hundred-thousandth is far below a pixel."""
+"""Number of digits of positions relative to the size of the view; further ones are far below a pixel."""
 _SIGNIFICANT_DIGITS = 7
-"""Significant digits of numbers on the page."""
+"""Number of significant digits of numbers on the page."""
 
 
 def player_page(animation: Animation) -> str:
-    """Return the whole page."""
+    """Return the HTML page that plays an animation."""
     verdict = animation.view.run.meta.get("verdict") or ""
     film = json.dumps(player_data(animation), ensure_ascii=False, allow_nan=False, separators=(",", ":"))
     sources = {name: (_PAGE_FOLDER / f"player.{name}").read_text("utf-8") for name in ("html", "css", "js")}
@@ -42,7 +42,7 @@ def player_page(animation: Animation) -> str:
         verdict=html.escape(verdict.splitlines()[0] if verdict else ""),
         style=sources["css"].strip(),
         script=sources["js"].strip(),
-        # No name may end the element that holds the data, or begin one.
+        # No name may end the HTML element that holds the data, or begin another.
         film=film.replace("<", "\\u003c"),
     )
 
@@ -50,10 +50,10 @@ def player_page(animation: Animation) -> str:
 def player_data(animation: Animation) -> dict[str, Any]:
     """Return the data that the page's script draws.
 
-    ``motions`` hold per frame the shapes ``[kind, numbers...]``, an index into ``kinds`` (name and
-    role) and the fields of :mod:`problems.drawing` in their order without the role, corners as
-    ``x, y, ...`` in one, and the ``arrows`` ``[x, y, force x, force y, normal x, normal y,
-    friction]``; ``charts`` are those of :func:`~reports.motion.player.player_charts` over ``nodes`` [s].
+    Each frame in ``motions`` has shapes ``[kind, numbers...]``: an index into ``kinds`` (name and role),
+    and the fields of the shape in :mod:`problems.drawing` except the role, with all corners in one list
+    ``x, y, ...``; and ``arrows`` ``[x, y, force x, force y, normal x, normal y, friction]``. ``charts``
+    are those of :func:`~reports.motion.player.player_charts` over ``nodes`` [s].
     """
     size = animation.cameras[0].size
     digits = max(0, _DIGITS - math.floor(math.log10(float(size.max()))))
@@ -116,7 +116,7 @@ def _numbers(shape: Shape, kinds: dict[tuple[str, str], int], digits: int) -> tu
 
 
 def _rounded(value: Any, digits: int) -> Any:
-    """Return a rounded number, or the coordinates of all corners in one tuple."""
+    """Return a rounded number, or for corners their rounded coordinates in one tuple."""
     if isinstance(value, tuple):
         return tuple(round(float(coordinate), digits) for corner in value for coordinate in corner)
     return round(float(value), digits)
@@ -142,17 +142,17 @@ def _short(value: float) -> float | None:
 
 
 _CHART_ROOM = 0.06
-"""Room above and below curves, as a share of their range."""
+"""Space above and below curves, as a share of their range."""
 
 Chart = dict[str, Any]
-"""``title label range [low, high] wide`` and ``curves`` of ``name values color dash``.
+"""Chart with ``title``, ``label``, ``range`` [low, high], ``wide``, and ``curves`` of ``name values color dash``.
 
 ``values`` belong to the nodes (N+1,), or to the steps between them (N,); costs have an ``end``.
 """
 
 
 def player_charts(animation: Animation) -> list[Chart]:
-    """Return charts of the forces of each motion on one scale, and of their costs."""
+    """Return charts of the forces of each motion, all on one scale, and one of the motions' costs."""
     view = animation.view
     all_charts = [forces for motion in animation.motions if (forces := _forces(view, motion))]
     curve_values = [curve["values"] for chart in all_charts for curve in chart["curves"]]
@@ -165,7 +165,7 @@ def player_charts(animation: Animation) -> list[Chart]:
 
 
 def _forces(view: RunView, motion: Motion) -> Chart | None:
-    """Return the chart of the force of every contact that acts in the plan or in the replay."""
+    """Return a motion's chart of forces of contacts that act in plan or replay; None if there are none."""
     sizes, acting = acting_contacts(view)
     force_sizes, forces = sizes.get(motion.suffix), motion.forces
     if force_sizes is None or forces is None or not acting:
@@ -217,8 +217,8 @@ def _costs(view: RunView, motions: Sequence[Motion]) -> Chart | None:
 def cumulative_cost(view: RunView, suffix: str) -> tuple[np.ndarray, float] | None:
     """Return the sum of stage costs before each node (N+1,), and the total with the terminal cost.
 
-    The last term is the terminal cost, or what a task gains at the end of a full episode. Of
-    scenario 0, at the stored parameters; None for a problem that is not found again.
+    They are those of scenario 0 at the stored parameters; for a task, rewards and, after a full episode,
+    its final reward. None for an unknown problem, and without the arrays that the cost needs.
     """
     problem, x, u = view.problem, view.array(f"x{suffix}"), view.array(f"u{suffix}")
     if view.run.kind == "closed-loop":
@@ -242,7 +242,7 @@ def cumulative_cost(view: RunView, suffix: str) -> tuple[np.ndarray, float] | No
 
 
 def _widened(low: float, high: float) -> list[float]:
-    """Return a range that holds zero, with room above and, for negative values, below; never empty."""
+    """Return a range around low, high and zero, with space above and, for negative values, below; never empty."""
     low, high = min(low, 0.0), max(high, 0.0)
     room = _CHART_ROOM * (high - low) or 0.5
     return [low - room if low < 0 else 0.0, high + room]

@@ -21,7 +21,7 @@ from reports.drawing.style import FAINT, GREY, PURPLE, VERMILLION
 from reports.motion.animation import Motion
 
 _POINTS_PER_INCH = 72.0
-"""Points of paper per inch."""
+"""Typographic points per inch."""
 
 
 HEAD = 5.0, 2.0
@@ -29,7 +29,7 @@ HEAD = 5.0, 2.0
 
 
 _TRANSPARENT = (0.0, 0.0, 0.0, 0.0)
-"""Colour of what is not filled, or has no edge."""
+"""Colour of the inside of a path that is not filled, and of an edge that is not drawn."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Stroke:
 
 
 class MotionArtist:
-    """One motion on ``axis`` under its camera; the force ``largest`` has the longest arrow."""
+    """Artist of one motion on ``axis`` with its camera; the force ``largest`` has the longest arrow."""
 
     def __init__(self, axis: Axes, motion: Motion, camera: Camera, largest: float, cones: bool) -> None:
         self.axis, self._motion, self._camera = axis, motion, camera
@@ -53,7 +53,7 @@ class MotionArtist:
         self._strokes.set_animated(True)
         axis.add_collection(self._strokes, autolim=False)
         camera.aim(axis, 0)
-        # Ticks belong to the still part of the picture only as long as the camera stands.
+        # Ticks are part of the still background only along axes on which the camera does not move.
         moves = np.ptp(camera.middle, axis=0) > 0
         ticks = zip((axis.xaxis, axis.yaxis), moves, strict=True)
         self._ticks: list[Artist] = [ruler for ruler, moving in ticks if moving]
@@ -83,7 +83,7 @@ class MotionArtist:
 
     def _found(self, frame: int) -> Iterator[Stroke]:
         middle, size = self._camera.middle[frame], self._camera.size
-        # One point of paper in metres: lines have their width, heads and marks their size in these.
+        # Size of a typographic point [m], in which line widths and sizes of heads and marks are given.
         figure = self.axis.get_figure(root=True)
         assert figure is not None
         point = size[0] / self.axis.bbox.width * figure.dpi / _POINTS_PER_INCH
@@ -100,7 +100,7 @@ class MotionArtist:
 
 
 def shape_stroke(shape: Shape, middle: np.ndarray, size: np.ndarray, point: float) -> Stroke:
-    """Return the stroke of a body in a view around ``middle`` of ``size`` [m]; a ``point`` of paper is in m."""
+    """Return the stroke of a shape, in a view of ``middle`` and ``size`` [m]; ``point`` is a typographic point [m]."""
     ink = to_rgba(shapes.color(shape.role))
     face, edge = shapes.shape_colors(shape)
     match shape:
@@ -137,7 +137,7 @@ def arrow_stroke(contact: ContactFrame, normal: float, friction: float, scale: f
 
 
 def cone_stroke(contact: ContactFrame, length: float) -> Stroke:
-    """Return the friction cone, with atan(friction) on either side of the normal."""
+    """Return the stroke of a friction cone, which spans atan(friction) on either side of the normal."""
     middle, half_angle = math.atan2(contact.ny, contact.nx), math.atan(contact.friction)
     wedge = Outline.wedge(math.degrees(middle - half_angle), math.degrees(middle + half_angle))
     path = Outline(np.asarray(wedge.vertices) * length + (contact.x, contact.y), wedge.codes)

@@ -20,14 +20,14 @@ from ocp.solution import units_of
 from reports.tables.console import number, percent, table_of
 
 _WARM = 10
-"""Samples at the start of each seed that times leave out: the first plans start cold."""
+"""Number of samples at the start of each seed that timings leave out, since the first plans start cold."""
 
 
 def labelled_arrays(loop: ClosedLoop, mismatch: Mapping[str, float]) -> xr.Dataset:
-    """Return the arrays of a loop with times, units and contacts.
+    """Return the arrays of a closed loop, with ``time``, ``lam``, ``gap`` and units added.
 
-    Added are ``time`` (node) [s], and ``lam`` and ``gap`` (seed, sample, contact): those of the
-    exact law at the recorded states and inputs, with the plant's parameters ``mismatch``.
+    ``time`` (node) is in [s]; ``lam`` and ``gap`` (seed, sample, contact) are multipliers and gaps of the
+    exact law at the recorded states and inputs, for the plant's parameters ``mismatch``.
     """
     problem, system = loop.problem, loop.problem.system
     values = dict(zip(problem.parameters.names, problem.parameters.values, strict=True))
@@ -74,7 +74,7 @@ def _contacts(problem: Problem, data: xr.Dataset, values: Mapping[str, float]) -
 def loop_summary(loop: ClosedLoop, data: xr.Dataset, notes: Sequence[str], rate: float | None) -> dict[str, Any]:
     """Return the fields of :class:`~ocp.store.meta.ClosedLoopMeta`, among them ``status`` and ``verdict``.
 
-    ``rate`` [Hz] is what times are compared with; None: one sample a step of the model.
+    Times per sample are compared with the period of ``rate`` [Hz], or with the model's step if it is None.
     """
     end_samples, costs, verdict = data["ended"].values, loop.costs, loop.verdict
     statuses, is_complete = data["status"].values, np.isfinite(costs)
@@ -116,7 +116,7 @@ def _times(data: xr.Dataset, rate: float | None) -> dict[str, float]:
 
 
 def counted_times(seconds: np.ndarray) -> np.ndarray:
-    """Return the times [s], of (S, T), without the cold samples at the start of each seed."""
+    """Return the finite times [s] in ``seconds`` (S, T), without the first samples of each seed, which start cold."""
     finite_rows = [row[np.isfinite(row)] for row in seconds]
     return np.concatenate([row[_WARM if len(row) > 2 * _WARM else 1 :] for row in finite_rows])
 
@@ -140,7 +140,7 @@ def loop_notes(meta: Mapping[str, Any]) -> Iterator[str]:
 
 
 def loop_rows(meta: Mapping[str, Any]) -> list[list[str]]:
-    """Return names and numbers of a closed loop as text."""
+    """Return rows of name and value on a closed loop, as text."""
     times, (low, high) = meta["seconds"], meta["cost_interval"]
     interval = "–" if low is None else f"{number(low, 5)} to {number(high, 5)}"
     return [

@@ -32,14 +32,14 @@ def print_table(table: Table | Group) -> None:
 
 
 def number(value: float | None, digits: int = 6) -> str:
-    """Return a number as text; a dash for a missing or non-finite one."""
+    """Return a number as text with ``digits`` significant digits; a dash for a missing or non-finite one."""
     if value is None or not math.isfinite(value):
         return "–"
     return f"{value:.{digits}g}"
 
 
 def value_text(value: Any, digits: int = 6) -> str:
-    """Return any value as text, a float by :func:`number`."""
+    """Return any value as text, a float with ``digits`` significant digits."""
     return number(value, digits) if isinstance(value, float) else str(value)
 
 
@@ -49,7 +49,7 @@ def percent(share: float | None) -> str:
 
 
 def small(value: float | None) -> str:
-    """Return a residual as text: two digits and the power of ten."""
+    """Return a residual as text with two digits, such as ``1.5e-07``; a dash for a missing or non-finite one."""
     return "–" if value is None or not math.isfinite(value) else f"{value:.1e}"
 
 
@@ -70,7 +70,7 @@ def stage_title(label: str) -> str:
 
 
 def stage_table(stages: Sequence[StageRecord], cost: float | None) -> Table:
-    """Return the homotopy table: parameter, cost, residuals, iterations, seconds, rejections, answer."""
+    """Return a table of homotopy stages: parameter, cost, residuals, iterations, seconds and a note."""
     labels = {stage.label for stage in stages}
     head = stage_title(labels.pop()) if len(labels) == 1 else "parameter"
     rows = (
@@ -82,7 +82,7 @@ def stage_table(stages: Sequence[StageRecord], cost: float | None) -> Table:
 
 
 def stage_rows(stages: Sequence[StageRecord], cost: float | None) -> list[tuple[str, ...]]:
-    """Return number, label, value, cost, lam·gap, residual, iterations, seconds and note as text."""
+    """Return a row per shown stage: number, label, value, cost, lam·gap, residual, iterations, seconds and note."""
     numbered_stages, has_answer = shown_stages(stages, cost)
     rows = [_stage_cells(index, stage) for index, stage in numbered_stages]
     return [*rows[:-1], (*rows[-1][:-1], "answer")] if has_answer else rows
@@ -103,7 +103,7 @@ def _stage_cells(index: int, stage: StageRecord) -> tuple[str, ...]:
 
 
 def stage_line(stage: StageRecord) -> str:
-    """Return one stage in one line of at most 80 columns."""
+    """Return a homotopy stage as one line of at most 80 columns."""
     tail = "" if stage.accepted else "  stepped back"
     return (
         f"{stage_title(stage.label)} {small(stage.value)}  cost {number(stage.cost, 7)}"
@@ -117,13 +117,13 @@ def _seconds(stage: StageRecord) -> str:
 
 
 class StageLines:
-    """Printer of the stage table, line by line during the solve; lines fit 80 columns."""
+    """Callback that prints homotopy stages during a solve, as lines of a table of 80 columns."""
 
     def __init__(self) -> None:
         self.filter = StageFilter()
 
     def __call__(self, stage: StageRecord) -> None:
-        """Print a stage; the first one prints the headings too."""
+        """Print a stage, unless it is filtered out, and the headings before the first stage."""
         if self.filter.number == 0:
             heads = ("stage", "parameter", "cost", "lam·gap", "residual", "iter", "s")
             print(_line(*heads), file=sys.stderr)
@@ -135,16 +135,13 @@ class StageLines:
 
 
 class StageFilter:
-    """Filter and counter of the stages that tables show.
-
-    Left out are neighbouring schedules that did not lower the cost.
-    """
+    """Filter and counter of the stages that tables show: all but neighbours that did not lower the cost."""
 
     def __init__(self) -> None:
         self.lowest, self.number = float("inf"), 0
 
     def take(self, stage: StageRecord) -> bool:
-        """Return whether the next stage is shown; ``number`` is then its number."""
+        """Return whether the next stage is shown, and add it to ``number``, the count of shown stages, if so."""
         lowers_cost = stage.accepted and stage.cost < self.lowest
         if lowers_cost and stage.label in ("active set", NEIGHBOUR):
             self.lowest = stage.cost
@@ -156,8 +153,8 @@ class StageFilter:
 def shown_stages(stages: Sequence[StageRecord], cost: float | None) -> tuple[list[tuple[int, StageRecord]], bool]:
     """Return the stages that tables show, with numbers, and whether the last one is the answer.
 
-    The answer of this ``cost`` is the iterate of the accepted stage with the same cost: the last of
-    several. Stages after it are left out. A solve that ended on none of its stages shows them all.
+    The answer is the iterate of the last accepted stage whose cost equals ``cost``. Stages after it are
+    left out. If no stage has this cost, all of them are shown.
     """
     stage_filter = StageFilter()
     numbered_stages = [(stage_filter.number, stage) for stage in stages if stage_filter.take(stage)]
@@ -169,11 +166,11 @@ def shown_stages(stages: Sequence[StageRecord], cost: float | None) -> tuple[lis
 
 
 _SAME = 1e-6
-"""Relative difference of the costs of an answer and of the stage that gave it, at most."""
+"""Largest relative difference between the costs of an answer and of the stage that gave it."""
 
 
 def stage_note(stages: Sequence[StageRecord], cost: float | None) -> str:
-    """Return sentences on the answer's stage and on stages left out of tables; "" without stages."""
+    """Return sentences on the stage that gave the answer and on stages left out of tables; may be ""."""
     numbered_stages, has_answer = shown_stages(stages, cost)
     n_neighbours = sum(stage.label == NEIGHBOUR for stage in stages)
     n_neighbours -= sum(stage.label == NEIGHBOUR for _, stage in numbered_stages)
@@ -199,7 +196,7 @@ def live(quiet: bool, every_s: float, delay: bool = False) -> Iterator[Callable[
 
     On a terminal the ``line``, or ``picture()``, is updated in place ten times a second at most;
     elsewhere lines are printed, at most one per ``every_s`` seconds, and always where ``now``.
-    An empty line is shown on a terminal alone. With ``delay`` the first line waits as long.
+    An empty ``line`` prints nothing elsewhere. With ``delay`` the first line comes after one such interval.
     """
     console = Console(stderr=True, highlight=False)
     screen = Live(console=console, transient=True, auto_refresh=False)
@@ -223,7 +220,7 @@ def live(quiet: bool, every_s: float, delay: bool = False) -> Iterator[Callable[
 
 @contextmanager
 def progress(visible: bool, first: str) -> Iterator[Callable[[StageRecord], None]]:
-    """Yield a callback for stages: one live line on a terminal, elsewhere the lines of a table."""
+    """Yield a callback that reports homotopy stages: one live line on a terminal, elsewhere lines of a table."""
     if not visible or not sys.stderr.isatty():
         yield StageLines() if visible else lambda _: None
         return
@@ -256,7 +253,7 @@ def result_table(solution: Solution) -> Table:
 
 
 def judged_rows(certificate: Certificate, referee: RefereeReport) -> list[tuple[str, str, str]]:
-    """Return findings of referee and certificate: name, number and explanation."""
+    """Return rows (name, number, explanation) on the referee's replay and the stationarity certificate."""
     rows = [("", "no referee", "the system has no geometry")]
     if referee.survives is not None:
         rows = [
@@ -277,7 +274,7 @@ def judged_rows(certificate: Certificate, referee: RefereeReport) -> list[tuple[
 
 
 def distance_rows(referee: RefereeReport) -> list[tuple[str, str, str]]:
-    """Return the largest penetration between nodes and distance with force, with their places."""
+    """Return rows (name, value, place) of the deepest penetration between nodes and the largest distance with force."""
     named_distances = (
         ("penetration between nodes", referee.between),
         ("distance where force acts", referee.force_distance),
@@ -290,7 +287,7 @@ def distance_rows(referee: RefereeReport) -> list[tuple[str, str, str]]:
 
 
 def physics_residuals(audit: Audit) -> list[tuple[str, float, str]]:
-    """Return name, residual and unit of friction, energy and momentum in the audit, where finite."""
+    """Return rows (name, residual, unit) of the finite residuals of friction, energy and momentum."""
     residuals = (
         ("friction cone violated by", audit.cone_violation, "N s"),
         ("dissipation below maximum", audit.dissipation_residual, "J"),
@@ -301,7 +298,7 @@ def physics_residuals(audit: Audit) -> list[tuple[str, float, str]]:
 
 
 def violation_table(solution: Solution) -> Table:
-    """Return the worst constraints of a failed solve by name."""
+    """Return a table of the most violated constraints of a failed solve."""
     heads = ("worst constraint", "component", ">scenario", ">step", ">violation")
     return table_of(*heads, rows=violation_rows(solution.audit))
 
@@ -312,7 +309,7 @@ def violation_rows(audit: Audit) -> list[tuple[str, ...]]:
 
 
 def starts_table(attempts: Sequence[Attempt]) -> Table:
-    """Return a row for every answer that a solve judged."""
+    """Return a table of all answers among which a solve chose, one row per answer."""
     columns = ("start", "route", "status", "cost", "exact_cost", "referee_cost", "iterations")
     values = ([getattr(attempt, name) for name in columns] for attempt in attempts)
     rows = ([number(v, 8) if isinstance(v, float) else str(v) for v in row] for row in values)

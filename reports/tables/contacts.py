@@ -18,15 +18,15 @@ _DISTANT_NOTE = "Distant: such an impulse over a larger gap, force at a distance
 
 
 def contact_table(audit: Audit) -> Group:
-    """Return active steps, peak force and sliding of each contact, with a count of idle ones."""
+    """Return a table of active steps, peak force and sliding per contact, with notes below it."""
     heads, rows = contact_columns(audit)
     return Group(table_of(*heads, rows=rows), *map(Text, contact_notes(audit)))
 
 
 def contact_columns(audit: Audit) -> tuple[list[str], list[list[str]]]:
-    """Return titles, ``>`` before those of numbers, and rows of the contacts that push.
+    """Return column titles, with ``>`` before those of numbers, and a row per contact that pushes.
 
-    Columns of sliding stand with friction alone, that of distant steps where there are any.
+    Columns of sliding appear only with friction, that of distant steps only if there are any.
     """
     has_friction, has_distant = math.isfinite(audit.cone_violation), _far(audit)
     columns = {
@@ -74,7 +74,7 @@ def _far(audit: Audit) -> bool:
 
 
 def spans_text(spans: Sequence[Sequence[int]], max_spans: int = 6) -> str:
-    """Return spans of steps as text: ``0-4, 7, 9-12``; after ``max_spans`` a count of the others."""
+    """Return spans of steps as text, such as ``0-4, 7, 9-12``; after ``max_spans`` a count of the others."""
     words = [f"{first}-{last}" if last > first else str(first) for first, last in spans]
     remainder = f", {len(words) - max_spans} more" if len(words) > max_spans else ""
     return ", ".join(words[:max_spans]) + remainder

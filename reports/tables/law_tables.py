@@ -1,4 +1,4 @@
-"""Cells of "which smoothing to trust", of plans (study N3) and of closed loops (study C1)."""
+"""Cells of the tables that compare contact laws, for plans (study N3) and for closed loops (study C1)."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import xarray as xr
 
 
 def excess_text(share: float) -> str:
-    """Return an excess in percent up to threefold, then as a factor; a dash where there is none."""
+    """Return a relative excess in percent, from threefold on as a factor; a dash if it is not finite."""
     if not math.isfinite(share):
         return "–"
     if share >= 2:
@@ -24,5 +24,5 @@ def broken_name(problem: str) -> str:
 
 
 def seconds_of(data: xr.Dataset) -> xr.DataArray:
-    """Return seconds of learning and solving together, median over seeds (problem, law)."""
+    """Return the time (problem, law) [s] of learning and solving together, the median over seeds."""
     return data["seconds"].sum("part").median("seed")

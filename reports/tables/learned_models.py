@@ -87,7 +87,7 @@ def model_document(dataset: xr.Dataset) -> dict[str, Any]:
 
 
 def _fit(dataset: xr.Dataset, names: list[str], units: list[str]) -> dict[str, Any]:
-    """Return errors on held-out rows in the states' units, and relative to their standard deviations."""
+    """Return errors on held-out rows, in the states' units and relative to their scales, and off the data."""
     from dynamics.learned.fit import Fit
 
     fit = Fit.from_dataset(dataset)
@@ -143,7 +143,7 @@ def origin_lines(document: Mapping[str, Any]) -> list[str]:
 
 
 def _drawn(document: Mapping[str, Any]) -> list[str]:
-    """Return a line on the sampling of collected data; nothing for imported data."""
+    """Return a list of one line on how collected data were sampled, an empty one for imported data."""
     if document.get("in_tube") is None:
         return []
     tube = f"{document['in_tube']} in the tube around the task"
@@ -151,14 +151,14 @@ def _drawn(document: Mapping[str, Any]) -> list[str]:
 
 
 def document_tables(document: Mapping[str, Any]) -> list[Group]:
-    """Return ranges and scales of data; of a model also errors and predictions away from data."""
+    """Return the table of ranges and scales; for a fitted model also its errors, and its predictions off the data."""
     fitted = document.get("fit") is not None
     model_tables = [fit_table(document), outside_table(document)] if fitted else []
     return [coordinate_table(document), *model_tables]
 
 
 def coordinate_table(document: Mapping[str, Any]) -> Group:
-    """Return a row per coordinate of z: its range, and the scale that normalises it."""
+    """Return a table of each state and input: its range, and the shift and scale that normalise it."""
     keys = [key for key in ("least", "most", "shift", "scale", "noise") if key in document["coordinates"][0]]
     table = table_of("", "", "unit", *(f">{key}" for key in keys))
     for row in document["coordinates"]:
@@ -168,7 +168,7 @@ def coordinate_table(document: Mapping[str, Any]) -> Group:
 
 
 def fit_table(document: Mapping[str, Any]) -> Group:
-    """Return errors on held-out rows, state by state."""
+    """Return a table of root-mean-square errors on held-out rows, one row per state."""
     keys = ("clean", "noised", "clean_relative", "noised_relative")
     heads = [f">{key.replace('_relative', '/scale')}" for key in keys]
     table = table_of("held-out error", "unit", *heads)
@@ -179,7 +179,7 @@ def fit_table(document: Mapping[str, Any]) -> Group:
 
 
 def outside_table(document: Mapping[str, Any]) -> Group:
-    """Return predictions of the model away from the data."""
+    """Return a table of the model's predictions at several distances from the data."""
     table = table_of(">distance from the data", ">displacement", ">beyond the data")
     for row in document["fit"]["outside"]:
         share = f"{100 * row['beyond']:.0f} %"
@@ -193,9 +193,9 @@ def outside_table(document: Mapping[str, Any]) -> Group:
 
 @contextmanager
 def training_progress(quiet: bool, epochs: int) -> Iterator[Callable[[Epoch, str], None]]:
-    """Yield a callback for epochs: one live line on a terminal, elsewhere one per ten epochs.
+    """Yield a callback that reports epochs: one live line on a terminal, elsewhere one line per ten epochs.
 
-    Each line begins with the text that comes with the epoch.
+    The callback takes an epoch and the text that its line begins with.
     """
     start_s, first = time.monotonic(), dict[str, int]()
     with live(quiet, every_s=math.inf) as show:

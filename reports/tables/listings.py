@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 def parameter_table(parameters: Sequence[Mapping[str, Any]]) -> Table:
-    """Return a problem's parameters with default, unit and meaning."""
+    """Return a table of a problem's parameters with default, unit and meaning."""
     table = table_of("parameter", ">default", "unit", "")
     for row in parameters:
         value, meaning = row["value"], row["description"]
@@ -36,7 +36,7 @@ def parameter_table(parameters: Sequence[Mapping[str, Any]]) -> Table:
 
 
 def golden_table(golden: Mapping[str, Golden]) -> Table:
-    """Return best known values, their certificates, and the number of solves behind each."""
+    """Return a table of best known costs, their certificates, and the number of solves tried for each."""
     rows = (
         (name, best.method, number(best.cost, 9), best.certificate, str(best.tried)) for name, best in golden.items()
     )
@@ -44,7 +44,7 @@ def golden_table(golden: Mapping[str, Golden]) -> Table:
 
 
 def run_table(run: StoredRun) -> Table:
-    """Return the description of one run, one line per key."""
+    """Return a table of a run's metadata, one row per key."""
     table = table_of("", "", header=False)
     meta, record = run.meta, run.meta.get("record") or {}
     table.add_row("run", str(run.path))
@@ -61,7 +61,7 @@ def run_table(run: StoredRun) -> Table:
 
 
 def claim_table(claims: Sequence[Claim]) -> Table:
-    """Return a study's claims: expected value, measured value, verdict."""
+    """Return a table of a study's claims: source, expected value, measured value, verdict."""
     from problems.studies.study import claim_verdict
 
     table = Table(box=None, pad_edge=False, padding=(0, 1, 1, 0))
@@ -85,7 +85,7 @@ def _inline(value: Any) -> str:
 
 
 def curve_lines(name: str, rows: Sequence[Mapping[str, Any]], heads: bool) -> Iterator[str]:
-    """Yield points of a continuation, one line of at most 80 columns each, below ``heads``."""
+    """Yield one line of at most 80 columns per point of a continuation, with a heading before them if ``heads``."""
     if heads:
         yield _cells(stage_title(name), "cost", "exact cost", "lam·gap", "iter")
     for row in rows:
@@ -105,7 +105,7 @@ def _cells(*cells: str) -> str:
 
 
 def event_rows(events: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, ...]]:
-    """Yield number, value, kind, change, steps and cost of all events except active bounds."""
+    """Yield a row per event except active bounds: number, value, kind, change, steps and cost."""
     listed = [event for event in events if event["kind"] != "bound"]
     for count, event in enumerate(listed, start=1):
         steps = ", ".join(str(step) for step in event["steps"])
@@ -114,7 +114,7 @@ def event_rows(events: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, ...]]
 
 
 def event_table(name: str, events: Sequence[Mapping[str, Any]]) -> Table:
-    """Return the events of a continuation as a table."""
+    """Return a table of the events of a continuation in parameter ``name``."""
     heads = (">", f">{stage_title(name)}", "event", "", "steps", ">cost")
     return table_of(*heads, rows=event_rows(events))
 
@@ -123,7 +123,7 @@ Row = Mapping[str, Any]
 
 
 def run_lines(rows: Sequence[Row]) -> Iterator[str]:
-    """Yield two lines per run: number, name, problem and verdict; then law, method, N, scenarios."""
+    """Yield two lines per run: number, name, problem and outcome; then law, method, N and scenarios."""
     wide = max(len(row["at"]) for row in rows)
     for row in rows:
         name = row["run"].rpartition("/")[2]
@@ -134,7 +134,7 @@ def run_lines(rows: Sequence[Row]) -> Iterator[str]:
 
 
 def run_outcome(row: Row) -> str:
-    """Return grade or status of a run, and its cost or return."""
+    """Return the return of a training run, or grade or status and cost of another run, as text."""
     if row["damage"]:
         return "damaged"
     if row["return"] is not None:
@@ -165,13 +165,13 @@ def _parts(row: Row) -> Iterator[str]:
 
 
 MOST = 200
-"""Points that a table shows; all are in the stored study."""
+"""Maximum number of points that a table shows."""
 POINT_HEADS = ("cost", "exact", "referee", "iter", "s", "verdict")
-"""Headings of a table of points, after those of the swept quantities."""
+"""Headings of a sweep's table of points, after those of the swept quantities."""
 
 
 def point_rows(rows: Sequence[Mapping[str, Any]], dims: Sequence[str]) -> list[list[str]]:
-    """Return coordinates, costs, iterations, seconds and grade of each point as text."""
+    """Return a row per point of a sweep: coordinates, costs, iterations, seconds and grade, as text."""
     return [
         [
             *(f"{row[dim]:.4g}" for dim in dims),
@@ -185,7 +185,7 @@ def point_rows(rows: Sequence[Mapping[str, Any]], dims: Sequence[str]) -> list[l
 
 
 def point_table(rows: Sequence[Mapping[str, Any]], dims: Sequence[str]) -> Table:
-    """Return the points of a sweep, with a caption that counts those left out."""
+    """Return a table of the points of a sweep, with a caption that counts those left out."""
     heads = [f">{name}" for name in (*(dim.removeprefix("contact.") for dim in dims), *POINT_HEADS[:-1])]
     table = table_of(*heads, POINT_HEADS[-1], rows=point_rows(rows, dims))
     if len(rows) > MOST:
@@ -199,10 +199,10 @@ _BAR_WIDTH = 20
 
 @contextmanager
 def sweep_progress(names: Sequence[str], n_resumed: int, quiet: bool) -> Iterator[Callable[[int, JobResult], None]]:
-    """Yield a callback for each finished point and its place; ``names`` label all points.
+    """Yield a callback that takes the index of a finished point and its result; ``names`` label all points.
 
-    The first ``n_resumed`` calls are points that were kept. On a terminal one line moves; elsewhere a
-    line is printed every two seconds at most, and for each point that failed.
+    The first ``n_resumed`` calls, for points finished earlier, show nothing. A terminal shows one live
+    line; elsewhere a line is printed at most every two seconds, and for each point that failed.
     """
     start_s, n_done = time.monotonic(), 0
     with live(quiet, every_s=2.0) as show:
@@ -222,13 +222,13 @@ def sweep_progress(names: Sequence[str], n_resumed: int, quiet: bool) -> Iterato
 
 
 def sweep_line(done: int, total: int, name: str, row: dict[str, Any], seconds_left: float) -> str:
-    """Return the progress after a point, and its result, in one line."""
+    """Return one line: number of finished points, result of the last one, time left."""
     finding = f"cost {number(row['cost'], 5)}" if row["success"] else row["status"]
     return f"{done}/{total}  {name}  {finding}  {format_duration(seconds_left)} left"
 
 
 def format_duration(seconds: float) -> str:
-    """Return a duration as text: ``40 s``, ``12 min``, ``3.5 h``."""
+    """Return a duration as text, such as ``40 s``, ``12 min`` or ``3.5 h``."""
     if seconds < 120:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 7200 else f"{seconds / 3600:.1f} h"
@@ -236,7 +236,7 @@ def format_duration(seconds: float) -> str:
 
 @contextmanager
 def estimate_progress(quiet: bool, check: Callable[[], None]) -> Iterator[Callable[[SweepProgress], None]]:
-    """Yield a callback that prints rate and time left, and calls ``check``."""
+    """Yield a callback that calls ``check``, and shows rate and time left of an estimate."""
     start_s, n_first = time.monotonic(), None
     with live(quiet, every_s=5.0, delay=True) as show:
 
@@ -250,7 +250,7 @@ def estimate_progress(quiet: bool, check: Callable[[], None]) -> Iterator[Callab
 
 
 def progress_line(state: SweepProgress, n_since: int, seconds: float) -> str:
-    """Return one line: points, samples, rate of this session, time left."""
+    """Return one line: number of the point, share of samples done, samples per second, time left."""
     rate = n_since / seconds if seconds > 0 else 0.0
     time_left = f"{(state.total - state.done) / rate:.0f} s left" if rate > 0 else "time left unknown"
     points = f"point {state.points + 1} of {state.all_points}, " if state.all_points > 1 else ""
@@ -258,7 +258,7 @@ def progress_line(state: SweepProgress, n_since: int, seconds: float) -> str:
 
 
 def estimate_table(rows: Sequence[Mapping[str, Any]], swept: str | None) -> Table:
-    """Return one row per estimate; of several components the norms."""
+    """Return a table of estimates, one row each; vectors are shown as their norms."""
     is_vector = any(isinstance(row["mean"], list) for row in rows)
     numbers = ("|mean|" if is_vector else "mean", "std error", "variance", "reference")
     cells = ((*columns, word) for *columns, _, word in (estimate_cells(row, bool(swept)) for row in rows))
@@ -273,7 +273,7 @@ def _size(value: float | list[float] | None) -> float | None:
 
 
 def estimate_cells(row: Mapping[str, Any], swept: bool) -> list[str]:
-    """Return swept value, estimator, mean, error, variance, reference, alpha and verdict as text."""
+    """Return the swept value, estimator, mean, error, variance, reference, alpha and verdict of a row as text."""
     reference, short = row["reference"], row["verdict"].partition(" within")[0].partition(" at")[0]
     return [
         *([number(row["value"], 4)] if swept else []),

@@ -10,15 +10,15 @@ from rich.table import Table
 from reports.tables.console import number, table_of
 
 MOST_ROWS = 300
-"""Contacts that are printed, at most."""
+"""Maximum number of contacts that are printed."""
 _JOINT_UNITS = {"slide": "m", "hinge": "rad"}
-"""Unit of a joint's position by its kind."""
+"""Mapping from the kind of a joint to the unit of its position."""
 
 
 def robot_tables(content: Mapping[str, Any]) -> Iterator[tuple[str, Table]]:
-    """Yield title and table of the links as a tree, the motors and the contacts, where there are any.
+    """Yield title and table of the links as a tree, of the motors and of the contacts, if there are any.
 
-    ``content`` is what :meth:`problems.robots.Robot.document` gives.
+    ``content`` is the result of :meth:`problems.robots.Robot.document`.
     """
     depths: dict[str | None, int] = {None: -1}
     rows = []

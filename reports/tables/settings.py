@@ -26,7 +26,7 @@ from ocp.transcription.factories import law_class
 
 @dataclass(frozen=True)
 class SettingRow:
-    """A setting as it is listed; ``range`` says in words which values it takes, ``default`` is None for none."""
+    """Row of a setting in ``ocp settings``; ``range`` describes its values, and ``default`` is None if it has none."""
 
     name: str
     kind: str
@@ -37,12 +37,12 @@ class SettingRow:
 
 
 def setting_rows(cls: type) -> list[SettingRow]:
-    """Return the settings of a class; those without a meaning are not the user's."""
+    """Return the settings of a class that users can set, which are those with a declared meaning."""
     return [setting_row(setting) for setting in settings_of(cls).values() if setting.meaning]
 
 
 def setting_row(setting: Setting) -> SettingRow:
-    """Return a declared setting as it is listed."""
+    """Return the row of ``ocp settings`` for a declared setting."""
     return SettingRow(
         setting.name, setting.kind, setting.default, setting.meaning, setting.unit, setting.range.removeprefix("a ")
     )
@@ -58,23 +58,23 @@ class SettingGroup:
     settings: list[SettingRow]
 
     def row(self) -> dict[str, Any]:
-        """Return the group as JSON has it."""
+        """Return the group as a dictionary for JSON."""
         return {**vars(self), "settings": [vars(setting) for setting in self.settings]}
 
 
 def law_groups() -> list[SettingGroup]:
-    """Return contact laws with the settings that ``-c`` takes."""
+    """Return a group per contact law, with the settings that ``-c`` takes."""
     return _groups(LAWS, "-c NAME=VALUE")
 
 
 def law_group(name: str) -> SettingGroup:
-    """Return the settings of a law in a user's file; undeclared ones have no meaning text."""
+    """Return the settings of the law in a user's file; the meaning of undeclared ones is empty."""
     cls = law_class(name)
     return SettingGroup(cls.name, "-c NAME=VALUE", cls.summary, [*map(setting_row, settings_of(cls).values())])
 
 
 def method_groups() -> list[SettingGroup]:
-    """Return methods, settings of a solve, strategies and policies."""
+    """Return groups of transcription methods, settings of a solve, strategies and policies."""
     method_settings = [SettingRow(name, "", None, method.summary) for name, method in METHODS.items()]
     summary = "how a problem becomes a program"
     strategy_settings = [SettingRow(name, "", None, meaning) for name, meaning in STRATEGY_USES.items()]
@@ -88,17 +88,17 @@ def method_groups() -> list[SettingGroup]:
 
 
 def estimator_groups() -> list[SettingGroup]:
-    """Return estimators that mix two orders, with the settings of ``ocp estimate``."""
+    """Return a group per estimator that mixes zeroth and first order, with its settings in ``ocp estimate``."""
     return _groups(RULES, "-s {}.NAME=VALUE")
 
 
 def _groups(table: Mapping[str, Any], syntax: str) -> list[SettingGroup]:
-    """Return a group for each class of a table; ``{}`` in the syntax stands for its name."""
+    """Return a group per class of a table; the name of the class replaces ``{}`` in the syntax."""
     return [SettingGroup(name, syntax.format(name), cls.summary, setting_rows(cls)) for name, cls in table.items()]
 
 
 def training_groups() -> list[SettingGroup]:
-    """Return settings of ``ocp train``: of all algorithms, and of each."""
+    """Return groups of settings of ``ocp train``: those of all algorithms, of psi, and of each algorithm."""
     psi = SettingGroup(
         "psi",
         "-s psi=NAMES, and -s psi.NAME=VALUE",
@@ -125,7 +125,7 @@ def declared_groups() -> list[SettingGroup]:
 
 
 def groups_by_kind() -> dict[str, list[SettingGroup]]:
-    """Return the groups by kind, a word that ``ocp settings`` takes."""
+    """Return a mapping from a word that ``ocp settings`` takes, such as ``laws``, to groups of settings."""
     return {
         "methods": method_groups(),
         "laws": law_groups(),
@@ -148,9 +148,7 @@ def changed_defaults(group: SettingGroup) -> SettingGroup:
 def find_groups(word: str) -> list[SettingGroup]:
     """Return the groups of a kind, the group called ``word``, or all settings with that name.
 
-    A file (``*.py``) is that of a user's law.
-
-    Raises :class:`~ocp.errors.InputError` with the nearest name where there is none.
+    A ``*.py`` file is that of a user's law. Raises :class:`~ocp.errors.InputError` for an unknown name.
     """
     named = {group.name: group for group in declared_groups()}
     if word.endswith(".py"):
@@ -178,7 +176,7 @@ def find_groups(word: str) -> list[SettingGroup]:
 
 
 def setting_line(setting: SettingRow) -> str:
-    """Return a setting as it is typed, its range and its meaning, on lines of 80 columns."""
+    """Return ``NAME=DEFAULT``, range and meaning of a setting, wrapped at 80 columns."""
     default = default_text(setting.default)
     text = f"{setting.name}={default}" if default else setting.name
     kind = f" ({setting.range or setting.kind})" if setting.kind else ""
@@ -192,7 +190,7 @@ def setting_line(setting: SettingRow) -> str:
 
 
 def default_text(value: Any) -> str:
-    """Return a default as it is typed on the command line; "" for none."""
+    """Return a default as it is typed on the command line; "" for None."""
     if value is None or isinstance(value, bool):
         return "" if value is None else str(value).lower()
     if isinstance(value, tuple):

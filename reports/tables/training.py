@@ -1,4 +1,4 @@
-"""Stored trainings, and episodes of a policy, in words and numbers."""
+"""Tables, sentences and JSON on stored training runs and on episodes of a policy."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from ocp.store.stored_run import StoredRun
 from reports.tables.console import number, percent, table_of, value_text
 
 _EVALUATION_PREFIX = "evaluation_"
-"""Prefix of the arrays that evaluations give."""
+"""Prefix of the arrays of a training run that come from evaluations of its policy."""
 
 
 def training_meta(data: xr.Dataset) -> dict[str, Any]:
-    """Return the result of a training for its run's description."""
+    """Return the outcome of a training run as fields of its metadata."""
     best, evaluations = int(data["best_iteration"]), evaluation_rows(data)
     first, last = evaluations[0], evaluations[-1]
     best_row = next(row for row in evaluations if row["iteration"] == best)
@@ -44,7 +44,7 @@ def training_meta(data: xr.Dataset) -> dict[str, Any]:
 
 
 def evaluation_rows(data: xr.Dataset) -> list[dict[str, Any]]:
-    """Return the evaluated iterations with return, length and measures of the policy."""
+    """Return a row per evaluated iteration: return, length and measures of the policy."""
     names = [str(name) for name in data.data_vars if str(name).startswith(_EVALUATION_PREFIX)]
     evaluated = np.flatnonzero(np.isfinite(data[f"{_EVALUATION_PREFIX}return"].values))
     return [
@@ -57,7 +57,7 @@ def evaluation_rows(data: xr.Dataset) -> list[dict[str, Any]]:
 
 
 def measure_names(row: Mapping[str, Any]) -> list[str]:
-    """Return the names of a task's measures, such as a speed, in a row."""
+    """Return the keys of an evaluation's row that are measures of the task, such as a speed."""
     common = ("iteration", "return", "return_deviation", "length", "unsolved")
     return [name for name in row if name not in common]
 
@@ -71,7 +71,7 @@ class SeedGroup:
 
     @property
     def returns(self) -> np.ndarray:
-        """Return under the exact law of each run's policy."""
+        """Returns (n_runs,) of the runs' policies under the exact law."""
         return np.array([run.meta["return"] for run in self.runs], dtype=float)
 
     @property
@@ -81,7 +81,7 @@ class SeedGroup:
 
 
 def group_seeds(runs: Sequence[StoredRun]) -> list[SeedGroup]:
-    """Return runs grouped by their requests, in the order of the first of each group."""
+    """Return groups of runs with equal requests, in the order of the first run of each."""
     requests = [_flat(run) for run in runs]
     order: dict[str, list[int]] = {}
     for place, request in enumerate(requests):
@@ -110,7 +110,7 @@ def algorithm_of(run: StoredRun) -> str:
 
 
 def _label(request: Mapping[str, Any], firsts: Sequence[Mapping[str, Any]]) -> str:
-    """Return the algorithm, the law where there are several, and settings in which groups still differ."""
+    """Return a label: algorithm, law where groups differ in it, and other settings in which groups differ."""
     laws = {other["contact"] for other in firsts}
     name = f"{request['algorithm']} {request['contact']}" if len(laws) > 1 else request["algorithm"]
     shared_pair = [request["algorithm"], request["contact"]]
@@ -120,7 +120,7 @@ def _label(request: Mapping[str, Any], firsts: Sequence[Mapping[str, Any]]) -> s
 
 
 def group_verdict(group: SeedGroup) -> str:
-    """Return a sentence over the seeds: the return, from lowest to highest, and measures."""
+    """Return a sentence on a group: mean and range of the return over its seeds, and mean measures."""
     if len(group.runs) == 1:
         text = str(group.runs[0].meta["verdict"])
         return f"{group.label}: {text[:1].lower()}{text[1:]}"
@@ -168,7 +168,7 @@ def training_document(seed_groups: Sequence[SeedGroup]) -> dict[str, Any]:
 
 
 def summary_rows(seed_groups: Sequence[SeedGroup]) -> tuple[list[str], list[list[str]]]:
-    """Return titles and cells with a line per run."""
+    """Return column titles, and a row of cells per run."""
     names = measure_names(seed_groups[0].runs[0].meta["evaluation"]) if seed_groups else []
     units = {name: seed_groups[0].runs[0].data[_EVALUATION_PREFIX + name].attrs.get("units", "") for name in names}
     heads = [
@@ -201,22 +201,22 @@ def summary_rows(seed_groups: Sequence[SeedGroup]) -> tuple[list[str], list[list
 
 
 def summary_table(runs: Sequence[StoredRun]) -> Table:
-    """Return a table with a line per run."""
+    """Return a table of training runs, one row per run."""
     heads, cells = summary_rows(group_seeds(runs))
     return table_of(heads[0], *(f">{head}" for head in heads[1:]), rows=cells)
 
 
 _CONFIDENCE = 0.95
-"""Confidence of intervals of means."""
+"""Confidence level of the intervals of means."""
 _SHARE_TITLES = {"fallen": "episodes ended", "lost": "episodes lost", "unsolved": "steps unsolved"}
-"""Titles of shares of episodes and of steps."""
+"""Mapping from shares of episodes or steps to their titles in tables."""
 
 
 def evaluation_summary(task: Task, evaluation: PolicyEvaluation) -> dict[str, Any]:
-    """Return mean, 95 % interval, least and most of return, length and measures.
+    """Return mean, 95 % confidence interval, minimum and maximum of return, length and measures.
 
-    ``fallen`` is the share of episodes that ended before the task's horizon, ``lost`` that of those
-    that ended where a contact found no solution, ``unsolved`` the share of such steps.
+    ``fallen`` is the share of episodes that the task ended before its horizon, ``lost`` the share that
+    ended where the contact found no solution, ``unsolved`` the share of steps without a solution.
     """
     lost = {int(sample) for sample in np.asarray(evaluation.unsolved).reshape(-1, 2)[:, 0]}
     ended_early = [n for n, length in enumerate(evaluation.lengths) if length < task.horizon and n not in lost]
@@ -235,7 +235,7 @@ def evaluation_summary(task: Task, evaluation: PolicyEvaluation) -> dict[str, An
 
 
 def _spread(values: np.ndarray, unit: str) -> dict[str, Any]:
-    """Return mean, Student's interval of it (None for a single episode), least and most."""
+    """Return mean, its Student's t interval (None for a single episode), minimum, maximum and unit."""
     from scipy.special import stdtrit
 
     values = np.asarray(values, dtype=float)
@@ -271,7 +271,7 @@ def _interval(spread: Mapping[str, Any]) -> str:
 
 
 def evaluation_table(judged: Mapping[str, Any]) -> Table:
-    """Return a row for return, length and each measure, beside the result of training."""
+    """Return a table of return, length, measures and shares, next to their values in training."""
     training_row = judged["own"]
     table = table_of("", ">mean", ">95 % interval", ">least", ">most", ">in training")
     rows = {"return": judged["return"], "length": judged["length"], **judged["measures"]}

@@ -1,4 +1,4 @@
-"""Progress of trainings on the terminal: a line and a curve each, and the last rows of a single one."""
+"""Progress of training runs on the terminal: a line and a curve per run; for a single run also its last rows."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from reports.tables.console import number, small, table_of
 
 Callback = Callable[[int, Mapping[str, float]], None]
 _LAST_ROWS = 5
-"""Last rows that are shown of a single training."""
+"""Number of last rows shown for a single training run."""
 _ROW_COLUMNS = 6
-"""Columns of these rows, after the iteration."""
+"""Number of columns in the table of last rows, after the iteration."""
 _PLOT_SIZE = (56, 6)
-"""Width and height of the curve of a single training [characters]."""
+"""Width and height of the curve of a single training run [characters]."""
 _SPARKLINE_WIDTH = 20
-"""Width of the curve of one of several trainings [characters]."""
+"""Width of the curve of one of several training runs [characters]."""
 _ELSEWHERE = (
     "iteration",
     "wall_s",
@@ -30,34 +30,34 @@ _ELSEWHERE = (
     "evaluation_length",
     "evaluation_unsolved",
 )
-"""Columns that the last rows leave out."""
+"""Quantities that the table of last rows leaves out."""
 
 
 @dataclass
 class LearningCurve:
-    """Rows that one training has reported, from iteration 0 up to ``iterations``."""
+    """Rows reported so far by a training run of ``iterations`` iterations."""
 
     name: str
     iterations: int
     rows: list[Mapping[str, float]] = field(default_factory=list)
 
     def values(self, name: str) -> list[float]:
-        """Return all values of ``name``."""
+        """Return the values of quantity ``name``, from all rows that have it."""
         return [row[name] for row in self.rows if name in row]
 
     def last(self, name: str) -> float | None:
-        """Return the last value of ``name``; None before the first."""
+        """Return the last value of quantity ``name``; None before the first."""
         return next(reversed(self.values(name)), None)
 
     @property
     def curve(self) -> list[float]:
-        """Values to draw: returns under the exact law, or of the samples while those are few."""
+        """Returns under the exact law; while there are fewer than two, mean returns of the training samples."""
         exact, sampled = self.values("evaluation_return"), self.values("return_mean")
         return exact if len(exact) > 1 or not sampled else sampled
 
     @property
     def left(self) -> float | None:
-        """Seconds to the end, at the rate since the first row; None while unknown."""
+        """Estimated time to the last iteration [s], from the rate since the first row; None while unknown."""
         first, last = self.rows[0], self.rows[-1]
         done = last["iteration"] - first["iteration"]
         if not done or "wall_s" not in last:
@@ -67,10 +67,10 @@ class LearningCurve:
 
 @contextmanager
 def show_trainings(trainings: Mapping[str, int], quiet: bool, check: Callable[[], None]) -> Iterator[Callback]:
-    """Yield a callback for the place of a training and each of its rows.
+    """Yield a callback that takes the index of a training run and its next row.
 
-    ``trainings`` are their iterations by name. On a terminal all of them are shown, elsewhere one
-    line per evaluation, at most every ten seconds. Each call calls ``check``.
+    ``trainings`` maps names of runs to their numbers of iterations. A terminal shows all runs; elsewhere
+    a line is printed per evaluation, at most every ten seconds. Each call calls ``check``.
     """
     curves = [LearningCurve(name, iterations) for name, iterations in trainings.items()]
     with console.live(quiet, every_s=10.0) as show:
@@ -86,7 +86,7 @@ def show_trainings(trainings: Mapping[str, int], quiet: bool, check: Callable[[]
 
 
 def training_line(training: LearningCurve) -> str:
-    """Return the state of a training in at most 80 columns."""
+    """Return the state of a training run as one line of at most 80 columns."""
     row = training.rows[-1]
     words = [f"{training.name}  {row['iteration']:.0f}/{training.iterations}"]
     values = ((title, training.last(key), show) for key, title, show in _LINE_VALUES)
@@ -99,11 +99,11 @@ _LINE_VALUES: tuple[tuple[str, str, Callable[[float], str]], ...] = (
     ("return_mean", "return", lambda value: number(value, 4)),
     ("gradient_norm", "|gradient|", small),
 )
-"""Key, title and format of each value in a training's line."""
+"""Key, title and formatting function of each value in the line of a training run."""
 
 
 def progress_view(curves: Sequence[LearningCurve]) -> RenderableType:
-    """Return a line per training; for a single one also its curve and its last rows."""
+    """Return a table of training runs; for a single run also its curve and its last rows."""
     heads = ("training", ">iteration", ">exact return", ">return", ">time", ">left", "")
     table = table_of(*heads, rows=[_cells(training) for training in curves])
     if len(curves) > 1 or not curves[0].rows:
@@ -129,7 +129,7 @@ def _cells(training: LearningCurve) -> tuple[str, ...]:
 
 
 def rows_table(rows: Sequence[Mapping[str, Any]]) -> RenderableType:
-    """Return rows of one training as a table: evaluations, samples, and further columns."""
+    """Return a table of a training run's rows: first the columns of evaluations, then others."""
     names = list(dict.fromkeys(name for row in rows for name in row if name not in _ELSEWHERE))
     names.sort(key=lambda name: not name.startswith("evaluation_"))
     names = names[:_ROW_COLUMNS]
@@ -143,12 +143,12 @@ _EIGHTHS = " ▁▂▃▄▅▆▇█"
 
 
 def sparkline(values: Sequence[float], width: int) -> str:
-    """Return at most ``width`` letters from ▁, the least, to █, the largest; spaces for NaN."""
+    """Return at most ``width`` characters from ▁, the smallest value, to █, the largest; spaces for NaN."""
     return _bars(values, width, 1)[0][0]
 
 
 def bar_plot(values: Sequence[float], width: int, height: int) -> list[str]:
-    """Return a bar chart of ``height`` lines, the largest value on top, with both ends on the left."""
+    """Return the lines of a bar chart, with the largest and the smallest value on the left."""
     rows, low, high = _bars(values, width, height)
     ends = [f"{high:.4g}", *[""] * (height - 2), f"{low:.4g}"]
     margin = max(map(len, ends))
@@ -156,7 +156,7 @@ def bar_plot(values: Sequence[float], width: int, height: int) -> list[str]:
 
 
 def _bars(values: Sequence[float], width: int, height: int) -> tuple[list[str], float, float]:
-    """Return rows of a bar chart, with the least and largest value; columns show their last value."""
+    """Return rows of a bar chart, the smallest and the largest value; more than ``width`` values are thinned out."""
     numbers = np.asarray(values, dtype=float)
     if len(numbers) > width:
         numbers = numbers[np.linspace(0, len(numbers) - 1, width).round().astype(int)]

@@ -1,1 +1,1 @@
-"""The commands of learned laws: data, and models of them."""
+"""Commands that collect data, fit models of a time step, and train and evaluate policies."""

@@ -1,4 +1,4 @@
-"""``ocp collect`` and ``ocp learn``: transitions of a problem, and a model of one step."""
+"""``ocp collect`` and ``ocp learn``: sample transitions of a problem, and fit a model of one time step."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ from reports.tables import learned_models
 
 @dataclass(frozen=True)
 class CollectRequest:
-    """A problem at its parameters, the region of its transitions, and their number."""
+    """Checked request of ``ocp collect``: a problem, the region of its transitions, and their number."""
 
     name: str
     params: dict[str, Any]
@@ -79,7 +79,7 @@ def check_collect(options: CollectOptions) -> CollectRequest:
 
 
 def run_collect(options: CollectOptions, request: CollectRequest) -> int:
-    """Draw states without penetration and inputs, and advance each by one step of the exact law."""
+    """Draw states without penetration, with inputs, advance each by one step of the exact law, and save all."""
     start_s, step = time.perf_counter(), request.problem.exact_step
     origin = {"problem": request.name, "parameters": request.params}
     with input_errors(f"{request.name}: "):
@@ -96,7 +96,7 @@ def run_collect(options: CollectOptions, request: CollectRequest) -> int:
 
 
 def _drawn(options: CollectOptions, request: CollectRequest) -> list[Drawn]:
-    """Return all pieces in their order, from the workers that the options name."""
+    """Return all pieces of the sample in order, drawn by the workers that the options choose."""
     jobs = [
         CollectJob(request.file, request.params, request.content, piece)
         for piece in split_pieces(request.samples, options.seed)
@@ -106,13 +106,13 @@ def _drawn(options: CollectOptions, request: CollectRequest) -> list[Drawn]:
 
 
 MODELS = {"ewda": "weighted average of the data", "mlp": "network trained on noised data"}
-"""Kinds of models with their summaries."""
+"""Mapping from each kind of model to its summary."""
 NETWORK_OPTIONS = ("hidden", "epochs", "seeds", "jobs", "scheduler")
-"""Options that have an effect on networks alone."""
+"""Options that affect only networks."""
 HELD_OUT = 0.1
 """Share of the rows that is held out to measure the fit."""
 _COPIES = 6
-"""Copies of all weights in training: current, best, gradient, two moments of Adam, the update."""
+"""Number of copies of all weights in training: current, best, gradient, two moments of Adam, update."""
 
 
 @dataclass(frozen=True)
@@ -148,7 +148,7 @@ def check(options: LearnOptions) -> LearnRequest:
     recipe = _recipe(options, data, hidden) if network else None
     key = {"data": data.hash, "sigma": options.noise, "hidden": hidden, "epochs": options.epochs}
     place = atomic.replaceable_path(options.file)
-    # Next to the file; none for a device or a FIFO.
+    # Checkpoints lie next to the file; a device or a FIFO has none.
     root = place.parent if network and place is not None else None
     seeds = range(options.seed, options.seed + options.seeds)
     return LearnRequest(data, recipe, [Checkpoint(root, "", {**key, "seed": seed}) for seed in seeds])
@@ -163,7 +163,7 @@ def _recipe(options: LearnOptions, data: Transitions, hidden: tuple[int, ...]) -
 
 
 def _data(options: LearnOptions) -> Transitions:
-    """Read the data, and check that data of a problem have its states and inputs."""
+    """Return the data in the file; data of a problem are checked for its states and inputs."""
     problem = None if options.problem is None else spec(options.problem)
     system = None if problem is None else problem.problem().system
     signals = None if system is None else (system.states, system.inputs)
@@ -219,7 +219,7 @@ def run(options: LearnOptions, request: LearnRequest) -> int:
 
 @dataclass(frozen=True)
 class Learned:
-    """A model with its errors; ``error`` is the lowest held-out error of a network's training."""
+    """A fitted model; ``error`` is the lowest held-out error in a network's training, NaN for an average."""
 
     dataset: xr.Dataset
     seed: int
@@ -230,7 +230,7 @@ class Learned:
 
 @dataclass(frozen=True)
 class NetworkJob:
-    """The training of one network; ``checkpoint_folder`` is None where the model goes to a device."""
+    """Job that trains one network; ``checkpoint_folder`` is None if the model is written to a device."""
 
     data: Transitions
     noise: float
@@ -240,7 +240,7 @@ class NetworkJob:
 
 
 def train_network(job: NetworkJob, report: Report) -> Learned:
-    """Train a network; a :data:`~ocp.jobs.scheduling.Function` that reports every epoch.
+    """Return a trained network; a :data:`~ocp.jobs.scheduling.Function` that reports every epoch.
 
     Raises :class:`~ocp.errors.InputError` for data that a network cannot learn from.
     """
@@ -261,7 +261,7 @@ def train_network(job: NetworkJob, report: Report) -> Learned:
 
 
 def _trained(options: LearnOptions, request: LearnRequest, recipe: Recipe) -> list[Learned]:
-    """Return a network for each seed, in the order of the seeds, from the workers that options name."""
+    """Return a trained network for each seed, in the order of the seeds."""
     with ExitStack() as resources:
         for checkpoint in request.checkpoints:
             resources.enter_context(checkpoint)
@@ -288,7 +288,7 @@ def _described(data: Transitions, model: Any, held_out: Any, noise: float, seed:
 
 
 def _averaged(options: LearnOptions, data: Transitions) -> xr.Dataset:
-    """Return the average of all rows except the held-out ones, with its errors on those."""
+    """Return the weighted-average model of all rows but the held-out ones, with its errors on those."""
     training_rows, held_out = split_rows(len(data), HELD_OUT, options.seed)
     z, y = data.z[training_rows], data.x_next[training_rows]
     scales, sigma = data.normalisation, options.noise

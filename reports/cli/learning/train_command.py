@@ -40,14 +40,14 @@ from reports.tables.training import (
 from reports.tables.training_progress import show_trainings
 
 _OWN_LAW = {"adaptive": {"law": "quartic"}}
-"""Default settings of a law in training, from the paper."""
+"""Mapping from a law to its default settings in training, those of adaptive barrier smoothing (eq. C.2)."""
 _ENDED = 0
-"""Index in a checkpoint of the path of the finished run."""
+"""Number of the checkpoint's point that stores the path of the finished run."""
 
 
 @dataclass(frozen=True)
 class TrainRequest:
-    """All trainings, their checkpoints and experiments, and the number of processes."""
+    """Checked request of ``ocp train``: jobs with their checkpoints and experiments, and the number of processes."""
 
     jobs: list[TrainingJob]
     checkpoints: list[Checkpoint]
@@ -99,7 +99,7 @@ def _jobs(options: TrainOptions, spec: TaskSpec, task: Task) -> tuple[list[Train
 
 
 def _law(options: TrainOptions, algorithm: Algorithm, task: Task) -> ContactLaw:
-    """Return the law of the options, or that of the algorithm."""
+    """Return the contact law of ``--contact``, by default that of the algorithm."""
     name = algorithm.contact if options.contact == "own" else options.contact
     settings = parse_assignments("-c", options.law_settings) or _OWN_LAW.get(name, {})
     return make_law(name, settings, task.system)
@@ -138,7 +138,7 @@ def run(options: TrainOptions, request: TrainRequest) -> int:
 def _trained(
     options: TrainOptions, request: TrainRequest, unfinished_places: list[int], stored: dict[int, Path]
 ) -> dict[int, Exception]:
-    """Run the unfinished trainings, add each to ``stored`` as it ends, and return the failures."""
+    """Run the unfinished jobs, add the path of each run to ``stored``, and return the errors of failed jobs."""
     failed: dict[int, Exception] = {}
     jobs = {place: replace(request.jobs[place], kept=request.checkpoints[place].place) for place in unfinished_places}
     workers = Workers(request.workers, options.scheduler)
@@ -156,7 +156,7 @@ def _trained(
 
 
 def _stored_before(request: TrainRequest) -> dict[int, Path]:
-    """Return the runs that the same command stored before it stopped, by place."""
+    """Return a mapping from index of a job to the run that an earlier, stopped call of the command stored."""
     path_at = {}
     for place, checkpoint in enumerate(request.checkpoints):
         rows = checkpoint.rows(_ENDED)
@@ -177,7 +177,7 @@ def _store(options: TrainOptions, request: TrainRequest, place: int, data: Any) 
 def _print_results(
     options: TrainOptions, paths: list[Path], request: TrainRequest, failed: dict[int, Exception]
 ) -> None:
-    """Print the results; then raise the first failure, if there is one."""
+    """Print the results, and write the PDF if requested; then raise the first failure, if there is one."""
     if not paths:
         raise next(iter(failed.values()))
     from reports.documents.pdf import write_pdf

@@ -19,20 +19,20 @@ from problems.tasks.registry import TaskSpec, default_settings, make_algorithm
 from reports.tables.settings import default_text
 
 SHARED_SETTINGS = {name: setting for name, setting in settings_of(Experiment).items() if setting.meaning}
-"""Settings that every algorithm has, fields of :class:`~ocp.learning.experiment.Experiment`."""
+"""Settings of every algorithm, which are fields of :class:`~ocp.learning.experiment.Experiment`."""
 _POLICY_SHAPES: dict[str, tuple[int, ...] | None] = {"affine": (), "open-loop": None}
-"""Hidden layers of policies that have names of their own."""
+"""Mapping from named policies to sizes of hidden layers; None for an open-loop policy."""
 
 
 Chosen = list[tuple[Algorithm, dict[str, Any]]]
-"""Algorithms, each with the fields of its experiment by name."""
+"""Algorithms, each with a mapping from fields of its experiment to values."""
 
 
 def algorithms(names: str, setting_texts: Mapping[str, str], spec: TaskSpec) -> Chosen:
-    """Return the algorithms called ``names`` (with commas), with settings for the task of ``spec``.
+    """Return the algorithms in ``names``, separated by commas, with their settings for the task of ``spec``.
 
-    ``name=value`` sets all that have it, ``ars.name=value`` one; defaults are those of the task,
-    then those of the algorithm.
+    The setting ``name=value`` applies to all algorithms that have it, ``ars.name=value`` to one;
+    defaults are those of the task, then those of the algorithm.
 
     Raises :class:`~ocp.errors.InputError` for an unknown algorithm or setting, and for a bad value.
     """
@@ -104,12 +104,12 @@ PSI_SETTINGS = {
     "psi.NAME": "initial value of a learned parameter",
     "psi.n_envs": "episodes continued in every iteration; psi.steps of each",
 }
-"""Settings of ``-s``; further ones are fields of PsiLearning and of its random search."""
+"""Settings of learned parameters in the help; others are fields of PsiLearning and of its random search."""
 
 
 @dataclass(frozen=True)
 class LearnedParameters:
-    """Physical parameters to learn, by ``names``; ``guesses`` are initial values by name."""
+    """Names of physical parameters to learn, with settings; ``guesses`` maps names to initial values."""
 
     names: tuple[str, ...] = ()
     guesses: dict[str, float] = field(default_factory=dict)
@@ -117,8 +117,7 @@ class LearnedParameters:
     search_settings: dict[str, Any] = field(default_factory=dict)
 
     def wrap(self, algorithm: Algorithm) -> Algorithm:
-        """Return the algorithm, wrapped to learn the parameters where there are any."""
-
+        """Return the algorithm, wrapped to learn the parameters as well if there are any."""
         if not self.names:
             return algorithm
         search = RandomSearch(**self.search_settings)
@@ -126,7 +125,7 @@ class LearnedParameters:
 
 
 def learned_parameters(setting_texts: Mapping[str, str], physical: Sequence[str]) -> LearnedParameters:
-    """Read the settings that begin with psi; ``physical`` are the names of the task's parameters.
+    """Return the parameters that settings of psi choose; ``physical`` are the names of the task's parameters.
 
     Raises :class:`~ocp.errors.InputError` for unknown names and bad values.
     """
@@ -154,7 +153,7 @@ def learned_parameters(setting_texts: Mapping[str, str], physical: Sequence[str]
 
 
 def is_psi(key: str) -> bool:
-    """Return whether a setting begins with psi."""
+    """Return whether the name of a setting is ``psi`` or begins with ``psi.``."""
     return key.partition(".")[0] == PSI
 
 

@@ -23,9 +23,9 @@ NOISE = 0.2
 
 
 class CollectOptions(JobsOptions):
-    """Draw states without penetration and inputs, and advance each by one step of the exact law.
+    """Draw states without penetration, with inputs, and advance each by one step of the exact law.
 
-    Half are drawn in the problem's region, half in a tube around the path from start to goal.
+    Half of them are drawn in the problem's region, half in a tube around the path from start to goal.
     """
 
     code: ClassVar = "reports.cli.learning.learn_command:collect"
@@ -89,7 +89,7 @@ class TrainOptions(LawOptions, TagOptions):
 
     @classmethod
     def epilog(cls) -> str:
-        """Tasks, algorithms and settings."""
+        """Return the help text on tasks, algorithms and settings, below the examples."""
         from reports.cli.learning.training_options import help_text
 
         return f"\n{help_text()}\n"

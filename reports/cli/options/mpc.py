@@ -12,7 +12,7 @@ class MpcOptions(LawOptions, TagOptions):
     """Simulate a receding-horizon controller on a plant, and store the closed loop as a run.
 
     The plant may differ from the model: finer steps, noise, other parameters, a delay, pushes. Each
-    seed has its own noise. Ctrl-C keeps what ran.
+    seed has its own noise. After Ctrl-C the samples so far are stored.
     """
 
     code: ClassVar = "reports.cli.mpc_command"

@@ -18,7 +18,7 @@ from reports.cli.options.shared import (
 
 
 class FigureOptions(JobsOptions, StoreOptions):
-    """Run a study, store it, draw it as ID.pdf beside its data ID.nc, and check its claims.
+    """Run a study, store it, draw it to ID.pdf, write its data to ID.nc, and check its claims.
 
     With --format or --panel the bare figure is written as well, for a paper: ID-figure.pdf, or
     ID-a.pdf for panel a. A stored run is drawn again without any computation.
@@ -80,7 +80,7 @@ class ExportOptions(SourceOptions):
 
     @property
     def named_runs(self) -> list[str]:
-        """The argument as a list, empty where it is the name or file of a problem."""
+        """The argument as a list of one run; empty if it is the name or file of a problem."""
         from problems import names
 
         return [] if self.subject in names() or self.subject.endswith(".py") else [self.subject]

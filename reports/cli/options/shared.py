@@ -25,16 +25,16 @@ LAW_HELP = "Contact law: a name of ocp settings laws, or path/to/file.py."
 
 
 def option(default: Any, *flags: str, **typer_options: Any) -> Any:
-    """Declare a field as an option with a default, or ``MISSING``, and keywords of ``typer.Option``.
+    """Declare a field as an option with keywords of ``typer.Option``; the default ``MISSING`` makes it required.
 
-    Its flag is ``--name``, unless ``flags`` have another long one.
+    Its flag is ``--name``, unless ``flags`` contain another long one.
     """
     metadata = {"make": typer.Option, "flags": flags, **typer_options}
     return field(default=default, metadata=metadata)
 
 
 def assignment(*flags: str, help: str) -> Any:
-    """Declare a field as an option ``K=V`` that may be repeated."""
+    """Declare a field as an option that takes ``K=V`` and may be repeated."""
     return option(None, *flags, metavar="K=V", help=help)
 
 
@@ -44,7 +44,7 @@ def argument(default: Any = MISSING, **typer_options: Any) -> Any:
 
 
 def decode_utf8(word: str) -> str:
-    """Return the word in UTF-8; an ASCII locale passes its bytes to Python as lone surrogates.
+    """Return a word decoded as UTF-8, also if an ASCII locale passed its bytes as lone surrogates.
 
     Raises ``UnicodeError`` for invalid UTF-8.
     """
@@ -54,12 +54,12 @@ def decode_utf8(word: str) -> str:
 @dataclass(frozen=True, kw_only=True)
 @dataclass_transform(kw_only_default=True, frozen_default=True, field_specifiers=(option, assignment, argument, field))
 class Options:
-    """Options of every command; ``explicit`` names the options that the command line gives.
+    """Base class of the options of a command; ``explicit`` names those given on the command line.
 
     ``code`` is the module of the command, with ``check(options)``, which raises
     :class:`~ocp.errors.InputError` or a related error before any work, and
     ``run(options, checked)``, which returns the exit code; ``"module:name"`` has ``check_name``
-    and ``run_name``. The help has the class's docstring, ``examples`` without ``ocp``, and
+    and ``run_name``. The help shows the class's docstring, ``examples``, written without ``ocp``, and
     ``epilog()``.
     """
 
@@ -76,7 +76,7 @@ class Options:
 
     @classmethod
     def epilog(cls) -> str:
-        """Text below the examples."""
+        """Return the help text below the examples."""
         return ""
 
     def check(self) -> None:
@@ -89,7 +89,7 @@ class Options:
 
     @property
     def argv(self) -> list[str]:
-        """The command line, as a run records it."""
+        """Words of the command line, as a run records them."""
         return ["ocp", *map(decode_utf8, sys.argv[1:])]
 
     @property
@@ -100,32 +100,32 @@ class Options:
 
 
 class StoreOptions(Options):
-    """The directory of the run store."""
+    """Option for the directory of the run store."""
 
     out: Path = option(Path("runs"), envvar="OCP_RUNS", help="Directory of the run store.")
 
     def stored(self, run: str) -> StoredRun:
-        """Read the run that a text names; raises as ``store.find_run`` and ``store.load`` do."""
+        """Return the run that a text names; raises as ``store.find_run`` and ``store.load`` do."""
         from ocp import store
 
         return store.load(store.find_run(run, self.out))
 
 
 class RunOptions(StoreOptions):
-    """A stored run."""
+    """Argument of commands that read one stored run."""
 
     run: str = argument(help=RUN_HELP)
 
 
 class SourceOptions(StoreOptions):
-    """The file of a run's problem. A run is data: code that it names is never loaded by itself."""
+    """Option for the file that defines a run's problem; a file that the run names is never loaded unasked."""
 
     source: str | None = option(None, "--source", metavar="FILE", help="File that defines the problem of the run.")
 
     def problem_from_source(self, runs: Sequence[StoredRun]) -> ProblemSpec | None:
-        """Return the problem in that file, None without one; warn where it has changed since the run.
+        """Return the problem that ``--source`` defines, None without it; warn if it has changed since a run.
 
-        Raises :class:`~ocp.errors.InputError` where it cannot be read, or is not the runs' problem.
+        Raises :class:`~ocp.errors.InputError` if it cannot be read, or is not the runs' problem.
         """
         from problems.plugin import edited, named_file
 
@@ -137,7 +137,7 @@ class SourceOptions(StoreOptions):
 
 
 class TagOptions(StoreOptions):
-    """Tags of the stored run."""
+    """Option for tags of the stored run."""
 
     tags: list[str] | None = option(None, "--tag", metavar="WORD", help="Tag the run; ocp runs --tag WORD finds it.")
 
@@ -150,7 +150,7 @@ class TagOptions(StoreOptions):
 
 
 class LawOptions(StoreOptions):
-    """A contact law and its settings."""
+    """Options for a contact law and its settings."""
 
     contact: str = option("exact", help=LAW_HELP)
     law_settings: list[str] | None = assignment(
@@ -159,7 +159,7 @@ class LawOptions(StoreOptions):
 
 
 class ProblemOptions(LawOptions, TagOptions):
-    """A problem under a law and a policy, and a report of the result."""
+    """Options for a problem, its contact law and policy, and a report of the result."""
 
     problem: str = argument(help=PROBLEM_HELP)
     params: list[str] | None = assignment("--param", "-p", help="Parameter of the problem; list with ocp show PROBLEM.")
@@ -172,7 +172,7 @@ class ProblemOptions(LawOptions, TagOptions):
 
 
 class SolverOptions(ProblemOptions):
-    """A method and a solver."""
+    """Options for transcription method and solver."""
 
     method: str = option("direct", help="direct, multiple-shooting, ...")
     solver: str = option("ipopt", help="ipopt, fatrop, uno or sleqp.")
@@ -185,7 +185,7 @@ class JobsOptions(Options):
     scheduler: str | None = option(None, metavar="ADDRESS", help="Address of a Dask scheduler; jobs go to its workers.")
 
     def check(self) -> None:
-        """Raise InputError where both local processes and a cluster are requested."""
+        """Raise InputError if both local processes and a cluster are requested."""
         from ocp.errors import InputError
 
         super().check()
@@ -205,7 +205,7 @@ class StartsOptions(JobsOptions, SolverOptions):
     rank: str = option("planned", help="Cost that ranks several starts: planned, exact or referee.")
 
     def check(self) -> None:
-        """Raise InputError for an unknown rank, and for the rank of a single start."""
+        """Raise InputError for an unknown rank, and for a rank with a single start."""
         from ocp.errors import InputError, choose
 
         super().check()

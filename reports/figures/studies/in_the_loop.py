@@ -1,4 +1,4 @@
-"""Drawing of the study of laws in the closed loop: C1."""
+"""Drawing of study C1, on contact laws in the closed loop."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from reports.figures.studies.panels import drawing
 from reports.tables.law_tables import excess_text
 
 _GOOD_EXCESS = 0.1
-"""Excess at which the colours change from blue to red."""
+"""Excess cost, relative to the best controller, at which the colours change from blue to red."""
 _EXCESS_RANGE = (1e-3, 100.0)
-"""Excesses at which the colours end."""
+"""Range of excess costs, relative to the best controller, that the colours span."""
 
 
 @drawing(
@@ -31,7 +31,7 @@ _EXCESS_RANGE = (1e-3, 100.0)
     "over the first horizon. Above each column the median of the times of a sample."
 )
 def c1(data: xr.Dataset) -> Figure:
-    """Draw two heat maps: a row per task and plant, a column per controller."""
+    """Draw study C1, two heat maps of excess cost: a row per task and plant, a column per controller."""
     rows = run_settings(data)
     figure = Figure(figsize=(WIDTH, 1.3 + 0.29 * len(rows)))
     planning_axis, gains_axis = figure.subplots(1, 2, width_ratios=(len(LAWS), len(FEEDBACK + INPUTS)))
@@ -85,7 +85,7 @@ def _map(axis: Axes, data: xr.Dataset, names: Sequence[str], span: str) -> None:
 
 
 def _spread(half_width: float, mean: float) -> str:
-    """Return half of an interval in the unit of :func:`~reports.tables.law_tables.excess_text`."""
+    """Return half the width of an interval as text, like :func:`~reports.tables.law_tables.excess_text`."""
     if mean >= 2:
         return f"±{half_width:.0f}" if half_width >= 9.5 else f"±{half_width:.2g}"
     return f"±{half_width:.1%}" if half_width < 0.0995 else f"±{half_width:.0%}"

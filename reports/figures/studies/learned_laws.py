@@ -1,4 +1,4 @@
-"""Drawings of the studies of learned laws and models: N2, N3 and AM."""
+"""Drawings of studies N2, N3 and AM, on learned contact laws and models."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from reports.figures.studies.panels import drawing
 from reports.tables.law_tables import broken_name, excess_text, seconds_of
 
 _DYNAMICS_COLORS = {"f": GREY, "f_sigma": GREEN, "g_sigma": BLUE, "h": ORANGE, "h_sigma": VERMILLION}
-"""Colour of each of the five dynamics."""
+"""Mapping from each of the five dynamics of study N2 to its colour."""
 _DYNAMICS_LABELS = {
     "f": "$f$",
     "f_sigma": r"$f_\sigma$",
@@ -28,14 +28,14 @@ _DYNAMICS_LABELS = {
     "h": "$h$",
     "h_sigma": r"$h_\sigma$",
 }
-"""Label of each of the five dynamics."""
+"""Mapping from each of the five dynamics of study N2 to its label."""
 _ENDS: dict[str, dict[str, Any]] = {
     "on the model": {"linewidth": 0.7},
     "replayed": {"linewidth": 1.8},
     "IPOPT": {"marker": "o", "linestyle": "", "markerfacecolor": "white"},
     "IPOPT, replayed": {"marker": "o", "linestyle": ""},
 }
-"""How curves and circles of both ends are drawn, of any colour."""
+"""Styles of curves and circles in study N2, for costs on the model and in the exact replay."""
 
 
 @drawing(
@@ -48,7 +48,7 @@ _ENDS: dict[str, dict[str, Any]] = {
     "object's part of the cost of IPOPT's input sequences, at rest, as planned, and replayed."
 )
 def n2(data: xr.Dataset) -> Figure:
-    """Draw curves, strobes, heat maps and bars of two problems."""
+    """Draw study N2: learning curves, strobes, heat maps of costs, and bars of costs, for two problems."""
     figure = Figure(figsize=(WIDTH, 8.2), layout="constrained")
     subfigures: Any = figure.subfigures(4, 1, height_ratios=(2.2, 2.6, 1.7, 1.7))
     curves, strobes, maps, bars = subfigures
@@ -135,7 +135,7 @@ def _costs(axis: Axes, data: xr.Dataset) -> None:
 
 
 _EXCESS_RANGE = (1e-3, 100.0)
-"""Excesses at which the colours end."""
+"""Range of excess costs, relative to the exact law, that the colours span."""
 
 
 @drawing(
@@ -148,7 +148,7 @@ _EXCESS_RANGE = (1e-3, 100.0)
     "plan, right what the replay costs, as a share of standing still."
 )
 def n3(data: xr.Dataset) -> Figure:
-    """Draw the table of excess costs, and the effect of trust below it."""
+    """Draw study N3: the table of excess costs, and the effect of trust in the data below it."""
     figure = Figure(figsize=(WIDTH, 7.6))
     subfigures: Any = figure.subfigures(2, 1, height_ratios=(2.5, 1))
     table, trust = subfigures
@@ -184,7 +184,7 @@ def _table(axis: Axes, data: xr.Dataset) -> None:
 
 
 def _mark(lives: int, of: int) -> str:
-    """Return a check mark where plans survive, with their number where not all do."""
+    """Return a check mark if any plans survive, with their number unless all do; "" if none does."""
     if lives == 0:
         return ""
     return r" $\checkmark$" if lives == of else rf" $\checkmark${lives}/{of}"
@@ -201,7 +201,7 @@ def _seconds(axis: Axes, data: xr.Dataset) -> None:
 
 
 def _grid(axis: Axes, data: xr.Dataset) -> None:
-    """Name the columns, and separate the exact law, analytic laws and learned laws."""
+    """Label the columns with problems, and draw lines between exact, analytic and learned laws."""
     axis.grid(False)
     axis.tick_params(length=0)
     axis.xaxis.tick_top()
@@ -226,11 +226,11 @@ def _over_share(axis: Axes, data: xr.Dataset, values: xr.DataArray, label: str) 
 
 
 _MODEL_COLORS = {"psi": BLUE, "network": VERMILLION}
-"""Colour of each kind of model."""
+"""Mapping from each kind of model in study AM to its colour."""
 _DATA_COLORS = {"exact": BLUE, "noise": GREEN, "drag": ORANGE}
-"""Colour of each kind of data."""
+"""Mapping from each kind of data in study AM to its colour."""
 _PSI_RANGE = (0.2, 5.0)
-"""Range of psi over its truth that the axis shows."""
+"""Range of the axis of learned parameters psi, relative to their true values."""
 
 
 @drawing(
@@ -243,7 +243,7 @@ _PSI_RANGE = (0.2, 5.0)
     "starts; what leaves the axis is cut at its edge."
 )
 def am(data: xr.Dataset) -> Figure:
-    """Draw errors above, the random search in the middle, and psi below."""
+    """Draw study AM: model errors above, the random search in the middle, learned parameters psi below."""
     figure = Figure(figsize=(WIDTH, 7.4))
     grid = figure.add_gridspec(3, 2, height_ratios=(1.2, 0.9, 1.0))
     _over_transitions(figure.add_subplot(grid[0, 0]), data)

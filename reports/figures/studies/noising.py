@@ -1,4 +1,4 @@
-"""Drawings of the studies of [noising]: N0 and N1."""
+"""Drawings of studies N0 and N1, on noised data and learned contact dynamics [noising]."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from reports.figures.studies.panels import drawing, light_to_dark
     "deviation, open: data in ranges, filled: half of them in the tube."
 )
 def n0(data: xr.Dataset) -> Figure:
-    """Draw six panels: lemmas, walls, ends, networks and neighbours."""
+    """Draw study N0 in six panels: lemmas, walls, ends of the data, networks, and effective neighbours."""
     figure = Figure(figsize=(WIDTH, 7.2))
     panels = figure.subplots(3, 2).ravel()
     for axis, panel in zip(panels, (_uniform, _risk, _walls, _ends, _networks, _neighbours), strict=True):
@@ -140,7 +140,7 @@ _WALL_M = 1.0
     "dense data, as cobwebs: up to the map, across to the diagonal, and again."
 )
 def n1(data: xr.Dataset) -> Figure:
-    """Draw scenes, learned maps of sparse and of dense data, and rollouts; pusher left, block right."""
+    """Draw study N1: scenes, maps learned from sparse and dense data, and rollouts; pusher left, block right."""
     figure = Figure(figsize=(WIDTH, 7.7))
     rows = figure.subplots(4, 2, height_ratios=(0.42, 1, 1, 1))
     _pusher_scene(rows[0, 0])
@@ -247,7 +247,7 @@ def _cobweb(axis: Axes, data: xr.Dataset, name: str) -> None:
     values, color = (data["block_g"], BLUE) if average else (data["block_h"][0], VERMILLION)
     axis.plot(data["x"], values, color=color)
     for path in data["rollout"].sel(map=name).values:
-        # Over each state to the map's value, then level to the diagonal, where the next begins.
+        # From each state vertically to the map's value, then horizontally to the diagonal, the next state.
         corners = np.repeat(path, 2)
         axis.plot(corners[:-1], np.append(path[0], corners[2:]), color=INK, linewidth=0.8)
         axis.plot(path[0], path[0], "o", color=INK, markersize=3)

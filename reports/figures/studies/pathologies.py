@@ -1,4 +1,4 @@
-"""Drawings of the studies of [pathologies]: P1 to P7."""
+"""Drawings of studies P1 to P7, on gradients through contact [pathologies]."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _P1_COLUMNS = (
     ("throw", "B. throw past a wall", "angle $\\theta$ [rad]", "minus distance$^2$ [m$^2$]", "[m$^2$/rad]"),
     ("pivot", "C. pivoted bar", "angle $\\theta$ [rad]", "$-\\omega^2$ [s$^{-2}$]", "[s$^{-2}$/rad]"),
 )
-"""Name, title and labels of each column of P1."""
+"""Name, title and labels of each column in study P1."""
 
 
 @drawing(
@@ -24,7 +24,7 @@ _P1_COLUMNS = (
     "smoothed objective by quadrature (grey), and the estimates from equally many samples."
 )
 def p1(data: xr.Dataset) -> Figure:
-    """Draw objectives above gradients, one column per system."""
+    """Draw study P1: objectives above gradients, one column per system."""
     figure = Figure(figsize=(WIDTH, 4.6))
     axes = figure.subplots(2, 3)
     for column, (name, title, decision, objective, unit) in enumerate(_P1_COLUMNS):
@@ -43,7 +43,7 @@ def p1(data: xr.Dataset) -> Figure:
 
 
 _P2_MARKERS = {"zobg": "o", "zobg-zero-noise": "^", "zobg-mean": "s", "fobg": "x"}
-"""Marker of each estimator in P2."""
+"""Mapping from estimators to their markers in study P2."""
 
 
 @drawing(
@@ -51,7 +51,7 @@ _P2_MARKERS = {"zobg": "o", "zobg-zero-noise": "^", "zobg-mean": "s", "fobg": "x
     "one sample over the decision; lines: closed forms, marks: samples."
 )
 def p2(data: xr.Dataset) -> Figure:
-    """Draw objective, gradient and variance over theta."""
+    """Draw study P2: objective, gradient and variance over the decision theta."""
     figure = Figure(figsize=(WIDTH, 2.6))
     objective_axis, gradient_axis, variance_axis = figure.subplots(1, 3)
     theta = data["theta"].values
@@ -81,7 +81,7 @@ def p2(data: xr.Dataset) -> Figure:
     "crosses: many, lines: closed forms), and that of the block."
 )
 def p3(data: xr.Dataset) -> Figure:
-    """Draw friction, running estimates, and variances over the tolerance."""
+    """Draw study P3: relaxed friction, running estimates, and variances over the slip tolerance."""
     figure = Figure(figsize=(WIDTH, 4.8))
     (friction, running), (variance, block) = figure.subplots(2, 2)
     slip = data["slip"].values
@@ -114,7 +114,7 @@ def p3(data: xr.Dataset) -> Figure:
 
 
 _P4_COLORS = (GREEN, PURPLE)
-"""Colours of rectangle and dome in P4."""
+"""Colours of rectangle and dome in study P4."""
 
 
 @drawing(
@@ -124,7 +124,7 @@ _P4_COLORS = (GREEN, PURPLE)
     "and estimates, at the rectangle (left) and the dome (right)."
 )
 def p4(data: xr.Dataset) -> Figure:
-    """Draw paths, objective, variance and gradients."""
+    """Draw study P4: paths of throws, objective, variance and gradients."""
     figure = Figure(figsize=(WIDTH, 6.6))
     paths, (objective, variance), gradients = figure.subplots(3, 2)
     place, width, height = (data.attrs[name] for name in ("place", "width", "height"))
@@ -162,7 +162,7 @@ def p4(data: xr.Dataset) -> Figure:
     "has no stiffness, under the exact law (full) and softened (dotted)."
 )
 def p5(data: xr.Dataset) -> Figure:
-    """Draw the variance over the stiffness k."""
+    """Draw study P5: the variance of gradients over the stiffness k of the contact spring."""
     figure = Figure(figsize=(WIDTH, 3.6))
     axis = figure.subplots()
     k = data["k"].values
@@ -187,7 +187,7 @@ def p5(data: xr.Dataset) -> Figure:
     "and the log barrier of eq. 4 (lines: contact law; dots: closed form of eq. 5)."
 )
 def p6(data: xr.Dataset) -> Figure:
-    """Draw the next position and its derivative over the input."""
+    """Draw study P6: the next position and its derivative over the input impulse."""
     figure = Figure(figsize=(WIDTH, 3.0))
     position_axis, slope_axis = figure.subplots(1, 2)
     u, kappas = data["u"].values, data["kappa"].values
@@ -206,9 +206,9 @@ def p6(data: xr.Dataset) -> Figure:
 
 
 _P7_MARKERS = ("o", "x", "^", "s", "D")
-"""Markers of the estimators in P7."""
+"""Markers of the estimators in study P7."""
 _P7_UNITS = {"heaviside": "", "coulomb": " [m/s]", "ball-wall": " [rad]"}
-"""Unit of the decision of each case in P7."""
+"""Mapping from each case in study P7 to the unit of its decision."""
 
 
 @drawing(
@@ -216,7 +216,7 @@ _P7_UNITS = {"heaviside": "", "coulomb": " [m/s]", "ball-wall": " [rad]"}
     "error). Below: mean weight of the first order over all runs."
 )
 def p7(data: xr.Dataset) -> Figure:
-    """Draw estimates and weights of the three cases."""
+    """Draw study P7: gradient estimates, and weights of the first order, of three cases."""
     figure = Figure(figsize=(WIDTH, 4.2))
     rows = figure.subplots(2, 3, sharex="col", height_ratios=(1.6, 1))
     for k, case in enumerate(map(str, data["case"].values)):

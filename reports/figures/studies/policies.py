@@ -1,4 +1,4 @@
-"""Drawings of the studies of policy gradients: A3, A4, A5, A7 and AT."""
+"""Drawings of studies A3, A4, A5, A7 and AT, on policy gradients."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from reports.figures.studies.panels import drawing, quartile_curve
     "range). Right: growth of its logarithm a step from H = 5 on, with twice its standard error."
 )
 def a3(data: xr.Dataset) -> Figure:
-    """Draw variances over the length, and growth rates by law."""
+    """Draw study A3: gradient variances over the length of an unroll, and their growth rate under each law."""
     figure = Figure(figsize=(WIDTH, 4.6))
     tasks, laws = list(map(str, data["task"].values)), list(map(str, data["law"].values))
     panels = figure.subplots(len(tasks), 2, width_ratios=(1.6, 1))
@@ -55,7 +55,7 @@ def a3(data: xr.Dataset) -> Figure:
     "best plan's inputs return."
 )
 def a4(data: xr.Dataset) -> Figure:
-    """Draw returns over steps and over time, a row per task, then shares of the best plan."""
+    """Draw study A4: returns over steps and over time, a row per task, then shares of the best plan's return."""
     figure = Figure(figsize=(WIDTH, 7.2))
     tasks = list(map(str, data["task"].values))
     subfigures: Any = figure.subfigures(2, 1, height_ratios=[2 * len(tasks), 1.6])
@@ -79,7 +79,7 @@ def a4(data: xr.Dataset) -> Figure:
 
 
 def shares(axes: Axes, data: xr.Dataset) -> None:
-    """Draw every run's share of the best plan's return, a line per algorithm, the median as a stroke."""
+    """Draw each run's share of the best plan's return, one line per algorithm, with the median as a stroke."""
     best = data["replayed"].max("guess").mean("start")
     shares_of_best = (data["reached"].mean("start") / best).transpose("algorithm", "run").values
     for k, run_shares in enumerate(shares_of_best):
@@ -91,7 +91,7 @@ def shares(axes: Axes, data: xr.Dataset) -> None:
 
 
 def curves(axes: Axes, data: xr.DataArray, dimension: str, with_labels: bool) -> None:
-    """Draw median and quartiles over runs of ``data`` (algorithm, run, along) where all runs have values."""
+    """Draw median and quartiles over runs of ``data`` (algorithm, run, dimension), where all runs have values."""
     for name in map(str, data["algorithm"].values):
         values = data.sel(algorithm=name).transpose("run", dimension).values
         is_known = np.isfinite(values).all(axis=0)
@@ -105,7 +105,7 @@ def curves(axes: Axes, data: xr.DataArray, dimension: str, with_labels: bool) ->
     "variance of one unroll's gradient, median over seeds."
 )
 def a5(data: xr.Dataset) -> Figure:
-    """Draw returns and gradient variances over iterations."""
+    """Draw study A5: returns under the exact law, and gradient variances, over iterations."""
     figure = Figure(figsize=(WIDTH, 3.2))
     returns, spread = figure.subplots(1, 2, width_ratios=(1.4, 1))
     iterations = data["iteration"].values
@@ -120,9 +120,9 @@ def a5(data: xr.Dataset) -> Figure:
 
 
 _A7_LAWS = (("FOPG", "exact"), ("BS 0.01", "barrier, 1e-2"), ("ABS quartic", "adaptive"))
-"""Method and law of each landscape in A7."""
+"""Method and title of each landscape in study A7."""
 _A7_SMALLEST_LOSS = 1e-5
-"""Loss [m²] below which the axis of A7 ends."""
+"""Smallest loss that the axis of study A7 shows [m²]."""
 
 
 @drawing(
@@ -131,7 +131,7 @@ _A7_SMALLEST_LOSS = 1e-5
     "the iterates of one run, its end (dot) and the goal's throw (cross)."
 )
 def a7(data: xr.Dataset) -> Figure:
-    """Draw curves of all methods above the landscapes of three laws."""
+    """Draw study A7: losses of all methods over iterations, above the landscapes of three laws."""
     figure = Figure(figsize=(WIDTH, 5.2))
     grid = figure.add_gridspec(2, 3, height_ratios=(1.1, 1))
     curves = figure.add_subplot(grid[0, :])
@@ -169,7 +169,7 @@ def a7(data: xr.Dataset) -> Figure:
     "norm (dot) and the bound on it (bar)."
 )
 def at(data: xr.Dataset) -> Figure:
-    """Draw norms, bias and variance over steps, and both sides of the bound."""
+    """Draw study AT: gradient norms, bias and variance over steps, and both sides of the convergence bound."""
     figure = Figure(figsize=(WIDTH, 3.0))
     norms, terms, sides = figure.subplots(1, 3, width_ratios=(1.2, 1.2, 1))
     laws = [str(law) for law in data["law"].values]

@@ -1,4 +1,4 @@
-"""Drawings of the studies of contact laws: A1, A2, A2v, A6 and T1."""
+"""Drawings of studies A1, A2, A2v, A6 and T1, on smoothed contact laws."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from reports.figures.studies.panels import drawing, impulse_arrow, light_to_dark
     "curvature of the contact law; dots: Student's t with 2 degrees of freedom, and the Gaussian)."
 )
 def a1(data: xr.Dataset) -> Figure:
-    """Draw mu, impulse, error and noise density over z."""
+    """Draw study A1: mu, contact impulse, error and density of the noise over the gap z."""
     figure = Figure(figsize=(WIDTH, 5.0))
     (top, impulse), (error, density) = figure.subplots(2, 2)
     z, mus = data["z"].values, data["mu"].values
@@ -54,7 +54,7 @@ def a1(data: xr.Dataset) -> Figure:
     "and exact (dashed), which is plastic; the arrow stands for the impulse."
 )
 def a2(data: xr.Dataset) -> Figure:
-    """Draw height, velocity and its derivative, in a row per model."""
+    """Draw study A2: height, vertical velocity and its derivative along a throw, one row per model."""
     figure = Figure(figsize=(WIDTH, 4.6))
     axes = figure.subplots(2, 3, sharex=True)
     mus = data["mu"].values
@@ -92,7 +92,7 @@ def a2(data: xr.Dataset) -> Figure:
     "(right)."
 )
 def a2v(data: xr.Dataset) -> Figure:
-    """Draw the variance over mu for every step size."""
+    """Draw study A2v: the variance of gradients over mu, for every step size."""
     figure = Figure(figsize=(WIDTH, 3.0))
     first_order_axis, likelihood_axis = figure.subplots(1, 2, sharey=True)
     h = data["h"].values
@@ -111,7 +111,7 @@ def a2v(data: xr.Dataset) -> Figure:
 
 
 _SAMPLED_COLORS = (ORANGE, PURPLE, GREEN)
-"""Colours of randomized smoothing by its number of samples."""
+"""Colours of randomized smoothing in study A6, one for each number of samples."""
 
 
 @drawing(
@@ -121,7 +121,7 @@ _SAMPLED_COLORS = (ORANGE, PURPLE, GREEN)
     "averages has the finest of three steps."
 )
 def a6(data: xr.Dataset) -> Figure:
-    """Draw an impact on the left and friction on the right."""
+    """Draw study A6: derivatives through an impact on the left, through friction on the right."""
     figure = Figure(figsize=(WIDTH, 4.2))
     impact, push = figure.subplots(1, 2)
     laws = [str(name) for name in data["law"].values]
@@ -162,7 +162,7 @@ def a6(data: xr.Dataset) -> Figure:
     "(dots), with the growth that thm. 4.4 would allow, L^4H, from the first point (dotted)."
 )
 def t1(data: xr.Dataset) -> Figure:
-    """Draw how often bounds hold, scaling with mu, looseness of the bounds, and variance."""
+    """Draw study T1: how often bounds hold, their scaling with mu, their looseness, and variance."""
     figure = Figure(figsize=(WIDTH, 6.0))
     (often, scaling), (loose, growth) = figure.subplots(2, 2)
     names = [str(name) for name in data["bound"].values[:-1]]
