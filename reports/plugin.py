@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def main() -> None:
-    """Run the command line."""
+    """Run ``ocp`` with the arguments of the process, and end the process."""
     from reports.cli.start import main
 
     main()

@@ -38,7 +38,7 @@ def execute(options: Options) -> int:
 
 @contextmanager
 def _damage_reported(runs: Sequence[str]) -> Iterator[None]:
-    """Turn errors that a run with valid checksums but inconsistent content causes into DamagedRun."""
+    """Raise DamagedRun for an error that inconsistent content of the named runs causes in the block."""
     try:
         yield
     except (ArithmeticError, AssertionError, AttributeError, LookupError, RuntimeError, TypeError, ValueError) as error:
@@ -177,7 +177,7 @@ def _label(parameter: Any) -> str:
 DISTRIBUTION = "centralpath"
 """Name of the distribution, whose version ``--version`` prints."""
 EXAMPLES = ("list", "show push-disc", "solve push-disc --contact exact", "runs", "solve --help")
-"""Commands to try first, below the help of ``ocp``."""
+"""Commands to try first, printed below the help of ``ocp``."""
 
 
 class CommandGroup(TyperGroup):

@@ -37,7 +37,7 @@ class ListOptions(Options):
 
 
 class SettingsOptions(Options):
-    """List methods, strategies, policies, laws and all settings of -s and -c, with their defaults.
+    """List methods, strategies, policies, laws and all settings of -s and -c, with default and meaning.
 
     IPOPT's options are listed where our default differs from IPOPT's; ocp settings ipopt has all.
     """

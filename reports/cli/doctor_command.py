@@ -20,7 +20,7 @@ from reports.cli.commands import DoctorOptions
 PACKAGES = ("dynamics", "ocp", "problems", "reports")
 """Packages of this distribution."""
 LINEAR_SOLVERS = ("mumps", "spral")
-"""Linear solvers of IPOPT that are tried."""
+"""Linear solvers of IPOPT that ``ocp doctor`` tries."""
 
 
 def check(options: DoctorOptions) -> dict[str, Any]:

@@ -104,7 +104,7 @@ def study_data(job: FigureJob, report: Callable[[Any], None]) -> xr.Dataset:
 def _computed(
     named: dict[int, tuple[FigureStudy, dict[str, Any]]], options: FigureOptions
 ) -> Iterator[tuple[int, xr.Dataset]]:
-    """Yield index and data of every study; several studies run in parallel, of a single one its parts."""
+    """Yield index and data of every study; ``--jobs`` runs several studies, or the parts of one, in parallel."""
     if not options.parallel or len(named) == 1:
         for place, (study, params) in named.items():
             yield place, _alone(study, params, options)

@@ -21,11 +21,11 @@ __all__ = [
 ]
 
 _PRESSED = threading.Event()
-"""Set once Ctrl-C was pressed."""
+"""Event that is set once Ctrl-C was pressed."""
 _ANSWERED = threading.Event()
-"""Set once a Ctrl-C was handled."""
+"""Event that is set once a Ctrl-C was handled."""
 _DEFERRED = threading.Event()
-"""Set while a first Ctrl-C is only recorded."""
+"""Event that is set while a first Ctrl-C is only recorded."""
 
 
 @contextmanager
@@ -51,7 +51,7 @@ def watch_interrupts() -> Iterator[None]:
 
 @contextmanager
 def defer_interrupts() -> Iterator[None]:
-    """Only record a first Ctrl-C in the block; :func:`raise_if_interrupted` raises it between two steps."""
+    """Only record a first Ctrl-C in the block; the next call of :func:`raise_if_interrupted` raises it."""
     _DEFERRED.set()
     try:
         yield

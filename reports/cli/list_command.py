@@ -69,7 +69,7 @@ def run_list(options: Options, content: Catalogue) -> int:
 
 
 def check_settings(options: SettingsOptions) -> list[SettingGroup]:
-    """Return the groups of settings for a name; without a name all, but of IPOPT only changed defaults."""
+    """Return the groups of settings for a name, or all groups, with only those of IPOPT's that we change."""
     if options.word is not None:
         return settings.find_groups(options.word)
     return [*settings.declared_groups(), settings.changed_defaults(settings.solver_group("ipopt"))]

@@ -21,7 +21,7 @@ _TEMPLATE_FOLDERS = [Path(__file__).with_name("templates"), Path(__file__).paren
 
 
 def check(options: NewOptions) -> Path:
-    """Return the file to write; raises InputError for a bad name, two kinds, or an existing file."""
+    """Return the file to write; raises InputError for a bad name, two kinds of template, or an existing file."""
     with input_errors():
         file = Path(f"{check_name(options.problem.removesuffix('.py'))}.py")
     if file.stem in names():

@@ -165,7 +165,7 @@ PACKAGES = ("dynamics", "ocp", "problems", "reports")
 
 @contextmanager
 def libraries_silenced(quiet: bool) -> Iterator[None]:
-    """Print warnings of our own packages as one line each, or none where ``quiet``.
+    """Print warnings of our own packages as one line each, or none if ``quiet``.
 
     Warnings and logs of libraries are hidden, since a user cannot act on them (such as those of
     matplotlib on a read-only home); ``python -W error`` still raises them.

@@ -164,7 +164,7 @@ def run_continue(options: ContinueOptions, request: Request) -> int:
 
 
 def _followed(options: ContinueOptions, request: Request) -> tuple[Continuation, bool]:
-    """Return the path of solutions, up to Ctrl-C if that ended it, and whether it did."""
+    """Return the path of solutions, and whether Ctrl-C ended it; it then holds the finished points."""
     session, over, finished = request.session, options.over, []
 
     def note(point: Any) -> None:

@@ -14,7 +14,7 @@ from reports.tables.console import number
 _GRADE_OF_STATUS = {"done": "survives", "warnings": "certified", "stopped": "certified"}
 """Mapping from the status of a closed loop to its grade; with any other status it has failed."""
 _LEADING_KEYS = ("phase", "plant")
-"""Settings that are listed with the request."""
+"""Settings of a closed loop that the page lists with its request."""
 
 
 def loops_page(views: list[RunView]) -> Page:

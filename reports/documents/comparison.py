@@ -36,7 +36,7 @@ _NOT_COMPARED = ("source", "versions", "citation", "audit_s", "law_parameters", 
 
 
 def comparison_page(views: list[RunView], cones: bool = False) -> Page:
-    """Return content and figures of several solved runs, each labelled by its differences."""
+    """Return content and figures of the page on several solves, each labelled by its differences."""
     names, labelled, one_problem = describe_runs(views)
     titles = [f"{name}: {label}" for name, label in zip(names, labelled, strict=True)]
     requests = [[*request_rows(view.run), *setting_rows(view.run)] for view in views]

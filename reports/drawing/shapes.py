@@ -269,9 +269,9 @@ def view_around(box: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def make_cameras(plays: Sequence[Sequence[list[Shape]]]) -> list[Camera]:
     """Return a camera for each of several motions, from the shapes in each frame.
 
-    All show the same window: the whole first motion, and the others as far as they stay within its size
-    of it. If this window is over five times as long as high and as the bodies, each camera follows its
-    own motion instead.
+    All show the same window: the whole first motion, and the others up to a distance of its size from
+    it. If this window is over five times as long as high and as the bodies, each camera follows its own
+    motion instead.
     """
     boxes = [
         np.array([bounds(shape for shape in shapes if not isinstance(shape, Wall)) for shapes in play])

@@ -149,7 +149,7 @@ class World:
 
     @property
     def _has_final(self) -> bool:
-        """Whether the task has a final reward, with which the horizon terminates an episode, not truncates it."""
+        """Whether the task has a final reward; the horizon then terminates an episode instead of truncating it."""
         return not ca.SX(self.task.final).is_zero()
 
     @cached_property

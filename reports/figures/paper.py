@@ -42,7 +42,7 @@ _LINE = 0.17
 
 @dataclass(frozen=True)
 class SignalGroup:
-    """Signals of one unit: names, planned values (S, n, k), and replayed ones or None."""
+    """Signals of one unit: k names, planned values (S, N+1 or N, k), and replayed values or None."""
 
     title: str
     names: list[str]

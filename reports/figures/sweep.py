@@ -194,7 +194,7 @@ def _verdicts(axes: Axes, grades: np.ndarray) -> Any:
 
 
 def _mesh(axes: Axes, values: np.ndarray, norm: Normalize, colours: str | ListedColormap) -> Any:
-    """Return a drawn mesh of ``values`` (n_y, n_x), with a cell around each pair of integer coordinates."""
+    """Draw ``values`` (n_y, n_x) as cells around integer coordinates, and return the mesh."""
     edges = [np.arange(size + 1) - 0.5 for size in reversed(values.shape)]
     mesh = axes.pcolormesh(*edges, values, norm=norm, cmap=colours, rasterized=values.size > 2500)
     axes.grid(False)

@@ -17,7 +17,7 @@ from reports.drawing.view import RunView
 from reports.tables.training import SeedGroup, measure_names
 
 _GROUP_COLORS = (*CYCLE, INK, GREY)
-"""Colours of groups of seeds, in their order."""
+"""Colours of groups of training runs, in their order."""
 _SIGNAL_TITLES = {
     "return_mean": "return of the samples",
     "gradient_norm": "norm of the gradient",

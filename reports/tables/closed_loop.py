@@ -129,7 +129,7 @@ def rate_sentence(meta: Mapping[str, Any]) -> str:
 
 
 def loop_notes(meta: Mapping[str, Any]) -> Iterator[str]:
-    """Yield sentences on rate and deadline, and notes of the controller with their number of samples."""
+    """Yield sentences on rate and deadline, and notes of the controller with the number of samples of each."""
     if meta["seconds"]["over"]:
         yield rate_sentence(meta)
     if meta["misses"]:

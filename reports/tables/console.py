@@ -27,7 +27,7 @@ TERMINAL_COLUMNS = 80
 
 
 def print_table(table: Table | Group) -> None:
-    """Print the table that is a command's result on stdout, at most 80 columns wide."""
+    """Print a table that is the result of a command on stdout, at most 80 columns wide."""
     Console(width=TERMINAL_COLUMNS, highlight=False, markup=False).print(table)
 
 
@@ -170,7 +170,7 @@ _SAME = 1e-6
 
 
 def stage_note(stages: Sequence[StageRecord], cost: float | None) -> str:
-    """Return sentences on the stage that gave the answer and on stages left out of tables; may be ""."""
+    """Return sentences on the stage that gave the answer and on stages left out of tables, "" if none apply."""
     numbered_stages, has_answer = shown_stages(stages, cost)
     n_neighbours = sum(stage.label == NEIGHBOUR for stage in stages)
     n_neighbours -= sum(stage.label == NEIGHBOUR for _, stage in numbered_stages)
@@ -230,7 +230,7 @@ def progress(visible: bool, first: str) -> Iterator[Callable[[StageRecord], None
 
 
 def result_table(solution: Solution) -> Table:
-    """Return cost, exact cost, iterations and the audited residuals as a table."""
+    """Return a table of a solve's costs, audited residuals, iterations and times."""
     audit, iteration_s = solution.audit, solution.iteration_s
     per_iteration_ms = ", ".join(number(1e3 * iteration_s[key], 3) for key in ("evaluation", "solver"))
     total_s = f"{number(solution.evaluation_s, 3)}, {number(solution.solver_s, 3)}"
@@ -274,7 +274,7 @@ def judged_rows(certificate: Certificate, referee: RefereeReport) -> list[tuple[
 
 
 def distance_rows(referee: RefereeReport) -> list[tuple[str, str, str]]:
-    """Return rows (name, value, place) of the deepest penetration between nodes and the largest distance with force."""
+    """Return rows (name, value, place) on the deepest penetration between nodes and the largest distance with force."""
     named_distances = (
         ("penetration between nodes", referee.between),
         ("distance where force acts", referee.force_distance),

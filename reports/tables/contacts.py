@@ -1,4 +1,4 @@
-"""The table of contacts of a solve, the same on the console and in the PDF."""
+"""Table of the contacts of a solve, the same on the console and in the PDF."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ def excess_text(share: float) -> str:
 
 
 def broken_name(problem: str) -> str:
-    """Return a problem's name broken at its dash, to fit above a narrow column."""
+    """Return a problem's name with a line break after each dash, to fit above a narrow column."""
     return problem.replace("-", "-\n")
 
 

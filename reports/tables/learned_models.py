@@ -20,7 +20,7 @@ from reports.tables.console import live, number, table_of
 
 
 def data_document(data: Transitions) -> dict[str, Any]:
-    """Return the JSON of transitions that ``ocp collect`` and ``ocp show data.nc`` print."""
+    """Return the JSON document on transitions that ``ocp collect`` and ``ocp show data.nc`` print."""
     provenance = data.provenance
     return {
         "kind": "transitions",
@@ -52,7 +52,7 @@ def model_dataset(model: xr.Dataset, fitted: xr.Dataset, data: Transitions, held
 
 
 def model_document(dataset: xr.Dataset) -> dict[str, Any]:
-    """Return the JSON of a model that ``ocp learn`` and ``ocp show model.nc`` print.
+    """Return the JSON document on a model that ``ocp learn`` and ``ocp show model.nc`` print.
 
     ``data`` and ``fit`` are None for a model that was made without the command.
     """
@@ -87,7 +87,7 @@ def model_document(dataset: xr.Dataset) -> dict[str, Any]:
 
 
 def _fit(dataset: xr.Dataset, names: list[str], units: list[str]) -> dict[str, Any]:
-    """Return errors on held-out rows, in the states' units and relative to their scales, and off the data."""
+    """Return errors on held-out rows, absolute and relative to the states' scales, and predictions off the data."""
     from dynamics.learned.fit import Fit
 
     fit = Fit.from_dataset(dataset)
@@ -123,7 +123,7 @@ def _coordinates(
 
 
 def origin_lines(document: Mapping[str, Any]) -> list[str]:
-    """Return the origin of transitions or of a model, line by line."""
+    """Return lines on the origin of transitions, or of a model and its data."""
     system_name = document["problem"] or "an unnamed system"
     data_hash = f"data {document['hash'][:16]}"
     if document["kind"] == "transitions":

@@ -104,7 +104,7 @@ def _flat(run: StoredRun) -> dict[str, Any]:
 
 
 def algorithm_of(run: StoredRun) -> str:
-    """Return the algorithm's name, with ``with psi`` where physical parameters are learned."""
+    """Return the algorithm's name, followed by ``with psi`` if physical parameters are learned."""
     inner = run.record["algorithm_settings"].get("of")
     return f"{inner} with psi" if inner else str(run.record["algorithm"])
 

@@ -139,7 +139,7 @@ def rows_table(rows: Sequence[Mapping[str, Any]]) -> RenderableType:
 
 
 _EIGHTHS = " ▁▂▃▄▅▆▇█"
-"""Blocks of zero to eight eighths of a line's height."""
+"""Block characters that fill zero to eight eighths of a line's height."""
 
 
 def sparkline(values: Sequence[float], width: int) -> str:

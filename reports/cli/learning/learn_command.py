@@ -79,7 +79,7 @@ def check_collect(options: CollectOptions) -> CollectRequest:
 
 
 def run_collect(options: CollectOptions, request: CollectRequest) -> int:
-    """Draw states without penetration, with inputs, advance each by one step of the exact law, and save all."""
+    """Draw inputs and penetration-free states, take one step of the exact law at each, and save the transitions."""
     start_s, step = time.perf_counter(), request.problem.exact_step
     origin = {"problem": request.name, "parameters": request.params}
     with input_errors(f"{request.name}: "):
@@ -163,7 +163,7 @@ def _recipe(options: LearnOptions, data: Transitions, hidden: tuple[int, ...]) -
 
 
 def _data(options: LearnOptions) -> Transitions:
-    """Return the data in the file; data of a problem are checked for its states and inputs."""
+    """Return the transitions in the file; if ``--problem`` is given, check that they have its states and inputs."""
     problem = None if options.problem is None else spec(options.problem)
     system = None if problem is None else problem.problem().system
     signals = None if system is None else (system.states, system.inputs)

@@ -23,9 +23,9 @@ NOISE = 0.2
 
 
 class CollectOptions(JobsOptions):
-    """Draw states without penetration, with inputs, and advance each by one step of the exact law.
+    """Sample transitions: draw inputs and penetration-free states, and take one step of the exact law.
 
-    Half of them are drawn in the problem's region, half in a tube around the path from start to goal.
+    Half are drawn in the problem's region, half in a tube around the path from start to goal.
     """
 
     code: ClassVar = "reports.cli.learning.learn_command:collect"

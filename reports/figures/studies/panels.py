@@ -35,7 +35,7 @@ def light_to_dark(number: int, first: float = 0.85, last: float = 0.05) -> np.nd
 
 
 def unbroken(f: np.ndarray, jump: float) -> np.ndarray:
-    """Return ``f`` (n,) with NaN before each change larger than ``jump``, where a line through it then breaks."""
+    """Return ``f`` (n,) with NaN before each change larger than ``jump``, which interrupts a line through it."""
     return np.where(np.append(np.abs(np.diff(f)), 0) > jump, np.nan, f)
 
 
