@@ -1,4 +1,4 @@
-"""What a law says of itself, and the sentence it gives for bad settings."""
+"""Descriptions of contact laws, and their messages on bad settings."""
 
 from __future__ import annotations
 

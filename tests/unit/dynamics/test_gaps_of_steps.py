@@ -1,4 +1,4 @@
-"""The gaps that a step returns are those of the state that it returns, wherever a foot stands before a box."""
+"""The gaps that a step returns are those of its next state, wherever a foot is near a box."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ LEG = Machine(
 
 
 def test_gaps_are_those_of_the_next_state_before_above_and_beside_a_box() -> None:
-    """On top of the step its tangent is that of the ground, and in front of it it is not."""
+    """Above the box the contact's tangent is that of the ground, and in front of the box it is not."""
     system = LEG.system("leg", ParameterTable(), h=0.02, friction=0.8)
     gap_at = ca.Function("gap", [system.x, system.u, system.x_next, system.lam], [system.gap])
     solve, rng = Exact().close(system).solve, np.random.default_rng(3)

@@ -1,4 +1,4 @@
-"""Linear complementarity systems whose contact moves nothing, or is moved by nothing."""
+"""Linear complementarity systems whose contact has no effect on states, or does not depend on them."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def test_the_step_is_the_linear_map_and_the_multipliers_solve_the_contact(law, z
 @pytest.mark.parametrize("zero", ZEROS, ids="".join)
 @pytest.mark.parametrize(("nx", "nlam"), SIZES)
 def test_rollouts_cost_and_differentiate_what_the_matrices_say(backend, zero, nx, nlam):
-    """Where C = 0 the cost is a quadratic in the inputs, whatever the contact does."""
+    """For C = 0 the cost is quadratic in the inputs, whatever the contact does."""
     m, N = matrices(nx, nlam, zero), 3
     x0, theta = np.linspace(-0.5, 1, nx), np.array([[0.3], [-0.2], [0.5]])
     for law in ("exact", "barrier", "randomized"):

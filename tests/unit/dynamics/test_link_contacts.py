@@ -1,4 +1,4 @@
-"""Contacts between two links of a machine: what they do, and what they must not do."""
+"""Contacts between two links of a machine: impulses, conserved momentum, and drawing."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ SHAPES = {
 
 
 def two_bodies(shapes: tuple, friction: float | None = 0.5) -> ContactSystem:
-    """Two free bodies in the air that may touch each other and nothing else."""
+    """Return the system of two free bodies in the air that can touch only each other."""
     links = tuple(
         Link(name, None, mass=float(m), inertia=float(i), joint="free")
         for name, m, i in zip(("large", "small"), MASSES, INERTIAS, strict=True)
@@ -33,7 +33,7 @@ def two_bodies(shapes: tuple, friction: float | None = 0.5) -> ContactSystem:
 
 
 def momenta(x: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Linear momentum (2) and angular momentum about the origin, about +y, at positions of x."""
+    """Return the linear momentum (2,) and the angular momentum about +y through the origin, at positions of x."""
     q, v = x[:6].reshape(2, 3), v.reshape(2, 3)
     linear = MASSES @ v[:, :2]
     turning = MASSES @ (q[:, 1] * v[:, 0] - q[:, 0] * v[:, 1]) + INERTIAS @ v[:, 2]
@@ -41,7 +41,7 @@ def momenta(x: np.ndarray, v: np.ndarray) -> np.ndarray:
 
 
 def thrown() -> np.ndarray:
-    """The small body falls onto the large one, off its middle, spinning."""
+    """Return a state in which the small body falls, spinning, onto the large one off its middle."""
     return np.array([0, 1.0, 0.1, 0.12, 1.38, 0.3, 0, 0, 0, -0.5, -3.0, 4.0])
 
 
@@ -49,7 +49,7 @@ def thrown() -> np.ndarray:
 @pytest.mark.parametrize("law", [Exact(), Barrier(mu=1e-5)], ids=["exact", "barrier"])
 @pytest.mark.parametrize("name", list(SHAPES))
 def test_impulses_between_links_are_equal_and_opposite(name: str, law) -> None:
-    """Momentum, linear and angular, changes by what weight gives and by nothing else."""
+    """Linear and angular momentum change by the weight's impulse alone."""
     system = two_bodies(SHAPES[name])
     step = law.close(system)
     x, pushed = thrown(), 0.0
@@ -81,13 +81,13 @@ def test_the_book_counts_no_impulse_between_links_as_one_from_outside() -> None:
 
 
 def test_two_bodies_that_stick_move_as_one() -> None:
-    """A head-on collision of discs is plastic: both go on with the velocity of their centre."""
+    """After a plastic head-on collision both discs move with the velocity of their common centre."""
     system = two_bodies((Disc(0.2), Disc(0.1)), friction=None)
     x = np.array([0, 0, 0, 0.301, 0, 0, 1.0, 0, 0, -2.0, 0, 0])
     step = Exact().close(system)
     x_next = np.array(step.solve(x, [], step.p.values)[0]).ravel()
     together = MASSES @ [1.0, -2.0] / MASSES.sum()
-    # The gap of 1 mm is used up within the step.
+    # The gap of 1 mm closes within the step.
     closing = 0.001 / H
     share = MASSES[::-1] / MASSES.sum() * [closing, -closing]
     np.testing.assert_allclose(x_next[[6, 9]], together + share, atol=1e-3)
@@ -95,7 +95,7 @@ def test_two_bodies_that_stick_move_as_one() -> None:
 
 
 def folded() -> Machine:
-    """A bar on a floor with an arm that folds back onto it."""
+    """Return a machine of a bar on a floor with an arm that folds back onto it."""
     return Machine(
         links=(
             Link("bar", None, mass=1.0, inertia=0.1, joint="free"),
@@ -145,7 +145,7 @@ def test_a_machine_is_drawn_with_its_parts_and_the_contacts_between_its_links() 
     ],
 )
 def test_a_part_is_drawn_where_its_link_is(shape: Shape, drawn: drawing.Shape) -> None:
-    """The link is turned by a quarter, clockwise: its x points down and its z to the right."""
+    """The link is turned clockwise by a right angle, so that its x points down and its z to the right."""
     machine = Machine((Link("link", None, 1.0, 0.1, joint="free"),), (), parts=(Part("part", "link", shape),))
     found = machine_shapes(machine, np.array([1.0, 2.0, np.pi / 2]))[-1]
     assert isinstance(found, type(drawn))

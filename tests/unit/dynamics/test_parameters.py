@@ -1,4 +1,4 @@
-"""Tables of parameters: values travel by name, and the vector's order is nobody else's business."""
+"""Tables of parameters: values are set and read by name, independently of the vector's order."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A shape with a centre is the shape of a body that stands there."""
+"""A shape with an offset centre equals the centred shape of a body at that position."""
 
 from __future__ import annotations
 

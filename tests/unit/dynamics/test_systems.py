@@ -1,4 +1,4 @@
-"""Systems: what their builders refuse, their affine form, and their linearisation."""
+"""Systems: errors of their builders, their affine form, and their linearisation."""
 
 from __future__ import annotations
 
@@ -166,7 +166,7 @@ def test_cart_walls_is_well_posed():
 
 
 def test_a_step_does_not_ask_for_an_order_of_its_equations():
-    """Velocity before position: no pivot of the motion as it stands, and the same step."""
+    """With velocity before position the equations have no pivots in their order, but the step is the same."""
     x, x_next = ca.SX.sym("x", 2), ca.SX.sym("x_next", 2)
     u, lam = ca.SX.sym("u"), ca.SX.sym("lam")
     rows = [x_next[0] - x[0] - 0.1 * x_next[1], x_next[1] - x[1] - u - lam]

@@ -1,4 +1,4 @@
-"""Which systems leave multipliers open, told from their structure alone."""
+"""Systems whose multipliers are not unique are recognised from their structure alone."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def test_named_problems_find_their_step(name: str) -> None:
 
 
 def two_gaps(first, second, **changes) -> ContactSystem:
-    """A body on a line and a finger on a spring, q = (x, a), with two gaps."""
+    """Return a system of a body on a line and a finger on a spring, q = (x, a), with two gaps."""
     return quasi_dynamic(
         "two",
         states=signals("x [m]; a [m]"),
@@ -53,7 +53,7 @@ def push(q: ca.SX) -> ca.SX:
 
 
 def test_contacts_are_open_only_where_they_may_close_at_once() -> None:
-    """A second wall behind the first, or across from it, is never touched with it."""
+    """A second wall behind the first, or opposite to it, cannot be touched at the same time."""
     assert two_gaps(push, lambda q: 2.0 - q[0]).is_lcp, "two directions"
     assert two_gaps(push, lambda q: push(q) + 0.1).is_lcp, "one behind the other"
     assert two_gaps(push, lambda q: 0.5 - push(q)).is_lcp, "two walls across from each other"
@@ -80,7 +80,7 @@ def test_friction_is_open_whatever_its_coefficient_is() -> None:
 
 
 def test_the_same_contact_twice_is_one_contact() -> None:
-    """Its impulses are open, their sum is not, nor is what it does."""
+    """Its two impulses are not unique, but their sum and their effect are."""
     twice, once = two_gaps(push, push), two_gaps(push, lambda q: 5.0 - q[0])
     x, u = np.array([0.1, 0.0]), 0.5
     ends = []

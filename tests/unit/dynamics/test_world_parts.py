@@ -1,4 +1,4 @@
-"""Gravity in any direction, and parts of the world: two ways to write a slope give one motion."""
+"""Gravity in any direction, and fixed parts: both descriptions of a slope give the same motion."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def test_gravity_is_an_acceleration_of_any_direction() -> None:
 
 
 def test_a_slope_of_the_world_is_the_ground_under_tilted_gravity() -> None:
-    """The ball falls on the slope, slides and begins to roll; the same in the slope's axes."""
+    """A ball falls on the slope, slides and begins to roll, equally in the slope's axes under tilted gravity."""
     tilted = Machine((BALL,), (SPHERE,), gravity=(G * DOWN[0], G * DOWN[1]))
     slope = Machine(
         (BALL,),
@@ -54,7 +54,7 @@ def test_a_slope_of_the_world_is_the_ground_under_tilted_gravity() -> None:
 
 
 def test_the_book_counts_the_world_as_outside() -> None:
-    """Momentum changes by weight and by what the wall gives."""
+    """Momentum changes by the impulses of weight and wall."""
     wall = Part("wall", WORLD, Box((0.1, 1.0)))
     machine = Machine((BALL,), (SPHERE,), parts=(wall,), collision_pairs=(("rim", "wall"),))
     built = system(machine, ())
@@ -69,7 +69,7 @@ def test_the_book_counts_the_world_as_outside() -> None:
 
 
 def test_what_has_no_shape_is_drawn_as_the_rod_of_its_inertia() -> None:
-    """A rod of length L has the inertia m L²/12: here L = 0.6 m about its middle at 0.3 m."""
+    """A rod of length L has the inertia m L²/12, here with L = 0.6 m and its middle at 0.3 m."""
     rod = Link("rod", None, mass=2.0, inertia=2.0 * 0.6**2 / 12, com=(0.3, 0.0))
     machine = Machine((rod,), (), parts=(Part("step", WORLD, Box((0.2, 0.1))),))
     shapes = machine_shapes(machine, np.zeros(2))

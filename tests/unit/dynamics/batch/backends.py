@@ -1,4 +1,4 @@
-"""The backends of batched evaluation: those that the tests hold against each other."""
+"""Backends of batched evaluation, which tests compare with each other."""
 
 FAST = ["c", "numpy"]
 BACKENDS = [*FAST, "casadi"]

@@ -1,4 +1,4 @@
-"""The kernel's random numbers by themselves: what a seed draws, and what given words become."""
+"""Calls of the kernel's random numbers: normals of a seed, and the transformation of given words."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ void transform(i64 n, const unsigned long long *words, double *out) {
 
 
 def source(machine: compiler.Compiler) -> str:
-    """C text of the two calls."""
+    """Return the C source of both calls."""
     return vector_prelude(machine) + c_random.normals_source() + _CALLS
 
 
@@ -48,7 +48,7 @@ def _loaded() -> tuple[Any, compiler.Compiler]:
 
 
 def draw(seed: int, first: int, size: int) -> np.ndarray:
-    """Normals (width, size) of the samples first, ..., first + width - 1, by the kernel."""
+    """Return the kernel's normals (width, size) of the samples ``first`` to ``first + width - 1``."""
     library, machine = _loaded()
     library.draw.argtypes = [*4 * [ctypes.c_int64], ctypes.c_void_p]
     out = np.empty((machine.width, size))
@@ -57,7 +57,7 @@ def draw(seed: int, first: int, size: int) -> np.ndarray:
 
 
 def transform(words: np.ndarray) -> np.ndarray:
-    """The two normals (2, n) of words (2, n), n a multiple of 8."""
+    """Return the kernel's normals (2, n) from random words (2, n), n a multiple of 8."""
     library, _ = _loaded()
     library.transform.argtypes = [ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p]
     given = np.ascontiguousarray(words, dtype=np.uint64)

@@ -1,4 +1,4 @@
-"""What every test of the batch engine starts from."""
+"""Fixture that all tests of the batch engine use."""
 
 from __future__ import annotations
 
@@ -9,5 +9,5 @@ from dynamics.batch.engines import kernels
 
 @pytest.fixture(autouse=True)
 def nothing_told(monkeypatch) -> None:
-    """As in a new process, where no reason to pass a backend over was told before."""
+    """Forget the reasons for skipping a backend that were reported before, as in a new process."""
     monkeypatch.setattr(kernels, "_reported_reasons", set())

@@ -13,7 +13,7 @@ H = 0.05
 
 
 def wall() -> ContactSystem:
-    """A unit mass before a wall at 0: state (position, velocity), input a force."""
+    """Return the system of a unit mass before a wall at 0, with state (position, velocity) and a force as input."""
     return lcs(
         "wall",
         A=[[1, H], [0, 1]],
@@ -26,7 +26,7 @@ def wall() -> ContactSystem:
 
 
 def four_contact_matrices(seed: int = 0) -> dict[str, np.ndarray]:
-    """6 states, 2 inputs, 4 contacts: stable, with a P-matrix F that is not symmetric."""
+    """Draw the matrices of a stable system of 6 states, 2 inputs and 4 contacts; F is a P-matrix, not symmetric."""
     nx, nu, n = 6, 2, 4
     rng = np.random.default_rng(seed)
     G, skew = rng.standard_normal((2, n, n))
@@ -42,12 +42,12 @@ def four_contact_matrices(seed: int = 0) -> dict[str, np.ndarray]:
 
 
 def four_contacts() -> ContactSystem:
-    """The linear complementarity system of `four_contact_matrices`."""
+    """Return the linear complementarity system of `four_contact_matrices`."""
     return lcs("four contacts", **four_contact_matrices())
 
 
 def closed(system: ContactSystem, law: ContactLaw) -> tuple[Step, ca.Function, ca.Function]:
-    """The step, a quadratic stage cost, and a terminal cost that aims at x = 1."""
+    """Return the step under a law, a quadratic stage cost, and a terminal cost with the goal x = 1."""
     step = law.close(system)
     x, u, p = system.x, system.u, step.p.vector
     stage = ca.Function("stage", [x, u, p], [0.1 * ca.sumsqr(u) + 0.01 * ca.sumsqr(x)])
@@ -57,10 +57,10 @@ def closed(system: ContactSystem, law: ContactLaw) -> tuple[Step, ca.Function, c
 def reference(
     step: Step, stage: ca.Function, terminal: ca.Function, horizon: int, policy: RolloutPolicy
 ) -> ca.Function:
-    """The same rollout unrolled in CasADi: (x0, theta, p, w) to cost and gradient by theta.
+    """Return the rollout unrolled in CasADi, a function from (x0, theta, p, w) to cost and gradient by theta.
 
-    theta is (n_theta, horizon or 1), w is (nu, horizon); contact is differentiated by the step's
-    own explicit map, which shares nothing with the batch engine's adjoint.
+    theta is (n_theta, horizon or 1), w is (nu, horizon); contact is differentiated through the
+    step's explicit map, independently of the batch engine's adjoint.
     """
     nx, nu = step.system.nx, step.system.nu
     x0, p = ca.MX.sym("x0", nx), ca.MX.sym("p", len(step.p))

@@ -1,7 +1,7 @@
-"""Every kind of C that is emitted: no compiler finds fault with it, and all give the same numbers.
+"""All kinds of emitted C compile without warnings and give the same numbers.
 
-The CPU's instruction set decides how wide a register is; what it lacks is compiled all the same,
-as far as the compiler knows of it.
+The CPU's instruction set determines the width of registers; code for other instruction sets that
+the compiler supports is compiled but not run.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ N = 75
 
 
 def every_operation() -> ca.Function:
-    """A graph with each kind of statement, in two parts, an output that is an input among them."""
+    """Return a function with every kind of statement, in two parts, one of whose outputs is an input."""
     x, p = ca.SX.sym("x", 3), ca.SX.sym("p", 2)
     y = ca.if_else(x > 0, ca.sqrt(ca.fabs(x)), ca.atan2(x, p[0])) * ca.exp(-x) + ca.floor(x)
     logic = ca.logic_and(x[0] < x[1], ca.logic_not(x[2] == 0)) + ca.logic_or(x[0] > 1, x[1] != 2)
@@ -44,7 +44,7 @@ def every_operation() -> ca.Function:
 
 @functools.cache
 def systems() -> dict[str, tuple]:
-    """Step, costs and policy of a closed form, a Newton loop and a path."""
+    """Return a mapping from kind of solver to step, costs and policy: closed form, Newton loop, path."""
     cases = {
         "closed form": closed(wall(), Barrier(mu=1e-3)),
         "inner loop": closed(four_contacts(), Barrier(mu=1e-3)),
@@ -58,7 +58,7 @@ def systems() -> dict[str, tuple]:
 
 
 def rolled(name: str, **options) -> list[np.ndarray]:
-    """Costs, gradients, scores and their moments under noise drawn in the kernel."""
+    """Return costs, gradients, scores and their moments under noise that the kernel draws."""
     *parts, policy = systems()[name]
     f = RolloutFunction(*parts, HORIZON, policy, **options)
     rng = np.random.default_rng(0)
@@ -114,7 +114,7 @@ def test_random_numbers_are_the_same_everywhere(strict):
 
 
 def texts(machine: compiler.Compiler) -> dict[str, Callable[[], str]]:
-    """Every kind of source for a machine."""
+    """Return a mapping from name to a function that emits one kind of source for a machine."""
     from dynamics.batch.graphs.objective import Costs
     from dynamics.batch.graphs.rollout_tapes import build_tapes
 
@@ -135,7 +135,7 @@ def texts(machine: compiler.Compiler) -> dict[str, Callable[[], str]]:
 
 
 def test_other_processors_have_nothing_to_complain_of(tmp_path):
-    """ARM's 128 bits, through the compiler's generic vectors: compiled, as no such CPU is here."""
+    """Code for ARM's 128-bit registers, with the compiler's generic vectors, is compiled but not run."""
     clang = shutil.which("clang")
     target = "--target=aarch64-linux-gnu"
     if clang is None or b"aarch64" not in _targets(clang):

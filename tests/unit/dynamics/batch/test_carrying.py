@@ -1,4 +1,4 @@
-"""Costly values that forward step and adjoint share are computed once."""
+"""Expensive values that forward step and adjoint share are computed once."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def pair() -> tuple[ca.Function, ca.Function]:
     root = ca.sqrt(ca.sumsqr(x) + p[0])
     solved = theta[0] / root
     forward = ca.Function("forward", [x, theta, w, p], [x * solved + w, solved, root])
-    # exp(lam) is of a value that the forward step gives anyway; exp(xbar) is the adjoint's own.
+    # The forward step computes exp(lam) too; only the adjoint computes exp(xbar).
     bars = [xbar * root + ca.exp(xbar[0]) / ca.sqrt(p[0] + ca.sumsqr(x)), lam * xbar]
     return forward, ca.Function("adjoint", [x, theta, w, p, lam, xbar], bars)
 

@@ -1,4 +1,4 @@
-"""The compiler and its cache: missing, failing, damaged, shared, and refused."""
+"""The compiler and its cache when missing, failing, damaged, shared, or refused."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ SOURCE = "long long answer(void) { return %d; }\n"
 
 @pytest.fixture(autouse=True)
 def own_cache(tmp_path, monkeypatch) -> Path:
-    """A cache of the test's own, and nothing loaded before."""
+    """Give the test its own empty cache without loaded objects; return the cache's folder."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.setattr(compiler, "_loaded", {})
     return tmp_path / "cache" / "centralpath" / "objects"
@@ -204,7 +204,7 @@ def test_info_and_clear(own_cache):
 
 
 def slow_compiler(folder: Path, monkeypatch) -> tuple[Path, Path]:
-    """The compiler, which says that it has begun and waits to be told to go on."""
+    """Install a compiler that creates one file at its start and waits for another; return both paths."""
     begun, go = folder / "begun", folder / "go"
     real = compiler.find_compiler().path
     script = f"""case "$*" in
@@ -227,7 +227,7 @@ def waited_for(place: Path) -> None:
 
 @pytest.mark.parametrize("how", ["clear", "rm"])
 def test_what_is_being_compiled_survives_an_emptied_cache(own_cache, tmp_path, monkeypatch, how):
-    """`clear` leaves it alone; where its folder is removed all the same, it is compiled again."""
+    """`clear` keeps objects in compilation; if their folder is removed, they are compiled again."""
     begun, go = slow_compiler(tmp_path, monkeypatch)
     with ThreadPoolExecutor(1) as pool:
         loaded = pool.submit(compiler.load_library, SOURCE % 49)
@@ -267,7 +267,7 @@ def test_clear_removes_what_a_killed_process_left(own_cache):
 
 
 def test_a_cleared_object_stays_loaded_for_a_solver(own_cache):
-    """CasADi asks the loader for it by name, after another process may have cleared the cache."""
+    """CasADi loads the object by name, possibly after another process has cleared the cache."""
     from ocp.transcription.nlp import StageCompiler
 
     x = ca.SX.sym("x")

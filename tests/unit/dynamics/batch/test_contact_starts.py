@@ -1,4 +1,4 @@
-"""Where the contact solve of a rollout starts: at the step before, from ones, or elsewhere."""
+"""Starts of the contact solves in a rollout: the previous step, ones, or other values."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ N = 64
 
 
 def machine(name: str, law: ContactLaw) -> tuple[Step, np.ndarray]:
-    """A machine's step, and N states near the reset; explicit velocity forces run wild in time."""
+    """Return a machine's step and N states near its reset; explicit velocity forces diverge after some time."""
     problem, x0 = simulation(name, gyroscopic="explicit")
     shaken = x0 + 0.005 * np.random.default_rng(1).standard_normal((N, len(x0)))
     if name == "half-cheetah":
@@ -29,7 +29,7 @@ def machine(name: str, law: ContactLaw) -> tuple[Step, np.ndarray]:
 
 
 def rolled(step: Step, x0: np.ndarray, inputs: np.ndarray, threads: int = 1, block: int = 32) -> np.ndarray:
-    """States (n, H + 1, nx) of rollouts under inputs (n, H, nu) within -1 and 1."""
+    """Return the states (n, H + 1, nx) of rollouts under inputs (n, H, nu) in (-1, 1)."""
     s, (n, horizon, _) = step.system, inputs.shape
     reward = ca.Function("reward", [s.x, s.u, s.x_next, s.parameters.vector], [s.x_next[0]])
     final = ca.Function("final", [s.x, s.parameters.vector], [0])
@@ -63,12 +63,12 @@ def test_a_warm_start_ends_where_a_cold_one_does(name: str, law: ContactLaw) -> 
 
 @pytest.mark.costly
 def test_hardly_a_step_is_lost_under_random_full_inputs() -> None:
-    """Of a path alone one in twenty is, in the first step already.
+    """With the path alone one step in twenty is lost, even in the first step.
 
-    The hopper tumbles faster and faster, to rates without any meaning, where which start leads to a
-    solution hangs on the last bits. Over ten draws none was lost of 100,112 steps from states of at
-    most 1000 (m/s and rad/s), and 14 of all 122,814: with 95 % at most 2.3 are expected of a draw,
-    of which Poisson's distribution gives more than 12 once in a million.
+    The hopper tumbles faster and faster, to meaningless rates at which the last bits decide which
+    start leads to a solution. Over ten draws none of 100,112 steps from states of at most 1000 (m/s
+    and rad/s) was lost, and 14 of all 122,814: at most 2.3 are expected in a draw (95 %), for which
+    Poisson's distribution gives more than 12 once in a million.
     """
     step, x0 = machine("hopper", Barrier(mu=1e-3))
     s = step.system

@@ -1,4 +1,4 @@
-"""Episodes under dense policies: ends, discounts, gradients, and the same on every backend."""
+"""Episodes under dense policies: ends, discounts, gradients, and agreement of all backends."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ SYSTEMS = {
     "path": lambda: get("hopper-1d").system,
 }
 POLICIES = {"affine": (), "network": (5, 7), "constant": None}
-# Where the first state ends an episode: some samples get there, others do not.
+# Bound on the first state that ends an episode; some samples reach it, others do not.
 WINDOW = {"wall": 0.7, "four contacts": 2.8, "hopper-1d": 1.5}
 HORIZON, N, DISCOUNT = 8, 37, 0.9
 
 
 def functions(system: ContactSystem) -> tuple[Episode, ca.Function]:
-    """An episode that ends where the first state leaves a window, and an observation."""
+    """Return an episode that ends where the first state leaves a window, and a function for observations."""
     x, u, after, p = system.x, system.u, system.x_next, system.parameters.vector
     reward = after[0] - 0.1 * ca.sumsqr(u) + 0.3 * ca.sin(after[system.nx - 1])
     episode = Episode(
@@ -74,7 +74,7 @@ def given(f: EpisodeFunction) -> dict[str, np.ndarray]:
 @pytest.mark.parametrize("policy", list(POLICIES))
 @pytest.mark.parametrize("system", list(SYSTEMS))
 def test_returns_are_those_of_a_loop_over_single_steps(system, policy):
-    """An independent route: StepFunction, NumPy's network, and sums written out."""
+    """The loop uses StepFunction, a network in NumPy, and explicit sums."""
     f = rolled(system, policy)
     made, call = SYSTEMS[system](), given(f)
     episode, observe = functions(made)
@@ -111,7 +111,7 @@ def test_returns_are_those_of_a_loop_over_single_steps(system, policy):
 @pytest.mark.parametrize("policy", list(POLICIES))
 @pytest.mark.parametrize("system", list(SYSTEMS))
 def test_gradients_are_the_differences(system, policy):
-    """Central differences in random directions; away from where an episode ends elsewhere."""
+    """Central differences are along random directions in which no episode changes its end."""
     f = rolled(system, policy)
     call = given(f)
     found, rng, e = f(**call, gradient=True), np.random.default_rng(1), 1e-6
@@ -129,7 +129,7 @@ def test_gradients_are_the_differences(system, policy):
 @pytest.mark.parametrize("policy", list(POLICIES))
 @pytest.mark.parametrize("system", list(SYSTEMS))
 def test_backends_agree(system, policy, backend):
-    """One theta for all samples, and one for each."""
+    """Backends agree for one theta shared by all samples and for one theta per sample."""
     one, other = rolled(system, policy), rolled(system, policy, backend)
     call = given(one) | {"noise": Gaussian(0.3, seed=2)}
     own = call["theta"] + 0.1 * np.random.default_rng(3).standard_normal((N, one.policy.n_theta))
@@ -168,7 +168,7 @@ def test_moments_are_those_of_the_samples(policy):
 
 
 def test_the_zeroth_order_gradient_has_the_first_order_ones_mean():
-    """Smoothed contact, no ends nearby: likelihood ratio and pathwise means agree."""
+    """With smoothed contact and no episode's end nearby, likelihood-ratio and pathwise means agree."""
     f = rolled("closed form", "constant")
     call = given(f)
     call |= {"x0": np.array([0.1, 0.0]), "noise": Gaussian(0.2, seed=5), "n_samples": 400_000}
@@ -181,7 +181,7 @@ def test_the_zeroth_order_gradient_has_the_first_order_ones_mean():
 @pytest.mark.costly
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_a_gradient_along_given_states(backend):
-    """Along its own states it is the ordinary one; along exact ones, the chain of its slopes."""
+    """Along the rollout's states it is the ordinary gradient; along exact states it chains the law's slopes there."""
     f = rolled("inner loop", "constant", backend)
     call = given(f)
     plain = f(**call, gradient=True, states=True)
@@ -228,7 +228,7 @@ def test_a_gradient_along_given_states(backend):
 
 
 def test_what_a_finished_sample_becomes_is_nobodys_business():
-    """After its end a sample may have no finite motion at all: its return and slope stay."""
+    """A sample that becomes infinite after its end keeps its return and gradient."""
     made = wall()
     x, u, after, p = made.x, made.u, made.x_next, made.parameters.vector
     burst = ca.if_else(x[0] > 0.7, ca.log(-ca.fabs(x[0])), 1)
@@ -288,7 +288,7 @@ def test_another_horizon_is_that_horizon(backend):
 
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_what_else_is_gained_at_the_end_pulls_on_the_gradient(backend):
-    """A quadratic value of the last state, against one that the episode itself has."""
+    """A gradient added at the last state equals that of an episode with the same quadratic final reward."""
     f, made = rolled("inner loop", "network", backend), four_contacts()
     call = given(f) | {"gradient": True, "states": True}
     plain = f(**call)

@@ -1,4 +1,4 @@
-"""The exported C file, compiled with a driver: the numbers of CasADi's step and its derivatives."""
+"""The exported C file, compiled with a driver, returns the numbers of CasADi's step and its derivatives."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ int main(void) {
 
 
 def built(folder: Path, text: str, driver: str, cc: str) -> Path:
-    """A program of the exported file with a driver behind it."""
+    """Compile the exported file and a driver; return the program."""
     source, program = folder / f"{cc}.c", folder / cc
     source.write_text(text + driver)
     done = subprocess.run([cc, *STRICT, source, "-o", program, "-lm"], capture_output=True, text=True)
@@ -62,7 +62,7 @@ def built(folder: Path, text: str, driver: str, cc: str) -> Path:
 
 
 def answers(program: Path, rows: np.ndarray) -> np.ndarray:
-    """What the program prints for each row of numbers."""
+    """Return the numbers that the program prints for each row of input."""
     given = "\n".join(" ".join(map(repr, row)) for row in rows.tolist())
     told = subprocess.run([program], input=given, capture_output=True, text=True, check=True)
     return np.array([line.split() for line in told.stdout.splitlines()], dtype=float)
@@ -70,7 +70,7 @@ def answers(program: Path, rows: np.ndarray) -> np.ndarray:
 
 @functools.cache
 def case(problem: str, law: str) -> tuple[Step, np.ndarray, np.ndarray]:
-    """The step, and what the driver is to print for some states and inputs (n, nx + nu)."""
+    """Return a step, states and inputs (n, nx + nu), and the numbers that the driver should print for them."""
     made = get(problem)
     step = LAWS[law].close(made.system)
     nx, nu = made.system.nx, made.system.nu
@@ -138,7 +138,7 @@ int main(void) {
 @pytest.mark.parametrize("cc", COMPILERS)
 @pytest.mark.parametrize("feedback", [False, True])
 def test_the_policy_is_in_it(feedback, cc, tmp_path):
-    """u = K x + k within bounds, or the inputs themselves; the last row stays."""
+    """The policy is u = K x + k within bounds, or the plan's inputs; after the horizon the last row is used."""
     rng = np.random.default_rng(0)
     k, K = rng.standard_normal((3, 2)), rng.standard_normal((3, 2, 2))
     bounds = np.array([-0.5, -np.inf]), np.array([np.inf, 0.7])

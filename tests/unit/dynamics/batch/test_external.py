@@ -1,4 +1,4 @@
-"""C of CasADi functions: a long one, in many short functions, is the same."""
+"""C code of a long CasADi function, split into many short functions, returns the same numbers."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from dynamics.batch.engines.compiler import load_library
 
 
 def long_function(rounds: int) -> ca.Function:
-    """Turns a vector round and round, with a maximum and a choice in each turn."""
+    """Return a function that transforms a vector ``rounds`` times, with a maximum and a condition each time."""
     x, p = ca.SX.sym("x", 6), ca.SX.sym("p", 2)
     value = x
     for k in range(rounds):

@@ -1,4 +1,4 @@
-"""Rollouts through friction and curved gaps: every backend, against CasADi and differences."""
+"""Rollouts with friction and curved gaps: all backends agree with CasADi and with differences."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ H = 6
 
 @functools.cache
 def tossed_rod(law: str) -> Step:
-    """A rod with a foot at one end, (x, z, angle), that lands, slips and turns."""
+    """Return the step of a rod (x, z, angle) with a foot at one end, which lands, slips and turns."""
 
     def foot(q: ca.SX) -> ca.SX:
         return ca.vertcat(q[0] + 0.4 * ca.sin(q[2]), q[1] - 0.4 * ca.cos(q[2]))
@@ -106,7 +106,7 @@ def test_the_foot_lands_and_slips():
 @pytest.mark.parametrize("backend", [b for b in BACKENDS if b != "casadi"])
 @pytest.mark.parametrize("curved", [0.0, 1e-3])
 def test_a_contact_that_is_not_solved_is_reported(backend, curved):
-    """Two contacts that pull each other in: for large gaps no impulse closes both."""
+    """Two contacts attract each other, so that for large gaps no impulse solves both."""
     x, x_next = ca.SX.sym("x", 2), ca.SX.sym("x_next", 2)
     u, lam = ca.SX.sym("u", 2), ca.SX.sym("lam", 2)
     system = ContactSystem(

@@ -1,4 +1,4 @@
-"""Batched functions: shapes, names, bits, and what is said of bad input."""
+"""Batched functions: shapes, names, reproducible bits, and messages on bad input."""
 
 from __future__ import annotations
 
@@ -190,7 +190,7 @@ def test_wrong_options_are_explained(options, message, graph):
 
 @pytest.mark.costly
 def test_auto_interprets_what_compilers_choke_on():
-    """A path solver of two contacts unrolls to over 1e5 operations, minutes of compiling."""
+    """A path solver of two contacts unrolls to over 1e5 operations, which take minutes to compile."""
     F, mu = np.array([[2.0, 0.5], [0.3, 1.0]]), np.array([1e-3, 1e-3])
     solver = lcp_solver(2)
     batch = BatchFunction(solver)

@@ -1,4 +1,4 @@
-"""Parameters taken out of a repeated graph: the same values, with fewer operations."""
+"""Hoisting of parameters from a repeated graph gives the same values with fewer operations."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Merging moments."""
+"""Merged moments equal those of all samples together."""
 
 from __future__ import annotations
 

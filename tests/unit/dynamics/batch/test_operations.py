@@ -1,4 +1,4 @@
-"""Every scalar operation of CasADi, ordinary and special values, compiled and in NumPy."""
+"""All scalar operations of CasADi at ordinary and special values, compiled and in NumPy."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ FUNCTIONS = _functions()
 
 @pytest.fixture(scope="module")
 def together() -> ca.Function:
-    """All operations as one function, so that they are compiled once."""
+    """Return all operations in one function, so that they are compiled once."""
     x, y = ca.SX.sym("x"), ca.SX.sym("y")
     values = [fn(*(x, y)[: fn.n_in()]) for fn in FUNCTIONS.values()]
     return ca.Function("together", [x, y], values, ["x", "y"], list(FUNCTIONS))
@@ -59,7 +59,7 @@ def together() -> ca.Function:
 
 @pytest.fixture(scope="module", params=FAST)
 def evaluated(request, together):
-    """Samples of (x, y), and every operation of them by the backend and by CasADi."""
+    """Return all operations at samples of (x, y), by the backend and by CasADi."""
     rng = np.random.default_rng(0)
     ordinary = rng.standard_normal((400, 2)) * rng.choice([0.3, 1.0, 20.0], (400, 1))
     pairs = np.stack(np.meshgrid(SPECIAL, SPECIAL), axis=-1).reshape(-1, 2)

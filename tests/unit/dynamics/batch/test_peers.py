@@ -1,4 +1,4 @@
-"""What the benchmarks hold the engine against: peers that are right, fast, and judged aloud."""
+"""Peers that benchmarks compare with the engine return right results, and their failures are reported."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ N = 4
 
 
 def case(name: str):
-    """Parts of a rollout, its start, and inputs (n, N, nu)."""
+    """Return the parts of a rollout, its start, and inputs (n, N, nu)."""
     rng = np.random.default_rng(1)
     if name == "rod":
         step = tossed_rod("barrier")

@@ -1,4 +1,4 @@
-"""Counter-based normals: known answers, statistics, streams, and the compiled copy."""
+"""Counter-based normals: known answers, statistics, streams, and the compiled version."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def test_statistics_are_those_of_numpys_normals():
 
 
 def words_and_normals(n: int) -> tuple[np.ndarray, np.ndarray]:
-    """Words (2, n) with the ends of both ranges among them, and their normals in long double."""
+    """Return words (2, n) that include the ends of both ranges, and their normals in long double."""
     words = np.random.default_rng(2).integers(0, 2**32, (2, n), dtype=np.uint64)
     ends = np.array([0, 1, 2, 2**31 - 1, 2**31, 2**31 + 1, 2**32 - 2, 2**32 - 1], dtype=np.uint64)
     words[0, :64], words[1, :64] = np.repeat(ends, 8), np.tile(ends, 8)
@@ -60,7 +60,7 @@ def words_and_normals(n: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def test_the_kernel_transforms_words_to_within_two_roundings():
-    """Radii from 1e-5 to 6.76, every quadrant: each normal to 4e-16 of its radius."""
+    """For radii from 1e-5 to 6.76 in every quadrant each normal is within 4e-16 of its radius."""
     words, wanted = words_and_normals(1 << 16)
     got = transform(words)
     radius = np.sqrt((wanted**2).sum(axis=0))
@@ -70,9 +70,9 @@ def test_the_kernel_transforms_words_to_within_two_roundings():
 
 
 def test_the_tail_is_there():
-    """P(|z| > x) of the map, summed over its radii (2**32 of equal weight), against Gauss'.
+    """P(|z| > x), summed over all 2**32 equally likely radii, agrees with the normal distribution.
 
-    Beyond x = 6 that is a few dozen radii; P(|cos| > x/r) = (2/pi) acos(x/r) over the angles.
+    Beyond x = 6 there are a few dozen radii; over the angles P(|cos| > x/r) = (2/pi) acos(x/r).
     """
     for x, within in ((4.0, 1e-5), (5.0, 1e-4), (6.0, 0.02)):
         radius = np.sqrt(-2.0 * np.log((np.arange(2**32 * np.exp(-(x**2) / 2)) + 0.5) / 2**32))
@@ -82,7 +82,7 @@ def test_the_tail_is_there():
 
 @pytest.mark.costly
 def test_many_draws_of_the_kernel_are_normal():
-    """A few 1e7 numbers: cells of equal weight, moments, pairs, and how many lie far out."""
+    """A few 1e7 numbers have the right counts in cells of equal weight, moments, pairs, and tails."""
     size, cells = 1 << 18, 4096
     edges = stats.norm.ppf(np.arange(1, cells) / cells)
     counts, beyond, sums = np.zeros(cells), np.zeros(3), np.zeros(3)

@@ -1,4 +1,4 @@
-"""Rollouts: against CasADi, against differences, bit by bit, and what is said of bad input."""
+"""Rollouts: agreement with CasADi and with differences, reproducible bits, and messages on bad input."""
 
 from __future__ import annotations
 
@@ -162,7 +162,7 @@ def test_score_is_the_gradient_of_the_log_density(backend):
     wanted = noise.draw(20, HORIZON, 2) / sigma**2
     np.testing.assert_allclose(got.score, wanted, rtol=1e-12, atol=1e-12)
 
-    # Affine feedback on a linear system that never touches: the score is a sum over the states.
+    # For affine feedback on a linear system without contact the score is a sum over the states.
     f = rollout("four", "barrier", "affine", backend)
     got = f(np.ones(6), np.zeros(14), noise=noise, n_samples=20, score=True)
     offsets = got.score[:, 12:]
@@ -193,7 +193,7 @@ def test_moments_are_those_of_the_samples(policy, backend):
 
 
 def test_moments_survive_a_large_mean():
-    # cost = 1e8 + small: a sum of squares would lose the variance altogether.
+    # The cost is 1e8 plus a small number, so that a sum of squares would lose the variance.
     step = case("wall", "barrier")[0]
     x, p = step.system.x, step.p.vector
     terminal = ca.Function("terminal", [x, p], [1e8 + x[0]])

@@ -1,4 +1,4 @@
-"""Rollouts of a machine in space: engines agree, and gradients are those of differences."""
+"""Rollouts of a machine in space: backends agree, and gradients equal differences."""
 
 from __future__ import annotations
 

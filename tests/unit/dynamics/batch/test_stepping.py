@@ -1,4 +1,4 @@
-"""One step of many samples: every backend, against the step's own solver."""
+"""One step of many samples: all backends agree with the step's own solver."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ CASES = {
 
 
 def samples(name: str, n: int) -> tuple[np.ndarray, np.ndarray]:
-    """States and inputs near a problem's start, a good part of them in contact."""
+    """Return n states and inputs near a problem's start, many of them in contact."""
     problem, rng = get(name), np.random.default_rng(3)
     system = problem.system
     x0 = np.array(problem.limits(problem.parameters.values)[0]).ravel()
@@ -76,7 +76,7 @@ def test_shapes_that_do_not_fit_are_told() -> None:
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("name", ["push-1d", "planar-push"])
 def test_slopes_are_those_of_differences(name: str, backend: str) -> None:
-    """Away from where a contact opens: there the exact step has a kink, and differences none."""
+    """They agree away from states at which a contact opens, where the exact step has a kink."""
     step, e = get(name).exact_step, 1e-6
     x, u = samples(name, 100)
     f = StepFunction(step, backend)

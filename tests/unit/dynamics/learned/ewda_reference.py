@@ -1,4 +1,4 @@
-"""The weighted average and its derivatives in 60 digits, term by term as the equations read."""
+"""Reference for the weighted average and its derivatives in 60 digits, term by term as in the equations."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ DIGITS = 60
 
 @dataclass(frozen=True)
 class Scaling:
-    """``(g, log p)`` (ny + 1,), its Jacobian (ny + 1, nz), and contracted curvature (nz, nz)."""
+    """Values ``(g, log p)`` (ny + 1,) at one query, their Jacobian (ny + 1, nz) and contracted curvature (nz, nz)."""
 
     values: np.ndarray
     jacobian: np.ndarray
@@ -24,14 +24,14 @@ class Scaling:
 
 
 def model_of(z: np.ndarray, y: np.ndarray, sigma: float, **options) -> EwdaModel:
-    """A model of data with scales of their own and made-up names."""
+    """Return a model of data z, y with the data's own scales and invented names."""
     names = [f"z{k}" for k in range(z.shape[1])]
     scales = Normalisation.from_rows(z, names) if len(z) > 1 else _unit(z.shape[1])
     return EwdaModel(z, y, scales, sigma, origin(z.shape[1], y.shape[1]), **options)
 
 
 def origin(nz: int, ny: int) -> DataOrigin:
-    """States are the first entries of z."""
+    """Return the origin of data whose states are the first ``ny`` entries of z."""
     z = tuple(Signal(f"z{k}", "m") for k in range(nz))
     return DataOrigin(z, tuple(Signal(f"z{k}", "m") for k in range(ny)), "made-up", {"m": 2.0}, "ab12")
 
@@ -41,7 +41,7 @@ def _unit(n: int) -> Normalisation:
 
 
 def reference(model: EwdaModel, query: np.ndarray, weights: np.ndarray) -> Scaling:
-    """At one query (nz,): normalised as float64 does it, everything after that in 60 digits."""
+    """Return the reference at one query (nz,), normalised in float64 and computed in 60 digits."""
     with mp.workdps(DIGITS):
         return _reference(model, query, weights)
 
@@ -72,6 +72,6 @@ def _exact(array: np.ndarray) -> np.ndarray:
 
 
 def gap(got: np.ndarray, exact: np.ndarray) -> np.ndarray:
-    """``|got - exact|``, the difference taken in 60 digits."""
+    """Return ``|got - exact|``, with the difference in 60 digits."""
     with mp.workdps(DIGITS):
         return np.abs(_exact(got) - exact).astype(float)

@@ -44,7 +44,7 @@ def test_next_states_are_those_of_the_exact_step(name: str) -> None:
     x_next, error = np.array(solved[0]).T, np.array(solved[3])
     assert len(found) == 601 and error.max() < 1e-7
     np.testing.assert_allclose(found.x_next, x_next, rtol=0, atol=1e-9)
-    # And some of them do touch: a step without contact impulse would not move the object.
+    # Some transitions have contact: without an impulse the object would not move.
     assert (np.array(solved[1]).max(axis=0) > 1e-6).mean() > 0.02
 
 
@@ -136,7 +136,7 @@ def test_a_region_around_the_task_holds_start_goal_and_guess() -> None:
 
 
 def test_a_state_that_no_step_changes_has_what_its_start_may_be() -> None:
-    """half-cheetah carries its step size as a state: drawn around its start it were negative."""
+    """The step size of half-cheetah is a state, and would become negative if drawn around its start."""
     chosen = get("half-cheetah")
     where = around_task(chosen)
     low, high = (np.array(v).ravel() for v in chosen.start_limits(chosen.parameters.values))

@@ -1,4 +1,4 @@
-"""The weighted average of data: against 60 digits, closed forms and differences."""
+"""The weighted average of data agrees with 60 digits, closed forms and differences."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tests.unit.dynamics.learned.ewda_reference import gap, model_of, origin, re
 ENGINES = ["c", "numpy"]
 SIGMAS = [0.05, 0.2, 0.6, 2.0]
 FAR = [0.0, 0.03, 0.3, 1.0, 5.0, 50.0]
-"""Widths of the data by which the queries miss a point of theirs."""
+"""Distances of the queries from a datum, in standard deviations of the data."""
 NZ, NY = 11, 7
 
 
@@ -25,7 +25,7 @@ def engine(request) -> str:
 
 
 def data(n: int, nz: int = NZ, ny: int = NY, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
-    """Points in units as far apart as they get, and targets that bend."""
+    """Draw points z with very different units, and targets y that are nonlinear in z."""
     rng = np.random.default_rng(seed)
     z = rng.standard_normal((n, nz)) * np.logspace(-2, 2, nz) + 5 * rng.standard_normal(nz)
     y = np.sin(rng.standard_normal((n, nz)) @ rng.standard_normal((nz, ny))) + 3.0
@@ -39,11 +39,11 @@ def queries(model: EwdaModel, n: int, far: float, seed: int = 1) -> np.ndarray:
 
 
 def assert_exact(model: EwdaModel, z: np.ndarray, weights: np.ndarray) -> None:
-    """All answers at the queries within 1e-11 of 60 digits, in units of their own size.
+    """Check that values and derivatives at the queries are within 1e-11 of 60 digits, relative to their size.
 
-    Sizes in normalised units of z: y its greatest, dy/dz~ at least 1 / sigma of it, curvatures at
-    least 1 / sigma² of it, as a change of y over one width is. Where all weight is one point's
-    the derivatives are zero but for the density's, and their size is still that of such a change.
+    In normalised units of z, the size of y is its maximum, that of dy/dz~ at least 1 / sigma times
+    it, and that of curvatures at least 1 / sigma² times it, since y changes over one width. If one
+    datum has all the weight, the derivatives of y are zero, and these sizes still apply.
     """
     scale, sigma = model.scales.scale, model.sigma
     size = np.abs(model.y).max()
@@ -201,9 +201,9 @@ def test_neighbours_that_tie_share(engine):
 
 
 def test_a_mean_where_no_data_are_bends_nonetheless(engine):
-    """Two points and a query between them: g = tanh(z / sigma²), whose second derivative is
+    """Between two points g = tanh(z / sigma²), and its curvature is not lost, though all weights are exp(-1250).
 
-    -2 tanh(t) / cosh²(t) / sigma⁴ at t = z / sigma², though the weight of z itself is exp(-1250).
+    The second derivative is -2 tanh(t) / cosh²(t) / sigma⁴ at t = z / sigma².
     """
     z, sigma, t = np.array([[-1.0], [1.0]]), 0.02, 0.3
     unit = Normalisation(np.zeros(1), np.ones(1))
@@ -237,7 +237,7 @@ def test_one_point_is_a_constant_and_a_gaussian(engine, at):
     seed=st.integers(0, 1 << 20),
 )
 def test_score_of_the_identity(engine_of_property, n, nz, sigma, far, seed):
-    """For y = z, g(z~) = z~ + sigma² dlog p/dz~: the step to the data goes up its density."""
+    """For y = z, g(z~) = z~ + sigma² dlog p/dz~, so that the step climbs the density of the data."""
     z, _ = data(n, nz, 1, seed)
     model = model_of(z, z, sigma, backend=engine_of_property)
     at = queries(model, 3, far, seed)
@@ -251,17 +251,17 @@ def test_score_of_the_identity(engine_of_property, n, nz, sigma, far, seed):
 
 @pytest.mark.parametrize("at", [-3.0, -1.2, -1.0, -0.9, 0.0, 0.4, 1.05, 2.0])
 def test_block_between_walls_is_the_mean_of_a_truncated_normal(engine, at):
-    """Dense uniform data of f(q) = q on [-1, 1]: lemma 2 with a density that ends at the walls.
+    """Dense uniform data of f(q) = q on [-1, 1] give lemma 2 for a density that ends at the walls.
 
-    Midpoints on n cells stand for the integral within the midpoint rule's error, (2 / n)² / 24
-    times the change of the integrand's slope over the interval, at most 3 / sigma² here.
+    Midpoints of n cells replace the integral up to the midpoint rule's error, (2 / n)² / 24 times
+    the change of the integrand's slope over the interval, at most 3 / sigma² here.
     """
     n, sigma = 20_000, 0.1
     q = (np.arange(n) + 0.5)[:, None] * (2 / n) - 1
     unit = Normalisation(np.zeros(1), np.ones(1))
     model = EwdaModel(q, q, unit, sigma, origin(1, 1), backend=engine)
     values, jacobians = model.jacobians(np.array([[at]]))
-    # Reflected to the left of the middle, where the normal's tails do not cancel.
+    # Points are reflected to the left of the middle, where the normal's tails do not cancel.
     x = -abs(at)
     a, b = (-1 - x) / sigma, (1 - x) / sigma
     mass = norm.sf(a) - norm.sf(b)

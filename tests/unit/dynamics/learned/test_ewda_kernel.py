@@ -1,4 +1,4 @@
-"""The C of the weighted average: compilers take it, its weights are exact, its boxes hold."""
+"""The C code of the weighted average: it compiles without warnings, and its weights and boxes are right."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from dynamics.learned.ewda_kernel import NumpyMoments, bounding_boxes, chunk_row
 from dynamics.learned.ewda_source import ewda_source
 from tests.unit.dynamics.learned.ewda_reference import model_of
 
-# A way for the test to call what the kernel calls.
+# Exported calls of the kernel's inner functions, for the tests.
 _CALLED = """
 void weights_of(const double *x, double *w, i64 n) {
   for (i64 i = 0; i + W <= n; i += W) *(VU *)(w + i) = weight(*(const VU *)(x + i));

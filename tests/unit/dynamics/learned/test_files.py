@@ -1,4 +1,4 @@
-"""Files of data and models: whole, the same to the last bit, or refused."""
+"""Files of data and models are complete, the same to the last bit, or refused."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def test_what_is_written_is_read_back(file: Path) -> None:
 
 
 def test_the_same_is_the_same_file_to_the_last_bit(file: Path, tmp_path: Path) -> None:
-    """But for the second in which HDF5 made the root group, and the checksum of that header."""
+    """Only the time at which HDF5 created the root group, and the checksum of that header, may differ."""
     again = tmp_path / "again.nc"
     models.save(MAKERS[file.stem]().dataset(), again)
     first, second = (np.frombuffer(path.read_bytes(), np.uint8) for path in (file, again))
@@ -74,13 +74,13 @@ def test_the_same_is_the_same_file_to_the_last_bit(file: Path, tmp_path: Path) -
 
 def test_a_file_cut_short_or_changed_is_told(file: Path) -> None:
     content = file.read_bytes()
-    # Behind the numbers stand zeros, without which nothing is missing.
+    # Zeros follow the numbers; a file without them is complete.
     size = len(content.rstrip(b"\0"))
     for share in (0.5, 0.9, 0.99):
         file.write_bytes(content[: int(share * size)])
         with pytest.raises(InputError, match="truncated or"):
             models.load_any(file)
-    # A bit of the numbers, which netCDF itself would never miss.
+    # One bit of the numbers changes, which netCDF itself does not detect.
     place = (
         content.index(np.float64(transitions().x[0, 0]).tobytes())
         if file.stem != "mlp"

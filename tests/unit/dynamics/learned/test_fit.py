@@ -1,4 +1,4 @@
-"""What the report of a fit says, on maps whose errors have closed forms."""
+"""The report on a fit is right for maps whose errors have closed forms."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ HELD_OUT = np.arange(4000)
 
 @dataclass(frozen=True)
 class Affine:
-    """``y = A z + b`` and one more entry, as the data average has."""
+    """Model ``y = A z + b`` with one more output, as the data average has."""
 
     A: np.ndarray
     b: np.ndarray
@@ -38,7 +38,7 @@ class Affine:
 
 @dataclass(frozen=True)
 class Nearest(Affine):
-    """The data average without noise."""
+    """Model that returns the y of the nearest datum, the data average without noise."""
 
     data: Samples | None = None
 
@@ -51,7 +51,7 @@ class Nearest(Affine):
 
 
 def still(n: int = 4000) -> Samples:
-    """Bodies that stay where they are, metres and radians of different widths."""
+    """Draw n samples of the identity, with coordinates of different scales in metres and radians."""
     z = np.random.default_rng(0).normal(size=(n, 2)) * [0.1, 3.0] + [2.0, -1.0]
     return Samples(z, z.copy(), DataOrigin(NAMES, NAMES))
 
@@ -60,7 +60,7 @@ IDENTITY = Affine(np.eye(2), np.zeros(2))
 
 
 def test_errors_of_the_identity_are_those_of_the_noise() -> None:
-    """Clean 0, noised sigma in normalised units, within four deviations of the estimate."""
+    """The clean error is 0, and the noised one sigma in normalised units, within four standard deviations."""
     data = still()
     report = measure_fit(IDENTITY, data, HELD_OUT, sigma=0.3)
     assert np.array_equal(report.clean, np.zeros(2))
@@ -72,7 +72,7 @@ def test_errors_of_the_identity_are_those_of_the_noise() -> None:
 
 
 def test_along_rays_an_extrapolation_goes_as_far_as_the_query() -> None:
-    """|g - y| is the distance; the mean over 2 coordinates divides its square by 2."""
+    """|g - y| equals the distance; the mean over 2 coordinates halves its square."""
     report = measure_fit(IDENTITY, still(), HELD_OUT, sigma=0.1)
     np.testing.assert_allclose(report.displacement, np.array(RAY_DISTANCES) / np.sqrt(2), atol=1e-12)
     assert report.outside[0] == 0 and np.all(np.diff(report.outside) >= 0)
@@ -80,7 +80,7 @@ def test_along_rays_an_extrapolation_goes_as_far_as_the_query() -> None:
 
 
 def test_along_rays_the_nearest_sample_is_where_they_left() -> None:
-    """The claim under the report's distances: all data lie behind the plane a ray starts from."""
+    """All data lie behind the plane from which a ray starts, as the report's distances assume."""
     data = still(500)
     report = measure_fit(Nearest(np.eye(2), np.zeros(2), data=data), data, np.arange(5), sigma=0.1)
     assert np.array_equal(report.displacement, np.zeros(len(RAY_DISTANCES)))

@@ -1,4 +1,4 @@
-"""Files of models and transitions whose checksum is right and whose content is not are refused."""
+"""Files of models and transitions with a right checksum and wrong content are refused."""
 
 from __future__ import annotations
 

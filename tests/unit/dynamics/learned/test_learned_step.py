@@ -1,4 +1,4 @@
-"""A model that no graph holds, as the step of programs, rollouts and solves."""
+"""A model that is no CasADi graph, as the step of programs, rollouts and solves."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def test_first_and_second_derivatives_are_those_of_differences(law, method, poli
 
 
 def test_trust_adds_the_weighted_density_to_the_stage_cost():
-    """f with trust less f without is ``-beta sum_k log p(x_k, u_k)``."""
+    """The cost with trust less the cost without it is ``-beta sum_k log p(x_k, u_k)``."""
     x = 0.3 * np.random.default_rng(1).standard_normal(PROBLEM.N * 7)
     found = {}
     for name in ("ewda", "trusting"):
@@ -178,7 +178,7 @@ def test_settings_make_the_same_law_again():
 
 
 def test_a_verdict_says_where_the_data_were_taken_at_other_parameters():
-    """Those of the motion, that is: a weight of the cost may be what it likes."""
+    """Only parameters of the motion count; weights of the cost may differ."""
     model = Wavy(PROBLEM.system)
     told = {"friction": 0.5, "m": 5.0, "w_du": 1.0}
     model.origin = replace(model.origin, parameters=told)

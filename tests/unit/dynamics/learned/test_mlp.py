@@ -1,4 +1,4 @@
-"""Networks: NumPy against Equinox and against differences, and what training does and refuses."""
+"""Networks: NumPy agrees with Equinox and with differences; training and its errors."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ PUSH = DataOrigin(
 
 
 def a_model(hidden: tuple[int, ...] = (16, 24, 16), seed: int = 0) -> MlpModel:
-    """Random weights and scales, all sizes different from one another."""
+    """Return a network with random weights and scales, whose sizes are all different."""
     rng = np.random.default_rng(seed)
     sizes = (3, *hidden, 2)
     weights = tuple(rng.normal(size=(m, n)) / np.sqrt(n) for n, m in pairwise(sizes))
@@ -42,7 +42,7 @@ def a_model(hidden: tuple[int, ...] = (16, 24, 16), seed: int = 0) -> MlpModel:
 
 
 def in_equinox(model: MlpModel, dtype: type):
-    """The same network of Equinox's own parts: physical z (n_in,) to physical y."""
+    """Return the network built from Equinox's layers, a function from physical z (n_in,) to physical y."""
     layers = []
     for W, b in zip(model.weights, model.biases, strict=True):
         blank = eqx.nn.Linear(*W.T.shape, key=jax.random.key(0))
@@ -58,7 +58,7 @@ def in_equinox(model: MlpModel, dtype: type):
 
 
 def pushed(n: int, seed: int = 0) -> Samples:
-    """A kinked map with noise-free next states."""
+    """Draw n samples without noise of a map with a kink."""
     z = np.random.default_rng(seed).uniform(-1.0, 1.0, (n, 3))
     y = np.stack([z[:, 0] + np.maximum(z[:, 2] - z[:, 0], 0.0), z[:, 1] * z[:, 2]], axis=1)
     return Samples(z, y, PUSH)
@@ -114,7 +114,7 @@ def test_derivatives_are_differences() -> None:
 
 @pytest.mark.costly
 def test_in_a_graph_it_is_equinoxes_with_both_derivatives() -> None:
-    """CasADi's function against Equinox, its first and second derivative against differences."""
+    """CasADi's function agrees with Equinox, and its first and second derivative with differences."""
     model, rng = a_model(), np.random.default_rng(5)
     points, weights, h = rng.normal(size=(4, 3)), rng.normal(size=2), 1e-5
     in_float = jax.vmap(in_equinox(model, np.float32))(jnp.asarray(points, np.float32))
@@ -223,7 +223,7 @@ def test_what_is_resumed_ends_in_the_same_bits(tmp_path: Path) -> None:
 
 @pytest.mark.costly
 def test_an_interrupted_epoch_is_done_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Ctrl-C after the weights of an epoch are there, before it is over."""
+    """Ctrl-C comes after an epoch has computed its weights and before it ends."""
     data = pushed(500)
     whole, part = Training(data, 0.2, TINY), Training(data, 0.2, TINY)
     told = list(whole.epochs())
@@ -242,11 +242,11 @@ def test_an_interrupted_epoch_is_done_again(monkeypatch: pytest.MonkeyPatch) -> 
 
 @pytest.mark.costly
 def test_noise_is_on_the_inputs_alone() -> None:
-    """x ~ N(0, s²), y = x: the best map of noised inputs is s² x / (s² + sigma²) [eq. 7].
+    """For x ~ N(0, s²) and y = x the best map of noised inputs is s² x / (s² + sigma²), eq. 7.
 
-    Normalised, s = 1. Were y noised too with the same draws, the slope would be 1, and with other
-    draws the same but its error larger by sigma². 8000 samples in 40 epochs of noise leave an
-    error of the slope of about sigma/sqrt(8000) = 0.01.
+    Normalised data have s = 1. If y had the same noise, the slope would be 1; with other noise on y
+    the slope would be the same and the error larger by sigma². 8000 samples in 40 epochs of noise
+    leave an error of the slope of about sigma/sqrt(8000) = 0.01.
     """
     sigma = 1.0
     x = 0.5 * np.random.default_rng(0).normal(size=(8000, 1))
@@ -265,7 +265,7 @@ def test_noise_is_on_the_inputs_alone() -> None:
 
 
 def g_sigma(x: np.ndarray, data: Samples, sigma: float) -> np.ndarray:
-    """Equation 11 as it stands, in one dimension."""
+    """Return the weighted average of equation 11 in one dimension, written out."""
     exponents = -0.5 * ((x[:, None] - data.z[:, 0]) / (sigma * data.z.std())) ** 2
     weights = np.exp(exponents - exponents.max(axis=1, keepdims=True))
     return weights @ data.y[:, 0] / weights.sum(axis=1)
@@ -273,7 +273,7 @@ def g_sigma(x: np.ndarray, data: Samples, sigma: float) -> np.ndarray:
 
 @pytest.mark.costly
 def test_h_sigma_tends_to_g_sigma() -> None:
-    """Where the data are, its distance to equation 11 falls in training; h stays away from it."""
+    """In training the distance of h_sigma from equation 11 falls where there are data; that of h does not."""
     x = np.random.default_rng(0).uniform(-1.0, 1.0, (2000, 1))
     data, sigma = Samples(x, np.maximum(x, 0.0), LINE), 0.3
     queries = np.linspace(-1.0, 1.0, 101)
@@ -292,7 +292,7 @@ def test_h_sigma_tends_to_g_sigma() -> None:
 
 @pytest.mark.costly
 def test_training_stops_when_held_out_error_does_not_fall() -> None:
-    """Targets without any relation to z: the best network is the first ones' constant."""
+    """The targets do not depend on z, so that the held-out error does not fall."""
     rng = np.random.default_rng(0)
     data = Samples(rng.normal(size=(100, 1)), rng.normal(size=(100, 1)), LINE)
     training = Training(data, 0.0, Recipe(hidden=(64, 64), epochs=2000, rate=1e-2, patience=5))
@@ -307,7 +307,7 @@ def test_training_stops_when_held_out_error_does_not_fall() -> None:
 
 @pytest.mark.costly
 def test_held_out_rows_are_never_trained_on() -> None:
-    """Other targets there give the same weights, where no scale and no stop depends on them."""
+    """Other targets of held-out rows give the same weights, if no scale and no stop depends on them."""
     data = pushed(200)
     recipe = replace(TINY, patience=6)
     first = Training(data, 0.1, recipe)
@@ -321,7 +321,7 @@ def test_held_out_rows_are_never_trained_on() -> None:
 
 
 def test_training_holds_out_what_transitions_do() -> None:
-    """So that a network and an average of the same data are compared on rows neither has seen."""
+    """A network and an average of the same data are compared on rows that neither has used."""
     drawn = pushed(100)
     data = Transitions.from_arrays(drawn.z[:, :2], drawn.z[:, 2:], drawn.y, PUSH.y, PUSH.inputs)
     training = Training(data.samples(), 0.1, TINY, seed=5)

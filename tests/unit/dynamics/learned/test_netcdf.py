@@ -1,4 +1,4 @@
-"""Files that the netCDF library cannot read, or never ends to read."""
+"""Files that the netCDF library cannot read, or reads forever."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import xarray as xr
 from dynamics.learned.netcdf import check_readable
 
 ENDLESS = Path(__file__).parents[3] / "data" / "endless.nc.xz.b85"
-"""A run's arrays with one bit changed in HDF5's own tables: their reader goes round in a circle."""
+"""File of a run's arrays with one bit changed in HDF5's tables, which makes the reader loop forever."""
 
 
 def content() -> bytes:

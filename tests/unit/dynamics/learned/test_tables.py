@@ -1,4 +1,4 @@
-"""Tables of a user: read by name, by a map, with units; and what is told of others."""
+"""Tables of users: columns read by name or by a map, units, and messages on bad tables."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ COLUMNS = ("x", "v", "u", "x_next", "v_next")
 
 
 def steps(n: int = 50) -> np.ndarray:
-    """Rows of x, v, u, x_next, v_next."""
+    """Draw n rows of x, v, u, x_next, v_next."""
     x, v, u = np.random.default_rng(2).standard_normal((3, n))
     return np.stack([x, v, u, x + 0.1 * v, v + 0.1 * u], axis=1)
 
 
 def write(path: Path, heads: tuple[str, ...] = COLUMNS, rows: np.ndarray | None = None) -> Path:
-    """The steps as CSV or Parquet, every digit kept, columns in another order than z's."""
+    """Write the steps as CSV or Parquet with all digits and reversed columns; return the path."""
     import pandas as pd
 
     frame = pd.DataFrame(steps() if rows is None else rows, columns=list(heads))

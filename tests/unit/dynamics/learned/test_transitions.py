@@ -1,4 +1,4 @@
-"""Transitions: what they refuse, what they keep, and what they are compared by."""
+"""Transitions: rejected values, stored values, and the hash by which they are compared."""
 
 from __future__ import annotations
 

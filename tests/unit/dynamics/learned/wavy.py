@@ -1,4 +1,4 @@
-"""A model of a step with known derivatives: not learned, but a map that no graph holds."""
+"""A model of a step with known derivatives that is neither learned nor a CasADi graph."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from dynamics.systems import ContactSystem
 
 
 class Wavy:
-    """``y = A z + z'Qz / 2 + a sin(z)``, one output more than states, which stands for log p."""
+    """Model ``y = A z + z'Qz / 2 + a sin(z)``; the output after the states replaces log p."""
 
     kind: ClassVar[str] = "ewda"
 

@@ -1,4 +1,4 @@
-"""Distances between shapes in space against sampling, and the rows of contacts against motion."""
+"""Distances between shapes in space agree with sampling, and the rows of contacts with motion."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def _machine(one, other, joint: str = "free") -> SpatialMachine:
 
 
 def _core(shape) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
-    """Centre, axes and bounds of the coordinates of a shape's core, and the radius around it."""
+    """Return centre, axes and coordinate bounds of a shape's core, and the radius around it."""
     if isinstance(shape, Sphere):
         return np.array(shape.centre), np.eye(3)[:0], np.zeros((0, 2)), float(shape.radius)
     if isinstance(shape, Capsule):
@@ -48,7 +48,7 @@ def _core(shape) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
 
 
 def _distance(one, other, poses) -> float:
-    """Distance of two shapes by minimising over the points of both cores."""
+    """Return the distance of two shapes by minimisation over the points of both cores."""
     (c1, a1, b1, r1), (c2, a2, b2, r2) = _core(one), _core(other)
     (R1, p1), (R2, p2) = poses
 
@@ -103,7 +103,7 @@ def test_distances_are_those_of_nearest_points(pair) -> None:
 
 
 def test_a_ball_beside_a_can() -> None:
-    """Beside the side, over the cap, off the rim, and inside of the can."""
+    """The ball is beside the can's side, over its cap, off its rim, and inside it."""
     machine = SpatialMachine(
         (Body("a", None, 1.0, (0.1, 0.1, 0.1), joint="free"),),
         (
@@ -131,7 +131,7 @@ def test_a_ball_beside_a_can() -> None:
     "shape", [_BOX, _CAN, _ROD, Hull(((0.1, 0, 0), (0, 0.2, 0), (0, 0, 0.3)))], ids=lambda one: type(one).__name__
 )
 def test_the_lowest_point_over_a_plane_is_that_of_the_shape(shape) -> None:
-    """The least of a shape's distances is that of a dense sample of its surface."""
+    """The smallest of a shape's distances equals that of a dense sample of its surface."""
     normal = np.array([0.36, 0.48, 0.8])
     machine = SpatialMachine(
         (Body("a", None, 1.0, (0.1, 0.1, 0.1), joint="free"),),

@@ -1,6 +1,6 @@
-"""Free bodies whose origin is off their centre of mass: what is conserved, and their centred twins.
+"""Free bodies with the origin off their centre of mass: conserved quantities, and the same centred bodies.
 
-A state's velocity of the origin is that at the pose which the step before set out from.
+The origin's velocity in a state belongs to the pose at the start of the previous step.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ def vector(values: np.ndarray) -> tuple[float, float, float]:
 
 
 def random_body(rng: np.random.Generator) -> Body:
-    """A body of any mass, principal axes and centre, up to metres off its origin."""
+    """Draw a body of random mass and inertia, with its centre of mass up to metres off its origin."""
     A = rng.normal(size=(3, 3))
     second = A @ A.T
     inertia = np.trace(second) * np.eye(3) - second
@@ -42,7 +42,7 @@ def alone(body: Body, h: float, gravity=(0.0, 0.0, 0.0)) -> ContactSystem:
 
 
 def flight(system: ContactSystem, x: np.ndarray, steps: int) -> tuple[np.ndarray, ...]:
-    """States (steps, nx), energies (steps,) and linear momenta (steps, 3), from x on."""
+    """Return states (steps, nx), energies (steps,) and linear momenta (steps, 3) of a motion from x."""
     book = system.energy_balance
     assert book is not None
     step = ca.Function("step", [system.x], [system.x_next_expr, system.x, book.energy, book.momentum])
@@ -57,7 +57,7 @@ def start(rng: np.random.Generator, speed: float) -> np.ndarray:
 
 
 def test_energy_is_never_gained_and_momentum_is_kept() -> None:
-    """Of 100 bodies at up to 100 rad/s and steps from a millisecond to a second, sixteen turns."""
+    """This holds for 100 bodies at up to 100 rad/s, steps from 1 ms to 1 s, over sixteen turns."""
     names = ["mass", *(f"inertia {k}" for k in range(6)), *(f"com {k}" for k in range(3)), "h"]
     p = ParameterTable([Parameter(name, 1.0, "1") for name in names])
     mass, *inertia, x, y, z, _ = (p[name] for name in names)
@@ -87,7 +87,7 @@ def test_gravity_gives_its_impulse_and_nothing_else() -> None:
 
 
 def test_angular_momentum_is_lost_at_first_order_in_h() -> None:
-    """R I omega after a second of tumbling, in the axes of the world."""
+    """R I omega in the world's axes is compared after a second of tumbling."""
     inertia, off = np.array([1.0, 2.0, 2.5]), []
     body = Body("b", None, 1.0, tuple(map(float, inertia)), com=(0.3, -0.2, 0.5), joint="free")
     first = np.array([0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0.5, 1.0, 0.8])
@@ -100,7 +100,7 @@ def test_angular_momentum_is_lost_at_first_order_in_h() -> None:
 
 
 def test_with_contact_it_moves_as_the_same_body_about_its_centre() -> None:
-    """A ball that is thrown, bounces plastically, slides and rolls, decimetres off its middle."""
+    """A ball is thrown, lands plastically, slides and rolls; its origin is decimetres off its middle."""
     centre, h, friction, r = np.array([0.3, -0.2, 0.5]), 0.02, 0.4, 0.2
     own = Body("b", None, 2.0, (0.03, 0.04, 0.05), joint="free")
 
@@ -135,7 +135,7 @@ def test_with_contact_it_moves_as_the_same_body_about_its_centre() -> None:
 
 
 def test_a_tree_on_such_a_body_tends_to_its_motion_at_first_order() -> None:
-    """Halving h halves the distance from a step that is much shorter."""
+    """Half of h gives half the distance from the motion with much shorter steps."""
     bodies = (
         Body("b", None, 2.0, (0.03, 0.04, 0.05), com=(0.2, -0.1, 0.3), joint="free"),
         Body("arm", "b", 1.0, (0.01, 0.02, 0.02), com=(0.1, 0.0, 0.0), position=(0.0, 0.2, 0.1)),

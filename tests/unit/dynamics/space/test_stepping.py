@@ -1,4 +1,4 @@
-"""Steps in space against closed forms: rest, sliding, rolling, spinning, servos, limits."""
+"""Steps in space agree with closed forms: rest, sliding, rolling, spinning, servos, limits."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def _system(machine: SpatialMachine, friction: float = 0.5, h: float = _H, **giv
 def _rolled(
     system: ContactSystem, x: np.ndarray, steps: int, law: ContactLaw | None = None, u=()
 ) -> tuple[np.ndarray, np.ndarray]:
-    """States (steps + 1, nx) and impulses (steps, nlam)."""
+    """Return states (steps + 1, nx) and impulses (steps, nlam) of a motion from x."""
     step = (law or Exact()).close(system)
     states, impulses = [x], []
     for _ in range(steps):
@@ -48,7 +48,7 @@ def _at(z: float, v=(0.0, 0.0, 0.0), w=(0.0, 0.0, 0.0)) -> np.ndarray:
 def test_a_box_at_rest_stands_on_four_corners_alike() -> None:
     system = _system(_on_plane(Box((0.1, 0.1, 0.1)), 0.01))
     x, lam = _rolled(system, _at(0.1), 3)
-    # The exact law is the end of its path, where gaps are 3e-11 m, and speeds so much over h.
+    # The exact law ends its path at gaps of 3e-11 m, and speeds of that over h.
     assert np.allclose(x, x[0], atol=1e-8)
     lower = [i for i, one in enumerate(system.contacts) if one.name in {f"body on floor {k}" for k in (1, 3, 5, 7)}]
     assert np.allclose(lam[-1, lower], 2.0 * _G * _H / 4, rtol=1e-9)
@@ -56,7 +56,7 @@ def test_a_box_at_rest_stands_on_four_corners_alike() -> None:
 
 @pytest.mark.parametrize("edges", [4, 8])
 def test_a_point_slides_with_the_deceleration_of_coulomb_along_an_edge(edges: int) -> None:
-    """``v+ = v - f g h`` where the way lies on an edge of the pyramid, and then it stays."""
+    """``v+ = v - f g h`` if the motion is along an edge of the pyramid, until the point rests."""
     system = _system(_on_plane(Sphere(0.0), 10.0), friction=0.2, edges=edges)
     x, _ = _rolled(system, _at(0.0, v=(0.1, 0.0, 0.0)), 10)
     expected = np.maximum(0.0, 0.1 - 0.2 * _G * _H * np.arange(11))
@@ -107,7 +107,7 @@ def test_a_spinning_body_never_gains_energy_and_keeps_its_length(h: float) -> No
 
 
 def test_the_precession_of_a_symmetric_body_is_that_of_euler_as_h_falls() -> None:
-    """Free, ``omega`` turns about the symmetry axis at ``(I_z - I_x) / I_x omega_z``."""
+    """In free motion ``omega`` turns about the symmetry axis at the rate ``(I_z - I_x) / I_x omega_z``."""
     off = []
     for h in (0.004, 0.002):
         body = Body("body", None, 1.0, (0.2, 0.2, 0.3), joint="free")
@@ -144,7 +144,7 @@ def test_momentum_and_energy_are_on_the_books() -> None:
 
 
 def test_a_servo_pushes_as_far_as_it_is_told_and_forgets_speed() -> None:
-    """Quasi-dynamic: force balance ``K (u - p) = f m g`` of a slider that a servo pushes."""
+    """In the quasi-dynamic model a servo pushes a slider with the balance ``K (u - p) = f m g``."""
     stiffness, m, f = 50.0, 2.0, 0.3
     machine = SpatialMachine(
         (
@@ -165,7 +165,7 @@ def test_a_servo_pushes_as_far_as_it_is_told_and_forgets_speed() -> None:
     x, _ = _rolled(system, x, 40, u=[0.4])
     cube, tip = x[-1, 0], x[-1, 7]
     assert tip - 0.3 + 0.05 == pytest.approx(cube - 0.1, abs=1e-9)
-    # It sticks as soon as the push is no more than friction: just below it.
+    # It sticks as soon as the push is below friction.
     assert stiffness * (0.4 - tip) == pytest.approx(f * m * _G, rel=1e-4)
 
 
