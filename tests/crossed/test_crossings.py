@@ -1,4 +1,4 @@
-"""Every way that an option names on every problem: a verdict, or one sentence on why not."""
+"""Every combination of options on every problem gives a verdict, or one sentence that says why not."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ from tests.cli.conftest import Done, ocp  # noqa: F401
 from tests.crossed.ways import CROSSINGS, LONG_BUILDS, PROBLEMS, STRANGERS, Crossing
 
 DRAWN, DRAWN_COSTLY = 15, 150
-"""One of so many cases is in ``make test``, and of so many where the problem is costly."""
+"""Inverse shares of the cases that are in ``make test``: of all problems, and of costly ones."""
 LINES = 10
-"""One of so many cases is tried from the command line as well."""
+"""Inverse share of the cases that are also run from the command line."""
 DONE, BAD_INPUT, NOT_CONVERGED = 0, 2, 3
 
 
 def cases(purpose: str = "") -> Iterator[object]:
-    """All crossings, or those drawn for a purpose; those marked slow that are not drawn again."""
+    """Yield all crossings, or those drawn for a purpose; those outside the quick share are marked slow."""
     for crossing in CROSSINGS:
         if purpose and not crossing.drawn(LINES, f"tried {purpose}"):
             continue
@@ -42,7 +42,7 @@ def cases(purpose: str = "") -> Iterator[object]:
 
 @pytest.fixture(autouse=True)
 def _without_compiler(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Closed loops of two samples are not worth the seconds that compiling them takes."""
+    """Hide the compiler, since closed loops of two samples do not pay for seconds of compilation."""
     monkeypatch.setenv("PATH", str(tmp_path))
 
 
@@ -53,7 +53,7 @@ def smallest(crossing_problem: str, N: int) -> Problem:
 
 @contextlib.contextmanager
 def one_sentence() -> Iterator[None]:
-    """What is refused is refused in a sentence; nothing else is raised."""
+    """Check that an input error in the block has a message of one sentence; other errors propagate."""
     try:
         yield
     except InputError as error:
@@ -64,7 +64,7 @@ def one_sentence() -> Iterator[None]:
 
 
 def is_verdict(found: Solution) -> None:
-    """The status is known, a success has finite numbers, a failure a sentence on itself."""
+    """Check that a solution has a known status, finite numbers if it succeeded, and else a sentence on its failure."""
     assert isinstance(found.status, Status)
     assert found.verdict.strip().endswith(".")
     assert found.success == (found.status is Status.SOLVED)
@@ -78,7 +78,7 @@ def is_verdict(found: Solution) -> None:
 
 
 def try_loop(problem: Problem, phase: str = "qpcc", contact: str = "own", plant: str = "exact"):
-    """Two samples in closed loop: commands within the bounds, and a finite cost or an early end."""
+    """Simulate two samples of a closed loop; check that commands are within bounds, and costs finite or ended early."""
     law = None if contact == "own" else make_law(contact, {}, problem.system)
     controller = Controller(problem, law, phase)
     loop = simulate(controller, 2, plant, certify=1)

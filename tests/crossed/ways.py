@@ -1,5 +1,4 @@
-"""Ways that options name, and problems that they are crossed with; both are read from the tables
-that the program itself has, so that a new name is crossed too."""
+"""Combinations of options and the problems to try them on, both from the program's own tables."""
 
 from __future__ import annotations
 
@@ -23,24 +22,24 @@ from problems import names
 STRANGERS = sorted((Path(__file__).parent / "strangers").glob("*.py"))
 PROBLEMS = [*names(), *(str(file) for file in STRANGERS)]
 LONG_BUILDS = ("quadruped", "ant", "push-cube", "reorient", "half-cheetah", "hopper")
-"""Problems of which one way takes from seconds to minutes, most of it to build the graphs."""
+"""Names of the problems on which one case takes seconds to minutes, mostly to build graphs."""
 COSTLY = {
     *LONG_BUILDS,
     "idto-hopper",
     *("soft-walls", "planar-hand", "finger-disc", "push-t", "spinner"),
     *("two_bodies", "joint_limit", "clashing_names"),
 }
-"""Problems and strangers of which one way takes more than a quarter of a second at the median."""
+"""Names of the problems on which the median time of a case is above a quarter of a second."""
 SMALLEST = dict.fromkeys(("least_time.py", "periodic.py", "ball-throw", "half-cheetah", "hopper-1d"), 2)
-"""Smallest horizons of problems for which one step is too short."""
+"""Mapping from problem to its smallest horizon, where one step is too short."""
 _LIMITS = {"ipopt": "max_iter", "uno": "max_iterations"}
-"""Names of a solver's limit of iterations, where it is not ``max_iter``."""
+"""Mapping from solver to the name of its iteration limit."""
 _ITERATIONS = 3
 
 
 @dataclass(frozen=True)
 class Way:
-    """One choice of ways: ``loop`` are words of ``ocp mpc``, without them it is a solve."""
+    """One combination of options: ``loop`` are options of ``ocp mpc``; if empty, the case is a solve."""
 
     name: str
     solve: dict[str, Any] = field(default_factory=dict)
@@ -53,7 +52,7 @@ def _settings(solver: str = "ipopt", **more: Any) -> dict[str, Any]:
 
 
 def ways() -> Iterator[Way]:
-    """All ways, each with few iterations."""
+    """Yield all combinations of options, each with few iterations."""
     for law, method in itertools.product(LAWS, METHODS):
         yield Way(f"{law}-{method}", {"contact": law, "method": method})
     for policy, law in itertools.product(POLICIES, LAWS):
@@ -82,39 +81,39 @@ def ways() -> Iterator[Way]:
 
 @dataclass(frozen=True)
 class Crossing:
-    """One way on one problem, at its smallest size."""
+    """One combination of options on one problem at its smallest size."""
 
     problem: str
     way: Way
 
     @property
     def name(self) -> str:
-        """Name of the case, which does not depend on where the repository lies."""
+        """Name of the case, which does not depend on the repository's path."""
         return f"{Path(self.problem).stem}:{self.way.name}"
 
     @property
     def costly(self) -> bool:
-        """Whether the problem takes long even at its smallest size."""
+        """Whether the problem is slow even at its smallest size."""
         return Path(self.problem).stem in COSTLY
 
     @property
     def params(self) -> dict[str, int]:
-        """Parameters of the smallest size."""
+        """Parameters that give the smallest size."""
         return {"N": SMALLEST.get(Path(self.problem).name, 1)}
 
     def drawn(self, share: int, purpose: str = "") -> bool:
-        """Whether this is one of every ``share`` cases, the same ones on every day."""
+        """Return whether this is one of every ``share`` cases; the choice is always the same."""
         digest = hashlib.sha256(f"{purpose}{self.name}".encode()).digest()
         return int.from_bytes(digest[:4], "big") % share == 0
 
     @property
     def arguments(self) -> dict[str, Any]:
-        """Arguments of :func:`ocp.solve` beside the problem."""
+        """Arguments of :func:`ocp.solve` besides the problem."""
         return {"settings": _settings(), **self.way.solve}
 
     @property
     def words(self) -> list[str]:
-        """The same as a command line."""
+        """The case as words of a command line."""
         size = [word for name, value in self.params.items() for word in ("-p", f"{name}={value}")]
         if self.way.loop:
             options = [word for k, v in self.way.loop.items() for word in (f"--{k}", v)]

@@ -1,10 +1,10 @@
-"""Pages of README and docs as walks: what a reader would run, one after the other, in one folder.
+"""Execution of README and pages of docs: their blocks run in order in one folder, as a reader would run them.
 
-A ``console`` block holds commands, each behind ``$ ``, and the stdout that follows it; a
-``python`` block runs in one namespace a page, and the ``text`` block behind it is what it prints; a
-block with ``title="FILE"`` is written to that file. ``<!-- fails -->`` before a block says that its
-commands end with another exit code than 0, and shows stderr too. ``<!-- slow -->`` keeps a block
-for the slow tests, ``<!-- not run: REASON -->`` for readers alone. Other blocks are texts.
+A ``console`` block has commands, each after ``$ ``, and their stdout; a ``python`` block runs in
+the page's namespace, and the next ``text`` block is its output; a block with ``title="FILE"`` is
+written to that file. ``<!-- fails -->`` before a block says that its commands exit with another
+code than 0, and compares stderr too. ``<!-- slow -->`` leaves a block to the slow tests,
+``<!-- not run: REASON -->`` to readers alone. Other blocks are texts.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from reports.cli.app import main
 
 ROOT = Path(__file__).parents[2]
 TOLERANCE = 1e-3
-"""How far numbers that are printed may be from those that come out, relative."""
+"""Relative difference allowed between numbers on a page and in the output."""
 ROUNDING = 1e-12
-"""What is smaller in size than this is rounding's, and as good as zero."""
+"""Absolute value below which a number counts as zero."""
 _BLOCK = re.compile(
     r"(?:<!-- (?P<mark>slow|fails|not run: [^\n]+?) -->\n+)?"
     r"^(?P<indent> *)```(?P<language>\w+)(?P<about>[^\n]*)\n(?P<body>.*?)^(?P=indent)```$",
@@ -36,7 +36,7 @@ _NUMBER = re.compile(r"(?<![\w.])[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?(?![\w.]*\d)")
 
 @dataclass(frozen=True)
 class Block:
-    """One block: its language, its text, the file that it is, what it is marked with."""
+    """One block of a page: language, text, file to write, mark, and line in the page."""
 
     language: str
     text: str
@@ -55,26 +55,26 @@ class Block:
 
 @dataclass(frozen=True)
 class Command:
-    """One command of a console block, and what it prints; "" where the page does not say."""
+    """One command of a console block and its expected output, "" if the page has none."""
 
     line: str
     output: str
 
     @property
     def plain(self) -> bool:
-        """Whether it is the program alone, without anything that a shell would understand."""
+        """Whether the command is ``ocp`` alone, without characters that are special in a shell."""
         return self.line.startswith("ocp ") and not set(self.line) & set("|<>$&;*?`~\\\n")
 
 
 def pages() -> list[Path]:
-    """README and every page that is written by hand."""
+    """Return the paths of README and of every page that is written by hand."""
     docs = ROOT / "docs"
     written = (p for p in docs.rglob("*.md") if not p.is_relative_to(docs / "generated"))
     return [ROOT / "README.md", *sorted(written)]
 
 
 def blocks(text: str) -> list[Block]:
-    """Blocks of a page in order."""
+    """Return the blocks of a page in order."""
     found = []
     for match in _BLOCK.finditer(text):
         indent = len(match["indent"])
@@ -86,7 +86,7 @@ def blocks(text: str) -> list[Block]:
 
 
 def commands(text: str) -> list[Command]:
-    """Commands of a console block; a line that ends in a backslash goes on in the next."""
+    """Return the commands of a console block; a line that ends in a backslash continues in the next."""
     found: list[tuple[str, list[str]]] = []
     for line in text.splitlines():
         if line.startswith("$ "):
@@ -101,11 +101,11 @@ def commands(text: str) -> list[Command]:
 
 
 def agrees(printed: str, shown: str) -> bool:
-    """Whether what was ``printed`` is what a page has ``shown``.
+    """Return whether the output ``printed`` agrees with the text ``shown`` on a page.
 
-    A line ``...`` of the page stands for any lines, ``...`` within a line for any characters;
-    numbers agree within :data:`TOLERANCE`, counts of iterations within three and a half of what is
-    shown, for the last bit of a sum may cost or save one.
+    A line ``...`` of the page matches any lines, ``...`` within a line any characters; numbers agree
+    within :data:`TOLERANCE`, counts of iterations within 3.5, since the last bit of a sum may change
+    them.
     """
     lines = [line.rstrip() for line in printed.strip("\n").splitlines()]
     wanted = [line.rstrip() for line in shown.splitlines()]
@@ -113,7 +113,7 @@ def agrees(printed: str, shown: str) -> bool:
 
 
 def _match(lines: list[str], wanted: list[str], column: int = -1) -> bool:
-    """``column`` is where a table's numbers of iterations end."""
+    """Return whether lines match; ``column`` is where a table's numbers of iterations end."""
     if not wanted:
         return not lines
     if wanted[0] == "...":
@@ -153,14 +153,14 @@ def _near(printed: str, shown: str, counts: bool) -> bool:
 
 
 class Walk:
-    """A page read from top to bottom in an empty folder."""
+    """Execution of a page from top to bottom in an empty folder."""
 
     def __init__(self, page: Path, folder: Path) -> None:
         self.page, self.folder, self.scope = page, folder, {"__name__": "__main__"}
         self.printed: str | None = None
 
     def through(self, slow: bool) -> None:
-        """Do what every block says; those marked slow only if asked for."""
+        """Run all blocks of the page; those marked slow only if ``slow``."""
         for block in blocks(self.page.read_text(encoding="utf-8")):
             if block.runs and (slow or not block.slow):
                 self.do(block)
@@ -169,7 +169,7 @@ class Walk:
                 self.printed = None
 
     def place(self, block: Block) -> str:
-        """Where a block is, for people."""
+        """Return the file and line of a block, for messages."""
         return f"{os.path.relpath(self.page, ROOT)}:{block.line}"
 
     def do(self, block: Block) -> None:
@@ -186,14 +186,14 @@ class Walk:
                 self.run(command, place, fails=block.mark == "fails")
 
     def run(self, command: Command, place: str, *, fails: bool) -> None:
-        """Run one command as a shell does; what it prints must be what the page shows."""
+        """Run one command as a shell does, and check that its output is that on the page."""
         code, out, err = self.program(command) if command.plain else self.shell(command)
         told = f"{place}: $ {command.line}\n{out}\n{err[-2000:]}"
         assert (code != 0) == fails, told
         assert not command.output or agrees(out + err * fails, command.output), told
 
     def program(self, command: Command) -> tuple[int, str, str]:
-        """Exit code, stdout and stderr of ``ocp``, run in this process: a start costs a second."""
+        """Return exit code, stdout and stderr of ``ocp``, run in this process, since a start takes a second."""
         with (
             chdir(self.folder),
             redirect_stdout(io.StringIO()) as out,
@@ -203,7 +203,7 @@ class Walk:
         return code, out.getvalue(), err.getvalue()
 
     def shell(self, command: Command) -> tuple[int, str, str]:
-        """Exit code, stdout and stderr of any other line."""
+        """Return exit code, stdout and stderr of any other command."""
         done = subprocess.run(
             ["bash", "-o", "pipefail", "-c", command.line],
             cwd=self.folder,
@@ -215,7 +215,7 @@ class Walk:
 
 
 def environment() -> dict[str, str]:
-    """The shell's variables, with this interpreter's programs and this checkout first."""
+    """Return the environment variables, with this interpreter's programs and this checkout first."""
     programs = str(Path(sys.executable).parent)
     return {
         **os.environ,

@@ -1,4 +1,4 @@
-"""Equations of the site: set whole, each with words for it, and cited by numbers that exist."""
+"""Equations of the site are set completely, have a description, and are cited by existing numbers."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from tests.docs.pages import ROOT, pages
 
 
 def formulas(line: str) -> list[Xml.Element]:
-    """What a line is set from, words as elements too."""
+    """Return the elements that a line is set from, words included."""
     return list(Xml.fromstring(f"<line>{line.replace('<wbr>', '')}</line>"))
 
 
 @pytest.mark.parametrize("name", names())
 def test_every_equation_is_set_whole(name: str) -> None:
-    """Letters and words of the source stand in the formulas, in their number."""
+    """All letters and words of the source are in the formulas, in the same number."""
     lines = spec(name).equations
     for line, written in zip(lines, equations.mathml(lines), strict=True):
         parts = formulas(written)

@@ -1,4 +1,4 @@
-"""Claims of the figures on the site: how they are kept, and that they say what the tests say."""
+"""Claims of the figures on the site: their storage, and agreement with the tests."""
 
 from __future__ import annotations
 

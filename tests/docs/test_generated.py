@@ -1,4 +1,4 @@
-"""``docs/generated`` is what ``make generated`` writes, and every measured table is shown."""
+"""``docs/generated`` is the output of ``make generated``, and every measured table is on a page."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from problems import describe, names, scenes, spec
 from reports.drawing.notation import powers
 
 LIMIT = 6_000_000
-"""Bytes of all pictures of the documentation."""
+"""Maximum size of all pictures of the documentation together [bytes]."""
 
 
 def test_generated_pages_are_in_step() -> None:
-    """Those of specs and helps with the code, those of measurements with their JSON."""
+    """Pages of specs and helps agree with the code, those of measurements with their JSON."""
     wanted = fresh()
     there = {
         file.relative_to(measured.GENERATED).as_posix(): file.read_text(encoding="utf-8")
@@ -32,7 +32,7 @@ def test_generated_pages_are_in_step() -> None:
 
 
 def test_every_measured_table_is_shown_on_a_page() -> None:
-    """Included by a page, or else on the page of all others."""
+    """A measured table is included by a page, or is on the page of all others."""
     tables_of_data = {file.stem for file in measured.DATA.glob("*.json")} - measured.APART
     included = measured.included()
     assert included <= tables_of_data

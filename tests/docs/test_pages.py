@@ -1,4 +1,4 @@
-"""Every command and program on README and docs works as printed, and prints what is printed."""
+"""Every command and program in README and docs works as printed and gives the printed output."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ QUICK = [
     "docs/reference/python/index.md",
     "docs/theory/verdicts.md",
 ]
-"""Pages that `make test` walks; `make test-slow` walks all others, slow blocks included."""
+"""Pages that `make test` runs; `make test-slow` runs all others, slow blocks included."""
 
 
 def name(page: Path) -> str:
@@ -31,7 +31,7 @@ def runnable(page: Path) -> list[Block]:
 
 
 def slow_pages() -> list[Path]:
-    """Pages with something to run that no quick walk runs."""
+    """Return the pages with blocks that the quick tests do not run."""
     return [
         page
         for page in pages()
@@ -78,7 +78,7 @@ def test_a_word_that_people_look_for_is_a_heading(word: str) -> None:
 
 
 def test_every_program_that_people_come_from_has_its_version_of_the_problem() -> None:
-    """Ours and CasADi's run; the others say that they did not."""
+    """The versions of this package and of CasADi run; the others say that they were not run."""
     text = (ROOT / "docs/howto/coming-from.md").read_text(encoding="utf-8")
     for title in ("Ours", "CasADi Opti", "rockit", "do-mpc", "nosnoc", "Drake"):
         section = text.partition(f"\n## {title}\n")[2].partition("\n## ")[0]

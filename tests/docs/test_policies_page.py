@@ -1,4 +1,4 @@
-"""The tables of algorithms as published and here: none is missing, and their numbers are ours."""
+"""The tables that compare published algorithms with those here are complete, and their numbers are right."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ PAGE = Path(__file__).parents[2] / "docs" / "theory" / "policies.md"
 
 
 def tables() -> dict[str, dict[str, tuple[str, str]]]:
-    """What is published and what is here, by subject, by algorithm."""
+    """Return a mapping from algorithm to its rows, from subject to (as published, here)."""
     found = {}
     for part in PAGE.read_text().split("\n### ")[1:]:
         name = re.match(r"`([\w-]+)`", part)

@@ -1,4 +1,4 @@
-"""The README's pictures: one strobe and one animation a problem, none too large for a page."""
+"""The README has one strobe picture and one animation for each problem, none too large for a page."""
 
 from __future__ import annotations
 

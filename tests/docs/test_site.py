@@ -1,4 +1,4 @@
-"""The site: built strictly, without network; it loads nothing from elsewhere, no link is dead."""
+"""The site builds strictly without network, loads nothing from other servers, and has no dead link."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ LOADED = {"script": "src", "img": "src", "link": "href", "iframe": "src", "sourc
 
 
 class Links(HTMLParser):
-    """What a page loads and what it leads to, and the places in it."""
+    """Files that a page loads, its links, and its anchors."""
 
     def __init__(self, page: Path) -> None:
         super().__init__()
@@ -42,7 +42,7 @@ class Links(HTMLParser):
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The site as ``make docs`` builds it; a proxy that nobody serves stands for no network."""
+    """Return the folder of the site built as by ``make docs``, with a dead proxy instead of a network."""
     out = tmp_path_factory.mktemp("site")
     nowhere = dict.fromkeys(("http_proxy", "https_proxy", "all_proxy"), "http://127.0.0.1:9")
     done = subprocess.run(

@@ -1,4 +1,4 @@
-"""Tables of verdicts, methods and step sizes have every named problem, and say what did not end."""
+"""Tables of verdicts, methods and step sizes have every named problem, and report solves that did not end."""
 
 from __future__ import annotations
 

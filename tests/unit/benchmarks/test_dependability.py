@@ -1,4 +1,4 @@
-"""The table of ``make bench-solve``: its statistics, and which rows it keeps."""
+"""The table of ``make bench-solve``: its statistics, and the rows that it keeps."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from tests.benchmarks.ocp.dependability import (
 
 
 def starts() -> list[Start]:
-    """A default that fails, ten starts that cost 1.00 to 1.09, ten that fail as well."""
+    """Return a default start that fails, ten starts with costs of 1.00 to 1.09, and ten more that fail."""
     costs = [9.0, *(1 + k / 100 for k in range(10)), *[0.5] * 10]
     return [
         Start(
@@ -73,7 +73,7 @@ def test_the_stored_table_has_these_columns() -> None:
 
 @pytest.mark.costly
 def test_a_start_is_its_own() -> None:
-    """Guess 2 is the same solve whatever came before; another guess is another solve."""
+    """Guess 2 gives the same solve whatever was solved before; another guess gives another."""
     alone = from_guess("wall-1d", 2)
     other = from_guess("wall-1d", 0)
     again = from_guess("wall-1d", 2)

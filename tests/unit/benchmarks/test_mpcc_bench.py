@@ -1,4 +1,4 @@
-"""What the benchmark of complementarity problems counts."""
+"""Counts of the benchmark of complementarity problems."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def test_a_missed_floor_is_named(fields: dict[str, object], missed: list[str]) -
 
 
 def test_no_problem_stops_the_run() -> None:
-    """Not one that hangs, that raises, or that takes the process down."""
+    """Problems that hang, raise an error, or kill the process do not stop the run."""
 
     def hang() -> dict[str, object]:
         time.sleep(60)
@@ -93,7 +93,7 @@ def test_no_problem_stops_the_run() -> None:
 
 
 def test_the_peer_is_a_scholtes_loop() -> None:
-    """``min (x - 1)² + (y - 2)²`` over a pair, from near its better minimum (0, 2)."""
+    """The peer solves ``min (x - 1)² + (y - 2)²`` over a pair, from near the better minimum (0, 2)."""
     x, y = ca.SX.sym("x"), ca.SX.sym("y")
     mpcc = MPCC(ca.vertcat(x, y), (x - 1) ** 2 + (y - 2) ** 2, x, 2 * y)
     found = loop(mpcc, np.array([0.1, 2.0]))
@@ -103,7 +103,7 @@ def test_the_peer_is_a_scholtes_loop() -> None:
 
 
 def test_a_certificate_that_does_not_hold_is_disproved() -> None:
-    """``(x - 1)² + y²`` has its minimum at (1, 0); 0.005 off it a certificate would be wrong."""
+    """``(x - 1)² + y²`` has its minimum at (1, 0), so that a certificate 0.005 away is wrong."""
     x, y = ca.SX.sym("x"), ca.SX.sym("y")
     mpcc = MPCC(ca.vertcat(x, y), 100 * (x - 1) ** 2 + y**2, x, y)
     right = solve(mpcc, [2.0, 0.0])

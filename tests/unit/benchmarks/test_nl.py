@@ -1,4 +1,4 @@
-"""The reader of AMPL's .nl files, on files written by hand."""
+"""The reader of AMPL's .nl files reads files written by hand."""
 
 from __future__ import annotations
 
@@ -114,7 +114,7 @@ def test_a_cost_to_be_maximised_is_turned_round(tmp_path: Path) -> None:
 
 
 BODY = "C0\nn-3\n" + NOTHING + "r\n5 {kind} 2\nb\n3\n{bounds}\nJ0 1\n0 2\n"
-"""One row ``2 x0 - 3`` that complements the second variable."""
+"""Text of an .nl file with one row, ``2 x0 - 3``, that is complementary to the second variable."""
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Measured numbers of the site: found with their commands, and no other number passes for one."""
+"""Measured numbers of the site are found with their commands, and no others are."""
 
 import math
 import shlex
@@ -43,7 +43,7 @@ def test_a_stale_number_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_every_measured_number_has_a_command_that_is_one(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    """Each command, and each option it takes, is one that ``ocp`` has."""
+    """All commands and options of measured numbers exist in ``ocp``."""
     found = [*numbers.in_prose(), *numbers.in_tables()]
     assert len(found) > 400
     said: dict[str, str] = {}

@@ -1,4 +1,4 @@
-"""The counts of ``make bench-random``, and that its instances are drawn as it says."""
+"""The counts of ``make bench-random``, and the distribution of its instances."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whatever a user's file does, it is used or refused in one sentence; nothing else happens."""
+"""A user's file is used or rejected with one sentence, whatever it does."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def test_an_odd_file_that_is_sound_is_used(case, tmp_path, monkeypatch) -> None:
 
 
 def test_what_a_function_returns_is_what_is_used(tmp_path: Path) -> None:
-    """The sound file through every door: numbers of NumPy become plain ones."""
+    """A valid file works everywhere, and its NumPy numbers become plain ones."""
     (tmp_path / "good.py").write_text(GOOD.replace("float(state[0])", "np.float32(state[0])"))
     spec = problems.load(tmp_path / "good.py")
     params, state = spec.params({}), np.array([0.5, 0.0])

@@ -1,4 +1,4 @@
-"""The mean of exact steps is a law that closes a system as a learned one does."""
+"""The mean of exact steps is a contact law with the interface of a learned one."""
 
 from __future__ import annotations
 

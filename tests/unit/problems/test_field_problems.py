@@ -1,4 +1,4 @@
-"""box-slide, ball-throw, cart-transport and hopper-1d at hand-computed points."""
+"""Steps of box-slide, ball-throw, cart-transport and hopper-1d agree with hand-computed ones."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ PARAMETERS = [(name, parameter) for name in NAMES for parameter in problems.spec
 
 
 def step(name: str, x: list[float], u: list[float], law=None, **values: float):
-    """Next state and multipliers of one step."""
+    """Return the next state and the multipliers of one step."""
     problem = problems.get(name, **values)
     closed = (law or Exact()).close(problem.system)
     x_next, lam = closed.map(x, u, closed.p.values)
@@ -72,7 +72,7 @@ def test_costs_match_the_hand_computed_ones() -> None:
 
 
 def test_the_box_slips_sticks_and_stops_by_hand() -> None:
-    # bound = 0.5 * 9.81 N; 8 N push from rest slips by what exceeds it, 4 N is held.
+    # The bound is 0.5 * 9.81 N: a push of 8 N from rest slips by the excess, 4 N is held.
     speed = 0.05 * (8 - 4.905)
     assert step("box-slide", [0, 0], [8])[0] == pytest.approx([0.05 * speed, speed])
     assert step("box-slide", [0, 0], [8])[1] == pytest.approx([0.05 * speed, 0], abs=1e-9)
@@ -89,10 +89,10 @@ def test_pushing_left_mirrors_pushing_right(law) -> None:
 
 
 def test_cart_and_box_ride_together_until_friction_gives_way() -> None:
-    # Together up to friction g (mc + mb) = 5.886 N: 3 N give 1 m/s² to both.
+    # Both move together up to friction g (mc + mb) = 5.886 N: 3 N give 1 m/s² to both.
     together = step("cart-transport", [0, 0, 0, 0], [3])[0]
     assert together == pytest.approx([0.05 * 0.05, 0, 0.05, 0], abs=1e-9)
-    # 12 N: the box has 1.962 m/s², the cart (12 - 1.962)/2.
+    # With 12 N the box has 1.962 m/s², the cart (12 - 1.962)/2.
     box, cart = 0.05 * 1.962, 0.05 * (12 - 1.962) / 2
     apart = step("cart-transport", [0, 0, 0, 0], [12])[0]
     assert apart[2:] == pytest.approx([cart, box - cart])
@@ -116,9 +116,9 @@ def test_forces_of_dry_friction_are_told_from_ways_and_motion() -> None:
 @pytest.mark.parametrize("height", np.linspace(0.9, 1.1, 7))
 @pytest.mark.parametrize("restitution", [0.3, 0.7, 1.0])
 def test_a_ball_keeps_its_share_of_the_speed_wherever_it_falls_between_nodes(height: float, restitution: float) -> None:
-    """Speeds at the floor from the parabolas before and after; the published scheme is off by gh.
+    """Speeds at the floor follow from the parabolas before and after; the published scheme has an error of gh.
 
-    With restitution of the velocity alone the share lies anywhere between 0 and e.
+    With restitution of the velocity alone the ratio could be anything between 0 and e.
     """
     params = ball_throw.Params(z0=height, restitution=restitution, N=40)
     path = ball_throw.roll(params, 0.0, 1.0)
@@ -129,7 +129,7 @@ def test_a_ball_keeps_its_share_of_the_speed_wherever_it_falls_between_nodes(hei
 
 
 def test_a_throw_is_differentiated_as_its_closed_form() -> None:
-    """dz/dtheta at the end, for many places of the impact: never of the wrong sign, error ~ h."""
+    """The final dz/dtheta has the right sign and an error of order h, wherever the impact is between nodes."""
     g, e, d = 9.81, 0.7, 1e-6
 
     def height(theta: float, T: float) -> float:
@@ -250,7 +250,7 @@ def test_dry_friction_says_what_does_not_fit() -> None:
 
 
 def test_two_bodies_pressed_down_slide_as_each_would_alone() -> None:
-    """Contacts under a load, several in one system, with a damper that acts implicitly."""
+    """One system has several loaded contacts, and a damper that acts implicitly."""
 
     def sliding(masses: list[float], friction: list[float], damping: float) -> np.ndarray:
         n = len(masses)

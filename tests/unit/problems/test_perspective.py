@@ -1,4 +1,4 @@
-"""Solids in space as a camera sees them: places, sizes, faces and order follow from geometry."""
+"""Drawings of solids in perspective: positions, sizes, faces and order follow from geometry."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ rng = np.random.default_rng(3)
 
 
 def turned(seed: int) -> np.ndarray:
-    """Some rotation."""
+    """Return a random rotation matrix."""
     q, r = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))
     q = q * np.sign(np.diag(r))
     return q * np.linalg.det(q)
@@ -40,14 +40,14 @@ def places(points: object) -> np.ndarray:
 
 
 def area(polygon: drawing.Shape) -> float:
-    """Signed area, positive counter-clockwise."""
+    """Return the signed area of a polygon, positive for counter-clockwise corners."""
     assert isinstance(polygon, drawing.Outline)
     x, y = np.array(polygon.corners).T
     return float(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2
 
 
 def inside(shape: drawing.Shape, points: np.ndarray, room: float) -> np.ndarray:
-    """Which points are within ``room`` of a shape."""
+    """Return for each point whether it is inside a shape or within ``room`` of its outline."""
     path = Path(outline(shape).vertices) if isinstance(shape, drawing.Outline) else outline(shape)
     return path.contains_points(points, radius=room) | path.contains_points(points, radius=-room)
 
@@ -62,7 +62,7 @@ def test_a_camera_that_looks_along_minus_x_sees_y_on_the_right() -> None:
 
 
 def test_the_usual_camera_stands_at_the_front_right_and_above() -> None:
-    """Of a machine that faces x, y is to its left: x points right and down, y right and up."""
+    """In the picture x points right and down, and y right and up."""
     assert np.array(CAMERA.eye) - CAMERA.target == pytest.approx(
         3.2 * np.array([0.5 * math.cos(0.35), -math.sqrt(0.75) * math.cos(0.35), math.sin(0.35)])
     )
@@ -177,7 +177,7 @@ def test_the_cap_of_a_cylinder_that_is_seen_is_the_one_towards_the_eye() -> None
 
 
 def roles(*solids: tuple[Shape, np.ndarray, str]) -> list[str]:
-    """Roles from back to front, of solids in the order given and the other way round."""
+    """Return the roles of solids from back to front; their order in the list must not matter."""
     given = [(shape, EYE, np.array(p, dtype=float), role) for shape, p, role in solids]
     orders = [list(dict.fromkeys(one.role for one in solids_seen(CAMERA, way))) for way in (given, given[::-1])]
     assert orders[0] == orders[1]
@@ -190,7 +190,7 @@ def test_what_is_deeper_is_drawn_first() -> None:
 
 
 def test_a_foot_far_out_on_a_wide_table_is_drawn_over_it() -> None:
-    """Though its middle is deeper than the table's; under the table it is drawn below."""
+    """It is drawn over the table although its middle is deeper, and below if it is under the table."""
     table, back = Box((1.0, 1.0, 0.05)), 0.8 * CAMERA.axes[2][:2]
     on, under = np.array([*back, 0.08]), np.array([*-back, -0.08])
     assert roles((table, ZERO, "goal"), (Sphere(0.03), on, "object")) == ["goal", "object"]
@@ -208,7 +208,7 @@ def test_a_floor_is_a_grid_below_all_else_and_the_same_in_every_frame() -> None:
 
 
 def test_the_lines_of_a_floor_are_round_numbers_of_metres_apart() -> None:
-    """Each line is the picture of a line x = k / 4 or y = k / 4 of the floor."""
+    """Each line is the projection of a line x = k / 4 or y = k / 4 on the floor."""
     eye, axes = np.array(CAMERA.eye), CAMERA.axes
     for line in solids_seen(CAMERA, [(Plane(), EYE, ZERO, "environment")]):
         assert isinstance(line, drawing.Segment)
@@ -256,7 +256,7 @@ def test_a_frame_has_the_normal_as_it_looks(normal: tuple[float, float, float]) 
 
 @pytest.mark.parametrize("normal", [(0, 0, 1), (1, 0, 0), (0.6, 0, 0.8)])
 def test_a_cone_is_as_wide_as_it_looks(normal: tuple[float, float, float]) -> None:
-    """In the picture of a distant camera its edges are the outermost of its rays."""
+    """For a distant camera the edges of its picture are the outermost of its rays."""
     way, friction = np.array(normal, dtype=float), 0.4
     camera = PinholeCamera((500.0, -800.0, 400.0))
     frame = frame_seen(camera, ZERO, way, friction)

@@ -1,4 +1,4 @@
-"""Planar chains: their equations against the Lagrangian, their books, and the two machines."""
+"""Planar chains: equations of motion from the Lagrangian, energy and momentum, and the two machines."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def evaluator(chain: Chain, build: Callable[[ca.SX, ca.SX], ca.SX]) -> Callable[
 
 
 def lagrangian_from_positions(chain: Chain, links: tuple[Link, ...], gravity: float):
-    """L written down from where the centres of mass are, by differences instead of graphs."""
+    """Return the Lagrangian L(q, v) from the positions of the centres of mass, by differences."""
     q = ca.SX.sym("q", chain.nq)
     centres = ca.Function("centres", [q], [ca.vertcat(*(chain.position(q, k.name, k.com) for k in links))])
     angles = ca.Function("angles", [q], [ca.vertcat(*(chain.pose(q, k.name).angle for k in links))])
@@ -78,7 +78,7 @@ def lagrangian_from_positions(chain: Chain, links: tuple[Link, ...], gravity: fl
 
 
 def test_kinematics_of_two_links_by_hand() -> None:
-    """Angles count from z towards x: at pi/2 a link that hung down points backwards."""
+    """Angles are positive from z towards x: at pi/2 a link that hung down points backwards."""
     chain = Chain(
         [
             Link("upper", None, 1.0, 1.0, anchor=(1.0, 2.0)),
@@ -94,7 +94,7 @@ def test_kinematics_of_two_links_by_hand() -> None:
 
 
 def test_coordinates_motors_and_limits_follow_the_order_of_the_links() -> None:
-    """Also where a child is declared before its parent."""
+    """This also holds if a child is declared before its parent."""
     chain = Chain((CRANE[1], *CRANE[2:], CRANE[0]))
     assert [c.name for c in chain.coordinates] == [
         "arm",
@@ -139,7 +139,7 @@ def test_mass_is_the_hessian_of_kinetic_energy_and_positive_definite(chain: Chai
     ids=CHAINS,
 )
 def test_equations_of_motion_against_differences_of_the_lagrangian(links, gravity) -> None:
-    """d/dt dL/dv - dL/dq of a Lagrangian that shares only the kinematics with the recursions."""
+    """d/dt dL/dv - dL/dq is from a Lagrangian that shares only the kinematics with the recursions."""
     chain = Chain(links, gravity)
     lagrangian = lagrangian_from_positions(chain, links, gravity)
     q, v, a = state(chain, 3)
@@ -175,7 +175,7 @@ def test_bias_mass_and_potential_are_those_of_one_lagrangian(chain: Chain) -> No
 
 @every_chain
 def test_energy_drift_falls_with_the_step_at_first_order(chain: Chain) -> None:
-    """Semi-implicit Euler with neither damping nor contact, over 0.08 s."""
+    """The motion is by semi-implicit Euler without damping and contact, over 0.08 s."""
     q, v = ca.SX.sym("q", chain.nq), ca.SX.sym("v", chain.nq)
     acceleration = ca.Function("a", [q, v], [ca.solve(chain.mass(q), chain.spring(q) - chain.bias(q, v))])
     energy = ca.Function("e", [q, v], [chain.energy(q, v)])
@@ -233,7 +233,7 @@ def test_numbers_may_be_symbols() -> None:
 
 @pytest.mark.parametrize("machine", [hopper(), half_cheetah()], ids=["hopper", "half-cheetah"])
 def test_contact_jacobians_against_differences(machine) -> None:
-    """J_n, J_t times dq is how far the sphere's material point moves along normal and tangent."""
+    """J_n dq and J_t dq are the motion of the sphere's material point along normal and tangent."""
     chain = machine.tree()
     q = ca.SX.sym("q", chain.nq)
     at, dq, _ = state(chain, 7)
@@ -254,9 +254,9 @@ def test_contact_jacobians_against_differences(machine) -> None:
 
 
 def test_half_cheetah_stands_on_both_feet_at_its_default_pose() -> None:
-    """That both tips are at the contact radius checks every anchor and offset of the table.
+    """Both tips are at the contact radius, which depends on every anchor and offset of the table.
 
-    To four decimals: the pose is told with as many digits as that.
+    They agree to four decimals, the digits of the published pose.
     """
     machine = half_cheetah()
     chain = machine.tree()

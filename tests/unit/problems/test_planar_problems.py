@@ -1,4 +1,4 @@
-"""planar-push and planar-hand at hand-computed points, and what they refuse."""
+"""Steps of planar-push and planar-hand agree with hand-computed ones; rejected values."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def stepped(problem, x, u):
 
 
 def impulses(problem, lam):
-    """Normal and tangential impulse of every contact."""
+    """Return the normal and the tangential impulses of all contacts."""
     forces = problem.system.forces
     given = [problem.system.lam, problem.parameters.vector]
     found = ca.Function("forces", given, [forces.normal, forces.tangential])
@@ -36,7 +36,7 @@ def distances(problem, x):
 
 
 def test_published_settings():
-    """Start, goal, weights, bounds of both problems, written out."""
+    """Start, goal, weights and bounds of both problems are the published ones."""
     push, hand = problems.get(PUSH), problems.get(HAND)
     rng = np.random.default_rng(0)
     for problem, n, goal, weights, rest in (
@@ -71,14 +71,14 @@ def test_both_start_without_contact():
     np.testing.assert_allclose(distances(push, start), 0.5 - 0.4995 + 0.2 - 0.1, atol=1e-12)
     phi = distances(hand, HAND_START)
     names = [signal.name for signal in hand.system.contacts[: len(phi)]]
-    # The discs half way along the outer links are nearest, by the facts' 0.0144 m.
+    # The discs half way along the outer links are nearest, by the published 0.0144 m.
     nearest = sorted(np.array(names)[np.argsort(phi)[:2]])
     assert nearest == ["l2 disc 0+", "r2 disc 0+"]
     assert phi.min() == pytest.approx(0.0144, abs=5e-5)
 
 
 def test_a_push_at_the_middle_moves_the_box_by_the_ratio_of_stiffnesses():
-    """h K (u - a+) = m (o+ - o) / h with both moving alike: h² K / (m + h² K) = 1/6 of 0.2 m."""
+    """By h K (u - a+) = m (o+ - o) / h both move by h² K / (m + h² K) = 1/6 of 0.2 m."""
     problem = problems.get(PUSH)
     x_next, lam = stepped(problem, [0, 0.5, 0, 0, -0.0995], [0, 0.1005])
     np.testing.assert_allclose(x_next, [0, 0.5 + 0.2 / 6, 0, 0, -0.0995 + 0.2 / 6], atol=1e-8)
@@ -105,7 +105,7 @@ def test_friction_drags_the_box_along_within_its_cone(across: float, press: floa
         assert tangential == pytest.approx(2 / 3 * normal, rel=1e-6)
     assert x_next[0] > 0
     assert x_next[2] > 0, "a drag to the right along the lower side turns anticlockwise"
-    # Momentum balance: what the box gains, the actuator's spring gives.
+    # The box gains the momentum that the actuator's spring gives.
     given = 100 * 0.1 * (u - x_next[3:])
     np.testing.assert_allclose(5 / 0.1 * (x_next[:2] - x[:2]), given, atol=1e-7)
 
@@ -123,7 +123,7 @@ def test_frictionless_has_one_row_a_contact_and_drags_nothing(name: str):
 
 
 def test_a_capsule_is_the_hull_of_its_discs():
-    """Never farther than any of the published discs, and as far where the nearest one is."""
+    """The capsule is never farther than the published discs, and as far at the nearest disc."""
     discs, capsules = problems.get(HAND, links="discs"), problems.get(HAND)
     owner = [signal.name[:2] for signal in discs.system.contacts[:12]]
     rng = np.random.default_rng(1)

@@ -1,4 +1,4 @@
-"""The registry, the parameters, and the five first problems at hand-computed points."""
+"""The registry, parameters, and hand-computed steps of the first five problems."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ PARAMETERS = [(name, parameter) for name in NAMES for parameter in problems.spec
 
 
 def other_value(name: str, parameter: str) -> float:
-    """A value near the default that the parameter takes."""
+    """Return a valid value of a parameter near its default."""
     default = problems.spec(name).Params.model_fields[parameter].default
     return default + 1 if isinstance(default, int) else 1.01 * default or 0.01
 
 
 def expressions(problem: Problem) -> ca.SX:
-    """Everything that a parameter can be in."""
+    """Return all expressions of a problem that can depend on a parameter, as one vector."""
     system = problem.system
     bounds = [problem.u_lower, problem.u_upper, problem.x_lower, problem.x_upper]
     before = [] if problem.u_before is None else [problem.u_before]
@@ -62,7 +62,7 @@ def test_every_parameter_can_be_set_and_reaches_the_problem(name: str, parameter
 @pytest.mark.costly_cases("hopper", "half-cheetah")
 @pytest.mark.parametrize("name", problems.names())
 def test_a_run_records_every_parameter_that_built_its_problem(name: str):
-    """As symbol or as setting; without friction some problems have no symbol for it."""
+    """A run records parameters as symbols or as settings; without friction some problems have no symbol for it."""
     spec = problems.spec(name)
     rough = (*MACHINES, *FINGERS, "idto-hopper", "planar-push", "planar-hand")
     smooth = {"friction": 0.0} if name in rough else {}
@@ -98,7 +98,7 @@ def test_every_parameter_is_described(name: str):
         assert np.isfinite(row["value"])
 
 
-# The costs of the issue, written out with its numbers: (x, u, du) -> (stage, terminal).
+# Costs with their published numbers, functions from (x, u, du) to (stage, terminal).
 HAND = {
     "wall-1d": lambda x, u, du: (
         (x[0] + 0.5) ** 2 + 0.1 * x[1] ** 2 + 0.01 * u[0] ** 2,
@@ -318,7 +318,7 @@ def test_a_changed_file_is_read_again(tmp_path: Path):
     assert problems.load(path).title == "A mass of another's"
 
 
-# The problem's own arguments end here, so that further ones can be put in.
+# The problem's arguments end here, so that the test can insert others.
 END = "x0=ca.SX([1, 0]), parameters=p,"
 
 BROKEN = {

@@ -1,4 +1,4 @@
-"""Soft walls, two fingers at discs, and IDTO's hopper: their mechanics against closed forms."""
+"""Mechanics of soft walls, of two fingers at discs, and of IDTO's hopper agree with closed forms."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ LENGTH, INERTIA, G = 1.0, 0.0839, 9.81
 
 
 def at(problem: Problem, expression: ca.SX, x, u=None, x_next=None) -> np.ndarray:
-    """An expression in x, u and x_next at the defaults."""
+    """Return the value of an expression in x, u and x_next at the default parameters."""
     s = problem.system
     u, after = np.zeros(s.nu) if u is None else u, x if x_next is None else x_next
     given = [s.x, s.u, s.x_next, s.parameters.vector]
@@ -72,7 +72,7 @@ def test_the_cost_to_go_solves_the_riccati_equation(given: dict[str, float]) -> 
 
 
 def test_a_step_between_soft_walls_is_the_lcp_enumerated() -> None:
-    """All four sets of walls that push, with the source's matrices; exactly one fits."""
+    """With the source's matrices exactly one of the four active sets is consistent."""
     mp, mc, lp, lc, d, ks, h = 0.411, 0.978, 0.6, 0.4267, 0.35, 100.0, 0.01
     A, D, E = np.zeros((4, 4)), np.zeros((4, 2)), np.array([[-1, lp, 0, 0], [1, -lp, 0, 0]])
     A[0, 2] = A[1, 3] = 1
@@ -102,7 +102,7 @@ def test_a_step_between_soft_walls_is_the_lcp_enumerated() -> None:
 
 
 def tip_of(name: str, q: np.ndarray) -> np.ndarray:
-    """The centre of the tip: 0.95 m or 1 m along the second link."""
+    """Return the tip's centre, 0.95 m or 1 m along the second link."""
     far = 0.95 if name == "spinner" else 1.0
     upper, fore = q[0], q[0] + q[1]
     return np.array([math.sin(upper) + far * math.sin(fore), math.cos(upper) + far * math.cos(fore)])
@@ -126,7 +126,7 @@ def test_the_fingers_mass_matrix_in_closed_form(name: str, m: float, disc: float
 
 @pytest.mark.parametrize(("name", "R", "tip"), [("spinner", 0.25, 0.05), ("finger-disc", 0.3, 0.0)])
 def test_gap_and_slip_are_those_of_two_discs(name: str, R: float, tip: float) -> None:
-    """The slip of two rims: that of the tip's material point less that of the disc's."""
+    """The slip is the tangential velocity of the tip's material point less that of the disc's."""
     problem, x, eps = problems.get(name), finger_state(name), 1e-6
     system = problem.system
     assert system.phi is not None and system.forces is not None
@@ -137,7 +137,7 @@ def test_gap_and_slip_are_those_of_two_discs(name: str, R: float, tip: float) ->
     ahead, behind = (tip_of(name, q + s * eps * v) for s in (1, -1))
     normal = off / away
     tangent = np.array([normal[1], -normal[0]])
-    # Clockwise, as the angles: at r from the centre a point moves by omega (r_z, -r_x).
+    # Rotation is clockwise, as angles are: a point at r from the centre moves by omega (r_z, -r_x).
     own = (v[0] + v[1]) * np.array([-tip * normal[1], tip * normal[0]])
     rim = v[2] * (R + (away - R - tip)) * tangent
     slip = tangent @ ((ahead - behind) / (2 * eps) + own - rim)
@@ -203,7 +203,7 @@ def test_idtos_hopper_stands_on_both_discs_and_falls_freely() -> None:
 
 
 def test_stiffness_and_damping_are_the_implicit_pd_of_the_joints() -> None:
-    """``M (v+ - v) = h (B u - b - D v+ - K q+)`` by linear algebra, in the air."""
+    """In the air the step solves ``M (v+ - v) = h (B u - b - D v+ - K q+)``."""
     K, D, h, wanted = 100.0, 5.0, 0.05, np.array([-0.2, 0.5])
     free, held = (problems.get("idto-hopper", **more) for more in ({}, {"stiffness": K, "damping": D}))
     x = start(free)

@@ -1,4 +1,4 @@
-"""What a scene refuses, how it is drawn, and how its states and inputs are called."""
+"""Scenes: rejected values, drawings, and names of states and inputs."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ def test_coordinates_are_those_of_bodies_then_of_pushers() -> None:
 
 
 class Params(Parameters):
-    """A box by a wall."""
+    """Parameters of a test problem with a box beside a wall."""
 
     R: float = quantity(0.2, "m", "radius", above=0)
     goal: float = quantity(1.5, "m", "goal")
@@ -129,7 +129,7 @@ def stage(p) -> Scene:
 
 
 def test_the_drawing_is_made_of_the_shapes_whose_gaps_count() -> None:
-    """Distances of what is drawn, found from the drawing, are those of the system."""
+    """Distances measured in the drawing equal the gaps of the system."""
     params = Params(R=0.25)
     draw, frames = pictured(stage)
     state = np.array([1.0, 0.1, 0.7, -1.0, 0.2, 0.3, 0.1, 0.5])
@@ -140,7 +140,7 @@ def test_the_drawing_is_made_of_the_shapes_whose_gaps_count() -> None:
     assert disc == drawing.Circle(1.0, 0.1, 0.25, "object")
     assert box == drawing.Rectangle(-1.0, 0.2, 0.6, 0.2, 0.3, "object", 0.02)
     assert isinstance(mark, drawing.Segment)
-    # Turned by 0.7 anticlockwise, what was upright leans to the left.
+    # After a turn by 0.7 anticlockwise, an upright edge leans to the left.
     assert (mark.x2, mark.y2) == pytest.approx((1 - 0.25 * np.sin(0.7), 0.1 + 0.25 * np.cos(0.7)))
     p = table(params)
     system = stage(p).quasi_dynamic("stage", p, h=0.1)
@@ -149,7 +149,7 @@ def test_the_drawing_is_made_of_the_shapes_whose_gaps_count() -> None:
     gaps = dict(zip(system.distance_names, np.array(phi).ravel(), strict=True))
     apart = np.hypot(1.0 - 0.2, 0.1 - 0.5) - 0.25 - 0.05
     assert gaps["hand on disc"] == pytest.approx(apart)
-    # The frame is where the hand pushes the disc, into the disc.
+    # The frame is at the contact of hand and disc, and its normal points into the disc.
     at = frames(params, state)[list(gaps).index("hand on disc")]
     towards = np.array([0.8, -0.4]) / np.hypot(0.8, 0.4)
     assert (at.nx, at.ny) == pytest.approx(tuple(towards))

@@ -1,4 +1,4 @@
-"""Pushing at one side at a time: closed forms, enumeration of sides, and headings from nothing."""
+"""Pushing at one side at a time: closed forms, enumeration of sides, and headings reached from zero guesses."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ FORCES = st.lists(st.floats(0, 10), min_size=4, max_size=4)
 
 
 def step(name: str, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """One exact step: the next state and the forces of the sides."""
+    """Return the next state and the forces of the sides in one exact step."""
     problem = get(name)
     found = Exact().close(problem.system).solve(x, u, problem.parameters.values)
     return np.array(found[0]).ravel(), np.array(found[1]).ravel()
@@ -37,7 +37,7 @@ def test_the_side_with_the_greatest_force_pushes_with_what_the_others_leave(F: l
 def test_a_push_turns_and_moves_the_box_by_the_sources_equations(
     side: int, force: float, share: float, angle: float
 ) -> None:
-    """The contact point (cx, cy) on the side, its force and lever, as the source writes them."""
+    """The step agrees with the source's equations for the contact point (cx, cy), its force and its lever."""
     a, b, weight, reach = 0.5, 0.25, 0.5 * 9.8, 0.4 * math.hypot(0.5, 0.25)
     half, middle, normal = (
         (a, (0, -b), (0, 1)),
@@ -58,7 +58,7 @@ def test_a_push_turns_and_moves_the_box_by_the_sources_equations(
 
 
 def test_the_corners_of_the_t_are_about_its_centre_of_mass() -> None:
-    """A force through the middle of the foot, and of the bar's top, moves it without a turn."""
+    """A force through the middle of the foot, or of the bar's top, moves the T without rotation."""
     for side, way in ((0, 1.0), (4, -1.0)):
         u = np.zeros(9)
         u[side] = 2.0
@@ -74,9 +74,9 @@ def test_the_corners_of_the_t_are_about_its_centre_of_mass() -> None:
 
 @pytest.mark.parametrize("heading", [0.0, 1.2, math.pi, 5.0])
 def test_a_heading_is_reached_from_an_all_zero_guess(heading: float) -> None:
-    """One side at a time, within the ends of that side, to some centimetres.
+    """The heading is reached to a few centimetres, by one side at a time and within that side's ends.
 
-    Steps this long bend the way noticeably at a quarter of h, so that only the model's own count.
+    With steps this long the path changes noticeably at h/4, so that only the model's own step counts.
     """
     found = solve("push-box", contact="exact", N=30, h=0.06, heading=heading)
     assert found.certificate.stationarity == "B" and found.referee.survives_at_h

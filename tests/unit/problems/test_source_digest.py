@@ -1,4 +1,4 @@
-"""What a user's file is made of: its digest changes with that, and with nothing else."""
+"""The digest of a user's file changes with its content and imports, and with nothing else."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ DECISIVE = {
 
 @pytest.fixture(autouse=True)
 def _untouched() -> Iterator[None]:
-    """Modules and their places as they were."""
+    """Restore imported modules and the search path after the test."""
     modules, path = dict(sys.modules), list(sys.path)
     yield
     sys.path[:] = path
@@ -103,7 +103,7 @@ def test_circles_and_broken_texts_end(tmp_path: Path) -> None:
 
 
 def test_a_module_beside_the_file_is_found_and_read_again(tmp_path: Path) -> None:
-    """Also at the same size and second as before, and by way of another that is as it was."""
+    """This also holds for a file of the same size and time, and for one imported by an unchanged module."""
     chain = {"mine.py": "import near\nvalue = near.far.value\n", "near.py": "import far\n"}
     file = made(tmp_path, {**chain, "far.py": "value = 1\n"})
     assert import_file(file).value == 1
@@ -129,7 +129,7 @@ def test_packages_without_init_in_one_another_are_followed(tmp_path: Path) -> No
 
 
 def test_two_folders_do_not_mix(tmp_path: Path) -> None:
-    """Each has a module of the same name."""
+    """Both folders have a module of the same name."""
     files = [
         made(tmp_path / str(value), {"mine.py": "import near\n", "near.py": f"value = {value}\n"}) for value in (1, 2)
     ]

@@ -1,4 +1,4 @@
-"""Bodies that lie on a table: the ellipsoidal limit surface, pressure, and pushed motions."""
+"""Bodies on a table: the ellipsoidal limit surface, pressure, and pushed motions."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def number(value: ca.SX) -> float:
 
 
 def test_mean_distances_are_those_of_closed_forms() -> None:
-    """A disc has 2 R / 3, a square a (sqrt 2 + ln(1 + sqrt 2)) / 6; two discs apart their own."""
+    """A disc has 2 R / 3 and a square a (sqrt 2 + ln(1 + sqrt 2)) / 6; other shapes have limits or integrals."""
     assert number(mean_distance(Disc(0.3, (1.0, 2.0)))) == pytest.approx(0.2, abs=1e-12)
     square = (math.sqrt(2) + math.log(1 + math.sqrt(2))) / 6
     assert number(mean_distance(Box((0.5, 0.5)))) == pytest.approx(square, abs=1e-9)
@@ -54,7 +54,7 @@ def pushed(
     friction: float = 0.0,
     turns: bool = True,
 ) -> ContactSystem:
-    """A box of 0.3 m on a table, beside a finger on a rail."""
+    """Return the system of a box of 0.3 m on a table, beside a finger on a rail."""
     inertia = 0.03 if turns else None
     box = Body("box", Box((0.15, 0.15)), (0, 0), mass=2.0, inertia=inertia, table=0.4, reach=REACH)
     finger = Pusher("finger", Disc(0.05), at=at, stiffness=stiffness, axis=rail)
@@ -70,7 +70,7 @@ def step(system: ContactSystem, x: list[float], u: float) -> tuple[np.ndarray, n
 
 @pytest.mark.parametrize("turns", [True, False])
 def test_a_push_within_the_limit_surface_moves_nothing(turns: bool) -> None:
-    """A spring of 1000 N/m sticks up to some 7.8 mm, then gives way by what is more."""
+    """With a spring of 1000 N/m the box sticks up to about 7.8 mm, and then moves by the excess."""
     system, start = pushed(turns=turns), [0.0] * (4 if turns else 3)
     held = F / 1e3
     little, _ = step(system, start, 0.99 * held)
@@ -84,7 +84,7 @@ def test_a_push_within_the_limit_surface_moves_nothing(turns: bool) -> None:
 
 @pytest.mark.parametrize("offset", [0.02, 0.05, 0.1])
 def test_an_eccentric_push_turns_about_lynchs_centre(offset: float) -> None:
-    """On the ellipsoid at a force f with lever d: omega / v = d / reach², |f| F-scaled is 1."""
+    """For a force with the lever d, omega / v = d / reach², and the scaled force lies on the ellipsoid."""
     x, lam = step(pushed(at=(-0.2, offset)), [0.0] * 4, 0.03)
     assert -x[2] / x[0] == pytest.approx(offset / REACH**2, rel=1e-6)
     assert lam[0] / H == pytest.approx(F / math.hypot(1, offset / REACH), rel=1e-6)
@@ -93,7 +93,7 @@ def test_an_eccentric_push_turns_about_lynchs_centre(offset: float) -> None:
 @settings(max_examples=25, deadline=None)
 @given(st.floats(-0.14, 0.14), st.floats(0.01, 0.05), st.booleans())
 def test_the_table_takes_as_much_as_it_can(offset: float, way: float, inertial: bool) -> None:
-    """Of all wrenches within the ellipsoid the one that acts dissipates most: F times the slip."""
+    """Of all wrenches within the ellipsoid the acting one dissipates the most, F times the slip."""
     x, lam = step(pushed(at=(-0.2, offset), inertial=inertial), [0.0] * 4, way)
     q = x[:3] * [1, 1, REACH]
     J = np.array([1.0, 0.0, -offset / REACH])
@@ -106,7 +106,7 @@ def test_the_table_takes_as_much_as_it_can(offset: float, way: float, inertial: 
 
 
 def test_inertia_only_delays() -> None:
-    """Quasi-dynamic: the same push moves it less far, by the impulse that inertia takes."""
+    """With inertia the same push moves the box less, by the impulse that accelerates it."""
     still, lam = step(pushed(inertial=False, turns=False), [0.0] * 3, 0.05)
     slow, more = step(pushed(inertial=True, turns=False), [0.0] * 3, 0.05)
     assert slow[0] < still[0]
@@ -115,7 +115,7 @@ def test_inertia_only_delays() -> None:
 
 @pytest.mark.parametrize("inertial", [False, True])
 def test_batches_and_the_search_step_as_one_step_does(inertial: bool) -> None:
-    """25 drawn pushes: the batch engine and the search's step against the exact step."""
+    """For 25 random pushes the batch engine and the search's step agree with the exact step."""
     system = pushed(at=(-0.2, 0.04), inertial=inertial)
     draws = np.random.default_rng(3).uniform(0.0, 0.03, 25)
     alone = np.array([step(system, [0.0] * 4, u)[0] for u in draws])

@@ -1,4 +1,4 @@
-"""Pictures in the house style, as every command draws them."""
+"""Fixture that draws pictures in the style of all commands."""
 
 from collections.abc import Iterator
 

@@ -1,4 +1,4 @@
-"""Runs made by hand, so that pictures can be tested without solving anything."""
+"""Synthetic runs, for tests of pictures without a solve."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def draw(params: object, state: np.ndarray) -> list[Shape]:
 
 
 def frames(params: object, state: np.ndarray) -> list[ContactFrame]:
-    """A heel and a toe on the floor."""
+    """Return the contact frames of a heel and a toe on the floor."""
     x = float(state[0])
     return [ContactFrame(x - 0.15, 0, 0, 1, FRICTION), ContactFrame(x + 0.15, 0, 0, 1, FRICTION)]
 
@@ -34,7 +34,7 @@ def sliding_box(
     x_replay: np.ndarray | None = None,
     h: float = 0.1,
 ) -> RunView:
-    """A box on a floor with impulses (N, 2) on heel and toe; its replay pushes half as hard."""
+    """Return a run of a box on a floor with impulses (N, 2) at heel and toe, half as large in the replay."""
     N = len(normal)
     x = np.linspace(0, 0.5, N + 1) if x is None else x
     again = x + 0.1 if x_replay is None else x_replay

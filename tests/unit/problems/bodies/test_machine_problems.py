@@ -1,4 +1,4 @@
-"""Hopper and half-cheetah as problems: their switches, starts, pictures, and what is refused."""
+"""Hopper and half-cheetah as problems: their switches, starts, drawings, and rejected values."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ MACHINES = {"hopper": hopper, "half-cheetah": half_cheetah}
 
 
 def normals(name: str, **params) -> list[str]:
-    """Names of the contacts of a problem."""
+    """Return the names of a problem's normal contacts."""
     system = problems.get(name, **params).system
     return [contact.name for contact, pair in zip(system.contacts, system.pairs, strict=True) if pair.kind == "normal"]
 
@@ -58,7 +58,7 @@ def test_smooth_ground_has_normal_pairs_and_limits_only(name: str):
 @pytest.mark.costly
 def test_base_damping_drags_the_torso():
     slow, fast = (simulate("hopper", 3, seed=2, base_damping=d).x[0, -1, 7] for d in (50.0, 0.0))
-    # v+ = v - h (g + d v+/m) in the air: slower by about d h t v/m with 50 N s/m on 15.3 kg
+    # In the air v+ = v - h (g + d v+/m), which is slower by about d h t v/m with 50 N s/m on 15.3 kg.
     assert fast == pytest.approx(-9.81 * 0.15, abs=0.05)
     assert fast + 0.2 < slow < 0
 
@@ -126,7 +126,7 @@ def test_simulations_refuse_what_does_not_fit():
 
 
 def distance(disc: Circle, bar: Stadium) -> float:
-    """From a disc's middle to a bar's axis."""
+    """Return the distance from a disc's middle to a bar's axis."""
     a, b = np.array([bar.x1, bar.y1]), np.array([bar.x2, bar.y2])
     p = np.array([disc.x, disc.y])
     t = np.clip((p - a) @ (b - a) / ((b - a) @ (b - a)), 0, 1)
@@ -162,7 +162,7 @@ def test_the_drawing_is_one_body_with_every_sphere_on_it(name: str):
 
 
 def meet(one: Stadium, other: Stadium) -> bool:
-    """Whether an end of one bar lies on the other."""
+    """Return whether an end of one bar lies on the other's axis."""
     ends = [(one.x1, one.y1), (one.x2, one.y2)]
     ends_other = [(other.x1, other.y1), (other.x2, other.y2)]
     return any(distance(Circle(*end, 0.1), other) < 1e-9 for end in ends) or any(

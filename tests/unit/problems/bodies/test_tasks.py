@@ -1,4 +1,4 @@
-"""The named tasks: the problems' physics, the sources' reward, reset and end, unknown masses."""
+"""The named tasks: physics of the problems, rewards, resets and ends of the sources, unknown masses."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ RNG = np.random.default_rng(3)
 
 
 def stepped(system: ContactSystem, x: np.ndarray, u: np.ndarray, **values: float) -> np.ndarray:
-    """x_next (nx,) under the exact law, solved."""
+    """Return x_next (nx,) under the exact law, from the step's solver."""
     step = Exact().close(system)
     x_next, _, _, error = step.solve(x, u, step.p.pack(values))
     assert np.all(np.array(error) < 1e-8)
@@ -44,7 +44,7 @@ def test_a_machine_steps_as_its_problem(name: str, spheres: str):
 
 
 def _on_the_ground(name: str) -> list[np.ndarray]:
-    """States (q, v) with feet on the ground and in the air."""
+    """Return two states (q, v), one with feet on the ground and one in the air."""
     machine = MACHINES[name]
     poses = []
     for lift in (-0.04 if name == "hopper" else 0.0, 0.3):
@@ -76,7 +76,7 @@ def test_starts_are_those_of_the_source(name: str, height: float, noise: float):
     middle = np.concatenate([MACHINES[name].pose, np.zeros(task.system.nx // 2)])
     middle[1] = height
     assert np.all(np.abs(starts - middle) <= noise)
-    # Uniform: every component spreads as far as noise, and by noise / sqrt(3).
+    # Uniform noise spreads every component up to its bound, with the deviation noise / sqrt(3).
     np.testing.assert_allclose(starts.std(axis=0), noise / np.sqrt(3), rtol=0.1)
     np.testing.assert_array_equal(starts, task.reset(500, np.random.default_rng(1)))
 

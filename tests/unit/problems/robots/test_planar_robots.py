@@ -1,4 +1,4 @@
-"""Robots that move in a plane: each contact once, one tangent, and a root free in that plane."""
+"""Robots that move in a plane have each contact once, one tangent, and a root that is free in that plane."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ SOLID = '<inertia ixx="0.02" iyy="0.03" izz="0.01" ixy="0" ixz="0" iyz="0"/>'
 
 
 def rig(joints: str, shape: Any, tilt: float = 0.0) -> SpatialMachine:
-    """A body on slides along x and z and a hinge about y, above the ground."""
+    """Return a machine of a body above the ground on ``joints``: slides x and z, and t, a hinge about y."""
     bodies, above = list[Body](), None
     for kind in joints:
         axis = {"x": (1.0, 0.0, 0.0), "z": (0.0, 0.0, 1.0), "t": (0.0, 1.0, 0.0)}[kind]
@@ -96,7 +96,7 @@ def test_a_box_falls_and_slides_as_with_each_contact_twice(
 
 
 def biped(folder: Path, axis: str, aside: str = "0 0.1 0", hip: str = "") -> Path:
-    """A torso on two legs that are ``aside`` of it [m] and turn about ``axis``."""
+    """Write a URDF of a torso with two legs, offset by ``aside`` [m], that turn about ``axis``; return its path."""
 
     def link(name: str, shape: str) -> str:
         inertial = f'<inertial><origin xyz="0.01 0 -0.1"/><mass value="2"/>{SOLID}</inertial>'
@@ -130,7 +130,7 @@ def biped(folder: Path, axis: str, aside: str = "0 0.1 0", hip: str = "") -> Pat
 def test_a_urdf_stays_in_the_plane_of_its_joints(
     tmp_path: Path, axis: str, aside: str, forward: tuple[int, ...]
 ) -> None:
-    """One tangent a contact, and the mass matrix of the robot that floats, along the plane."""
+    """Contacts have one tangent, and the mass matrix is that of the floating robot in the plane."""
     file = biped(tmp_path, axis, aside)
     flat, free = robots.load(file, planar=True), robots.load(file, floating=True)
     way = "xyz"[int(np.abs(forward).argmax())]
@@ -176,7 +176,7 @@ def test_a_robot_that_leaves_the_plane_is_refused(tmp_path: Path, axis: str, hip
 
 
 def test_a_robot_with_its_box_has_each_contact_once(tmp_path: Path) -> None:
-    """An arm beside a box that moves in its plane; the tip meets box and ground, in one tangent."""
+    """An arm's tip touches the ground and a box that moves in the arm's plane, each with one tangent."""
     file = tmp_path / "arm.xml"
     kinds = (("x", "slide", "1 0 0"), ("z", "slide", "0 0 1"), ("t", "hinge", "0 1 0"))
     slides = "".join(f'<joint name="{n}" type="{kind}" axis="{axis}"/>' for n, kind, axis in kinds)

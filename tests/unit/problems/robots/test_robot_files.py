@@ -1,4 +1,4 @@
-"""Robots of files: what is told of them by name, URDFs that float, hulls of meshes, servos."""
+"""Robots from files: reported features, floating URDFs, hulls of meshes, servos."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def test_what_free_and_ball_joints_have_and_ours_have_not_is_told() -> None:
         assert words in told, told
     assert not robot.floats
     goal = np.array(ca.evalf(robot.displaced(robot.home, 0.1))).ravel() - robot.home
-    # The boom turns and its trolley runs, up to its limit; the ball joint stays.
+    # The boom turns and its trolley moves to its limit; the ball joint stays at rest.
     np.testing.assert_allclose(goal, [0.1, 0.05, 0, 0, 0, 0, 0.05])
 
 
@@ -171,7 +171,7 @@ def test_products_of_inertia_of_a_dummy_are_left_out(tmp_path: Path) -> None:
 
 
 def write_mesh(file: Path, corners: np.ndarray) -> None:
-    """An OBJ file of a convex body."""
+    """Write an OBJ file of the convex hull of ``corners``."""
     from scipy.spatial import ConvexHull
 
     hull = ConvexHull(corners)
@@ -184,7 +184,7 @@ def write_mesh(file: Path, corners: np.ndarray) -> None:
 
 
 def test_hulls_of_meshes_meet_the_ground(tmp_path: Path) -> None:
-    """Of a cube all corners; of a ball of 300 corners 32, and as deep inside as is told."""
+    """A cube has all its corners; a ball of 300 corners has 32, as deep inside as reported."""
     (tmp_path / "meshes").mkdir()
     (tmp_path / "outside").mkdir()
     directions = np.random.default_rng(0).normal(size=(300, 3))
@@ -199,7 +199,7 @@ def test_hulls_of_meshes_meet_the_ground(tmp_path: Path) -> None:
         found[name] = [k for k, contact in enumerate(robot.friction) if "foot" in contact]
         told = [one for one in robot.ignored if one.startswith("hull")]
         lowest = np.array(robot.distances(robot.home)).ravel()[found[name]].min()
-        # Its origin hangs 0.3 below the trunk's, which is at the ground.
+        # Its origin is 0.3 m below the trunk's, which is at the ground.
         exact = corners[:, 2].min() - 0.3
         if name == "ball":
             assert told[0].startswith("hull of mesh foot geom 1: 32 corners, at most ")

@@ -1,4 +1,4 @@
-"""Masses and inertias of robots' files, against formulas written here and what MuJoCo compiles."""
+"""Masses and inertias of robots' files agree with formulas written here and with MuJoCo."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def load(folder: Path, name: str, text: str) -> Robot:
 
 
 def roll_pitch_yaw(r: float, p: float, y: float) -> np.ndarray:
-    """Rz Ry Rx, as the URDF's specification has it."""
+    """Return the rotation Rz Ry Rx of roll, pitch and yaw, as in the URDF specification."""
     (cr, sr), (cp, sp), (cy, sy) = ((np.cos(a), np.sin(a)) for a in (r, p, y))
     X = np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
     Y = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
@@ -53,7 +53,7 @@ def test_an_inertial_frame_that_is_turned(tmp_path: Path, rpy: tuple, xy: float)
 
 
 def test_links_without_an_inertial_have_no_mass(tmp_path: Path):
-    """As the URDF's specification says; fixed to another link they change nothing."""
+    """They have none, as in the URDF specification, and do not matter if fixed to another link."""
     shape = "<collision><geometry><sphere radius='0.1'/></geometry></collision>"
     fixed = f"""<link name="lamp">{shape}</link><joint name="weld" type="fixed">
       <parent link="rotor"/><child link="lamp"/><origin xyz="0 1 0"/></joint>"""
@@ -128,7 +128,7 @@ def test_every_number_is_compared(field: str, what: str):
 
 
 def test_a_reader_that_loses_the_turn_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """As MuJoCo up to 3.13 does: the file's moments along the link's axes."""
+    """MuJoCo up to 3.13 takes the file's moments along the link's axes."""
     compile_file = mujoco.MjSpec.compile
 
     def forgetful(spec: Any) -> Any:

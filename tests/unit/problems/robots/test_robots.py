@@ -1,4 +1,4 @@
-"""Robots of files are MuJoCo's: frames, masses, forces, energies, distances; what is told."""
+"""Robots from files agree with MuJoCo in frames, masses, forces, energies and distances; reported features."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ CAPSULE_ON_BOX = [mujoco.mjtGeom.mjGEOM_CAPSULE, mujoco.mjtGeom.mjGEOM_BOX]
 
 @pytest.fixture(autouse=True)
 def _quiet() -> Iterator[None]:
-    """MuJoCo's own handler of warnings writes a file."""
+    """Replace MuJoCo's handler of warnings, which writes a file."""
     before = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(lambda message: None)
     yield
@@ -51,7 +51,7 @@ def states(model: Any, count: int) -> Iterator[Any]:
     rng, data = np.random.default_rng(7), mujoco.MjData(model)
     model.opt.density = model.opt.viscosity = 0
     model.actuator_forcelimited[:] = 0
-    # Ours has neither in ball joints.
+    # Our model has neither in ball joints.
     for j in np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_BALL):
         model.jnt_stiffness[j] = 0
         model.dof_armature[model.jnt_dofadr[j] :][:3] = 0
@@ -76,7 +76,7 @@ def relative(ours: Any, theirs: Any) -> float:
 
 
 def forces(robot: Robot, q: np.ndarray, u: np.ndarray) -> np.ndarray:
-    """What motors and servos push with (nv,), but for what they damp."""
+    """Return the generalised forces (nv,) of motors and servos, without their damping."""
     tree = robot.machine.tree()
     force = np.zeros(tree.nv)
     for name, value in zip(tree.actuated, u, strict=True):
@@ -87,7 +87,7 @@ def forces(robot: Robot, q: np.ndarray, u: np.ndarray) -> np.ndarray:
 
 
 def check_dynamics(robot: Robot, model: Any, count: int = 100) -> None:
-    """M, bias, energy, forces of springs and dampers, and how every body of the file moves."""
+    """Check M, bias, energy, forces of springs and dampers, and the motion of every body against MuJoCo."""
     tree = robot.machine.tree()
     q, v = ca.SX.sym("q", tree.nq), ca.SX.sym("v", tree.nv)
     assert (tree.nq, tree.nv, len(robot.joints)) == (model.nq, model.nv, model.nq)
@@ -113,7 +113,7 @@ def check_dynamics(robot: Robot, model: Any, count: int = 100) -> None:
         mujoco.mj_energyVel(model, data)
         assert abs(float(energy) - data.energy.sum()) < NEAR * max(1, abs(data.energy).max())
         for b, R, p in zip(moved, map(np.array, frames[::2]), frames[1::2], strict=True):
-            # Their frame in ours is one and the same in all poses.
+            # MuJoCo's frame relative to ours is the same in all poses.
             place = R.T @ (data.xpos[b] - np.array(p).ravel())
             theirs = np.column_stack([R.T @ data.xmat[b].reshape(3, 3), place])
             np.testing.assert_allclose(theirs, fixed.setdefault(b, theirs), atol=1e-11)
@@ -129,7 +129,7 @@ def test_masses_forces_energies_and_frames_are_those_of_mujoco(name: str) -> Non
     "name", ["ant", "crane", "humanoid", "hopper", "half_cheetah", "walker2d", "our hopper", "arm"]
 )
 def test_distances_are_those_of_mujoco(name: str) -> None:
-    """From a plane the nearest of all points, of two round parts the one distance they have."""
+    """From a plane the smallest of all distances is compared, for two round parts their only distance."""
     robot, model = loaded(name)
     groups = {}
     for pair in robot.machine.collision_pairs:
@@ -184,7 +184,7 @@ def test_limits_motors_and_home_are_those_of_the_file(name: str) -> None:
 
 
 def test_a_short_step_without_contact_is_mujocos() -> None:
-    """Accelerations, with motors, dampers and velocity forces; what is implicit is of order h."""
+    """Accelerations with motors, dampers and velocity forces agree; implicit terms differ by order h."""
     robot, model = loaded("arm")
     h, data = 1e-6, mujoco.MjData(model)
     system = robot.machine.system("arm", ParameterTable([]), h=h, friction=robot.coefficients)
@@ -196,7 +196,7 @@ def test_a_short_step_without_contact_is_mujocos() -> None:
 
 
 def test_pairs_that_are_left_out_never_meet() -> None:
-    """Random poses within the limits find no pair of them in touch."""
+    """In random poses within the limits none of these pairs is in contact."""
     robot, model = loaded("crane")
     del robot
     data, rng = mujoco.MjData(model), np.random.default_rng(3)

@@ -1,4 +1,4 @@
-"""Runs of a system of any size, made by hand, so that pages can be tested without solving."""
+"""Synthetic runs of a system of any size, for tests of pages without a solve."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ def run(
     kinds: list[str] | None = None,
     h: float = 0.1,
 ) -> RunView:
-    """A run whose states (S, N+1), inputs and multipliers (S, N) are given by ``"name [unit]"``.
+    """Return a run with states (S, N+1), inputs and multipliers (S, N), mappings from ``"name [unit]"`` to arrays.
 
-    ``replay`` holds the arrays ``x``, ``u`` or ``lam`` of the replay where they are others.
+    ``replay`` has the arrays ``x``, ``u`` or ``lam`` of the replay if they are different.
     """
     x, u, lam = (np.stack(list(part.values()), axis=-1) for part in (states, inputs, contacts))
     replay = replay or {}
@@ -66,6 +66,6 @@ def run(
 
 
 def waves(count: int, unit: str, steps: int, prefix: str) -> dict[str, np.ndarray]:
-    """Components of one unit that all move, each (1, steps)."""
+    """Return ``count`` components of one unit that vary in time, each (1, steps)."""
     t = np.linspace(0, 1, steps)
     return {f"{prefix}{i} [{unit}]": np.cos(t + i)[None] for i in range(count)}

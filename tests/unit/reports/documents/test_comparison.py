@@ -1,4 +1,4 @@
-"""Runs are named by what differs between them; units and symbols are written for people."""
+"""Comparisons name runs by their differences, and set units and symbols in readable form."""
 
 from __future__ import annotations
 

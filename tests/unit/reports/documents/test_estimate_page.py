@@ -1,4 +1,4 @@
-"""The page of estimates: its headline is the weakest verdict, its axis holds every interval."""
+"""The page of an estimate: its headline is the weakest verdict, and its axis includes every interval."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def row(name: str, word: str = GOOD, wide: bool = False, **more: Any) -> dict[st
 
 
 def stored(rows: list[dict[str, Any]], mean: np.ndarray, error: np.ndarray) -> StoredRun:
-    """An estimate swept over nu: means and errors (points, estimators)."""
+    """Return a stored estimate over nu, with means and errors (points, estimators)."""
     points, count = mean.shape
     one = ("point", "estimator", "component")
     data = xr.Dataset(
@@ -97,7 +97,7 @@ def test_the_headline_is_the_weakest_verdict() -> None:
 
 
 def test_a_wide_interval_is_not_called_unbiased() -> None:
-    """Neither by the page nor by the sentence that is stored and printed."""
+    """Neither the page nor the stored and printed sentence calls it so."""
     rows = [[row("zobg"), row("fobg", wide=True)], [row("zobg"), row("fobg")]]
     assert summarise_verdicts(rows) == f"zobg: {GOOD}; fobg: {TOO_WIDE} at 1 of 2, {GOOD} at 1 of 2."
 
@@ -142,7 +142,7 @@ def test_the_axis_covers_the_interval_of_every_estimator() -> None:
 
 @pytest.mark.parametrize("scale", [0.04, 0.3, 2.0])
 def test_numbers_beside_zero_are_not_printed_over_each_other(scale: float) -> None:
-    """On an axis by powers of ten of both signs, whatever the reference."""
+    """Numbers do not overlap on an axis of positive and negative powers of ten, whatever the reference."""
     mean, error = np.array([[scale, 90.0]]), np.array([[0.1, 60.0]])
     run = stored([row("zobg"), row("fobg")], mean, error)
     run.data["reference"] *= scale

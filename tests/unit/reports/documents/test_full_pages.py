@@ -1,4 +1,4 @@
-"""A report does not end with a page that is hardly begun."""
+"""A report does not end with an almost empty page."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ PAGE = """#import "common.typ": *
 
 
 def set_page(root: Path, count: int) -> dict[str, Any]:
-    """Where a document of ``count`` figures, 18 % of a page high each, ends."""
+    """Set a document of ``count`` figures, each 18 % of a page high; return where it ends, and its scale."""
     for file in pdf._TEMPLATES.glob("*.typ"):
         shutil.copy(file, root)
     blocks = PAGE.format(count=count).replace("1.8 * scale", "scale() / 100% * 130pt")

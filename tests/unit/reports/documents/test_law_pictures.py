@@ -1,4 +1,4 @@
-"""The picture of a law: the central path, or at its end impulses and gaps over time."""
+"""The picture of a contact law: the central path or, for the exact law, impulses and gaps over time."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ def test_twelve_contacts_have_twelve_colours_that_stay_apart() -> None:
 
 
 def test_lines_stay_apart_in_grey_print() -> None:
-    """By eight steps of CIE lightness, of which an eye tells two, or by their line style."""
+    """Lines differ by eight steps of CIE lightness, of which two are visible, or by their style."""
     for first, second in itertools.combinations(map(line_of, range(12)), 2):
         apart = abs(lab(first["color"])[0] - lab(second["color"])[0])
         assert apart >= 8 or first["linestyle"] != second["linestyle"], (first, second)
@@ -116,7 +116,7 @@ def test_lines_stay_apart_in_grey_print() -> None:
 
 
 def lab(color: str) -> np.ndarray:
-    """CIE L*a*b* under D65, in which distances are as eyes see them."""
+    """Return the CIE L*a*b* coordinates of a colour under D65, whose distances match perception."""
     rgb = np.array(to_rgb(color))
     linear = np.where(rgb > 0.04045, ((rgb + 0.055) / 1.055) ** 2.4, rgb / 12.92)
     to_xyz = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])

@@ -1,4 +1,4 @@
-"""Every state, input and multiplier has its panel; what the replay does is seen as a difference."""
+"""Every state, input and multiplier has a panel, and the replay is drawn where it differs."""
 
 from __future__ import annotations
 
@@ -146,7 +146,7 @@ def test_kinds_of_pairs_are_groups_of_their_own() -> None:
 def test_a_replay_within_a_ten_thousandth_of_the_range_is_the_same_curve(
     share: float, parts: bool, offset: float
 ) -> None:
-    """The range counts, not how far from zero a signal is."""
+    """The comparison uses the signal's range, not its distance from zero."""
     plan = offset + np.linspace(0.0, 2.0, N + 1)[None]
     off = share * 2.0 * np.sin(np.linspace(0, np.pi, N + 1))
     track = trajectories.Track("Positions", "p", "m", plan, plan + off)

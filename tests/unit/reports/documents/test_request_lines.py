@@ -1,4 +1,4 @@
-"""Lines of a page about what was asked: settings that say something, sources that end once."""
+"""Lines of a page on the request: only settings that differ, and sources with one full stop."""
 
 from __future__ import annotations
 

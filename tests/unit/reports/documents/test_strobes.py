@@ -1,4 +1,4 @@
-"""Strobes: arrows on bodies that are drawn, a picture for each scenario, one scale for all."""
+"""Strobe pictures: arrows on drawn bodies, a picture for each scenario, one scale for all."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def arrows(axis) -> list[Annotation]:
 
 
 def places(axis) -> np.ndarray:
-    """Middles of the boxes that are drawn."""
+    """Return the middles of the drawn boxes along x."""
     found = [p for p in axis.patches if isinstance(p, Polygon | PathPatch)]
     boxes = [p.get_extents().transformed(axis.transData.inverted()) for p in found]
     return np.array([(b.x0 + b.x1) / 2 for b in boxes if b.width < 1])

@@ -1,4 +1,4 @@
-"""What a page says and draws of a sweep: the numbers of the study, where they belong."""
+"""The page of a sweep shows the numbers of the study in the right places."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from reports.tables.listings import MOST, format_duration, point_rows, sweep_lin
 
 
 def made(**sizes: int) -> StoredRun:
-    """A study whose cost is a + 10 b + 100 c at the places a, b, c, and costs double replayed."""
+    """Return a stored sweep with the cost a + 10 b + 100 c at the indices a, b, c, and twice that in the replay."""
     names, shape = list(sizes), tuple(sizes.values())
     cost = 1 + sum(10.0**i * part for i, part in enumerate(np.indices(shape)))
     data: dict[str, object] = {name: (names, np.zeros(shape)) for name in (*ROW_NUMBERS, "seconds")}
@@ -65,7 +65,7 @@ def test_maps_over_two_axes_are_cost_ratio_and_verdict() -> None:
     run = made(mu=2, M=3)
     (figure,) = drawn(run)
     cost, ratio, verdict = maps(figure)[:3]
-    # The longer axis goes across, though it is the study's second.
+    # The longer axis is horizontal, although it is the study's second.
     assert np.array_equal(cost, run.data["cost"].transpose("mu", "M").values)
     assert np.array_equal(ratio, np.full((2, 3), 2.0)) and np.array_equal(verdict, np.full((2, 3), 2))
     assert figure.axes[0].get_xlabel() == "M [kg]" and "mu" in figure.axes[0].get_ylabel()
@@ -76,7 +76,7 @@ def test_more_axes_are_gone_through_slice_by_slice() -> None:
     run = made(M=4, mu=3, h=2, w=3)
     found = drawn(run)
     assert [len(maps(figure)) for figure in found] == [3 * 4 + 2, 3 * 2 + 2]
-    # M and mu span the maps, or w in the place of mu; the rest are gone through, the last fastest.
+    # M and mu, or M and w, span the maps; the other axes vary from map to map, the last one fastest.
     across, up, *rest = sorted(run.data["cost"].dims, key=lambda dim: -run.data.sizes[dim])
     expected = [
         run.data["cost"].isel({rest[0]: i, rest[1]: j}).transpose(up, across).values

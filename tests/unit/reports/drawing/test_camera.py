@@ -1,4 +1,4 @@
-"""The view: all of a motion that stays, a window along with one that travels."""
+"""The view shows all of a motion that stays in place, and follows one that travels."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def rolling(x: np.ndarray, *more: Shape) -> list[list[Shape]]:
 
 
 def windows(camera: Camera) -> np.ndarray:
-    """Limits (n_frames, 2, 2) as axes get them: frame, low or high, x or y."""
+    """Return the limits (n_frames, 2, 2) of the axes: frame, low or high, x or y."""
     axis = Figure().subplots()
     found = []
     for frame in range(len(camera.middle)):

@@ -1,4 +1,4 @@
-"""Forces as drawn: normal and tangent add up, arrows are to scale, cones have their angle."""
+"""Drawn forces: normal and tangent add up, arrows are to scale, cones have the right angle."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ SLIP = np.array([[-0.5, 1.0], [0.1, 0.0], [-1.0, 0.0]])
 
 
 def arrows(axis) -> list[np.ndarray]:
-    """Vectors from tail to tip of all arrows [m]."""
+    """Return the vectors [m] from tail to tip of all arrows."""
     found = [text for text in axis.texts if isinstance(text, Annotation)]
     return [np.subtract(arrow.xy, arrow.xyann) for arrow in found]
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.9, 2.5, -1.4])
 def test_an_arrow_is_normal_and_tangent_added_up(angle: float) -> None:
-    """Turned so that the normal lies along x, the arrow is (normal, -friction)."""
+    """In axes with the normal along x the arrow is (normal, -friction)."""
     frame = ContactFrame(0.3, -0.2, np.cos(angle), np.sin(angle), friction=1.0)
     axis = Figure().subplots()
     draw_force(axis, frame, 2.0, 0.5, 0.1)

@@ -1,4 +1,4 @@
-"""One notation, shown twice: what typst sets is what a terminal prints."""
+"""Notation: typst and the terminal show the same symbols."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Shapes on axes: every kind is drawn, where geometry says."""
+"""Shapes on axes: every kind is drawn at the right position."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from reports.drawing import shapes
 
 
 def outline(shape) -> np.ndarray:
-    """Cloud of a drawn outline [m], shape (n, 2)."""
+    """Return the points (n, 2) of a drawn outline [m]."""
     axis = Figure().subplots()
     patch = shapes.draw(shape, axis, 1.0)
     to_metres = patch.get_transform() - axis.transData
@@ -23,7 +23,7 @@ def outline(shape) -> np.ndarray:
 @pytest.mark.costly_cases("half-cheetah")
 @pytest.mark.parametrize("name", names())
 def test_every_problem_is_drawn(name: str) -> None:
-    """All shapes of a problem have a way to be drawn, inside finite limits."""
+    """All shapes of every problem can be drawn, within finite limits."""
     found = spec(name)
     assert found.draw is not None
     params = found.params({})
@@ -102,7 +102,7 @@ def test_the_outline_of_a_capsule_is_its_radius_from_its_segment(b: tuple[float,
 
 @pytest.mark.parametrize("angle", [0.0, 0.7])
 def test_a_rounded_box_keeps_its_sides_and_loses_its_corners(angle: float) -> None:
-    """In the box's own frame: signed distance to a rounded box is zero all along the outline."""
+    """In the box's frame the signed distance to a rounded box is zero along the whole outline."""
     width, height, radius = 2.0, 1.0, 0.3
     points = outline(Rectangle(3, -1, width, height, angle, rounding=radius)) - (3, -1)
     c, s = np.cos(angle), np.sin(angle)

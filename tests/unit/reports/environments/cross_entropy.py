@@ -1,6 +1,6 @@
-"""The cross-entropy method on any Gymnasium vector environment: an algorithm from elsewhere.
+"""The cross-entropy method on any Gymnasium vector environment, independent of the workbench.
 
-Knows nothing of the workbench. Rubinstein and Kroese, The Cross-Entropy Method, 2004.
+Rubinstein and Kroese, The Cross-Entropy Method, 2004.
 """
 
 import numpy as np
@@ -8,7 +8,7 @@ from gymnasium.vector import VectorEnv
 
 
 def episodes(env: VectorEnv, thetas: np.ndarray, seed: int | None = None) -> np.ndarray:
-    """Return of one episode (num_envs,) under each environment's own affine policy."""
+    """Return the returns (num_envs,) of one episode, with an affine policy for each environment."""
     observations, _ = env.reset(seed=seed)
     nu, returns, going = env.single_action_space.shape[0], np.zeros(env.num_envs), True
     gains = thetas.reshape(env.num_envs, nu, -1)
@@ -25,9 +25,9 @@ def episodes(env: VectorEnv, thetas: np.ndarray, seed: int | None = None) -> np.
 def cross_entropy(
     env: VectorEnv, generations: int, sigma: float, seed: int = 0, elite: float = 0.2
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Refit a normal distribution of policies to the best of each generation.
+    """Fit a normal distribution of policies to the best of each generation.
 
-    Gives the returns (generations, num_envs) and the mean policy (n_theta,).
+    Returns the returns (generations, num_envs) and the mean policy (n_theta,).
     """
     size = env.single_action_space.shape[0] * (env.single_observation_space.shape[0] + 1)
     mean, spread, rng = np.zeros(size), np.full(size, sigma), np.random.default_rng(seed)

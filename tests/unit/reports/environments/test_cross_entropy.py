@@ -1,4 +1,4 @@
-"""An algorithm that knows Gymnasium alone learns on the vector environments."""
+"""An algorithm that uses only Gymnasium's interface learns on the vector environments."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ assert environments.ENVIRONMENTS
 
 
 def better(later: np.ndarray, earlier: np.ndarray) -> float:
-    """Chance of returns so much better without learning (rank-sum test, one-sided)."""
+    """Return the p-value of a one-sided rank-sum test that later returns are better than earlier ones."""
     return float(mannwhitneyu(later, earlier, alternative="greater").pvalue)
 
 
@@ -23,11 +23,11 @@ def test_throws_learn_to_reach_the_goal():
     env = gymnasium.make_vec("centralpath/BallThrow-v0", num_envs=64)
     returns, mean = cross_entropy(env, generations=15, sigma=0.5)
     assert better(returns[-1], returns[0]) < 1e-9
-    # Throws of the first generation miss by metres; the learned one hits within centimetres.
+    # Throws of the first generation miss by metres; the learned one misses by centimetres.
     assert returns[0].mean() < -5
     learned = episodes(env, np.tile(mean, (64, 1)))
     assert -0.01 < learned[0] < 0
-    # As many throws at random come nowhere as near on average.
+    # The same number of random throws is much farther off on average.
     chance = np.random.default_rng(1).normal(0, 0.5, (64, mean.size))
     assert better(np.full(64, learned[0]), episodes(env, chance)) < 1e-6
 
@@ -37,7 +37,7 @@ def test_a_hopper_learns_to_jump_forward_before_it_falls():
     env = gymnasium.make_vec("centralpath/Hopper-v0", num_envs=64)
     returns, mean = cross_entropy(env, generations=15, sigma=0.1)
     assert better(returns[-1], returns[0]) < 1e-12
-    # Other starts than those it learned from.
+    # Starts differ from those of learning.
     unseen = episodes(env, np.tile(mean, (64, 1)), seed=10_000)
     assert better(unseen, episodes(env, np.zeros((64, mean.size)), seed=10_000)) < 1e-12
     assert unseen.mean() > 5 > 2 > returns[0].mean()
@@ -48,6 +48,6 @@ def test_a_half_cheetah_learns_to_run():
     env = gymnasium.make_vec("centralpath/HalfCheetah-v0", num_envs=64)
     returns, mean = cross_entropy(env, generations=15, sigma=0.1)
     assert better(returns[-1], returns[0]) < 1e-12
-    # A return of 75 over 100 steps is 0.75 m/s at least, for effort is only paid for.
+    # A return of 75 over 100 steps means at least 0.75 m/s, since effort only costs.
     unseen = episodes(env, np.tile(mean, (64, 1)), seed=10_000)
     assert unseen.mean() > 75 > 0 > returns[0].mean()

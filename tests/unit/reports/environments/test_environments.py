@@ -1,4 +1,4 @@
-"""Environments: Gymnasium's own check, agreement of one and many with the task, what is refused."""
+"""Environments: Gymnasium's checker, agreement of single and vector ones with the task, rejected values."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def test_every_task_is_registered():
 
 @pytest.mark.costly
 def test_a_module_before_the_name_registers_by_itself():
-    """Gymnasium reads no entry points of packages, so the import is in the name or before it."""
+    """Gymnasium reads no entry points, so that the module must be in the name or be imported before."""
     code = "import gymnasium\nprint(gymnasium.make('reports.environments:centralpath/BallThrow-v0').spec.id)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert done.stdout.strip() == "centralpath/BallThrow-v0", done.stderr
@@ -67,7 +67,7 @@ def test_gymnasiums_check_passes_for_the_half_cheetah():
 
 
 def by_hand(env: TaskEnv, seed: int, actions: np.ndarray) -> list[tuple[np.ndarray, float]]:
-    """States and rewards of an episode out of the task's own functions and the law's step."""
+    """Return states and rewards of an episode by the task's functions and the law's step."""
     task, step, p = env.world.task, env.world.step, env.world.p
     x = task.reset(1, np.random.default_rng(np.random.PCG64(np.random.SeedSequence(seed))))[0]
     told = []
@@ -130,7 +130,7 @@ def test_many_are_gymnasiums_own_row_of_single_ones_over_falls_and_new_starts():
 
 @pytest.mark.costly
 def test_returns_are_those_of_the_engines_episodes():
-    """An affine policy, twice: by hand on the environments, and compiled into rollouts."""
+    """An affine policy gives the same returns on the environments and in compiled rollouts."""
     env, n = many("hopper", 16, horizon=25), 16
     world = env.world
     task, nu, no = world.task, 3, world.observation_space.shape[0]
@@ -265,7 +265,7 @@ def test_who_has_ended_starts_anew_at_the_next_step():
     second = task.reset(2, rng)[1]
     np.testing.assert_allclose(env.state[1], second, atol=1e-15)
     np.testing.assert_array_equal(seen[1], np.append(second[1:6], second[6:]))
-    # The first goes on, and time ends it three steps later; the second has started over.
+    # The first continues and is truncated three steps later; the second has been reset.
     for _ in range(3):
         *_, truncated, info = env.step(np.zeros((2, 3)))
     assert truncated.tolist() == [True, False]
@@ -293,7 +293,7 @@ def test_a_step_without_solution_ends_its_episode_and_says_so(kind: str, monkeyp
 
 
 class Forgetful(StepFunction):
-    """The engine, but rows 0 and 1 are lost on the way."""
+    """Step function that loses rows 0 and 1."""
 
     def __call__(self, x, u, p=None):
         found = super().__call__(x, u, p)
@@ -303,7 +303,7 @@ class Forgetful(StepFunction):
 
 @pytest.mark.costly
 def test_many_solve_again_who_is_lost_and_end_who_stays_so(monkeypatch):
-    """State 0 is lost to the engine alone, state 1 to every search, state 2 to none."""
+    """The engine alone fails at state 0, every solver fails at state 1, and none at state 2."""
     right = many("hopper", 3)
     monkeypatch.setattr(world_module, "StepFunction", Forgetful)
     env = many("hopper", 3)
@@ -334,7 +334,7 @@ def test_pictures_show_the_body_and_the_ground():
     env.step(np.zeros(3))
     second = env.render()
     assert (first != second).any()
-    # The ground is a grey field, the body is blue.
+    # The ground is a grey area, the body is blue.
     grey, blue = first[325:350].astype(int), first.astype(int)
     assert (np.abs(grey - 217).max(axis=2) < 3).mean() > 0.7
     assert (blue[..., 2] - blue[..., 0] > 60).sum() > 500

@@ -1,4 +1,4 @@
-"""Bare figures: as wide as a column, lettered, one panel alone, fonts inside, always the same."""
+"""Bare figures: width of a column, lettered panels, single panels, embedded fonts, reproducible files."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ COLORS = ("#ff0000", "#00ff00", "#0000ff", "#ff00ff")
 
 
 def four(**shared) -> Figure:
-    """Four panels, each with a line of its own colour, and a key of all of them above."""
+    """Return a figure of four panels, each with a line of its own colour, and a legend of all above."""
     figure = Figure(figsize=(6.5, 4.0))
     for axis, color in zip(figure.subplots(2, 2, **shared).ravel(), COLORS, strict=True):
         axis.plot([0, 1], [0, 1], color=color, linewidth=3, label=color)
@@ -38,7 +38,7 @@ def pixels(content: bytes) -> np.ndarray:
 
 
 def pure(picture: np.ndarray) -> set[str]:
-    """Which of the lines' colours are seen."""
+    """Return those of the lines' colours that are in a picture."""
     flat = picture.reshape(-1, 3)
     return {
         c for c in COLORS if (np.abs(flat - [int(c[k : k + 2], 16) for k in (1, 3, 5)]) < 9).all(axis=1).sum() > 200
@@ -46,7 +46,7 @@ def pure(picture: np.ndarray) -> set[str]:
 
 
 def words(svg: bytes) -> list[str]:
-    """Texts of an SVG: matplotlib leaves what paths spell as comments."""
+    """Return the texts of an SVG, which matplotlib writes as comments."""
     return re.findall(r"<!-- (.+?) -->", svg.decode())
 
 
@@ -77,7 +77,7 @@ def test_a_panel_alone_is_that_panel_a_column_wide(letter: str) -> None:
     picture = pixels(render_figure(figure, "png", letter))
     assert picture.shape[1] == pytest.approx(300 * COLUMN_IN, abs=9)
     assert [axis.get_visible() for axis in figure.axes] == [axis is chosen for axis in figure.axes]
-    # The key under it names all four, in short strokes; the panel's own line is the long one.
+    # The legend below names all four with short strokes; the panel's own line is the long one.
     own = [int(COLORS[place][k : k + 2], 16) for k in (1, 3, 5)]
     seen = (np.abs(picture - own) < 9).all(axis=-1)
     assert np.ptp(np.flatnonzero(seen.any(axis=0))) > 0.7 * picture.shape[1]

@@ -1,4 +1,4 @@
-"""The bare figure of a solve: every state, input and acting contact, planned and replayed."""
+"""The bare figure of a solve has every state, input and acting contact, planned and replayed."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def test_lines_are_the_stored_numbers_planned_and_replayed(run: StoredRun) -> No
 
 
 def test_contacts_that_hardly_push_are_left_out() -> None:
-    """The toe's largest impulse is a four hundredth of the heel's."""
+    """The toe's largest impulse is 1/400 of the heel's."""
     view = sliding_box(NORMAL, 0 * NORMAL)
     *_, pushed = group_signals(view)
     assert pushed.title == "impulses [N s]" and pushed.names == ["heel"]

@@ -1,4 +1,4 @@
-"""What is seen of a run at which time, before anything is drawn."""
+"""Times and states of an animation's frames, before anything is drawn."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Files of each format: their frames, their timing, and what is refused before any work."""
+"""Movie files of each format: frames, timing, and requests that are rejected before any work."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def test_a_gif_has_every_frame_at_its_time_and_the_colours_drawn(tmp_path: Path)
         pictures = []
         for frame in range(movie.n_frames):
             movie.seek(frame)
-            # The last one rests before the movie starts over.
+            # The last frame is held before the movie repeats.
             rest = 600 if frame == movie.n_frames - 1 else 0
             assert movie.info["duration"] == 100 + rest
             pictures.append(np.asarray(movie.convert("RGB"), dtype=int))
@@ -51,7 +51,7 @@ def test_a_gif_has_every_frame_at_its_time_and_the_colours_drawn(tmp_path: Path)
 @pytest.mark.cheap_cases("1")
 @pytest.mark.parametrize("fps", [1, 7, 24, 25, 30, 50])
 def test_a_gif_keeps_the_rate_that_was_asked(fps: int, tmp_path: Path) -> None:
-    """Delays are whole hundredths of a second; their sum is never half of one off."""
+    """Delays are multiples of 0.01 s; the error of their sum is always below half of that."""
     shown = gif_delays(300, fps)
     assert np.abs(np.cumsum(shown) - 100 * np.arange(1, 301) / fps).max() <= 0.5
     assert max(shown) - min(shown) <= 1 and min(shown) >= 2

@@ -1,4 +1,4 @@
-"""The page: its data are the run's, it asks nobody for anything, and a browser plays it."""
+"""The player's page: it has the run's data, loads nothing else, and plays in a browser."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ browsing = pytest.mark.skipif(BROWSER is None, reason="there is no chromium")
 
 
 def data_of(page: str) -> dict:
-    """Data as a browser reads them from the page."""
+    """Return the data of a page, as a browser reads them."""
     (found,) = re.findall(r'<script id="film" type="application/json">(.*?)</script>', page, re.S)
     return json.loads(found)
 
@@ -110,7 +110,7 @@ def test_costs_add_up_to_what_the_solution_says(solved: RunView) -> None:
 
 @pytest.mark.parametrize("steps", [2, 50])
 def test_rewards_add_up_step_by_step(steps: int) -> None:
-    """An episode of ball-throw has 50 steps: only a whole one gains what there is at its end."""
+    """An episode of ball-throw has 50 steps, and only a complete one has the final reward."""
     spec = tasks.spec("ball-throw")
     params = spec.params({})
     task = spec.build(params)
@@ -158,7 +158,7 @@ def test_names_cannot_break_out_of_the_page() -> None:
 
 
 def browsed(page: str, room: Path, *options: str) -> str:
-    """What headless chromium says of a page."""
+    """Return the output of headless Chromium for a page."""
     asked = ["--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars"]
     place = ["--window-size=1000,900", f"--user-data-dir={room / 'profile'}"]
     done = subprocess.run(
@@ -217,7 +217,7 @@ def test_a_browser_scrubs_steps_and_plays(tmp_path: Path) -> None:
 @browsing
 @pytest.mark.slow
 def test_a_screenshot_shows_the_box_where_its_state_says(tmp_path: Path) -> None:
-    """Body colour in columns of the plan's picture goes to the right with the box."""
+    """The columns of the plan's picture in the body's colour move to the right with the box."""
     page, middles = tmp_path / "box.html", []
     write_animation(Animation(VIEW, fps=10), page)
     for frame in (0, 2, 4):
@@ -225,7 +225,7 @@ def test_a_screenshot_shows_the_box_where_its_state_says(tmp_path: Path) -> None
         browsed(f"{page.as_uri()}#{frame}", tmp_path, f"--screenshot={shot}")
         with Image.open(shot) as picture:
             plan = np.asarray(picture.convert("RGB"), dtype=int)[:380]
-        # A quarter of the blue of bodies on white paper.
+        # The colour is a quarter of the bodies' blue on white paper.
         body = np.abs(plan - (191, 220, 236)).max(axis=-1) < 6
         columns = np.flatnonzero(body.sum(axis=0) > 3)
         middles.append((columns.min() + columns.max()) / 2)

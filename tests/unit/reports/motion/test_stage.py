@@ -1,4 +1,4 @@
-"""Pictures: bodies where their states say, forces to scale, the same as drawing all anew."""
+"""Pictures: bodies at their states, forces to scale, and frames equal to pictures drawn from scratch."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ VIEW = sliding_box(NORMAL, SLIP)
 
 
 def colored(scene: MotionArtist, frame: int, color: str) -> list[Path]:
-    """Paths of a frame with inside or edge of a colour."""
+    """Return the paths of a frame whose face or edge has a colour."""
     rgb = to_rgba(color)[:3]
     return [s.path for s in scene.strokes(frame) if rgb in (s.face[:3], s.edge[:3])]
 
 
 def arrows(scene: MotionArtist, frame: int) -> np.ndarray:
-    """Vectors [m] from tail to tip, (n, 2)."""
+    """Return the vectors [m] of a frame's arrows from tail to tip, (n, 2)."""
     return np.array([path.vertices[3] - path.vertices[0] for path in colored(scene, frame, VERMILLION)])
 
 
@@ -46,7 +46,7 @@ def test_bodies_lie_where_states_say_and_nothing_piles_up() -> None:
 
 @pytest.mark.costly
 def test_the_longest_arrow_is_the_largest_force_and_the_replay_is_to_the_same_scale() -> None:
-    """The replay's forces are half the plan's, and so are its arrows, at every frame."""
+    """The replay's forces are half of the plan's, and so are its arrows in every frame."""
     plan, replay = Canvas(Animation(VIEW, fps=10)).scenes
     found = []
     for frame in range(1, 5):
@@ -73,7 +73,7 @@ def test_cones_are_drawn_on_request_and_hold_the_forces_at_their_edge() -> None:
 
 @pytest.mark.costly
 def test_a_picture_is_what_drawing_everything_anew_gives() -> None:
-    """Frames drawn over each other leave no trace: the same pixels as of a figure drawn once."""
+    """Frames drawn one after the other have the same pixels as a figure drawn once."""
     kept = Canvas(Animation(VIEW, fps=10))
     pictures = [kept.picture(frame).copy() for frame in range(5)]
     for frame in (4, 1):
@@ -113,7 +113,7 @@ def test_a_motion_that_has_run_away_leaves_its_axes_empty() -> None:
 
 
 def test_ticks_go_along_with_a_camera_that_travels() -> None:
-    """Away from the start the labels under the picture are others."""
+    """Away from the start the tick labels have changed."""
     x = np.linspace(0, 8, 5)
     canvas = Canvas(Animation(sliding_box(NORMAL, SLIP, x=x, x_replay=x), fps=10))
     axis, height = canvas.scenes[0].axis, canvas.picture(0).shape[0]
@@ -142,7 +142,7 @@ VIEWED = np.zeros(2), np.array([2.0, 1.0]), 0.01
     ids=["disc", "segment", "spring", "mark", "goal", "half plane"],
 )
 def test_a_stroke_spans_its_shape(shape, low, high) -> None:
-    """A point of paper is 1 cm here: marks of 4.5 pt and crosses of 11 pt are as wide in cm."""
+    """A point on paper is 1 cm here, so that marks of 4.5 pt and crosses of 11 pt are as many cm wide."""
     stroke: Stroke = shape_stroke(shape, *VIEWED)
     extent = stroke.path.get_extents()
     np.testing.assert_allclose([extent.min, extent.max], [low, high], atol=1e-9)

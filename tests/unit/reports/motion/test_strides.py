@@ -1,4 +1,4 @@
-"""A stride drawn several times goes on where it ended."""
+"""A stride that is drawn several times continues where it ended."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def test_a_problem_that_does_not_say_so_is_not_periodic() -> None:
 
 @pytest.mark.parametrize(("way", "instants"), [(0.0, 3), (0.1, 4), (2.0, 7)])
 def test_a_strobe_shows_few_instants_of_what_hardly_moves(way: float, instants: int) -> None:
-    """The box is 0.4 m wide: a way of 0.1 m is a quarter of it, so one instant more than three."""
+    """The box moves by 0.1 m, a quarter of its width, which adds one instant to three."""
     normal = np.zeros((20, 2))
     figure = strobe(sliding_box(normal, normal, x=way * np.linspace(0, 1, 21)))
     assert figure is not None

@@ -1,4 +1,4 @@
-"""What a report says of contacts agrees with the stored arrays."""
+"""The report on contacts agrees with the stored arrays."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def test_a_multiplier_in_newton_is_the_force() -> None:
 
 @pytest.mark.costly
 def test_friction_holds_or_slips_at_its_bound(run) -> None:
-    """Coulomb's law, read off the stored arrays alone."""
+    """Coulomb's law is checked on the stored arrays alone."""
     view = run[1]
     friction, bound, slip = (array(view, name).ravel() for name in ("friction_impulse", "friction_bound", "slip"))
     slides = array(view, "slipping").ravel() > 0
@@ -131,7 +131,7 @@ def test_page_has_the_contact_that_acts(run) -> None:
 
 
 def test_a_smoothed_contact_is_active_or_pushes_at_a_distance_and_never_both() -> None:
-    """On the central path lam gap = mu, an impulse above its gap is one above sqrt(mu)."""
+    """On the central path lam gap = mu, so that an impulse above its gap is above sqrt(mu)."""
     lam = np.geomspace(1e-9, 1.0, 50)
     active, distant = active_contacts(lam, 1e-4 / lam)
     np.testing.assert_array_equal(active, lam > 1e-2)

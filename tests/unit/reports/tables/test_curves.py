@@ -1,4 +1,4 @@
-"""Curves out of letters, live lines, and the figures of seeds."""
+"""Curves of letters in the terminal, live lines, and figures over seeds."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from reports.tables.training_progress import (
 
 
 def run(seed: int, returns: list[float], *, told: bool = True, **asked: object) -> StoredRun:
-    """A training judged at every second of its iterations, 100 steps each, 2 s with seed 1."""
+    """Return a stored training run, evaluated at every second iteration; an iteration takes 1 s, or 2 s with seed 1."""
     iterations = len(returns)
     judged = np.where(np.arange(iterations) % 2 == 0, returns, np.nan)
     data = xr.Dataset(
@@ -138,7 +138,7 @@ def test_bands_are_from_the_lowest_to_the_highest_seed() -> None:
     ends = {float(x): sorted({float(y) for a, y in band if a == x}) for x in (0.0, 200.0)}
     assert ends == {0.0: [0.0, 2.0], 200.0: [4.0, 8.0]}
     assert over_steps.lines[0].get_xydata().tolist() == [[0.0, 1.0], [200.0, 6.0]]
-    # One seed took 1 s an iteration and the other 2 s.
+    # One seed took 1 s per iteration and the other 2 s.
     assert over_time.lines[0].get_xydata().tolist() == [[0.0, 1.0], [3.0, 6.0]]
 
 

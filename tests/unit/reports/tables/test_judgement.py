@@ -1,4 +1,4 @@
-"""A judgement's numbers against those of a library, and its sentence."""
+"""The numbers of a judgement agree with a library's, and its sentence with the numbers."""
 
 from __future__ import annotations
 

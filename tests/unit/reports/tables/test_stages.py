@@ -1,4 +1,4 @@
-"""Stages that are shown: the path and exchanges that were taken, up to the answer."""
+"""Shown stages are the accepted path and exchanges up to the solution."""
 
 from __future__ import annotations
 
