@@ -88,7 +88,7 @@ def _advance(
     n: int,
     workers: ChunkSource | None,
 ) -> Iterator[int]:
-    """Add the remaining samples to ``sums``, first singly, then as moments of chunks; yield the size of each."""
+    """Add the remaining samples to ``sums``, first singly, then as moments of chunks; yield each batch's size."""
 
     chunks = workers or partial(local_chunks, objective)
     estimator = estimator.with_baseline(objective, lambda: mean_of_chunks(chunks(None, noise, 0, n, n)))

@@ -29,7 +29,7 @@ STOP_GRACE_S = 30.0
 # Processes are spawned, since a fork of a process with threads, as of numerical libraries, may hang.
 _spawn_context = multiprocessing.get_context("spawn")
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-"""Environment variables that limit the threads of numerical libraries."""
+"""Names of environment variables that limit the threads of numerical libraries."""
 _interrupted = threading.Event()
 """Event that is set in a worker process after it received the signal of Ctrl-C."""
 

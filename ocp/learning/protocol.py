@@ -230,7 +230,7 @@ class Algorithm(Configured):
     name: ClassVar[str]
     summary: ClassVar[str]
     contact: ClassVar[str]
-    """Name of the default contact law to learn through."""
+    """Name of the contact law under which the algorithm learns by default."""
 
     def settings(self) -> dict[str, Any]:
         """Return a mapping from names to the settings, as recorded with a run."""

@@ -79,7 +79,7 @@ class TaskRollouts:
         return without_warnings(self.function.moments, x0, theta, p, **options)
 
     def _packed(self, normaliser: Normaliser | None, discount: float, model_params: np.ndarray | None) -> np.ndarray:
-        """Return the values of :attr:`parameters`, (np,), or (n, np) if they differ over samples."""
+        """Return the values of :attr:`parameters` as an array (np,), or (n, np) if they differ between samples."""
         task_parameters = self.task.parameters.values
         if model_params is not None:
             task_parameters = np.asarray(model_params, dtype=float)

@@ -77,7 +77,7 @@ class ActiveSets:
         return frictionless
 
     def exchangeable(self, closed: np.ndarray) -> np.ndarray:
-        """Return a mask (N, n): pairs that may change their side alone; slip pairs and lone closed friction may not."""
+        """Return a mask (N, n): pairs that may change side alone, except slip and a contact's only closed friction."""
         exchangeable = ~self.frictionless(closed)
         for contact in self.contacts:
             f = list(contact.friction)

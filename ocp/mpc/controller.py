@@ -110,7 +110,7 @@ class Controller:
         self.reset()
 
     def _check(self) -> None:
-        """Validate the arguments."""
+        """Check the controller's arguments and replace names by the objects that they stand for."""
         self._entry = choose("phase", validated("phase", self.phase, str), PHASES)
         law = validated("contact", self.contact, InstanceOf[ContactLaw] | str | None)
         law = make_law(law, {}, self.problem.system) if isinstance(law, str) else law
@@ -123,7 +123,7 @@ class Controller:
         validated("policy", self.policy, InstanceOf[Gains] | Callable[..., Any] | None)
 
     def reset(self) -> None:
-        """Start again from the first plan, as if no sample had been answered."""
+        """Return to the state before the first sample, with the first plan."""
         self.plan, self.u_before = self._first, self._u_start
         self.misses, self.samples = 0, 0
         self._phase = self._build_phase()
@@ -227,7 +227,7 @@ class Controller:
         return Plan(x, u, lam, gap)
 
     def _expected_state(self, shifted: Plan, u_before: np.ndarray, p: np.ndarray) -> np.ndarray:
-        """Return the expected state (nx,): the shifted plan's, or if ``trust < 1`` the law's prediction."""
+        """Return the expected state (nx,): the law's prediction if ``trust < 1`` or without plans, else the plan's."""
         if not self.samples or (self.trust == 1 and self._phase.plans):
             return shifted.x[0]
         predicted = self.rollouts.step(self._state[None], u_before[None], p)[0]

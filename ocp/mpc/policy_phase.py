@@ -27,7 +27,7 @@ class FixedPolicy(Phase):
         """Do nothing; there is no plan."""
 
     def feedback(self, sample: Sample) -> Answer:
-        """Evaluate the law; raise :class:`~ocp.errors.InputError` unless it returns nu numbers."""
+        """Evaluate the feedback law; raise :class:`~ocp.errors.InputError` unless it returns nu numbers."""
         u = np.ravel(self.law(sample.x, self.count))
         u = numbers("the policy's input", u, (self.nu,))
         self.count += 1

@@ -96,7 +96,7 @@ class ClosedLoop:
 
     @property
     def certified(self) -> float:
-        """Share of the judged plans that are stationary; NaN where none was judged."""
+        """Share of the judged plans that are stationary, NaN if none was judged."""
         certificates = self.data["certificate"].values
         was_judged = certificates != ""
         return float(np.isin(certificates[was_judged], ("B", "KKT")).mean()) if was_judged.any() else np.nan

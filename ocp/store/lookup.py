@@ -20,7 +20,7 @@ from ocp.store.runs import load, read_entry, run_paths, save
 from ocp.validation import expand_path
 
 STORE_VARIABLE = "OCP_RUNS"
-"""Environment variable that names the default store."""
+"""Name of the environment variable with the default folder of runs."""
 _MAX_SUGGESTED_AMONG = 200
 """Number of latest runs whose names are compared for the suggestion after a misspelt name."""
 
