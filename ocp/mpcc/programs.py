@@ -22,8 +22,8 @@ class MPCC:
     ``0 <= G(x, p) ⟂ H(x, p) >= 0``.
 
     x (n, 1), p (n_p, 1) are symbols, f (1, 1), g (m, 1), G and H (k, 1) expressions in them. Bounds
-    are numbers or sequences; without ``lbg``, ``ubg`` g is an equation. ``names`` (k) name the
-    pairs in verdicts.
+    are numbers or sequences; by default g is an equation. ``names`` (k) are the names of the pairs in
+    verdicts.
 
     Raises :class:`~ocp.errors.InputError` where sizes do not fit, bounds cross, a symbol is not
     declared, or a pair is the same expression twice.
@@ -75,7 +75,7 @@ class MPCC:
             raise InputError(f"{self.name}: {', '.join(unknown)} is neither in x nor in p")
 
     def pair(self, index: int) -> str:
-        """Name of a pair."""
+        """Return the name of the pair number ``index``."""
         return self.names[index] if self.names else f"pair {index}"
 
     @property
@@ -92,7 +92,7 @@ class MPCC:
 
 
 def sized(name: str, what: str, value: float | Sequence[float] | np.ndarray, n: int) -> np.ndarray:
-    """Return numbers as a vector (n,), one number repeated; an :class:`InputError` for other sizes."""
+    """Return numbers as a vector (n,), one number repeated; raise :class:`InputError` for other sizes."""
     numbers = np.asarray(value, dtype=float).ravel()
     if numbers.size not in (1, n):
         raise InputError(f"{name}: {what} has {numbers.size} entries, expected {n}")
@@ -100,12 +100,11 @@ def sized(name: str, what: str, value: float | Sequence[float] | np.ndarray, n: 
 
 
 class Lifted:
-    """An :class:`~ocp.mpcc.MPCC` whose pairs are entries of x, with its derivatives.
+    """An :class:`~ocp.mpcc.MPCC` with slack variables, so that pairs are entries of x, and its derivatives.
 
-    Every side of a pair that is an entry of x, of no other pair and with no bound above zero, is
-    that entry; for any other there is a variable with an equation. Repeated parts of the
-    expressions are found once, before these are differentiated: that is cheaper than to look for
-    them in every derivative.
+    A side of a pair that is an entry of x, in no other pair and without a lower bound above zero, stays
+    this entry; any other side becomes a slack variable with an equation. Common subexpressions are
+    eliminated once before differentiation, which is cheaper than in every derivative.
     """
 
     def __init__(self, mpcc: MPCC) -> None:
@@ -137,7 +136,7 @@ class Lifted:
         self.sides = ca.Function("sides", [mpcc.x, mpcc.p], [mpcc.G, mpcc.H])
 
     def _entries(self, sides: ca.SX, taken_entries: set[int]) -> np.ndarray:
-        """Return positions in x of the sides that are entries of it, -1 for the others."""
+        """Return the indices in x of the sides that are entries of x, -1 for the others."""
         x, (lower, _) = self.mpcc.x, self.mpcc.x_bounds
         places = {x[i].element_hash(): i for i in range(x.numel()) if lower[i] <= 0}
         entries = np.full(sides.numel(), -1)
@@ -150,16 +149,16 @@ class Lifted:
 
 
 def programs_of(mpcc: MPCC, p: np.ndarray, start: np.ndarray) -> Callable[[str], MPCCProgram]:
-    """The programs of a problem at parameters p by reformulation, each built at its first use.
+    """Return a function from a reformulation to the program of ``mpcc`` at p, which builds each program once.
 
-    The size of the cost is measured at ``start`` (n,).
+    Sizes of variables and cost are derived at ``start`` (n,).
     """
     lifted = Lifted(mpcc)
     return cache(lambda reformulation: MPCCProgram(lifted, reformulation, p, start))
 
 
 class MPCCProgram(Program):
-    """An :class:`~ocp.mpcc.MPCC` in a reformulation of :class:`~ocp.programs.program.Program`."""
+    """The program of an :class:`~ocp.mpcc.MPCC`, in one reformulation of :class:`~ocp.programs.program.Program`."""
 
     def __init__(self, lifted: Lifted, reformulation: str, p: np.ndarray, start: np.ndarray) -> None:
         self.lifted, self.mpcc, self.given = lifted, lifted.mpcc, p
@@ -180,7 +179,7 @@ class MPCCProgram(Program):
         self._differentiate(penalised, closure, ca.vertcat(self.mpcc.p, penalty, t))
 
     def _differentiate(self, penalised: ca.SX, closure: ca.SX, p: ca.SX) -> None:
-        """Add the derivatives of what closes the pairs to those of the problem."""
+        """Set the program's functions: derivatives of the penalty and the closure rows are added to the problem's."""
         base, x = self.lifted, self.lifted.x
         lam_closure = ca.SX.sym("lam_closure", closure.numel())
         f, g = base.f + penalised, ca.vertcat(base.g, closure)
@@ -199,11 +198,11 @@ class MPCCProgram(Program):
         return self.mpcc.name
 
     def parameter_vector(self, values: dict[str, float]) -> np.ndarray:
-        """Return p, then penalty and relaxation."""
+        """Return the parameters p, then penalty and relaxation, as one vector."""
         return np.concatenate([self.given, [values[PENALTY], values[RELAXATION]]])
 
     def bounds(self, values: dict[str, float]) -> dict[str, np.ndarray]:
-        """Bounds of the problem; members of pairs are at least zero."""
+        """Return the bounds of the problem, with members of pairs at least zero."""
         lower, upper = self.mpcc.x_bounds
         lbx = np.full(self.n, -np.inf)
         ubx = np.full(self.n, np.inf)
@@ -221,20 +220,20 @@ class MPCCProgram(Program):
         }
 
     def constant(self, p: np.ndarray) -> float:
-        """Constant terms of the cost, which the program leaves out."""
+        """Return the constant terms of the cost, which are not in ``f``."""
         return float(self.lifted.constant(self.given))
 
     def sizes(self, x: np.ndarray) -> np.ndarray:
-        """The variables' units, or where a variable is larger its value there."""
+        """Return the unit of each variable (n,), or its absolute value at x where that is larger."""
         return np.maximum(self.units, np.abs(x))
 
     @cached_property
     def units(self) -> np.ndarray:
-        """Power of two beside the derived size of each variable (n,), 1 for ordinary ones."""
+        """Power of two nearest to the derived size of each variable (n,), 1 for ordinary sizes."""
         return self.units_at(self.start)
 
     def units_at(self, start: np.ndarray) -> np.ndarray:
-        """:attr:`units` that another start (n_x,) would give."""
+        """Return the :attr:`units` derived at another start (n_x,)."""
         sizes = variable_sizes(self, self.extended(start), self._plain)
         return solver_unit(sizes, ORDINARY_ROWS)
 
@@ -244,11 +243,11 @@ class MPCCProgram(Program):
 
     @cached_property
     def scale(self) -> Scale | None:
-        """Units of variables, rows and cost; None where all are ordinary.
+        """Units of variables, rows and cost for a solver; None where all are 1.
 
-        The cost's is the :func:`~ocp.programs.units.band` of what its steepest variable, or pair of
-        variables, changes: summed over all variables a penalty in the cost, far from its minimum,
-        outweighs the cost.
+        The unit of the cost is the :func:`~ocp.programs.units.band` of its largest change by one
+        variable or one pair of variables. In a sum over all variables, a penalty in the cost that is
+        far from its minimum would outweigh the cost.
         """
         x, p = self.units, self._plain
         point = self.extended(self.start)
@@ -262,11 +261,11 @@ class MPCCProgram(Program):
         return None if f == 1 and np.all(x == 1) and np.all(g == 1) else Scale(x, g, f)
 
     def pair_name(self, index: int) -> PairName:
-        """Name of a pair, which has neither scenario nor step."""
+        """Return the name of a pair, without scenario and step."""
         return PairName("pair", self.mpcc.pair(index))
 
     def extended(self, x: np.ndarray) -> np.ndarray:
-        """Add the variables of sides that have their own, at their values at x (n,)."""
+        """Return ``x`` (n_x,) with the slack variables appended, at their values there and at least zero."""
         extended_x = np.zeros(self.n)
         extended_x[: x.size] = x
         for positions, value in zip(self.pairs, self.lifted.sides(x, self.given), strict=True):

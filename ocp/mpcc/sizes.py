@@ -1,4 +1,4 @@
-"""Sizes of a complementarity problem's variables, from bounds, start and derivatives."""
+"""Characteristic sizes of a complementarity problem's variables, from bounds, start and derivatives."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ if TYPE_CHECKING:
     import scipy.sparse as sp
 
 ROW_ROUNDING = 1e-8
-"""Share of what known sizes change a row by below which a violation of it is rounding."""
+"""Share of the change of a row by known sizes below which a violation of the row is rounding."""
 _ROUNDS = 3
-"""Passes in which sizes are carried over from variable to variable through the rows."""
+"""Number of passes that derive sizes of variables from those of others in the same rows."""
 
 
 _STEEP = 1e3
-"""Multiple of what others change the cost by from which on a variable's bound makes it small."""
+"""Multiple of the median change of the cost above which a variable that a bound holds gets a small size."""
 
 
 def variable_sizes(program: Program, start: np.ndarray, p: np.ndarray) -> np.ndarray:
-    """Derive the size of every variable (n,) from ``start`` (n,); NaN where nothing tells.
+    """Return the size of every variable (n,), derived at ``start`` (n,); NaN where nothing determines it.
 
-    The largest of: its value at the start, half the distance of its bounds or the distance of its
-    only bound, and one Newton step of the cost. A variable without any of these has the smallest
-    step that meets a row which the start violates, and else the smallest that changes a row as much
-    as the others there do, or else the cost as much as the steepest does. That step, up to 1, is
-    also the least size of any variable: a start at rounding's distance from zero, or from where the
-    cost wants it, makes nothing small; but a bound does that holds a steep variable.
+    It is the maximum of the variable's value at the start, half the distance between its bounds or the
+    distance from its only bound, and one Newton step of the cost. A variable without any of these has
+    the smallest step that satisfies a row violated at the start, else the smallest that changes a row
+    as much as other variables do, else the step that changes the cost as much as the steepest does.
+    The step of rows, up to 1, is also the minimum of every size, so that a start which is zero or
+    optimal up to rounding makes no variable small. Only a bound that holds a steep variable does.
     """
     bounds = program.bounds({PENALTY: 0.0, RELAXATION: 0.0})
     slope, g, jacobian = program.slopes(start, p)
@@ -61,7 +61,7 @@ def variable_sizes(program: Program, start: np.ndarray, p: np.ndarray) -> np.nda
 
 
 def _steep_limits(slope: np.ndarray, sizes: np.ndarray, start: np.ndarray, bounds: dict[str, np.ndarray]) -> np.ndarray:
-    """Step that costs what is typical, of variables (n,) that a bound holds against the slope."""
+    """Return steps (n,) that change the cost by the median, of steep variables that a bound holds; NaN for others."""
     change = np.abs(slope) * np.where(sizes > 0, sizes, 1.0)
     is_held = np.where(slope > 0, start <= bounds["lbx"], start >= bounds["ubx"])
     others = change[~is_held & (change > 0)]
@@ -76,7 +76,7 @@ def _bound_distances(start: np.ndarray, lower: np.ndarray, upper: np.ndarray) ->
 
 
 def _changes_by_others(entries: sp.coo_matrix, m: int, sizes: np.ndarray) -> np.ndarray:
-    """Largest change of its row by another variable, for every entry (nnz,) of m rows."""
+    """Return for every entry (nnz,) of m rows the largest change of its row by another variable."""
     change = entries.data * sizes[entries.col]
     largest, second = np.zeros(m), np.zeros(m)
     np.maximum.at(largest, entries.row, change)
@@ -88,7 +88,7 @@ def _changes_by_others(entries: sp.coo_matrix, m: int, sizes: np.ndarray) -> np.
 
 
 def _smallest_steps(entries: sp.coo_matrix, n: int, changes: np.ndarray) -> np.ndarray:
-    """Smallest step (n,) of each variable that changes a row by ``changes`` (nnz,); 0 if none."""
+    """Return the smallest step (n,) of each variable that changes a row by ``changes`` (nnz,); 0 if none."""
     steps = np.full(n, np.inf)
     usable = (entries.data > 0) & (changes > 0)
     np.minimum.at(steps, entries.col[usable], changes[usable] / entries.data[usable])

@@ -1,4 +1,4 @@
-"""Solve a complementarity problem from a start: a certified answer, or the least violation."""
+"""Solve a complementarity problem from a start, for a certified solution or the least violation."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from ocp.routes.schedules import improved
 
 
 def violation(program: Program, x: np.ndarray, p: np.ndarray, bounds: dict[str, np.ndarray]) -> tuple[float, str]:
-    """Return the largest violation of a bound or constraint at x, in its unit, and its name."""
+    """Return the largest violation of a bound or constraint at x, in natural units, and the name of it."""
     _, g = program.values(x, p)
     worst, name, units = 0.0, "nothing", program.natural
     layouts = (("bound on", program.variables, x, "x", units.x), ("constraint", program.constraints, g, "g", units.g))
@@ -41,29 +41,29 @@ def violation(program: Program, x: np.ndarray, p: np.ndarray, bounds: dict[str, 
 
 
 DEFAULTS = ("l1-quick", "scholtes-quick")
-"""Strategies that are followed: an exact penalty is cheapest, the relaxation bears more."""
+"""Default strategies: an exact penalty, which is cheapest, and a relaxation, which is more robust."""
 DEFAULTS_LARGE = ("l1-quick", "scholtes-exact", "scholtes-quick")
-"""Of large problems: where many switches pull off the path, slow stages find better minima. The
-last is followed where none of the others is certified."""
+"""Default strategies of large problems, where slow stages find better minima. The last is followed
+only where no solution of the others is certified."""
 _LARGE = 300
-"""Variables from which on a problem is large: its ends are improved until one is certified."""
+"""Minimum number of variables of a large problem, whose solutions are improved only until one is certified."""
 _NEAR_BOUND = 1e-8
-"""Distance to a bound, in sizes, that an interior point leaves."""
+"""Distance from a bound, in characteristic sizes, up to which a variable is moved onto it."""
 _COARSE = 2.0**7
-"""Ratio of a variable's unit at the start to that at the answer from which on it starts there."""
+"""Ratio of a variable's unit at the start to that at the solution above which it is solved again from there."""
 _SOFT = ((1.0, 10.0), (1.0, 1000.0), (0.0, 1.0))
-"""Of cost and violation in softened problems, which are solved where no other was."""
+"""Weights of cost and violation in softened problems, which are solved where nothing is certified."""
 
 
 @dataclass(frozen=True)
 class MPCCSolution:
-    """An answer to an :class:`MPCC`: x (n,), G and H (k,) there, cost and certificate.
+    """Solution of an :class:`MPCC`: x (n,), G and H (k,) there, cost and certificate.
 
     ``success`` means feasible to 1e-6 and certified B-stationary, whatever the solver's status.
     ``infeasibility`` is the largest violation of a bound, of g, or of min(G, H) = 0, each in the
-    unit that its derived size gives it (1 for ordinary sizes); ``worst`` says where. ``strategy``
-    is the one that led there. ``findings`` are sentences on what jumps, or on
-    a cost that falls for ever.
+    unit of its derived size (1 for ordinary sizes); ``worst`` is the name of what is violated.
+    ``strategy`` is the name of the strategy that found x. ``findings`` are sentences on functions
+    that jump, or on a cost that is unbounded below.
     """
 
     x: np.ndarray
@@ -81,12 +81,12 @@ class MPCCSolution:
 
     @property
     def success(self) -> bool:
-        """Whether the answer is certified."""
+        """Whether the solution is feasible and certified."""
         return self.status is Status.SOLVED
 
     @property
     def verdict(self) -> str:
-        """The answer and its certificate, in a sentence or two."""
+        """Status, cost, certificate and findings in a sentence or two."""
         if self.status is Status.INFEASIBLE:
             return f"Locally infeasible: {self.worst} cannot be met near the last point."
         word = self.status.value.partition(":")[0].capitalize()
@@ -102,16 +102,16 @@ def solve(
     solver: str = "ipopt",
     options: dict[str, object] | None = None,
 ) -> MPCCSolution:
-    """Solve a problem from ``x0`` (n,) at parameters ``p``, and certify the answer.
+    """Solve a problem from ``x0`` (n,) at parameters ``p``, and certify the solution.
 
-    Each strategy relaxes the pairs until their active set shows; a branch that holds it is solved,
-    and exchanged as long as the linear program with complementarity constraints finds descent
-    (:mod:`ocp.routes.branches`). Complementarity problems have many local minima, and strategies
-    end in different ones: all are tried and the cheapest certified answer returned. From 300
-    variables on their ends are exchanged in the order of their costs until one is certified.
-    ``strategies`` are :data:`DEFAULTS` or, there, :data:`DEFAULTS_LARGE`. Where none is
-    certified, constraints are softened (:func:`softened`), so that equations may be more than
-    variables; where nothing is feasible, what is left of violation is named.
+    Each strategy relaxes the pairs until their active set is identified. The branch with this active
+    set is solved, and exchanged for others as long as the linear program with complementarity
+    constraints finds descent (:mod:`ocp.routes.branches`). Complementarity problems have many local
+    minima, and strategies find different ones: all are tried and the cheapest certified solution is
+    returned. From 300 variables on, branches are exchanged in the order of their costs until one is
+    certified. ``strategies`` are by default :data:`DEFAULTS` or, for such problems,
+    :data:`DEFAULTS_LARGE`. Where none is certified, constraints are softened (:func:`softened`), which
+    allows more equations than variables. Where nothing is feasible, the verdict names the violation.
 
     Raises :class:`~ocp.errors.InputError` for sizes that do not fit, unknown names, or a start that
     is not finite.
@@ -141,9 +141,9 @@ def solve(
 
 
 def _coarse(follower: Homotopy, x: np.ndarray) -> bool:
-    """Return whether a start of extraordinary size gave variables units too large to judge the answer x (n,) by.
+    """Return whether a very large start made units of variables too large to judge the solution x (n,).
 
-    Units of ordinary starts stay: an answer near zero makes no variable small.
+    Units of ordinary starts are kept, since a solution near zero makes no variable small.
     """
     program = follower.nlp_of("none")
     assert isinstance(program, MPCCProgram)
@@ -151,7 +151,7 @@ def _coarse(follower: Homotopy, x: np.ndarray) -> bool:
 
 
 def _endless(follower: Homotopy, x: np.ndarray, start: np.ndarray) -> str:
-    """Return a sentence on a cost that falls for ever from x (n,), or from ``start`` with closed pairs."""
+    """Return a sentence on a cost unbounded below from x (n,) or ``start`` with closed pairs; empty if bounded."""
     program, values = follower.nlp_of("none"), follower.values
     assert isinstance(program, MPCCProgram)
     answer, guess = program.extended(x), program.extended(start)
@@ -163,7 +163,7 @@ def _endless(follower: Homotopy, x: np.ndarray, start: np.ndarray) -> str:
 
 
 def _jump_findings(mpcc: MPCC, p: np.ndarray, x: np.ndarray) -> tuple[str, ...]:
-    """Return what jumps within the bounds on x, on lines about zero and about ``x`` (n,)."""
+    """Return sentences on functions that jump within the bounds on x, on lines around zero and ``x`` (n,)."""
     functions = {"f": mpcc.f, "g": mpcc.g, "G": mpcc.G, "H": mpcc.H}
     evaluated = {name: ca.substitute(function, mpcc.p, p) for name, function in functions.items()}
     domain = Domain(np.fmax(1, np.abs(x)), *mpcc.x_bounds, x)
@@ -173,7 +173,7 @@ def _jump_findings(mpcc: MPCC, p: np.ndarray, x: np.ndarray) -> tuple[str, ...]:
 def _followed(
     mpcc: MPCC, start: np.ndarray, parameter_values: np.ndarray, strategies: Sequence[str] | None, solver: Solver
 ) -> tuple[MPCCSolution, Homotopy]:
-    """Follow the strategies from ``start`` (n,), and improve their ends, cheapest first."""
+    """Return the best solution of all strategies from ``start`` (n,), improved cheapest first, and the follower."""
     programs = programs_of(mpcc, parameter_values, start)
 
     def start_point(program: MPCCProgram) -> Point:
@@ -196,11 +196,11 @@ def _followed(
 
 
 def softened(mpcc: MPCC, cost: float, weight: float) -> MPCC:
-    """Return ``min cost f + weight sum(a + b)`` with ``lbg <= g - a + b <= ubg``, the same pairs.
+    """Return ``min cost f + weight sum(a + b)`` with ``lbg <= g - a + b <= ubg`` and the same pairs.
 
-    a, b >= 0 (m,), the last variables, are what rows are above and below their limits: every point
-    with complementary pairs is feasible, whatever the rank of the rows. From some weight on its
-    minima are the problem's own (exact penalty); without the cost they have the least violation.
+    The last variables a, b >= 0 (m,) are the violations of upper and of lower limits: every point with
+    complementary pairs is feasible, whatever the rank of the rows. For a large weight its minima are
+    those of the problem (exact penalty); without the cost they have the least violation.
     """
     m, (lower, upper) = mpcc.g.numel(), mpcc.x_bounds
     a, b = ca.SX.sym("above", m), ca.SX.sym("below", m)
@@ -222,9 +222,9 @@ def softened(mpcc: MPCC, cost: float, weight: float) -> MPCC:
 def _softened(
     best: MPCCSolution, follower: Homotopy, start: np.ndarray, strategies: Sequence[str] | None
 ) -> MPCCSolution:
-    """Solve the softened problem at growing weights, and polish its answers as the problem's own.
+    """Return the best of ``best`` and the polished solutions of softened problems with growing weights.
 
-    Where none is feasible it is solved without the cost, from the least violation so far.
+    Where none is feasible, the problem is solved without the cost, from the least violation so far.
     """
     program = follower.nlp_of("none")
     assert isinstance(program, MPCCProgram)
@@ -250,9 +250,9 @@ def _softened(
 
 
 def _at_bounds(program: MPCCProgram, x: np.ndarray, p: np.ndarray, bounds: dict[str, np.ndarray]) -> np.ndarray:
-    """Put variables that nearly are at a bound on it, where the cost falls and rows still hold.
+    """Return x with variables near a bound moved onto it, if the cost falls and constraints still hold.
 
-    An interior point stays off its bounds by a distance that a steep cost makes dear.
+    An interior-point solution keeps a distance from its bounds, which is costly where the cost is steep.
     """
     tolerance, snapped = _NEAR_BOUND * program.sizes(x), x
     for bound in (bounds["lbx"], bounds["ubx"]):
@@ -271,7 +271,7 @@ def _rank(solution: MPCCSolution) -> tuple[bool, bool, float]:
 
 
 def _judged(program: MPCCProgram, source: Program, result: Result, start: np.ndarray, name: str) -> MPCCSolution:
-    """Certify a result where it is feasible; else name the most violated constraint."""
+    """Return the solution of a result: certified where feasible, else with the most violated constraint named."""
     values = {PENALTY: 0.0, RELAXATION: 0.0}
     mpcc, x = program.mpcc, program.extended(result.point.x[: program.mpcc.x.numel()])
     p, bounds = program.parameter_vector(values), program.bounds(values)

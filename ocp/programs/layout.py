@@ -9,7 +9,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Block:
-    """A named array inside a vector: its shape, where it starts, and the names of its last axis."""
+    """A named array inside a vector: its shape, its first index, and names for the entries of its last axis."""
 
     name: str
     shape: tuple[int, ...]
@@ -23,19 +23,19 @@ class Block:
 
     @property
     def index(self) -> np.ndarray:
-        """Positions in the vector, in the block's shape."""
+        """Indices of the entries in the vector, in the block's shape."""
         return self.start + np.arange(self.size).reshape(self.shape)
 
 
 class Layout:
-    """Blocks laid one after the other in one vector."""
+    """Named blocks of one vector, one after the other."""
 
     def __init__(self) -> None:
         self.blocks: dict[str, Block] = {}
         self.size = 0
 
     def add(self, name: str, shape: tuple[int, ...], components: tuple[str, ...] = ()) -> Block:
-        """Append a block; an empty one is kept so that its name is known."""
+        """Append a block, which may be empty, and return it."""
         block = Block(name, shape, self.size, components)
         self.blocks[name] = block
         self.size += block.size
@@ -48,7 +48,7 @@ class Layout:
         return self.blocks[name]
 
     def pack(self, values: dict[str, np.ndarray]) -> np.ndarray:
-        """Write blocks into one vector; a block that is not named stays zero."""
+        """Return the vector of a mapping from names to blocks; other blocks are zero."""
         vector = np.zeros(self.size)
         for name, value in values.items():
             block = self.blocks[name]
@@ -56,12 +56,12 @@ class Layout:
         return vector
 
     def unpack(self, vector: np.ndarray) -> dict[str, np.ndarray]:
-        """Read every block out of a vector."""
+        """Return a mapping from names to the blocks of a vector."""
         flat = np.asarray(vector, dtype=float).ravel()
         return {name: flat[block.index] for name, block in self.blocks.items()}
 
     def locate(self, position: int) -> tuple[Block, tuple[int, ...]]:
-        """Return the block that holds ``position``, and the index inside it."""
+        """Return the block that contains the index ``position``, and the index inside it; raise IndexError if none."""
         for block in self.blocks.values():
             if block.start <= position < block.start + block.size:
                 return block, tuple(int(i) for i in np.unravel_index(position - block.start, block.shape))

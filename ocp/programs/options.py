@@ -1,4 +1,4 @@
-"""Options of the solvers by name, with their types, ranges and limits."""
+"""Options of the solvers, with their types and ranges."""
 
 from __future__ import annotations
 
@@ -18,8 +18,7 @@ LOOSEST = {
     **dict.fromkeys(("constr_viol_tol", "acceptable_constr_viol_tol", "compl_inf_tol"), 1e-6),
     **dict.fromkeys(("feas_tol", "slack_tol", "primal_tolerance"), 1e-6),
 }
-"""Largest tolerances: of constraints what the audit demands, of optimality what the certificate
-does; a solver that stops earlier proves nothing."""
+"""Maximum tolerances: for constraints that of the audit, for optimality that of the certificate."""
 _UNO = {
     **dict.fromkeys(("primal_tolerance", "dual_tolerance", "time_limit"), "real"),
     **dict.fromkeys(("loose_primal_tolerance", "loose_dual_tolerance"), "real"),
@@ -29,9 +28,9 @@ _UNO = {
     **dict.fromkeys(("constraint_relaxation_strategy", "residual_norm"), "string"),
     "inequality_handling_method": "string",
 }
-"""Uno's options; it takes any other name without a word."""
+"""Types of Uno's options, since Uno ignores unknown options silently."""
 MAX_INTEGER = 2**31 - 1
-"""Largest integer that a solver's option takes."""
+"""Maximum of a solver's integer options."""
 _TYPES: dict[str, Any] = {"integer": int, "real": float, "string": str}
 
 
@@ -52,13 +51,13 @@ INTERFACE: dict[str, dict[str, Setting]] = {
         "print_level": _option("print_level", "integer", least=0, most=4),
     }
 }
-"""Options that CasADi's interface to a solver takes itself, beside those it hands on."""
+"""Options that CasADi's interface to a solver uses itself, in addition to those that it passes on."""
 
 
 def documented(solver: str) -> dict[str, Setting]:
-    """Return the documented options of a solver; the others are probed.
+    """Return the known options of a solver: those that IPOPT documents, or the names of Uno's.
 
-    IPOPT documents its own; of Uno the names are known, of fatrop and SLEQP nothing.
+    It is empty for fatrop and SLEQP, whose options are probed.
     """
     if solver == "uno":
         return {name: _option(name, kind) for name, kind in _UNO.items()}
@@ -66,7 +65,7 @@ def documented(solver: str) -> dict[str, Setting]:
 
 
 def check_options(solver: str, options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return ``options`` as the solver takes them: yes and no for true and false, integers whole.
+    """Return ``options`` in the solver's types: yes and no for True and False, int for whole numbers.
 
     Raises :class:`~ocp.errors.InputError` for a name that the solver does not have, a value of
     another type or out of range, and a tolerance above :data:`LOOSEST`.
@@ -112,7 +111,7 @@ def _ipopt() -> dict[str, Setting]:
 
 @cache
 def _probed(solver: str, name: str) -> Setting:
-    """Return an option of a plugin that CasADi reads itself; the cast of a word that it refuses is its type."""
+    """Return an option of a solver with its type, which the error for a word as its value states."""
     y = ca.MX.sym("y", 2)
     nlp = {"x": y, "f": ca.sumsqr(y - 1), "g": y[0] + y[1]}
     try:

@@ -19,15 +19,15 @@ if TYPE_CHECKING:
 
 
 PENALTY = "route.penalty"
-"""Parameter of every program that weighs the products of its pairs in the cost."""
+"""Name of the parameter of every program that weights the products of its pairs in the cost."""
 RELAXATION = "route.relaxation"
-"""Parameter ``t`` of every program, see :class:`Program`."""
+"""Name of the parameter ``t`` of every program, see :class:`Program`."""
 
 
 _AT_BOUND = 1e-4
-"""Distance to a bound, in sizes, from which on a variable is at it."""
+"""Distance to a bound, in characteristic sizes, below which a variable is at the bound."""
 REFORMULATIONS = ("product", "none", "fischer-burmeister", "lin-fukushima")
-"""How ``0 <= G ⟂ H >= 0`` stands in a program, see :class:`Program`."""
+"""Formulations of ``0 <= G ⟂ H >= 0`` in a program, see :class:`Program`."""
 
 
 @dataclass(frozen=True)
@@ -43,11 +43,10 @@ class PairName:
 class Program(ABC):
     """``min f(x, p)`` subject to ``g_lower <= g(x, p) <= g_upper``, bounds, ``0 <= G ⟂ H >= 0``.
 
-    G and H are entries of x, at ``pairs`` (2, m). The program does not know trajectories. By
-    ``reformulation`` the pairs stand as rows ``G H - mu`` of the block "contact" ("product"), not
-    at all ("none": fixed active sets, or a penalty on G H), as ``G + H - sqrt(G² + H² + 2 t)``
-    ("fischer-burmeister") or as ``G H - t²`` with ``(G + t)(H + t) - t²`` in "separation"
-    ("lin-fukushima"), t the parameter ``relaxation``.
+    G and H are entries of x at the indices ``pairs`` (2, m). ``reformulation`` is how the pairs are
+    constraints: "product", rows ``G H - mu`` of the block "contact"; "none", no rows, for fixed active
+    sets or a penalty on G H; "fischer-burmeister", ``G + H - sqrt(G² + H² + 2 t)``; "lin-fukushima",
+    ``G H - t²``, with ``(G + t)(H + t) - t²`` in the block "separation"; t is ``relaxation``.
 
     ``f_g`` maps (x, p) to (f, g); ``gradient`` to (f, df/dx); ``jacobian`` to (g, dg/dx);
     ``hessian`` maps (x, p, lam_f, lam_g) to the upper triangle of the Lagrangian's Hessian. x is
@@ -67,37 +66,36 @@ class Program(ABC):
     @property
     @abstractmethod
     def title(self) -> str:
-        """Name of the program in errors."""
+        """Name of the program in error messages."""
 
     @abstractmethod
     def parameter_vector(self, values: dict[str, float]) -> np.ndarray:
-        """The vector p at named values, ``penalty`` and ``relaxation`` among them."""
+        """Return the vector p at named values, which include ``penalty`` and ``relaxation``."""
 
     @abstractmethod
     def bounds(self, values: dict[str, float]) -> dict[str, np.ndarray]:
-        """Bounds ``lbx ubx lbg ubg`` at named values."""
+        """Return the bounds ``lbx ubx lbg ubg`` at named values."""
 
     @abstractmethod
     def sizes(self, x: np.ndarray) -> np.ndarray:
-        """Characteristic size of every variable, near a point x."""
+        """Return the characteristic size (n,) of every variable, near a point x."""
 
     @abstractmethod
     def pair_name(self, index: int) -> PairName:
-        """Name of the pair ``pairs[:, index]``."""
+        """Return the name of the pair ``pairs[:, index]``."""
 
     def constant(self, p: np.ndarray) -> float:
-        """Constant terms of the cost, which are not in ``f``: no point can change them."""
+        """Return the constant terms of the cost, which are not in ``f``."""
         return 0.0
 
     def typical_change(self, x: np.ndarray, p: np.ndarray, bounds: dict[str, np.ndarray]) -> float:
-        """Return a change of the cost beside which others are small, at a point x.
+        """Return a typical change of the cost at a point x, the reference for changes that count as small.
 
-        Of every signal (the entries of a block with one last index) the largest
-        ``|slope| + |curvature| / 2`` of an entry that moves by its size. The lower median over the
-        signals that change the cost, or, where that is more, the cost itself, which has no constant
-        terms, up to the largest entry that no bound holds against the cost's slope. So it grows
-        neither with a sum over many steps nor with one steep entry. Zero where nothing changes the
-        cost.
+        A signal, the entries of a block with one last index, changes the cost by the largest
+        ``|slope| + |curvature| / 2`` of its entries as each moves by its size. The result is the lower
+        median over the signals that change the cost or, if that is larger, the cost without constant
+        terms, but at most the largest change by an entry that no bound holds against the slope. So it
+        grows neither with a sum over many steps nor with one steep entry. Zero for a constant cost.
         """
         sizes = self.sizes(x)
         f, gradient = self.gradient(x, p)
@@ -116,17 +114,17 @@ class Program(ABC):
 
     @property
     def chains(self) -> np.ndarray:
-        """Indices of pairs that follow one another in time, a row a chain; none without time."""
+        """Indices of pairs that follow one another in time, one row for each chain; empty without time."""
         return np.empty((0, 0), dtype=int)
 
     @cached_property
     def scale(self) -> Scale | None:
-        """Divisors of variables, constraints and cost for a solver; None without any."""
+        """Divisors of variables, constraints and cost for a solver; None where nothing is scaled."""
         return None
 
     @property
     def natural(self) -> Scale:
-        """:attr:`scale`, of ones where it is None."""
+        """The :attr:`scale`, or ones where it is None."""
         return self.scale or Scale.none(self.n, self.m)
 
     @property
@@ -141,11 +139,11 @@ class Program(ABC):
 
     @property
     def n_parameters(self) -> int:
-        """Length of p."""
+        """Length of the parameter vector p."""
         return int(self.f_g.size1_in(1))
 
     def values(self, x: np.ndarray, p: np.ndarray) -> tuple[float, np.ndarray]:
-        """Cost and constraints (m,)."""
+        """Return cost and constraints (m,) at x and p."""
         f, g = self.f_g(x, p)
         return float(f), np.array(g).ravel()
 
@@ -158,7 +156,7 @@ class Program(ABC):
         return float(np.nan_to_num(np.concatenate(amounts), nan=np.inf, posinf=np.inf).max(initial=0.0))
 
     def slopes(self, x: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray, sp.csr_matrix]:
-        """Gradient of the cost (n,), constraints (m,) and their Jacobian (m, n)."""
+        """Return the gradient of the cost (n,), constraints (m,) and their Jacobian (m, n)."""
         import scipy.sparse as sp
 
         g, jacobian = self.jacobian(x, p)
@@ -166,25 +164,25 @@ class Program(ABC):
         return gradient, np.array(g).ravel(), sp.csr_matrix(jacobian.sparse())
 
     def bend(self, x: np.ndarray, p: np.ndarray, multipliers: np.ndarray, sizes: np.ndarray) -> sp.csr_matrix:
-        """Hessian (n, n) of ``f + multipliers' g``, by variables over ``sizes`` (n,)."""
+        """Return the Hessian (n, n) of ``f + multipliers' g`` with respect to variables divided by ``sizes`` (n,)."""
         import scipy.sparse as sp
 
         upper = sp.csr_matrix(self.hessian(x, p, 1.0, multipliers).sparse())
         return sp.csr_matrix(sp.diags(sizes) @ (upper + sp.triu(upper, 1).T) @ sp.diags(sizes))
 
     def active_sets(self, x: np.ndarray) -> list[np.ndarray]:
-        """Guesses (m,) of the pairs whose second member is to be held at zero near x."""
+        """Return guesses, masks (m,), of the pairs whose second member is zero near x."""
         first, second = x[self.pairs] / self.sizes(x)[self.pairs]
         return [first > second]
 
     def products(self, x: np.ndarray, p: np.ndarray) -> np.ndarray:
-        """``G H`` of every pair, flat."""
+        """Return the products ``G H`` of all pairs (m,)."""
         first, second = x[self.pairs]
         return first * second
 
 
 class Functions(NamedTuple):
-    """The functions of a :class:`Program`, by its names."""
+    """The CasADi functions of a :class:`Program`."""
 
     f_g: ca.Function
     gradient: ca.Function
@@ -195,7 +193,7 @@ class Functions(NamedTuple):
     def of(
         cls, symbols: Sequence[Any], f_g: Sequence[Any], gradient: Sequence[Any], jacobian: Sequence[Any], hessian: Any
     ) -> Functions:
-        """Make them of symbols (x, p, lam_f, lam_g), the outputs of three, and the Hessian's triangle."""
+        """Make the functions from symbols (x, p, lam_f, lam_g) and their outputs; ``hessian`` is the upper triangle."""
         names, x_and_p = ["x", "p", "lam:f", "lam:g"], [*symbols[:2]]
         return cls(
             ca.Function("nlp", x_and_p, [*f_g], names[:2], ["f", "g"]),
@@ -208,7 +206,7 @@ class Functions(NamedTuple):
 def closure_rows(
     reformulation: str, first: ca.SX, second: ca.SX, mu: ca.SX | float, t: ca.SX
 ) -> list[tuple[str, ca.SX]]:
-    """Rows by which a reformulation states ``0 <= first ⟂ second >= 0``, see :class:`Program`."""
+    """Return (block, rows) of a reformulation of ``0 <= first ⟂ second >= 0``, see :class:`Program`."""
     if reformulation == "product":
         return [("contact", first * second - mu)]
     if reformulation == "fischer-burmeister":

@@ -1,4 +1,4 @@
-"""A program in the scaled variables that a solver sees, and its points."""
+"""A program in scaled variables, as passed to a solver, and its points."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ import numpy as np
 from ocp.programs.program import Program
 
 Bounds = dict[str, Any]
-"""Start and bounds of a solver, by the names of its arguments."""
+"""Mapping from a solver's argument names to start and bounds."""
 
 
 @dataclass(frozen=True)
 class Point:
-    """Variables and multipliers of an NLP: what a warm start needs."""
+    """Variables x (n,) and multipliers of an NLP, as a warm start needs them; None where not known."""
 
     x: np.ndarray
     lam_x: np.ndarray | None = None
@@ -27,14 +27,14 @@ class Scaled:
     """``min f(X z, p)/F`` subject to ``g(X z, p)/G`` within bounds, X, G, F a program's scale.
 
     A solver's tolerances and barrier are absolute numbers. In z they mean the same whatever units a
-    problem is stated in; without a scale everything is passed as it is.
+    problem is stated in; without a scale everything is passed unchanged.
     """
 
     def __init__(self, program: Program) -> None:
         self.program, self.scale = program, program.scale
 
     def functions(self) -> dict[str, ca.Function]:
-        """``f_g``, ``grad_f``, ``jac_g`` and ``hess_lag`` in z, in the program's conventions."""
+        """Return ``f_g``, ``grad_f``, ``jac_g`` and ``hess_lag`` in z, with arguments as the program's functions."""
         program, scale = self.program, self.scale
         plain = {"f_g": program.f_g, "grad_f": program.gradient, "jac_g": program.jacobian, "hess_lag": program.hessian}
         if scale is None:
@@ -64,7 +64,7 @@ class Scaled:
         }
 
     def given(self, start: Point, bounds: Bounds) -> Bounds:
-        """Start and bounds in z, as arguments of a solver."""
+        """Return start and bounds in z, as arguments of a solver."""
         x, g, f = self._factors
         arguments = {
             "x0": start.x / x,
@@ -78,7 +78,7 @@ class Scaled:
     def answer(
         self, f: float, x: np.ndarray, lam_x: np.ndarray, lam_g: np.ndarray, g: np.ndarray
     ) -> tuple[Point, float, np.ndarray]:
-        """Point, cost and constraints in SI from those in z."""
+        """Return point, cost and constraints in the program's units from those in z."""
         by_x, by_g, by_f = self._factors
         return Point(x * by_x, lam_x * by_f / by_x, lam_g * by_f / by_g), f * by_f, g * by_g
 
@@ -88,7 +88,7 @@ class Scaled:
 
 
 def _scaled(matrix: ca.MX, rows: np.ndarray, columns: np.ndarray) -> ca.MX:
-    """``diag(rows) matrix diag(columns)``, entry by entry."""
+    """Return ``diag(rows) matrix diag(columns)`` with the sparsity of ``matrix``."""
     pattern = matrix.sparsity()
     row, column = (np.array(indices, dtype=int) for indices in pattern.get_triplet())
     return ca.MX(pattern, ca.vec(matrix.nz[:]) * ca.DM(rows[row] * columns[column]))

@@ -25,7 +25,7 @@ from ocp.programs.scaled import Point, Scaled
 
 
 class Status(Enum):
-    """Outcome of a solve; the value is the sentence a person reads."""
+    """Outcome of a solve; the value is the sentence shown to users."""
 
     SOLVED = "solved: feasible by the audit, and certified stationary"
     NOT_OPTIMAL = "feasible, not optimal"
@@ -42,7 +42,7 @@ class Status(Enum):
 
     @property
     def label(self) -> str:
-        """Short name, as in JSON."""
+        """Short name of the status, as in JSON."""
         return self.name.lower().replace("_", "-")
 
 
@@ -53,7 +53,7 @@ SOLVERS = {
     "uno": "barrier and SQP methods of the Uno family",
     "sleqp": "sequential linear programming with equality-constrained steps",
 }
-"""Solvers by name, with what each is."""
+"""Mapping from names of solvers to descriptions."""
 IPOPT_DEFAULTS: dict[str, Any] = {
     "print_level": 0,
     "sb": "yes",
@@ -70,17 +70,16 @@ IPOPT_DEFAULTS: dict[str, Any] = {
     "honor_original_bounds": "yes",
     "mumps_mem_percent": 200,
 }
-"""IPOPT's options where none are given."""
+"""Default options of IPOPT."""
 USUAL: dict[str, dict[str, Any]] = {
     "ipopt": IPOPT_DEFAULTS,
     "fatrop": {"print_level": 0, "max_iter": 200},
     "sleqp": {"print_level": 1, "max_iter": 300},
     "uno": {"logger": "SILENT", "primal_tolerance": 1e-9, "dual_tolerance": 1e-9},
 }
-"""Options of each solver where none are given: silent, no looser than what the audit asks, and not
-on and on where it is lost."""
+"""Default options of each solver: no output, tolerances no looser than the audit's, iteration limits."""
 TIMED_OUT = ("Maximum_CpuTime_Exceeded", "Maximum_WallTime_Exceeded", "time limit")
-"""Statuses of runs that a time limit stopped; there is no limit unless the user sets one."""
+"""Return statuses of runs that a time limit stopped; there is no limit unless the user sets one."""
 _STATUS = {
     **dict.fromkeys(TIMED_OUT, Status.TIME_LIMIT),
     "Solve_Succeeded": Status.SOLVED,
@@ -94,15 +93,15 @@ _STATUS = {
     "Converged with infeasible stationary point": Status.INFEASIBLE,
     "Terminated with infeasible small step": Status.INFEASIBLE,
 }
-"""Status of each word that solvers return; of others success decides."""
+"""Mapping from return statuses of solvers to :class:`Status`; for others the solver's success flag decides."""
 
 
 @dataclass(frozen=True)
 class Result:
-    """End of a solve: point, cost, constraints, and its own word on it.
+    """Result of a solver's run: point, cost, constraints, status, and the solver's return status ``word``.
 
-    Of its ``seconds``, ``evaluation_s`` went into evaluating the NLP and its derivatives, the rest
-    into the solver's linear algebra and its own affairs.
+    Of ``seconds``, ``evaluation_s`` were spent on the NLP's functions and their derivatives, the rest
+    in the solver itself.
     """
 
     point: Point
@@ -118,7 +117,7 @@ class Result:
     def at(
         cls, program: Program, point: Point, p: np.ndarray, status: Status, word: str, seconds: float = 0.0
     ) -> Result:
-        """Cost and constraints at a point that no solver moved."""
+        """Return the result at a point that no solver changed."""
         return cls(point, *program.values(point.x, p), status, word, 0, seconds)
 
     @property
@@ -128,12 +127,12 @@ class Result:
 
 
 class Solver:
-    """A solver by name with its options; compiled instances are kept on the NLP.
+    """An NLP solver with its options; instances are cached in the NLP.
 
-    ``options`` are the solver's own (for IPOPT without the ``ipopt.`` prefix). Raises
-    :class:`~ocp.errors.InputError` for an unknown name, a plugin this CasADi lacks, or an option
-    the solver refuses. ``on_result``, where it is set, is told where each run ended; a run that Ctrl-C
-    ended raises KeyboardInterrupt after that.
+    ``options`` are the solver's own (for IPOPT without the ``ipopt.`` prefix). ``on_result`` may be a
+    function that is called with the program and the result of each run; a run that Ctrl-C ended raises
+    KeyboardInterrupt after that. Raises :class:`~ocp.errors.InputError` for an unknown name, a plugin
+    that this CasADi lacks, or an option that the solver refuses.
     """
 
     def __init__(self, name: str = "ipopt", options: dict[str, Any] | None = None) -> None:
@@ -144,7 +143,7 @@ class Solver:
         self.on_result: Callable[[Program, Result], None] | None = None
 
     def run(self, nlp: Program, start: Point, p: np.ndarray, bounds: dict[str, np.ndarray], **overrides: Any) -> Result:
-        """Solve from ``start``, with its multipliers where ``warm_start_init_point`` is set."""
+        """Solve ``nlp`` from ``start``; IPOPT uses its multipliers where ``warm_start_init_point`` is set."""
         function = self._instance(nlp, overrides)
         _check_bounds(nlp, bounds)
         scaled = Scaled(nlp)
@@ -167,7 +166,7 @@ class Solver:
         point, cost, g = scaled.answer(float(answer["f"]), **values)
         if not np.all(np.isfinite(values["x"])):
             status = Status.DIVERGED
-        # Wall time in f, g and their derivatives, as CasADi measured it around each call.
+        # Wall time of f, g and their derivatives, as measured by CasADi around each call.
         evaluation_s = sum(float(v) for key, v in stats.items() if key.startswith("t_wall_nlp_"))
         iterations = int(stats.get("iter_count", 0))
         result = Result(point, cost, g, status, word, iterations, seconds, evaluation_s)
@@ -184,7 +183,7 @@ class Solver:
         return self._ended(nlp, p, result, bool(pressed))
 
     def _ended(self, nlp: Program, p: np.ndarray, result: Result, pressed: bool) -> Result:
-        """Pass a run's result to the callback; raises KeyboardInterrupt if that ended it."""
+        """Pass a run's result to ``on_result`` and return it; raise KeyboardInterrupt if Ctrl-C was pressed."""
         if pressed:
             cost, g = nlp.values(result.point.x, p)
             result = replace(result, f=cost, g=g, status=Status.INTERRUPTED)
@@ -195,7 +194,7 @@ class Solver:
         return result
 
     def _thrown(self, nlp: Program, start: Point, p: np.ndarray, error: RuntimeError, seconds: float) -> Result:
-        """Return a failed result for a plugin's exception; raise it as an InputError where it is about options."""
+        """Return a failed result for a plugin's exception; raise InputError where it is about options."""
         word = str(error).strip().splitlines()[-1]
         if "option" in word or "logger" in word:
             raise InputError(f"{self.name} refused its options {self.options}: {word}") from error

@@ -1,7 +1,7 @@
 """Units of mass, length, time and cost that fit the numbers of a problem.
 
-A problem's characteristic sizes are stated at its default parameters. At others, above all the same
-problem in other units, they are multiples: natural units are fitted to how parameters changed.
+A problem's characteristic sizes are stated at its default parameters. At others, for example those of
+the same problem in other units, they are multiplied by natural units fitted to the parameters' changes.
 """
 
 from __future__ import annotations
@@ -28,19 +28,19 @@ DIMENSIONS = {
     **dict.fromkeys(("km", "cm", "mm", "um", "nm", "ft", "in"), (0, 1, 0)),
     **dict.fromkeys(("ms", "us"), (0, 0, 1)),
 }
-"""Exponents of kg, m and s in the units that others are made of. A problem keeps to one unit of a kind."""
+"""Exponents of kg, m and s in the units that others are products of. A problem uses one unit of each kind."""
 SMOOTHING = 1e-3
-"""Logarithm of a ratio below which its absolute value is smooth."""
+"""Logarithm of a ratio below which its absolute value is smoothed."""
 REWEIGHTINGS = 60
-"""Least-squares problems that are solved for the units."""
+"""Number of reweighted least-squares problems solved for the units."""
 SLIGHT_CHANGE = 0.05
-"""Logarithm of a ratio below which nothing has changed."""
+"""Logarithm of a ratio below which a parameter counts as unchanged."""
 COST_UNIT_VOTE = 0.75
-"""Share of a vote for the cost's own unit, so that one weight of two that has changed is no unit."""
+"""Weight of the equation "the cost keeps its unit", so that a change of one weight of two is no change of unit."""
 
 
 def dimension(unit: str) -> np.ndarray | None:
-    """Exponents of kg, m and s in a unit such as ``1/(N^2 s)``; None for one that is not known."""
+    """Return the exponents of kg, m and s in a unit such as ``1/(N^2 s)``; None for an unknown unit."""
     total, sign = np.zeros(3), 1
     for token in re.findall(r"/|\((?:[^)]*)\)(?:\^-?\d+)?|[^\s/()]+", unit.replace("²", "^2")):
         if token == "/":
@@ -57,7 +57,7 @@ def dimension(unit: str) -> np.ndarray | None:
 
 @dataclass(frozen=True)
 class Units:
-    """Sizes of the natural units of mass [kg], length [m], time [s] and of the cost."""
+    """Natural units of mass [kg], length [m], time [s] and of the cost."""
 
     kg: float = 1.0
     m: float = 1.0
@@ -73,21 +73,21 @@ class Units:
 
     @property
     def plain(self) -> bool:
-        """Whether mass, length and time have kg, m and s themselves."""
+        """Whether the units of mass, length and time are kg, m and s."""
         return (self.kg, self.m, self.s) == (1.0, 1.0, 1.0)
 
 
 SI = Units()
-"""Units of SI, and of a cost as it is stated."""
+"""SI units, and the cost as it is stated."""
 
 
 def fitted(changes: Iterable[tuple[str, float, bool]]) -> Units:
-    """Natural units from (unit, ratio to the default, whether it weighs the cost) of parameters.
+    """Return natural units fitted to (unit, ratio to the default, whether it weights the cost) of parameters.
 
     ``min over c of sum_i |log ratio_i - e_i' c|``, e_i the exponents of the unit (and that of the
     cost, 1 for a weight), smoothed at 1e-3 and solved by reweighted least squares, then by least
-    squares over those that it meets. A change of units is met exactly, whatever was changed beside
-    it by few parameters alone; less than 5 % off is none.
+    squares over the parameters that it fits. A change of units is fitted exactly even where a few
+    parameters changed in addition. Units that all differ by less than 5 % from SI are SI.
     """
     known_changes = [(dimension(unit), weighs, ratio) for unit, ratio, weighs in changes if ratio > 0]
     rows = [((*e, weighs), np.log(ratio)) for e, weighs, ratio in known_changes if e is not None]
@@ -105,23 +105,22 @@ def fitted(changes: Iterable[tuple[str, float, bool]]) -> Units:
 
 
 def band(span: float) -> float:
-    """Power of 2**24 that brings the span of a cost to 2**-6 ... 2**18; 1 for what is no span.
+    """Return the power of 2**24 that divides a cost's span into 2**-6 ... 2**18; 1 for an invalid span.
 
-    Solvers' tolerances suit that whole band: within it a problem keeps the numbers it states.
+    Tolerances of solvers suit that whole band, so a cost within it is not scaled.
     """
     usable = np.isfinite(span) and span > 0
     return 2.0 ** (24 * np.floor((np.log2(span) + 6) / 24)) if usable else 1.0
 
 
 ORDINARY_ROWS = 13
-"""Exponent of two up to which a row keeps its unit: solvers scale rows themselves."""
+"""Exponent of two up to which a row is not scaled, since solvers scale rows themselves."""
 
 
 def solver_unit(sizes: Any, ordinary: int = 7) -> np.ndarray:
-    """Power of two next to each size, 1 for ordinary ones and for what is no size.
+    """Return the power of two nearest to each size, 1 for ordinary and for invalid sizes.
 
-    Ordinary sizes are from ``2**-ordinary`` to ``2**ordinary``, which suits a solver's tolerances:
-    problems keep the numbers they state.
+    Ordinary sizes are from ``2**-ordinary`` to ``2**ordinary``, which suits a solver's tolerances.
     """
     sizes = np.asarray(sizes, dtype=float)
     usable = np.isfinite(sizes) & (sizes > 0)
@@ -139,23 +138,23 @@ class Scale:
 
     @classmethod
     def none(cls, n: int, m: int, f: float = 1.0) -> Scale:
-        """Divide nothing but the cost."""
+        """Return the scale that divides only the cost, by ``f``."""
         return cls(np.ones(n), np.ones(m), f)
 
 
 Entries = Callable[[np.ndarray, np.ndarray], "tuple[float, sp.csr_matrix]"]
-"""Cost and Jacobian of the constraints, its entries in one order, at variables and parameters."""
+"""Function from variables and parameters to the cost and the Jacobian of constraints, entries in a fixed order."""
 
 
 def measured(x: np.ndarray, own: np.ndarray, at: Entries, p: np.ndarray, natural: np.ndarray) -> Scale:
-    """Measure the units of cost and constraints by what the units ``x`` of variables do to them.
+    """Return the scale of a program from the units ``x`` of its variables, with rows and cost measured.
 
-    Where equations hold in all units, ``J(x z, p) = g J(z, natural) / x`` row by row: the same
-    functions at the numbers that variables and parameters have in natural units. ``own`` (m,) is
-    the variable that a row defines, -1 for none: its unit is the row's and is found with it. A row
-    without a ratio keeps its own unit.
+    Where equations hold in all units, ``J(x z, p) = g J(z, natural) / x`` row by row: ``natural`` are
+    the parameters p in natural units, and z the variables. ``own`` (m,) is the index of the variable
+    that a row defines, -1 for none; its unit is that of the row. A row without a finite positive ratio
+    has the unit 1.
     """
-    # Twice: rows with the product of two variables wait for the units found beside them.
+    # Twice, since rows with products of variables need units that the first pass finds.
     x, _, _ = _once(x, own, at, p, natural)
     x, g, cost = _once(x, own, at, p, natural)
     return Scale(x, g, cost if np.isfinite(cost) and cost > 0 else 1.0)
@@ -178,7 +177,7 @@ def _once(
 
 
 def _medians(group: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
-    """Median of the values in each of ``count`` groups, the upper of two; 1 in an empty one."""
+    """Return the median of the values in each of ``count`` groups, the upper of two; 1 for an empty group."""
     order = np.lexsort((values, group))
     sizes = np.bincount(group, minlength=count)
     middle = np.cumsum(sizes) - sizes + sizes // 2
@@ -188,11 +187,11 @@ def _medians(group: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
 
 
 def row_scaled(x: np.ndarray, at: Entries, p: np.ndarray, cost: float, largest: float = np.inf) -> Scale | None:
-    """Scale of a program whose variables have the units ``x`` (n,); None where all are 1.
+    """Return the scale of a program whose variables have the units ``x`` (n,); None where all are 1.
 
     A row's unit is the power of two nearest to its largest change as one variable moves by its unit,
-    at most ``largest``, and 1 where that change is of ordinary size. So a constraint means the same
-    to a solver in whatever unit it is written.
+    at most ``largest``, and 1 where that change is of ordinary size, so that a constraint means the
+    same to a solver in whatever unit it is written.
     """
     g = np.minimum(row_units(x, at, p), largest)
     ones = np.all(x == 1) and np.all(g == 1) and cost == 1
@@ -200,7 +199,7 @@ def row_scaled(x: np.ndarray, at: Entries, p: np.ndarray, cost: float, largest: 
 
 
 def row_units(x: np.ndarray, at: Entries, p: np.ndarray) -> np.ndarray:
-    """Units of the rows (m,), see :func:`row_scaled`, at a random point about the units ``x``."""
+    """Return the units of the rows (m,), see :func:`row_scaled`, measured at a random point around ``x``."""
     _, jacobian = at(x * np.random.default_rng(0).uniform(0.5, 1.5, x.size), p)
     changes = abs(jacobian).multiply(x[None, :]).max(axis=1)
     return solver_unit(changes.toarray().ravel(), ORDINARY_ROWS)

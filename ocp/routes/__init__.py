@@ -1,1 +1,1 @@
-"""Ways of solving: homotopies of stages, then branches of exact complementarity."""
+"""Solution routes: homotopies in stages, then branches of exact complementarity."""

@@ -1,7 +1,7 @@
 """Polish to exact complementarity: solve a branch of the problem, then move to better branches.
 
-A branch is the program that is left when one member of every pair is held at zero. Every branch's
-answer is feasible for the exact problem.
+A branch is the program in which one member of every pair is held at zero. Every solution of a branch
+is feasible for the exact problem.
 """
 
 from __future__ import annotations
@@ -21,30 +21,30 @@ from ocp.routes.homotopy import IPOPT_WARM_START, Homotopy, RouteResult, lower, 
 NEIGHBOUR = "neighbour"
 """Label of a stage that tries a neighbouring contact schedule."""
 LONGEST = 300
-"""Iterations after which a branch is given up."""
+"""Iteration limit of one branch."""
 SECOND_GUESS_FACTOR = 2
 """Iteration limit of a second guess of the active set, as a multiple of the first's."""
 MIN_SECOND_GUESS = 64
-"""Least iteration limit of a second guess of the active set."""
+"""Minimum iteration limit of a second guess of the active set."""
 MAX_SIDE_CHANGES = 8
-"""Rounds in which pairs at (0, 0) change sides, while each branch costs less than the one before."""
+"""Maximum rounds in which pairs at (0, 0) change sides, while each branch costs less than the one before."""
 MAX_EXCHANGES = 12
-"""Exchanges of a branch for a neighbour with descent."""
+"""Maximum exchanges of a branch for a neighbour of lower cost."""
 DEGENERATE_SIZE = 1e-6
 """Size of both members of a pair, in natural units, below which it is at (0, 0)."""
 MIN_MULTIPLIER = 1e-6
 """Multiplier of a held member, in natural units, above which its growth lowers the cost."""
 FIRST_RADIUS = 0.1
-"""Trust region of the first exchange, in characteristic sizes."""
+"""Trust-region radius of the first exchange, in characteristic sizes."""
 GUESS_RADII = (1e-3, 1e-2, 1e-1, 1.0)
-"""Trust regions in which the linear program guesses an active set, in characteristic sizes."""
+"""Trust-region radii in which the linear program guesses an active set, in characteristic sizes."""
 _EFFORT = 750_000
-"""Binaries times entries of the rows up to which a program over branches is solved: larger ones
-take HiGHS many seconds before its first node, and a smaller trust region has fewer binaries."""
+"""Maximum of binaries times row entries of a program over branches that is solved: larger ones take
+HiGHS many seconds before its first node, and a smaller trust region has fewer binaries."""
 
 
 class Branches:
-    """The branches of a program as reformulation "none", at the values of a follower's session."""
+    """The branches of a follower's program in reformulation "none", at the follower's parameter values."""
 
     def __init__(self, follower: Homotopy) -> None:
         self.follower = follower
@@ -54,15 +54,15 @@ class Branches:
         self.solved: dict[bytes, Result] = {}
 
     def schedule(self, x: np.ndarray) -> np.ndarray:
-        """Pairs (m,) whose second member is held at zero on the branch on which x lies."""
+        """Return a mask (m,) of the pairs whose second member is held at zero on the branch nearest to x."""
         return self.program.active_sets(x)[-1]
 
     def solve(
         self, start: Point, active: np.ndarray, most: int = LONGEST, mu_init: float = 1e-6, label: str = "active set"
     ) -> Result:
-        """Hold ``H = 0`` where ``active`` and ``G = 0`` elsewhere, and solve what remains.
+        """Solve the branch with ``H = 0`` where ``active`` and ``G = 0`` elsewhere.
 
-        It is given up after ``most`` iterations; ``label`` is what the stage is called.
+        ``most`` is the iteration limit, ``label`` the name of the stage in the table.
         """
         first, second = self.program.pairs
         bounds = {key: value.copy() for key, value in self.limits.items()}
@@ -77,14 +77,14 @@ class Branches:
         return self.follower.record(label, float(active.sum()), self.program, result, self.p, bounds)
 
     def solve_branch(self, start: Point, iteration_limit: int = LONGEST) -> Result | None:
-        """Solve the branch on which a point lies, and go on to neighbours while these cost less.
+        """Solve the branch nearest to a point, then neighbouring branches while these cost less.
 
-        A pair near (0, 0) is put where it is larger in characteristic sizes; if its multiplier then
-        asks for the other side, it is moved there and the program solved again. Of several guesses
-        of the active set the cheapest answer counts; None where no branch was solved.
+        A pair near (0, 0) is on the side of its larger member in characteristic sizes; if its
+        multiplier indicates the other side, it is moved there and the program is solved again. For
+        several guesses of the active set the cheapest result is returned, None without any.
 
-        The last guess is tried first. Once one has an answer the others are given up after twice
-        the iterations of its longest branch: one without a feasible point near never ends.
+        The last guess is tried first. Once one is solved, the iteration limit of others is twice its
+        longest branch, since a branch without a feasible point nearby does not converge.
         """
         results: list[Result] = []
         for active in reversed(self.program.active_sets(start.x)):
@@ -97,7 +97,7 @@ class Branches:
         return min(results, key=lambda result: result.f, default=None)
 
     def follow(self, start: Point, active: np.ndarray, most: int) -> Result | None:
-        """Solve a branch, and its neighbours at pairs that are (0, 0) while these cost less."""
+        """Solve a branch, then those with pairs at (0, 0) on the other side while these cost less; None if unsolved."""
         best, point, cost_unit = None, start, self.program.natural.f
         for _ in range(MAX_SIDE_CHANGES):
             result = self.solved.get(active.tobytes()) or self.solve(point, active, most)
@@ -112,12 +112,12 @@ class Branches:
         return best
 
     def propose(self, start: Point) -> Result | None:
-        """Solve the branches that linear programs with complementarity constraints propose.
+        """Return the result of a branch proposed by linear programs with complementarity constraints.
 
-        Pairs of a relaxed point that are farther from (0, 0) than a radius are put on their side;
-        of the rest the program chooses, among the branches that are feasible to first order within
-        the radius, one that costs least. The radius grows tenfold until a branch is solved
-        (Nurkanovic and Leyffer, arXiv 2501.13835, phase 1). None where none is.
+        Pairs of a relaxed point that are farther from (0, 0) than a radius keep their side; for the
+        others the program chooses, among branches that are feasible to first order within the radius,
+        the cheapest. The radius grows tenfold until a branch is solved (Nurkanovic and Leyffer, arXiv
+        2501.13835, phase 1); None where no branch is.
         """
         for radius in GUESS_RADII if self.program.pairs.size else ():
             result = self._proposed(start.x, radius)
@@ -143,12 +143,12 @@ class Branches:
         return result if result.ok else None
 
     def improve(self, start: Result) -> Result:
-        """Exchange active sets as the linear program with complementarity constraints proposes.
+        """Return the best result of exchanging branches by a linear program with complementarity constraints.
 
-        The program looks for descent within a trust region that starts a tenth of the
-        characteristic sizes wide; the branch that it proposes is solved from the point it leads to,
-        and kept where that costs less, else the region shrinks tenfold. The end is B-stationary
-        where no descent is left at the certificate's smallest radius (Nurkanovic and Leyffer,
+        The program looks for descent within a trust region whose first radius is a tenth of the
+        characteristic sizes. The branch that it proposes is solved from the proposed point and accepted
+        if it costs less; otherwise the radius shrinks tenfold. The result is B-stationary where no
+        descent is left at the certificate's smallest radius (Nurkanovic and Leyffer,
         arXiv 2501.13835, phase 2).
         """
         best, radius = start, FIRST_RADIUS
@@ -176,7 +176,7 @@ class Branches:
         return model.dual_bound(multipliers, radius) <= tolerance_of(model)
 
     def _exchanged(self, model: LinearModel, best: Result, radius: float) -> Result | None:
-        """Solve the branch that a direction of descent leads to; None without one."""
+        """Return the result of the branch that a descent direction leads to; None without one."""
         if not 0 < model.effort(radius) <= _EFFORT:
             return None
         cut = tolerance_of(model)
@@ -197,9 +197,7 @@ class Branches:
         return result if result.ok else None
 
     def bound_multipliers(self, result: Result, active: np.ndarray) -> np.ndarray:
-        """Multiplier (m,) of each pair's held member: the fall of the cost per unit that it grows.
-
-        In natural units."""
+        """Return the multiplier (m,) of each pair's held member, the fall of the cost per growth, in natural units."""
         (first, second), units = self.program.pairs, self.program.natural
         if result.point.lam_x is None:
             return np.zeros(active.size)
@@ -207,21 +205,21 @@ class Branches:
         return np.where(active, lam_x[second], lam_x[first])
 
     def _other_side(self, result: Result, active: np.ndarray) -> np.ndarray:
-        """Pairs at (0, 0) whose held member would lower the cost by growing."""
+        """Return a mask (m,) of the pairs at (0, 0) whose held member would lower the cost if it grew."""
         x = result.point.x / self.program.natural.x
         degenerate = np.all(x[self.program.pairs] < DEGENERATE_SIZE, axis=0)
         return degenerate & (self.bound_multipliers(result, active) > MIN_MULTIPLIER)
 
 
 def second_limit(took: int) -> int:
-    """Iteration limit of a second attempt; a power of two, since each limit needs a new solver."""
+    """Return the iteration limit of a second attempt; a power of two, since each limit needs a new solver."""
     return max(MIN_SECOND_GUESS, 2 ** math.ceil(math.log2(SECOND_GUESS_FACTOR * max(took, 1))))
 
 
 def polish(follower: Homotopy, source: Program, result: Result, improving: bool = True) -> RouteResult:
-    """Solve the branch on which a relaxation's result lies and, if ``improving``, improve it.
+    """Solve the branch nearest to a relaxation's result and, if ``improving``, exchange it for better ones.
 
-    The input is returned, unfinished, where no branch could be solved.
+    The input is returned, with ``finished`` False, where no branch could be solved.
     """
     branches = Branches(follower)
     branch_point = translate(result.point, source, branches.program)

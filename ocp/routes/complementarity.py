@@ -1,4 +1,4 @@
-"""The route of a complementarity problem: relaxations, then branches, then restoration."""
+"""Route of a complementarity problem: relaxations, then branches, then other contact schedules."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from ocp.routes.schedules import MAX_FAILURES, distant_schedules, improved
 
 @dataclass(frozen=True)
 class RelaxationPlan:
-    """Strategy that relaxes the pairs, from ``mu`` in natural units on, and its start.
+    """The strategy that relaxes the pairs, its first ``mu`` in natural units, its start, and further attempts.
 
-    ``fallback`` is the strategy to use where it ends on no branch. ``rolls`` roll inputs out, whose
-    branches are then solved (:mod:`~ocp.routes.schedules`): a few after a path that was
+    ``fallback`` is the strategy to use where no branch is solved. ``rolls`` roll out inputs, and the
+    branches of these rollouts are solved (:mod:`~ocp.routes.schedules`): a few after a path that was
     easy to follow, else many, and then ``alternatives`` are followed from the same start. Where
-    few inputs act, rollouts cover their whole range instead. The cheapest of all answers counts.
+    few inputs act, rollouts cover their whole range instead. The cheapest of all results is taken.
     """
 
     strategy: Strategy
@@ -36,9 +36,9 @@ class RelaxationPlan:
 
 
 def solve_pairs(follower: Homotopy, search: RelaxationPlan) -> RouteResult:
-    """Follow a strategy, solve the branch where it ends, and go on to better branches.
+    """Follow a strategy, solve the branch where it ends, and exchange it for better branches.
 
-    Where rollouts cover the few inputs that act, no path is followed unless they lead nowhere.
+    Where rollouts cover the range of a few acting inputs, a path is followed only if they give no result.
     """
     branches = Branches(follower)
     if search.rolls is not None and search.alternatives:
@@ -67,7 +67,7 @@ def solve_pairs(follower: Homotopy, search: RelaxationPlan) -> RouteResult:
 
 
 def cover_inputs(branches: Branches, rolls: RolloutStarts) -> list[Result]:
-    """Branches of the cheapest rollouts over the whole range of the inputs, where few act."""
+    """Return results on branches of the cheapest rollouts over the inputs' range; empty unless few inputs act."""
     if not 0 < rolls.acting_inputs.sum() <= COVERED_INPUTS:
         return []
     points = rolls.sample_range(branches.program, COVERING_ROLLOUTS, REFINED_ROLLOUTS, ROLLOUTS_AROUND)
@@ -103,7 +103,7 @@ def follow_paths(
     warm: bool = False,
     step_backs: int = STEP_BACKS,
 ) -> RouteResult:
-    """Follow paths one after the other, as far as they go, from a point of ``source``."""
+    """Follow paths one after the other, until one does not finish, from a point of ``source``."""
     followed: RouteResult | None = None
     for path in paths:
         followed = follower.follow(path, point, warm, source, step_backs)
@@ -115,35 +115,35 @@ def follow_paths(
 
 
 FALLBACK = ScholtesAdaptive()
-"""Slower than the default, but it keeps to the constraints where many pairs pull off the path."""
+"""Fallback of large problems, slower than the default but more robust with many pairs."""
 FALLBACK_SMALL = CentralPath(start_below=False)
-"""Where small problems end on no branch: on the central path from the first stage on."""
+"""Fallback of small problems, on the central path from the first stage on."""
 SMALL_ITERATIONS = 128
-"""Of a stage of a small problem, after which it is polished from where it is."""
+"""Iteration limit of a stage of a small problem, which is then polished from its last point."""
 SMALL_PAIRS = 128
-"""Pairs up to which several ways are followed where the first was hard to follow."""
+"""Maximum number of pairs of a small problem, for which several strategies are followed if the first was hard."""
 ROLLOUTS_AFTER_EASY_PATH = 6
-"""Plans rolled out around each plan so far, after a path that was easy to follow."""
+"""Number of plans rolled out around each previous plan, after a path that was easy to follow."""
 ROLLOUTS_AFTER_HARD_PATH = 48
-"""Plans rolled out around each plan so far, after a path that was hard to follow."""
+"""Number of plans rolled out around each previous plan, after a path that was hard to follow."""
 COVERED_INPUTS = 3
-"""Acting inputs up to which rollouts cover all plans."""
+"""Maximum number of acting inputs whose range is covered by rollouts."""
 COVERING_ROLLOUTS = 1000
-"""Rollouts that cover all plans."""
+"""Number of rollouts that cover the range of the inputs."""
 REFINED_ROLLOUTS = 16
-"""Covering rollouts that are refined, the cheapest."""
+"""Number of the cheapest covering rollouts that are refined."""
 ROLLOUTS_AROUND = 16
-"""Rollouts around each that is refined."""
+"""Number of rollouts around each covering rollout that is refined."""
 COVERED_BRANCHES = 3
-"""Branches solved after covering rollouts."""
+"""Maximum number of branches solved after covering rollouts."""
 COVERED_FAILURES = 4
-"""Neighbours tried in vain after covering rollouts: most schedules were rolled out before."""
+"""Failed neighbours in a row that end a search after covering rollouts, which have tried most schedules."""
 _PERTURBED = 8
-"""Guesses that are rolled out where that led to nothing better."""
+"""Number of perturbed guesses that are rolled out where nothing better was found."""
 WIDE = CentralPath(factor=0.1, start_factor=10.0, start_below=False)
-"""From where all contacts are felt from afar."""
+"""Central path that starts at a large t, where distant contacts have forces too."""
 ALTERNATIVES = tuple(replace(strategy, max_iterations=SMALL_ITERATIONS) for strategy in (WIDE, ScholtesAdaptive()))
-"""Followed too, with steps back, where the path of a small problem was hard to follow."""
+"""Strategies followed in addition, with step-backs, where the path of a small problem was hard to follow."""
 RELAXATIONS = (CentralPath(), WIDE, CentralPath(factor=0.3), ScholtesAdaptive())
-"""Of several starts each takes another: fast from the characteristic sizes; from ten times their
-product; slowly; and beside the central path."""
+"""Strategies of successive starts: fast from the product of characteristic sizes; from ten times this
+product; slow; and off the central path."""

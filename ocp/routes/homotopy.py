@@ -35,19 +35,19 @@ IPOPT_PRIMAL_WARM_START = {
     "slack_bound_frac": 1e-9,
     "bound_mult_init_method": "mu-based",
 }
-"""For a warm start without multipliers: IPOPT estimates them, and leaves the variables in place."""
+"""IPOPT options for a warm start without multipliers, which IPOPT estimates; the variables stay in place."""
 STEP_BACKS = 4
-"""Times that a stage which fails is tried again, nearer to the last one that converged."""
+"""Maximum retries of a stage that fails, each nearer to the last stage that converged."""
 MOST_STAGES = 10_000
-"""Stages of one path; ten times as fine as any that was ever of use."""
+"""Maximum number of stages of one path, ten times as many as have ever been useful."""
 
 
 @dataclass(frozen=True)
 class HomotopyStage:
-    """One stage: the reformulation, parameter values, bounds on the contact rows, and options.
+    """One stage of a homotopy: reformulation, parameter values, bounds on the contact rows, and options.
 
-    ``contact`` is in natural units of the program, a penalty in that of its cost. ``options`` are
-    IPOPT's; another solver runs every stage with its own defaults. A ``partial`` stage may end at
+    ``contact``, the lower and upper bound of contact rows, and a penalty are in natural units of the
+    program. ``options`` are IPOPT's; another solver runs every stage with its own defaults. A ``partial`` stage may end at
     its iteration limit: the next one starts from there.
     """
 
@@ -64,8 +64,8 @@ class HomotopyStage:
 class HomotopyPath:
     """Values of a parameter, from easy to the target, and the stage at each one.
 
-    ``complete`` may end the path early. A path whose last stage must succeed is
-    ``strict``; one that only prepares the next is not.
+    The path ends early where ``complete(program, result)`` is true. A ``strict`` path must reach its
+    last value; one that only prepares the next path need not.
     """
 
     values: Sequence[float]
@@ -75,13 +75,13 @@ class HomotopyPath:
 
     @property
     def reformulation(self) -> str:
-        """Form of the first program."""
+        """Reformulation of the first stage."""
         return self.stage_at(self.values[0]).reformulation
 
 
 @dataclass
 class Trace:
-    """The table of stages, the points of accepted ones, and the work.
+    """Record of a route: the table of stages, the points of accepted ones, and the work.
 
     ``refused`` is the reason why the last proposed exchange of contacts was rejected.
     """
@@ -94,7 +94,7 @@ class Trace:
     refused: str = ""
 
     def absorb(self, other: Trace) -> None:
-        """Append another trace's table and add up its work."""
+        """Append the table of another trace and add its work."""
         self.records += other.records
         self.iterations += other.iterations
         self.seconds += other.seconds
@@ -107,8 +107,7 @@ class RouteResult:
     """Outcome of a route: the result and its NLP, the table, and whether it reached its end.
 
     ``nlp`` is the :class:`~ocp.programs.program.Program` in whose variables the result is.
-    ``on_branch`` is the same plan in the complementarity problem's variables, where the route came
-    from there. ``route`` is the name of the route of :mod:`ocp.routes.table`, where it was one.
+    ``on_branch`` is the same plan in the complementarity problem's variables, None without one. ``route`` is the name of the route in :mod:`ocp.routes.table`, if it was one.
     """
 
     result: Result
@@ -120,7 +119,7 @@ class RouteResult:
 
 
 class Homotopy:
-    """Follows paths on the NLPs that ``nlp_of(reformulation)`` gives, with one solver.
+    """Follower of homotopy paths on the NLPs ``nlp_of(reformulation)`` with one solver.
 
     A stage that fails is retried at the geometric mean of the last good value and its own, up to
     four times before a value of the path itself succeeds; a value that cannot be reached gives
@@ -146,7 +145,7 @@ class Homotopy:
         source: Program | None = None,
         step_backs: int = STEP_BACKS,
     ) -> RouteResult:
-        """Follow one path: the last result, its program, and whether the end was reached.
+        """Follow one path; return the last result, its program, and whether the end was reached.
 
         ``start`` is a point of ``source``, by default of the path's first program.
         """
@@ -175,7 +174,7 @@ class Homotopy:
         return RouteResult(*best, True, self.trace)
 
     def solve_stage(self, stage: HomotopyStage, nlp: Program, start: Point, warm: bool) -> Result:
-        """Solve one stage and write its line of the table."""
+        """Solve one stage and add its line to the table."""
         values = {**self.values, **stage.parameters}
         values[PENALTY] *= nlp.natural.f
         p, bounds = nlp.parameter_vector(values), nlp.bounds(values)
@@ -232,7 +231,7 @@ class Homotopy:
 
 
 def translate(point: Point, source: Program, target: Program) -> Point:
-    """Carry a point between NLPs that share blocks: same names, same meaning."""
+    """Return a point of ``source`` as one of ``target``, with common blocks copied and other blocks zero."""
     if source is target:
         return point
 
@@ -254,17 +253,17 @@ def translate(point: Point, source: Program, target: Program) -> Point:
 
 
 def geometric(start: float, end: float, factor: float) -> list[float]:
-    """Values from ``start`` down to ``end`` by ``factor``, the last one exactly ``end``.
+    """Return a geometric sequence from ``start`` down to exactly ``end``, with a ratio of at least ``factor``.
 
-    Raises :class:`~ocp.errors.InputError` for more than :data:`MOST_STAGES`, and where no double
-    holds the ratio of the ends.
+    Raises :class:`~ocp.errors.InputError` for more than :data:`MOST_STAGES` values, and where the ratio
+    of the ends underflows.
     """
     if start <= end:
         return [end]
     ratio = end / start
     if ratio < sys.float_info.min:
         raise InputError(f"{end:g} is too far below {start:g} for a homotopy; take values closer together")
-    # A hair less, or rounding adds a stage where the factor goes into the way exactly.
+    # Slightly less, since rounding would add a stage where the ratio is a power of the factor.
     count = max(1, math.ceil(math.log(ratio) / math.log(factor) - 1e-9))
     if count > MOST_STAGES:
         raise InputError(
@@ -275,16 +274,16 @@ def geometric(start: float, end: float, factor: float) -> list[float]:
 
 
 COST_GAIN = 1e-7
-"""Relative fall of the cost for which an answer is exchanged for another."""
+"""Relative reduction of the cost above which one solution replaces another."""
 
 
 def lower(one: Result, other: Result, by: float = COST_GAIN) -> bool:
-    """Whether one cost is lower than the other by more than a share of it."""
+    """Whether the cost of ``one`` is lower than that of ``other`` by more than the share ``by`` of it."""
     return one.f < other.f - by * abs(other.f)
 
 
 def better(one: RouteResult | None, other: RouteResult) -> RouteResult:
-    """Combine two outcomes of one problem.
+    """Return the better of two outcomes of one problem.
 
     | one | other | taken |
     |---|---|---|

@@ -1,8 +1,7 @@
-"""Homotopies: strategies for exact complementarity, and a smoothing law's own path.
+"""Homotopies: strategies for exact complementarity, and the path of a smoothing law's parameter.
 
-The strategies work on a direct transcription, whose pairs ``lam, gap >= 0`` are variables, and all
-but the equality and smoothing ones admit the exact solution itself, so that no plan relies on
-leftover smoothing.
+The strategies work on a direct transcription, whose pairs ``lam, gap >= 0`` are variables. All but
+those with equalities or smoothing admit the exact solution, so that no plan relies on smoothing.
 """
 
 from __future__ import annotations
@@ -20,26 +19,26 @@ from ocp.programs.solver import Point, Result
 from ocp.routes.homotopy import IPOPT_PRIMAL_WARM_START, Homotopy, HomotopyPath, HomotopyStage, geometric
 
 T_SHARP = 1e-8
-"""Relaxation at which the textbook paths end."""
+"""Relaxation t, in natural units, at which the textbook paths end."""
 _SHORT = 300
-"""Iterations after which a stage is rather retried at a larger t."""
+"""Iteration limit of a stage, after which it is retried at a larger t."""
 LOOSE_OPTIONS = {"bound_relax_factor": 1e-8, "constr_viol_tol": 1e-8, "max_iter": _SHORT}
 """IPOPT options of a stage that is not the last."""
 _SIXTY = 60
-"""Steps up to which a horizon is short; no named problem has more by default."""
+"""Maximum number of steps of a short horizon; no named problem has more by default."""
 _FLAT = {
     "acceptable_tol": 1.0,
     "acceptable_constr_viol_tol": 1e-4,
     "acceptable_obj_change_tol": 1e-5,
     "acceptable_iter": 10,
 }
-"""IPOPT options by which a stage ends in a flat valley, nearly feasible."""
+"""IPOPT options that end a stage in a flat valley of the cost, where it is nearly feasible."""
 T_LOOSE = 1e-4
-"""Fraction of impulse times distance at which the active set shows, and polishing can begin."""
+"""Fraction of characteristic impulse times gap at which the active set is identified and polishing can begin."""
 
 
 class Strategy(Protocol):
-    """Paths to follow one after the other, from ``mu``, characteristic impulse times gap."""
+    """A strategy: paths that are followed one after the other, from ``mu``, characteristic impulse times gap."""
 
     def paths(self, mu: float) -> list[HomotopyPath]:
         """Return the paths, easiest first."""
@@ -47,30 +46,29 @@ class Strategy(Protocol):
 
 
 def _inexact(t: float) -> dict[str, float]:
-    """IPOPT options for a stage solved no better than it is relaxed."""
+    """Return IPOPT options for a stage that is solved only as tightly as it is relaxed."""
     tolerance = min(1e-4, max(t, 1e-9))
     return {"tol": tolerance, "mu_target": t / 10, "compl_inf_tol": tolerance, "mu_init": max(t / 10, 1e-11)}
 
 
 def relaxed(t: float, options: dict[str, Any]) -> HomotopyStage:
-    """``lam gap <= t`` (Scholtes 2001)."""
+    """Return the stage ``lam gap <= t`` (Scholtes 2001)."""
     return HomotopyStage("t", t, contact=(-np.inf, t), options=options)
 
 
 @dataclass(frozen=True)
 class CentralPath:
-    """``lam gap = t``, t falling fast, inexact stages, ended as soon as the active set shows.
+    """Strategy ``lam gap = t`` with t falling fast, in inexact stages, until the active set is identified.
 
-    Every stage is a point on the central path, so the first ones feel all contacts; the polish
-    makes the end exact. Where it cannot, :meth:`extend` follows the path on. The first stage may
-    lie ``start_below`` the path (``lam gap <= t``): from a cold start that halves its iterations on
-    systems with many contacts.
+    Every stage is a point on the central path, so that all contacts have forces in the first ones; the
+    polish makes the end exact. Where it cannot, :meth:`extend` continues the path. With ``start_below``
+    the first stage is ``lam gap <= t``, which halves its iterations from a cold start on systems with
+    many contacts.
 
-    Below the path IPOPT's barrier pulls at every product of every step, while a cost is mostly of
-    the end or a mean: beyond sixty ``steps`` the barrier that is held falls as their inverse, or it
-    outweighs the cost, and the stage wanders along a valley without end. Where a cost does not
-    settle all of a long plan such a valley is flat, and ten iterations that gain no more than 1e-5
-    end a stage, which only prepares the next.
+    Below the path IPOPT's barrier acts on every product of every step, while a cost is mostly terminal
+    or a mean. Beyond sixty ``steps`` the barrier is reduced in proportion to their inverse, or it would
+    outweigh the cost, and the stage would not converge. Where a cost does not determine all of a long
+    plan, a stage ends after ten iterations that gain less than 1e-5, since it only prepares the next.
     """
 
     factor: float = 0.03
@@ -80,17 +78,17 @@ class CentralPath:
     max_iterations: int = _SHORT
 
     def for_horizon(self, steps: int) -> CentralPath:
-        """The same for a horizon of so many steps; none where there is no time."""
+        """Return the strategy for a horizon of ``steps`` steps, 0 for a problem without time."""
         return replace(self, steps=steps)
 
     def paths(self, mu: float) -> list[HomotopyPath]:
-        """One path from ``start_factor`` times impulse times distance to a ten-thousandth of these."""
+        """Return one path of t, from ``start_factor * mu`` to ``1e-4 * mu``."""
         start = self.start_factor * mu
         values = geometric(start, T_LOOSE * mu, self.factor)
         return [HomotopyPath(values, lambda t: self._stage(t, t >= start))]
 
     def extend(self, mu: float) -> list[HomotopyPath]:
-        """The same path on to 1e-8."""
+        """Return the continuation of the path, from ``1e-4 * mu`` to 1e-8."""
         values = geometric(T_LOOSE * mu, T_SHARP, 0.1)
         return [HomotopyPath(values, lambda t: self._stage(t, False))]
 
@@ -104,12 +102,12 @@ class CentralPath:
 
 @dataclass(frozen=True)
 class ScholtesAdaptive(CentralPath):
-    """``lam gap <= t``, t falling fast, IPOPT's barrier adaptive after the first, then active set.
+    """Strategy ``lam gap <= t`` with t falling fast, and IPOPT's adaptive barrier after the first stage.
 
-    For laws that average exact steps over noise: each of their many nodes has contacts of its own,
-    and to hold all of those on the central path costs more than it guides. Also the second try
-    where the central path was not followed to its end. From far away, as the first stage starts, a
-    barrier that falls is steadier.
+    It suits laws that average exact steps over noise: each of their many nodes has separate contacts,
+    and keeping all of them on the central path costs more than it helps. It is also the second attempt
+    where the central path was not followed to its end. The first stage starts far away, where the
+    monotone barrier is more robust.
     """
 
     def _stage(self, t: float, first: bool) -> HomotopyStage:
@@ -119,9 +117,9 @@ class ScholtesAdaptive(CentralPath):
 
 @dataclass(frozen=True)
 class Falling:
-    """One path in t, from impulse times distance (to a ``power``) to that of 1e-8, by ``factor``.
+    """Strategy of one path of t, from ``mu**power`` down to ``1e-8**power`` by ``factor``.
 
-    ``stage`` makes a stage of t and whether it is the first.
+    ``stage`` maps t, and whether it is the first, to a stage.
     """
 
     stage: Callable[[float, bool], HomotopyStage]
@@ -129,18 +127,17 @@ class Falling:
     power: float = 1.0
 
     def paths(self, mu: float) -> list[HomotopyPath]:
-        """The path."""
+        """Return the path of t, as a list of one."""
         start = mu**self.power
         values = geometric(start, T_SHARP**self.power, self.factor)
         return [HomotopyPath(values, lambda t: self.stage(t, t >= start))]
 
 
 def _quick(t: float, first: bool) -> HomotopyStage:
-    """``lam gap <= t``, stages a hundred times as tight as they are loose.
+    """Return the stage ``lam gap <= t`` with a tolerance of t/100.
 
-    The first has the barrier of any NLP. Bounds give way by 1e-8, as IPOPT's own default is: a
-    feasible set without an interior, usual where programs were written without their
-    complementarity in mind, has one then.
+    The first stage has IPOPT's default barrier. Bounds are relaxed by 1e-8, as by IPOPT's default, so
+    that a feasible set without an interior, common in complementarity problems, has one.
     """
     tolerance = max(T_SHARP, min(1e-4, 1e-2 * t))
     barrier = {} if first else {"mu_init": min(1e-3, t / 10)}
@@ -148,25 +145,25 @@ def _quick(t: float, first: bool) -> HomotopyStage:
 
 
 def _fischer_burmeister(t: float, first: bool) -> HomotopyStage:
-    """``lam + gap - sqrt(lam² + gap² + 2 t) = 0``."""
+    """Return the stage ``lam + gap - sqrt(lam² + gap² + 2 t) = 0``."""
     return HomotopyStage("t", t, "fischer-burmeister", {RELAXATION: t}, options={"mu_init": 1e-4})
 
 
 def _lin_fukushima(t: float, first: bool) -> HomotopyStage:
-    """``lam gap <= t²`` and ``(lam + t)(gap + t) >= t²`` (Lin and Fukushima 2005)."""
+    """Return the stage ``lam gap <= t²`` and ``(lam + t)(gap + t) >= t²`` (Lin and Fukushima 2005)."""
     parameters = {RELAXATION: t}
     return HomotopyStage("t", t, "lin-fukushima", parameters, (-np.inf, 0.0), {"mu_init": 1e-4})
 
 
 def _complementary(nlp: Program, result: Result) -> bool:
-    """Whether all products have vanished, to 1e-7 in natural units."""
+    """Whether all products ``lam gap`` are at most 1e-7 in natural units."""
     lam, gap = (result.point.x / nlp.natural.x)[nlp.pairs]
     return bool(np.abs(lam * gap).max(initial=0.0) <= 1e-7)
 
 
 @dataclass(frozen=True)
 class L1Penalty:
-    """``cost + rho sum lam gap``, rho growing tenfold until the products vanish (exact penalty)."""
+    """Strategy of an exact penalty, ``cost + rho sum lam gap``, with rho growing tenfold until the products vanish."""
 
     first: float = 10.0
     steps: int = 6
@@ -174,7 +171,7 @@ class L1Penalty:
     options: dict[str, float] = field(default_factory=dict)
 
     def paths(self, mu: float) -> list[HomotopyPath]:
-        """One ladder of penalties."""
+        """Return one path of growing penalties."""
 
         def stage(rho: float) -> HomotopyStage:
             barrier = {} if rho == self.first else {"mu_init": self.barrier}
@@ -185,16 +182,16 @@ class L1Penalty:
 
 
 _SCHOLTES = Falling(lambda t, first: relaxed(t, _inexact(t)))
-"""Inexact stages stop at a tolerance of t with IPOPT's own barrier held at t/10: nothing is gained
-by solving a relaxation better than it is relaxed."""
+"""Scholtes' relaxation in inexact stages, with a tolerance of t and IPOPT's barrier held at t/10, since
+nothing is gained by solving a relaxation more tightly than it is relaxed."""
 
 
 @dataclass(frozen=True)
 class L1ThenScholtes:
-    """Two or three penalties find the region, Scholtes' relaxation from a small t the point."""
+    """Strategy of at most three penalties to find the region, then Scholtes' relaxation from a small t."""
 
     def paths(self, mu: float) -> list[HomotopyPath]:
-        """The ladder, then the relaxation."""
+        """Return the path of penalties, then that of the relaxation."""
         return [*L1Penalty(steps=3).paths(mu), *_SCHOLTES.paths(1e-3 * mu)]
 
 
@@ -211,7 +208,7 @@ STRATEGIES: dict[str, Strategy] = {
     "fischer-burmeister": Falling(_fischer_burmeister),
     "lin-fukushima": Falling(_lin_fukushima, factor=0.3, power=0.5),
 }
-"""By name; "scholtes-cold" is the textbook loop: tight stages, cold multipliers."""
+"""Mapping from names to strategies; "scholtes-cold" is the textbook loop: tight stages, cold multipliers."""
 STRATEGY_USES = {
     "central-path": "the default; every stage feels all contacts. Start here",
     "scholtes-adaptive": "the default of laws that average exact steps over noise; takes over where"
@@ -228,15 +225,15 @@ STRATEGY_USES = {
 }
 """What each strategy is for, as ``ocp settings strategies`` prints it."""
 DEFAULT_STRATEGY = "central-path"
-"""The default of the exact law."""
+"""Default strategy of the exact law."""
 AVERAGED_STRATEGY = "scholtes-adaptive"
-"""The default where a law averages exact steps."""
+"""Default strategy of laws that average exact steps."""
 
 
 STAGE_ITERATIONS = 100
-"""Before the last stage of a law's path an answer need not be sharp, only nearer."""
+"""Iteration limit of the stages of a law's path before the last, which need not converge tightly."""
 MU_LAST = 1e-9
-"""Where the barrier law is left for the exact one."""
+"""Parameter mu of the barrier law at which its path ends, as an approximation of the exact law."""
 NEARBY_START = IPOPT_PRIMAL_WARM_START | dict.fromkeys(
     ("bound_push", "bound_frac", "slack_bound_push", "slack_bound_frac"), 1e-6
 )
@@ -246,7 +243,7 @@ NEARBY_START = IPOPT_PRIMAL_WARM_START | dict.fromkeys(
 def law_path(
     schedule: Schedule, target: float, start: float | None = None, factor: float | None = None
 ) -> HomotopyPath:
-    """The law's parameter from its schedule's wide start (or ``start``) down to ``target``."""
+    """Return the path of a law's parameter from its schedule's wide start (or ``start``) down to ``target``."""
     values = geometric(start or schedule.wide, target, factor or schedule.factor)
     label = schedule.parameter.removeprefix(LAW_PREFIX)
 
@@ -266,13 +263,13 @@ def law_path(
 def from_exact(
     follower: Homotopy, program: Program, x: np.ndarray, schedule: Schedule | None, value: float
 ) -> Result | None:
-    """Solve at the law's value from the exact law's answer x, in this program's variables.
+    """Solve at the law's ``value`` from the exact law's solution x, in this program's variables.
 
-    The path from a wide law may end in a worse minimum, one with another contact schedule, and then
-    the exact optimum is the better neighbour. Pairs are lifted onto the path of the law's mu. None
-    where the solver does not converge, from a low or from a high barrier parameter of its own: the
-    low one first, since a high one leaves the neighbourhood of a small cost. The usual push off the
-    bounds, a hundredth of a unit, would do so too: it lifts every small impulse above the path.
+    The path from a wide law may end in a worse minimum with another contact schedule; the exact solution
+    is then the better start. Pairs are moved onto the central path of the law's mu. The solver starts
+    with a low, then with a high barrier parameter, since a high one leaves the neighbourhood of a small
+    cost. So would the usual push off the bounds by a hundredth of a unit, which moves small impulses
+    above the path. Returns None where neither converges.
     """
     x = x.copy()
     if program.pairs.size:

@@ -22,14 +22,14 @@ from ocp.routes.schedules import acting, improved, is_apart
 from ocp.transcription.nlp import NLP
 
 _SIZES = 0.03, 3.0
-"""Of the noise, in characteristic units."""
+"""Minimum and maximum size of the noise, in characteristic units."""
 _NEARER = 2.0, 0.7, 0.25
-"""Distances between covering plans within which others are drawn around the best of them."""
+"""Radii, in distances between covering plans, of the neighbourhoods in which further plans are drawn."""
 
 
 @dataclass(frozen=True)
 class RolloutStarts:
-    """Rolls inputs out from the start of a ``guess``, and puts what happens into a program."""
+    """Starting points of a program, made by rolling out inputs from the initial state of a ``guess``."""
 
     evaluation: Evaluation
     step: Step
@@ -41,12 +41,12 @@ class RolloutStarts:
         return self.evaluation.problem
 
     def around(self, program: Program, plan_points: Sequence[Point], count: int) -> list[Point]:
-        """Plans around the guess and what was ``found``, the cheapest first, one a schedule.
+        """Return rolled-out plans around the guess and ``plan_points``, the cheapest first, one for each schedule.
 
-        ``count`` around each: itself, and others by a constant and two cosines of up to one period
-        over the horizon, of every input, since on a body that moves on noise of single steps
-        averages out. Their size is log-uniform from 0.03 to 3 characteristic units, seed 0; inputs
-        keep their bounds. Inputs that do not act stay: their cost would hide that of the motion.
+        There are ``count`` around each: itself, and others that add to every input a constant and two
+        cosines of up to one period over the horizon, since noise of single steps averages out. Their
+        size is log-uniform from 0.03 to 3 characteristic units, seed 0; inputs are clipped to their
+        bounds. Inputs that do not act are unchanged: their cost would hide that of the motion.
         """
         sizes, N = self.problem.scales, self.problem.N
         rng, (log_smallest, log_largest) = np.random.default_rng(0), np.log(_SIZES)
@@ -60,12 +60,12 @@ class RolloutStarts:
         return self._points(program, self._cheapest(np.array(plans)))
 
     def sample_range(self, program: Program, count: int, centres: int, n_neighbours: int) -> list[Point]:
-        """Plans whose acting inputs cover their range, the cheapest first, one a schedule.
+        """Return rolled-out plans whose acting inputs cover their range, the cheapest first, one for each schedule.
 
-        First ``count`` over all of it, then ``near`` around each of ``centres`` of them, the
-        cheapest of every kind of schedule, three times, each time nearer: a valley may be narrower
-        than what lies between two plans.
-        Without a bound the range ends three characteristic units from the guess.
+        First ``count`` plans over the range, then ``n_neighbours`` around each of ``centres`` plans, the
+        cheapest of distinct schedules, three times with shrinking radii, since a valley may be narrower
+        than the distance of two plans. Without a bound the range ends three characteristic units from
+        the guess.
         """
         u, half_range = self.guess[1], _SIZES[1] * self.problem.scales.u
         lower, upper = self._bounds
@@ -86,7 +86,7 @@ class RolloutStarts:
         return self._points(program, cheapest)
 
     def _cheapest(self, plans: np.ndarray) -> Rollout:
-        """Roll ``plans`` (S, N, nu) out, and keep the cheapest of each schedule, in order of cost."""
+        """Return rollouts of ``plans`` (S, N, nu), the cheapest of each schedule, in order of cost."""
         best = dict[bytes, int]()
         rolled = self._rolled(np.clip(plans, *self._bounds))
         active = self._active(rolled)
@@ -100,7 +100,7 @@ class RolloutStarts:
         return acting(rolled.lam, rolled.gap, sizes)
 
     def _distinct_schedules(self, rolled: Rollout, limit: int) -> list[int]:
-        """The first of every kind of schedule, at most so many."""
+        """Return indices of the first rollout of each distinct schedule, at most ``limit``."""
         active, chosen = self._active(rolled), list[int]()
         for s, schedule in enumerate(active):
             if len(chosen) < limit and all(is_apart(schedule, active[k]) for k in chosen):
@@ -117,7 +117,7 @@ class RolloutStarts:
         return self.evaluation.limits[2:4]
 
     def perturbed(self, program: Program, count: int) -> list[Point]:
-        """Roll out guessed inputs, the own and perturbed ones, ``count`` in all."""
+        """Return finite rollouts of the guessed inputs and of perturbed ones, at most ``count`` in all."""
         plans = initial_guesses(self.evaluation, count, 0, self.guess)
         rolled = self._rolled(np.array([u for _, u in plans]))
         solved = np.flatnonzero(np.all(np.isfinite(rolled.x), axis=(1, 2)))
@@ -125,9 +125,9 @@ class RolloutStarts:
 
     @cached_property
     def acting_inputs(self) -> np.ndarray:
-        """Whether the step's equations depend on each input (N, nu), in the states of the guess.
+        """Mask (N, nu): whether the step's equations depend on each input, in the states of the guess.
 
-        Inputs and multipliers are drawn, seed 0: at a guessed one a slope may be zero by chance.
+        Inputs and multipliers are random, seed 0: at guessed ones a derivative may be zero by chance.
         """
         system, (x, u) = self.problem.system, self.guess
         equations = ca.vertcat(system.residual, system.gap)
@@ -145,7 +145,7 @@ class RolloutStarts:
 
 
 def _sequence(count: int, dimension: int) -> np.ndarray:
-    """Points (count, dimension) of the additive recurrence that fills the unit cube evenly.
+    """Return points (count, dimension) of the additive recurrence that fills the unit cube evenly.
 
     Its steps are powers of 1/phi, where phi solves ``phi^(dimension + 1) = phi + 1``.
     """
@@ -156,7 +156,7 @@ def _sequence(count: int, dimension: int) -> np.ndarray:
 
 
 def pack_rollout(nlp: Program, plan: Rollout, gains: Gains | None) -> np.ndarray:
-    """Write trajectories x (S, N+1, nx), u, lam, gap (S, N, .) into an Program's variables."""
+    """Return the variables (n,) of a program for trajectories x (S, N+1, nx), u, lam, gap (S, N, .) and gains."""
     blocks = {
         "x0": plan.x[:, :1],
         "x": plan.x[:, 1:],
@@ -166,7 +166,7 @@ def pack_rollout(nlp: Program, plan: Rollout, gains: Gains | None) -> np.ndarray
     }
     if gains is not None:
         blocks |= {"K": gains.K, "k": gains.k}
-    # One row where all scenarios share it.
+    # A block that all scenarios share has one row.
     return nlp.variables.pack(
         {name: blocks[name][: block.shape[0]] for name, block in nlp.variables.blocks.items() if name in blocks}
     )
@@ -174,11 +174,11 @@ def pack_rollout(nlp: Program, plan: Rollout, gains: Gains | None) -> np.ndarray
 
 @dataclass(frozen=True)
 class RolloutPolish:
-    """Rolls plans out in ``target`` and solves their branches in ``direct``, by its own follower.
+    """Polish of plans: they are rolled out in ``target``, and their branches solved in ``direct``.
 
-    The limit of smoothed optima is short of the exact one by the square root of the last mu. Hence
-    the rolled-out point is put into ``direct``, whose contacts are fixed as they are and whose rest
-    is solved (:func:`~ocp.routes.branches.polish`).
+    A smoothed optimum differs from the exact one by the order of the square root of the last mu. Hence
+    the rolled-out point is written into ``direct``, its contacts are fixed and the rest is solved by
+    ``follower`` (:func:`~ocp.routes.branches.polish`).
     """
 
     target: NLP
@@ -187,13 +187,12 @@ class RolloutPolish:
     follower: Homotopy
 
     def polish(self, source: NLP, plan: Result) -> tuple[Result, Result | None]:
-        """Roll a plan of ``source`` out under the exact ``step`` and solve its branch.
+        """Roll out a plan of ``source`` under the exact ``step``, solve its branch; return (rollout, branch result).
 
-        A plan that was solved in ``direct`` is on a branch already.
-
-        The solved point's inputs, rolled out, are the answer where they cost no more. Then it is
-        returned beside them: the same plan, with contacts that are exactly open or closed, which a
-        rollout's are to the step solver's tolerance.
+        The rollout is that of the branch result's inputs where these cost no more; otherwise it is that
+        of the plan, and the branch result is None. Contacts of the branch result are exactly open or
+        closed, those of a rollout only to the step solver's tolerance. A plan that was solved in
+        ``direct`` is on a branch already.
         """
         rolled_out, direct_point = self._rolled_out(source, plan.point.x)
         if source is self.direct and plan.ok:
@@ -212,8 +211,8 @@ class RolloutPolish:
     def follow(self, follower: Homotopy, path: HomotopyPath, start: Point) -> RouteResult:
         """Follow a path, solve the branches of its points, and improve the cheapest.
 
-        Near a wide stage another branch may be cheaper than near the last one. The path ends where
-        two of its points in turn end at one cost.
+        Near an early stage another branch may be cheaper than near the last one. The path ends early
+        where the branches of two successive points have the same cost.
         """
         branch_results: list[Result] = []
 

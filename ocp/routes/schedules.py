@@ -1,4 +1,4 @@
-"""Other contact schedules: contacts a step earlier or later, and plans rolled out far from one."""
+"""Search over contact schedules: contacts a step earlier or later, and distant schedules of rollouts."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ from ocp.routes.branches import MIN_MULTIPLIER, NEIGHBOUR, Branches
 from ocp.routes.homotopy import lower
 
 _ITERATIONS = 40
-"""Of one neighbour at most: those worth having are near, others often infeasible."""
+"""Iteration limit of one neighbour: useful ones are near, others are often infeasible."""
 _TURNS = 3
-"""Times that neighbours, longer or shorter contacts are tried in turn."""
+"""Maximum rounds of exchanging neighbouring schedules and branches in turn."""
 _SHORT = 2
-"""Steps of a contact that may be left out at once."""
+"""Maximum number of steps of a contact that a single move may remove."""
 SEARCH_ITERATIONS = 800
-"""Iterations after which a search ends."""
+"""Maximum number of solver iterations of a search."""
 SEARCH_WORK = 540_000
-"""Iterations times pairs after which the search of a large problem ends."""
+"""Maximum of solver iterations times pairs of a search, which limits large problems."""
 _NEAREST = 1e-3
-"""Characteristic sizes below which a member counts as being as near as that."""
+"""Minimum of the distance in :func:`predicted_gains`, in characteristic sizes."""
 MAX_FAILURES = 20
-"""Neighbours in a row, from the most promising on, after which none is likely to cost less."""
+"""Failed neighbours in a row, the most promising first, after which a search ends."""
 
 
 @dataclass(frozen=True)
 class ScheduleMove:
-    """The ``run``-th contact of a chain of pairs begins and ends so many steps later."""
+    """Move of contact number ``run`` of a chain of pairs: it begins and ends so many steps later."""
 
     chain: int
     run: int
@@ -39,12 +39,12 @@ class ScheduleMove:
 
     @property
     def twice(self) -> ScheduleMove:
-        """The same move, twice as far."""
+        """The same move with twice as many steps."""
         return replace(self, begins=2 * self.begins, ends=2 * self.ends)
 
 
 def improved(branches: Branches, neighbour: Result, max_failures: int = MAX_FAILURES) -> Result:
-    """Exchange branches to first order, and schedules for neighbouring ones, in turn."""
+    """Return the best result of exchanging branches by first-order descent and neighbouring schedules in turn."""
     best = branches.improve(neighbour)
     for _ in range(_TURNS):
         neighbour = improve_schedule(branches, best, max_failures)
@@ -57,13 +57,13 @@ def improved(branches: Branches, neighbour: Result, max_failures: int = MAX_FAIL
 
 
 def improve_schedule(branches: Branches, best: Result, max_failures: int = MAX_FAILURES) -> Result:
-    """Exchange a schedule for a neighbour that costs less, until none does.
+    """Exchange a schedule for a neighbour that costs less, until none does, and return the best result.
 
-    On a grid of time every instant of a contact is a minimum of its own: the pairs of the steps
-    beside it are far from (0, 0), so that no descent to first order leads there, however long the
-    steps of a trust region. Hence single pairs change sides, and runs of active pairs are moved by
-    a step, and the branch is solved again: first twice what helped the last time, then what the
-    multipliers promise most of (:func:`predicted_gains`), until ``max_failures`` in a row cost no less.
+    On a time grid every instant of a contact is a separate local minimum: the pairs of adjacent steps
+    are far from (0, 0), so that no first-order descent leads there, whatever the trust region. Hence
+    single pairs change sides, runs of active pairs are moved by a step, and the branch is solved again:
+    first twice the last successful move, then moves in the order of the gains that multipliers predict
+    (:func:`predicted_gains`), until ``max_failures`` in a row do not cost less.
     """
     program, trace = branches.program, branches.follower.trace
     iteration_limit = trace.iterations + min(SEARCH_ITERATIONS, SEARCH_WORK // max(program.pairs.shape[1], 1))
@@ -97,11 +97,11 @@ def improve_schedule(branches: Branches, best: Result, max_failures: int = MAX_F
 
 
 def predicted_gains(branches: Branches, result: Result, active: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Predict the gain (m,) of each pair's change of sides, and how far it is (m,).
+    """Return the predicted gain (m,) of each pair's change of sides, and its distance (m,).
 
-    The first is the fall of the cost, to first order, as the member that is held grows by its
-    characteristic size, zero where that would not pay; the second the other member, which then
-    falls to zero, in characteristic sizes. Where that is near, the multiplier still holds.
+    The gain is the first-order fall of the cost as the held member grows by its characteristic size,
+    zero where the cost does not fall. The distance is the other member, which then falls to zero, in
+    characteristic sizes; the smaller it is, the better the prediction.
     """
     program, x = branches.program, result.point.x
     (first, second), sizes = program.pairs, program.sizes(x)
@@ -112,7 +112,7 @@ def predicted_gains(branches: Branches, result: Result, active: np.ndarray) -> t
 
 
 def moves(active: np.ndarray, chains: np.ndarray) -> Iterator[ScheduleMove]:
-    """Every run a step earlier or later, at one end or at both, and a short one left out."""
+    """Yield moves of every run by a step earlier or later, at one end or both, and removals of short runs."""
     for chain, pairs in enumerate(chains):
         for run, (begin, end) in enumerate(runs(active[pairs])):
             for begins, ends in ((1, 1), (-1, -1), (0, 1), (0, -1), (1, 0), (-1, 0)):
@@ -122,7 +122,7 @@ def moves(active: np.ndarray, chains: np.ndarray) -> Iterator[ScheduleMove]:
 
 
 def moved(active: np.ndarray, chains: np.ndarray, move: ScheduleMove | int) -> np.ndarray | None:
-    """The active set after a move, or after a pair's change of sides; None without the run."""
+    """Return the active set (m,) after a move, or after pair ``move`` changes sides; None where no such run exists."""
     if not isinstance(move, ScheduleMove):
         changed = active.copy()
         changed[move] ^= True
@@ -139,29 +139,28 @@ def moved(active: np.ndarray, chains: np.ndarray, move: ScheduleMove | int) -> n
 
 
 def runs(held: np.ndarray) -> list[tuple[int, int]]:
-    """First index and one past the last of every unbroken run of True."""
+    """Return the first index and the index past the last of every unbroken run of True."""
     steps = np.diff(np.concatenate([[0], held.astype(int), [0]]))
     ends = (np.flatnonzero(steps == sign).tolist() for sign in (1, -1))
     return list(zip(*ends, strict=True))
 
 
 _FAR_MOST = 8
-"""Branches solved at most."""
+"""Maximum number of branches solved for distant schedules."""
 _FAR_ITERATIONS = 128
-"""Of a branch: it has a feasible point near, or often none."""
+"""Iteration limit of such a branch, which has a feasible point nearby or often none."""
 _APART = 0.125
-"""Shares of the horizon by which all contacts together lie apart in schedules of two kinds."""
+"""Distance of two schedules (:func:`apart`) above which they are distinct."""
 _FEASIBLE = 1e-6
-"""Violation, in natural units, of a plan that keeps its limits."""
+"""Maximum violation, in natural units, of a plan that counts as feasible."""
 
 
 def distant_schedules(branches: Branches, points: Sequence[Point], below: float, most: int = _FAR_MOST) -> list[Result]:
-    """Solve the branches of the cheapest feasible ``points``, one of every kind of schedule.
+    """Return results on the branches of the cheapest feasible ``points``, one for each distinct schedule.
 
-    An event that falls some steps earlier or later, or one more of them, makes another minimum,
-    often in a valley of its own that no exchange of neighbours leads to. A point must cost less
-    than ``below``; where that is infinite, points that break limits come after the others, so that
-    ``most`` are solved if there are as many.
+    A contact event some steps earlier or later, or an additional one, gives another local minimum, often
+    one that no exchange of neighbours reaches. A point must cost less than ``below``; where that is
+    infinite, infeasible points follow the others, so that ``most`` branches are solved if possible.
     """
     program, solved_schedules, polished = branches.program, [], []
     for point in _ordered(branches, points, below):
@@ -191,16 +190,16 @@ def _ordered(branches: Branches, points: Sequence[Point], below: float) -> Itera
 
 
 def acting(lam: np.ndarray, gap: np.ndarray, sizes: Scales) -> np.ndarray:
-    """Return which contacts act, (..., nlam, N), of impulses and gaps (..., N, nlam)."""
+    """Return a mask (..., nlam, N) of impulses larger than gaps (..., N, nlam), both in characteristic sizes."""
     return np.swapaxes(lam / sizes.impulse > gap / sizes.gap, -1, -2)
 
 
 def is_apart(one: np.ndarray, other: np.ndarray) -> bool:
-    """Whether schedules (contacts, N) are of two kinds (:func:`apart`)."""
+    """Whether two schedules (contacts, N) are distinct, by their distance :func:`apart`."""
     return apart(one, other) > _APART
 
 
 def apart(one: np.ndarray, other: np.ndarray) -> float:
-    """Steps by which contacts are moved from one schedule to another, over those of the horizon."""
+    """Return the total number of steps by which contacts are moved between two schedules (contacts, N), over N."""
     exchanged = np.cumsum(one.astype(int) - other.astype(int), axis=1)
     return float(np.abs(exchanged).sum() / one.shape[1])

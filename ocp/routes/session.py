@@ -1,4 +1,4 @@
-"""A problem under a law, a method and a policy, built once and solved many times."""
+"""A problem with a contact law, a method and a policy, built once and solved many times."""
 
 from __future__ import annotations
 
@@ -30,18 +30,18 @@ from ocp.transcription.nlp import NLP, StageCompiler
 logger = logging.getLogger(__name__)
 
 Effort = Literal["quick", "normal", "thorough"]
-"""Work beyond the usual route: none; samples as long as they pay; samples under two laws and other routes."""
+"""Work beyond the usual route: none; samples while they improve; samples under two laws and other routes."""
 DEFAULT_EFFORT: Effort = "normal"
-"""Effort of one solve; each of many, as in a sweep, is quick."""
+"""Effort of a single solve; those of a sweep are quick."""
 
 
 @dataclass
 class Session:
-    """Everything that is built once: the closed step and one NLP per reformulation, in ``nlps``.
+    """A problem with a contact law, method and policy: its step and one NLP per reformulation, built once.
 
-    ``values`` are parameter values by name (problem, law, strategy); turn them and solve again.
-    ``user_guess`` is what the user asked to begin at, near which one answer is sought. ``windows`` are narrower bounds
-    of blocks of variables, of every NLP.
+    ``values`` maps names of parameters (problem, law, strategy) to values; change them and solve again.
+    ``user_guess`` is the user's guess, near which one solution is searched. ``windows`` maps blocks of
+    variables to narrower bounds, in every NLP.
     """
 
     problem: Problem
@@ -74,16 +74,16 @@ class Session:
 
     @property
     def evaluation(self) -> Evaluation:
-        """The problem at the present values."""
+        """The problem at the current parameter values."""
         return Evaluation(self.problem, dict(self.values))
 
     @property
     def nlp_builds(self) -> int:
-        """Number of NLPs built, one per reformulation, including those of sub_session sessions."""
+        """Number of NLPs built, one per reformulation, including those of sub-sessions."""
         return len(self.nlps) + sum(sub_session.nlp_builds for sub_session in self.sub_sessions.values())
 
     def nlp_of(self, reformulation: str) -> NLP:
-        """Build the NLP of a reformulation, or return the one that exists."""
+        """Return the NLP of a reformulation, which is built at its first use."""
         if reformulation not in self.nlps:
             start_time = time.perf_counter()
             graph = Graph(self.problem, self.step, self.policy)
@@ -105,7 +105,7 @@ class Session:
 
     @property
     def complementary(self) -> bool:
-        """Whether the contact stands as complementarity in the NLP itself."""
+        """Whether the NLP itself has complementarity constraints, as for the exact law in direct transcription."""
         return self.step.exact and isinstance(self.method, Direct)
 
     def solve(
@@ -116,12 +116,12 @@ class Session:
         warm_from: NLP | None = None,
         number: int = 0,
     ) -> RouteResult:
-        """Solve at the present values, from a warm point of ``warm_from`` or from a guess.
+        """Solve at the current values, from a warm point of ``warm_from`` or from a guess.
 
-        ``number`` counts several guesses: each takes another relaxation than the one before, since
-        a relaxation that starts wide forgets its guess and ends in the same minimum.
+        ``number`` is the index among several guesses: each uses another relaxation than the one before,
+        since a relaxation that starts wide forgets its guess and ends in the same minimum.
 
-        Raises :class:`~ocp.errors.InputError` at values without mechanics, as without mass.
+        Raises :class:`~ocp.errors.InputError` for values that are not physical, such as a zero mass.
         """
         if start is not None and warm_from is not None:
             point = translate(start, warm_from, self.nlp_of("product"))
@@ -129,9 +129,9 @@ class Session:
         return self._solve(Start(guess, number), progress)
 
     def resume(self, start: Point, progress: Progress | None = None) -> RouteResult:
-        """Solve at the present values from a point of the product NLP that was carried.
+        """Solve at the current values from a point of the product NLP, which need not be near a solution.
 
-        :func:`~ocp.solve.warm_start.carry` makes such points, which need not be near a solution.
+        :func:`~ocp.solve.warm_start.carry` makes such points from other solutions.
         """
         return self._solve(Start(point=start, near=False), progress)
 
@@ -142,9 +142,9 @@ class Session:
         return replace(route.apply(self, start, follower), route=route.name)
 
     def path(self) -> tuple[Schedule | None, HomotopyPath]:
-        """The law's own path and how it falls; one stage, and None, where none is followed.
+        """Return the law's schedule and its homotopy path; None and a single stage where none is followed.
 
-        Raises :class:`~ocp.errors.InputError` for one of too many stages.
+        Raises :class:`~ocp.errors.InputError` for a path of too many stages.
         """
         schedule = None if self.step.exact or self.homotopy is False else self.schedule()
         if schedule is None:
@@ -154,29 +154,29 @@ class Session:
 
     @property
     def follows_smoothing(self) -> bool:
-        """Whether a solve follows a smoothing, which has contact forces without contact."""
+        """Whether a solve follows a path of smoothed problems, which have contact forces at a distance."""
         if self.complementary:
             return not isinstance(STRATEGIES[self.strategy], L1Penalty | L1ThenScholtes)
         return self.homotopy is not False and (self.step.exact or self.schedule() is not None)
 
     @property
     def seconds(self) -> float:
-        """Expected seconds of a solve, roughly (:mod:`ocp.problem.resources`)."""
+        """Rough estimate of the time of a solve [s] (:mod:`ocp.problem.resources`)."""
         path = 1 if self.complementary else len(self.path()[1].values)
         return solve_seconds(self.problem, self.policy, self.law, path)
 
     @property
     def memory(self) -> float:
-        """Bytes that a solve takes, about (:mod:`ocp.problem.resources`)."""
+        """Rough estimate of the memory of a solve [bytes] (:mod:`ocp.problem.resources`)."""
         return solve_memory(self.problem, self.policy, self.law)
 
     def schedule(self) -> Schedule | None:
-        """Return the path on which the law's parameter falls, if it has one."""
+        """Return the schedule of the law's parameter, None for a law without one."""
         sizes = self.problem.scales
         return self.step.law.schedule(sizes.impulse, sizes.gap)
 
     def sub_session(self, law: ContactLaw, method: Method) -> Session:
-        """Return the session of the same problem under another law, at the values both have."""
+        """Return the session of the same problem with another law and method, at the values of common parameters."""
         key = f"{law.name} {method.name}"
         if key not in self.sub_sessions:
             self.sub_sessions[key] = Session(
@@ -187,7 +187,7 @@ class Session:
         return sub_session
 
     def judging_nlp(self) -> NLP:
-        """Return the NLP in which an answer is judged.
+        """Return the NLP in which a solution is audited and certified.
 
         Under the exact law that is the complementarity problem by direct transcription, whatever
         the method: only its variables contain the pairs.
@@ -199,11 +199,11 @@ class Session:
 
     @property
     def total_build_s(self) -> float:
-        """Seconds of set-up, of helping sessions too."""
+        """Set-up time [s], including that of sub-sessions."""
         return self.build_s + sum(sub_session.total_build_s for sub_session in self.sub_sessions.values())
 
     def first_point(self, nlp: NLP, guess: InitialGuess | None = None) -> Point:
-        """Write guessed trajectories into the NLP's variables, with contacts to match.
+        """Return a starting point of the NLP from guessed trajectories, with multipliers and gaps.
 
         Multipliers and gaps start on the central path of the homotopy's first mu, each gap at its
         contact-free value where that is open.
@@ -229,7 +229,7 @@ class Session:
 
 
 def as_swept(session: Session) -> Session:
-    """The session of the same problem as swept, at the same values, which searches no further."""
+    """Return the session of the same problem with ``swept`` set, at the same values, without further search."""
     if session.problem.swept:
         return session
     swept = replace(session, problem=replace(session.problem, swept=True), search=False)

@@ -1,4 +1,4 @@
-"""Every way to solve a session's problem, in one table; the first route that accepts solves it."""
+"""Table of the routes that solve a session's problem; the first route that accepts is used."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from ocp.routes.session import Session
 
 NEAR_RELAXATION = 1e-6
-"""Relaxation of lam gap, in characteristic units, for a start that is near."""
+"""Relaxation of lam gap, in characteristic units, for a start that is near a solution."""
 FAR_RELAXATION = 1e-3
 """Relaxation of lam gap, in characteristic units, for other starts."""
 _DIVERGED = 1e-3
@@ -45,8 +45,8 @@ _DIVERGED = 1e-3
 class Start:
     """Start of a solve: from a ``guess``, or warm from a ``point`` of the product NLP.
 
-    ``number`` counts several guesses. A point that is ``near`` differs by a small step of a
-    parameter; others were carried from another mesh, law or method.
+    ``number`` is the index among several guesses. A ``near`` point is a solution at slightly other
+    parameters; others come from another mesh, law or method.
     """
 
     guess: InitialGuess | None = None
@@ -56,7 +56,7 @@ class Start:
 
 
 class Route(ABC):
-    """A way to solve a session's problem: ``accepts``, ``apply``, ``invert``, as a reduction."""
+    """A route that solves a session's problem by reduction to another: ``accepts``, ``apply``, ``invert``."""
 
     name: ClassVar[str]
 
@@ -66,10 +66,10 @@ class Route(ABC):
 
     @abstractmethod
     def apply(self, session: Session, start: Start, follower: Homotopy) -> RouteResult:
-        """Solve, in whatever program of the session suits; ``follower`` records the work."""
+        """Solve the problem in one of the session's programs; ``follower`` records the work."""
 
     def invert(self, session: Session, outcome: RouteResult, plan: Rollout, gains: Gains | None) -> tuple[NLP, Point]:
-        """The program that is judged, and the result's point in it, with multipliers if known."""
+        """Return the program that is judged, and the result's point in it, with multipliers if known."""
         nlp, point = session.judging_nlp(), outcome.result.point
         if nlp is outcome.nlp:
             return nlp, point
@@ -79,20 +79,20 @@ class Route(ABC):
 
 
 class WarmStart(Route):
-    """One stage from a point; under the exact law on a narrow relaxation, then polished.
+    """Warm start: one stage from a point, for the exact law with a narrow relaxation, then polished.
 
-    From a point that is not near the stage is tried again with a high barrier parameter, and the
-    exact law starts on a relaxation that is wide enough to exchange contacts.
+    From a point that is not near, the stage is tried again with a high barrier parameter, and the
+    exact law starts with a relaxation that is wide enough to exchange contacts.
     """
 
     name = "warm start"
 
     def accepts(self, session: Session, start: Start) -> bool:
-        """Whether there is a point."""
+        """Whether the start is a warm point."""
         return start.point is not None
 
     def apply(self, session: Session, start: Start, follower: Homotopy) -> RouteResult:
-        """Solve the stage, by its first options with which the solver converges."""
+        """Solve the stage with the first options for which the solver converges."""
         nlp, point = session.nlp_of("product"), start.point
         assert point is not None
         keep: dict[str, Any] = {} if start.near or point.lam_g is not None else IPOPT_PRIMAL_WARM_START
@@ -118,7 +118,7 @@ class Complementarity(Route):
     name = "complementarity"
 
     def accepts(self, session: Session, start: Start) -> bool:
-        """Whether the NLP itself has the pairs."""
+        """Whether the NLP itself has complementarity constraints."""
         return session.complementary
 
     def apply(self, session: Session, start: Start, follower: Homotopy) -> RouteResult:
@@ -147,22 +147,22 @@ class Complementarity(Route):
 
 
 class ExactShooting(Route):
-    """The exact law in shooting: a plan made otherwise, rolled out exactly and polished.
+    """The exact law in shooting: a plan of another program, rolled out exactly and polished.
 
-    At a kink of the exact law no gradient vanishes, so a gradient method cannot end there. The
-    plan is the complementarity problem's own, by direct transcription; with ``homotopy``, or where
-    its relaxation was hard to follow or the rollout diverges from it, it is that of the barrier
-    law's path. Of plans from which their rollouts do not diverge, the cheapest is the answer.
+    At a kink of the exact law no gradient vanishes, so that a gradient method does not converge. The
+    plan is that of the complementarity problem in direct transcription; with ``homotopy``, or where
+    its relaxation was hard to follow or its rollout diverges, it is that of the barrier law's path.
+    The result is the cheapest plan whose rollout does not diverge.
     """
 
     name = "exact shooting"
 
     def accepts(self, session: Session, start: Start) -> bool:
-        """Under the exact law, unless the gradient method alone was chosen."""
+        """Whether the law is exact, unless ``homotopy`` is False, which chooses the gradient method alone."""
         return session.step.exact and session.homotopy is not False
 
     def apply(self, session: Session, start: Start, follower: Homotopy) -> RouteResult:
-        """Try the plans in turn, until one is finished, kept by its rollout, and was easy."""
+        """Try plans in turn, until one is finished, its rollout does not diverge, and its path was easy to follow."""
         nlp, direct, best = session.nlp_of("product"), session.judging_nlp(), None
         polisher = RolloutPolish(
             nlp,
@@ -198,23 +198,23 @@ class ExactShooting(Route):
             yield polisher.follow(within, barrier.path()[1], first)
 
     def invert(self, session: Session, outcome: RouteResult, plan: Rollout, gains: Gains | None) -> tuple[NLP, Point]:
-        """The same plan on its branch of the complementarity problem, where it was solved."""
+        """Return the judged program and the plan on its branch of that program, where the branch was solved."""
         if outcome.on_branch is None:
             return super().invert(session, outcome, plan, gains)
         return session.judging_nlp(), outcome.on_branch.point
 
 
 class LawPath(Route):
-    """A law's own path; the exact law's answer is tried as another start."""
+    """The homotopy path of a law's parameter; the exact law's solution is tried as another start."""
 
     name = "law path"
 
     def accepts(self, session: Session, start: Start) -> bool:
-        """Always."""
+        """Return True, since this route solves every problem."""
         return True
 
     def apply(self, session: Session, start: Start, follower: Homotopy) -> RouteResult:
-        """Follow the path, and solve at its end from the exact law's answer too."""
+        """Follow the path, solve its last stage also from the exact law's solution, and return the better result."""
         nlp, (schedule, path) = session.nlp_of("product"), session.path()
         value = session.values[schedule.parameter] if schedule else 0.0
         outcome = follower.follow(path, session.first_point(nlp, start.guess))
@@ -229,7 +229,7 @@ class LawPath(Route):
 
 
 def _by_helper(helper: Session, follower: Homotopy, guess: InitialGuess | None) -> RouteResult:
-    """Solve by a helping session, whose table and work are added to the follower's."""
+    """Return the result of the session ``helper``, whose table and work are added to the follower's."""
     outcome = helper.solve(guess=guess, progress=follower.progress)
     follower.trace.absorb(outcome.trace)
     return outcome
@@ -239,5 +239,5 @@ ROUTES: tuple[Route, ...] = (WarmStart(), Complementarity(), ExactShooting(), La
 
 
 def route_for(session: Session, start: Start = Start()) -> Route:
-    """The first route of the table that accepts."""
+    """Return the first route of the table that accepts the session and start."""
     return next(route for route in ROUTES if route.accepts(session, start))

@@ -1,4 +1,4 @@
-"""Methods that turn a problem under a law and a policy into one NLP."""
+"""Transcription methods: from a problem with a contact law and a policy to one NLP."""
 
 from ocp.transcription.direct import Direct, MultipleShooting
 from ocp.transcription.nlp import NLP
@@ -6,6 +6,6 @@ from ocp.transcription.single_shooting import SingleShooting
 
 Method = Direct | MultipleShooting | SingleShooting
 METHODS: dict[str, type[Method]] = {method.name: method for method in (Direct, MultipleShooting, SingleShooting)}
-"""Transcriptions by name."""
+"""Mapping from names to transcription methods."""
 
 __all__ = ["METHODS", "NLP", "Direct", "Method", "MultipleShooting", "SingleShooting"]

@@ -1,4 +1,4 @@
-"""Parts that all transcriptions share: the parameters of the graph and the local symbols of a stage."""
+"""Parts common to all transcriptions: parameters of the graph and local symbols of a stage."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from ocp.transcription.eliminated import Compile, Hidden, Implicit, ModelOutputs
 
 @dataclass(eq=False)
 class Graph:
-    """A problem under a law and a policy, before a method turns it into variables.
+    """A problem, the step of a contact law and a policy, before a method transcribes them.
 
-    ``names`` are all scalar parameters in order, ``p`` their symbols: the problem's, the law's,
-    then ``penalty`` and ``relaxation``.
+    ``names`` are the names of all scalar parameters, ``p`` their symbols in the same order: those of
+    the problem, those of the law, then ``penalty`` and ``relaxation``.
 
-    Raises :class:`~ocp.errors.InputError` where the problem's cost or constraints are on contact
-    impulses, and the law has none.
+    Raises :class:`~ocp.errors.InputError` where the problem's cost or constraints depend on contact
+    impulses, which the law does not compute.
     """
 
     problem: Problem
@@ -63,38 +63,38 @@ class Graph:
 
     @property
     def feedback(self) -> bool:
-        """Whether inputs come from gains."""
+        """Whether inputs follow from feedback gains."""
         return isinstance(self.policy, Feedback)
 
     @property
     def gain_steps(self) -> int:
-        """Number of distinct gains."""
+        """Number of distinct gains over the horizon: 1 where they are stationary, else N."""
         return 1 if isinstance(self.policy, Feedback) and self.policy.stationary else self.problem.N
 
     def stage_cost(self) -> ca.SX:
-        """Stage cost without constants, du written out as u - u_before, and what the law adds."""
+        """Return the stage cost without constant terms, with ``u - u_before`` for du, plus the law's extra cost."""
         problem, cost = self.problem, self.with_impulses(self.problem.changeable_costs[0])
         if problem.du is not None:
             cost = ca.substitute(cost, problem.du, problem.system.u - self.u_before)
         return cost + self.step.extra_stage_cost
 
     def with_impulses(self, expression: ca.SX) -> ca.SX:
-        """The same in the step's multipliers: the system's are their mean over branches."""
+        """Return ``expression`` in the step's multipliers, whose mean over branches replaces the system's."""
         if not self.problem.uses_impulses:
             return expression
         return ca.substitute(expression, self.problem.system.lam, self.step.impulses)
 
     def path_constraints(self) -> ca.SX:
-        """Path constraint expressions, stacked."""
+        """Return the path constraint expressions, stacked."""
         path = ca.vertcat(ca.SX(0, 1), *(c.expression for c in self.problem.path))
         return self.with_impulses(path)
 
     def terminal_constraints(self) -> ca.SX:
-        """Terminal constraint expressions, stacked."""
+        """Return the terminal constraint expressions, stacked."""
         return ca.vertcat(ca.SX(0, 1), *(c.expression for c in self.problem.terminal))
 
     def data(self) -> Layout:
-        """Layout of the initial data in the parameter vector."""
+        """Return the layout of the initial data in the parameter vector."""
         layout = Layout()
         layout.add("x0", (self.scenarios, self.nx))
         layout.add("u_before", (self.nu,))
@@ -107,11 +107,11 @@ class Graph:
             variables.add("k", (self.gain_steps, self.nu))
 
     def gain_symbols(self) -> list[ca.SX]:
-        """Local gain symbols of a stage, K by rows; none for open loop."""
+        """Return the gain symbols of a stage, K row by row, then k; empty for open loop."""
         return [ca.vec(self.K.T), self.k] if self.feedback else []
 
     def gain_index(self, variables: Layout) -> np.ndarray:
-        """Positions of each step's gains, shape (N, nu nx + nu), or (N, 0)."""
+        """Return the indices of each step's gains in the variables, (N, nu nx + nu), or (N, 0) for open loop."""
         if not self.feedback:
             return np.zeros((self.problem.N, 0), dtype=int)
         K = variables["K"].index.reshape(self.gain_steps, -1)
@@ -119,11 +119,11 @@ class Graph:
         return np.broadcast_to(indices, (self.problem.N, indices.shape[1]))
 
     def picked(self, w: ca.SX, u: ca.SX) -> ca.Function:
-        """Map a stage's locals ``w`` and all parameters to x, the input ``u`` and the step's p."""
+        """Return a function from a stage's local variables ``w`` and all parameters to x, ``u`` and the step's p."""
         return ca.Function("pick", [w, self.p], [self.problem.system.x, u, self.step.p.vector])
 
     def hidden(self, w: ca.SX, u: ca.SX | None = None, make: Compile | None = None) -> Hidden:
-        """Return the unknowns that the step determines at a stage's locals ``w``, with ``u`` for the input."""
+        """Return the unknowns that the step determines at a stage's local variables ``w``; ``u`` replaces the input."""
         step, input_symbol = self.step, self.problem.system.u
 
         def closed(*expressions: ca.SX) -> list[ca.SX]:
@@ -139,14 +139,14 @@ class Graph:
         return Implicit(step.inner, relation, jacobian, make(solve) if make else solve, held_values)
 
     def component_names(self, kind: str) -> tuple[str, ...]:
-        """Names of the states, inputs or contacts."""
+        """Return the names of the states ("x"), inputs ("u") or contacts ("lam")."""
         system = self.problem.system
         signals = {"x": system.states, "u": system.inputs, "lam": self.step.contacts}[kind]
         return tuple(signal.name for signal in signals)
 
 
 def constraint_names(constraints: object) -> tuple[str, ...]:
-    """Name every entry of a problem's path or terminal constraints."""
+    """Return a name for each entry of a problem's path or terminal constraints."""
     names = []
     for constraint in constraints:  # pyright: ignore[reportGeneralTypeIssues]
         size = constraint.expression.numel()

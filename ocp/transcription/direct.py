@@ -21,18 +21,18 @@ from ocp.transcription.stage import Stage, assemble
 
 @dataclass(frozen=True)
 class Direct:
-    """Every step's residual and gap are constraints, and so is the closure of contact.
+    """Direct transcription: each step's residual, gap and complementarity are constraints.
 
-    Per step and scenario: ``residual(x, u, x_next, lam) = 0``, ``gap(x, u, x_next, lam) = s``, and
-    the closure of ``lam`` and ``s`` by ``reformulation``
-    (:class:`~ocp.programs.program.Program`). A learned step has neither: ``x_next = g(x, u)``.
+    Per step and scenario: ``residual(x, u, x_next, lam) = 0``, ``gap(x, u, x_next, lam) = s``, and the
+    complementarity of ``lam`` and ``s`` by ``reformulation`` (:class:`~ocp.programs.program.Program`).
+    A learned step has neither ``lam`` nor ``s``: ``x_next = g(x, u)``.
     """
 
     name: ClassVar[str] = "direct"
     summary: ClassVar[str] = "states, inputs, multipliers and gaps are variables"
 
     def transcribe(self, graph: Graph, reformulation: str = "product", compiled: Compile | None = None) -> NLP:
-        """Build the NLP; raises ``InputError`` for a law whose gradient is frozen."""
+        """Build the NLP; raise ``InputError`` for a law whose gradient is frozen."""
         step = graph.step
         if step.law.frozen:
             raise InputError(
@@ -60,7 +60,7 @@ def whole(
     compiled: Compile | None,
     **nlp_fields: Any,
 ) -> NLP:
-    """The NLP of its intervals, the end, periodicity and the penalty of gains."""
+    """Build the NLP from its intervals, terminal stage, periodicity and gain penalty."""
     last_states = state_index(graph, variables)[:, -1]
     last_stage = terminal_stage(graph, constraints, graph.problem.system.x, last_states)
     periodic_stages = periodicity(graph, variables, constraints)
@@ -70,7 +70,7 @@ def whole(
 
 
 def trajectory_variables(graph: Graph, pairs: bool) -> Layout:
-    """States, inputs, gains where inputs come from them, and with ``pairs`` lam and gap."""
+    """Return the layout of variables: states, inputs, gains of a feedback policy, and with ``pairs`` lam and gap."""
     layout, (S, N, n) = Layout(), (graph.scenarios, graph.problem.N, graph.step.n)
     if graph.problem.start is not None:
         layout.add("x0", (1, 1, graph.nx), graph.component_names("x"))
@@ -83,10 +83,7 @@ def trajectory_variables(graph: Graph, pairs: bool) -> Layout:
 
 
 def state_index(graph: Graph, variables: Layout) -> np.ndarray:
-    """Positions of x_0 and x_1..x_N in [x; data], shape (S, N+1, nx).
-
-    x_0 is data, or a variable where it is chosen.
-    """
+    """Return the indices of x_0..x_N in [x; data], shape (S, N+1, nx); x_0 is data, or a variable where optimised."""
     start = variables.size + np.arange(graph.scenarios * graph.nx)
     if graph.problem.start is not None:
         start = variables["x0"].index
@@ -95,13 +92,13 @@ def state_index(graph: Graph, variables: Layout) -> np.ndarray:
 
 
 def interval_locals(graph: Graph, variables: Layout) -> tuple[list[ca.SX], list[np.ndarray]]:
-    """Local symbols (x, [u_before], u, x_next, gains) of a stage and their positions (S, N, .)."""
+    """Return local symbols (x, [u_before], u, x_next, gains) of an interval, and their indices (S, N, .)."""
     system = graph.problem.system
     x, S, N, nu = state_index(graph, variables), graph.scenarios, graph.problem.N, graph.nu
     u = np.broadcast_to(variables["u"].index, (S, N, nu))
     symbols, positions = [system.x], [x[:, :-1]]
     if graph.problem.uses_du:
-        # u_{-1} is data, behind the initial states.
+        # u_{-1} is data, after the initial states.
         first = variables.size + S * graph.nx + np.arange(nu)
         symbols.append(graph.u_before)
         positions.append(np.concatenate([np.broadcast_to(first, (S, 1, nu)), u[:, :-1]], axis=1))
@@ -114,7 +111,7 @@ def interval_locals(graph: Graph, variables: Layout) -> tuple[list[ca.SX], list[
 
 
 def policy_constraint(graph: Graph) -> ca.SX:
-    """``u - K x - k``, or nothing for open loop."""
+    """Return ``u - K x - k`` (nu, 1), empty for open loop."""
     system = graph.problem.system
     return system.u - graph.K @ system.x - graph.k if graph.feedback else ca.SX(0, 1)
 
@@ -122,7 +119,7 @@ def policy_constraint(graph: Graph) -> ca.SX:
 def add_rows(
     constraints: Layout, blocks: list[tuple[str, ca.SX, tuple[str, ...]]], S: int, N: int
 ) -> tuple[ca.SX, np.ndarray]:
-    """Name constraint blocks (S, N, size) and return their stack and rows (S N, total)."""
+    """Add constraint blocks (S, N, size); return their stacked expressions and row indices (S N, total)."""
     rows = [
         constraints.add(name, (S, N, expression.numel()), components).index.reshape(S * N, -1)
         for name, expression, components in blocks
@@ -157,7 +154,7 @@ def _interval(graph: Graph, variables: Layout, constraints: Layout, reformulatio
 
 
 def solved_interval(graph: Graph, variables: Layout, constraints: Layout, compiled: Compile | None) -> Stage:
-    """Intervals whose step is solved inside: ``x_next = step(x, u)``, lam and gap no variables."""
+    """Return the interval stage with an internally solved step, ``x_next = step(x, u)``, without variables lam, gap."""
     problem, S, N = graph.problem, graph.scenarios, graph.problem.N
     symbols, positions = interval_locals(graph, variables)
     blocks = [
@@ -173,7 +170,7 @@ def solved_interval(graph: Graph, variables: Layout, constraints: Layout, compil
 
 
 def terminal_stage(graph: Graph, constraints: Layout, w: ca.SX, index: np.ndarray) -> Stage:
-    """Terminal cost and constraints on x_N of every scenario, which is in the locals w at ``index`` (S, nw)."""
+    """Return the stage of terminal cost and constraints on x_N of all scenarios; ``index`` (S, nw) locates ``w``."""
     problem, S = graph.problem, graph.scenarios
     blocks = [("terminal", graph.terminal_constraints(), constraint_names(problem.terminal))]
     expression, rows = add_rows(constraints, blocks, S, 1)
@@ -181,7 +178,7 @@ def terminal_stage(graph: Graph, constraints: Layout, w: ca.SX, index: np.ndarra
 
 
 def periodicity(graph: Graph, variables: Layout, constraints: Layout) -> list[Stage]:
-    """``x_N[i] - x_0[i]`` of the states that end as they began; nothing where none do."""
+    """Return the stage of constraints ``x_N[i] - x_0[i] = 0`` on periodic states; empty without any."""
     start = graph.problem.start
     if start is None or not start.periodic:
         return []
@@ -195,7 +192,7 @@ def periodicity(graph: Graph, variables: Layout, constraints: Layout) -> list[St
 
 
 def gain_penalty(graph: Graph, variables: Layout) -> list[Stage]:
-    """``penalty |K_t|²`` characteristic costs per step; nothing for open loop or a zero penalty."""
+    """Return the stage of cost ``penalty |K_t|²``, in characteristic costs; empty for open loop or no penalty."""
     if not isinstance(graph.policy, Feedback) or graph.policy.penalty == 0:
         return []
     index = variables["K"].index.reshape(graph.gain_steps, -1)
@@ -208,17 +205,16 @@ def gain_penalty(graph: Graph, variables: Layout) -> list[Stage]:
 
 @dataclass(frozen=True)
 class MultipleShooting:
-    """``x_{k+1} = step(x_k, u_k)`` as constraints, the step solved by the path solver.
+    """Multiple shooting: ``x_{k+1} = step(x_k, u_k)`` are constraints, and each step is solved internally.
 
-    Derivatives of the step, first and second, come from the implicit function theorem at its
-    solution.
+    First and second derivatives of the step come from the implicit function theorem at its solution.
     """
 
     name: ClassVar[str] = "multiple-shooting"
     summary: ClassVar[str] = "states and inputs are variables, contact is solved inside each step"
 
     def transcribe(self, graph: Graph, reformulation: str = "product", compiled: Compile | None = None) -> NLP:
-        """Build the NLP; ``reformulation`` is ignored, since the step closes the contact itself."""
+        """Build the NLP; ``reformulation`` is ignored, since each step solves its contact."""
         variables, constraints = trajectory_variables(graph, pairs=False), Layout()
         interval = solved_interval(graph, variables, constraints, compiled)
         contacts = _contacts(graph, interval, variables.size, graph.data().size)
@@ -226,7 +222,7 @@ class MultipleShooting:
 
 
 def _contacts(graph: Graph, stage: Stage, n: int, n_data: int) -> ca.Function:
-    """Map ``(x, p)`` of the NLP to lam and gap of all steps, each (n, S N)."""
+    """Return a function from ``(x, p)`` of the NLP to lam and gap of all steps, each (n, S N)."""
     step, n_p = graph.step, graph.p.numel()
     picked = graph.picked(stage.w, graph.problem.system.u)
     x, full = ca.MX.sym("x", n), ca.MX.sym("p", n_p + n_data)

@@ -1,4 +1,4 @@
-"""Unknowns that a stage's variables determine, and derivatives through them."""
+"""Unknowns of a stage that its variables determine, and derivatives through them."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ Compile = Callable[[ca.Function], ca.Function]
 
 
 class Hidden(ABC):
-    """Unknowns ``inner`` (n,) that the locals w of a stage determine.
+    """Unknowns ``inner`` (n,) that the local variables w of a stage determine.
 
-    ``symbols`` are what the stage's functions take for them: ``inner``, and whatever values their
-    derivatives need besides. :attr:`solve` gives their values, ``(w, p) -> symbols``.
+    ``symbols`` are the arguments of the stage's functions for them: ``inner``, and further values
+    that derivatives need. :attr:`solve` computes their values, ``(w, p) -> symbols``.
     """
 
     inner: ca.SX
@@ -27,36 +27,36 @@ class Hidden(ABC):
     solve: ca.Function
 
     def values(self, w: ca.MX, p: ca.MX, copies: int) -> ca.MX:
-        """Values of ``symbols`` for the locals (nw, copies), (n, copies)."""
+        """Return values (n, copies) of ``symbols`` at the local variables ``w`` (nw, copies)."""
         return self.solve.map("solve_map", "serial", copies, [1], [])(w, p)
 
     @abstractmethod
     def sensitivity(self, w: ca.SX) -> ca.SX:
-        """``d inner / dw`` (n, nw)."""
+        """Return ``d inner / dw`` (n, nw)."""
 
     @abstractmethod
     def curved(self, lagrangian: ca.SX, w: ca.SX) -> ca.SX:
-        """Second total derivative (nw, nw) of ``lagrangian``, an expression in w and ``inner``."""
+        """Return the second total derivative (nw, nw) of ``lagrangian``, an expression in w and ``inner``."""
 
     def settled(self, outputs: list[ca.SX]) -> list[ca.SX]:
-        """Outputs of a stage's function, once differentiated."""
+        """Return the outputs of a stage's function after differentiation, held symbols replaced by their values."""
         return outputs
 
     @property
     def curvatures(self) -> ca.SX:
-        """Symbols of second derivatives that come from outside, none by default."""
+        """Symbols of second derivatives that are evaluated numerically, empty by default."""
         return ca.SX(0, 1)
 
     def curvature_values(self, slope: ca.Function, arguments: list[ca.MX], copies: int) -> list[ca.MX]:
-        """Values of ``curvatures`` (., copies), ``slope`` being ``dL/d inner`` of the arguments."""
+        """Return values of ``curvatures`` (., copies); ``slope`` maps ``arguments`` to ``dL/d inner``."""
         return []
 
 
 @dataclass(eq=False)
 class Implicit(Hidden):
-    """Unknowns that solve ``relation(inner, w, p) = 0``; ``held`` is a symbol in it, and its value.
+    """Unknowns that solve ``relation(inner, w, p) = 0``; ``held`` is a symbol in it and its value, or None.
 
-    All derivatives come from the implicit function theorem, the held symbol taken as a constant.
+    All derivatives come from the implicit function theorem, with the held symbol as a constant.
     """
 
     inner: ca.SX
@@ -69,11 +69,11 @@ class Implicit(Hidden):
         self.symbols = self.inner
 
     def sensitivity(self, w: ca.SX) -> ca.SX:
-        """``-(dR/d inner)^-1 dR/dw``."""
+        """Return ``-(dR/d inner)^-1 dR/dw`` (n, nw), R the relation."""
         return -solve_without_pivoting(self.relation_jacobian, ca.jacobian(self.relation, w))
 
     def curved(self, lagrangian: ca.SX, w: ca.SX) -> ca.SX:
-        """With ``R_y' a = -dL/dy``: ``[I; Y]' grad²(L + a' R) [I; Y]``, Y the sensitivity."""
+        """Return ``[I; Y]' grad²(L + a' R) [I; Y]``, Y the sensitivity and ``R_y' a = -dL/dy``, y = ``inner``."""
         slope = ca.gradient(lagrangian, self.inner)
         solved = -solve_without_pivoting(self.relation_jacobian.T, ca.densify(slope))
         adjoint = ca.SX.sym("adjoint", self.inner.numel())
@@ -84,7 +84,7 @@ class Implicit(Hidden):
         return basis.T @ curved @ basis
 
     def settled(self, outputs: list[ca.SX]) -> list[ca.SX]:
-        """With the held symbol's value put in."""
+        """Return the outputs with the held symbol replaced by its value."""
         return outputs if self.held is None else ca.substitute(outputs, *([s] for s in self.held))
 
 
@@ -93,7 +93,7 @@ class ModelOutputs(Hidden):
     """Outputs of a learned step's model at ``queries``, which are expressions in w and p.
 
     The model's Jacobians are evaluated with its values, its second derivatives contracted with the
-    Lagrangian's slope.
+    gradient of the Lagrangian.
     """
 
     step: LearnedStep
@@ -113,7 +113,7 @@ class ModelOutputs(Hidden):
         return ca.reshape(query_values, self.map.n_in, -1)
 
     def values(self, w: ca.MX, p: ca.MX, copies: int) -> ca.MX:
-        """Values of all copies, evaluated together."""
+        """Return values of ``symbols`` for all copies, evaluated in one batch."""
         y, slopes = self.map.slopes(len(self.curvature_symbols) * copies)(self._queries(w, p, copies))
         return ca.vertcat(ca.reshape(y, -1, copies), ca.reshape(slopes, -1, copies))
 
@@ -122,15 +122,15 @@ class ModelOutputs(Hidden):
         return ca.vertsplit(ca.jacobian(self.queries, self.w), self.map.n_in)
 
     def sensitivity(self, w: ca.SX) -> ca.SX:
-        """``g'(z_b) dz_b/dw``, branch after branch."""
+        """Return ``g'(z_b) dz_b/dw`` of all branches b, stacked."""
         branch_slopes = zip(self.step.slopes, self._by_w, strict=True)
         return ca.vertcat(*(slope @ by_w for slope, by_w in branch_slopes))
 
     def curved(self, lagrangian: ca.SX, w: ca.SX) -> ca.SX:
-        """``[I; Y]' grad² L [I; Y] + sum_b (dz_b/dw)' H_b dz_b/dw + grad²(a' z)``.
+        """Return ``[I; Y]' grad² L [I; Y] + sum_b (dz_b/dw)' H_b dz_b/dw + grad²(a' z)``.
 
-        H_b is the map's second derivative under dL/dinner, and ``a = g'' dL/dinner``, held, takes
-        care of queries that are no affine functions of w.
+        H_b is the model's second derivative contracted with dL/dinner. a is dL/dinner times the
+        model's Jacobian, held constant: the last term is that of queries z not affine in w.
         """
         basis = ca.vertcat(ca.SX.eye(w.numel()), self.sensitivity(w))
         total = basis.T @ ca.hessian(lagrangian, ca.vertcat(w, self.inner))[0] @ basis
@@ -142,11 +142,11 @@ class ModelOutputs(Hidden):
 
     @property
     def curvatures(self) -> ca.SX:
-        """Entries of the H_b."""
+        """Symbols of the entries of all H_b, see :meth:`curved`."""
         return ca.vertcat(*(ca.vec(bend) for bend in self.curvature_symbols))
 
     def curvature_values(self, slope: ca.Function, arguments: list[ca.MX], copies: int) -> list[ca.MX]:
-        """The H_b of all copies, evaluated together."""
+        """Return values of the H_b of all copies, evaluated in one batch, see :meth:`curved`."""
         weights = slope.map("weights", "serial", copies, [1], [])(*arguments)
         queries = self._queries(arguments[0], arguments[1], copies)
         bends = self.map.curvature_function(queries.shape[1])

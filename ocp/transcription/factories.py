@@ -1,4 +1,4 @@
-"""Make laws, methods and policies from names and settings; errors list the valid names."""
+"""Make contact laws and policies from names and settings; errors list the valid names."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 DEFAULT_LAW = "exact"
-"""The law of plans where none is chosen: docs/theory/laws.md compares it with the barrier."""
+"""Contact law of a solve where none is chosen; docs/theory/laws.md compares it with the barrier law."""
 
 
 def contact_law(contact: ContactLaw | str, values: Mapping[str, Any]) -> ContactLaw:
-    """Make the law called ``contact`` from its settings; ``base.<k>`` go to the base law.
+    """Make the contact law called ``contact`` from its settings; ``base.<k>`` are those of its base law.
 
-    ``contact`` may also be a file that defines a law (:func:`law_class`). A law that is made
-    already is taken as it is, and takes no settings.
+    ``contact`` may also be the path of a file that defines a law (:func:`law_class`). A law object is
+    returned unchanged, and takes no settings.
     """
     if isinstance(contact, ContactLaw):
         _refuse(values, f"the law is made already; give it to {type(contact).__name__}(...)")
@@ -48,7 +48,7 @@ def contact_law(contact: ContactLaw | str, values: Mapping[str, Any]) -> Contact
 
 
 def law_class(contact: str, kind: str = "contact law") -> type[ContactLaw]:
-    """Return the law called ``contact``, or that of a user's file (``*.py``).
+    """Return the class of the contact law called ``contact``, or of the law in a user's file (``*.py``).
 
     Raises :class:`~ocp.errors.InputError` for an unknown name, and as
     :func:`problems.registry.load_law` does.
@@ -66,7 +66,7 @@ def law_class(contact: str, kind: str = "contact law") -> type[ContactLaw]:
 
 
 def law_name(contact: ContactLaw | str) -> str:
-    """Return what :func:`law_class` finds the law by: its name, or the file that defines it."""
+    """Return the name of a contact law, or the path of the file that defines it, as :func:`law_class` takes it."""
     from dynamics.laws import LAWS
 
     if isinstance(contact, str):
@@ -78,27 +78,27 @@ def law_name(contact: ContactLaw | str) -> str:
 
 
 def law_record(law: ContactLaw) -> dict[str, Any]:
-    """Return what a run stores of its law; for one of a user's file also where it is from."""
+    """Return the entries that a run stores about its contact law, with path and digest of a user's file."""
     origin = {"contact_source": law.source, "contact_digest": law.source_digest}
     return {"contact": law.name, "contact_settings": law.settings(), **(origin if law.source else {})}
 
 
 def law_digest(contact: ContactLaw | str) -> str | None:
-    """Digest of the file that defines a law; None for a law of the workbench, or made in Python."""
+    """Return the digest of the file that defines a law; None for a built-in law, or one made in Python."""
     if isinstance(contact, str) and not contact.endswith(".py"):
         return None
     return (law_class(contact) if isinstance(contact, str) else contact).source_digest
 
 
 def law_settings(contact: ContactLaw | str) -> tuple[str, ...]:
-    """Names of the settings that a law takes when it is chosen by name; none if made already."""
+    """Return the names of the settings of a law given by name; empty for a law object."""
     if isinstance(contact, ContactLaw):
         return ()
     return tuple(settings_of(law_class(contact)))
 
 
 def laws_with(setting: str) -> str:
-    """The part of a sentence that names the laws which take ``setting``; "" where none does."""
+    """Return the end of an error message that names the laws with this ``setting``; empty where none has it."""
     from dynamics.laws import LAWS
 
     names = [name for name, law in LAWS.items() if setting in settings_of(law)]
@@ -106,7 +106,7 @@ def laws_with(setting: str) -> str:
 
 
 def make_law(contact: ContactLaw | str, values: Mapping[str, Any], system: ContactSystem) -> ContactLaw:
-    """Make a law that can close ``system``; raises InputError where it cannot."""
+    """Make a contact law for ``system``; raise InputError where the law does not suit the system."""
     from dynamics.laws import LAWS
 
     law = contact_law(contact, values)
@@ -118,7 +118,7 @@ def make_law(contact: ContactLaw | str, values: Mapping[str, Any], system: Conta
 
 
 def _check_target(law: ContactLaw, system: ContactSystem, p: ParameterTable) -> None:
-    """Raise ValueError unless a user's law has one mu for each pair that decides."""
+    """Raise ValueError unless a user's law returns one mu for each pair in ``system.deciding_pairs``."""
     n = len(set(system.deciding_pairs))
     mu = ca.SX(law.target(system, ca.SX.sym("z", n), ca.SX.sym("F", n, n), p))
     if mu.shape != (n, 1):
@@ -128,7 +128,7 @@ def _check_target(law: ContactLaw, system: ContactSystem, p: ParameterTable) -> 
 
 
 def policy_of(policy: Policy | str, values: Mapping[str, Any]) -> Policy:
-    """Make the policy called ``policy`` from its settings, or take it as it is, without any."""
+    """Make the policy called ``policy`` from its settings; a policy object is returned, and takes none."""
     if isinstance(policy, str):
         return _construct("policy", policy, choose("policy", policy, POLICIES), values)
     _refuse(values, f"the policy is made already; give it to {type(policy).__name__}(...)")

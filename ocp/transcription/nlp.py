@@ -1,4 +1,4 @@
-"""A nonlinear program with named blocks, and the way back from its vectors to trajectories."""
+"""A nonlinear program with named blocks, and the conversion of its vectors to trajectories."""
 
 from __future__ import annotations
 
@@ -27,20 +27,20 @@ if TYPE_CHECKING:
 
 
 _SLIP = 1e3
-"""Largest slip in a step, in characteristic distances."""
+"""Maximum slip in a step, in characteristic distances."""
 
 
 @dataclass(eq=False)
 class NLP(Program):
-    """The program of a transcribed problem, with the way back to trajectories.
+    """The nonlinear program of a transcribed optimal control problem.
 
-    The parameter vector p is ``values`` (problem and law parameters by name, then ``penalty`` and
-    ``relaxation``, those of the strategies for exact complementarity) followed by ``data`` (the
-    initial states of all scenarios and the input before the first).
+    The parameter vector p is the parameters called ``names`` (of problem and law, then ``penalty`` and
+    ``relaxation`` of the strategies for exact complementarity) followed by ``data`` (the initial states
+    of all scenarios and the input before the first).
 
-    ``trajectories`` maps (x, p) to states, inputs, lam and gap where states are no variables,
-    ``contacts`` to lam and gap where these have none. ``windows`` are narrower bounds, lower and upper, of blocks of
-    variables.
+    ``trajectories`` maps (x, p) to states, inputs, lam and gap where states are not variables,
+    ``contacts`` to lam and gap where these are not. ``windows`` maps blocks of variables to narrower
+    bounds, lower and upper.
     """
 
     problem: Problem
@@ -66,7 +66,7 @@ class NLP(Program):
     def of(
         cls, graph: Graph, method: str, variables: Layout, constraints: Layout, functions: Functions, **fields: Any
     ) -> NLP:
-        """Make the program of a graph that a method turned into functions of variables."""
+        """Make the program of a transcribed graph from its layouts and functions."""
         parts = (graph.problem, graph.step, graph.policy, method, variables, constraints, graph.names, graph.data())
         return cls(*parts, *functions, **fields)
 
@@ -76,27 +76,27 @@ class NLP(Program):
         return self.problem.name
 
     def parameter_vector(self, values: dict[str, float]) -> np.ndarray:
-        """Put parameter values, by name, and the initial data they imply into the vector p."""
+        """Return the vector p of the parameters ``values`` and the initial data that follow from them."""
         evaluation = Evaluation(self.problem, values)
         start = {"x0": evaluation.initial_states, "u_before": evaluation.limits.u_before}
         return np.concatenate([[values[name] for name in self.names], self.data.pack(start)])
 
     def constant(self, p: np.ndarray) -> float:
-        """The problem's constant cost, see :attr:`~ocp.problem.evaluation.Evaluation.constant_cost`."""
+        """Return the problem's constant cost, see :attr:`~ocp.problem.evaluation.Evaluation.constant_cost`."""
         return Evaluation(self.problem, dict(zip(self.names, p, strict=False))).constant_cost
 
     def products(self, x: np.ndarray, p: np.ndarray) -> np.ndarray:
-        """``lam gap`` of every contact and step, flat; shooting methods solve the contacts."""
+        """Return ``lam gap`` of every contact and step, flat; in shooting from the solved contacts."""
         if self.contacts is None:
             return super().products(x, p)
         lam, gap = (np.array(v).ravel() for v in self.contacts(x, p))
         return lam * gap
 
     def bounds(self, values: dict[str, float]) -> dict[str, np.ndarray]:
-        """Bounds ``lbx ubx lbg ubg`` at the given parameter values."""
+        """Return the bounds ``lbx ubx lbg ubg`` at the given parameter values."""
         problem, evaluation = self.problem, Evaluation(self.problem, values)
         _, _, u_lower, u_upper, x_lower, x_upper = evaluation.limits
-        # Without a normal force nothing else holds the slip of a contact.
+        # Without a normal force nothing else bounds the slip of a contact.
         slip_limits = {"slip": _SLIP * problem.scales.gap}
         lam_upper = [slip_limits.get(pair.kind, np.inf) for pair in problem.system.pairs] * self.step.branches
         block_bounds = {
@@ -118,10 +118,10 @@ class NLP(Program):
         return {"lbx": self.variables.pack(lower), "ubx": self.variables.pack(upper), "lbg": g_lower, "ubg": g_upper}
 
     def sizes(self, x: np.ndarray) -> np.ndarray:
-        """Characteristic size of every variable, in its unit, from the problem's scaling.
+        """Return the characteristic size (n,) of every variable, in its unit, from the problem's scaling.
 
-        States and inputs have theirs; an impulse or a gap its own, the two exchanged for a slip
-        pair, whose multiplier is a way and whose gap an impulse; gains are inputs over states.
+        Multipliers have the size of an impulse and gaps that of a distance, exchanged for slip pairs,
+        whose multiplier is a distance and whose gap an impulse. Gains are inputs over states.
         """
         sizes = self.problem.natural_scales
         slips = self._slips
@@ -130,24 +130,24 @@ class NLP(Program):
         return self._pack_sizes(sizes, impulse, gap) * self.natural.x
 
     def _pack_sizes(self, sizes: Scales, lam: np.ndarray, gap: np.ndarray) -> np.ndarray:
-        """Sizes of all variables (n,), from those of states, inputs and pairs."""
+        """Return sizes of all variables (n,) from those of states, inputs, multipliers and gaps."""
         x, u = sizes.x, sizes.u
         blocks = {"x": x, "x0": x, "u": u, "k": u, "K": u[:, None] / x, "lam": lam, "gap": gap}
         return self.variables.pack({name: blocks[name] for name in self.variables.blocks})
 
     @property
     def _slips(self) -> np.ndarray:
-        """Mask (n,) of the pairs whose multiplier is a way and whose gap is an impulse."""
+        """Mask (n,) of the pairs whose multiplier is a distance and whose gap is an impulse."""
         return np.array([p.kind == "slip" for p in self.problem.system.pairs] * self.step.branches)
 
     @cached_property
     def scale(self) -> Scale | None:
-        """Units in which a solver sees variables, constraints and cost; None for all in SI.
+        """Units of variables, constraints and cost for a solver; None where all are 1.
 
-        Variables have their :attr:`~ocp.problem.problem.Problem.natural` units, rows in SI the power of two
-        beside what they change by (:func:`~ocp.programs.units.row_units`), in other units what
-        :func:`~ocp.programs.units.measured` tells. By shooting, whose contacts are solved on the
-        way and whose rows may be steep, rows are only made larger, and none in other units than SI.
+        Variables have their :attr:`~ocp.problem.problem.Problem.natural` units. Where these are SI, the unit
+        of a row is the power of two nearest to its change (:func:`~ocp.programs.units.row_units`),
+        elsewhere it is measured (:func:`~ocp.programs.units.measured`). In shooting, whose rows may be
+        steep, the unit of a row is at most 1, and outside SI only the cost is scaled.
         """
         import scipy.sparse as sp
 
@@ -175,7 +175,7 @@ class NLP(Program):
         return replace(measured_scale, f=measured_scale.f * cost)
 
     def _variable_units(self) -> np.ndarray:
-        """Units of the variables (n,), as far as they are known without the constraints."""
+        """Return units of the variables (n,); outside SI gaps have 1, since theirs are measured with the rows."""
         problem = self.problem
         natural, units = problem.natural, problem.scaling.units
         if units.plain:
@@ -188,8 +188,10 @@ class NLP(Program):
         return self._pack_sizes(natural, lam, gap)
 
     def active_sets(self, x: np.ndarray) -> list[np.ndarray]:
-        """By the sizes of both members and, where slip makes that another set, as if all were
-        impulses and gaps: friction that hardly slides is cut off by neither alone.
+        """Return guesses (m,) of the pairs with gap zero: those whose multiplier is larger, relative to sizes.
+
+        Where slip pairs make a difference, the first guess compares all pairs as impulses and gaps:
+        neither guess alone is right for friction that hardly slides.
         """
         by_sizes, sizes = super().active_sets(x), self.problem.natural_scales
         first, second = (x / self.natural.x)[self.pairs]
@@ -198,7 +200,7 @@ class NLP(Program):
 
     @property
     def chains(self) -> np.ndarray:
-        """The pairs (m,) of every scenario and contact over all steps, (scenarios contacts, N)."""
+        """Indices of the pairs of each scenario and contact over all steps, (scenarios * contacts, N)."""
         if not self.pairs.size:
             return super().chains
         scenarios, steps, contacts = self.variables["lam"].shape
@@ -206,7 +208,7 @@ class NLP(Program):
         return order.transpose(0, 2, 1).reshape(-1, steps)
 
     def pair_name(self, index: int) -> PairName:
-        """Contact, scenario and step of a pair; branches of an averaged law carry their number."""
+        """Return kind, contact (``<contact>#<branch>`` for an averaged law), scenario and step of a pair."""
         _, (scenario, step, i) = self.variables.locate(int(self.pairs[0, index]))
         kinds = self.problem.system.pairs
         return PairName(kinds[i % len(kinds)].kind, self.step.contacts[i].name, scenario, step)
@@ -227,11 +229,11 @@ class NLP(Program):
 
 
 class StageCompiler:
-    """Maps a function to the same one, evaluated by compiled C.
+    """Compiler of CasADi functions to C.
 
-    Objects are kept in the user's cache directory by source, compiler and flags, so a second solve
-    compiles nothing. Where there is no compiler, or it fails, functions are given back as they
-    are, and ``outcome`` has the reason.
+    Objects are cached in the user's cache directory by source, compiler and flags, so that a second
+    solve compiles nothing. Without a compiler, or where it fails, functions are returned unchanged,
+    and ``outcome`` states the reason.
     """
 
     def __init__(self) -> None:
@@ -252,13 +254,13 @@ class StageCompiler:
 
     @property
     def outcome(self) -> str:
-        """``compiled``, or why functions are interpreted instead."""
+        """``compiled``, or the reason why functions are interpreted."""
         return f"{self._reason}; functions are interpreted" if self._reason else "compiled"
 
 
 @dataclass(frozen=True)
 class Trajectories:
-    """Planned trajectories of all scenarios; lam, gap, mu (S, N, n) over all branches."""
+    """Planned trajectories of all scenarios: x (S, N+1, nx), u (S, N, nu); lam, gap, mu (S, N, n) over all branches."""
 
     x: np.ndarray
     u: np.ndarray
@@ -270,7 +272,7 @@ class Trajectories:
 
 
 def trajectories(nlp: NLP, result: Result, p: np.ndarray) -> Trajectories:
-    """Read the trajectories out of an NLP's variables and recompute gap, mu and residual."""
+    """Return the trajectories in an NLP's variables, with recomputed gap, mu and residual."""
     blocks = nlp.variables.unpack(result.point.x)
     problem, step = nlp.problem, nlp.step
     values = step.p.pack(dict(zip(nlp.names, p, strict=False)))

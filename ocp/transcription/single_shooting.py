@@ -1,9 +1,9 @@
-"""Single shooting: inputs (or gains) alone are variables, states follow by rolling out.
+"""Single shooting: only inputs (or gains) are variables, states follow from a rollout.
 
-The stage is the one of multiple shooting, differentiated once; here its states are condensed:
-with ``M_k = d xi_k / d theta`` the sensitivities of the rollout, nu the adjoints of the Lagrangian
-and ``H_k`` the stage's Hessian under them, the exact Hessian is ``sum_k Y_k' H_k Y_k``,
-``Y_k = [M_k; E_k]``, E_k picking the step's own inputs or gains from theta.
+The stage is that of multiple shooting, differentiated once, with its states condensed: with
+``M_k = d xi_k / d theta`` the sensitivities of the rollout and ``H_k`` the stage's Hessian of the
+Lagrangian, adjoints included, the exact Hessian is ``sum_k Y_k' H_k Y_k``, ``Y_k = [M_k; E_k]``,
+where E_k selects the inputs or gains of step k from theta.
 """
 
 from __future__ import annotations
@@ -27,15 +27,15 @@ from ocp.transcription.stage import Stage
 
 @dataclass(frozen=True)
 class SingleShooting:
-    """``theta`` = inputs or gains; ``xi_{k+1} = (step(x_k, u_k), u_k)`` rolled out from x_0."""
+    """Single shooting over ``theta``, inputs or gains: ``xi_{k+1} = (step(x_k, u_k), u_k)`` from x_0."""
 
     name: ClassVar[str] = "single-shooting"
     summary: ClassVar[str] = "only inputs or gains are variables, states follow"
 
     def transcribe(self, graph: Graph, reformulation: str = "product", compiled: Compile | None = None) -> NLP:
-        """Build the NLP; ``reformulation`` is ignored, since the step closes the contact itself.
+        """Build the NLP; ``reformulation`` is ignored, since each step solves its contact.
 
-        Raises :class:`~ocp.errors.InputError` where the start is chosen.
+        Raises :class:`~ocp.errors.InputError` where the initial state is optimised.
         """
         problem = graph.problem
         if problem.start is not None:
@@ -57,7 +57,7 @@ class SingleShooting:
 
 
 class _Condensed:
-    """Builds the condensed functions of one problem."""
+    """Builder of the condensed functions of one problem."""
 
     def __init__(self, graph: Graph, variables: Layout, constraints: Layout, compiled: Compile | None) -> None:
         self.graph, self.variables, self.constraints = graph, variables, constraints
@@ -69,7 +69,7 @@ class _Condensed:
         index = np.zeros((self.S, self.xi.numel()), dtype=int)
         self.terminal = terminal_stage(graph, constraints, self.xi, index)
         self.end_rows = self.terminal.rows
-        # The places of all rows of g, the stages' and the ends', in the order in which they are computed.
+        # Order that moves all rows, computed for stages and then for ends, to their places in g.
         self.places = np.argsort(np.concatenate([self.rows.ravel(), self.end_rows.ravel()])).tolist()
 
     def _stage_expressions(self) -> None:
@@ -112,7 +112,7 @@ class _Condensed:
         self.gap = ca.Function("gap", [w, graph.p, hidden.symbols], [gap, u])
 
     def _rollout(self, theta: ca.MX, p: ca.MX, data: ca.MX) -> tuple[ca.MX, ca.MX, ca.MX]:
-        """States xi of all scenarios (nxi, S (N+1)), locals w (nw, S N), solved inner unknowns."""
+        """Return states xi (nxi, S (N+1)), local variables w (nw, S N) and solved unknowns of all scenarios."""
         stage, graph = self.stage, self.graph
         w, q = ca.MX.sym("w", stage.w.numel()), ca.MX.sym("p", graph.p.numel())
         values = self.make(stage.values())
@@ -137,7 +137,7 @@ class _Condensed:
         return ca.horzcat(*states), ca.horzcat(*ws), ca.horzcat(*lams)
 
     def functions(self) -> tuple[Functions, ca.Function]:
-        """The program's functions, and ``trajectories``."""
+        """Return the functions of the program, and ``trajectories`` of the :class:`~ocp.transcription.nlp.NLP`."""
         graph, n = self.graph, self.variables.size
         theta, full = ca.MX.sym("x", n), ca.MX.sym("p", graph.p.numel() + graph.data().size)
         p, data = full[: graph.p.numel()], full[graph.p.numel() :]
@@ -178,7 +178,7 @@ class _Condensed:
         return weight * ca.sumsqr(theta[self.variables["K"].index.ravel().tolist()])
 
     def _first(self, theta: ca.MX, p: ca.MX, end: ca.MX, w: ca.MX, lam: ca.MX) -> dict[str, ca.MX]:
-        """Stage Jacobians, sensitivities M of all states, gradient and constraint Jacobian."""
+        """Return a dict of stage Jacobians, sensitivities Y of all stages, gradient and constraint Jacobian."""
         nxi, nw, n = self.xi.numel(), self.stage.w.numel(), self.variables.size
         function, pattern = self.stage.first()
         mapped = self.make(function).map("first_map", "serial", self.N * self.S, [1], [])
@@ -250,7 +250,7 @@ class _Condensed:
         return ca.triu(hessian)
 
     def _adjoints(self, lam_f: ca.MX, multipliers: ca.MX, multipliers_end: ca.MX, first: dict) -> ca.MX:
-        """Adjoints of ``lam_f f + lam_g' g`` with respect to xi_1..xi_N, (nxi, S N)."""
+        """Return the adjoints of ``lam_f f + lam_g' g`` with respect to xi_1..xi_N, (nxi, S N)."""
         nxi, columns = self.xi.numel(), []
         for s in range(self.S):
             nu = lam_f * first["slope_end"][:, s] + first["J_end"][s].T @ multipliers_end[:, s]
@@ -266,5 +266,5 @@ class _Condensed:
 
 
 def _is_finite(*bounds: ca.SX | float) -> bool:
-    """Whether any bound is not infinite; no constraint is made of others."""
+    """Whether any bound may be finite; infinite bounds need no constraint."""
     return any(not ca.SX(v).is_constant() or np.isfinite(np.array(ca.DM(ca.SX(v)))).any() for v in bounds)

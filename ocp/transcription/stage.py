@@ -1,7 +1,7 @@
 """One stage differentiated once, mapped over all stages and scattered into a sparse NLP.
 
-A :class:`Stage` is a cost and constraints in a few local variables; :func:`assemble` gathers the
-locals of every copy from the decision vector, maps the stage's derivatives over the copies, and
+A :class:`Stage` is a cost and constraints in a few local variables; :func:`assemble` gathers these
+for every copy from the decision vector, maps the stage's derivatives over the copies, and
 scatters them into gradient, Jacobian and Hessian. Set-up cost is that of one stage.
 """
 
@@ -18,11 +18,11 @@ from ocp.transcription.eliminated import Compile, Hidden
 
 @dataclass(eq=False)
 class Stage:
-    """``copies`` of a cost (1,) and constraints (nc,) in local variables ``w`` (nw,).
+    """A cost (1,) and constraints (nc,) in local variables ``w`` (nw,), used in a number of ``copies``.
 
-    ``index`` (copies, nw) gives the place of each copy's locals in ``[x; data]``; ``weight`` scales
-    the cost. ``hidden`` are unknowns that w determines, or nothing; all derivatives go through
-    them. ``rows`` (copies, nc) gives the place of the constraints in g.
+    ``index`` (copies, nw) are the indices of each copy's local variables in ``[x; data]``, ``rows``
+    (copies, nc) those of its constraints in g; ``weight`` scales the cost. ``hidden`` are unknowns
+    that w determines, or None; all derivatives are total ones, through them.
     """
 
     name: str
@@ -42,38 +42,39 @@ class Stage:
         self.arguments = [self.w, self.p, self.hidden.symbols if self.hidden else ca.SX(0, 1)]
 
     def values(self) -> ca.Function:
-        """``(w, p, hidden) -> (cost, constraints)``."""
+        """Return the function ``(w, p, hidden) -> (cost, constraints)``."""
         return self._function("values", self.arguments, [self.cost, self.constraints])
 
     def first(self) -> tuple[ca.Function, ca.Sparsity]:
-        """``(w, p, hidden) -> (cost, constraints, gradient, Jacobian nonzeros)``, its pattern."""
+        """Return ``(w, p, hidden) -> (cost, constraints, gradient, Jacobian nonzeros)`` and the Jacobian's pattern."""
         gradient = self._total(self.cost).T
         jacobian = self._total(self.constraints)
         outputs = [self.cost, self.constraints, ca.densify(gradient), _nonzeros(jacobian)]
         return self._function("first", self.arguments, outputs), jacobian.sparsity()
 
     def cost_value(self) -> ca.Function:
-        """``(w, p, hidden) -> cost``."""
+        """Return the function ``(w, p, hidden) -> cost``."""
         return self._function("cost", self.arguments, [self.cost])
 
     def constraint_values(self) -> ca.Function:
-        """``(w, p, hidden) -> constraints``."""
+        """Return the function ``(w, p, hidden) -> constraints``."""
         return self._function("constraints", self.arguments, [self.constraints])
 
     def cost_slope(self) -> ca.Function:
-        """``(w, p, hidden) -> (cost, gradient)``."""
+        """Return the function ``(w, p, hidden) -> (cost, gradient)``."""
         gradient = ca.densify(self._total(self.cost).T)
         return self._function("slope", self.arguments, [self.cost, gradient])
 
     def constraint_slopes(self) -> tuple[ca.Function, ca.Sparsity]:
-        """``(w, p, hidden) -> (constraints, Jacobian nonzeros)`` and the Jacobian's pattern."""
+        """Return the function ``(w, p, hidden) -> (constraints, Jacobian nonzeros)`` and the Jacobian's pattern."""
         jacobian = self._total(self.constraints)
         outputs = [self.constraints, _nonzeros(jacobian)]
         return self._function("slopes", self.arguments, outputs), jacobian.sparsity()
 
     def second(self) -> tuple[ca.Function, ca.Sparsity]:
-        """``(w, p, hidden, s, m, curvatures) -> nonzeros`` of the upper Hessian of ``s cost +
-        m' c``, and its pattern; curvatures only where ``hidden`` has them.
+        """Return the function ``(w, p, hidden, s, m, curvatures) -> Hessian nonzeros`` and the Hessian's pattern.
+
+        It is the upper triangle for ``s cost + m' c``; ``curvatures`` only where ``hidden`` has them.
         """
         lagrangian, s, m = self._lagrangian()
         arguments = [*self.arguments, s, m]
@@ -86,7 +87,7 @@ class Stage:
         return self._function("second", arguments, [_nonzeros(hessian)]), hessian.sparsity()
 
     def curvature_values(self, arguments: list[ca.MX], copies: int) -> list[ca.MX]:
-        """Last argument of :meth:`second`, if any, for ``arguments``, those before, of copies."""
+        """Return the last argument of :meth:`second` in a list, empty without one; ``arguments`` are those before."""
         if self.hidden is None or not self.hidden.curvatures.numel():
             return []
         lagrangian, s, m = self._lagrangian()
@@ -116,7 +117,7 @@ def _nonzeros(matrix: ca.SX) -> ca.SX:
 
 
 def _call_copies(stage: Stage, function: ca.Function, source: ca.MX, p: ca.MX, *more: ca.MX) -> list[ca.MX]:
-    """Call a stage's function for all its copies, with the whole [x; data] and p."""
+    """Return the outputs of a stage's function for all its copies, from the whole [x; data] and p."""
     copies, hidden = stage.copies, stage.hidden
     w = ca.reshape(source[stage.index.ravel().tolist()], -1, copies)
     inner = ca.MX(0, copies) if hidden is None else hidden.values(w, p, copies)
@@ -136,7 +137,7 @@ def assemble(stages: list[Stage], n: int, n_data: int, m: int, n_p: int, compile
     def call(stage: Stage, function: ca.Function, *more: ca.MX) -> list[ca.MX]:
         return _call_copies(stage, compiled(function) if compiled else function, source, p, *more)
 
-    # Cost and constraints apart: solvers ask for them one at a time.
+    # Cost and constraints are separate functions, since solvers evaluate one at a time.
     costs = [call(stage, stage.cost_value()) for stage in stages]
     values = [call(stage, stage.constraint_values()) for stage in stages]
     f, g = _sum_costs(costs), _collect(stages, [v[0] for v in values], m)
@@ -167,7 +168,7 @@ def _sum_costs(values: list[list[ca.MX]]) -> ca.MX:
 
 
 def _collect(stages: list[Stage], stage_rows: list[ca.MX], m: int) -> ca.MX:
-    """Put the stages' constraints into their rows of g."""
+    """Return g (m, 1) with the constraints of the stages in their rows."""
     rows = np.concatenate([stage.rows.ravel() for stage in stages])
     order = np.argsort(rows, kind="stable")
     flat = ca.vertcat(ca.MX(0, 1), *(ca.vec(rows_of_stage) for rows_of_stage in stage_rows))
@@ -175,20 +176,20 @@ def _collect(stages: list[Stage], stage_rows: list[ca.MX], m: int) -> ca.MX:
 
 
 def _add_up(target: np.ndarray, size: int, values: ca.MX) -> ca.MX:
-    """Sum ``values`` into a dense vector of ``size`` at ``target``, dropping targets beyond."""
+    """Return a dense vector of ``size`` with ``values`` summed at the indices ``target``, without indices beyond."""
     inside = np.flatnonzero(target < size)
     ones = ca.DM(_by_columns(size, target.size, target[inside], inside), 1.0)
     return ca.densify(ones @ values)
 
 
 def _by_columns(m: int, n: int, row: np.ndarray, column: np.ndarray) -> ca.Sparsity:
-    """Pattern (m, n) of entries that come sorted by column, then row, each once."""
+    """Return the sparsity pattern (m, n) of distinct entries sorted by column, then row."""
     start = np.concatenate([[0], np.cumsum(np.bincount(column, minlength=n))])
     return ca.Sparsity(m, n, start.tolist(), row.tolist())
 
 
 def _placed(*blocks: tuple[np.ndarray, np.ndarray, ca.Sparsity]) -> list[np.ndarray]:
-    """Rows and columns of all copies' entries, from indices of rows, of columns, and patterns."""
+    """Return rows and columns of all copies' entries, from ``(row indices, column indices, pattern)`` of each block."""
     placed = [
         [index[:, entry].ravel() for index, entry in zip(indices, pattern.get_triplet(), strict=True)]
         for *indices, pattern in blocks
