@@ -47,8 +47,8 @@ class HomotopyStage:
     """One stage of a homotopy: reformulation, parameter values, bounds on the contact rows, and options.
 
     ``contact``, the lower and upper bound of contact rows, and a penalty are in natural units of the
-    program. ``options`` are IPOPT's; another solver runs every stage with its own defaults. A ``partial`` stage may end at
-    its iteration limit: the next one starts from there.
+    program. ``options`` are IPOPT's; another solver runs every stage with its own defaults. A ``partial``
+    stage may end at its iteration limit: the next one starts from there.
     """
 
     label: str
@@ -107,7 +107,8 @@ class RouteResult:
     """Outcome of a route: the result and its NLP, the table, and whether it reached its end.
 
     ``nlp`` is the :class:`~ocp.programs.program.Program` in whose variables the result is.
-    ``on_branch`` is the same plan in the complementarity problem's variables, None without one. ``route`` is the name of the route in :mod:`ocp.routes.table`, if it was one.
+    ``on_branch`` is the same plan in the complementarity problem's variables, None without one.
+    ``route`` is the name of the route in :mod:`ocp.routes.table`, if it was one.
     """
 
     result: Result
