@@ -83,7 +83,7 @@ def click_command(name: str, options: type[Options]) -> Any:
 
 
 def _parameter(field: Field[Any], hint: Any) -> Parameter:
-    """Return the typer parameter of an options field; its flag is ``--name`` unless the field declares a long one."""
+    """Return a field of options as a typer parameter; its flag is ``--name`` unless the field declares a long one."""
     metadata, flags = dict(field.metadata), field.metadata["flags"]
     parameter_class = metadata.pop("make")
     del metadata["flags"]
@@ -136,7 +136,7 @@ class StrictCommand(TyperCommand):
         return parser
 
     def _number(self, ctx: Any, name: str, word: Any) -> Any:
-        """Return the value of an option; a number is rewritten as typer's parser of its type expects it."""
+        """Return the word of an option, rewritten as typer's parser expects it if it is a number."""
         hint = self.hints.get(name)
         if hint is None or not isinstance(word, str) or not word.strip():
             return word

@@ -62,7 +62,7 @@ FOLDER = "A folder around the robot's file, out of which nothing is opened."
 class ShowOptions(Options):
     """Show a problem: equations, parameters with units and defaults, citation, golden values.
 
-    A learning task of the same name is shown too. For data and models: origin, ranges, scales, and
+    A learning task of the same name is also shown. For data and models: origin, ranges, scales, and
     the quality of the fit. For a robot: its links, motors and contacts, and the parts of its file
     that are not used.
     """

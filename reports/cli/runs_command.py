@@ -131,7 +131,7 @@ def check_rm(options: RmOptions) -> list[Path]:
 
 
 def run_rm(options: RmOptions, run_paths: list[Path]) -> int:
-    """Delete stored runs, damaged ones too; nothing is deleted unless every name is a run."""
+    """Delete stored runs, damaged ones included; nothing is deleted unless every name is a run."""
     remove_runs(run_paths)
     for path in run_paths:
         options.output.say(f"removed: {path}")

@@ -5,7 +5,7 @@ import sys
 
 from reports.cli import end
 
-# The C module behind signal, whose own import takes 10 ms, in which Ctrl-C would print a traceback.
+# The C module behind signal. Importing signal takes 10 ms, during which Ctrl-C would print a traceback.
 _signal = __import__("_signal")
 
 

@@ -178,10 +178,10 @@ def flatten(values: dict[str, Any]) -> list[list[str]]:
 
 
 def row_figures(name: str, rows: list[Row], columns: int = PANEL_COLUMNS, below: float = 0.34) -> dict[str, Figure]:
-    """Return a figure per row under ``name-01`` and so on, so that pages can break between rows."""
+    """Return a mapping from ``name-01`` and so on to a figure of each row, so that pages can break between rows."""
     return numbered_figures(name, [draw_rows([row], columns, below) for row in rows])
 
 
 def numbered_figures(name: str, figures: Sequence[Figure]) -> dict[str, Figure]:
-    """Return figures under the names ``name-01``, ``name-02`` and so on, in which templates place them."""
+    """Return a mapping from ``name-01``, ``name-02`` and so on to the figures; templates place them in this order."""
     return {f"{name}-{index:02d}": figure for index, figure in enumerate(figures, start=1)}

@@ -233,7 +233,7 @@ _LEAST_ASPECT = 0.2
 _LEAST_FOLLOWED_ASPECT = 0.4
 """Minimum ratio of the shorter to the longer side of a view that follows bodies."""
 _TRAVEL_RATIO = 5.0
-"""Ratio of a motion's length to the size of bodies and to its width above which the camera follows it."""
+"""Ratio of a motion's length to its height and to the bodies' size above which the camera follows it."""
 _FOLLOWED_WINDOW = 2.2
 """Side of a window that follows bodies, as a multiple of their size."""
 

@@ -28,7 +28,7 @@ _WIDE = 30.0
 
 
 def comparison_rows(views: list[RunView]) -> list[list[str]]:
-    """Return the rows of a comparison, each a property and its values in all runs, without a shared request."""
+    """Return rows of a property and its value in each run; parts of the request only if the runs differ in them."""
     request_rows = [
         [key, *(str(view.run.record.get(key, "")) for view in views)]
         for key in ("problem", "contact", "method", "policy", "solver")

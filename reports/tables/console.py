@@ -57,7 +57,7 @@ def table_of(*columns: str, rows: Iterable[Sequence[str]] = (), title: str | Non
     """Return a table with titled columns, right-aligned where the title begins with ``>``."""
     table = Table(box=None, title=title, title_justify="left", pad_edge=False, padding=(0, 2, 0, 0), show_header=header)
     for name in columns:
-        head = Text(name.removeprefix(">"))  # a unit in brackets is no markup
+        head = Text(name.removeprefix(">"))  # brackets around a unit are not markup
         table.add_column(head, justify="right" if name[:1] == ">" else "left")
     for row in rows:
         table.add_row(*row)

@@ -39,7 +39,7 @@ class RunsOptions(StoreOptions):
 
 
 class RmOptions(StoreOptions):
-    """Delete stored runs, damaged ones too; nothing is deleted unless every name is a run."""
+    """Delete stored runs, damaged ones included; nothing is deleted unless every name is a run."""
 
     code: ClassVar = "reports.cli.runs_command:rm"
     examples: ClassVar = ("runs rm @last", "runs rm @2 @3 @4")
