@@ -105,7 +105,7 @@ class Spring:
 
 @dataclass(frozen=True)
 class Mark:
-    """A marked point (x, y), of no size."""
+    """A mark that shows the point (x, y)."""
 
     x: Number
     y: Number

@@ -31,7 +31,7 @@ from problems.user_code import guarded, reason, user_code
 
 
 def import_file(path: Path) -> ModuleType:
-    """Import the module at the absolute ``path``, again at each call.
+    """Import the module at the absolute ``path``, even if it was imported before.
 
     The file may import modules from its folder. These are imported again too if one of them has
     changed or was imported from another folder.
@@ -62,7 +62,7 @@ def check_file(path: Path) -> None:
 
 
 class _Afresh(SourceFileLoader):
-    """Loader that compiles the source and ignores cached bytecode, which may be stale within the same second."""
+    """Loader that ignores cached bytecode, which Python matches to the source by whole seconds and size only."""
 
     def get_code(self, fullname: str) -> CodeType:
         content = self.get_data(self.path)
@@ -203,7 +203,7 @@ CALLS = {
     "frames": ("frames(params, state)", list[ContactFrame]),
     "region": ("region(params)", None),
 }
-"""Mapping from a function of a problem's file to its call, for messages, and the type to check its result for."""
+"""Mapping from a function in a problem's file to its call, for messages, and the type of its result to check or None."""
 
 
 def read(module: ModuleType, file: Path, digest: str) -> ProblemSpec:

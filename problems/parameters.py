@@ -81,8 +81,8 @@ def natural_units(params: BaseModel, problem: Problem) -> Units:
 def friction_of(p: ParameterTable) -> tuple[ParameterTable, ca.SX | None]:
     """Return the parameters and Coulomb's coefficient; if it is zero, the other parameters and None.
 
-    The friction cone of a zero coefficient has no interior, as a central path needs: the system then has
-    no friction pairs, and no parameter ``friction`` to vary.
+    A central path needs a friction cone with an interior, so that a system without friction has no
+    friction pairs, and no parameter ``friction`` to vary.
     """
     if p.get("friction").value > 0:
         return p, p["friction"]

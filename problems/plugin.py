@@ -35,7 +35,7 @@ def source(name: str) -> ProblemSpec:
 def named_file(source: Path | str | None, runs: Sequence[StoredRun]) -> ProblemSpec | None:
     """Return the problem in the user's file ``source`` from which ``runs`` came; None if ``source`` is None.
 
-    Raises :class:`~ocp.errors.InputError` if the file cannot be read, or defines another problem.
+    Raises :class:`~ocp.errors.InputError` if the file cannot be read, or defines a problem of none of them.
     """
     if source is None:
         return None

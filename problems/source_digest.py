@@ -24,7 +24,7 @@ OWN = ("dynamics", "ocp", "problems", "reports")
 
 
 def source_digest(path: Path) -> str:
-    """Return the SHA-256, in hex, of a file and all files that it depends on; their folder does not matter.
+    """Return the SHA-256, in hex, of a file and all files that it depends on, independent of the folder's path.
 
     These are the modules that it imports, directly or through others and also inside functions,
     unless they are installed or this program's own, and the files that a string in any of them
@@ -41,7 +41,7 @@ def source_digest(path: Path) -> str:
 
 
 def parts(path: Path) -> dict[str, Path]:
-    """Return the files of :func:`source_digest`; keys are ``""`` for the file, names of modules, and ``./name``."""
+    """Return the files of :func:`source_digest`; keys are ``""``, names of modules, and ``./name`` for data files."""
     file = path.resolve()
     search = _Search(searched(file.parent))
     search.take("", file)

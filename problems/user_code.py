@@ -63,7 +63,7 @@ def user_code(what: str, path: Path, through: type[Exception] | tuple[()] = ()) 
 
 @contextmanager
 def _set_back() -> Iterator[None]:
-    """Restore working directory, ``sys.path``, standard streams, NumPy's error state, and warning filters."""
+    """Restore working directory, ``sys.path``, streams, NumPy's error state and warning filters on exit."""
     folder, limit = _folder(), sys.getrecursionlimit()
     paths, streams = list(sys.path), (sys.stdout, sys.stderr)
     try:
@@ -86,7 +86,7 @@ def _folder() -> str | None:
 
 
 def _was_pressed(error: BaseException, path: Path) -> bool:
-    """Return whether a KeyboardInterrupt came from Ctrl-C, and not from a ``raise`` in the file at ``path``."""
+    """Return whether a KeyboardInterrupt came from Ctrl-C; always True with Python's handler, which leaves no frame."""
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         return True
     frames = traceback.extract_tb(error.__traceback__)

@@ -21,15 +21,15 @@ from problems import names, spec
 from reports.drawing.notation import plain
 
 BLOCK = re.compile(r"<!-- equations:\s+(.*?)\s+-->\n+```text\n(.*?)\n```\n", re.S)
-"""Marker of equations, followed by their plain text, which is shown where a page is not rendered."""
+"""Pattern of the marker of equations, followed by their plain text, which is shown where a page is not rendered."""
 CITED = re.compile(r"\(([a-z][a-z0-9-]*)\.(\d+)\)")
-"""Citation of a numbered equation, as ``(push-disc.2)``."""
+"""Pattern of the citation of a numbered equation, such as ``(push-disc.2)``."""
 _TEMPLATE = Path(__file__).with_name("equations.typ")
 """Template with which typst sets lines of mathematics."""
 _BREAKS = {"=", "≤", "≥", "⟂", "+", "−", "∈"}
 """Signs before which a line may break outside brackets."""
 _BEFORE_COMMA = re.compile(r"</span> <wbr>(<math[^>]*><mo[^>]*>[,;])")
-"""Place of a possible line break before a comma, which is removed."""
+"""Pattern of a possible line break before a comma, which is removed."""
 
 
 def listed(name: str) -> str:

@@ -9,7 +9,7 @@ from typing import Any
 from docs.generator import equations, notebooks
 
 _LINK = re.compile(r"\]\(([\w/.-]+\.md)")
-"""Link to a page in a list of pages."""
+"""Pattern of a link to a page in a list of pages."""
 
 
 def expanded(nav: Any, docs: Path) -> Any:

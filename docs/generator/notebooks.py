@@ -12,9 +12,9 @@ from docs.generator.measured import DOCS
 FOLDER = DOCS.parent / "examples"
 """Folder of the notebooks."""
 _PANDAS = re.compile(r'<style scoped>.*?</style>|(?<=<table) border="1" class="dataframe"', re.S)
-"""Styles of pandas tables, which are removed from pages."""
+"""Pattern of the styles of pandas tables, which are removed."""
 _MARKER = re.compile(r"<!-- notebook: ([\w-]+) -->")
-"""Marker of the notebook that a page shows."""
+"""Pattern of the marker of the notebook that a page shows."""
 
 
 def shown(page: str) -> str:

@@ -65,7 +65,7 @@ def newest(root: Path, name: str) -> RunView:
 
 
 def moving(view: RunView) -> Animation:
-    """Return the animation of a run, of a periodic one over several strides at half speed."""
+    """Return the animation of a run; a periodic one is repeated for several strides, at half speed."""
     return Animation(repeated(view, _STRIDES), speed=0.5) if is_periodic(view) else Animation(view)
 
 

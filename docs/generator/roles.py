@@ -8,7 +8,7 @@ from typing import Any
 import griffe
 
 _ROLE = re.compile(r":(?:class|func|meth|mod|attr|data|exc|obj):`(~?)([\w.]+)`")
-"""Reference of a docstring, as ``:func:`a.b```."""
+"""Pattern of a reference in a docstring, such as ``:func:`a.b```."""
 
 
 def linked(text: str) -> str:

@@ -40,7 +40,7 @@ CAMERA = PinholeCamera.around((0.2, 0.0, 0.3), 1.4)
 
 
 def _tube(end: tuple[float, float, float]) -> tuple[float, np.ndarray, np.ndarray]:
-    """Return mass [kg], centre [m] and inertia (3, 3) [kg m^2] about it of a leg's capsule from 0 to ``end``."""
+    """Return mass [kg], centre [m] and central inertia (3, 3) [kg m^2] of a leg's capsule from the joint to ``end``."""
     to_end = np.array(end)
     length = float(np.linalg.norm(to_end))
     axis, r = to_end / length, TUBE
@@ -106,7 +106,7 @@ def standing_pose(bend: float = 1.0) -> np.ndarray:
 
 
 class Params(GaitParams):
-    """Parameters of ``ant``; by default h is the five steps of 0.01 s for which the source holds an input."""
+    """Parameters of ``ant``; the default h is five steps of 0.01 s, over which the source holds an input."""
 
     friction: float = quantity(1.0, "1", "Coulomb's coefficient with the ground", above=0)
     h: float = quantity(0.05, "s", "step size", above=0)
@@ -123,7 +123,7 @@ def build(params: Params) -> Problem:
 
 
 def _walk(share: np.ndarray) -> np.ndarray:
-    """Return joint angles (n, 8) [rad] at shares (n,) of a walk: hips swing, diagonal legs together."""
+    """Return joint angles (n, 8) [rad] at shares (n,) of the path: hips swing, diagonal legs together."""
     joints = np.zeros((len(share), 8))
     for k, (x, y) in enumerate(LEGS.values()):
         joints[:, 2 * k] = 0.3 * np.sin(4 * np.pi * share) * x * y

@@ -101,9 +101,9 @@ def build(params: Params) -> Problem:
     """Return the problem with steps (idto-hopper.1), contact (idto-hopper.3) and cost (idto-hopper.5).
 
     The state is (q, v, nominal), where the nominal position is (idto-hopper.4); lam are impulses
-    [N s]. Contact is rigid, but stiff springs in the source, so the robot starts 3 mm higher, on the
-    ground. The source's plant has PD control: that is ``stiffness`` 100 and ``damping`` 5, with
-    ``stiffness`` times the commanded angle added to u.
+    [N s]. Contact is rigid, whereas the source has stiff springs, so the robot starts 3 mm higher, on
+    the ground. The source's plant has PD control: ``stiffness`` 100 and ``damping`` 5 give the same, if
+    ``stiffness`` times the commanded angle is added to u.
     """
     p, friction = friction_of(table(params))
     joints = {key: p[key] for key in ("m", "m_leg", "m_foot", "stiffness", "damping")}

@@ -54,7 +54,7 @@ def _rod_inertia(mass: float) -> tuple[float, float, float]:
 
 
 def _leg_bodies(leg: str, fore: int, left: int) -> list[Body]:
-    """Return hip (0.7 kg), thigh (0.6 kg) and shin (0.1 kg) of a leg; ``fore`` and ``left`` are signs."""
+    """Return hip (0.7 kg), thigh (0.6 kg) and shin (0.1 kg) of a leg; ``fore`` and ``left`` are 1 or -1."""
     hip = Body(
         f"{leg}_hip",
         "trunk",
@@ -143,7 +143,7 @@ def build(params: Params) -> Problem:
 
 
 def _trot(share: np.ndarray) -> np.ndarray:
-    """Return joint angles (n, 12) [rad] at shares (n,) of a trot that lifts each pair of diagonal legs twice."""
+    """Return joint angles (n, 12) [rad] at shares (n,) of the path: a trot lifts each pair of diagonal legs twice."""
     joints = np.zeros((len(share), 12))
     for k, (fore, left) in enumerate(LEGS.values()):
         lift = np.maximum(0.0, np.sin(4 * np.pi * share) * fore * left)

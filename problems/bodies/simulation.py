@@ -31,7 +31,7 @@ def simulation(
     pose, lifted by 0.25 m, with uniform noise from ``seed`` of up to 0.005 for ``hopper`` and 0.1 for
     ``half-cheetah`` in every coordinate and velocity. With ``gyroscopic="implicit"`` velocity forces
     add no energy and no motion overflows (:func:`~dynamics.systems.planar.flight.gyroscopic_impulse`);
-    the problem itself has explicit ones. ``params`` can set any parameter, also those named here.
+    the problem itself has explicit ones. ``params`` can set any parameter, including these.
 
     Raises :class:`~ocp.errors.InputError` for an unknown machine, another value of ``gyroscopic``, or a
     bad parameter.

@@ -1,1 +1,1 @@
-"""Named problems and static objectives that need no machine of their own, one a file."""
+"""Named problems and static objectives without a machine of their own, one per module."""

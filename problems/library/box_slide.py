@@ -72,11 +72,11 @@ def build(params: Params) -> Problem:
 
 
 def draw(params: Params, state: np.ndarray) -> list[Shape]:
-    """Draw floor, goal and box; the model has no size of the box."""
+    """Draw floor, goal and box; the box has a size only in the picture."""
     side = 0.2
     return [Wall(0, 0, 0, 1), Mark(params.goal, side / 2, "goal"), Rectangle(float(state[0]), side / 2, side, side)]
 
 
 def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
-    """Return the contact frame of the floor, with friction, below the box."""
+    """Return the contact frame of the floor on the box, with Coulomb's coefficient."""
     return [ContactFrame(float(state[0]), 0, 0, 1, params.friction)]

@@ -106,7 +106,7 @@ BOX_SIDE = 0.15
 
 
 def draw(params: Params, state: np.ndarray) -> list[Shape]:
-    """Draw floor, cart, box, and the goals of both; the model has no heights."""
+    """Draw floor, cart, box, and the goals of both, which have heights only in the picture."""
     cart, offset = float(state[0]), float(state[1])
     return [
         Wall(0, 0, 0, 1),
@@ -118,5 +118,5 @@ def draw(params: Params, state: np.ndarray) -> list[Shape]:
 
 
 def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
-    """Return the contact frame of the cart, with friction, below the box."""
+    """Return the contact frame of the cart on the box, with Coulomb's coefficient."""
     return [ContactFrame(float(state[0] + state[1]), CART_HEIGHT, 0, 1, params.friction)]

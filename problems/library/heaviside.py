@@ -32,12 +32,12 @@ def cost(params: Params, theta: ca.SX, p: ParameterTable) -> ca.SX:
 
 
 def closed_form(values: dict[str, float], sigma: float) -> ClosedForm:
-    """Return the exact mean, and the means and variances of the estimators (Suh et al. (2022), ex. III.2).
+    """Return the exact mean F and its gradient, and means and variances of the gradient's estimators.
 
     With ``t = theta/sigma`` and ``A = Phi(t) - t phi(t)``: ``F = Phi(t)``, ``F' = phi(t)/sigma``,
-    one ZoBG sample has the variance ``(A - phi(t)^2)/sigma^2``; FoBG is always zero. The paper writes
-    ``erf(-theta; sigma^2)`` for the tail Phi(t), and calls the mean of the Dirac impulse zero;
-    only the mean of the pointwise derivative, which is zero almost everywhere, is.
+    one zeroth-order sample has the variance ``(A - phi(t)^2)/sigma^2``; a first-order one is always
+    zero. Suh et al. (2022), ex. III.2, write ``erf(-theta; sigma^2)`` for the tail Phi(t), and call the
+    mean of the Dirac impulse zero; only that of the derivative almost everywhere is.
     """
     from scipy.stats import norm
 
@@ -52,7 +52,7 @@ def closed_form(values: dict[str, float], sigma: float) -> ClosedForm:
 
 
 def zobg_variance(theta: float, sigma: float, baseline: float) -> float:
-    """Return the variance of one ZoBG sample with a constant baseline b.
+    """Return the variance of one sample of the zeroth-order gradient with a constant baseline b.
 
     It is ``((1 - 2 b) A + b^2 - phi(t)^2)/sigma^2``, minimal at b = A; see :func:`closed_form` for A, t.
     """

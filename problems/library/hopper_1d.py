@@ -61,8 +61,8 @@ class Params(Parameters):
 def build(params: Params) -> Problem:
     """Return the problem of body (hopper-1d.1) and foot (hopper-1d.2), with stops of the leg (hopper-1d.4).
 
-    lam are impulses [N s]. In flight the leg's force is not determined, since the centre of mass, on
-    which the cost depends, is not affected by it.
+    lam are impulses [N s]. In flight the leg's force is not determined, since it does not affect the
+    centre of mass, on which the cost depends.
     """
     p = table(params)
     mb, mf, h = p["mb"], p["mf"], p["h"]
@@ -100,7 +100,7 @@ def _standing(problem: Problem, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def draw(params: Params, state: np.ndarray) -> list[Shape]:
-    """Draw ground, body, leg and foot; the model has points for body and foot."""
+    """Draw ground, body, leg and foot; body and foot have sizes only in the picture."""
     body, foot = float(state[0]), float(state[1])
     radius = 0.04
     return [

@@ -150,7 +150,7 @@ def _links(q: ca.SX, p: Numbers) -> list[_Link]:
 
 
 def _touches(q: ca.SX, p: Numbers, discs: bool = False) -> dict[str, shapes.Contact]:
-    """Return the contacts of the ball, a mapping from the name of a link, or of a disc of one, to its contact."""
+    """Return a mapping from the name of each link, or of each disc of a link, to its contact with the ball."""
     ball, R, r, arm_shapes = shapes.Pose(q[:2], -q[2]), ca.SX(p["R"]), ca.SX(p["r"]), []
     for link in _links(q, p):
         if not discs:
@@ -218,7 +218,7 @@ def build(params: Params) -> Problem:
 
 
 def region(params: Params) -> Region:
-    """Return the region of transitions: balls above the bases; in the tube the joints stay near their start."""
+    """Return the region of sampled transitions: the ball above the bases, and joints within their limits."""
     joints, reach = ("l1", "l2", "r1", "r2"), (-params.reach, params.reach)
     limits = dict(zip(joints, zip(*_limits(), strict=True), strict=True))
     return Region(

@@ -57,7 +57,7 @@ class Params(Parameters):
 
 
 def build(params: Params) -> Problem:
-    """Return the problem with steps (push-1d.1) of Suh et al. (2023), sec. IV-B; u is in m, lam in N s."""
+    """Return the problem with steps (push-1d.1) of Suh et al. (2023), sec. IV-B; position u [m], impulse lam [N s]."""
     p = table(params)
     system = quasi_dynamic(
         name,
@@ -85,7 +85,7 @@ def build(params: Params) -> Problem:
 
 
 def region(params: Params) -> Region:
-    """Return the region of transitions: from start to goal and 0.5 m beyond, where the pusher moves with the object."""
+    """Return the region of sampled transitions: 0.5 m around a line on which the pusher moves with the object."""
     low, high = sorted((params.qu0, params.goal_x))
     pusher = params.qa0 + params.goal_x - params.qu0
     behind, front = min(params.qa0, pusher), max(params.qa0, pusher)

@@ -26,7 +26,7 @@ golden = {"exact": Golden(5.5740820650, settings={"strategy": "scholtes-exact"},
 
 
 class Params(Parameters):
-    """Parameters of ``push-box``, with the source's values; it has the headings k pi/9, k = 0 to 17."""
+    """Parameters of ``push-box``, with the source's values, whose headings are k pi/9, k = 0 to 17."""
 
     a: float = quantity(0.5, "m", "half the length of the box", above=0)
     b: float = quantity(0.25, "m", "half its width", above=0)

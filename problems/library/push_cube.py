@@ -110,7 +110,7 @@ def goal_turn(yaw: ca.SX, over: bool) -> ca.SX:
 
 
 def turn_between(one: ca.SX, other: ca.SX) -> ca.SX:
-    """Return the squared size of the turn between unit quaternions, ``4 sin^2`` of half its angle [rad^2]."""
+    """Return the squared angle between unit quaternions as ``4 sin^2(angle / 2)`` [rad^2]."""
     inverse = ca.vertcat(one[0], -one[1:])
     return 4 * ca.sumsqr(rotation.product(inverse, other)[1:])
 
@@ -174,7 +174,7 @@ def _pictured(dumped: str) -> SpatialMachine:
 
 
 def with_goal(shown: SpatialMachine, body: str, place: ca.SX, turn: ca.SX) -> SpatialMachine:
-    """Return ``shown`` with a fixed copy of ``body`` called goal, at a position and quaternion, without contacts."""
+    """Return ``shown`` with a fixed copy of ``body``, called goal, at ``place`` [m] with the quaternion ``turn``."""
     x, y, z, *q = (float(v) for v in ca.vertsplit(ca.evalf(ca.vertcat(place, turn))))
     goal = Body("goal", None, 0.0, joint="fixed", position=(x, y, z), quaternion=(q[0], q[1], q[2], q[3]))
     goal_parts = (SpatialPart(f"goal {part.name}", "goal", part.shape) for part in shown.parts if part.body == body)

@@ -16,7 +16,7 @@ from dynamics.systems.planar.machine import link_pose
 from problems.drawing import ContactFrame, Shape, Stadium, Wall, solid
 
 START_TOLERANCE = 1e-9
-"""Maximum depth in the ground [m], and maximum excess over a joint's limit [rad], of a start."""
+"""Maximum depth in the ground [m], and maximum excess over a joint's limit [rad], at the start."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,8 +24,8 @@ class PublishedMachine(Machine):
     """A machine with the constants of the simulation environment that publishes it.
 
     ``pose`` is the pose at which its values are checked, one value for each coordinate [m, rad];
-    ``friction`` is Coulomb's coefficient with the ground, ``h`` the environment's time step [s]. A
-    start is ``lift`` [m] above the pose, plus up to ``noise`` in every coordinate and velocity.
+    ``friction`` is Coulomb's coefficient with the ground, ``h`` the environment's time step [s]. The
+    start is ``lift`` [m] above the pose, with noise up to ``noise`` in every coordinate and velocity.
     """
 
     pose: tuple[float, ...]

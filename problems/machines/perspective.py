@@ -60,7 +60,7 @@ class PinholeCamera:
     def around(
         cls, target: Place, size: float, azimuth: float = -math.pi / 3, elevation: float = 0.35
     ) -> PinholeCamera:
-        """Return a camera that shows ``size`` [m] around ``target``, from an azimuth (0 is x) and elevation [rad]."""
+        """Return a camera that shows ``size`` [m] around ``target``; azimuth, from x about z, and elevation in rad."""
         (x, y, z), away, flat = target, EYE_DISTANCE * size, EYE_DISTANCE * size * math.cos(elevation)
         ahead, aside = flat * math.cos(azimuth), flat * math.sin(azimuth)
         return cls((x + ahead, y + aside, z + away * math.sin(elevation)), target)
@@ -90,7 +90,7 @@ class PinholeCamera:
 
 @dataclass(frozen=True, eq=False)
 class _Body:
-    """All points within ``radius`` of the hull of ``points``.
+    """A solid: all points within ``radius`` of the hull of ``points``.
 
     A face has corners (n, 3), an outer normal (3,), and whether it faces the eye.
     """
@@ -122,7 +122,7 @@ def solids_seen(camera: PinholeCamera, solids: Iterable[Solid]) -> list[Shape]:
 def frame_seen(camera: PinholeCamera, point: Array, normal: Array, friction: float) -> ContactFrame:
     """Return the frame of a contact at ``point`` (3,) with unit ``normal`` (3,), as the camera sees it.
 
-    The friction cone looks wider the more it points to the camera; with the eye inside it is not drawn.
+    The friction cone looks wider the more it points to the camera; if the eye is inside, friction is 0.
     """
     ((x, y),), depth = camera.project(point[None])
     right, up, forward = camera.axes @ normal
@@ -155,7 +155,7 @@ def _parts(shape: shapes.Shape) -> tuple[Array, float, Sequence[Sequence[int]]]:
 
 
 def _across(normal: Array) -> Array:
-    """Return two unit vectors (2, 3) that form a right-handed frame with ``normal``; x and y for z."""
+    """Return two unit vectors (2, 3) that form a right-handed frame with ``normal``; x and y if it is z."""
     up = np.cross(normal, np.eye(3)[int(abs(normal[0]) > 0.9 * np.linalg.norm(normal))])
     return np.array([np.cross(up, normal) / np.linalg.norm(normal), up]) / np.linalg.norm(up)
 

@@ -28,14 +28,14 @@ class BodyFrame:
     turn: Rotation = field(default_factory=Rotation.identity)
 
     def compose(self, place: np.ndarray, quaternion: np.ndarray) -> BodyFrame:
-        """Return the frame whose origin and quaternion (w, x, y, z) relative to this one are given."""
+        """Return the frame with the given origin and quaternion (w, x, y, z) relative to this one."""
         turn = self.turn * Rotation.from_quat(quaternion, scalar_first=True)
         return BodyFrame(self.body, self.place + self.turn.apply(place), turn)
 
 
 @dataclass(frozen=True)
 class Actuator:
-    """An actuator with the range of its input: a motor with a ``gear``, or a ``servo`` with that stiffness.
+    """An actuator with the range of its input: a motor with ``gear``, or a servo with the stiffness ``servo``.
 
     ``damper`` names a velocity servo of input 0 whose damping is part of ``damping``, "" if there is none.
     """

@@ -57,7 +57,7 @@ def _active(model: Any) -> Iterator[int]:
 
 
 def _length(model: Any, kind: int, number: int) -> tuple[Mapping[int, float], float]:
-    """Return the coefficients of a joint or fixed tendon, by joint, and its length at the joints' references."""
+    """Return the coefficient of each joint in a joint or fixed tendon, and its length at the joints' references."""
     if number < 0:
         return {}, 0.0
     if kind == 2:

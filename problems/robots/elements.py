@@ -70,13 +70,13 @@ it copies another file: attach; nothing bends here: composite flex flexcomp; it 
 extension plugin; of a URDF nothing is included: include; it closes a loop, and joints form trees
 here: loop_joint; it reads another file: model; it makes copies: replicate
 """)
-"""Mapping from an element because of which a file is rejected to the reason; without it the robot would change."""
+"""Mapping from an element that is not supported, and cannot be left out, to the reason; it causes an error."""
 REFUSED_OF_URDF = {"include", "loop_joint"}
-"""Elements of :data:`REFUSED` because of which a URDF is rejected; others have no effect there."""
+"""Elements of :data:`REFUSED` that cause an error in a URDF; others have no effect there."""
 
 
 def listed(what: str, names: Iterable[str]) -> str:
-    """Return ``what``, in the plural for several ``names``, and these: ``"sensors a, b"``."""
+    """Return ``what`` followed by the names, in the plural if there are several: ``"sensors a, b"``."""
     names = list(dict.fromkeys(names))
     many = "" if len(names) == 1 else "s"
     return f"{what.replace('body', 'bodie') if many else what}{many} {', '.join(names)}"
@@ -85,7 +85,7 @@ def listed(what: str, names: Iterable[str]) -> str:
 def unread(root: Element, *, urdf: bool) -> list[str]:
     """Return sentences that name everything in a file that is not read, one for each reason.
 
-    Unread elements are removed from a URDF; from an MJCF file only those that are drawn or bulky.
+    Unread elements are removed from a URDF; from an MJCF file only those in ``_BULKY``.
     Raises ``ValueError`` for an element in :data:`REFUSED`.
     """
     table, pictures = URDF if urdf else MJCF, set[str]()
@@ -114,7 +114,7 @@ def unread(root: Element, *, urdf: bool) -> list[str]:
 
 
 def _unread_attributes(element: Element, read: list[str], *, urdf: bool) -> dict[str, str]:
-    """Return the attributes that are not read, and remove those of a URDF or with a namespace."""
+    """Return the attributes that are not read; remove them in a URDF, or if they have a namespace."""
     unread = {k: v for k, v in element.attrib.items() if k not in read and read != [ALL]}
     for name in unread:
         if urdf or ":" in name:

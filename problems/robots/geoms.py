@@ -1,4 +1,4 @@
-"""Conversion of the geoms of a compiled file to parts in space, and of the pairs that may touch."""
+"""Conversion of the geoms of a compiled file to parts in space, and the pairs of them that may touch."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ def touching(model: Any, machine: SpatialMachine, poses: Sequence[BodyFrame]) ->
 
 
 def _parts(model: Any, poses: Sequence[BodyFrame], geoms: list[int], ignored: list[str]) -> dict[int, SpatialPart]:
-    """Return a mapping from geom to part; append to ``ignored`` what is left out of ``geoms``, which may touch."""
+    """Return a mapping from geom to part; append notes on omissions and changes among ``geoms`` to ``ignored``."""
     parts: dict[int, SpatialPart] = {}
     for g in range(model.ngeom):
         name, note = model.geom(g).name, ""

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 INERTIA_TOLERANCE = 1e-6
-"""Maximum relative difference [1], which may come from the compiler's decomposition of an inertia."""
+"""Maximum relative difference [1] of an inertia, to allow for its decomposition by the compiler."""
 _ADJUSTMENTS = ("boundmass", "boundinertia", "balanceinertia", "settotalmass")
 """Settings of a file with which, if they are positive, MuJoCo changes masses and inertias."""
 
@@ -117,7 +117,7 @@ def combined(solids: Sequence[Moments]) -> Moments:
 
 
 def _solid(kind: str, a: float, b: float, c: float) -> tuple[float, list[float]] | None:
-    """Return volume [m³] and moments of inertia per mass (3,) [m²] of a solid with MuJoCo's sizes, or None."""
+    """Return volume [m³] and moments of inertia per mass (3,) [m²] of a solid by MuJoCo's sizes; None if unknown."""
     if kind == "sphere":
         kind, b, c = "ellipsoid", a, a
     if kind in ("ellipsoid", "box"):

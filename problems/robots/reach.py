@@ -55,7 +55,7 @@ def never_collide(model: Any, data: Any, above: list[list[int]], one: int, other
 
 
 def _beside(model: Any, data: Any, joints: list[int], geoms: tuple[int, int]) -> bool:
-    """Return whether all hinges have one axis, along which boxes around the two geoms are always apart."""
+    """Return whether all hinges between two geoms are parallel, and boxes around these apart along the axis."""
     data.qpos[:] = model.qpos0
     import_module("mujoco").mj_kinematics(model, data)
     hinges = [j for j in joints if model.jnt_type[j] == 3]

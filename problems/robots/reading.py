@@ -1,4 +1,4 @@
-"""Reading of robots from URDF and MJCF files, which MuJoCo compiles, as bodies in space."""
+"""Reading of robots from URDF and MJCF files: MuJoCo compiles them, then they become bodies in space."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _SLIDE = 2
 FINITE_FIELDS = ("body_mass", "body_inertia", "body_ipos", "geom_size", "dof_armature")
 """Arrays of a compiled model that must be finite."""
 _TILT = 1e-5
-"""Maximum error [1] of a joint's unit axis in a planar robot, and in one seen from the side."""
+"""Tolerance [1] for the unit axes of the joints of a planar robot, and of one drawn from the side."""
 
 
 def load(path: str | Path, *, floating: bool = False, planar: bool = False, folder: str | Path | None = None) -> Robot:
@@ -159,7 +159,7 @@ def _free_in_plane(root: Any, axis: np.ndarray) -> None:
 
 
 def _name(elements: Iterable[tuple[Any, str]]) -> None:
-    """Give each element without a name the one paired with it, made unique."""
+    """Name each unnamed element by the name paired with it, with ``'`` appended until it is unique."""
     listed = list(elements)
     names = {element.name for element, _ in listed}
     for element, name in listed:

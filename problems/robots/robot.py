@@ -45,12 +45,12 @@ class Robot:
 
     @property
     def controls(self) -> np.ndarray:
-        """Range of every input (nu, 2), infinite if it has none."""
+        """Range of every input (nu, 2), infinite if it is unbounded."""
         return np.array([actuator.range for actuator in self.actuators]).reshape(-1, 2)
 
     @property
     def coefficients(self) -> ca.SX:
-        """Coulomb's coefficient of every contact (nc, 1), as ``SpatialMachine.system`` takes."""
+        """Coulomb's coefficient of every contact (nc, 1), as an argument of ``SpatialMachine.system``."""
         return ca.SX(ca.DM(list(self.friction.values())))
 
     @property
@@ -64,7 +64,7 @@ class Robot:
         return "z" in self._ways and len(self._ways) > 1
 
     def standing(self) -> np.ndarray:
-        """Return the pose home (nq,), where a floating robot is lifted or lowered to just touch the ground."""
+        """Return the pose home (nq,); a floating robot is lifted or lowered until it just touches the ground."""
         pose = self.home.copy()
         if self.floats and self.grounds:
             index, sign = self._ways["z"]

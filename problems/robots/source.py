@@ -53,7 +53,7 @@ class Source:
 def read_source(file: Path, folder: Path | None = None) -> Source:
     """Read a URDF or MJCF file with all that it includes from ``folder``, by default the file's own.
 
-    The result's ``friction`` maps links of a URDF that state Coulomb's coefficient to that.
+    The result's ``friction`` maps each link of a URDF that states Coulomb's coefficient to its value.
 
     Raises :class:`~ocp.errors.InputError` for other files, for the name of a file outside the
     folder, for more than 100 joints or 1000 geoms, and for elements in

@@ -20,7 +20,7 @@ FRICTION_HOLDERS = {"contact", "gazebo", "surface", "friction", "ode"}
 MOMENTS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 """Attributes of a link's inertia: moments, then products."""
 DUMMY_MASS_KG = 1e-3
-"""Mass below which a link counts as a dummy, without a mass that is meant physically [kg]."""
+"""Mass below which a link counts as a dummy without physical meaning [kg]."""
 SINGULAR_INERTIA = 1e-9
 """Minimum principal moment of a valid inertia, as a share of the largest."""
 

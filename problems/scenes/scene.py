@@ -136,11 +136,11 @@ class Scene:
         gravity: Scalar = 9.81,
         inertial: bool = True,
     ) -> ContactSystem:
-        """Return the contact system of bodies without momentum, and of pushers on springs to commanded positions.
+        """Return the contact system of bodies without momentum, and pushers that springs pull to commanded positions.
 
         The state is q, the input the commanded coordinates of the pushers [m]; gaps are the true
-        ones at the next state unless ``linearised``. The force ``load`` [m/s²] times its mass acts on
-        every body. Bodies with a ``table`` are pressed to it by ``gravity`` [m/s²], and slide
+        ones at the next state unless ``linearised``. ``load`` [m/s²] times its mass is a force
+        on every body. Bodies with a ``table`` are pressed to it by ``gravity`` [m/s²], and slide
         quasi-statically unless ``inertial`` (:class:`~dynamics.systems.limit_surface.LimitSurface`).
         See :func:`~dynamics.systems.timestepping.quasi_dynamic`.
 
@@ -188,7 +188,7 @@ class Scene:
         cone: Cone = "linearised",
         linearised: bool = False,
     ) -> ContactSystem:
-        """Return the contact system of bodies and pushers with masses and velocities, and forces on the pushers.
+        """Return the contact system of bodies and pushers with masses and velocities; forces move the pushers.
 
         The state is (q, v), the input the forces [N] on the pushers along their coordinates;
         ``gravity`` [m/s²] is a vector of the plane. See

@@ -125,7 +125,7 @@ class Body(Thing):
 
     @property
     def turns(self) -> bool:
-        """Whether the body can turn, which is if it has an inertia."""
+        """Whether the body can turn, that is, has an ``inertia``."""
         return self.inertia is not None
 
     @property

@@ -77,7 +77,7 @@ def get(name: str, **params: Any) -> Task:
 
 
 def default_settings(spec: TaskSpec, word: str, cls: type) -> dict[str, Any]:
-    """Return the task's settings of the algorithm ``cls``, called ``word``, and of its experiment."""
+    """Return the task's default settings for the algorithm ``cls``, called ``word``, and for its experiment."""
     from ocp.learning.experiment import Experiment
 
     settings = {**spec.training.get("all", {}), **spec.training.get(word, {})}

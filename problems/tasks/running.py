@@ -65,7 +65,7 @@ def built(
 
 
 def tame(x: ca.SX, bound: float) -> ca.SX:
-    """Return 1 if every entry of ``x`` is less than ``bound`` in size, else 0, also if an entry is NaN.
+    """Return 1 if the size of every entry of ``x`` is below ``bound``, else 0, also if an entry is NaN.
 
     Any comparison with NaN is false, so the entries are tested for being within the bound.
     """

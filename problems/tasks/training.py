@@ -95,7 +95,7 @@ def _with_units(experiment: Experiment, data: xr.Dataset) -> xr.Dataset:
 
 
 SAME_TRAINING = ("task", "algorithm", "seed")
-"""Settings that an unfinished run of training must share with a job to be reported to the user."""
+"""Settings that must agree with a job's for an unfinished training to be reported to the user."""
 KIND = "train"
 """Kind of a stored run that contains a trained policy."""
 

@@ -73,8 +73,8 @@ def build(params: Params) -> Problem:
 
     The start is (finger-disc.3), the tracking error (finger-disc.4), the state (q, v); lam are
     impulses [N s]. Impacts are plastic. The source's controller starts away from the disc, keeps the
-    tip left of 1.4 m by a penalty, and has torques up to 15 N m; its weights of the joints' error are
-    0.5 and 0.1, and 1 at the end, as for the disc's velocity there.
+    tip left of 1.4 m by a penalty, and has torques up to 15 N m; its weights on the joints' errors are
+    0.5 and 0.1, its terminal weights on them and on the disc's velocity 1.
     """
     p = table(params)
     system = finger_system(name, p)

@@ -47,8 +47,8 @@ def build(params: Params) -> Problem:
 
     The state is (q, v, nominal); lam are impulses [N s]. The nominal angle starts at the disc's,
     zero, and is a state, so that it continues in a closed loop, where ``lead`` moves it to the disc's
-    present angle. Contact is rigid, but stiff springs in the source; the disc has no motor, but a
-    penalised one in the source.
+    present angle. Contact is rigid, whereas the source has stiff springs; nothing drives the disc,
+    whereas the source penalises a force on it.
     """
     p = table(params)
     system = with_nominal(finger_system(name, p), p["rate"], Signal("nominal", "rad", "nominal angle of the disc"))
