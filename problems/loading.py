@@ -203,7 +203,7 @@ CALLS = {
     "frames": ("frames(params, state)", list[ContactFrame]),
     "region": ("region(params)", None),
 }
-"""Mapping from a function in a problem's file to its call, for messages, and the type of its result to check or None."""
+"""Mapping from a function in a problem's file to its call, for messages, and the type required of its result."""
 
 
 def read(module: ModuleType, file: Path, digest: str) -> ProblemSpec:
