@@ -35,8 +35,8 @@ class Space:
     """Maps that contacts in space need besides those in the plane; ``sliding`` then gives 2 nc rows, for two tangents.
 
     Rows multiply the velocities v, of which there are ``velocities`` (nv) and which need not be
-    dq/dt: ``pressing`` maps q to J_n (nc, nv), ``tangent`` maps q to the derivative of dq/dt by v
-    (nq, nv). The friction cone is a pyramid with 4 or 8 ``edges``. A machine that moves in a plane
+    dq/dt: ``pressing`` maps q to J_n (nc, nv), ``tangent`` maps q to the derivative of dq/dt with
+    respect to v (nq, nv). The friction cone is a pyramid with 4 or 8 ``edges``. A machine that moves in a plane
     has 2, and ``sliding`` gives nc rows, for one tangent.
     """
 
@@ -86,7 +86,7 @@ class ContactSpec:
         return [i for i in range(nc) if not f[i].is_zero()], f
 
     def referee_model(self, curved: bool, build: Callable[[ContactSpec], ContactSystem]) -> RefereeModel:
-        """Return the most exact model of the system built by ``build``; ``curved``: a distance is not affine in q."""
+        """Return the most exact model of the system from ``build``; ``curved``: some distance is not affine in q."""
         notes = [TRUE_GAPS] if self.linearised and curved else []
         true = replace(self, linearised=False)
         if self.cone == "edges" and self.friction is not None and self.sliding is not None:
@@ -100,7 +100,7 @@ class ContactRows:
     """The pairs of one step: ``lam`` (nlam, 1), ``gap`` (nlam, 1) and their generalised impulse ``push`` (nq, 1) [N s].
 
     ``signals`` and ``pairs`` describe each pair, ``forces`` are total impulses, None without friction.
-    ``phi`` are the distances at q of contacts and limits; ``curved``: one of them is not affine in q.
+    ``phi`` are the distances at q of contacts and limits; ``curved`` is whether one is not affine in q.
     """
 
     lam: ca.SX

@@ -65,7 +65,7 @@ class Multibody(ABC):
 
     @abstractmethod
     def tree(self) -> Chain | Tree:
-        """Return the equations of motion."""
+        """Return the equations of motion of the machine."""
 
     @abstractmethod
     def contacts(self, q: ca.SX, spheres: Collection[str] | None = None) -> Mapping[str, Contact | SpatialContact]:
@@ -84,7 +84,7 @@ class Multibody(ABC):
         friction: ca.SX | float | None,
         **options: Any,
     ) -> ContactSystem:
-        """Return one step of ``h`` [s]; ``friction`` is Coulomb's or None, ``options`` are :class:`StepOptions`."""
+        """Return one step of ``h`` [s]; ``friction`` is its coefficient or None, ``options`` :class:`StepOptions`."""
 
     def meeting_shapes(self) -> Iterator[tuple[tuple[str, str], PlacedShape, PlacedShape]]:
         """Yield each collision pair and its two shapes; a shape fixed to the world comes second."""

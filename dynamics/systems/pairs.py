@@ -137,7 +137,7 @@ TRUE_GAPS = "true gaps"
 COULOMB = "Coulomb friction with maximum dissipation"
 # Number of random poses at which a gap is compared with a distance.
 _N_REST_POSES = 5
-# Tolerance of this comparison, relative and absolute [m].
+# Relative and absolute [m] tolerance in the comparison of gaps with distances.
 _REST_TOLERANCE = 1e-9
 
 

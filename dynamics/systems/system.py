@@ -54,7 +54,8 @@ class ContactSystem:
     the central-path parameter, ``mu = mu_per_kappa / kappa``.
 
     ``pairs`` give the meaning of each entry of ``lam``, by default the normal impulse of a separate
-    contact; ``forces`` are total impulses per contact, None without friction.
+    contact; ``forces`` are total impulses per contact, None without friction. ``energy_balance`` is None
+    where the builder has no expressions for it.
 
     Where the Jacobian of ``residual`` with respect to ``x_next`` depends on the state, it must have
     positive leading minors, as a mass matrix has.

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     import scipy.sparse as sp
 
 ROW_ROUNDING = 1e-8
-"""Share of the change of a row by known sizes below which a violation of the row is rounding."""
+"""Violation of a row, as a share of its change by known sizes, below which it counts as rounding."""
 _ROUNDS = 3
 """Number of passes that derive sizes of variables from those of others in the same rows."""
 

@@ -50,7 +50,7 @@ _LARGE = 300
 _NEAR_BOUND = 1e-8
 """Distance from a bound, in characteristic sizes, up to which a variable is moved onto it."""
 _COARSE = 2.0**7
-"""Ratio of a variable's unit at the start to that at the solution above which it is solved again from there."""
+"""Ratio of a variable's units at the start and at a solution above which the solve is repeated from there."""
 _SOFT = ((1.0, 10.0), (1.0, 1000.0), (0.0, 1.0))
 """Weights of cost and violation in softened problems, which are solved where nothing is certified."""
 

@@ -111,7 +111,7 @@ def _ipopt() -> dict[str, Setting]:
 
 @cache
 def _probed(solver: str, name: str) -> Setting:
-    """Return an option of a solver with its type, which the error for a word as its value states."""
+    """Return an option of a solver, with the type that the error states when it is set to a word."""
     y = ca.MX.sym("y", 2)
     nlp = {"x": y, "f": ca.sumsqr(y - 1), "g": y[0] + y[1]}
     try:

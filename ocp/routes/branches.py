@@ -197,7 +197,7 @@ class Branches:
         return result if result.ok else None
 
     def bound_multipliers(self, result: Result, active: np.ndarray) -> np.ndarray:
-        """Return the multiplier (m,) of each pair's held member, the fall of the cost per growth, in natural units."""
+        """Return each pair's multiplier (m,): the fall of the cost as its held member grows by a natural unit."""
         (first, second), units = self.program.pairs, self.program.natural
         if result.point.lam_x is None:
             return np.zeros(active.size)

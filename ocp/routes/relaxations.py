@@ -223,7 +223,7 @@ STRATEGY_USES = {
     "fischer-burmeister": "an equation, to compare with the literature; slower",
     "lin-fukushima": "two-sided relaxation, to compare with the literature; slower",
 }
-"""What each strategy is for, as ``ocp settings strategies`` prints it."""
+"""Mapping from names of strategies to their uses, as printed by ``ocp settings strategies``."""
 DEFAULT_STRATEGY = "central-path"
 """Default strategy of the exact law."""
 AVERAGED_STRATEGY = "scholtes-adaptive"
@@ -237,7 +237,7 @@ MU_LAST = 1e-9
 NEARBY_START = IPOPT_PRIMAL_WARM_START | dict.fromkeys(
     ("bound_push", "bound_frac", "slack_bound_push", "slack_bound_frac"), 1e-6
 )
-"""IPOPT options for a start without multipliers that is nearly the answer."""
+"""IPOPT options for a start without multipliers that is near the solution."""
 
 
 def law_path(

@@ -30,7 +30,7 @@ from ocp.transcription.nlp import NLP, StageCompiler
 logger = logging.getLogger(__name__)
 
 Effort = Literal["quick", "normal", "thorough"]
-"""Work beyond the usual route: none; samples while they improve; samples under two laws and other routes."""
+"""Work beyond the usual route: none, samples while they improve, or samples under two laws and other routes."""
 DEFAULT_EFFORT: Effort = "normal"
 """Effort of a single solve; those of a sweep are quick."""
 

@@ -198,7 +198,7 @@ class ExactShooting(Route):
             yield polisher.follow(within, barrier.path()[1], first)
 
     def invert(self, session: Session, outcome: RouteResult, plan: Rollout, gains: Gains | None) -> tuple[NLP, Point]:
-        """Return the judged program and the plan on its branch of that program, where the branch was solved."""
+        """Return the judged program and the plan as a point of it, on its branch where that was solved."""
         if outcome.on_branch is None:
             return super().invert(session, outcome, plan, gains)
         return session.judging_nlp(), outcome.on_branch.point

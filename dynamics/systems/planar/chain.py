@@ -47,7 +47,7 @@ class Chain:
 
     ``M(q) dv/dt + bias(q, v) = B u + spring(q) + damping(v) + contact forces``, the
     Euler-Lagrange equations of ``L = kinetic - potential`` where no force acts. M comes from
-    composite rigid bodies and the rest from Newton-Euler recursions (Featherstone, Rigid Body
+    the composite-rigid-body algorithm, the rest from Newton-Euler recursions (Featherstone, Rigid Body
     Dynamics Algorithms, 2008, ch. 5-6), whose graphs are several times smaller than
     those from differentiating L. Coordinates ``q`` (nq, 1) have the order of the links given.
     All methods take and return SX expressions; q and v may be any expressions.

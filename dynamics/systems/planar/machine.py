@@ -22,7 +22,7 @@ from dynamics.systems.system import ContactSystem
 from dynamics.systems.timestepping import time_stepping
 
 Gyroscopic = Literal["explicit", "implicit"]
-"""Integration of Coriolis and centrifugal forces in a step."""
+"""Treatment of Coriolis and centrifugal forces in a step: explicit, or implicit without gain of energy."""
 # The ground z = 0.
 _GROUND = HalfPlane()
 
@@ -119,7 +119,7 @@ class Machine(Multibody):
         return Chain(self.links, self.gravity)
 
     def tree(self) -> Chain:
-        """Return the equations of motion."""
+        """Return the equations of motion of the machine."""
         return self._chain
 
     def contacts(self, q: ca.SX, spheres: Collection[str] | None = None) -> dict[str, Contact]:

@@ -15,7 +15,7 @@ from dynamics.systems.shapes.polygon import Polygon, Union, box_polygon, convex_
 _GAUSS = np.polynomial.legendre.leggauss(16)
 # Nodes of Gauss' rule on [0, 1].
 _GAUSS_NODES = (_GAUSS[0] + 1) / 2
-# Weights of these nodes.
+# Weights of Gauss' rule on [0, 1].
 _GAUSS_WEIGHTS = _GAUSS[1] / 2
 
 

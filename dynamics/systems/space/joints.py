@@ -26,7 +26,7 @@ class JointFrame:
 
 
 def joint_frame(body: Body, at: ca.SX) -> JointFrame:
-    """Return the frame of a body at its joint position ``at``, which are its entries of q."""
+    """Return the frame of a body whose entries of q are ``at``."""
     axis = ca.sparsify(ca.SX(ca.vertcat(*body.axis)))
     turn, none = rotation.matrix(ca.SX(ca.vertcat(*body.quaternion))), ca.SX(3, 1)
     place = ca.sparsify(ca.SX(ca.vertcat(*body.position)))

@@ -90,7 +90,7 @@ class SpatialMachine(Multibody):
         return Tree(self.bodies, self.gravity)
 
     def tree(self) -> Tree:
-        """Return the equations of motion."""
+        """Return the equations of motion of the machine."""
         return self._tree
 
     def coupled_joints(self) -> CoupledJoints | None:

@@ -19,7 +19,7 @@ class Tree:
     """Equations of motion of trees of rigid bodies in space.
 
     ``M(q) dv/dt + C(q, v) v + g(q) = B u + springs + dampers + contact forces``. M comes from
-    composite rigid bodies and the rest from Newton-Euler recursions in the axes of each body
+    the composite-rigid-body algorithm, the rest from Newton-Euler recursions in the axes of each body
     (Featherstone, Rigid Body Dynamics Algorithms, 2008, ch. 5-6). q and v have the order of the
     bodies given, as in MuJoCo: a free joint has its position in the world and its quaternion, the
     velocity of its origin in the world's axes and its angular velocity in the body's.
