@@ -98,7 +98,7 @@ def as_output(value: np.ndarray | None, shape: tuple[int, ...], name: str) -> np
 
 
 class BatchWarning(UserWarning):
-    """Warning about a batched evaluation: a backend fell back, or samples are not finite."""
+    """Warning that a batched evaluation uses another backend, or that samples are not finite."""
 
 
 @dataclass(frozen=True)

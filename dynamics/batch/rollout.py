@@ -147,7 +147,7 @@ class EpisodeFunction(Rolling):
     d is the `discount`; a_t is 1 until the first state that is `done` and 0 from there on. An episode
     that is over adds nothing to return or gradient, and its state does not change.
 
-        f = EpisodeFunction(step, Episode(reward, final, done), 40, dense(observe, (64, 64), -1, 1))
+        f = EpisodeFunction(step, Episode(reward, final, done), 40, dense_policy(observe, (64, 64), -1, 1))
         r = f(x0, theta, noise=Gaussian(0.1, seed=0), gradient=True)
         m = f.moments(x0, theta, noise=Gaussian(0.1, seed=0), n_samples=1_000_000)
 

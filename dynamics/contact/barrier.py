@@ -14,15 +14,15 @@ from dynamics.settings import setting
 from dynamics.systems import ContactSystem, ParameterTable
 
 DEFAULT_MU = 1e-3
-"""mu [N s m] where neither mu nor kappa is given."""
+"""Default mu [N s m], where neither mu nor kappa is given."""
 
 
 @dataclass(eq=False, repr=False)
 class Barrier(ContactLaw):
     """Contact law ``lam_i gap_i = mu``, the optimality condition of a log-barrier on each gap.
 
-    Give ``mu`` [N s m] or the barrier weight ``kappa`` [1/J] of "pathologies of differentiable
-    simulators", eq. 4, which the system converts: ``mu = h / kappa`` for a gap in position,
+    Give ``mu`` [N s m] or the barrier weight ``kappa`` [1/J] of Suh et al. on pathologies of
+    differentiable simulators, eq. 4, which the system converts: ``mu = h / kappa`` for a gap in position,
     ``1 / kappa`` for quasi-dynamics; without both mu is :data:`DEFAULT_MU`. For one contact the law
     equals randomized smoothing of the exact law with heavy-tailed noise, Student's t with two degrees
     of freedom and scale ``sqrt(2 F mu)``; its tail is the force at a distance.

@@ -31,13 +31,13 @@ class Compliance(Protocol):
         ...
 
     def matrix(self) -> ca.SX:
-        """Return F (n, n)."""
+        """Return the compliance as a matrix F (n, n)."""
         ...
 
 
 @dataclass(frozen=True, eq=False)
 class DenseCompliance:
-    """Compliance F as a matrix, whose structural zeros are used."""
+    """Compliance F as a sparse or dense matrix."""
 
     F: ca.SX
 
@@ -56,7 +56,7 @@ class DenseCompliance:
         return solve
 
     def matrix(self) -> ca.SX:
-        """Return F (n, n)."""
+        """Return the compliance as a matrix F (n, n)."""
         return self.F
 
 
@@ -187,7 +187,7 @@ class LowRankCompliance:
         return solve
 
     def matrix(self) -> ca.SX:
-        """Return F (n, n)."""
+        """Return the compliance as a matrix F (n, n)."""
         return self.E + self.Q_signs @ (self.Q_own @ self.by_own()) @ self.P_signs
 
     def _push(self, lam: ca.SX) -> ca.SX:

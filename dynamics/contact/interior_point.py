@@ -34,7 +34,7 @@ def scalar_solution(z: ca.SX, F: ca.SX, mu: ca.SX) -> ca.SX:
     """Return the root lam >= 0 of ``lam (z + F lam) = mu`` for one contact, F > 0, mu >= 0.
 
     ``lam = 2 mu / (z + r)`` for z > 0 and ``(r - z) / (2 F)`` otherwise, r = sqrt(z² + 4 F mu); either form
-    cancels for the other sign of z ("adaptive barrier smoothing", eq. 3.1; "pathologies", eq. 5).
+    cancels for the other sign of z (adaptive barrier smoothing, eq. 3.1; Suh et al. on pathologies, eq. 5).
     """
     r = ca.sqrt(z * z + 4 * F * mu)
     is_open = z > 0
@@ -108,7 +108,7 @@ def advance_pair(lam: ca.SX, s: ca.SX, gap: ca.SX, F: Compliance, mu: ca.SX, per
 
 
 def _step_length(step: tuple[ca.SX, ca.SX], inverses: tuple[ca.SX, ca.SX], fraction: ca.SX | float) -> ca.SX:
-    """Return the largest length, at most 1, of a step by ``fraction`` to the boundary; ``inverses`` are 1/lam, 1/s."""
+    """Return the length, at most 1, of a step ``fraction`` of the way to lam = 0 or s = 0; ``inverses``: 1/lam, 1/s."""
     decrease = -ca.vertcat(step[0] * inverses[0], step[1] * inverses[1])
     return 1 / ca.fmax(1, ca.mmax(decrease) / fraction)
 

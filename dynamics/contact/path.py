@@ -133,7 +133,7 @@ class Path:
         return self.pattern.nnz()
 
     def opening_data_of(self, system: ContactSystem, mu: ca.SX) -> ca.SX:
-        """Return the path's ``data`` for a step, as an expression in the system's (x, u, p) and mu (n, 1)."""
+        """Return the path's ``data`` for a step, an expression in the system's (x, u, p) and in mu (n, 1)."""
         reduced = system.reduced
         return self.opening_data(reduced.z_linear, reduced.F, mu, reduced.z)
 

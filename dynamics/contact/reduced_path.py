@@ -49,7 +49,7 @@ class ReducedPath(Path):
         return sum(factor.nnz() for factor in self._factors.values())
 
     def opening_data_of(self, system: ContactSystem, mu: ca.SX) -> ca.SX:
-        """Return the path's ``data`` for a step, as an expression in the system's (x, u, p) and mu (n, 1)."""
+        """Return the path's ``data`` for a step, an expression in the system's (x, u, p) and in mu (n, 1)."""
         representatives, reduced, signs = self.coordinates.own, system.reduced, self.coordinates.Q_signs
         z = reduced.z if reduced.affine else reduced.z_linear
         D, c = scale_factors(z, self._near(), 0 * mu if self.exact else mu, self.pairs, reduced.z)

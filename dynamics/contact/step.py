@@ -84,7 +84,7 @@ class Step(ABC):
 
     @property
     def extra_stage_cost(self) -> ca.SX:
-        """The law's own term of the stage cost, an expression in (x, u, inner, p); zero by default."""
+        """Term that the law adds to the stage cost, an expression in (x, u, inner, p); zero by default."""
         return ca.SX(0)
 
     @abstractmethod
@@ -276,7 +276,7 @@ class Step(ABC):
         """Return ``d inner/dw = -(dR/d inner)^-1 dR/dw`` at the solution, shape (n_inner, n_w).
 
         On the path with ``inner = lam`` this is ``-(diag(gap) + diag(lam) F)^-1 (diag(lam)
-        dgap/dw - dmu/dw)``; "adaptive barrier smoothing", eq. A.26, omits the coupling between
+        dgap/dw - dmu/dw)``; adaptive barrier smoothing, eq. A.26, omits the coupling between
         contacts. Where the law's gradient is frozen, ``dmu/dw`` is omitted for state and input, not
         for the parameters.
         """

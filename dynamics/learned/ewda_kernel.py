@@ -113,7 +113,7 @@ _ARRAYS = (
     *("z", "y", "low", "high", "q", "mean_z", "mean_y", "weights"),
     *("least", "bound", "best", "partial", "sums", "found", "where", "ticket", "done"),
 )
-# Kinds of moments, as the C program numbers them.
+# Numbers of the kinds of moments in the C program.
 _VALUES = 0
 _SLOPES = 1
 _CURVED = 2

@@ -1,4 +1,4 @@
-"""Check in a child process of whether a netCDF file can be read.
+"""Check, in a child process, whether a netCDF file can be read.
 
 The C libraries do not check a file's addresses and counts: in a damaged file these may cause an
 infinite loop or an invalid memory access, which ends the process.

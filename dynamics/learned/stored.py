@@ -118,7 +118,7 @@ def _check_variable(name: str, dataset: xr.Dataset) -> None:
         return
     if values.dtype.kind not in "iuf":
         raise ValueError(f"{name} does not hold numbers only")
-    # NaN compares as false.
+    # A comparison with NaN is false, so that NaN is rejected too.
     if not (np.abs(values) <= LARGEST_NUMBER).all():
         raise ValueError(f"{name} holds numbers that are not finite or beyond {LARGEST_NUMBER:g}")
     if name.endswith("_scale") and not (values > 0).all():

@@ -239,12 +239,12 @@ class Transitions:
 
     @property
     def names(self) -> list[str]:
-        """Names of the entries of z."""
+        """Names of the entries of z, states before inputs."""
         return [signal.name for signal in (*self.states, *self.inputs)]
 
     @property
     def units(self) -> list[str]:
-        """Units of the entries of z."""
+        """Units of the entries of z, states before inputs."""
         return [signal.unit for signal in (*self.states, *self.inputs)]
 
     @cached_property

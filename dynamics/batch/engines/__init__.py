@@ -1,1 +1,1 @@
-"""Backends that run the tapes over many samples: compiled C, NumPy, or CasADi itself."""
+"""Engines that evaluate tapes for many samples with compiled C, NumPy or CasADi."""

@@ -49,7 +49,7 @@ _COMPARE = {ca.OP_LT: "<", ca.OP_LE: "<=", ca.OP_EQ: "==", ca.OP_NE: "!="}
 
 
 def c_double(value: float) -> str:
-    """Return a C expression that gives exactly this double."""
+    """Return a C expression whose value is exactly this double."""
     if math.isnan(value):
         return "NOT_A_NUMBER"
     if math.isinf(value):
@@ -239,7 +239,7 @@ class _PartEmitter:
         return [_NAMES.sub(rf"\g<0>_{self.register}", line) for line in lines]
 
     def _needed(self) -> Iterable[str]:
-        """Yield the statements in order, without those whose result is unused."""
+        """Yield the C statements in order, without those whose result is unused."""
         output_lines = [line for i, lines in self.stores.items() if i not in self.own_set for line in lines]
         reverse = output_lines[::-1]
         read_names = {kind + i for line in reverse for kind, i in _NAMES.findall(line)}
@@ -265,7 +265,7 @@ class _PartEmitter:
         return f"const {kind.upper()} {kind}{i} = {self._slot(i)}{' != 0.0' * (kind == 'm')};"
 
     def _statements(self, i: int) -> tuple[str, ...]:
-        """Return the statements that define value i, the last line first."""
+        """Return the C statements that define value i, last statement first."""
         operation = self.tape.operations[i]
         if operation.op in BOOLEAN:
             condition = self._condition(operation)

@@ -99,7 +99,7 @@ class ChunkNetwork:
         self._observe, self._back = make(layers.observe), make(layers.observe_adjoint)
 
     def mean_actions(self, theta: Array, x: Array, p: Array) -> Array:
-        """Mean actions (n_a, m) at states x (nx, m)."""
+        """Return the mean actions (n_a, m) at states x (nx, m)."""
         return self._values(theta, x, p)[-1]
 
     def pulled_back(self, theta: Array, x: Array, p: Array, abar: Array, total: Array) -> Array:

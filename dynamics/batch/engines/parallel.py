@@ -123,6 +123,6 @@ class Scratch(threading.local):
 
 
 def copy_transposed(source: np.ndarray, target: np.ndarray) -> None:
-    """Copy between (n_samples, size) arrays, one the transpose of a contiguous array."""
+    """Copy an array (n_samples, size) in tiles, where source or target is the transpose of a contiguous array."""
     for begin in range(0, len(source), _TILE):
         target[begin : begin + _TILE] = source[begin : begin + _TILE]

@@ -1,1 +1,1 @@
-"""The way in: CasADi graphs of a function or a rollout, as tapes that an engine can run."""
+"""CasADi graphs of functions and rollouts, and the tapes that engines evaluate."""

@@ -51,7 +51,7 @@ class RolloutPolicy:
         return self.n_theta * (horizon if self.per_step else 1)
 
     def acting_parameters(self, noise: np.ndarray) -> np.ndarray:
-        """Return a mask, in theta's shape, of entries that change an action in the mask `noise` (horizon, n_a)."""
+        """Return a mask, in theta's shape, of parameters that affect an action in the mask `noise` (horizon, n_a)."""
         x, theta = (ca.SX.sym("a", self.law.numel_in(k)) for k in range(2))
         reaches = noise @ dependence_table(expand_function(self.law)(x, theta), theta)
         return reaches if self.per_step else np.any(reaches, axis=0, keepdims=True)[0]

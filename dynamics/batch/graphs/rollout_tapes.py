@@ -146,7 +146,7 @@ class ClosedStep:
         return cost_dependence(outputs, self.terminal_cost, self.x, self.w)
 
     def _acting(self, noise_ways: CostDependence) -> ca.SX:
-        """Return the noise, set to zero in states in which it does nothing (`gates` of :class:`CostDependence`)."""
+        """Return the noise, set to zero in states where it has no effect (`gates` of :class:`CostDependence`)."""
         noise = ca.vertsplit(self.w)
         for j, s in np.argwhere(noise_ways.gates).tolist():
             noise[j] = ca.if_else(self.x[s] != 0, noise[j], 0)
@@ -329,7 +329,7 @@ def _root(z: ca.SX, F: ca.SX, mu: ca.SX) -> ca.SX:
 
 
 def _mixed(expressions: ca.SX) -> ca.SX:
-    """Return a scalar that depends on every symbol that any entry depends on."""
+    """Return a scalar that depends on all symbols in the expressions, for structural dependence only."""
     return ca.dot(ca.SX.sym("weight", expressions.numel()), expressions)
 
 

@@ -1,4 +1,4 @@
-"""The tape: a CasADi SX `Function` as a flat list of scalar operations."""
+"""Tapes, which are CasADi SX functions as flat lists of scalar operations."""
 
 from __future__ import annotations
 
