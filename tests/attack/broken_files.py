@@ -1,7 +1,7 @@
-"""Problem files that do what no problem file should, as data: what is written, and what must come.
+"""Broken problem files as data: their text, and the expected outcome.
 
-Every file is :data:`GOOD` with one thing wrong. Files that may work all the same say so; all others
-must be refused by one sentence and exit code 2.
+Every file is :data:`GOOD` with one error. Files that still work are marked so; all others must be
+rejected with one sentence and exit code 2.
 """
 
 from __future__ import annotations
@@ -66,16 +66,15 @@ def frames(params, state):
 def region(params):
     return Region({"q": (0, 1), "v": (-1, 1)}, {"u": (-1, 1)}, (1, 0), (0, 0), (0.1, 0.1))
 '''
-"""A sound file with every part that a file may have."""
+"""Text of a valid file with every part that a file may have."""
 
 
 @dataclass(frozen=True)
 class Broken:
-    """A file's bytes, and whether what is wrong with it is seen by a ``solve``.
+    """Bytes of a file with one error, and the command that must report it.
 
-    ``needs`` names the command by which the fault must come to light at the latest: ``solve``, or
-    ``collect`` for what only a region is read for. ``works`` marks a file that nothing is wrong
-    with after all.
+    ``needs`` is the command that must report the error at the latest: ``solve``, or ``collect`` for
+    errors of the region. ``works`` marks a file that is valid after all.
     """
 
     name: str
@@ -108,7 +107,7 @@ RAISED = (
     "SyntaxError('odd')",
     "EOFError()",
 )
-"""What user's code raises."""
+"""Exceptions that a user's code raises."""
 
 FUNCTIONS = {
     "the file": 'name = "mine"\n',
@@ -118,7 +117,7 @@ FUNCTIONS = {
     "frames": "def frames(params, state):\n",
     "region": "def region(params):\n",
 }
-"""Where each function of the file begins."""
+"""Mapping from function of the file to its first line."""
 
 WRONG = {
     "None": "None",
@@ -139,7 +138,7 @@ WRONG = {
     "an MX": "ca.MX.sym('w')",
     "nested": "(lambda f: f(f, 900))(lambda f, n: [f(f, n - 1)] if n else [])",
 }
-"""Values of the wrong type for nearly everything."""
+"""Mapping from kind to a value, each of the wrong type for nearly everything."""
 
 MODULE = {
     "name": {"None", "a text"} - {"None"},
@@ -154,7 +153,7 @@ MODULE = {
     "frames": {"None"},
     "region": {"None"},
 }
-"""Names of the file, each with the values of :data:`WRONG` that are right for it."""
+"""Mapping from name in the file to the kinds in :data:`WRONG` that are right for it."""
 
 PROBLEM = {
     "name=name": {"a text"},
@@ -175,7 +174,7 @@ PROBLEM = {
     "settings={}": set(),
     'citation=""': {"a text"},
 }
-"""Arguments of the problem, each with the values of :data:`WRONG` that are right for it."""
+"""Mapping from argument of the problem to the kinds in :data:`WRONG` that are right for it."""
 
 RETURNED = {
     "guess": (
@@ -230,7 +229,7 @@ RETURNED = {
         "Region({'q': (0, 1), 'v': (-1, 1)}, {'u': (-1, 1)}, (1, 0), (0, 0), (-1, 0.1))",
     ),
 }
-"""What functions return that they should not."""
+"""Mapping from function to invalid return values."""
 
 HABITS = {
     "changes the folder": "import os, tempfile\nos.chdir(tempfile.gettempdir())",
@@ -245,7 +244,7 @@ HABITS = {
     "ends with a thread": "import threading\nthreading.Thread(target=lambda: None).start()",
     "prints numbers shortly": "np.set_printoptions(precision=1)",
 }
-"""What a file does beside describing a problem; it works all the same."""
+"""Mapping from side effect of a file to its code; such files still work."""
 
 BYTES = {
     "empty": b"",
@@ -269,7 +268,7 @@ _SOUND = {"carriage returns", "a mark of byte order"}
 
 
 def raising() -> Iterator[Broken]:
-    """Everything of :data:`RAISED` in every function."""
+    """Yield files that raise each of :data:`RAISED` in each function."""
     for place, head in FUNCTIONS.items():
         for what in RAISED:
             indent = "" if place == "the file" else "    "
@@ -278,7 +277,7 @@ def raising() -> Iterator[Broken]:
 
 
 def wrong_types() -> Iterator[Broken]:
-    """Everything of :data:`WRONG` for every name of the file and every argument of the problem."""
+    """Yield files with each of :data:`WRONG` for every name of the file and every argument of the problem."""
     for key, right in MODULE.items():
         for what, value in WRONG.items():
             works = what in right
@@ -291,7 +290,7 @@ def wrong_types() -> Iterator[Broken]:
 
 
 def wrong_returns() -> Iterator[Broken]:
-    """Everything of :data:`RETURNED`."""
+    """Yield files with each return value of :data:`RETURNED`."""
     for place, values in RETURNED.items():
         for value in values:
             text = GOOD.replace(FUNCTIONS[place], f"{FUNCTIONS[place]}    return {value}\n")
@@ -299,7 +298,7 @@ def wrong_returns() -> Iterator[Broken]:
 
 
 def particular() -> Iterator[Broken]:
-    """What :data:`PARTICULAR`, :data:`HABITS` and :data:`BYTES` have, each once."""
+    """Yield files with each error of :data:`PARTICULAR` and :data:`BYTES`, and each of :data:`HABITS`."""
     for what, (old, new, works) in PARTICULAR.items():
         assert old in GOOD, what
         yield _made(what, GOOD.replace(old, new, 1), "", works)
@@ -313,12 +312,12 @@ def particular() -> Iterator[Broken]:
 
 
 def every() -> list[Broken]:
-    """All of them, some 600."""
+    """Return all broken files, about 600."""
     return [*particular(), *wrong_returns(), *raising(), *wrong_types()]
 
 
 def sample(n: int, seed: int) -> list[Broken]:
-    """``n`` of them, drawn without repetition."""
+    """Draw ``n`` broken files without repetition."""
     return random.Random(seed).sample(every(), n)
 
 

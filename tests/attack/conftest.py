@@ -1,4 +1,4 @@
-"""Attacks are seeded, counted, and carried out two at a time."""
+"""Fixtures of attacks, which are seeded, counted, and run two at a time."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Opened(Protocol):
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Everything in this folder is an attack, which no other target runs."""
+    """Mark all tests of this folder as attacks, which only ``make test-attack`` runs."""
     for item in items:
         if Path(__file__).parent in item.path.parents:
             item.add_marker(pytest.mark.attack)
@@ -35,13 +35,13 @@ def pytest_report_header() -> str:
 
 @pytest.fixture
 def dice(request: pytest.FixtureRequest) -> random.Random:
-    """Random numbers of this attack alone: the same for the same ATTACK_SEED."""
+    """Return the random generator of one attack, which depends on ATTACK_SEED and the test's name."""
     return random.Random(f"{SEED} {request.node.name}")
 
 
 @pytest.fixture
 def tally(request: pytest.FixtureRequest) -> Iterator[Opened]:
-    """Opens the account of an attack; it must be found balanced, and is kept either way."""
+    """Yield a function that opens the tally of an attack; store the counts, and fail if there are faults."""
     opened: list[Tally] = []
 
     def open_account(promise: str, attack: str, order: int) -> Tally:
@@ -61,7 +61,7 @@ def tally(request: pytest.FixtureRequest) -> Iterator[Opened]:
 
 @pytest.fixture(scope="session")
 def servers() -> Iterator[list[Server]]:
-    """Programs that stand ready to be forked, one for each attack at a time."""
+    """Yield servers that fork the program, one for each attack that runs at a time."""
     ready = [Server() for _ in range(AT_A_TIME)]
     yield ready
     for server in ready:
@@ -70,7 +70,7 @@ def servers() -> Iterator[list[Server]]:
 
 @pytest.fixture
 def side_by_side(servers: list[Server]) -> Callable[..., list[Any]]:
-    """Calls ``attack(server, item)`` for every item, two at a time, in order of their results."""
+    """Return a function that calls ``attack(server, item)`` for every item, two at a time, and returns the results."""
 
     def attack_all(attack: Callable[[Server, Any], Any], items: Iterable[Any]) -> list[Any]:
         free = list(servers)

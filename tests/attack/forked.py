@@ -1,8 +1,8 @@
-"""The program, loaded once and forked for every start: two seconds of imports are paid for once.
+"""A server that loads the program once and forks it for every run, to save two seconds of imports.
 
-What is forked is the whole program, from its entry point to the interpreter's end, with streams, a
-directory and limits of its own; what a start costs before ``main`` is attacked elsewhere.
-``python -m tests.attack.forked`` is the server, :class:`Server` who talks to it.
+Each child runs the whole program, from its entry point to the interpreter's end, with its own
+streams, directory and limits; other attacks test the start before ``main``.
+``python -m tests.attack.forked`` is the server, :class:`Server` its client.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ LOADED = (
 
 
 class Server:
-    """A program that stands ready to be forked."""
+    """Client of a server that forks the loaded program for every run."""
 
     def __init__(self) -> None:
         self._process = subprocess.Popen(
@@ -74,9 +74,9 @@ class Server:
         step: dict[str, Any] | None = None,
         **variables: str,
     ) -> Ended:
-        """Run the program once; ``step`` says what happens at which step (:mod:`.steps`).
+        """Run the program once and return how it ended; ``step`` are arguments of :func:`.steps.watch`.
 
-        ``limits`` are names of ``resource`` with their values, ``variables`` of the environment.
+        ``limits`` maps names of ``resource`` to values; ``variables`` are set in the environment.
         """
         request = {
             "arguments": list(arguments),
@@ -99,7 +99,7 @@ class Server:
 
 
 def serve() -> None:
-    """Answer requests, a line each, until there are no more; each child is the program."""
+    """Answer requests, one per line, until the input ends; each forks a child that runs the program."""
     for name in LOADED:
         with suppress(ImportError):
             importlib.import_module(name)
@@ -122,7 +122,7 @@ def serve() -> None:
 
 
 def _waited(child: int, patience: float) -> int | None:
-    """Return the exit code of a child, as subprocess tells it; None where it had to be killed."""
+    """Return the exit code of a child as in subprocess, or None if it had to be killed."""
     until = time.monotonic() + patience
     while time.monotonic() < until:
         found, status = os.waitpid(child, os.WNOHANG)
@@ -138,7 +138,7 @@ def _waited(child: int, patience: float) -> int | None:
 
 
 def _become(request: dict[str, Any], out: int, err: int) -> None:
-    """Be the program: the interpreter ends with what its entry point returns."""
+    """Run the program in this process, and exit with the code that its entry point returns."""
     os.setsid()
     nothing = os.open(os.devnull, os.O_RDONLY)
     for place, stream in enumerate((nothing, out, err)):

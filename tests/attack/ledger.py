@@ -1,7 +1,7 @@
-"""What each attack did and what fell: kept as JSON under ``build/attack``, one file an attack.
+"""Counts of attempts and faults of each attack, stored as JSON under ``build/attack``, one file per attack.
 
-``python -m tests.attack.ledger`` makes the table of the site from the files of the last whole
-``make test-attack``, so that tests leave the tree as it is.
+``python -m tests.attack.ledger`` writes the site's table from the files of the last complete
+``make test-attack``, so that tests do not change the tree.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ TABLE = "promises"
 
 @dataclass
 class Tally:
-    """Attempts and faults of one attack; ``promise`` is what would be broken by a fault."""
+    """Attempts and faults of one attack; ``promise`` is the promise to users that a fault would break."""
 
     name: str
     promise: str
@@ -35,13 +35,13 @@ class Tally:
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
     def count(self, found: Iterable[tuple[str, str]], attempts: int = 1) -> None:
-        """Note attempts, and what was wrong with them."""
+        """Add attempts and the faults found, pairs of kind and text."""
         with self._lock:
             self.attempts += attempts
             self.faults += found
 
     def told(self) -> str:
-        """Every kind of fault with its number and one example each."""
+        """Return a text of all kinds of faults with their numbers and examples."""
         kinds = Counter(kind for kind, _ in self.faults)
         lines = [f"{len(self.faults)} faults in {self.attempts} attempts"]
         for kind, number in kinds.items():
@@ -50,7 +50,7 @@ class Tally:
         return "\n".join(lines)
 
     def keep(self, seed: int) -> None:
-        """Write the counts for the table."""
+        """Store the counts as JSON for the table."""
         KEPT.mkdir(parents=True, exist_ok=True)
         counts = {
             "order": self.order,
@@ -65,7 +65,7 @@ class Tally:
 
 
 def rows(kept: list[dict[str, Any]]) -> list[list[str | int]]:
-    """Rows of the table in order, each promise once: attacks that differ in a parameter are one."""
+    """Return the rows of the table in order; attacks that differ only in a parameter are merged."""
     merged: dict[tuple[int, str, str, str], list[int]] = {}
     for one in kept:
         key = (one["order"], one["promise"], one["attack"], one["command"])
@@ -80,13 +80,13 @@ def rows(kept: list[dict[str, Any]]) -> list[list[str | int]]:
 
 
 def _file(command: str) -> str:
-    """The file of a command: whole, it would leave the table's words no room."""
+    """Return the file name in a command, which is short enough for the table."""
     return command.partition(" -k ")[0].rpartition("/")[2]
 
 
 def main() -> int:
-    """Write the table from what the last attacks counted."""
-    # Not with the imports above: attacks need nothing of the site.
+    """Write the table from the counts of the last attacks; return the exit code."""
+    # This is no global import, since attacks do not need the site's generator.
     from docs.generator.measured import write_table
 
     kept = [json.loads(file.read_bytes()) for file in KEPT.glob("*.json")]

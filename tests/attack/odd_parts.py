@@ -1,4 +1,4 @@
-"""One part of a sound problem file for another: what was written, and what is written there."""
+"""Replacements of single parts of a valid problem file by invalid or unusual ones."""
 
 from __future__ import annotations
 
@@ -188,4 +188,4 @@ PARTICULAR = {
     "a star import": ("import numpy as np", "import numpy as np\nfrom numpy import *", True),
     "an endless recursion": ("    p = table(params)", "    return build(params)", False),
 }
-"""Old text, new text, and whether it works all the same."""
+"""Mapping from description to old text, new text, and whether the file still works."""

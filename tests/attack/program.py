@@ -1,4 +1,4 @@
-"""The program as anybody starts it, how it ended, and what no end may be."""
+"""Runs of the program in its own process, and checks of how they ended."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from typing import IO
 
 ROOT = Path(__file__).parents[2]
 PATIENCE_S = 300.0
-"""Longer than anything here takes, on a computer that has other things to do too."""
+"""Time [s] after which a run counts as hung, longer than any run takes on a busy computer."""
 CODES = (0, 1, 2, 3, 4, 130)
 
 
 @cache
 def entry_point() -> tuple[str, str]:
-    """Module and function that ``ocp`` calls, as the package declares it."""
+    """Return the module and the function of the ``ocp`` script, as declared by the package."""
     declared = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["scripts"]["ocp"]
     module, _, function = declared.partition(":")
     return module, function
@@ -33,7 +33,7 @@ def entry_point() -> tuple[str, str]:
 
 @cache
 def command() -> list[str]:
-    """The interpreter, and such a script as an installer makes of the entry point."""
+    """Return the words that start the program: the interpreter, and a script like an installer's."""
     module, function = entry_point()
     script = ROOT / "build" / "attack" / "ocp"
     script.parent.mkdir(parents=True, exist_ok=True)
@@ -44,13 +44,13 @@ def command() -> list[str]:
 
 
 def environment(**more: str) -> dict[str, str]:
-    """Variables under which the program of this tree runs, whatever else is installed."""
+    """Return environment variables under which this checkout's program runs, whatever else is installed."""
     return {**os.environ, "PYTHONPATH": str(ROOT), "PYTHONSAFEPATH": "1", **more}
 
 
 @dataclass(frozen=True)
 class Ended:
-    """How one start of the program ended; ``code`` is None where it never did."""
+    """End of one run of the program; ``code`` is None if it hung."""
 
     arguments: Sequence[str]
     code: int | None
@@ -60,12 +60,12 @@ class Ended:
 
     @property
     def line(self) -> str:
-        """The command line, as a shell would take it."""
+        """Command line for a shell."""
         return "ocp " + shlex.join(self.arguments)
 
     @property
     def last(self) -> str:
-        """Last words on standard error."""
+        """Last two lines of standard error."""
         return " | ".join(self.err.strip().splitlines()[-2:])[-300:]
 
 
@@ -77,7 +77,7 @@ def start(
     stdout: IO[bytes] | int = subprocess.PIPE,
     stderr: IO[bytes] | int = subprocess.PIPE,
 ) -> subprocess.Popen[bytes]:
-    """Start the program in a group of its own, with its words kept in pipes."""
+    """Start the program in its own process group, with output to pipes."""
     return subprocess.Popen(
         [*command(), *arguments],
         cwd=directory,
@@ -90,7 +90,7 @@ def start(
 
 
 def ended(process: subprocess.Popen[bytes], arguments: Sequence[str], patience: float = PATIENCE_S) -> Ended:
-    """Wait for the end of the program and of all that it started."""
+    """Wait for the end of the program, and kill its process group if it hangs; return how it ended."""
     began = time.monotonic()
     try:
         out, err = process.communicate(timeout=patience)
@@ -104,18 +104,18 @@ def ended(process: subprocess.Popen[bytes], arguments: Sequence[str], patience: 
 
 
 def run(arguments: Sequence[str], directory: Path) -> Ended:
-    """Start the program and wait for its end."""
+    """Run the program and return how it ended."""
     return ended(start(arguments, directory), arguments)
 
 
 def kill_group(group: int) -> None:
-    """Kill the program with all that it started."""
+    """Kill the program and all processes of its group."""
     with suppress(ProcessLookupError):
         os.killpg(group, signal.SIGKILL)
 
 
 def orphans(group: int, patience: float = 10.0) -> list[str]:
-    """What is left of a group of processes whose first has ended, after some seconds of grace."""
+    """Return the processes of a group that are left some seconds after its first one has ended."""
     until = time.monotonic() + patience
     while (left := _members(group)) and time.monotonic() < until:
         time.sleep(0.05)
@@ -133,15 +133,15 @@ def _members(group: int) -> list[str]:
 
 
 def of_python_alone(end: Ended) -> bool:
-    """Whether the last words are a traceback of Python's own start, in which no file of ours is."""
+    """Return whether a run ended with a traceback of Python's own start, without a file of this checkout."""
     ours = end.err.replace(str(ROOT / "build"), "")
     return "Traceback" in end.err and str(ROOT) not in ours
 
 
 def faults(end: Ended, *, expected: tuple[int, ...] = CODES) -> list[tuple[str, str]]:
-    """What is wrong with an end, as kinds of fault and words; nothing if all is well.
+    """Return the faults in how a run ended, pairs of kind and text; empty if there are none.
 
-    A code that is not ``expected`` is nonsense accepted where it is 0, and a strange end elsewhere.
+    An exit code that is not ``expected`` means that nonsense was accepted if it is 0, else a wrong end.
     """
     said, where = end.out + end.err, f"{end.line} -> exit {end.code}: {end.last}"
     if end.code is None:

@@ -1,7 +1,7 @@
-"""Something happens at the n-th step by which a program changes files.
+"""Faults at the n-th step in which a program changes files.
 
-Python's audit events tell of every file that is opened to be written, every directory made, every
-rename and every removal, before they happen.
+Python's audit events report every file opened for writing, every new directory, every rename and
+every removal before they happen.
 """
 
 from __future__ import annotations
@@ -25,15 +25,14 @@ CHANGES = {
     "tempfile.mkstemp",
     "shutil.rmtree",
 }
-"""Events that change names; ``open`` is one too where it is for writing."""
+"""Audit events that change files; ``open`` is another one if it is for writing."""
 
 
 def watch(under: str, at: int, what: str, log: str = "") -> None:
-    """At step ``at`` (from 1) below the directory ``under``: ``kill`` or ``full``.
+    """Let a fault happen at step ``at``, from 1, of changes below the directory ``under``; 0 for none.
 
-    ``kill`` ends the process as SIGKILL does; ``full`` fails this step and every later one that
-    writes or makes something as a full disk does. 0 lets all steps pass. ``log`` is where the
-    number of the last step is kept.
+    ``what`` is ``kill``, which ends the process as SIGKILL does, or ``full``, which makes this step
+    and all later ones that write fail as on a full disk. ``log`` gets the number of the last step.
     """
     state = {"steps": 0, "busy": False}
     counter = os.open(log, os.O_WRONLY | os.O_CREAT) if log else None
@@ -70,7 +69,7 @@ def _changes(event: str, given: tuple[Any, ...], under: str) -> bool:
     if isinstance(path, bytes):
         path = os.fsdecode(path)
     if not isinstance(path, str | Path):
-        # Removed by a directory's handle, as shutil.rmtree does: the name alone tells nothing.
+        # shutil.rmtree removes by a directory's handle, so that the name alone is not a path.
         return event in CHANGES
     full = str(Path(path).absolute())
     relative_to_handle = event in ("os.remove", "os.rmdir") and given[-1] not in (None, -1)
@@ -78,5 +77,5 @@ def _changes(event: str, given: tuple[Any, ...], under: str) -> bool:
 
 
 def counted(log: Path) -> int:
-    """Steps that a program took, as its log tells."""
+    """Return the number of steps in a program's log."""
     return int(log.read_text() or "0")

@@ -1,4 +1,4 @@
-"""Command lines of nonsense and of extreme numbers: an answer in numbers, or one sentence."""
+"""Command lines with nonsense and extreme numbers give a finite result or one sentence."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tests.attack.works import furnish
 DRAWN = 160
 PATIENCE_S = 60.0
 MEMORY = 8 << 30
-"""Address space [byte] that a command may take here: nothing small needs more."""
+"""Maximum address space [byte] of a command; no small command needs more."""
 REFUSED = """\
 solve push-1d -p N=1e23
 solve push-1d -p N=100000000
@@ -115,7 +115,7 @@ laws nothing
 nothing
 --nothing
 """
-"""Each must be refused with exit code 2, whatever else stands there."""
+"""Options that must be rejected with exit code 2, whatever else is in the command line."""
 FINITE = """\
 solve push-1d -p N=4 --json -s print_level=5
 solve push-1d -p N=4 --json --solver uno
@@ -142,7 +142,7 @@ laws --json
 settings --json
 doctor --json
 """
-"""Each prints one JSON document without NaN or infinity where it says that all is well."""
+"""Command lines that print one JSON document, without NaN and infinity if they report success."""
 NUMBERS = (
     "0",
     "-0.0",
@@ -215,7 +215,7 @@ def test_json_is_json_and_finite(shop, tally, side_by_side, tmp_path) -> None:
 
 
 def json_of(server, line: list[str], place: Path) -> list[tuple[str, str]]:
-    """What is wrong with the JSON of a command."""
+    """Return the faults in the JSON of a command."""
     end = server.run(line, place, patience=PATIENCE_S, limits={"RLIMIT_AS": MEMORY})
     found = program.faults(end, expected=(0, 2, 3))
     if end.code in (0, 3):
@@ -231,7 +231,7 @@ def json_of(server, line: list[str], place: Path) -> list[tuple[str, str]]:
 
 
 def nonsense(value: Any) -> str:
-    """What in a document says that all is well of a number that is not."""
+    """Return a text on a success in a document without a finite number, or an empty one."""
     if isinstance(value, list):
         return next(filter(None, map(nonsense, value)), "")
     if not isinstance(value, dict):
@@ -245,7 +245,7 @@ def nonsense(value: Any) -> str:
 
 
 def not_finite(value: Any) -> bool:
-    """Whether NaN or infinity stands anywhere in a document."""
+    """Return whether a document contains NaN or infinity."""
     if isinstance(value, dict):
         return any(not_finite(one) for one in value.values())
     if isinstance(value, list):
@@ -254,7 +254,7 @@ def not_finite(value: Any) -> bool:
 
 
 def drawn(dice: Random) -> list[str]:
-    """A command line with one or two numbers that nobody would ask for."""
+    """Draw a command line with one or two extreme numbers."""
 
     def odd() -> str:
         free = f"{dice.choice([-1, 1]) * 10 ** dice.uniform(-320, 308):.6g}"

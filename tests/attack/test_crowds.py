@@ -1,4 +1,4 @@
-"""Many programs at once, of the same and of different jobs, in one store."""
+"""Many programs at the same time, with the same and with different jobs, in one store."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ AT_ONCE = 80
 
 
 def all_at_once(lines: list[list[str]], place: Path, env: dict[str, str] | None = None) -> list[program.Ended]:
-    """Start all of them, then wait for all."""
+    """Start all command lines at the same time, wait for all, and return how they ended."""
     files = [(place / f".out-{k}", place / f".err-{k}") for k in range(len(lines))]
     started: list[subprocess.Popen[bytes]] = []
     for line, (out, err) in zip(lines, files, strict=True):

@@ -1,4 +1,4 @@
-"""Bits that fell over, files cut short, swapped, or emptied: damage is named, never read."""
+"""Flipped bits, and truncated, swapped or emptied files: damage is reported, and never read as data."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def shop(servers, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @contextmanager
 def changed(file: Path, content: bytes) -> Iterator[None]:
-    """Give a file other content for a while."""
+    """Replace a file's content within the block."""
     before = file.read_bytes()
     file.write_bytes(content)
     try:
@@ -49,7 +49,7 @@ def changed(file: Path, content: bytes) -> Iterator[None]:
 
 
 def flipped(content: bytes, bit: int) -> bytes:
-    """``content`` with one bit fallen over."""
+    """Return ``content`` with one bit flipped."""
     other = bytearray(content)
     other[bit // 8] ^= 1 << bit % 8
     return bytes(other)
@@ -127,7 +127,7 @@ def test_altered_descriptions(shop, tally, side_by_side) -> None:
 
 
 def accepted(run: Path, where: str) -> list[tuple[str, str]]:
-    """What is wrong with how a harmed run is read."""
+    """Return the faults in how a damaged run is read."""
     try:
         store.load(run)
     except DamagedRun:
@@ -140,7 +140,7 @@ def accepted(run: Path, where: str) -> list[tuple[str, str]]:
 
 
 def by_commands(side_by_side, run: Path, directory: Path, where: str) -> list[tuple[str, str]]:
-    """What is wrong with how commands take a harmed run: exit 4 each, or 0 in a listing."""
+    """Return the faults in how commands handle a damaged run: they must exit with 4, listings with 0 or 4."""
 
     def ask(server, words: tuple[str, ...]) -> list[tuple[str, str]]:
         end = server.run([str(run) if word == "RUN" else word for word in words], directory)

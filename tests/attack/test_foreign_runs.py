@@ -1,4 +1,4 @@
-"""Runs of others: folders full of traps, and runs that name code. A run is data."""
+"""Runs from strangers: folders with traps, and runs that name code, which must never be loaded."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ CANARY = 'from pathlib import Path\nPath({song!r}).write_text("sung")\n'
 DEEP = 200_000
 PATIENCE_S = 30.0
 LIMITS = {"RLIMIT_AS": 8 << 30}
-"""Nothing that a trap holds may fill the memory."""
+"""Memory limit of commands that read a trap, which must not fill the memory."""
 
 
 @pytest.fixture(scope="module")
@@ -29,7 +29,7 @@ def shop(servers, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def traps(directory: Path) -> dict[str, object]:
-    """By name, what makes a run in ``directory`` a trap for whoever lists or reads it."""
+    """Return a mapping from name to a function that turns the run in ``directory`` into a trap for readers."""
     meta, data = directory / "meta.json", directory / "solution.nc"
 
     def instead(file: Path, make) -> None:
@@ -192,7 +192,7 @@ def test_runs_that_name_code(servers, shop, tally, side_by_side, tmp_path) -> No
         account.count(found)
 
     pairs = [(place, words) for place in places for words in READERS]
-    # One after the other: who sang must be known.
+    # Commands run one after the other, to know which one loaded the code.
     for at, (place, words) in enumerate(pairs):
         attack(servers[0], (at, place, words))
     (here / "prob.py").unlink()

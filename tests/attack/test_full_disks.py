@@ -1,4 +1,4 @@
-"""Full disks, at every step of writing, of every size, wherever the program writes."""
+"""Full disks at every step of writing, of every size, wherever the program writes."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ WORKS = (*MAKING, *TAKING)
 AT_STEPS = 6
 CODES = (1, 2)
 LIMITS = (2048, 4096, 8192, 20_000, 40_000, 80_000)
-"""Largest sizes of a file [byte], standard error included: a run has some ten thousand bytes."""
+"""Maximum sizes of a file [byte], standard error included; a run has about ten thousand bytes."""
 SIZES = ("4k", "16k", "32k", "64k")
 
 
@@ -29,7 +29,7 @@ def shop(servers, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def judged(end, work, place: Path, before: dict[str, bytes], where: str) -> list[tuple[str, str]]:
-    """What a full disk broke: it may cost the result, and nothing else."""
+    """Return the faults caused by a full disk, which may lose the result but nothing else."""
     found = [(kind, f"{where}: {told}") for kind, told in program.faults(end, expected=(0, *CODES))]
     found += harm_to(place / "runs", before, where)
     found += [("leftover", f"{left}: {where}") for left in leftovers(place)]
@@ -85,7 +85,7 @@ def test_files_that_may_not_grow(shop, tally, side_by_side, tmp_path) -> None:
 
 @contextmanager
 def small_disk(place: Path, size: str) -> Iterator[Path]:
-    """A file system of its own with so much room."""
+    """Mount a file system of the given size within the block."""
     place.mkdir(parents=True, exist_ok=True)
     mount = ["mount", "-t", "tmpfs", "-o", f"size={size}", "attack", str(place)]
     subprocess.run(mount, check=True, capture_output=True)
@@ -96,7 +96,7 @@ def small_disk(place: Path, size: str) -> Iterator[Path]:
 
 
 def may_mount(place: Path) -> bool:
-    """Whether this user may mount a small file system."""
+    """Return whether this user may mount a small file system."""
     try:
         with small_disk(place, "64k"):
             return True

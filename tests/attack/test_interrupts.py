@@ -1,4 +1,4 @@
-"""Ctrl-C from the first millisecond: one sentence, nothing half, what was finished is kept."""
+"""Ctrl-C at any time from the first millisecond: one sentence, no incomplete file, finished work is kept."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ SHORT = tuple(
     )
 )
 CODES = (0, 2, 3, 130, -signal.SIGINT)
-"""Before Python has a handler of its own the signal ends the process as it ends any other."""
+"""Exit codes after Ctrl-C; before Python installs its handler, the signal ends the process directly."""
 
 
 @pytest.fixture(scope="module")

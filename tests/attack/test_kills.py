@@ -1,4 +1,4 @@
-"""SIGKILL at any moment and at every step of writing: a run is there whole, or not at all."""
+"""SIGKILL at any time and at every step of writing: a run is stored complete or not at all."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ PARALLEL = Work("sweep -j 2", ("sweep", "push-1d", "-p", "N=3", "--over", "M=1:2
 
 @pytest.fixture(scope="module")
 def shop(servers, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A directory with a store of one run of each kind."""
+    """Return a directory with a store that has one run of each kind."""
     return furnish(servers[0], tmp_path_factory.mktemp("shop"))
 
 
@@ -68,7 +68,7 @@ def test_kills_by_the_clock(shop, tally, side_by_side, dice: Random, tmp_path) -
 
 @pytest.mark.parametrize("work", [*MAKING, *TAKING], ids=lambda work: work.name.replace(" ", "-"))
 def test_kills_at_steps_of_writing(shop, work, tally, side_by_side, dice, tmp_path) -> None:
-    """After every kill the same command goes on and ends as if it had never been killed."""
+    """After every kill the same command continues and ends as if it had never been killed."""
     account = tally(
         "A command that was killed goes on, and stores what it would have stored, to the last bit.",
         "SIGKILL at steps of writing of ten commands, then the same command again",
@@ -133,7 +133,7 @@ def test_kills_while_removing(shop, tally, side_by_side, tmp_path) -> None:
 
 
 def harm_to_file(place: Path, work: Work, where: str) -> list[tuple[str, str]]:
-    """A file that was written, but not to its end."""
+    """Return a fault if the work's file is incomplete."""
     file = place / work.leaves
     bad = work.leaves and file.exists() and not whole(file)
     return [("half file", f"{work.leaves}: {where}")] if bad else []

@@ -1,4 +1,4 @@
-"""Problem files that do what no problem file should: one sentence and exit code 2 each."""
+"""Broken problem files are each rejected with one sentence and exit code 2."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from tests.attack.broken_files import Broken, sample
 FILES = 150
 PATIENCE_S = 60.0
 BY_START = 20
-"""Every so many'th file goes through the whole program, started for it."""
+"""Inverse share of the files that are tested by a run of the whole program."""
 LINES = {
     "solve": ("solve", "broken.py", "--json"),
     "collect": ("collect", "broken.py", "--samples", "10", "-o", "data.nc"),

@@ -1,4 +1,4 @@
-"""Closed, full and narrow streams, a directory that is gone, and an environment without a home."""
+"""Closed, full and narrow streams, a deleted directory, and an environment without a home."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ SHELLS = {
 }
 
 EVERY = ("to a full device", "a closed stdout", "ASCII", "both closed", "a reader that goes")
-"""Those in which every command is run, for others every fourth."""
+"""Names of the cases in which every command is run; in the others every fourth."""
 
 
 @pytest.fixture(scope="module")

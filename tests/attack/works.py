@@ -1,4 +1,4 @@
-"""What is attacked: small works of every kind, and the store in which one run of each stands."""
+"""Small commands of every kind that attacks run, and a store with one run of each."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from problems.library.push_1d import *  # a user's file may build on a named pro
 
 @dataclass(frozen=True)
 class Work:
-    """A command that leaves something behind: a run, or the file ``leaves``."""
+    """Command that stores a run, or writes the file ``leaves``."""
 
     name: str
     arguments: tuple[str, ...]
@@ -47,7 +47,7 @@ MAKING = (
         " -s evaluate_every=2 -p horizon=6 -j 1",
     ),
 )
-"""Works that store a run; an estimate, a sweep and a training go on where they were killed."""
+"""Commands that store a run; an estimate, a sweep and a training continue after a kill."""
 TAKING = (
     _work("report", "report @1 -o out.pdf", "out.pdf"),
     _work("animate", "animate @5 -o out.html", "out.html"),
@@ -55,14 +55,14 @@ TAKING = (
     _work("runs export", "runs export heaviside -o out.npz", "out.npz"),
     _work("solve with a PDF", "solve wall-1d -p N=4 --pdf out.pdf --tag night", "out.pdf"),
 )
-"""Works that leave a file."""
+"""Commands that write a file."""
 ONE_AT_A_TIME = threading.Lock()
-"""The netCDF library reads for one thread at a time."""
+"""Lock for the netCDF library, which is not thread-safe."""
 KINDS = tuple(work.name for work in MAKING)
 
 
 def furnish(server: Server, directory: Path) -> Path:
-    """Make a store ``runs`` in a directory, with one run of every kind."""
+    """Create a store ``runs`` in a directory, with one run of every kind; return the directory."""
     directory.mkdir(parents=True, exist_ok=True)
     for work in MAKING:
         end = server.run(work.arguments, directory)
@@ -71,13 +71,13 @@ def furnish(server: Server, directory: Path) -> Path:
 
 
 def run_of(root: Path, kind: str) -> Path:
-    """The one run of a kind in a store."""
+    """Return the path of the only run of a kind in a store."""
     (found,) = [entry.path for entry in store.list_runs(root) if (entry.meta or {}).get("kind") == kind]
     return found
 
 
 def state_of(root: Path) -> dict[str, bytes]:
-    """Every file below a directory by its path in it, hidden ones left out."""
+    """Return a mapping from relative path to content of all files below a directory, except hidden ones."""
     return {
         str(file.relative_to(root)): file.read_bytes()
         for file in sorted(root.rglob("*"))
@@ -86,7 +86,7 @@ def state_of(root: Path) -> dict[str, bytes]:
 
 
 def harm_to(root: Path, before: dict[str, bytes], where: str) -> list[tuple[str, str]]:
-    """Runs of before that are lost or altered, and runs that are there but not whole."""
+    """Return the faults in a store: earlier runs that are lost or altered, and incomplete runs."""
     after, found = state_of(root), []
     for name, content in before.items():
         if name not in after:
@@ -103,18 +103,18 @@ def harm_to(root: Path, before: dict[str, bytes], where: str) -> list[tuple[str,
 
 
 def hashes(root: Path, but: Sequence[str] = ()) -> list[str]:
-    """Content of the runs of a store, times left out; ``but`` are runs of before."""
+    """Return the content hashes of the runs in a store, except those at the paths ``but``."""
     entries = (entry for entry in store.list_runs(root) if str(entry.path) not in but)
     return [(entry.meta or {}).get("hash", "damaged") for entry in entries]
 
 
 def leftovers(root: Path) -> list[str]:
-    """Hidden drafts below a directory."""
+    """Return the paths of hidden drafts below a directory."""
     return [str(path.relative_to(root)) for path in root.rglob(".ocp-partial-*")]
 
 
 def whole(file: Path) -> bool:
-    """Whether a file of a known kind is there to its end."""
+    """Return whether a file of a known kind is complete."""
     content = file.read_bytes()
     match file.suffix:
         case ".pdf":

@@ -1,4 +1,4 @@
-"""Command lines, mostly sound and a little odd, for hypothesis to draw."""
+"""Hypothesis strategies for command lines that are mostly valid and sometimes odd."""
 
 from __future__ import annotations
 
@@ -65,18 +65,18 @@ LAWS = ("exact", "barrier", "adaptive", "randomized")
 
 
 def among(*words: str) -> st.SearchStrategy[str]:
-    """One of ``words`` five times in six, else something odd."""
+    """Return a strategy for one of ``words``, or for odd text in one case of six."""
     return st.integers(0, 5).flatmap(lambda n: odd if n == 5 else st.sampled_from(words))
 
 
 def number(*words: str) -> st.SearchStrategy[str]:
-    """The same with odd numbers."""
+    """Return a strategy for one of ``words``, or for an odd number in one case of six."""
     few = st.sampled_from(ODD_NUMBERS) | st.floats().map(repr) | st.integers().map(str)
     return st.integers(0, 5).flatmap(lambda n: few if n == 5 else st.sampled_from(words))
 
 
 def setting(**values: tuple[str, ...]) -> st.SearchStrategy[str]:
-    """``name=value``; every tenth has no such form, or another name."""
+    """Return a strategy for ``name=value``, or for odd text in one case of ten."""
     sound = st.sampled_from(sorted(values)).flatmap(
         lambda name: number(*values[name]).map(lambda value: f"{name.replace('__', '.')}={value}")
     )
@@ -327,17 +327,17 @@ COMMANDS: dict[str, tuple[st.SearchStrategy[list[str]], Options]] = {
     ),
 }
 OFTEN = (*COMMANDS, *3 * ("solve", "estimate"), "continue", "replay")
-"""Commands as often as they have ways to go wrong."""
+"""Names of the commands, repeated according to how much can go wrong in them."""
 
 
 @st.composite
 def lines(draw: st.DrawFn, commands: tuple[str, ...] = OFTEN) -> list[str]:
-    """A command line; ``@solve``, ``@continue``, ``@train`` stand for runs, ``@data`` for data."""
+    """Draw a command line, in which ``@solve``, ``@continue``, ``@train`` stand for runs and ``@data`` for data."""
     name = draw(st.sampled_from(commands))
     words, options = draw(COMMANDS[name][0]), {**COMMANDS[name][1], **COMMON}
     given = draw(st.lists(st.sampled_from(sorted(options)), max_size=5))
     if draw(st.integers(0, 9)) < 9:
-        # An option given twice is one refusal, and would leave nothing else to see.
+        # An option given twice is rejected at once, which would hide everything else.
         given = [flag for i, flag in enumerate(given) if flag in "-p-c-s" or flag not in given[:i]]
     line = [*name.split(), *words]
     for flag in given:

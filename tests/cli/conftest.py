@@ -1,4 +1,4 @@
-"""The program, run in this process, and runs that the tests look at."""
+"""Fixtures that run the program in this process, and stored runs for tests."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ Ocp = Callable[..., Done]
 
 @pytest.fixture
 def ocp(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Ocp:
-    """Run ``ocp`` with arguments in an empty directory."""
+    """Return a function that runs ``ocp`` with arguments in an empty directory."""
     monkeypatch.chdir(tmp_path)
 
     def call(*arguments: str) -> Done:
@@ -43,7 +43,7 @@ def ocp(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureF
 
 @pytest.fixture(scope="module")
 def store_of_runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A store with four solves and one continuation, which tests only read."""
+    """Return a store with four solves and one continuation, which tests only read."""
     root = tmp_path_factory.mktemp("store")
     calls = [
         ["solve", "wall-1d", "--contact", "barrier", "-c", "mu=1e-3"],

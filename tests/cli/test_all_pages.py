@@ -1,4 +1,4 @@
-"""The PDF of every problem under every law: no warning, and no page less than half full."""
+"""The PDFs of all problems under all laws have no warning, and no page less than half full."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from problems import names, spec
 from reports.documents import pdf
 
 PAPER, TOP, BOTTOM = 297.0, 20.0, 24.0
-"""Height of a page and of its margins [mm], as ``reports/documents/templates/common.typ`` has them."""
+"""Height of a page and of its margins [mm], as in ``reports/documents/templates/common.typ``."""
 
 
 @pytest.mark.costly
@@ -25,7 +25,7 @@ PAPER, TOP, BOTTOM = 297.0, 20.0, 24.0
 def test_pages_are_drawn_without_a_warning_and_are_filled(
     name: str, law: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """After two iterations a plan has every panel, and a replay that is another motion."""
+    """After two iterations a plan has every panel, and a replay with another motion."""
     found = solve(spec(name).problem({"N": "8"}), contact=law, settings={"max_iter": 2})
     run = store.load(store.save(found, tmp_path, []).path)
     set_page = pdf.typst.compile
@@ -42,7 +42,7 @@ def test_pages_are_drawn_without_a_warning_and_are_filled(
 
 
 def filled(page: bytes) -> float:
-    """Share of a page's height, without its margins, down to the last line of its text."""
+    """Return the filled share of a page's height within its margins, down to the last line of text."""
     with Image.open(io.BytesIO(page)) as picture:
         dark = np.asarray(picture.convert("L")) < 200
     body = dark[: int(len(dark) * (PAPER - BOTTOM) / PAPER)]

@@ -1,4 +1,4 @@
-"""``ocp animate``: files from stored runs, and what it says when it cannot."""
+"""``ocp animate``: files from stored runs, and messages where it cannot write them."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def build(params):
 
 @pytest.fixture(scope="module")
 def store_of_runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """One short solve, one continuation, and one solve of a problem without a drawing."""
+    """Return a store with one short solve, one continuation, and one solve of a problem without a drawing."""
     root = tmp_path_factory.mktemp("animated")
     (root / "bare.py").write_text(USER)
     for arguments in (

@@ -1,4 +1,4 @@
-"""Bad input: a sentence that names what was wrong, exit code 2, no traceback, nothing stored."""
+"""Bad input gives a sentence that names the error, exit code 2, no traceback, and no stored run."""
 
 from __future__ import annotations
 
@@ -315,7 +315,7 @@ def test_a_disk_that_fills_while_writing(ocp, tmp_path: Path, monkeypatch) -> No
 
 
 def test_a_small_disk(ocp, tmp_path: Path) -> None:
-    """The same on a real file system of 64 kB, where this process may mount one."""
+    """A full disk is reported on a real file system of 64 kB, if this process may mount one."""
     disk = tmp_path / "disk"
     disk.mkdir()
     mount = shutil.which("mount")

@@ -1,4 +1,4 @@
-"""A problem's file that is edited between two commands: nothing of two problems is mixed."""
+"""A problem's file that is edited between two commands: results of both versions are never mixed."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ Write = Callable[[int], None]
 
 @pytest.fixture
 def weigh(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Write:
-    """Write the file, and the module that it imports, whose one number is given."""
+    """Return a function that writes the problem's file and the module with its weight."""
     monkeypatch.chdir(tmp_path)
 
     def write(end: int) -> None:
@@ -52,7 +52,7 @@ def weigh(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Write:
 
 
 def stopped(line: list[str], monkeypatch: pytest.MonkeyPatch, root: str) -> None:
-    """Give a command, and press Ctrl-C as soon as a point is kept."""
+    """Run a command, and interrupt it as soon as a point is stored."""
 
     def check() -> None:
         if list(Path(root).glob("mine/.unfinished-*/point-*.json")):
@@ -65,12 +65,12 @@ def stopped(line: list[str], monkeypatch: pytest.MonkeyPatch, root: str) -> None
 
 
 def kept(root: str) -> int:
-    """How many studies are kept unfinished."""
+    """Return the number of unfinished studies in a store."""
     return len(list(Path(root).glob("mine/.unfinished-*")))
 
 
 def last(root: str, what: str) -> np.ndarray:
-    """An array of the last run in a store."""
+    """Return an array of the last run in a store."""
     return store.load(store.find_run("@last", root)).data[what].values
 
 
@@ -97,7 +97,7 @@ def test_a_study_goes_on_with_its_own_problem_only(
 
 @pytest.mark.costly
 def test_a_file_that_changes_under_a_sweep_ends_it(weigh: Write) -> None:
-    """What is built from then on would be another problem: as a new worker would build it."""
+    """A worker that starts after the change would build another problem."""
     costs = []
     for end in (1, 20):
         weigh(end)
@@ -115,7 +115,7 @@ def test_a_file_that_changes_under_a_sweep_ends_it(weigh: Write) -> None:
 def test_two_of_the_same_at_once_leave_each_other_alone(
     weigh: Write, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The second is run from beginning to end while the first is at its second point."""
+    """The second runs completely while the first is at its second point."""
     first, second = [*ESTIMATE, "--out", "runs", "--tag", "first"], [*ESTIMATE, "--out", "runs"]
     looks = iter(range(4))
     with monkeypatch.context() as patched:
@@ -158,7 +158,7 @@ def test_commands_say_that_the_file_has_changed(weigh: Write, capsys: pytest.Cap
             told = capsys.readouterr().out
             assert ("mine.py, or what it imports, has changed since" in told) == edited, line
         if not edited:
-            # The last line has stored a run of its own, which is of the file as it was too.
+            # The last command has stored its own run, also of the unchanged file.
             assert load("@last", store="runs", source="mine.py").cost > 0
     with pytest.warns(UserWarning, match="has changed since"):
         load(store.list_runs("runs")[0].path, source="mine.py")

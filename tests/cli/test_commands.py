@@ -1,4 +1,4 @@
-"""What the commands print: the contract's keys, strict JSON, tables of 80 columns."""
+"""Output of the commands: documented keys, strict JSON, tables of 80 columns."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ TIMES = {
 
 
 def strict(text: str) -> Any:
-    """Parse as one JSON document that has no NaN and no infinity."""
+    """Return the parsed JSON document, which must not contain NaN or infinity."""
 
     def refuse(constant: str) -> None:
         raise AssertionError(f"{constant} is not JSON")
@@ -114,7 +114,7 @@ def test_the_split_of_the_time_adds_up(ocp) -> None:
 
 
 def test_a_failure_keeps_its_run_and_says_so(ocp) -> None:
-    """From a guess without contact the exact law in shooting sees no gradient."""
+    """From a guess without contact, shooting under the exact law has no gradient."""
     done = ocp(
         "solve", "push-1d", "--contact", "exact", "--method", "single-shooting", "-s", "homotopy=false", "--json"
     )
@@ -396,7 +396,7 @@ def test_everything_fits_80_columns(ocp, arguments: list[str]) -> None:
     ocp("solve", "wall-1d", "--contact", "randomized", "-c", "base=barrier", "-c", "samples=4")
     done = ocp(*arguments)
     assert done.code in (0, 3)
-    # A sentence may run on; a table's line has columns, two blanks apart.
+    # Sentences may be long; a line of a table has columns, two blanks apart.
     lines = [line.rstrip() for line in (done.out + done.err).splitlines()]
     tables = [line for line in lines if "  " in line.strip()]
     assert tables

@@ -1,4 +1,4 @@
-"""After Tab the shell gets the values that fit: problems, laws, settings, parameters, figures."""
+"""Tab completion offers valid values: problems, laws, settings, parameters, figures."""
 
 from __future__ import annotations
 

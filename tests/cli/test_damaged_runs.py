@@ -1,4 +1,4 @@
-"""What disks, senders and strangers make of a run: each is judged alone, and none is believed."""
+"""Damaged, manipulated and foreign runs are each checked, and never trusted."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ FLIPS, FEW = 400, 40
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """A small run of every kind."""
+    """Return a mapping from kind to a small run of it."""
     root = tmp_path_factory.mktemp("made")
     small, kept = ["-p", "N=3"], ["--quiet", "--out", str(root)]
     for line in (
@@ -62,10 +62,10 @@ KINDS = ("solve", "continue", "sweep", "estimate", "train", "figure")
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("name", ["meta.json", "solution.nc"])
 def test_every_flipped_bit_is_found(made: dict[str, Path], tmp_path: Path, kind: str, name: str) -> None:
-    """Also in the checksums themselves, in blanks, and in the case of a digit or an exponent."""
+    """Flipped bits are found also in checksums, in blanks, and in the case of digits and exponents."""
     run = shutil.copytree(made[kind], tmp_path / "run")
     content = (run / name).read_bytes()
-    # Arrays are compared in one way, whatever the kind of the run.
+    # Arrays of all kinds of runs are compared in the same way.
     count = FLIPS if name == "meta.json" or kind == "solve" else FEW
     chosen = np.random.default_rng(14).choice(8 * len(content), count, replace=False)
     for bit in map(int, chosen):
@@ -127,7 +127,7 @@ def device(path: Path) -> None:
 
 
 def claiming(run: Path) -> None:
-    """A file of some thousand bytes that says it holds eight terabytes."""
+    """Give a run a file of some thousand bytes that claims to contain eight terabytes."""
     file = run / "claims.nc"
     with netCDF4.Dataset(file, "w") as made:
         made.createDimension("n", 10**12)
@@ -210,7 +210,7 @@ def test_one_bad_run_is_one_bad_line(ocp, made: dict[str, Path], tmp_path: Path,
 
 @pytest.mark.costly
 def test_no_text_of_a_run_is_obeyed(ocp, made: dict[str, Path], tmp_path: Path) -> None:
-    """By a terminal, by rich's markup, or by the browser that shows a motion."""
+    """No text of a run controls a terminal, rich's markup, or the browser that shows a motion."""
     run = shutil.copytree(made["solve"], tmp_path / "runs" / "wall-1d" / "run")
     data = store.load(run).data
     loud = data.assign_coords(state=["\x1b[31mq", "</script>"])
@@ -250,7 +250,7 @@ def lacking_entry(way: str) -> Callable[[dict[str, Any]], None]:
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ENTRIES)
 def test_what_does_not_fit_together_is_no_internal_fault(ocp, made: dict[str, Path], tmp_path: Path, kind: str) -> None:
-    """Though every checksum agrees: parts left out, and arrays of another run."""
+    """Missing parts and arrays of another run are reported, even if all checksums agree."""
     another = (made["figure" if kind != "solve" else "train"] / "solution.nc").read_bytes()
     harms = [(lacking_entry(way), {}) for way in ENTRIES[kind]]
     for harm, parts in [*harms, (having(), {"solution": another})]:

@@ -1,4 +1,4 @@
-"""``ocp estimate``: what it prints and stores, what it refuses, and that it survives kill -9."""
+"""``ocp estimate``: output, stored runs, rejected input, and resuming after kill -9."""
 
 from __future__ import annotations
 
@@ -221,7 +221,7 @@ def test_bad_input_is_one_sentence_and_exit_code_two(capsys, tmp_path, arguments
 
 
 def test_help_names_every_backend(capsys):
-    """Those that the engine itself lists when it is asked for another."""
+    """The help names the backends that the engine lists if it gets an unknown one."""
     x = ca.SX.sym("x")
     with pytest.raises(ValueError, match="unknown backend") as refused:
         BatchFunction(ca.Function("f", [x], [x]), backend="jax")
@@ -278,7 +278,7 @@ def final(out: Path) -> tuple[list, dict]:
 def test_a_stopped_sweep_goes_on_to_the_same_bits(tmp_path, signal_number):
     broken, whole = tmp_path / "broken", tmp_path / "whole"
     with subprocess.Popen(program(broken), stdout=subprocess.DEVNULL) as process:
-        # Mid-way: something is kept, no draft of it any more, and the study is not finished.
+        # The study is unfinished: something is stored, and there are no drafts.
         wait_for(lambda: kept(broken))
         os.kill(process.pid, signal_number)
         assert process.wait() != 0

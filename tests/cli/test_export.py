@@ -1,4 +1,4 @@
-"""``ocp export``: the C file that it writes does what the run did."""
+"""``ocp export``: the written C file repeats the run."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ int main(void) {
 
 
 def rolled(text: str, name: str, start: np.ndarray, steps: int) -> np.ndarray:
-    """States (steps + 1, nx) that the file's policy and step give."""
+    """Return the states (steps + 1, nx) of a rollout by the file's policy and step."""
     source = Path("driven.c")
     source.write_text(text + DRIVER.replace("NAME", name))
     flags = ["-std=c11", "-Wall", "-Wextra", "-Werror"]
@@ -52,7 +52,7 @@ def rolled(text: str, name: str, start: np.ndarray, steps: int) -> np.ndarray:
 @pytest.mark.parametrize("policy", ["open-loop", "feedback"])
 @pytest.mark.parametrize("law", [None, "exact"])
 def test_a_runs_file_repeats_its_rollout(ocp, policy, law) -> None:
-    """Under the run's own law, and under another: the replay of the run, state by state."""
+    """The file repeats the run under its own law, and its replay under another, state by state."""
     solved = ocp("solve", "push-1d", "--contact", "barrier", "-c", "mu=1e-3", "--policy", policy, "--json")
     run = json.loads(solved.out)["run"]
     asked = [] if law is None else ["--contact", law]
@@ -134,7 +134,7 @@ def test_what_it_cannot_do_is_said(ocp, store_of_runs: Path, arguments, said) ->
 
 
 def test_a_run_has_its_own_parameters_and_a_policy(ocp, store_of_runs: Path) -> None:
-    """A solve takes no -p; a continuation is no solve."""
+    """Exporting a solve rejects -p, and a continuation cannot be exported."""
     runs = {store.load(path).kind: path for path in (store_of_runs / "wall-1d").iterdir()}
     done = ocp("export", str(runs["solve"]), "-o", "x.c", "-p", "m=2")
     assert done.code == 2

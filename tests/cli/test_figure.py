@@ -1,4 +1,4 @@
-"""``ocp figure``: its files, its claims, its bytes, and how it refuses."""
+"""``ocp figure``: files, claims, reproducible bytes, and rejected input."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Any command line ends in an answer or in one sentence: drawn by the thousand, in this process."""
+"""Thousands of random command lines, run in this process, each end in a result or in one sentence."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from reports.cli.app import main
 from tests.cli.command_lines import OBJECTIVES, lines
 
 MOST_S = 2.0
-"""Processor seconds for whatever does not solve."""
+"""Maximum processor time [s] of a command that does not solve anything."""
 QUIETLY = {
     "derandomize": True,
     "deadline": None,
@@ -25,7 +25,7 @@ QUIETLY = {
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
-    """A stored solve, a stored continuation, and collected data."""
+    """Return a mapping from placeholder to a stored solve, continuation or training, or to data."""
     root = tmp_path_factory.mktemp("store")
     short = ["wall-1d", "-p", "N=4", "--quiet"]
     path = ["--over", "contact.mu", "--from", "1e-1", "--to", "1e-2", "--steps", "2"]
@@ -35,7 +35,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     assert main(["train", "ball-throw", *small, "--out", str(root / "c")]) == 0
     data = root / "data.nc"
     assert main(["collect", "push-1d", "--samples", "100", "-o", str(data), "--quiet"]) == 0
-    # Loads JAX, which takes longer than any check may.
+    # This loads JAX, which takes longer than a checked command may.
     network = ["learn", str(data), "--model", "mlp", "--hidden", "2", "--epochs", "1"]
     assert main([*network, "-o", str(root / "model.nc"), "--quiet"]) == 0
     stored = {
@@ -47,7 +47,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
 
 @pytest.fixture
 def judged(runs, tmp_path, monkeypatch, capsys) -> Callable[[list[str]], int]:
-    """Run a command line in an empty directory and judge how it ended."""
+    """Return a function that runs a command line in an empty directory and checks how it ended."""
     monkeypatch.chdir(tmp_path)
 
     def judge(line: list[str], most: float = MOST_S) -> int:
@@ -72,7 +72,7 @@ def judged(runs, tmp_path, monkeypatch, capsys) -> Callable[[list[str]], int]:
 
 
 def idle(line: list[str]) -> str:
-    """What of a command line cannot have an effect, or nothing; told from its words alone."""
+    """Return an option in a command line that can have no effect, or an empty text, from its words alone."""
     words = dict(pairwise(line))
     settings = {
         f"{flag} {value.partition('=')[0].strip()}": value.partition("=")[2].strip()
@@ -119,7 +119,7 @@ def _idle_in_an_estimate(line: list[str], words: dict[str, str], settings: dict[
 
 
 def stub(*_: object) -> int:
-    """Stand in for the work, after everything was checked."""
+    """Return exit code 0; replaces the work of a command, after its input was checked."""
     return 0
 
 

@@ -1,4 +1,4 @@
-"""Names that matplotlib, typst, HTML or a spreadsheet would run reach every page as text."""
+"""Names that matplotlib, typst, HTML or a spreadsheet would execute are set as text on every page."""
 
 from __future__ import annotations
 

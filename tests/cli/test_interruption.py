@@ -1,4 +1,4 @@
-"""Ctrl-C and kill: the program ends at once, keeps what is finished, and leaves no half run."""
+"""Ctrl-C and kill: the program ends at once, keeps finished work, and leaves no incomplete run."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def test_ctrl_c_between_starts_keeps_the_best_of_them(tmp_path: Path) -> None:
 
 @pytest.mark.costly
 def test_ctrl_c_in_a_solver_keeps_the_best_point(tmp_path: Path) -> None:
-    """The signal falls into IPOPT, which would need seconds more."""
+    """The signal arrives during IPOPT, which would need seconds more."""
     process = start(["solve", "planar-hand", "--contact", "barrier", "-p", "N=60", "-vv", "--json"], tmp_path)
     read_until(process, "ipopt on planar-hand")
     time.sleep(0.5)

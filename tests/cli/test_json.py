@@ -1,4 +1,4 @@
-"""With ``--json`` stdout has one document and nothing else, whoever prints there."""
+"""With ``--json`` stdout has one document and nothing else, whatever libraries print."""
 
 from __future__ import annotations
 

@@ -41,7 +41,7 @@ def build(params):
 
 
 def own_table(file: Path, heads: str, n: int = 400) -> Path:
-    """What someone has measured of a mass before a wall: place, speed, kick and what followed."""
+    """Write a table of measured steps of a mass before a wall: position, speed, impulse, and next values."""
     rng = np.random.default_rng(0)
     place, speed, kick = rng.uniform([0, -1, -1], [2, 1, 1], (n, 3)).T
     free = speed + kick
@@ -123,7 +123,7 @@ def test_a_model_is_learned_shown_and_planned_with(ocp: Ocp, model: str) -> None
     over = ["--over", "M", "--from", "1", "--to", "1.2", "--steps", "2", "--json", "-q"]
     assert len(ocp("continue", "push-1d", "--contact", "barrier", *words, *over).json["points"]) == 3
     if model == "ewda":
-        # The cost need not rise with trust: the path has a fold at every datum that it passes.
+        # The cost may fall as trust grows, since the path has a fold at every datum that it passes.
         over = ["--over", "contact.trust", "--from", "0", "--to", "1e-3", "--steps", "2"]
         points = ocp("continue", "push-1d", "--contact", "barrier", *words, *over, "--json", "-q").json["points"]
         assert (points[0]["value"], points[-1]["value"]) == (0, 1e-3)
@@ -156,7 +156,7 @@ def test_a_user_s_table_becomes_a_plan(ocp: Ocp) -> None:
     assert (done.json["problem"], done.json["data"]["how"]) == ("own", "read from own.csv")
     solved = ocp("solve", "own.py", "--contact", "ewda", "-c", "model=own.nc", "--json", "-q")
     assert solved.code == 0, solved.err
-    # The average of data near a plan that starts at 0.5 m and goes to 1 m.
+    # The average is that of data near a plan that starts at 0.5 m and goes to 1 m.
     assert solved.json["success"] and np.isfinite(solved.json["exact_cost"])
     collected = ocp("collect", "own.py", "-n", "300", "-o", "own-data.nc", "--json", "-q")
     assert collected.json["problem"] == "own" and collected.json["rows"] == 300
@@ -290,14 +290,14 @@ CASES = {
 
 @pytest.fixture(scope="module")
 def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Data, a model, and files that are neither."""
+    """Return a folder with data, a model, and files that are neither."""
     from reports.cli.app import main
 
     root = tmp_path_factory.mktemp("files")
     data, model = str(root / "data.nc"), str(root / "model.nc")
     assert main(["collect", "push-1d", "-n", "200", "-o", data, "-q"]) == 0
     assert main(["learn", data, "--model", "ewda", "-o", model, "-q"]) == 0
-    # Behind the numbers stand zeros, without which nothing is missing.
+    # Zeros follow the numbers; a file without them is complete.
     (root / "cut.nc").write_bytes((root / "data.nc").read_bytes().rstrip(b"\0")[:-400])
     rows = [[f"{i}", f"{i % 7}", f"{i + 1}"] for i in range(30)]
     tables = {
@@ -333,7 +333,7 @@ def test_training_without_jax_names_the_extra(ocp: Ocp, files: Path, monkeypatch
 
 
 def test_a_next_state_that_never_varies_is_told(ocp: Ocp) -> None:
-    """The hand of the thrown ball: 1 before the throw, 0 after it, whatever was thrown."""
+    """The next value of the thrown ball's hand state is the same in all transitions."""
     assert ocp("collect", "ball-throw", "--samples", "300", "-o", "data.nc").code == 0
     done = ocp("learn", "data.nc", "--model", "ewda", "-o", "model.nc")
     assert done.code == 2

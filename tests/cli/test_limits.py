@@ -1,4 +1,4 @@
-"""What cannot be, for its size, is refused before any work; what will take long is told."""
+"""Requests that are too large are rejected before any work; long ones are announced."""
 
 from __future__ import annotations
 
@@ -114,7 +114,7 @@ def test_the_line_has_time_and_what_matters_of_memory(capsys) -> None:
 
 @pytest.mark.costly
 def test_a_curve_that_ends_in_no_number_has_failed(ocp, monkeypatch: pytest.MonkeyPatch) -> None:
-    """From m = 0.75 on the exact replay overflows."""
+    """For m >= 0.75 the exact replay overflows."""
 
     def overflown(session, outcome, seed):
         found = judge_outcome(session, outcome, seed)

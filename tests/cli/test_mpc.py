@@ -1,4 +1,4 @@
-"""``ocp mpc``: a closed loop simulated, told, stored, reported and filmed."""
+"""``ocp mpc``: a closed loop is simulated, printed, stored, reported and animated."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ SMALL = ("mpc", "soft-walls", "-p", "N=5")
 
 @pytest.fixture(scope="module")
 def loops(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A store with three seeds under noise, one exact loop and one that diverges, only read."""
+    """Return a store with three seeds under noise, one exact loop and one that diverges, which tests only read."""
     root = tmp_path_factory.mktemp("loops")
     calls = (
         ["--plant", "noise", "--seeds", "3", "--steps", "24", "--certify", "8"],
@@ -78,7 +78,7 @@ def test_a_loop_is_read_back_as_it_was_simulated(tmp_path: Path) -> None:
         assert run.data[name].dims == array.dims
         np.testing.assert_array_equal(run.data[name].values, array.values)
     assert run.meta["costs"] == loop.costs.tolist()
-    # Under its own law the plant's forces are those of the contact, on its pairs.
+    # Under the model's own law the plant's forces are those of the contact's pairs.
     assert float(abs(run.data["lam"] * run.data["gap"]).max()) < 1e-9
     assert np.allclose(np.diff(run.data["time"].values), 0.01)
 
@@ -218,7 +218,7 @@ def test_a_learned_model_has_no_forces_to_plan_with(ocp: Ocp) -> None:
 
 
 def test_a_bound_that_the_plant_violates_is_exit_code_3_and_in_the_document(ocp: Ocp) -> None:
-    """The box is pushed to 0.9 m; it may be 0.5 m off the middle of its cart."""
+    """The box is pushed to 0.9 m, although at most 0.5 m from its cart's middle is allowed."""
     small = ("mpc", "cart-transport", "-p", "N=5", "--steps", "6")
     done = ocp(*small, "--push", "3:r=1.1", "--json")
     assert done.code == 3, done.err

@@ -1,4 +1,4 @@
-"""``ocp new``: every template is written under its name, loads, solves, and is drawn."""
+"""``ocp new``: every template is written under the given name, loads, solves, and is drawn."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One grammar of numbers at every door of the command line and of Python."""
+"""The command line and Python read all numbers by the same grammar."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One solve with its PDF takes one way through: few of our modules load, few files do work."""
+"""One solve with its PDF loads few modules of this package and calls functions in few files."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 MODULES, FILES = 220, 140
-"""Most modules loaded, and most files with functions called, in ``ocp solve --pdf``."""
+"""Maximum numbers of loaded modules, and of files with called functions, in ``ocp solve --pdf``."""
 
 MEASURE = """
 import json, os, sys

@@ -1,4 +1,4 @@
-"""Every command that writes a file: a FIFO is written to, and never replaced."""
+"""Every command that writes a file writes to a FIFO and never replaces it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from reports.cli.app import main
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with one run and one table of transitions."""
+    """Return a folder with one run and one file of transitions."""
     root = tmp_path_factory.mktemp("outputs")
     assert main(["solve", "push-1d", "--contact", "exact", "--quiet", "--out", f"{root}/runs"]) == 0
     collect = ["collect", "push-1d", "-n", "60", "-o", str(root / "data.nc"), "--quiet"]

@@ -1,4 +1,4 @@
-"""A contact law of a user's file, on every command that takes ``--contact``."""
+"""A contact law from a user's file works in every command that takes ``--contact``."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A user's parameters and signals may be called what ours are called."""
+"""Parameters and signals of users may have the names of ours."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def build(params):
 
 @pytest.fixture
 def files(tmp_path: Path) -> tuple[Path, Path]:
-    """The same block with names of ours, and with others."""
+    """Return the files of the same problem with names that the package uses, and with others."""
     written = []
     for name, a, signals in (
         ("ours", "", ("x [m]; lam [m]; mu [m/s]; gap [m/s]", "cost [N]; u [N]", "kappa [N s]; sigma [N s]")),
@@ -124,7 +124,7 @@ def numbers(text: str) -> list[str]:
 @pytest.mark.costly
 @pytest.mark.parametrize(("law", "settings"), [("exact", {}), ("barrier", {"mu": 1e-4})])
 def test_a_plan_is_that_of_the_same_problem_with_other_names(files, law, settings) -> None:
-    """A terminal weight called penalty was taken for that of a route, and set to zero."""
+    """A terminal weight called penalty is not confused with the penalty of a route."""
     changed = {"mu": 0.4, "penalty": 20.0, "relaxation": 0.02, "seed": 1.5}
     plans = [
         solve(get(str(path), **{a + key: value for key, value in changed.items()}), law, contact_settings=settings)

@@ -1,4 +1,4 @@
-"""Pages of stored runs: what page 1 names, paths with their motions, comparisons by differences."""
+"""Pages of stored runs: contents of page 1, continuations with their motions, comparisons by differences."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Reports: the same bytes for the same run, every part in its place, units on every axis."""
+"""Reports have the same bytes for the same run, all parts in order, and units on every axis."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def views(store_of_runs: Path) -> dict[str, RunView]:
 
 @pytest.mark.costly
 def test_identical_runs_give_identical_bytes(ocp, tmp_path: Path) -> None:
-    """Two solves, the second in another process with other hashes, at another time and place."""
+    """The second solve is in another process with other hash seeds, at another time and in another folder."""
     arguments = ["solve", "push-1d", "--contact", "adaptive", "--quiet"]
     assert ocp(*arguments, "--pdf", "a.pdf").code == 0
     code = "import sys; from reports.cli.app import main; sys.exit(main())"

@@ -1,4 +1,4 @@
-"""``ocp solve --plot``: the bare figure of the solution, and nothing opened."""
+"""``ocp solve --plot`` writes the bare figure of the solution and opens no window."""
 
 from __future__ import annotations
 

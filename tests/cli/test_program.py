@@ -1,4 +1,4 @@
-"""The program as a whole: version, help, what -v shows, shell completion, and every encoding."""
+"""The program as a whole: version, help, output of -v, shell completion, and encodings."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ COMMANDS = load_commands()
 
 
 def run_as(directory: Path, *arguments: str, **environment: str) -> subprocess.CompletedProcess:
-    """The program in a process of its own."""
+    """Run the program in its own process and return the completed process."""
     return subprocess.run(
         [*PROGRAM, *arguments],
         cwd=directory,
@@ -55,7 +55,7 @@ def test_the_list_of_commands_is_whole(ocp) -> None:
 
 @pytest.mark.parametrize("name", sorted(COMMANDS))
 def test_examples_are_understood(ocp, name: str, monkeypatch) -> None:
-    """Every example passes the parser: its options exist, its numbers are in range."""
+    """Every example passes the parser, so that its options exist and its numbers are in range."""
     seen = []
     monkeypatch.setattr(app, "execute", lambda *given: seen.append(given) or 0)
     for line in COMMANDS[name].declared.examples:
@@ -76,7 +76,7 @@ def test_stages_are_logged_at_info_and_solvers_at_debug(ocp, caplog) -> None:
 
 
 def test_logging_is_pythons_own(caplog) -> None:
-    """From Python: one line a stage of the solution, from loggers named after modules."""
+    """In Python each stage of a solve logs one line, by loggers named after modules."""
     from dynamics.contact import Barrier
     from ocp import solve
     from problems import get
@@ -103,7 +103,7 @@ def test_levels_are_set_back(capsys) -> None:
 @pytest.mark.costly
 @pytest.mark.parametrize("encoding", ["cp1252", "ascii", "utf-8"])
 def test_output_in_every_encoding(tmp_path: Path, encoding: str) -> None:
-    """The sign of complementarity, which cp1252 lacks, ends no program."""
+    """The sign of complementarity, which cp1252 lacks, does not end the program."""
     done = run_as(tmp_path, "settings", "laws", PYTHONIOENCODING=encoding, PYTHONUTF8="0", LC_ALL="C")
     assert done.returncode == 0, done.stderr
     sign = "⟂" if encoding == "utf-8" else "_|_"

@@ -1,4 +1,4 @@
-"""What ``ocp solve`` takes and stores is what ``ocp.solve`` takes and stores, to the last bit."""
+"""``ocp solve`` and ``ocp.solve`` take the same arguments and store the same runs to the last bit."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def pushed() -> Solution:
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize("name", SMALL)
 def test_python_stores_what_the_command_line_stores(ocp, tmp_path, name: str, law: str) -> None:
-    """The hash in a run's name is over all arrays and all of the description but times."""
+    """The hash in a run's name covers all arrays and the description except times."""
     given = words("-p", SMALL[name]) + words("-c", LAWS[law])
     told = ocp("solve", name, "--contact", law, *given, "--json").json
     solution = solve(name, contact=law, **SMALL[name], **LAWS[law])
@@ -212,7 +212,7 @@ def test_a_solution_tells_itself_in_one_line(pushed: Solution) -> None:
 
 
 class Checked(HTMLParser):
-    """Tags that close in the order they were opened, with nothing fetched from elsewhere."""
+    """Parser that checks that tags are closed in order and that nothing is loaded from other servers."""
 
     def __init__(self) -> None:
         super().__init__()

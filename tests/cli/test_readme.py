@@ -1,6 +1,6 @@
-"""What the README and the pages of the site show, solved: the mathematics behind the examples.
+"""Examples of the README and the site's pages have the right solutions.
 
-That every command on them works as printed is :mod:`tests.docs.test_pages`.
+:mod:`tests.docs.test_pages` checks that every command on them works as printed.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ LARGEST = 8192
 
 
 def saved(page: Path, file: str, folder: Path) -> Path:
-    """The block of ``page`` that is called ``file``, as that file."""
+    """Write the block of ``page`` with the title ``file`` to that file; return its path."""
     source = next(b.text for b in blocks(page.read_text()) if b.file == file)
     (folder / file).write_text(source)
     return folder / file
@@ -48,7 +48,7 @@ def test_its_tables_of_smoothings_say_what_was_measured(table: str, title: str, 
 
 @pytest.mark.costly
 def test_added_problem_catches_the_mass(tmp_path: Path) -> None:
-    """The mass is to rest at 0.8 m; the walls at 0 and 1 m must hold it in on the way."""
+    """The mass comes to rest at 0.8 m and needs the walls at 0 and 1 m."""
     file = saved(DOCS / "reference" / "problem-file.md", "catch.py", tmp_path)
     found = solve(spec(str(file)).problem({}), contact=Exact())
     x = found.data["x"].values[0]
@@ -59,7 +59,7 @@ def test_added_problem_catches_the_mass(tmp_path: Path) -> None:
 
 @pytest.mark.costly
 def test_built_machine_lifts_itself(tmp_path: Path) -> None:
-    """The bar ends turned by -0.5 rad (nose up) and at rest, on tail and hand alone."""
+    """The bar ends at rest at -0.5 rad (nose up), on tail and hand alone."""
     file = saved(DOCS / "theory" / "machines.md", "push_up.py", tmp_path)
     found = solve(spec(str(file)).problem({}), contact=Exact())
     assert found.success

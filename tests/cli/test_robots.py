@@ -1,4 +1,4 @@
-"""Robot files by the commands: shown, written into a problem that solves, and refused."""
+"""Robot files in the commands: shown, written into a problem that solves, or rejected."""
 
 from __future__ import annotations
 
@@ -188,7 +188,7 @@ def test_a_bad_request_is_refused(ocp, words: list[str], told: str) -> None:
 
 
 def test_a_hostile_file_opens_nothing_else(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Whatever is read, is read by us, and lies in the folder; MuJoCo gets texts and bytes."""
+    """Only this package reads files, all in the folder; MuJoCo gets texts and bytes."""
     seen: list[Path] = []
     original = Path.read_bytes
 
@@ -203,7 +203,7 @@ def test_a_hostile_file_opens_nothing_else(tmp_path: Path, monkeypatch: pytest.M
     robot = robots.load(tmp_path / "robot.xml")
     assert [link.name for link in robot.machine.bodies] == ["b"]
     assert seen == [tmp_path / "robot.xml", tmp_path / "in/part.xml"]
-    # Pictures are never opened, nor meshes of a URDF out of its folder.
+    # Neither pictures nor meshes outside a URDF's folder are opened.
     (tmp_path / "robot.xml").write_text(mjcf(J + G, "<asset><texture name='t' file='/dev/zero'/></asset>"))
     assert "texture: change pictures alone" in robots.load(tmp_path / "robot.xml").ignored
     (tmp_path / "robot.urdf").write_text(URDF.replace('<sphere radius="0.04"/>', "<mesh filename='/etc/passwd'/>"))

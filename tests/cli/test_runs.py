@@ -1,4 +1,4 @@
-"""The store on the command line: listing, filters, tags, ``@last``, ``rm``, export, its place."""
+"""The store on the command line: listing, filters, tags, ``@last``, ``rm``, export, location."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from reports.cli.runs_command import parse_date
 
 @pytest.fixture(scope="module")
 def stored(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Three solves and a continuation, each within a second or so of the other."""
+    """Return a store with three solves and a continuation, each about a second after the last."""
     root = tmp_path_factory.mktemp("store")
     small = ["-p", "N=4", "--quiet", "--out", str(root)]
     for line in (
@@ -47,7 +47,7 @@ def stored(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def runs(ocp, stored: Path, tmp_path: Path) -> Path:
-    """The same in the working directory of a test."""
+    """Return a copy of the store in the working directory of a test."""
     return shutil.copytree(stored, tmp_path / "runs")
 
 

@@ -1,4 +1,4 @@
-"""A run is data: no code that it names is ever loaded, only what a person names with --source."""
+"""Runs are data: code that they name is never loaded, only a file that the user names with --source."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def draw(params, state):
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with the file of a problem and a run of each kind that is made of it."""
+    """Return a folder with a problem's file and a run of each kind of that problem."""
     from reports.cli.app import main
 
     root = tmp_path_factory.mktemp("made")
@@ -79,13 +79,13 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def received(made: Path, tmp_path: Path) -> dict[str, Path]:
-    """Such runs, each of which now names code that tells when it is loaded."""
+    """Return a mapping from kind to a run that names code, which reports when it is loaded."""
     (tmp_path / "evil.py").write_text(EVIL)
     shutil.copytree(made / "runs", tmp_path / "runs")
     found = {}
     for entry in store.list_runs(tmp_path / "runs"):
         (entry.path / "evil.py").write_text(EVIL)
-        # By its file, inside the run or beside it, and by a problem that is called like a file.
+        # Code is named as a source, inside the run or beside it, or as a problem's name.
         for field, word in (("source", str(entry.path / "evil.py")), ("problem", "evil.py")):
             run = tmp_path / f"{len(found)}" / entry.path.name
             shutil.copytree(entry.path, run)
@@ -116,7 +116,7 @@ COMMANDS = {
 @pytest.mark.costly
 @pytest.mark.parametrize("command", COMMANDS)
 def test_no_command_runs_what_a_run_names(ocp, received: dict[str, Path], tmp_path: Path, command: str) -> None:
-    # A page takes a second and more.
+    # A page takes more than a second.
     chosen = ("solve source", "estimate problem") if command == "report" else received
     for run in map(received.__getitem__, chosen):
         done = ocp(*command.split(), str(run), *COMMANDS[command])
@@ -174,7 +174,7 @@ def test_load_takes_the_file_by_name(made: Path) -> None:
 
 @pytest.mark.costly
 def test_a_run_shows_its_problem_without_the_file(ocp, made: Path, tmp_path: Path) -> None:
-    """The same motion as with it: at nodes as drawn, between them in straight lines."""
+    """The motion is the same as with the file, at nodes as drawn and linear between them."""
     run = next(e.path for e in store.list_runs(made / "runs") if e.meta and e.meta.get("grade"))
     shapes = {}
     for how in ([], ["--source", str(made / "mine.py")]):

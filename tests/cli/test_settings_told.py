@@ -1,4 +1,4 @@
-"""``ocp settings``: everything that may be set, as it is declared."""
+"""``ocp settings`` lists everything that can be set, as declared."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 class Made:
-    """A class with a declared argument, one that is not, and one that only checkers know."""
+    """Class with declared arguments, a plain one, and one whose type only checkers know."""
 
     def __init__(
         self,
@@ -49,7 +49,7 @@ def test_an_argument_with_a_meaning_has_name_kind_default_range_and_meaning() ->
 
 @dataclass(frozen=True)
 class Declared(Configured):
-    """A dataclass whose settings are declared."""
+    """Dataclass with declared settings."""
 
     name: ClassVar[str] = "made"
     width: float = setting(0.5, "width of it", "m", above=0, most=2, hint="it is narrow")

@@ -1,4 +1,4 @@
-"""Files of the user's that are called as our packages are: not in the way, or told."""
+"""Files of users with the names of our packages do no harm, or are reported."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ OURS = ("dynamics", "ocp", "problems", "reports")
 
 
 def python(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    """Run Python in ``folder``, with this checkout on the path behind it."""
+    """Run Python in ``folder``, with this checkout after it on the search path."""
     return subprocess.run(
         [sys.executable, *arguments],
         cwd=folder,
@@ -26,7 +26,7 @@ def python(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
 
 
 def put(folder: Path, name: str, kind: str) -> Path:
-    """Make a module, a package or a bare folder called ``name`` that none of ours would survive."""
+    """Create a module, a package or a folder called ``name`` that exits if imported; return its file."""
     if kind == "file":
         place = folder / f"{name}.py"
     else:

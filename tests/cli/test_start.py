@@ -1,4 +1,4 @@
-"""From the first line to the last: Ctrl-C, and output that nobody takes, end in one sentence."""
+"""Ctrl-C at any time, and output that cannot be written, end the program with one sentence."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from reports.cli.start import main
 sys.argv[0] = "ocp"
 sys.exit(main())
 """
-"""The program, which says by a dot that it heeds Ctrl-C from now on."""
+"""Code that runs the program and prints a dot once its handler of Ctrl-C is installed."""
 
 
 def start(*words: str, **given: object) -> subprocess.Popen[str]:
@@ -51,7 +51,7 @@ def test_ctrl_c_while_the_program_is_still_imported(seconds: float, tmp_path: Pa
     process.send_signal(signal.SIGINT)
     out, err = process.communicate(timeout=60)
     if process.returncode == 3:
-        # On a busy computer the signal comes late: the solve had begun, and its best point is kept.
+        # On a busy computer the signal may come during the solve, whose best point is kept.
         assert "Interrupted: " in out
         return
     assert process.returncode == 130
@@ -65,7 +65,7 @@ def test_nothing_is_imported_before_ctrl_c_is_heeded() -> None:
 
 
 def test_a_reader_that_goes_is_no_fault(capsys: pytest.CaptureFixture[str]) -> None:
-    """Consoles of rich make an exit of their own of a pipe that broke."""
+    """Rich's consoles would turn a broken pipe into an exit of their own."""
 
     def broken() -> None:
         try:
@@ -80,7 +80,7 @@ def test_a_reader_that_goes_is_no_fault(capsys: pytest.CaptureFixture[str]) -> N
 
 @pytest.mark.costly
 def test_closed_streams_get_no_file_of_ours(tmp_path: Path) -> None:
-    """A descriptor 1 that came closed would be the next file's, into which solvers then print."""
+    """If descriptor 1 is closed, the next opened file would get it, and solvers would print into that file."""
     program = "import os; os.closerange(0, 3)\n" + HEEDED.replace('os.write(1, b".")', "pass")
     words = [
         sys.executable,

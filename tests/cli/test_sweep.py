@@ -1,4 +1,4 @@
-"""``ocp sweep``: one stored study, told, drawn and resumed; ``ocp solve --starts --jobs``."""
+"""``ocp sweep``: one stored study, printed, drawn and resumed; ``ocp solve --starts --jobs``."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ OVER = ("--contact", "barrier", "--over", "M=0.5:2:3", "--over", "mu=1e-3:1e-2:2
 
 @pytest.fixture(scope="module")
 def swept(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A store with one sweep of which two points fail, which tests only read."""
+    """Return a store with one sweep, two of whose points fail, which tests only read."""
     root = tmp_path_factory.mktemp("swept")
     over = ["--over", "qa0=-0.5:-0.2:2", "--over", "width=0.2:0.4:3"]
     assert (
@@ -124,7 +124,7 @@ def test_the_store_shows_a_sweep_and_a_report_draws_it(swept: Path, ocp: Ocp) ->
 
 
 def _stopped(words: list[str], store_of: Path, stop: signal.Signals) -> subprocess.Popen[str]:
-    """A sweep in a process of its own, stopped after its first point is kept."""
+    """Start a sweep in its own process and stop it after its first point is stored."""
     code = f"import sys\nfrom reports.cli.app import main\nsys.exit(main({words!r}))"
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     process = subprocess.Popen(

@@ -1,4 +1,4 @@
-"""What ``ocp`` says of an answer: exit codes, requirements, ranks, colours, points of paths."""
+"""Reports of ``ocp`` on a solution: exit codes, requirements, ranks, colours, points of continuations."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ KINKED = (
     "-s",
     "homotopy=true",
 )
-"""A point without multipliers, so that the certificate has to ask a program."""
+"""Command line of a solve that ends without multipliers, so that the certificate needs a linear program."""
 
 
 # --- exit codes --------------------------------------------------------------------------------
@@ -107,7 +107,7 @@ def test_unknown_words_say_what_was_meant(ocp, option: str, word: str, meant: st
 
 @pytest.fixture
 def without_proof(monkeypatch: pytest.MonkeyPatch) -> None:
-    """No multipliers prove stationarity, so that programs have to."""
+    """Disable proofs by multipliers, so that certificates need linear programs."""
     monkeypatch.setattr("ocp.judge.lpec.LinearModel.dual_bound", lambda *_: math.inf)
 
 
@@ -190,7 +190,7 @@ def build(params):
 
 @pytest.mark.costly
 def test_starts_are_ranked_by_their_referee(ocp, tmp_path: Path) -> None:
-    """The way that is cheaper with expanded gaps is dearer with true ones."""
+    """The solution that is cheaper with linearised gaps costs more with true ones."""
     (tmp_path / "post.py").write_text(POST)
     arguments = ("solve", "post.py", *EXACT, *QUIET, "--starts", "3")
     planned, refereed = ocp(*arguments), ocp(*arguments, "--rank", "referee")

@@ -1,4 +1,4 @@
-"""``ocp solve --from RUN``."""
+"""``ocp solve --from RUN`` starts from a stored run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""No warning of a library reaches the terminal, and with ``-q`` none of ours does."""
+"""No warning of a library reaches the terminal, and with ``-q`` no warning at all."""
 
 from __future__ import annotations
 

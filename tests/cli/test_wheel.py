@@ -1,4 +1,4 @@
-"""What is built holds what runs and no pictures, and works where nothing else of ours is."""
+"""Built distributions contain all code and no pictures, and work without this checkout."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ pytestmark = pytest.mark.slow
 
 
 def run(*command: str | Path, cwd: Path, **more: str) -> subprocess.CompletedProcess[str]:
-    """Run without this checkout on the path."""
+    """Run a command without this checkout on the path, and check that it succeeds."""
     bare = {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "VIRTUAL_ENV")}
     done = subprocess.run([*map(str, command)], cwd=cwd, capture_output=True, text=True, env=bare | more)
     assert done.returncode == 0, done.stdout + done.stderr
@@ -30,7 +30,7 @@ def run(*command: str | Path, cwd: Path, **more: str) -> subprocess.CompletedPro
 
 
 def built(target: str, folder: Path) -> Path:
-    """Build the wheel or the sdist with the backend that is installed here, without network."""
+    """Build the wheel or the sdist with the installed backend, without network; return the file."""
     tools = os.environ.get("PYTHONPATH", "")
     run(sys.executable, "-m", "hatchling", "build", "-t", target, "-d", folder, cwd=ROOT, PYTHONPATH=tools)
     (file,) = folder.iterdir()
@@ -49,10 +49,10 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def elsewhere(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Programs of a fresh environment with the wheel, which borrows the libraries of this one.
+    """Return the programs folder of a new environment with the wheel, which uses the libraries of this one.
 
-    Their folder is named in a path file, and path files in a folder so named are not read: the
-    editable install of this checkout is not there.
+    A path file names the folder of these libraries. Path files in that folder are not read, so that
+    the editable install of this checkout is not found.
     """
     home = tmp_path_factory.mktemp("elsewhere") / "env"
     run(sys.executable, "-m", "venv", "--without-pip", home, cwd=home.parent)

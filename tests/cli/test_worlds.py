@@ -1,4 +1,4 @@
-"""Plans, and closed loops, in MuJoCo from the command line."""
+"""Plans and closed loops in MuJoCo from the command line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What cannot be trained or judged is refused in one sentence, before any work."""
+"""Invalid requests for training and evaluation are rejected in one sentence, before any work."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ REFUSED = {
 @pytest.mark.parametrize(
     "words",
     [
-        # Ten seconds are waited for a scheduler.
+        # The program waits ten seconds for a scheduler.
         pytest.param(words, marks=pytest.mark.slow) if "--scheduler" in words else words
         for words in REFUSED
     ],

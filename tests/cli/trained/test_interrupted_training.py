@@ -1,4 +1,4 @@
-"""Trainings killed and stopped: the same command goes on, and ends as if nothing had happened."""
+"""Killed and stopped training runs: the same command resumes them, with the same result as without a stop."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from distributed import Client, LocalCluster
 from ocp import store
 
 EAGER = "from ocp.store import checkpoint; checkpoint.SAVE_INTERVAL_S = 0.0"
-"""A checkpoint after every iteration, so that a kill finds one early."""
+"""Code that saves a checkpoint after every iteration, so that there is one soon."""
 PROGRAM = [sys.executable, "-c", "import sys; from reports.cli.app import main; sys.exit(main())"]
 ROOT = Path(__file__).parents[3]
 LONG = [
@@ -40,7 +40,7 @@ LONG = [
 
 
 def start(arguments: list[str], directory: Path) -> subprocess.Popen[str]:
-    """Run ``ocp`` elsewhere; its workers read what every Python process reads first, too."""
+    """Start ``ocp`` in another process; it and its workers import :data:`EAGER` as sitecustomize."""
     (directory / "first").mkdir(exist_ok=True)
     (directory / "first" / "sitecustomize.py").write_text(EAGER)
     return subprocess.Popen(
@@ -78,7 +78,7 @@ def results(found: dict, directory: Path) -> list[xr.Dataset]:
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> list[xr.Dataset]:
-    """Two seeds that nobody stopped."""
+    """Return the results of two seeds that ran without a stop."""
     directory = tmp_path_factory.mktemp("whole")
     found = finish([*LONG, "--seeds", "2", "--jobs", "1"], directory)
     assert not checkpoints(directory)
@@ -157,6 +157,6 @@ def test_a_cluster_worker_killed_on_the_way_loses_nothing(
 
 
 def workers_of(pid: int) -> list[int]:
-    """Processes that were spawned to work, without the one that watches over what they share."""
+    """Return the ids of the spawned worker processes, without the resource tracker."""
     found = map(int, Path(f"/proc/{pid}/task/{pid}/children").read_text().split())
     return [one for one in found if b"spawn_main" in Path(f"/proc/{one}/cmdline").read_bytes()]

@@ -1,4 +1,4 @@
-"""``ocp train`` and what reads its runs: evaluate, report, animate, runs."""
+"""``ocp train``, and the commands that read its runs: evaluate, report, animate, runs."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ SMALL = (
 
 @pytest.fixture(scope="module")
 def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A store with two seeds of two algorithms, side by side."""
+    """Return a store with two seeds of two algorithms, trained in parallel."""
     root = tmp_path_factory.mktemp("trained")
     asked = ["--seeds", "2", "-a", "fopg,zopg", "--jobs", "2", "--out", str(root), "--quiet"]
     assert main(["train", *SMALL, *asked]) == 0
@@ -66,7 +66,7 @@ def test_each_seed_of_each_algorithm_is_a_run(trained: Path) -> None:
         best = np.nanmax(data["evaluation_return"].values)
         assert run.meta["return"] == run.meta["evaluation"]["return"] == best
         assert run.meta["untrained"]["return"] == data["evaluation_return"].values[0] < best
-    # What has no iteration's randomness in common has no policy in common.
+    # Seeds share no random numbers, so that no two policies are equal.
     assert len({run.data["theta"].values.tobytes() for run in runs}) == 4
 
 
@@ -78,7 +78,7 @@ def test_the_stored_episode_obeys_the_exact_law(trained: Path) -> None:
     x, u, lam = (data[name].values[0] for name in ("x", "u", "lam"))
     assert x == pytest.approx(roll(Params(), *u[0]), abs=1e-7)
     assert list(data["time"].values) == pytest.approx(list(0.02 * np.arange(51)))
-    # The floor's impulse is what gravity alone does not explain.
+    # The floor's impulse is the change of momentum beyond gravity's.
     thrown = u[0, 1] * np.sin(u[0, 0]) + 9.81 * 0.02 / 2
     before = np.concatenate([[thrown], x[1:-1, 3]])
     assert lam[:, 0] == pytest.approx(x[1:, 3] - before + 0.02 * 9.81, abs=1e-7)
@@ -99,7 +99,7 @@ def test_evaluate_says_first_what_the_policy_is_worth(trained: Path, ocp: Ocp) -
     run = runs_of(trained)[0]
     done = ocp("evaluate", str(run.path), "--episodes", "3", "--json")
     found, own = strict(done), run.meta["evaluation"]
-    # The throw always starts alike, so that any episodes give what training found.
+    # The throw always starts in the same state, so that any episodes give the result of training.
     assert found["return"]["mean"] == pytest.approx(own["return"], rel=1e-12)
     assert found["own"] == own and found["contact"] == "exact"
     assert found["length"] == {
@@ -157,7 +157,7 @@ def test_what_can_be_trained_is_told(ocp: Ocp) -> None:
 
 @pytest.mark.costly
 def test_physical_parameters_are_learned_beside_the_policy(ocp: Ocp) -> None:
-    """A restitution that is believed to be 0.4 is found to be 0.7 from throws; gravity is known."""
+    """From throws the restitution, initially 0.4, is learned to be 0.7; gravity is known."""
     asked = ("-s", "psi=restitution", "-s", "psi.restitution=0.4", "-s", "psi.steps=50")
     found = strict(ocp("train", *SMALL, *asked, "-s", "psi.searched=40", "--json"))
     run = store.load(Path(found["runs"][0]["run"]))
