@@ -79,14 +79,14 @@ _LOADED_ON_USE = {
     "simulate": "ocp.mpc.simulate",
     "sweep": "ocp.jobs.sweep",
 }
-"""Modules of public names that are loaded at the first use, so that ``import ocp`` stays quick."""
+"""Mapping from public names that are loaded at first use, so that ``import ocp`` stays quick, to their modules."""
 
 
-# Not for a type checker, to which any name would then be one of ours.
+# Hidden from type checkers, for which the module would then have any name.
 if not TYPE_CHECKING:
 
     def __getattr__(name: str) -> object:
-        """Load a name of :data:`_LOADED_ON_USE`, or look up ``__version__``, at the first use."""
+        """Return an object of :data:`_LOADED_ON_USE`, or ``__version__``, at its first use."""
         if name == "__version__":
             return version()
         if name in _LOADED_ON_USE:

@@ -1,4 +1,4 @@
-"""``python -m ocp``: the command line."""
+"""Entry point of ``python -m ocp``: the command line."""
 
 from __future__ import annotations
 

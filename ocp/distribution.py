@@ -1,8 +1,8 @@
 """The distribution: its version and its packages, which a user's modules may hide.
 
 The packages' names are common words. ``python -m ocp`` puts the working directory first on the
-path, where a user's ``problems.py`` would hide ours: importing this module removes that entry. For
-a script beside such a file, the error of the first failed import says so.
+path, where a user's ``problems.py`` would hide the package: importing this module removes that
+entry. For a script beside such a file, the error of the first failed import says so.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from pathlib import Path
 DISTRIBUTION_NAME = "centralpath"
 """Name of the distribution on the package index."""
 _SOURCE_ROOT = Path(__file__).resolve().parents[1]
-"""Folder that holds the four packages."""
+"""Folder that contains the four packages."""
 _OTHER_PACKAGES = ("dynamics", "problems", "reports")
 """Packages of the distribution that a user's module may hide."""
 
 
 class ShadowedPackage(ImportError):
-    """A user's module hides one of our packages; the message names it."""
+    """Error where a user's module hides a package of the distribution; the message names the module."""
 
     exit_code = 2
 
@@ -36,9 +36,9 @@ def version() -> str:
 
 
 def shadowing(names: tuple[str, ...] = _OTHER_PACKAGES, folder: Path | None = None) -> str:
-    """Return a sentence that names the module that hides the first hidden package of ``names``.
+    """Return a sentence on the module that hides the first hidden package of ``names``, "" if none is hidden.
 
-    It is empty if none is hidden. With a ``folder``, modules are found as by a script in there.
+    With a ``folder``, modules are searched as by a script in that folder.
     """
     for name in names:
         loaded = sys.modules.get(name)

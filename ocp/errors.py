@@ -1,4 +1,4 @@
-"""What can go wrong on the user's side, each with a sentence and an exit code."""
+"""Errors that users may meet, each with a sentence and an exit code."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ T = TypeVar("T")
 
 
 class NotWritten(InputError):
-    """A result that could not be written, for a full disk or an error of the file's format."""
+    """A result that could not be written, because of a full disk or an error of the file's format."""
 
     exit_code = 1
 
@@ -43,7 +43,7 @@ class DamagedRun(RuntimeError):
 
 @contextmanager
 def input_errors(*kinds: type[Exception]) -> Iterator[None]:
-    """Turn a ValueError, or one of ``kinds``, into an :class:`InputError` of the same words."""
+    """Turn a ValueError, or one of ``kinds``, into an :class:`InputError` with the same message."""
     try:
         yield
     except (ValueError, *kinds) as error:
@@ -52,9 +52,9 @@ def input_errors(*kinds: type[Exception]) -> Iterator[None]:
 
 @contextmanager
 def interruptible() -> Iterator[None]:
-    """Raise the KeyboardInterrupt inside again where compiled code made a SystemError of it.
+    """Raise KeyboardInterrupt where compiled code has turned it into a SystemError.
 
-    NumPy asks CasADi's matrices for their values from C, where an interrupt on the way is a result
+    NumPy gets the values of CasADi's matrices in C code, which an interrupt makes return a result
     with an exception set.
     """
     try:
@@ -66,7 +66,7 @@ def interruptible() -> Iterator[None]:
 
 
 def choose(kind: str, name: str, known: Mapping[str, T]) -> T:
-    """Return ``known[name]``; raises :class:`InputError` with the nearest name and the list."""
+    """Return ``known[name]``; raise :class:`InputError` with the nearest name and a list where there is none."""
     if name not in known:
         raise InputError(
             f"unknown {kind} {name!r}{did_you_mean(name, known)};"

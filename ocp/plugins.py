@@ -1,4 +1,4 @@
-"""Packages above this one: imports run one way only, so entry points load them where a function of theirs is called."""
+"""Access to packages above this one, which may not be imported: entry points load them at the first call."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ PLUGIN_GROUP = "centralpath.plugins"
 
 
 class Plugin:
-    """A package above this one, with the ``functions`` of it that this package calls as its attributes.
+    """A package above this one; its ``functions`` that this package calls are attributes.
 
     The first call loads the module that the entry point of this name refers to. It raises
     :class:`~ocp.errors.InputError` where the distribution is not installed, and
@@ -29,7 +29,7 @@ class Plugin:
         return getattr(self.load(), function)
 
     def load(self) -> Any:
-        """Load the module of the entry point."""
+        """Return the module to which the entry point refers, loaded at the first call."""
         plugins = [*entry_points(group=PLUGIN_GROUP, name=self.package)]
         if not plugins:
             raise InputError(

@@ -1,4 +1,4 @@
-"""Solutions: labelled trajectories, what the judges say of them, and their replays."""
+"""Solutions: labelled trajectories, their judgement, and their replays."""
 
 from __future__ import annotations
 
@@ -46,9 +46,9 @@ class Replay:
 
     ``cost`` is the mean over scenarios, ``planned_cost`` the plan's under its own law,
     ``state_gap`` the largest |x - planned x|, ``penetration`` [m] by true signed distance, or by
-    the model's gaps where that is unknown; ``between`` the same on the straight way from node to
-    node, None without geometry; ``broken`` the constraints that are broken by what can be seen, the
-    worst of every kind with its step; ``inputs`` are "open-loop" or "feedback".
+    the model's gaps where that is unknown; ``between`` the same on straight lines from node to
+    node, None without geometry; ``broken`` the noticeable violations of constraints, the worst of
+    every kind with its step; ``inputs`` are "open-loop" or "feedback".
     """
 
     data: xr.Dataset
@@ -75,9 +75,9 @@ class Replay:
 
 
 def replay_plan(plan: Judgement, law: ContactLaw) -> Replay:
-    """Roll out the inputs of a plan, or its policy, under ``law`` from the plan's own starts.
+    """Return the rollout of a plan's inputs, or its policy, under ``law`` from the plan's own starts.
 
-    Raises :class:`~ocp.errors.NotConverged` where a step of the law did not solve.
+    Raises :class:`~ocp.errors.NotConverged` where a step of the law is not solved.
     """
     problem, x = plan.problem, plan.data["x"].values
     evaluation = Evaluation(problem, plan.values)
@@ -100,7 +100,7 @@ def replay_plan(plan: Judgement, law: ContactLaw) -> Replay:
 
 
 def units_of(signals: Mapping[str, Sequence[Signal]]) -> tuple[dict[str, list[str]], dict[str, dict[str, str]]]:
-    """Return units of signals by dimension, and attributes of arrays over it, which name them."""
+    """Return mappings from dimensions to the units of their signals, and to the attributes of arrays over them."""
     units = {dimension: [signal.unit for signal in group] for dimension, group in signals.items()}
     return units, {
         dimension: {"units": group[0] if len(set(group)) == 1 else f"see {dimension}_unit"}
@@ -134,9 +134,9 @@ def _label_replay(plan: Judgement, rolled: Rollout, law: ContactLaw) -> xr.Datas
 
 @dataclass(frozen=True, repr=False)
 class Solution(Judgement):
-    """A solved (or not) problem, with what the judges say of it (:class:`~ocp.judge.verdict.Judgement`).
+    """A plan for a problem, solved or not, with its judgement (:class:`~ocp.judge.verdict.Judgement`).
 
-    ``data`` holds, labelled and with units, over dimensions scenario, node (N+1), interval (N),
+    ``data`` has, labelled and with units, over dimensions scenario, node (N+1), interval (N),
     state, control, contact: ``x`` (scenario, node, state), ``u`` (scenario, interval, control),
     ``lam``, ``gap``, ``mu`` (scenario, interval, contact), their replay under the exact law
     ``x_replay``, ``u_replay``, ``lam_replay``, ``gap_replay`` (contact_exact: without branches),
@@ -150,9 +150,9 @@ class Solution(Judgement):
     ``stage_x``, ``stage_u`` (accepted_stage, scenario or shared, interval, state or control) of
     those that succeeded. Coordinate ``time`` [s].
 
-    Of ``solve_s`` [s], ``evaluation_s`` went into evaluating cost, constraints and derivatives;
-    ``solver_s``, the rest, into the solver: linear algebra, line search, its own affairs. It is
-    NaN where that was not measured.
+    Of ``solve_s`` [s], ``evaluation_s`` was spent on evaluating cost, constraints and derivatives;
+    ``solver_s``, the rest, in the solver, such as on linear algebra and line search. It is NaN
+    where that was not measured.
 
     ``run_hash`` is the content hash of the run from which the solution was read, "" elsewhere.
     """
@@ -162,10 +162,9 @@ class Solution(Judgement):
     derivative: Callable[[str], xr.Dataset] | None = None
 
     def sensitivity(self, name: str) -> xr.Dataset:
-        """Return how the solution changes per unit of a parameter: x, u and cost.
+        """Return the derivatives of x, u and cost with respect to a parameter, see :mod:`ocp.judge.sensitivity`.
 
-        See :mod:`ocp.judge.sensitivity`.
-        Raises :class:`~ocp.errors.InputError` for an unknown name, for a point that is no solution,
+        Raises :class:`~ocp.errors.InputError` for an unknown name, for a point that was not solved,
         and where there is no derivative.
         """
         if self.derivative is None:
@@ -178,12 +177,12 @@ class Solution(Judgement):
 
     @property
     def solver_s(self) -> float:
-        """Seconds of the solve outside the evaluation of functions."""
+        """Seconds of the solve that were not spent on evaluating functions."""
         return self.solve_s - self.evaluation_s
 
     @property
     def iteration_s(self) -> dict[str, float]:
-        """Mean seconds an iteration, ``evaluation`` and ``solver``; NaN where there was none."""
+        """Mean seconds per iteration in ``evaluation`` and in ``solver``; NaN without iterations."""
         count = self.iterations or math.nan
         return {"evaluation": self.evaluation_s / count, "solver": self.solver_s / count}
 
@@ -193,18 +192,18 @@ class Solution(Judgement):
         contact_settings: Mapping[str, Any] | None = None,
         **parameters: Any,
     ) -> Replay:
-        """Roll the plan out under another law, a name with its settings or an object.
+        """Return the replay of the plan under another law, a name with its settings or an object.
 
-        Open loop: the same inputs; feedback: the same policy from each scenario.
+        It uses the plan's inputs or, with feedback, its policy from the start of each scenario.
 
-        Raises :class:`~ocp.errors.InputError` for a law that is none, or cannot close the system,
-        and :class:`~ocp.errors.NotConverged` where one of its steps did not solve.
+        Raises :class:`~ocp.errors.InputError` for a law that is unknown, or cannot close the system,
+        and :class:`~ocp.errors.NotConverged` where one of its steps is not solved.
         """
         settings = {**(contact_settings or {}), **parameters}
         return replay_plan(self, make_law(contact, settings, self.problem.system))
 
     def replay_in(self, simulator: str = "mujoco") -> ExternalReplay:
-        """Replay the plan's inputs, or its policy, in another simulator.
+        """Return the replay of the plan's inputs, or its policy, in another simulator.
 
         Raises :class:`~ocp.errors.InputError` as :func:`ocp.simulators.replay.replay_in_simulator` does.
         """
@@ -214,18 +213,18 @@ class Solution(Judgement):
         return replay_in_simulator(simulator, self.problem, self.inputs, self.values, start, self.cost)
 
     def plot(self) -> Figure:
-        """Draw what ``ocp solve --plot`` writes: strobe above states, inputs and forces."""
+        """Return the figure that ``ocp solve --plot`` writes: a strobe picture above states, inputs and forces."""
         return plugins.reports.plot(self)
 
     def animate(self, path: Path | str, fps: int = 25, speed: float = 1.0) -> Path:
-        """Write the motion, plan beside replay, to a .gif, .mp4 or .html, as ``ocp animate`` does.
+        """Write an animation of plan and replay to a .gif, .mp4 or .html, as ``ocp animate`` does, and return its path.
 
-        Raises :class:`~ocp.errors.InputError` for another ending, and for a problem not drawn.
+        Raises :class:`~ocp.errors.InputError` for another file type, and for a problem without a drawing.
         """
         return plugins.reports.animate(self, expand_path(path), fps, speed)
 
     def report(self, path: Path | str) -> Path:
-        """Write the PDF of ``ocp report``; :class:`~ocp.errors.InputError` where it cannot be."""
+        """Write the PDF of ``ocp report`` and return its path; raise :class:`~ocp.errors.InputError` if that fails."""
         return plugins.reports.report(self, expand_path(path))
 
     def __repr__(self) -> str:
@@ -241,7 +240,7 @@ class Solution(Judgement):
 
 
 class Interrupted(KeyboardInterrupt):
-    """Interruption of a solve by Ctrl-C: ``solution`` is the best so far.
+    """Interruption of a solve by Ctrl-C; ``solution`` is the best so far.
 
     Of several starts that is the best finished one; if none has finished, the best point of the
     first, with status :attr:`~ocp.programs.solver.Status.INTERRUPTED`.

@@ -1,4 +1,4 @@
-"""Check values from outside: axes, structured data and paths, or raise one sentence."""
+"""Checks of values from outside: axes, structured data and paths; errors are one sentence."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ MAX_AXIS_VALUES = 100_000
 
 @dataclass(frozen=True)
 class Axis:
-    """A name and the values (n,) that it takes; ``log``: drawn in equal ratios."""
+    """An axis of a grid: the name of a parameter and its values (n,); ``log`` marks values in equal ratios."""
 
     name: str
     values: tuple[float, ...]
@@ -30,7 +30,7 @@ class Axis:
 
 
 def parse_axis_option(option: str, text: str, least: int = 1) -> Axis:
-    """Parse the text of an axis, written as :data:`AXIS_GRAMMAR`.
+    """Return the axis that a text in the form of :data:`AXIS_GRAMMAR` describes.
 
     Raises :class:`~ocp.errors.InputError`, which names the ``option``, for anything else, and for n
     below ``least`` or above :data:`MAX_AXIS_VALUES`.
@@ -72,36 +72,36 @@ def _refuse_control_characters(text: str) -> str:
 
 
 Number = Annotated[float, BeforeValidator(_refuse_text), Field(allow_inf_nan=False)]
-"""A finite number of Python's or NumPy's, and no word."""
+"""A finite number of Python or NumPy; text and booleans are rejected."""
 Positive = Annotated[Number, Field(gt=0)]
 NotNegative = Annotated[Number, Field(ge=0)]
 Count = Annotated[int, BeforeValidator(_refuse_text), Field(ge=1)]
 Index = Annotated[int, BeforeValidator(_refuse_text), Field(ge=0)]
 Line = Annotated[str, Field(strict=True), AfterValidator(_refuse_control_characters)]
-"""A text that fits into a line and a terminal."""
+"""A text on one line without control characters."""
 Name = Annotated[Line, Field(min_length=1)]
 Scalar = bool | int | float | str
 Recorded = Scalar | list[Scalar]
-"""What the record of a run holds of a parameter or a setting."""
+"""Type of the value of a parameter or setting in the record of a run."""
 
 
 @cache
 def _adapter(kind: Any) -> TypeAdapter[Any]:
     config = ConfigDict(arbitrary_types_allowed=True, revalidate_instances="always")
-    # pydantic takes no configuration for a bare dataclass, but for a tuple of one.
+    # pydantic accepts a configuration for a tuple of a dataclass, but not for the dataclass itself.
     singleton: Any = GenericAlias(tuple, (kind,))
     return TypeAdapter(singleton, config=config)
 
 
 def validated(what: str, value: Any, kind: Any) -> Any:
-    """Return a ``value`` that code made as the type ``kind``; its parts are checked too.
+    """Return ``value`` converted to the type ``kind``, with its parts checked too.
 
     Raises :class:`~ocp.errors.InputError` that names the part of ``what`` that does not fit.
     """
     try:
         return _adapter(kind).validate_python((value,))[0]
     except ValidationError as error:
-        # In a union the branch that came furthest tells what is wrong.
+        # In a union the branch that got furthest shows what is wrong.
         details = max(error.errors(), key=lambda branch: len(branch["loc"]))
     message = details["msg"].removeprefix("Value error, ")
     _, should, expected = message.partition(" should ")
@@ -112,14 +112,14 @@ def validated(what: str, value: Any, kind: Any) -> Any:
 
 
 def validate_fields(instance: Any, what: str, **kinds: Any) -> None:
-    """Convert the fields of a frozen dataclass to their ``kinds``; raises as :func:`validated`."""
+    """Convert the fields of a frozen dataclass to their ``kinds``; raise as :func:`validated` does."""
     for name, kind in kinds.items():
         value = validated(f"{what}.{name}", getattr(instance, name), kind)
         object.__setattr__(instance, name, value)
 
 
 def _python_path(value: Any, keys: tuple[int | str, ...]) -> str:
-    """Return the part at ``keys`` as Python writes it, without pydantic's own words for branches."""
+    """Return the path ``keys`` into a value as Python writes it, without pydantic's labels of union branches."""
     path = ""
     for key in keys:
         try:
@@ -134,7 +134,7 @@ def _python_path(value: Any, keys: tuple[int | str, ...]) -> str:
 def expand_path(path: str | PathLike[str]) -> Path:
     """Return the path with a leading ``~`` or ``~name`` replaced by the home directory.
 
-    Shells do this only at the beginning of a word, not behind ``--out=``, in a variable or in Python.
+    Shells do this only at the beginning of a word, not after ``--out=``; Python does not do it.
 
     Raises :class:`~ocp.errors.InputError` where there is no such home.
     """

@@ -1,4 +1,4 @@
-"""Follow a solution along a parameter, and locate events."""
+"""Continuation of a solution along a parameter, with the location of events."""
 
 from ocp.continuation.walk import Continuation, CurvePoint, continue_over, curve_dataset, resolve
 

@@ -14,11 +14,11 @@ EVENT_NAMES = {
     "fold": ("fold", "folds"),
     "switch": ("switch", "switches"),
 }
-"""Names of events, singular and plural."""
+"""Mapping from a kind of event to its name in singular and plural."""
 PAIR_EVENTS = ("contact", "degenerate")
 """Kinds of events at which pairs change."""
 MAX_LISTED_EVENTS = 3
-"""Number of events of a kind that a sentence lists."""
+"""Maximum number of events of a kind that a sentence lists."""
 
 
 @dataclass(frozen=True)
@@ -26,10 +26,9 @@ class Event:
     """One event of a continuation at ``value``.
 
     ``kind`` is "contact" (strict complementarity is lost at one pair), "degenerate" (at several at
-    once, which are not listed: their order is within rounding), "bound" (at another end),
-    "fold" (the reduced KKT matrix is singular, the path turns) or "switch" (another stationary
-    point is cheaper, or this one ends). ``contact`` and ``steps`` say where,
-    ``change`` what.
+    once, which are not listed: their order is within rounding), "bound" (at a bound or constraint),
+    "fold" (the reduced KKT matrix is singular, the curve turns) or "switch" (another stationary
+    point is cheaper, or this one ends). ``contact`` and ``steps`` locate it, ``change`` describes it.
     """
 
     kind: str
@@ -40,14 +39,14 @@ class Event:
     steps: tuple[int, ...] = ()
 
     def describe(self, parameter: str) -> str:
-        """Describe the event in half a sentence."""
+        """Return a clause that describes the event."""
         steps = "-".join(dict.fromkeys(f"{step}" for step in (*self.steps[:1], *self.steps[-1:])))
         subject = f"{self.contact!r} " if self.contact else ""
         location = f" at step{'s' if len(self.steps) > 1 else ''} {steps}" if steps else ""
         return f"{subject}{self.change}{location} ({parameter} = {self.value:.6g})"
 
     def row(self) -> dict[str, Any]:
-        """Return the event as JSON."""
+        """Return the event as a JSON-serialisable dict."""
         return {**vars(self), "steps": list(self.steps)}
 
 
@@ -57,7 +56,7 @@ def degenerate_event(value: float, cost: float) -> Event:
 
 
 def merge_simultaneous(events: list[Event], span: float | None) -> list[Event]:
-    """Merge simultaneous events of pairs into one degenerate event, and the steps of one bound.
+    """Return events with simultaneous ones of pairs merged into a degenerate one, and those of a bound's steps joined.
 
     Simultaneous means within 1e-6 of ``span``, or of the value if ``span`` is None (a log scale).
     """
@@ -86,7 +85,7 @@ def _event_identity(event: Event) -> tuple[str, str, str]:
 
 
 def describe_events(events: list[Event], parameter: str) -> str:
-    """Describe events in a sentence, at most three of each kind, bounds by number alone; "" without events."""
+    """Return a sentence on events, at most three of each kind, of bounds their number alone; "" without events."""
     sentences = []
     for kind, words in EVENT_NAMES.items():
         events_of_kind = [event for event in events if event.kind == kind]

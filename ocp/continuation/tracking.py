@@ -1,4 +1,4 @@
-"""Following of a curve of stationary points: prediction, correction, and changes of its active set."""
+"""Tracker of a curve of stationary points: prediction, correction, and changes of its active set."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ WEAK_MARGIN = 1e-6
 MAX_EVENTS = 500
 """Maximum number of predictions in one move."""
 MIN_MOVE_SHARE = 1 / 16
-"""Smallest prediction of a move, as a share of the way."""
+"""Smallest prediction of a move, as a share of the distance to its goal."""
 MAX_LOCATIONS = 60
 """Maximum number of iterations that locate an event."""
 MAX_ARCS = 400
@@ -32,14 +32,14 @@ MAX_ARCS = 400
 MAX_ARCS_TO_FOLD = 40
 """Maximum number of arcs before the first fold."""
 JUMP_DISTANCE = 1e-2
-"""Scaled distance from the tangent, beside twice the way, beyond which a solution is another curve's."""
+"""Scaled distance from the tangent, plus twice the predicted step, beyond which a solution is on another curve."""
 MIN_COST_GAIN = 1e-6
-"""Smallest relative gain of cost for which another stationary point is taken."""
+"""Smallest relative decrease of the cost for which the tracker moves to another stationary point."""
 
 
 @dataclass(frozen=True)
 class Stop:
-    """A point on the way around a fold, and the events since the last one."""
+    """A point on the path around a fold, and the events since the last one."""
 
     value: float
     outcome: RouteResult
@@ -49,10 +49,10 @@ class Stop:
 class Tracker:
     """Tracker of a solved point of a session along the parameter ``name``.
 
-    ``events`` are those of the last move, ``wasted`` the number of fruitless iterations. If the
-    point has no curve (contacts undecided, a kink of shooting under the exact law) ``curve`` is
-    None. ``kinked`` is true if a bound of a law without pairs is in the way, which the solver must
-    pass; ``stuck`` if the curve ends at the tracker's point.
+    ``events`` are those of the last move, ``wasted`` the number of fruitless iterations. ``curve`` is
+    None if the point has none (contacts undecided, a kink of shooting under the exact law).
+    ``kinked`` is true if the active set of a program without pairs changes ahead, which the solver
+    must pass; ``stuck`` if the curve ends at the tracker's point.
     """
 
     def __init__(self, session: Session, name: str, span: float, log: bool) -> None:
@@ -62,7 +62,7 @@ class Tracker:
         self.stuck, self.around, self.kinked, self.wasted = False, False, False, 0
 
     def start_at(self, outcome: RouteResult) -> None:
-        """Start at an outcome, at the session's present values."""
+        """Move the tracker to an outcome, at the session's present values."""
         self.curve, self.stuck, self.events = None, False, []
         program, point = outcome.nlp, outcome.result.point
         self.program = program
@@ -87,10 +87,10 @@ class Tracker:
         return float(self.v[-1] * self.curve.unit)
 
     def move_to(self, value: float) -> RouteResult | None:
-        """Move to a value, or past some events towards it, by predictions and corrections.
+        """Return the outcome of a move to a value, or past some events towards it, by predictions and corrections.
 
-        Return None if a sixteenth of the way is too far and no event happened; the tracker is then
-        at the last point reached. Also None, with ``stuck``, if the curve ends on the way.
+        None if a sixteenth of the distance is too far and no event happened; the tracker is then at
+        the last point reached. Also None, with ``stuck``, if the curve ends before the value.
         """
         assert self.curve is not None
         start_time, iterations, last = time.perf_counter(), 0, -1
@@ -136,14 +136,14 @@ class Tracker:
         return abs(np.log(second / first)) if self.log else abs(second - first)
 
     def _violated(self, curve: KKTCurve, v: np.ndarray | None) -> np.ndarray | None:
-        """Return a mask of violated ends at a point; None if a smooth law's pair lies on no curve."""
+        """Return a mask of violated ends at a point; None without a point, and if a smooth law's pair is violated."""
         if v is None:
             return None
         below = self._finite_margins(curve.margins(v)) < -ACTIVE_SET_TOLERANCE
         return None if not curve.pairs.size and below[curve.program.pairs].any() else below
 
     def _changed(self, curve: KKTCurve, v: np.ndarray, end: int) -> KKTCurve | None:
-        """Return the curve beyond an event; None if a pair at (0, 0) would gain by leaving it."""
+        """Return the curve beyond an event; None if the cost falls as a pair leaves (0, 0), which ends the curve."""
         held = curve.held.toggle_end(end)
         if end in curve.pairs and held.x[end]:
             if curve.program.reformulation != "none":
@@ -161,7 +161,7 @@ class Tracker:
         return KKTCurve(curve.program, values, self.name, unit, Point(x), y, held)
 
     def _locate_event(self, curve: KKTCurve, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, int]:
-        """Locate the first end that changes between two points: by secants, every third step a bisection."""
+        """Return the first change of an end between two points, by secants and every third step a bisection."""
         lower_margins, upper_margins = (self._finite_margins(curve.margins(v)) for v in (low, high))
         end, width = 0, 1e-3 * LOCATION_TOLERANCE
         for count in range(MAX_LOCATIONS):
@@ -214,7 +214,7 @@ class Tracker:
         return RouteResult(result, self.program, True, follower.trace)
 
     def pair_changes(self, old_curve: KKTCurve, outcome: RouteResult) -> list[Event]:
-        """Return events, at this point, of the pairs whose state differs from that on another curve."""
+        """Return contact events at the tracker's point for the pairs that are held differently on ``old_curve``."""
         if self.curve is None or not self.curve.pairs.size:
             return []
         program = self.curve.program
@@ -224,12 +224,12 @@ class Tracker:
         return [Event("contact", value, cost, "changes", pair.name, (pair.step,)) for pair in pairs]
 
     def cost(self, f: float, value: float | None = None) -> float:
-        """Return the problem's cost with its constant terms, from a program's, at a parameter."""
+        """Return the problem's cost, constant terms included, from a program's cost ``f`` at a parameter value."""
         values = {**self.session.values, self.name: self.value if value is None else value}
         return f + Evaluation(self.session.problem, values).constant_cost
 
     def has_jumped(self, outcome: RouteResult, value: float) -> bool:
-        """Return whether an outcome is off the curve's tangent by more than twice the predicted way."""
+        """Return whether an outcome differs from the curve's tangent by more than twice the predicted step."""
         assert self.curve is not None
         curve, x = self.curve, outcome.result.point.x
         predicted = (value / curve.unit - self.v[-1]) * curve.tangent(self.v)[: curve.nx]
@@ -237,7 +237,7 @@ class Tracker:
         return bool(np.abs(deviation).max(initial=0.0) > JUMP_DISTANCE + 2 * np.abs(predicted).max(initial=0.0))
 
     def find_cheaper(self, outcome: RouteResult) -> RouteResult | None:
-        """Return a cheaper stationary point, found by a linear program with complementarity, or None."""
+        """Return a cheaper stationary point on another branch, found by linear programs (LPEC), or None."""
         session = self.session
         if not session.complementary or outcome.nlp.reformulation != "none":
             return None
@@ -250,7 +250,7 @@ class Tracker:
         return RouteResult(better, outcome.nlp, True, follower.trace)
 
     def locate_crossing(self, better: RouteResult, since: float) -> Event:
-        """Return the switch to another curve at the value, at most back to ``since``, where it becomes cheaper."""
+        """Return the switch to the curve of ``better``, at the value since ``since`` from which that is cheaper."""
         other, curve, v = Tracker(self.session, self.name, self.span, self.log), self.curve, self.v
         other.start_at(better)
         low, high, cost = since, self.value, self.cost(better.result.f)
@@ -274,10 +274,10 @@ class Tracker:
         return Event("switch", high, cost, f"another point {ending}")
 
     def turn_folds(self, forward: float, first: float, goal: float) -> Iterator[Stop]:
-        """Step around folds by pseudo-arclength until the path goes ``forward`` again.
+        """Yield stops around folds, by pseudo-arclength, until the curve goes ``forward`` again.
 
-        Ends early, not ``around``, where the active set changes, the parameter is back at
-        ``first``, or no fold comes before ``goal``. The tracker stands at the last stop.
+        It ends early, with ``around`` false, where the active set changes, the parameter is back at
+        ``first``, or no fold comes before ``goal``. The tracker is then at the last stop.
         """
         assert self.curve is not None
         curve, v, start_time = self.curve, self.v, time.perf_counter()
@@ -313,7 +313,7 @@ class Tracker:
                 return
 
     def _fold(self, curve: KKTCurve, v: np.ndarray, t: np.ndarray, weights: np.ndarray, arc: float) -> np.ndarray:
-        """Locate the zero of the tangent's parameter component, by bisection in the arc."""
+        """Return the point where the tangent's parameter component is zero, by bisection in the arc."""
         low, high, fold_point = 0.0, arc, v
         for _ in range(40):
             s = (low + high) / 2

@@ -27,9 +27,9 @@ MIN_STEP_SHARE = 1e-3
 EASY_ITERATIONS = 15
 """Number of iterations up to which a solve is easy, so that the next step may grow."""
 SCALE_MAPS = {"linear": (float, float), "log": (math.exp, math.log)}
-"""Maps from a scale to values and back."""
+"""Mapping from each scale to two functions, from the scale to values and back."""
 SMALL_STEP_SHARE = 1 / 16
-"""Share of the requested step up to which a step is small."""
+"""Share of the requested step up to which a step counts as small."""
 
 
 @dataclass(frozen=True)
@@ -47,12 +47,12 @@ class CurvePoint:
 
     @property
     def failure_reason(self) -> str:
-        """Sentence that says why no curve goes on here."""
+        """Sentences that say why the curve ends at this point."""
         names = " and ".join(self.infinite_costs)
         return f"its cost, {names}, is not finite. " * bool(names) + self.solution.verdict
 
     def row(self) -> dict[str, Any]:
-        """Return the point as JSON."""
+        """Return the point as a JSON-serialisable dict."""
         solution = self.solution
         return {
             "value": self.value,
@@ -70,7 +70,7 @@ class CurvePoint:
 
 @dataclass
 class Continuation:
-    """A followed curve: points, events, all iterations, and the place and reason of a break."""
+    """A followed curve: points, events and all iterations; ``broke`` says where and why it broke off, or is None."""
 
     parameter: str
     points: list[CurvePoint] = field(default_factory=list)
@@ -81,10 +81,10 @@ class Continuation:
 
 
 def resolve(session: Session, over: str) -> str:
-    """Find the parameter that ``over`` means: ``M`` or ``problem.M``, ``contact.mu`` or ``mu``.
+    """Return the name of the parameter that ``over`` means: ``M`` or ``problem.M``, ``contact.mu`` or ``mu``.
 
-    Raises :class:`~ocp.errors.InputError` with the names that there are, and with another way for
-    what shapes the program, as ``N`` does.
+    Raises :class:`~ocp.errors.InputError` with the existing names, and with an alternative for
+    settings that change the program, such as ``N``.
     """
     names = [*session.problem.parameters.names, *session.step.p.names]
     name = over.removeprefix("problem.")
@@ -114,23 +114,23 @@ def continue_over(
 
         continue_over("push-disc", "M", 1.0, 2.0, 10, contact="barrier", mu=1e-3)
 
-    ``over`` is a parameter of the problem, or of the law with ``contact.``; the ``steps`` are equal on ``scale``. The
-    ``request`` has what :func:`ocp.solve` takes: ``contact``, ``method``, ``policy``, ``solver``, ``settings``,
-    ``params``, ``contact_settings`` and keywords. A session that is built takes none.
+    ``over`` is a parameter of the problem, or of the law with ``contact.``; the ``steps`` are equal on ``scale``.
+    ``request`` are arguments of :func:`ocp.solve`: ``contact``, ``method``, ``policy``, ``solver``, ``settings``,
+    ``params``, ``contact_settings`` and keywords; a session, which is already built, has none.
 
     The first point is solved as any problem is. From a point whose active set is decided the next
     is predicted by its sensitivity and corrected by Newton's method on that set; where the set
-    changes on the way the place is located to 1e-6 of the range, and the curve goes on with the
-    changed set. Where the curve cannot be followed folds are stepped round by pseudo-arclength;
-    where there is none, or the curve does not come round, the solver starts at the last answer
+    changes in between, the event is located to 1e-6 of the range, and the curve continues with the
+    changed set. Where the curve cannot be followed, folds are passed by pseudo-arclength; where there
+    is none, or the curve does not turn forward again, the solver starts at the last answer
     with its multipliers, and a step that fails is halved, down to a thousandth of its first size.
     Where that finds another curve, or a linear program with complementarity constraints leads to a
     cheaper point, the curve continues there: a switch. Where nothing succeeds the curve breaks:
     the reason is recorded, and the points so far are kept.
 
     Raises :class:`~ocp.errors.InputError` for an unknown parameter or scale, fewer than one step,
-    equal or non-finite ends, a log scale through zero, or an end at which there is no such law or
-    no such mechanics, as without mass.
+    equal or non-finite ends, a log scale through zero, or an end at which the law or the mechanics
+    is not valid, as without mass.
     """
     session = problem if isinstance(problem, Session) else new_session(problem, **request)
     name = resolve(session, over)
@@ -144,7 +144,7 @@ def continue_over(
 
 @dataclass
 class _Walk:
-    """A running continuation: ``at`` is the share of the way, ``outcome`` the last accepted one."""
+    """A running continuation: ``at`` is the share of the range covered, ``outcome`` the last accepted one."""
 
     session: Session
     tracker: Tracker
@@ -199,7 +199,7 @@ class _Walk:
         return self.session.solve(start=point, warm_from=nlp)
 
     def _add(self, outcome: RouteResult, value: float) -> bool:
-        """Judge an outcome; take it as the next point if it is accepted, or the first."""
+        """Judge an outcome, add it as a point if it is accepted or the first, and return whether it is accepted."""
         self.session.values[self.followed.parameter] = value
         solution = judge_outcome(self.session, outcome, self.seed)
         point = CurvePoint(value, solution)
@@ -218,7 +218,7 @@ class _Walk:
         return accepted
 
     def _tracked(self, value: float) -> bool:
-        """Follow the curve to a value; leave it if another point is cheaper."""
+        """Follow the curve to a value, or leave it for a cheaper point, and return whether a point was added."""
         tracker = self.tracker
         if tracker.curve is None:
             return False
@@ -239,7 +239,7 @@ class _Walk:
         return True
 
     def _solved(self, value: float, small: bool = True, ended: bool = False) -> bool:
-        """Solve at a value; a jump off the tangent, or with pairs, counts only after a small step."""
+        """Solve at a value and return whether a point was added; jumps, and steps with pairs, must be small."""
         tracker, curve = self.tracker, self.tracker.curve
         if curve is not None and curve.pairs.size and not small:
             return False
@@ -258,14 +258,14 @@ class _Walk:
         return True
 
     def _back(self, *wasted: RouteResult) -> bool:
-        """Reset the tracker to the last accepted point after fruitless solves."""
+        """Reset the tracker to the last accepted point after fruitless solves, and return False."""
         self.tracker.wasted += sum(outcome.trace.iterations for outcome in wasted)
         self.session.values[self.followed.parameter] = self.followed.points[-1].value
         self.tracker.start_at(self.outcome)
         return False
 
     def _turned(self, value: float) -> bool:
-        """Step around folds; every stop on the way is a point."""
+        """Step around folds, add every stop as a point, and return whether that succeeded."""
         tracker, followed, (start, end, _) = self.tracker, self.followed, self.request
         if tracker.curve is None or tracker.kinked:
             return False
@@ -285,14 +285,14 @@ class _Walk:
         return True
 
     def _beyond(self, value: float) -> float:
-        """Return a value just beyond an event's, at most the last one requested."""
+        """Return a value just beyond an event's, limited to the last one requested."""
         start, end, _ = self.request
         reach = math.copysign(value, end - start) if self.tracker.log else end - start
         beyond = value + 0.5 * LOCATION_TOLERANCE * reach
         return end if (beyond - end) * (end - start) > 0 else beyond
 
     def _break(self, value: float) -> None:
-        """Say where the curve broke, and why."""
+        """Record where the curve broke, and why."""
         last = self.followed.points[-1].value
         broke = f"after {self.followed.parameter} = {last:g}, on the way to {value:g}: {self.failed.failure_reason}"
         for worst in self.failed.solution.audit.worst[:1]:
@@ -301,7 +301,7 @@ class _Walk:
 
 
 def check_value(session: Session, name: str, value: float) -> None:
-    """Raise :class:`~ocp.errors.InputError` if a parameter cannot have this value."""
+    """Raise :class:`~ocp.errors.InputError` if a value is not valid for the parameter ``name``."""
     if not name.startswith(LAW_PREFIX):
         check_physics(session.problem, {**session.values, name: value})
         return
@@ -312,7 +312,7 @@ def check_value(session: Session, name: str, value: float) -> None:
 def check_range(
     scale: str, start: float, end: float, steps: int
 ) -> tuple[Callable[[float], float], Callable[[float], float]]:
-    """Return the maps from the scale to values and back; raises as :func:`continue_over` does."""
+    """Return the functions from the scale to values and back; raise as :func:`continue_over` does."""
     if not (math.isfinite(start) and math.isfinite(end) and start != end):
         raise InputError(f"--from and --to must be finite and differ, got {start} and {end}")
     if steps < 1:
@@ -325,7 +325,7 @@ def check_range(
 
 
 def curve_dataset(curve: Continuation) -> Any:
-    """Return the points as one dataset over the dimension ``point``, with every trajectory."""
+    """Return a dataset of the points and their trajectories over the dimension ``point``."""
     import xarray as xr
 
     stored_arrays = ("x", "u", "lam", "gap", "x_replay", "u_replay", "lam_replay", "gap_replay", "K", "k")

@@ -1,4 +1,4 @@
-"""Optimal control problems: costs, constraints, policies, free times, sizes, and rollouts of them."""
+"""Optimal control problems: costs, constraints, policies, free final times, characteristic sizes, and rollouts."""
 
 from ocp.problem.problem import Constraint, Problem, Scaling, Scenarios
 

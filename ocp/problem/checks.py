@@ -14,13 +14,13 @@ if TYPE_CHECKING:
     from ocp.problem.problem import Problem
 
 BY_PARAMETERS = ("x0", "u_before", "u_lower", "u_upper", "x_lower", "x_upper")
-"""Fields of a problem that are expressions in its parameters alone."""
+"""Names of a problem's fields that are expressions in its parameters alone."""
 
 
 def check_symbols(what: str, value: ca.SX, known: Iterable[ca.SX], expected: str) -> None:
-    """Raise :class:`~ocp.errors.InputError` where ``value`` uses a symbol that is not known.
+    """Raise :class:`~ocp.errors.InputError` where ``value`` uses a symbol that is not in ``known``.
 
-    ``expected`` describes which ones are.
+    The message says that the symbol is ``expected``, such as "no declared parameter".
     """
     declared = {symbol.element_hash() for symbols in known for symbol in ca.symvar(symbols)}
     used = ca.symvar(value)
@@ -30,7 +30,7 @@ def check_symbols(what: str, value: ca.SX, known: Iterable[ca.SX], expected: str
 
 
 def check_problem_symbols(problem: Problem) -> None:
-    """Raise :class:`~ocp.errors.InputError` where a field of a problem uses what it cannot depend on."""
+    """Raise :class:`~ocp.errors.InputError` where a field of a problem uses a symbol that it may not depend on."""
     name, s, free = problem.name, problem.system, problem.start
     if problem.du is not None and not problem.du.is_valid_input():
         raise InputError(f"{name}: du must be symbols, ca.SX.sym('du', {s.nu})")
@@ -65,7 +65,7 @@ def check_problem_symbols(problem: Problem) -> None:
 def check_physics(problem: Problem, values: Mapping[str, float] | None = None) -> None:
     """Check step size, mass, stiffness and friction, where they are known, at x0.
 
-    ``values`` are parameter values by name, by default the parameters' own. Raises
+    ``values`` is a dict from parameters to values, by default the declared ones. Raises
     :class:`~ocp.errors.InputError` unless h > 0, M and K are positive definite and no
     coefficient of friction is negative.
     """
@@ -87,9 +87,9 @@ def check_physics(problem: Problem, values: Mapping[str, float] | None = None) -
 
 
 def check_guess(problem: Problem, guess: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Return states (N+1, nx) and inputs (N, nu) of a guess.
+    """Return a guess as arrays of states (N+1, nx) and inputs (N, nu).
 
-    Raises :class:`~ocp.errors.InputError` for other shapes, or what is not finite.
+    Raises :class:`~ocp.errors.InputError` for other shapes, or values that are not finite.
     """
     name = problem.name
     try:

@@ -1,4 +1,4 @@
-"""The part of a cost that no plan can change, the size of the rest, and the parameters that weigh it."""
+"""Constant part of a cost, which no plan can change, size of the rest, and parameters that are its weights."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ if TYPE_CHECKING:
     from ocp.problem.problem import Problem
 
 _GROWING = {ca.OP_SQ: np.square, ca.OP_FABS: np.abs, ca.OP_SQRT: np.sqrt, ca.OP_COSH: np.cosh}
-"""Functions that are never negative, and grow with what is not."""
+"""Mapping from CasADi's operations that are never negative, and increase for arguments above zero, to functions."""
 _DEPTH = 200
-"""Nested sums and factors that are searched for constants."""
+"""Maximum depth of nested sums and factors that are searched for constants."""
 
 
 def split_constant(cost: ca.SX, moving: ca.SX, depth: int = _DEPTH) -> tuple[ca.SX, ca.SX]:
-    """Split a scalar ``cost`` into a part without constant terms, and the sum of these.
+    """Return a scalar ``cost`` without its constant terms, and the sum of these.
 
     A constant term does not depend on the symbols ``moving``. Sums, differences and products with
-    constant factors are searched. The cost is returned as it is where it has none.
+    constant factors are searched. A cost without constant terms is returned unchanged, with 0.
     """
     if not ca.depends_on(cost, moving):
         return ca.SX(0), ca.SX(cost)
@@ -56,9 +56,9 @@ def split_constant(cost: ca.SX, moving: ca.SX, depth: int = _DEPTH) -> tuple[ca.
 
 
 def least_value(expression: ca.SX, depth: int = _DEPTH, bounds: dict[int, float] | None = None) -> float:
-    """Lower bound of a scalar expression, from bounds of its sums, products, squares and the like.
+    """Return a lower bound of a scalar expression, from bounds of its sums, products, squares and similar operations.
 
-    Minus infinity where none is found.
+    It is minus infinity where none is found.
     """
     bounds = {} if bounds is None else bounds
     if expression.is_constant() or depth == 0 or expression.is_leaf():
@@ -73,7 +73,7 @@ def least_value(expression: ca.SX, depth: int = _DEPTH, bounds: dict[int, float]
 
 
 def _bound(operation: int, right: ca.SX, lower_bounds: list[float]) -> float:
-    """Lower bound of an operation on operands with these lower bounds."""
+    """Return a lower bound of an operation on operands with ``lower_bounds``."""
     first, second = lower_bounds
     if operation in _GROWING:
         return float(_GROWING[operation](max(first, 0.0)))
@@ -90,9 +90,9 @@ def _bound(operation: int, right: ca.SX, lower_bounds: list[float]) -> float:
 
 
 def cost_band(problem: Problem, sizes: Scales) -> float:
-    """Band of the change of cost as states and inputs at rest move by ``sizes``.
+    """Return the change of the cost as states and inputs at rest move by ``sizes``, as a power of 2**24.
 
-    Sizes, and the parameters' values, are in natural units.
+    Sizes, and the parameters' values, are in natural units (:func:`~ocp.programs.units.band`).
     """
     units = problem.scaling.units
     p = np.array([parameter.value / units.of(parameter.unit) for parameter in problem.parameters])
@@ -106,7 +106,7 @@ def cost_band(problem: Problem, sizes: Scales) -> float:
 
 
 def cost_weights(problem: Problem) -> set[str]:
-    """Names of parameters that weigh the cost: it is linear in each, nothing else has them."""
+    """Return the names of parameters that are weights of the cost: it is linear in each, and nothing else uses them."""
     system, cost = problem.system, ca.vertcat(problem.stage_cost, problem.terminal_cost)
     rows = (row for entry in (*problem.path, *problem.terminal) for row in (entry.expression, entry.lower, entry.upper))
     limits = [getattr(problem, field) for field in BY_PARAMETERS]

@@ -1,4 +1,4 @@
-"""A problem at parameter values: what depends on both, evaluated once and passed on as one object."""
+"""A problem at parameter values, with the quantities that depend on both, each evaluated once."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from ocp.problem.cost_sizes import least_value
 from ocp.problem.problem import Problem
 
 LEAST_COST = 1e-9
-"""Smallest cost, in characteristic costs, of which a change is a share."""
+"""Minimum cost, in characteristic costs, by which a change of cost is divided."""
 
 
 class Limits(NamedTuple):
-    """Start and bounds of a problem: of states (nx,), of inputs (nu,), and the input before the first."""
+    """Start and bounds of a problem, for states (nx,) and inputs (nu,); ``u_before`` is the input before the first."""
 
     x0: np.ndarray
     u_before: np.ndarray
@@ -29,7 +29,7 @@ class Limits(NamedTuple):
 
 
 def at_steps(function: ca.Function, *arrays: np.ndarray, p: np.ndarray) -> list[np.ndarray]:
-    """Evaluate ``function(*columns, p)`` at every scenario and step of arrays (S, N, .)."""
+    """Return the outputs (S, N, .) of ``function(*columns, p)`` at every scenario and step of arrays (S, N, .)."""
     S, N = arrays[0].shape[:2]
     columns = [ca.DM(array.reshape(S * N, array.shape[2]).T) for array in arrays]
     outputs = function.map(S * N).call([*columns, ca.DM(p)])
@@ -38,7 +38,7 @@ def at_steps(function: ca.Function, *arrays: np.ndarray, p: np.ndarray) -> list[
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """A ``problem`` at ``values`` of the parameters of problem and law, by name.
+    """A ``problem`` at ``values``, a dict from the parameters of the problem and its law to numbers.
 
     Trajectories are x (S, N+1, nx), u (S, N, nu), and impulses (S, N, nlam) of the contacts of the problem's system.
     """
@@ -48,12 +48,12 @@ class Evaluation:
 
     @cached_property
     def p(self) -> np.ndarray:
-        """Values of the problem's parameters in order, (np,)."""
+        """Values (np,) of the problem's parameters in their order."""
         return self.problem.parameters.pack(self.values)
 
     @cached_property
     def limits(self) -> Limits:
-        """Start and bounds."""
+        """Start and bounds of the problem."""
         return Limits(*(np.array(limit).ravel() for limit in self.problem.limits(self.p)))
 
     @cached_property
@@ -64,7 +64,7 @@ class Evaluation:
 
     @cached_property
     def initial_states(self) -> np.ndarray:
-        """First states of all scenarios, (S, nx)."""
+        """Initial states (S, nx) of all scenarios."""
         return self.problem.initial_states(self.p)
 
     @cached_property
@@ -84,35 +84,35 @@ class Evaluation:
 
     @cached_property
     def least_cost(self) -> float:
-        """The constant cost, and what constants under roots, squares and the like add to it at the least."""
+        """Lower bound of the cost: its constant terms, and the least value of terms such as ``sqrt(400 + x**2)``."""
         p = [self.problem.parameters.vector], [ca.DM(self.p)]
         stage, terminal = map(least_value, ca.substitute([*self.problem.changeable_costs], *p))
         return self.constant_cost + self.problem.N * max(stage, 0.0) + max(terminal, 0.0)
 
     def step_values(self, step: Step, own: bool = True) -> np.ndarray:
-        """Values of a step's parameters, those of its law by their settings where ``values`` has none.
+        """Return the values of a step's parameters; for those of its law that ``values`` lacks, the law's settings.
 
-        Without ``own`` the law's parameters are always its settings.
+        Without ``own`` the law's settings are always used.
         """
         table = self.problem.parameters
         return step.p.pack(self.values if own else {name: v for name, v in self.values.items() if name in table})
 
     def node_times(self, start: np.ndarray | None = None) -> np.ndarray:
-        """Times [s] of the nodes, (N+1,).
+        """Return the times [s] of the nodes, (N+1,).
 
-        ``start`` (nx,) is the first state, which holds the step size where that is a state.
+        ``start`` (nx,) is the first state, which contains the step size where that is a state.
         """
         problem, first = self.problem, self.initial_states[0] if start is None else start
         h = ca.Function("h", [problem.system.x, problem.parameters.vector], [ca.SX(problem.system.h)])
         return float(h(first, self.p)) * np.arange(problem.N + 1)
 
     def trajectory_costs(self, x: np.ndarray, u: np.ndarray, impulses: np.ndarray) -> np.ndarray:
-        """Cost (S,) of trajectories."""
+        """Return the costs (S,) of trajectories."""
         stage, terminal = self.cost_parts(x, u, impulses)
         return stage.sum(axis=(1, 2)) + terminal[:, 0, 0]
 
     def cost_parts(self, x: np.ndarray, u: np.ndarray, impulses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Stage costs (S, N, 1) and terminal costs (S, 1, 1) of trajectories."""
+        """Return the stage costs (S, N, 1) and terminal costs (S, 1, 1) of trajectories."""
         u_before = self.limits.u_before
         du = np.diff(u, axis=1, prepend=np.broadcast_to(u_before, (len(u), 1, u_before.size)))
         stage, _ = at_steps(self.problem.cost_terms, x[:, :-1], u, du, impulses, p=self.p)
@@ -120,16 +120,16 @@ class Evaluation:
         return stage, at_steps(self.problem.cost_terms, *last, p=self.p)[1]
 
     def cost_share(self, change: float, cost: float) -> float:
-        """Return a ``change`` of the cost as a share of what a plan of that ``cost`` can change.
+        """Return a ``change`` as a share of the part of ``cost`` that a plan can change.
 
-        That is the cost less its constant terms, under roots and squares too, so that a constant in the cost changes
-        no verdict; no less than :data:`LEAST_COST` characteristic costs.
+        That is the cost less :attr:`least_cost`, so that a constant in the cost changes no verdict; it is at least
+        :data:`LEAST_COST` characteristic costs.
         """
         changeable = abs(cost - self.least_cost)
         return change / max(changeable, LEAST_COST * self.problem.scales.cost)
 
     def signed_distances(self, x: np.ndarray) -> np.ndarray | None:
-        """True signed distances phi [m] at states x (..., nx), (..., n_phi); None without geometry."""
+        """Return the true signed distances phi (..., n_phi) [m] at states x (..., nx), None without geometry."""
         phi = self.problem.signed_distance
         if phi is None:
             return None

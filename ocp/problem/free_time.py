@@ -1,4 +1,4 @@
-"""A free final time: the step size of every step is one unknown, between two bounds."""
+"""Free final time: the step size of all steps is one unknown between two bounds."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ from ocp.problem.parts import Constraint, FreeStart, column, repeat_bound
 
 @dataclass(frozen=True, eq=False)
 class FreeStep:
-    """``lower <= h <= upper`` [s], see :func:`free`."""
+    """Bounds ``lower <= h <= upper`` [s] of a free step size, see :func:`free`."""
 
     lower: ca.SX
     upper: ca.SX
 
 
 def free(lower: ca.SX | float, upper: ca.SX | float) -> FreeStep:
-    """A step size that is chosen too: ``Problem(h=free(0.01, 0.05))`` frees the final time ``N h``.
+    """Return the bounds of an optimised step size: ``Problem(h=free(0.01, 0.05))`` frees the final time ``N h``.
 
     ``lower`` and ``upper`` [s] are numbers or expressions in the parameters. The system's step size
-    must be a parameter, ``p["h"]``, whose value is then where the search begins. Costs and
-    constraints in ``p["h"]`` follow the chosen one: ``p["h"] * u**2`` is an integral over the free
-    time, and a terminal cost ``N * p["h"]`` is the final time.
+    must be a parameter, ``p["h"]``, whose value is then the guess. Costs and constraints in ``p["h"]``
+    use the optimised step size: ``p["h"] * u**2`` is an integral over the free time, and a terminal
+    cost ``N * p["h"]`` is the final time.
 
     Raises :class:`~ocp.errors.InputError` for bounds that are not two positive numbers in order.
     """
@@ -43,9 +43,9 @@ def free(lower: ca.SX | float, upper: ca.SX | float) -> FreeStep:
 
 
 def with_free_step(problem: Any, step: FreeStep) -> dict[str, Any]:
-    """The fields of a :class:`~ocp.problem.problem.Problem` whose last state is the step size.
+    """Return fields that make the step size the last state of a :class:`~ocp.problem.problem.Problem`.
 
-    Raises :class:`~ocp.errors.InputError` where h is no parameter, or a bound depends on it.
+    Raises :class:`~ocp.errors.InputError` where h is not a parameter, or a bound depends on it.
     """
     name, system = problem.name, problem.system
     step_symbols = [s for s in ca.vertsplit(problem.parameters.vector) if ca.is_equal(s, ca.SX(system.h))]
@@ -91,7 +91,7 @@ def with_free_step(problem: Any, step: FreeStep) -> dict[str, Any]:
 
 
 def _stretched(system: ContactSystem, with_h: Callable[[Any], Any], h: ca.SX, h_next: ca.SX) -> ContactSystem:
-    """The system with h in place of its parameter, and ``h_next = h`` as its last state."""
+    """Return the system with the state h in place of its parameter, and ``h_next = h`` as its last equation."""
 
     def each(instance: Any) -> Any:
         changed = {
@@ -123,7 +123,7 @@ def _stretched(system: ContactSystem, with_h: Callable[[Any], Any], h: ca.SX, h_
 
 
 def _stretched_guess(guess: Callable[..., Any]) -> Callable[..., Any]:
-    """The guess with the start's step size beside its states, where it has none."""
+    """Return the guess with the start's step size as last state, where its states lack that."""
 
     def stretched(problem: Any, p: np.ndarray) -> Any:
         states, inputs = guess(problem, p)

@@ -1,4 +1,4 @@
-"""Parts of a problem: expressions, constraints, sizes, scenarios and a chosen start."""
+"""Parts of a problem: expressions, constraints, characteristic sizes, scenarios and a free start."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class Constraint:
 
     A single bound holds for every entry.
 
-    Raises :class:`~ocp.errors.InputError` where one of them is no column.
+    Raises :class:`~ocp.errors.InputError` where one of them is not a column.
     """
 
     name: str
@@ -77,10 +77,10 @@ class Constraint:
 
 @dataclass(frozen=True)
 class Scaling:
-    """Characteristic sizes: of a contact impulse, of a gap, of a state and an input.
+    """Characteristic sizes of contact impulses, gaps, states and inputs, as the user states them.
 
-    ``x`` and ``u`` scale the perturbation of guesses in a multi-start and normalise what the audit
-    compares. All are multiples of the natural ``units`` of their signals, so that none depends on
+    ``x`` and ``u`` scale the perturbation of guesses in a multi-start and the differences that judges
+    compare. All are multiples of the natural ``units`` of their signals, so that none depends on
     the units of the parameters. A size that is None is derived from the problem's data
     (:mod:`ocp.problem.sizes`); :attr:`~Problem.scales` gives all of them in SI.
 
@@ -99,13 +99,13 @@ class Scaling:
 
     @property
     def derived(self) -> tuple[str, ...]:
-        """Names of the sizes that are derived from data."""
+        """Names of the sizes that are None, and thus derived from the problem's data."""
         return tuple(name for name in ("impulse", "gap", "x", "u") if getattr(self, name) is None)
 
 
 @dataclass(frozen=True)
 class Scales:
-    """Characteristic sizes: impulse, gap, states (nx,) and inputs (nu,); and of the cost."""
+    """Characteristic sizes of impulses, gaps, states (nx,), inputs (nu,) and the cost."""
 
     impulse: float
     gap: float
@@ -115,11 +115,11 @@ class Scales:
 
     @property
     def mu(self) -> float:
-        """``impulse * gap``, at which homotopies start."""
+        """Characteristic mu, ``impulse * gap``, at which homotopies start."""
         return self.impulse * self.gap
 
     def over(self, units: Scales) -> Scales:
-        """Return the same sizes as multiples of others."""
+        """Return these sizes as multiples of ``units``."""
         return Scales(
             self.impulse / units.impulse,
             self.gap / units.gap,
@@ -131,14 +131,14 @@ class Scales:
 
 @dataclass(frozen=True)
 class Origin:
-    """Provenance of a problem, which its runs store and no equation reads.
+    """Provenance of a problem, which its runs store and no equation uses.
 
-    ``settings`` are parameters that are no symbols, such as ``N``; ``citation`` is a key of the bibliography.
-    ``source`` is the user's file that built it, None for a named problem or one made in Python, ``source_digest`` that
-    of all the file is made of (:mod:`problems.source_digest`), and ``record`` the
+    ``settings`` are parameters that are not symbols, such as ``N``; ``citation`` is a key of the bibliography.
+    ``source`` is the user's file that built it, None for a named problem or one made in Python, ``source_digest`` the
+    digest of that file and all that it uses (:mod:`problems.source_digest`), and ``record`` the
     :class:`problems.spec.UserProblemRecord` of its runs.
 
-    Raises :class:`~ocp.errors.InputError` for settings that no run can store, and a citation that is no line of text.
+    Raises :class:`~ocp.errors.InputError` for settings that no run can store, and a citation that is not one line.
     """
 
     settings: dict[str, float | int | str] = field(default_factory=dict)
@@ -157,7 +157,7 @@ class Scenarios:
 
     ``std`` (nx,) in the units of the states. n = 1 is the nominal start alone.
 
-    Raises :class:`~ocp.errors.InputError` for n < 1, and widths or a seed that are negative.
+    Raises :class:`~ocp.errors.InputError` for n < 1, and for a negative ``std`` or seed.
     """
 
     n: int = 1
@@ -169,7 +169,7 @@ class Scenarios:
         validate_fields(self, "scenarios", n=Count, std=tuple[NotNegative, ...], seed=Index)
 
     def offsets(self, nx: int) -> np.ndarray:
-        """Offsets from the nominal start, shape (n, nx); one scenario has offset zero."""
+        """Return the offsets (n, nx) from the nominal start; a single scenario has offset zero."""
         if self.n == 1:
             return np.zeros((1, nx))
         noise = np.random.default_rng(self.seed).standard_normal((self.n, nx))
@@ -178,8 +178,8 @@ class Scenarios:
 
 @dataclass(frozen=True, eq=False)
 class FreeStart:
-    """A start that is chosen too: ``lower <= x_0 <= upper``, and ``x_N[i] = x_0[i]`` for i in
-    ``periodic``; ``Problem.x0`` is then where the search for it begins.
+    """An optimised initial state: ``lower <= x_0 <= upper``, and ``x_N[i] = x_0[i]`` for i in
+    ``periodic``; ``Problem.x0`` is then its guess.
 
     ``lower`` and ``upper`` (nx, 1) are expressions in the parameters.
     """
@@ -196,7 +196,7 @@ class FreeStart:
         object.__setattr__(self, "periodic", tuple(dict.fromkeys(periodic)))
 
     def check(self, name: str, nx: int) -> None:
-        """Raise :class:`~ocp.errors.InputError` where this is no start of ``nx`` states."""
+        """Raise :class:`~ocp.errors.InputError` where the start does not fit ``nx`` states."""
         column(f"{name}: lower of the start", self.lower, nx, 1)
         column(f"{name}: upper of the start", self.upper, nx, 1)
         if any(index >= nx for index in self.periodic):

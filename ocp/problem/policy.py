@@ -1,4 +1,4 @@
-"""Policies: how inputs come about along a trajectory."""
+"""Policies, which determine the inputs along a trajectory: open loop and affine feedback."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from dynamics.settings import Configured, setting
 
 @dataclass(frozen=True)
 class OpenLoop:
-    """One input sequence ``u_t``, t < N, the same in every scenario."""
+    """Open loop: one input sequence ``u_t``, t < N, the same in every scenario."""
 
     name: ClassVar[str] = "open-loop"
     summary: ClassVar[str] = "one input sequence, the same in every scenario"
@@ -21,11 +21,11 @@ class OpenLoop:
 class Feedback(Configured):
     """Affine feedback ``u_t = K_t x_t + k_t`` shared by all scenarios (noising, eq. 14).
 
-    K_t (nu, nx), k_t (nu,). It starts at K = 0 and k = the guessed input (never k = 0, which would
+    K_t is (nu, nx), k_t (nu,). The guess is K = 0 and k = the guessed input (never k = 0, which would
     command the actuator to the origin, into the object). ``penalty`` adds
     ``penalty * sum_t |K_t|²`` characteristic costs, without which gains along scenarios that nearly
-    coincide are redundant; ``bound`` limits each gain's size; ``stationary`` uses one (K, k) for
-    all steps.
+    coincide are redundant; ``bound`` limits the absolute value of each gain; ``stationary`` uses one
+    (K, k) for all steps.
 
     Raises :class:`~ocp.errors.InputError` for a negative or non-finite penalty or bound.
     """
@@ -39,4 +39,4 @@ class Feedback(Configured):
 
 Policy = OpenLoop | Feedback
 POLICIES: dict[str, type[Policy]] = {policy.name: policy for policy in (OpenLoop, Feedback)}
-"""Policies by name."""
+"""Mapping from the name of a policy to its class."""

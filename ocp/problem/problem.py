@@ -1,4 +1,4 @@
-"""An optimal control problem: a system, a horizon, costs, bounds, and where it starts."""
+"""Optimal control problem: a system with a horizon, costs, constraints and a start."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ __all__ = ["Constraint", "FreeStart", "Guess", "Problem", "Scales", "Scaling", "
 SWEPT = "way between nodes"
 """Name of the path constraint of a swept problem."""
 SHARES = (0.25, 0.5, 0.75)
-"""Shares of a step at which a swept problem keeps bodies apart."""
+"""Positions between two nodes, as shares of the step, at which a swept problem keeps bodies apart."""
 DEPTH = 0.05
-"""Depth, in characteristic gaps, that straight motion may cut into a body: half of what the referee tolerates."""
+"""Largest penetration between nodes, in characteristic gaps, in a swept problem: half of what the referee tolerates."""
 Guess = Callable[["Problem", np.ndarray], tuple[np.ndarray, np.ndarray]]
-"""Maps (problem, parameter values) to states (N+1, nx) and inputs (N, nu) to start from."""
+"""Function from (problem, parameter values) to states (N+1, nx) and inputs (N, nu) to start from."""
 
 _FIELD_TYPES: dict[str, Any] = {
     "name": Name,
@@ -46,7 +46,7 @@ _FIELD_TYPES: dict[str, Any] = {
     "scaling": InstanceOf[Scaling],
     "origin": InstanceOf[Origin],
 }
-"""Types of the fields whose value is checked as it stands."""
+"""Mapping from fields to the types of which their values must be."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -56,12 +56,12 @@ class Problem:
     ``stage_cost`` is an expression in ``system.x``, ``system.u``, ``du`` (the symbol for
     u_k - u_{k-1}, with u_{-1} = ``u_before``), ``system.lam`` (the impulses of contact of the step
     from x_k to x_{k+1}; the mean over the branches of a law that averages) and the parameters,
-    ``terminal_cost`` in ``system.x`` and the parameters, and ``path`` constraints in what the
-    stage cost has, but ``du``, and ``system.x_next``. ``x0`` (nx,), ``u_before`` (nu,), and all
+    ``terminal_cost`` in ``system.x`` and the parameters, and ``path`` constraints in the symbols of
+    the stage cost without ``du``, and in ``system.x_next``. ``x0`` (nx,), ``u_before`` (nu,), and all
     bounds are expressions in the parameters. With ``h=free(lower, upper)`` the step size is the
-    last state, and the final time is free (:func:`~ocp.problem.free_time.free`). With ``swept`` nothing
-    passes through anything between two nodes either, by one more path constraint. ``origin`` says
-    where the problem comes from, for its runs.
+    last state, and the final time is free (:func:`~ocp.problem.free_time.free`). With ``swept`` one
+    more path constraint keeps bodies apart between nodes too. ``origin`` is the problem's
+    provenance, which its runs store.
 
     Raises :class:`~ocp.errors.InputError` where a dimension does not fit.
     """
@@ -134,7 +134,7 @@ class Problem:
         return summary(self)
 
     def _sweep(self) -> Constraint:
-        """True distances on the straight way between nodes, at three places of every step."""
+        """Return the constraint on true distances at three points of the straight line between nodes."""
         system = self.system
         if system.phi is None:
             raise InputError(
@@ -150,7 +150,7 @@ class Problem:
 
     @property
     def uses_du(self) -> bool:
-        """Whether the cost depends on input increments."""
+        """Whether the cost depends on input increments ``u_k - u_{k-1}``."""
         return self.du is not None
 
     @cached_property
@@ -161,18 +161,18 @@ class Problem:
 
     @cached_property
     def exact_step(self) -> Step:
-        """The system closed by the exact law, for audits and replays."""
+        """Step of the system under the exact law, for audits and replays."""
         return Exact().close(self.system)
 
     @cached_property
     def referee_step(self) -> Step:
-        """The exact step under the sharpest contact that the system has, which referees plans."""
+        """Step of the system's most exact contact model under the exact law, with which the referee replays plans."""
         sharpest = self.system.most_exact
         return self.exact_step if sharpest is self.system else Exact().close(sharpest)
 
     @cached_property
     def signed_distance(self) -> ca.Function | None:
-        """Map ``(x, p)`` to the true signed distance phi of every contact, or None if unknown."""
+        """Function from ``(x, p)`` to the true signed distance phi of every contact, or None if unknown."""
         if self.system.phi is None:
             return None
         inputs = [self.system.x, self.parameters.vector]
@@ -180,7 +180,7 @@ class Problem:
 
     @cached_property
     def limits(self) -> ca.Function:
-        """Map ``p`` to ``(x0, u_before, u_lower, u_upper, x_lower, x_upper)``."""
+        """Function from ``p`` to ``(x0, u_before, u_lower, u_upper, x_lower, x_upper)``."""
         nx, nu = self.system.nx, self.system.nu
         u_before = ca.SX.zeros(nu) if self.u_before is None else self.u_before
         values = (self.x0, u_before, self.u_lower, self.u_upper, self.x_lower, self.x_upper)
@@ -190,7 +190,7 @@ class Problem:
 
     @cached_property
     def start_limits(self) -> ca.Function:
-        """Map ``p`` to the bounds of x_0, each (nx, 1); both are ``x0`` where it is given."""
+        """Function from ``p`` to the bounds of x_0, each (nx, 1); both are ``x0`` where the start is not free."""
         nx, free = self.system.nx, self.start
         ends = (self.x0, self.x0) if free is None else (free.lower, free.upper)
         outputs = [ca.densify(repeat_bound(end, nx)) for end in ends]
@@ -198,7 +198,7 @@ class Problem:
 
     @cached_property
     def cost_terms(self) -> ca.Function:
-        """Map ``(x, u, du, lam, p)`` to ``(stage cost, terminal cost at x)``."""
+        """Function from ``(x, u, du, lam, p)`` to ``(stage cost, terminal cost at x)``."""
         costs = [self.stage_cost, self.terminal_cost]
         names = ["x", "u", "du", "lam", "p"], ["stage", "terminal"]
         return ca.Function("cost_terms", self.symbols, costs, *names)
@@ -210,15 +210,15 @@ class Problem:
 
     @cached_property
     def split_costs(self) -> list[tuple[ca.SX, ca.SX]]:
-        """Stage and terminal cost, each split into what a plan can change and its constant terms."""
+        """Stage and terminal cost, each split into the part that a plan can change and its constant terms."""
         moving = ca.vertcat(*self.symbols[:4])
         return [split_constant(cost, moving) for cost in (self.stage_cost, self.terminal_cost)]
 
     @cached_property
     def state_slopes(self) -> ca.Function:
-        """Map ``(x, u, du, lam, p)`` to gradients of the costs.
+        """Function from ``(x, u, du, lam, p)`` to gradients of the costs.
 
-        By x, (nx, 1), of stage and terminal cost, and by lam, (nlam, 1), of the stage cost.
+        They are those of stage and terminal cost in x, (nx, 1), and of the stage cost in lam, (nlam, 1).
         """
         x, lam = self.system.x, self.system.lam
         derivatives = (self.stage_cost, x), (self.terminal_cost, x), (self.stage_cost, lam)
@@ -227,7 +227,7 @@ class Problem:
 
     @property
     def symbols(self) -> list[ca.SX]:
-        """``(x, u, du, lam, p)``, with a symbol for du where the cost has none."""
+        """Symbols ``(x, u, du, lam, p)`` of the costs, with a new one for du where the cost has none."""
         system = self.system
         du = ca.SX.sym("du", system.nu) if self.du is None else self.du
         return [system.x, system.u, du, system.lam, self.parameters.vector]
@@ -240,7 +240,7 @@ class Problem:
 
     @cached_property
     def scales(self) -> Scales:
-        """The characteristic sizes in SI, signal by signal; those not stated are derived."""
+        """Characteristic sizes in SI, one per signal; those not stated are derived."""
         stated, units = self.scaling, self._units_of_signals
         states = None if stated.x is None else np.broadcast_to(stated.x * units.x, units.x.shape)
         derived = derive_sizes(self, states) if stated.derived else None
@@ -254,10 +254,10 @@ class Problem:
 
     @cached_property
     def natural(self) -> Scales:
-        """Units in which a solver sees states, inputs, impulses and gaps.
+        """Units of states, inputs, impulses and gaps in a solver.
 
-        Those of ``scaling.units``; in SI, of a size that was derived, the power of two beside it
-        unless it is ordinary (:func:`~ocp.programs.units.solver_unit`).
+        These are ``scaling.units``; in SI, the unit of a derived size is the nearest power of two
+        unless the size is ordinary (:func:`~ocp.programs.units.solver_unit`).
         """
         if not (self.scaling.units.plain and self.scaling.derived):
             return self._units_of_signals
@@ -266,15 +266,15 @@ class Problem:
 
     @cached_property
     def natural_scales(self) -> Scales:
-        """The characteristic sizes as multiples of :attr:`natural`."""
+        """Characteristic sizes as multiples of :attr:`natural`."""
         return self.scales.over(self.natural)
 
     @cached_property
     def pair_units(self) -> np.ndarray:
-        """Units (nlam,) of the pairs' gaps over the natural one, multipliers have the inverse.
+        """Units (nlam,) of the pairs' gaps, over the natural one; those of multipliers are the inverse.
 
-        Powers of two, 1 unless what a gap changes by as states move by their sizes is far from the
-        characteristic gap, as where distances are computed in nanometres.
+        They are powers of two: 1 unless the change of a gap, as states move by their sizes, is far
+        from the characteristic gap, as where distances are computed in nanometres.
         """
         changes = gap_changes(self, self.scales.x)
         return solver_unit(np.nan_to_num(changes * GAP_SHARE / self.scales.gap), ORDINARY_ROWS)
@@ -286,7 +286,7 @@ class Problem:
 
     @cached_property
     def _units_of_signals(self) -> Scales:
-        """The natural units of states and inputs, by their dimensions."""
+        """Natural units of all signals, from their dimensions."""
         units = self.scaling.units
         states, inputs = (
             np.array([units.of(signal.unit) for signal in signals])
@@ -296,7 +296,7 @@ class Problem:
 
     @cached_property
     def physics(self) -> ca.Function:
-        """Map ``(x, p)`` to step size, mass, stiffness and friction, empty where there is none."""
+        """Function from ``(x, p)`` to step size, mass, stiffness and friction, each empty where there is none."""
         system = self.system
         friction = None if system.forces is None else system.forces.friction
         expressions = (
@@ -308,12 +308,12 @@ class Problem:
         )
 
     def initial_states(self, p: np.ndarray) -> np.ndarray:
-        """Initial states of all scenarios at parameter values p, shape (scenarios, nx)."""
+        """Return the initial states (scenarios, nx) of all scenarios at parameter values p."""
         nominal = np.array(self.limits(p)[0]).ravel()
         return nominal + self.scenarios.offsets(self.system.nx)
 
     def initial_guess(self, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """States (N+1, nx) and inputs (N, nu) to start from: by default everything stands still.
+        """Return states (N+1, nx) and inputs (N, nu) to start from; by default everything stands still.
 
         Raises :class:`~ocp.errors.InputError` for a ``guess`` of other shapes, or not finite.
         """

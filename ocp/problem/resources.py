@@ -1,7 +1,7 @@
-"""Memory that a task needs, refused where there is less, and a notice of more than a minute.
+"""Estimates of a task's memory and time: tasks that do not fit are refused, long ones announced.
 
-Bytes were measured in float64, IPOPT with MUMPS; they tell a hundred megabytes from a hundred
-gigabytes.
+Bytes were measured in float64 for IPOPT with MUMPS; they distinguish a hundred megabytes from a
+hundred gigabytes.
 """
 
 from __future__ import annotations
@@ -17,30 +17,30 @@ from ocp.problem.policy import Feedback, Policy
 from ocp.problem.problem import Problem
 
 YEAR = 365.25 * 86400.0
-"""Seconds; no estimate begins that would take longer by the time of its first samples."""
+"""Seconds of a year; tasks that would take longer are refused."""
 LONG = 60.0
-"""Seconds from which on a person is told beforehand."""
+"""Seconds from which the user is told beforehand that a task is long."""
 BYTES_PER_VARIABLE = 5e3
-"""Bytes of a stage for each of its variables."""
+"""Bytes of memory of a stage per variable."""
 BYTES_PER_SQUARE = 90.0
-"""Bytes of a stage for each pair of its variables. With v of them the peak of memory grows by 37 kB a stage for v = 5
-(wall-1d), 46 kB for 8 (push-disc, over steps and over scenarios alike), 1.0 MB for 81
+"""Bytes of memory of a stage per squared number of its variables. With v variables peak memory grows per stage by
+37 kB for v = 5 (wall-1d), 46 kB for 8 (push-disc, over steps and over scenarios alike) and 1.0 MB for 81
 (half-cheetah) by direct transcription; by 178 kB for 18 (push-disc with feedback, 20 to 120
 scenarios). Single shooting takes more."""
 SECONDS_PER_BYTE = 5e-10
-"""Seconds of an iteration for each byte of the solve, to tell a minute from an hour."""
+"""Seconds of an iteration per byte of the solve's memory, to distinguish a minute from an hour."""
 SOLVE_ITERATIONS = 200
-"""Iterations of a solve, for its estimate of time."""
+"""Assumed number of iterations of a solve in estimates of time."""
 STAGE_ITERATIONS = 2
-"""Iterations of each stage of a path, at least."""
+"""Assumed minimum number of iterations of each stage of a path."""
 FOLLOWED = 0.1
-"""Share of a solve's time that a point takes to which a curve is followed."""
+"""Time of a point on a curve that is followed, as a share of a solve's."""
 BYTES_PER_POINT = 1e5
-"""Bytes that are kept of a solved point beside its trajectories, labels above all."""
+"""Bytes kept of a solved point in addition to its trajectories, mostly labels."""
 _ARRAYS = 4
-"""Copies of what is sampled that are held at once."""
+"""Number of copies of large arrays that are in memory at once."""
 STUDY = 2e6
-"""Bytes of a figure's largest arrays at its default counts, at most."""
+"""Maximum number of bytes of a figure's largest arrays at its default counts."""
 _CGROUPS = Path("/sys/fs/cgroup")
 """Folder of all control groups."""
 _PROCESS_CGROUPS = Path("/proc/self/cgroup")
@@ -48,7 +48,7 @@ _PROCESS_CGROUPS = Path("/proc/self/cgroup")
 
 
 def machine_memory() -> float:
-    """Bytes of memory that this machine has, or that this process may take of it.
+    """Return the bytes of this machine's memory, or of the part that this process may use.
 
     Limits are those of its control groups (version 1 and 2) and of ``ulimit -v``.
     """
@@ -63,7 +63,7 @@ def machine_memory() -> float:
 
 
 def _limits() -> list[Path]:
-    """Files that hold a limit of this process's memory, those of the groups around its own too."""
+    """Return the files that contain limits of this process's memory, also those of enclosing control groups."""
     files = [_CGROUPS / "memory.max", _CGROUPS / "memory/memory.limit_in_bytes"]
     with suppress(OSError):
         for line in _PROCESS_CGROUPS.read_text().splitlines():
@@ -78,16 +78,16 @@ def _limits() -> list[Path]:
 
 
 def stage_size(problem: Problem, policy: Policy | None = None) -> int:
-    """Variables of a stage: ``nx + nu + 2 nlam``, and the gains where there is feedback."""
+    """Return the number of variables of a stage: ``nx + nu + 2 nlam``, and the gains of feedback."""
     system = problem.system
     gains = system.nu * (system.nx + 1) if isinstance(policy, Feedback) else 0
     return system.nx + system.nu + 2 * system.nlam + gains
 
 
 def solve_memory(problem: Problem, policy: Policy | None = None, law: ContactLaw | None = None) -> float:
-    """Bytes that a solve takes, about: a polynomial in :func:`stage_size` a stage.
+    """Return the approximate bytes of a solve: per stage a polynomial in :func:`stage_size`.
 
-    A stage stands in the program at every step, scenario and node of the law.
+    The program has a stage for every step, scenario and node of the law.
     """
     v, nodes = stage_size(problem, policy), 1
     if law is not None:
@@ -99,13 +99,13 @@ def solve_memory(problem: Problem, policy: Policy | None = None, law: ContactLaw
 def solve_seconds(
     problem: Problem, policy: Policy | None = None, law: ContactLaw | None = None, path: int = 1
 ) -> float:
-    """Seconds that a solve takes, about; ``path`` stages have at least two iterations each."""
+    """Return the approximate seconds of a solve; each of ``path`` stages has at least two iterations."""
     iterations = max(SOLVE_ITERATIONS, STAGE_ITERATIONS * path)
     return iterations * SECONDS_PER_BYTE * solve_memory(problem, policy, law)
 
 
 def points_memory(problem: Problem, count: float, longer: float = 1.0) -> float:
-    """Bytes that ``count`` solved points take: plan, replay and referee's replay of each.
+    """Return the bytes of ``count`` solved points: plan, replay and referee's replay of each.
 
     The longest has ``longer`` times the steps and scenarios of ``problem``.
     """
@@ -114,12 +114,12 @@ def points_memory(problem: Problem, count: float, longer: float = 1.0) -> float:
 
 
 def sampling_memory(decision: float, samples: float) -> float:
-    """Bytes of what is held at once of ``samples`` gradients by ``decision`` components."""
+    """Return the bytes of ``samples`` gradients with ``decision`` components each, copies included."""
     return _ARRAYS * 8.0 * decision * samples
 
 
 def check_memory(task_name: str, needed: float) -> None:
-    """Raise :class:`~ocp.errors.InputError` where ``needed`` bytes are more than there are."""
+    """Raise :class:`~ocp.errors.InputError` where ``needed`` bytes exceed the memory that is available."""
     available = machine_memory()
     if needed > available:
         raise InputError(
@@ -135,7 +135,7 @@ def check_time(task_name: str, seconds: float) -> None:
 
 
 def long_task_notice(task_name: str, seconds: float, memory: float = 0.0) -> str | None:
-    """A line on what will take longer than :data:`LONG`, None for what will not."""
+    """Return a line that announces a task longer than :data:`LONG`, None for a shorter one."""
     if seconds < LONG:
         return None
     size = f" and {_gigabytes(memory)} of memory" if memory > 1e9 else ""

@@ -1,4 +1,4 @@
-"""Roll a plan out under a law, step by step, with its cost; initial guesses of a plan."""
+"""Rollouts of a plan under a law, step by step, with their costs; initial guesses of a plan."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ STEP_TOLERANCE = 1e-7
 _GUESS_NOISE = 0.3
 """Standard deviation of the noise on guesses, in characteristic sizes."""
 InitialGuess = tuple[np.ndarray, np.ndarray]
-"""States (N+1, nx) and inputs (N, nu)."""
+"""States (N+1, nx) and inputs (N, nu) of a guess."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Gains:
     k: np.ndarray
 
     def input(self, step: int, x: np.ndarray) -> np.ndarray:
-        """Input at a step and state."""
+        """Return the input (nu,) at a step and a state x (nx,)."""
         row = min(step, len(self.K) - 1)
         return self.K[row] @ x + self.k[row]
 
@@ -54,7 +54,7 @@ class Rollout:
     def from_trajectories(
         cls, evaluation: Evaluation, step: Step, x: np.ndarray, u: np.ndarray, lam: np.ndarray, gap: np.ndarray
     ) -> Rollout:
-        """Complete trajectories of a closed step by the problem's impulses and costs."""
+        """Return trajectories of a closed step as a rollout, with the problem's impulses and costs."""
         impulses = problem_impulses(evaluation, step, x, u, lam)
         return cls(x, u, lam, gap, impulses, evaluation.trajectory_costs(x, u, impulses))
 
@@ -64,16 +64,16 @@ class Rollout:
         return float(self.costs.mean())
 
     def __getitem__(self, which: Sequence[int] | np.ndarray) -> Rollout:
-        """The scenarios ``which`` alone."""
+        """Return the rollout of the scenarios ``which`` alone."""
         return Rollout(*(array[which] for array in astuple(self)))
 
 
 @dataclass(frozen=True)
 class Unsolved:
-    """A step that did not converge: where, and how far its worst pair is off.
+    """A step of a rollout that did not converge, with its scenario.
 
-    ``contact`` names that pair; ``violation`` is the step solver's scaled error, infinite where
-    it is NaN.
+    ``contact`` names the pair of the largest error; ``violation`` is that scaled error of the step
+    solver, infinite where it is NaN.
     """
 
     step: int
@@ -83,7 +83,7 @@ class Unsolved:
 
     @property
     def brief(self) -> str:
-        """Step and contact alone."""
+        """Clause that names the step and the contact alone."""
         return f"step {self.step} did not converge, contact {self.contact!r}"
 
     def __str__(self) -> str:
@@ -103,9 +103,9 @@ def roll_out(
 ) -> Rollout:
     """Roll out ``inputs`` (S or 1, N, nu), or gains, under the law ``contact``, by default the exact one.
 
-    ``values`` are parameter values by name; a law brings its own, a closed step takes them
-    from ``values``. ``x0`` (S, nx) are initial states, by default the problem's scenarios; inputs
-    from gains are clipped to the bounds on u, as an actuator would.
+    ``values`` is a dict from parameters to values; a law uses its own settings, a closed step the law's
+    parameters in ``values``. ``x0`` (S, nx) are initial states, by default the problem's scenarios;
+    inputs from gains are clipped to the bounds on u, as an actuator would.
 
     Raises :class:`~ocp.errors.NotConverged`, naming contact, step and scenario, where the step's
     path could not be followed to its end.
@@ -124,16 +124,16 @@ def roll_on(
     substeps: int = 1,
     first: int = 0,
 ) -> tuple[Rollout, Unsolved | None]:
-    """Roll out as :func:`roll_out` does, and return the first step that was not solved instead of raising.
+    """Return the rollout of :func:`roll_out`, and the first step that was not solved instead of raising.
 
     A closed step may be that of another system with the same states, inputs and parameters as the
-    problem's, such as its ``sharpest``. A scenario whose step was not solved is NaN from the next
+    problem's, such as its ``most_exact``. A scenario whose step was not solved is NaN from the next
     node on, and so is its cost; the first such step is returned, None where there is none.
 
-    With ``substeps`` every input, or the policy's answer at a node, is held over so many steps, and
-    what is returned are the problem's nodes, the sum of lam and the last gap between two of them;
-    the step size must then have been divided already, in the values or in ``x0``. With ``first``,
-    ``x0`` are the states at that node; all before it, and so the costs, are NaN.
+    With ``substeps`` every input, or the policy's input at a node, is held over that many steps; the
+    rollout has the states at the problem's nodes, and between two nodes the sum of lam and the last gap.
+    The step size must then already be divided, in the values or in ``x0``. With ``first``, ``x0`` are
+    the states at that node; all values before it, and so the costs, are NaN.
     """
     problem, limits = evaluation.problem, evaluation.limits
     if law is None:
@@ -149,7 +149,7 @@ def roll_on(
     u[:] = np.nan if isinstance(inputs, Gains) else _array("inputs", inputs, (None, N, nu), S)
     error = np.zeros((S, N, step.n))
     x[:, first] = start
-    # Gains read the state of every node; inputs are rolled out in one call.
+    # Gains need the state of every node; inputs are rolled out in one call.
     stride = 1 if isinstance(inputs, Gains) else N
     for k in range(first, N, stride):
         steps = slice(k, k + stride)
@@ -172,9 +172,9 @@ def roll_on(
 
 
 def _array(what: str, value: Any, shape: tuple[int | None, ...], scenarios: int | None = None) -> np.ndarray:
-    """Return ``value`` as an array of ``shape``, its first size 1 or ``scenarios``; any where None.
+    """Return ``value`` as an array of ``shape``, whose first size is 1 or ``scenarios``, or any if that is None.
 
-    Raises :class:`~ocp.errors.InputError` for another shape, and for what are no numbers.
+    Raises :class:`~ocp.errors.InputError` for another shape, and for values that are not numbers.
     """
     first = "S" if scenarios is None else str(scenarios)
     expected = f"({', '.join([first, *map(str, shape[1:])])})"
@@ -192,11 +192,11 @@ def _array(what: str, value: Any, shape: tuple[int | None, ...], scenarios: int 
 def _roll_inputs(
     step: Step, x: np.ndarray, u: np.ndarray, p: np.ndarray, count: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Roll states x (S, nx) on by inputs u (S, K, nu), each held for ``count`` steps.
+    """Return the results of inputs u (S, K, nu), each held for ``count`` steps, from states x (S, nx).
 
-    Returns, by input, the state after its steps (S, K, nx), the sum of lam and the last gap
-    (S, K, n), and the largest error of any (S, K, n). That is infinite where a state is NaN: a
-    single contact, solved in closed form, has no error of its own.
+    For each input these are the state after its steps (S, K, nx), the sum of lam and the last gap
+    (S, K, n), and the largest error of its steps (S, K, n). The error is infinite where a state is
+    NaN: a single contact, solved in closed form, has no error of its own.
     """
     S, K = u.shape[:2]
     rolled = step.solve.map(S).mapaccum(K * count)
@@ -209,9 +209,9 @@ def _roll_inputs(
 
 
 def mean_multipliers(step: Step, lam: np.ndarray) -> np.ndarray:
-    """Multipliers (S, N, nlam), averaged over a law's branches by their weights.
+    """Return the multipliers (S, N, nlam), averaged over a law's branches by their weights.
 
-    NaN where the law has none, though the system has contacts: a learned law knows no forces.
+    NaN where the law has none although the system has contacts: a learned law has no forces.
     """
     if step.n < step.system.nlam:
         return np.full((*lam.shape[:2], step.system.nlam), np.nan)
@@ -221,10 +221,10 @@ def mean_multipliers(step: Step, lam: np.ndarray) -> np.ndarray:
 
 
 def problem_impulses(evaluation: Evaluation, step: Step, x: np.ndarray, u: np.ndarray, lam: np.ndarray) -> np.ndarray:
-    """Impulses of the contacts of the problem's system, (S, N, nlam), from a step's (S, N, n).
+    """Return the impulses (S, N, nlam) of the problem's contacts that belong to multipliers (S, N, n) of a step.
 
-    They are the mean over the step's branches. A step of another system, which has friction in
-    place of the edges of a cone, is matched by the normal and tangential impulses of every contact.
+    They are the mean over the step's branches. A step of another system, such as one with Coulomb
+    friction instead of a pyramid, is matched by the normal and tangential impulses of every contact.
     NaN where neither the cost nor a path constraint depends on impulses, or none can be matched.
     """
     problem = evaluation.problem
@@ -258,7 +258,7 @@ def initial_guesses(
 ) -> list[InitialGuess]:
     """Return the problem's own guess, or ``first``, and perturbed ones, ``count`` in all.
 
-    The noise has 0.3 characteristic units, each guess its own stream of the seed.
+    The noise has a standard deviation of 0.3 characteristic sizes; each guess has its own stream of the seed.
     """
     X, U = first if first is not None else evaluation.initial_guess
     guesses, sizes = [(X, U)], evaluation.problem.scales

@@ -14,28 +14,28 @@ if TYPE_CHECKING:
     from ocp.problem.problem import Problem
 
 GAP_SHARE = 0.1
-"""Characteristic gap as a share of what gaps change by as states move by their sizes."""
+"""Characteristic gap as a share of the change of gaps as states move by their sizes."""
 _DOUBTFUL = 1e3
-"""Ratio of a stated size to the derived one from which on the stated one is named."""
+"""Ratio between a stated size and the derived one above which the stated one is doubtful."""
 _AT_REST = 1e-6
-"""Share of what a step without contact moves up to which a state rests."""
+"""Motion of a state, as a share of its motion in a step without contact, up to which it is at rest."""
 DIFFERENCE_ROUNDING = 1e-12
 """Share of the largest entry below which a difference is rounding."""
 
 
 def derive_sizes(problem: Problem, x: np.ndarray | None = None) -> Scales:
-    """Derive the characteristic sizes of a problem, in SI, at its own parameter values.
+    """Return the characteristic sizes of a problem, in SI, derived at its own parameter values.
 
-    Those of states are ``x`` (nx,) where that is given.
+    Those of states are ``x`` (nx,) if that is given.
 
     A state's size is the largest of: how far the guess and its exact rollout move it from x0, and
     how far away the goal is, by one Newton step on each cost and on each terminal constraint that
-    x0 violates. States of one unit share the largest of theirs. A velocity has at least what
-    crosses its length in the horizon, and a length what its velocity covers. Where nothing moves,
-    what gaps change by as other states move decides, then bounds, then values at x0. An input's
-    size is half the width of its bounds, or what moves a state by its size within the horizon, or
-    else one Newton step of the stage cost. An impulse changes a state by its size; a gap has
-    :data:`GAP_SHARE` of what it changes by as the states move by theirs.
+    x0 violates. States of one unit share the largest. The size of a velocity is at least that of its
+    position over the horizon; a position without size has what its velocity covers. Where nothing
+    moves, the change that moves gaps as much as other states do counts, then bounds, then x0. An
+    input's size is half the width of its bounds, or what moves a state by its size within the
+    horizon, or else one Newton step of the stage cost. An impulse's size changes a state by its size;
+    a gap's is :data:`GAP_SHARE` of its change as states move by theirs.
     """
     data = _Data(problem)
     x = data.state_sizes() if x is None else x
@@ -44,7 +44,7 @@ def derive_sizes(problem: Problem, x: np.ndarray | None = None) -> Scales:
 
 
 def describe_sizes(problem: Problem) -> str:
-    """List the derived sizes with their units, the largest of each unit; "" without any."""
+    """Return the derived sizes in words, with units, the largest of each unit; "" without any."""
     system, scales = problem.system, problem.scales
     sizes = {"impulse": {"N s": scales.impulse}, "gap": {"m": scales.gap}, "x": {}, "u": {}}
     for name, signals in (("x", system.states), ("u", system.inputs)):
@@ -59,7 +59,7 @@ def describe_sizes(problem: Problem) -> str:
 
 
 def doubtful_sizes(problem: Problem) -> list[str]:
-    """Name stated sizes that are :data:`_DOUBTFUL` times what the data give, or a share of it."""
+    """Return a clause on each stated size that differs from the derived one by a factor above :data:`_DOUBTFUL`."""
     stated, derived = problem.scales, derive_sizes(problem)
     doubts = []
     for name in ("impulse", "gap", "x", "u"):
@@ -70,18 +70,18 @@ def doubtful_sizes(problem: Problem) -> list[str]:
 
 
 def gap_changes(problem: Problem, x_sizes: np.ndarray) -> np.ndarray:
-    """Return what each gap (nlam,) changes by, to first order, as states move by ``x_sizes``.
+    """Return the first-order change (nlam,) of each gap as states move by ``x_sizes``.
 
-    The larger of its change by the state and by the next state, at x0; NaN for pairs whose gap is
-    neither a distance nor the way to a limit.
+    It is the larger one of those with the state and with the next state, at x0; NaN for pairs whose
+    gap is neither the distance of a contact nor that to a joint limit.
     """
     return _Data(problem).gap_changes(x_sizes)
 
 
 def residual_changes(problem: Problem, x_sizes: np.ndarray) -> np.ndarray:
-    """Return the largest change (nx,) of each row of the step's residual as one next state moves by its size.
+    """Return the largest first-order change (nx,) of each row of the step's residual as one next state moves.
 
-    To first order, at x0.
+    It moves by its size, from x0.
     """
     system = problem.system
     changes = _Data(problem).at_start(ca.jacobian(system.residual, system.x_next))
@@ -89,7 +89,7 @@ def residual_changes(problem: Problem, x_sizes: np.ndarray) -> np.ndarray:
 
 
 class _Data:
-    """Numbers at the problem's own parameter values."""
+    """Quantities of a problem at its own parameter values, from which sizes are derived."""
 
     def __init__(self, problem: Problem) -> None:
         self.problem, self.system = problem, problem.system
@@ -101,7 +101,7 @@ class _Data:
         self.dimensions = [dimension(signal.unit) for signal in self.system.states]
 
     def state_sizes(self) -> np.ndarray:
-        """Sizes of the states (nx,)."""
+        """Return the sizes of the states (nx,)."""
         travels = np.fmax(self._travel(), self._goal_distance())
         travels[list(self.system.rotating_entries)] = 1.0
         sizes = self._linked(self._by_unit(travels))
@@ -112,7 +112,7 @@ class _Data:
         return np.where(sizes > 0, sizes, 1.0)
 
     def input_sizes(self, x: np.ndarray) -> np.ndarray:
-        """Sizes of the inputs (nu,)."""
+        """Return the sizes of the inputs (nu,) for states of sizes x (nx,)."""
         widths = (self.u_upper - self.u_lower) / 2
         effects = np.abs(self._inputs_over_horizon()) / x[:, None]
         with np.errstate(divide="ignore"):
@@ -123,7 +123,7 @@ class _Data:
         return np.where(sizes > 0, sizes, 1.0)
 
     def impulse(self, x: np.ndarray) -> float:
-        """Impulse that changes velocities by their sizes, or positions by an N-th: the median."""
+        """Return the median impulse that changes velocities by their sizes, or positions by an N-th of theirs."""
         orders = np.array([0.0 if d is None else -d[2] for d in self.dimensions])
         within_step = np.where(orders > 0, x, x / self.problem.N)
         effect = self.at_start(self.system.reduced.B)[:, self._distances()] / within_step[:, None]
@@ -136,7 +136,7 @@ class _Data:
         return float(np.median(usable)) if usable else 1.0
 
     def typical_gap_change(self, x: np.ndarray) -> float:
-        """Median over contacts of what their gaps change by, or the largest size of a length."""
+        """Return the median change of contacts' gaps as states move by their sizes, or else the largest length."""
         changes = self.gap_changes(x)
         usable = changes[np.isfinite(changes) & (changes > 0)]
         if usable.size:
@@ -145,7 +145,7 @@ class _Data:
         return float(max(lengths, default=1.0))
 
     def gap_changes(self, x: np.ndarray) -> np.ndarray:
-        """Return the changes of :func:`gap_changes`."""
+        """Return the changes of gaps (nlam,) that the module's :func:`gap_changes` documents."""
         system = self.system
         by_state = [ca.jacobian(system.gap, symbol) for symbol in (system.x, system.x_next)]
         largest = np.max([np.abs(self.at_start(J)) * x for J in by_state], axis=0)
@@ -154,17 +154,17 @@ class _Data:
         return changes
 
     def _distances(self) -> np.ndarray:
-        """Positions of the pairs whose gap is a distance or the way to a limit."""
+        """Return the indices of the pairs whose gap is the distance of a contact or that to a joint limit."""
         kinds = [pair.kind in ("normal", "limit") for pair in self.system.pairs]
         return np.flatnonzero(kinds)
 
     def at_start(self, expression: ca.SX) -> np.ndarray:
-        """Value of an expression at rest in x0, without contact impulses."""
+        """Return the value of an expression at rest in x0, without contact impulses."""
         evaluate = ca.Function("at_start", self.problem.step_symbols, [ca.densify(expression)])
         return np.nan_to_num(np.array(evaluate(self.x0, self.u_before, self.x0, 0, self.p)))
 
     def _travel(self) -> np.ndarray:
-        """Distance from x0 of the guess and its exact rollout in every state (nx,)."""
+        """Return the largest distance from x0 (nx,) of the guess and its exact rollout, 0 where that is rounding."""
         states, inputs = self.problem.initial_guess(self.p)
         step = self.problem.exact_step
         named = dict(zip(self.problem.parameters.names, self.p, strict=True))
@@ -175,13 +175,13 @@ class _Data:
             if not np.all(np.isfinite(x)):
                 break
             farthest = np.fmax(farthest, np.abs(x - self.x0))
-        # At rest on the ground a solver's error is what moves; without contact all would fall.
+        # Of bodies at rest on the ground only the solver's error moves; it is small relative to free fall.
         free = self._by_unit(np.abs(self.at_start(self.system.reduced.a).ravel() - self.x0))
         noise = np.fmax(DIFFERENCE_ROUNDING * np.abs(self.x0).max(initial=0.0), _AT_REST * free)
         return np.where(farthest > noise, farthest, 0.0)
 
     def _goal_distance(self) -> np.ndarray:
-        """Distance from x0 to where costs and terminal constraints want every state (nx,)."""
+        """Return the distance (nx,) of every state from x0 to the goals of costs and terminal constraints."""
         problem, x = self.problem, self.system.x
         rows = ca.vertcat(ca.SX(0, 1), *(c.expression for c in problem.terminal))
         low = ca.vertcat(ca.SX(0, 1), *(c.lower for c in problem.terminal))
@@ -195,7 +195,7 @@ class _Data:
         return distance
 
     def _newton_step(self, cost: ca.SX, by: ca.SX) -> np.ndarray:
-        """Distance (n,) at which each symbol alone makes the cost least, 0 where it bends down."""
+        """Return the distance (n,) of each symbol to the minimum of the cost in it alone, 0 without curvature."""
         du = ca.SX.sym("du", self.system.nu) if self.problem.du is None else self.problem.du
         slope, bend = (
             self.at_start(ca.substitute(derivative, du, 0 * du)).ravel()
@@ -206,7 +206,7 @@ class _Data:
         return np.nan_to_num(newton, posinf=0.0)
 
     def _by_gaps(self, sizes: np.ndarray) -> np.ndarray:
-        """Change of each state (nx,) that moves a gap as much as states of known ``sizes`` do."""
+        """Return the change (nx,) of each state that changes a gap as much as states of known ``sizes`` do."""
         by_state = np.abs(self.at_start(ca.jacobian(self.system.gap, self.system.x_next)))
         by_state = by_state[self._distances()]
         gap_changes = (by_state * sizes).max(axis=1, initial=0.0)[:, None]
@@ -215,16 +215,16 @@ class _Data:
         return needed.max(axis=0, initial=0.0)
 
     def _bound_widths(self, _: np.ndarray) -> np.ndarray:
-        """Distance of every state (nx,) at x0 to its farther finite bound, zero without one."""
+        """Return the distance (nx,) of every state at x0 to its farther finite bound, zero without one."""
         with np.errstate(invalid="ignore"):
             ends = np.abs([self.x_lower - self.x0, self.x_upper - self.x0])
         return np.where(np.isfinite(ends), ends, 0.0).max(axis=0)
 
     def _inputs_over_horizon(self) -> np.ndarray:
-        """Change of the state (nx, nu) by unit inputs held over the horizon, without contact.
+        """Return the change of the state (nx, nu) by unit inputs held over the horizon, without contact.
 
-        By the linearised step, but no more than N times that of one step: an unstable motion
-        amplifies an input beyond what the input does itself.
+        The step is linearised; the change is limited to N times that of one step, since an unstable
+        motion amplifies the effect of an input.
         """
         s = self.system
         A, B = (self.at_start(ca.jacobian(s.reduced.a, by)) for by in (s.x, s.u))
@@ -234,19 +234,19 @@ class _Data:
         return np.abs(change)
 
     def _units(self) -> list[np.ndarray]:
-        """Masks (nx,) of the states of each unit."""
+        """Return a mask (nx,) of the states of each unit."""
         units = np.array([signal.unit for signal in self.system.states])
         return [units == unit for unit in dict.fromkeys(units)]
 
     def _by_unit(self, sizes: np.ndarray) -> np.ndarray:
-        """Give every state the largest size of its unit."""
+        """Return sizes (nx,) in which every state has the largest of its unit."""
         shared = np.zeros_like(sizes)
         for rows in self._units():
             shared[rows] = sizes[rows].max()
         return shared
 
     def _linked(self, sizes: np.ndarray) -> np.ndarray:
-        """Link velocities and positions over the horizon, each at least what the other implies."""
+        """Return sizes (nx,) in which a velocity is at least its position over the horizon; positions of 0 follow."""
         linked = sizes.copy()
         for i, of_position in enumerate(self.dimensions):
             for j, of_velocity in enumerate(self.dimensions):

@@ -18,20 +18,20 @@ from ocp.problem.rollout import InitialGuess
 from ocp.validation import Index, Number, validate_fields, validated
 
 Pose = ArrayLike | Mapping[str, float]
-"""All states (nx,), or the values of some by name."""
+"""All states (nx,), or a mapping from names of some states to values."""
 Window = tuple[np.ndarray, np.ndarray]
-"""Lower and upper bounds, NaN where there are none."""
+"""Lower and upper bounds of a block of variables, NaN where there are none."""
 SLACK = 0.05
-"""Distance from a keyframe, in characteristic sizes, that a plan may keep."""
+"""Largest distance of a plan from a keyframe, in characteristic sizes."""
 START_TOLERANCE = 1e-6
-"""Distance of a keyframe at step 0 from the start, in characteristic sizes, that is rounding."""
+"""Largest distance of a keyframe at step 0 from the start, in characteristic sizes, that counts as rounding."""
 
 
 @dataclass(frozen=True)
 class UserGuess:
-    """States (N+1, nx) and inputs (N, nu) to begin at.
+    """States (N+1, nx) and inputs (N, nu) from which a user starts a solve.
 
-    Of a sketch only ``windows`` are known: bounds (N, ...) of the blocks x, lam and gap.
+    A sketch also gives ``windows``, bounds (N, ...) of the blocks x, lam and gap, which a plan must satisfy.
     """
 
     trajectories: InitialGuess
@@ -40,12 +40,12 @@ class UserGuess:
 
 @dataclass(frozen=True)
 class Sketch:
-    """A guess of which only something is known; steps count from 0, the start, to N.
+    """A partly known guess: poses, paths of states, phases of contact; steps count from 0, the start, to N.
 
     ``keyframes`` map steps to poses: ``{20: {"hammer": -0.1}, 34: {"hammer": 0.05}}``, or arrays (nx,).
-    ``paths`` map names of states to values that are spread evenly over the horizon, as of a drawn line; keyframes
-    come before them. ``contacts`` map names of contacts to the ranges of steps, both ends among them, at which they are
-    closed: ``{"hammer on nail": [(33, 38)]}``; at all other steps these have no impulse.
+    ``paths`` map names of states to values that are spread evenly over the horizon, such as points of a drawn line;
+    keyframes override them. ``contacts`` map names of contacts to the ranges of steps, both ends included, at which
+    they are closed: ``{"hammer on nail": [(33, 38)]}``; at all other steps they have no impulse.
     """
 
     keyframes: Mapping[int, Pose] = field(default_factory=dict)
@@ -57,12 +57,12 @@ class Sketch:
         validate_fields(self, "the guess", keyframes=dict[Index, Any], paths=dict[str, Any], contacts=ranges)
 
     def drawn(self, evaluation: Evaluation) -> UserGuess:
-        """Return the states that keyframes and paths give, interpolated, and the windows that a plan must pass.
+        """Return the states of keyframes and paths, interpolated, and the windows that a plan must satisfy.
 
-        Of the other states those follow that rows of the step without inputs and impulses determine, as velocities
-        follow from the difference of given positions; the rest, and inputs, are the problem's own guess.
+        Other states follow where equations without inputs and impulses determine them, as velocities from differences
+        of positions; the rest, and the inputs, are the problem's own guess.
 
-        Raises :class:`~ocp.errors.InputError` for a sketch of nothing, unknown names, steps outside the horizon, and
+        Raises :class:`~ocp.errors.InputError` for an empty sketch, unknown names, steps outside the horizon, and
         values of another shape, not finite, or outside their bounds.
         """
         problem = evaluation.problem
@@ -154,7 +154,7 @@ def _numbers(place: str, value: Any) -> np.ndarray:
 
 
 def _completed(evaluation: Evaluation, marks: np.ndarray, guess: np.ndarray) -> np.ndarray:
-    """Return states (N+1, nx): marks interpolated from the start on, the last one held; the others to match."""
+    """Return states (N+1, nx): marks interpolated from the start on, the last one held, and others that match them."""
     states, is_marked = np.array(guess, dtype=float), ~np.isnan(marks)
     is_marked[0] |= is_marked.any(axis=0)
     values, steps = np.where(np.isnan(marks), guess, marks), np.arange(len(marks))

@@ -1,4 +1,4 @@
-"""A problem in ten lines, with units: what Python prints of it."""
+"""Summary of a problem in ten lines with units, which Python prints as its ``repr``."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ import casadi as ca
 import numpy as np
 
 _WIDTH = 96
-"""Characters of a line."""
+"""Maximum number of characters of a line."""
 
 
 def summary(problem: Any) -> str:
-    """A :class:`~ocp.problem.problem.Problem` at its parameters' values, in ten lines."""
+    """Return a summary in ten lines of a :class:`~ocp.problem.problem.Problem` at its parameters' values."""
     system, p = problem.system, problem.parameters
     x0, _, *bounds = (np.array(value).ravel() for value in problem.limits(p.values))
     h = ca.Function("h", [system.x, p.vector], [ca.SX(system.h)])(x0, p.values)
@@ -43,7 +43,7 @@ def summary(problem: Any) -> str:
 
 
 def _within(values: Iterable[str]) -> str:
-    """The values on one line; of more than fit, the number of those that are left out."""
+    """Return the values on one line; of more than fit, the first ones and the number of all."""
     values, shown_values = list(values), list[str]()
     for value in values:
         if len(", ".join([*shown_values, value])) > _WIDTH - 30:

@@ -1,4 +1,4 @@
-"""A task: what a policy is trained for, a system with a start by chance, rewards and an end."""
+"""Reinforcement learning tasks: a system with random starts, rewards, and ends of episodes."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ocp.errors import InputError
 
 @dataclass(frozen=True, eq=False)
 class Measure:
-    """A quantity of one step that evaluations tell the mean of, such as a speed.
+    """A quantity of one step whose mean evaluations report, such as a speed.
 
     ``expression`` is in (x, u, x_next) of the system and the parameters.
     """
@@ -29,16 +29,16 @@ class Task:
 
     An episode starts at ``start``, an expression in the parameters and in ``chance`` (k, 1), whose
     entries are independent and uniform on [-1, 1]. It ends after ``horizon`` steps N, where
-    ``final`` (an expression in x) is gained, or before, at the first state at which ``done`` (an
-    expression in x) is not zero; nothing is gained after that, nor ``final``. A policy sees
-    ``observation``, an expression in x, and gives inputs between ``lower`` and ``upper`` (nu,).
+    ``final`` (an expression in x) is added, or before, at the first state at which ``done`` (an
+    expression in x) is not zero; there is no reward after that, and no ``final``. A policy maps
+    ``observation``, an expression in x, to inputs between ``lower`` and ``upper`` (nu,).
 
-    ``lasts`` (k, 1) says for planning what ``done`` says for an episode: where all its entries,
-    expressions in x, are positive, an episode goes on, states that are not finite aside. It is
-    needed only where ``done`` depends on x, and may be empty where that is for such states alone.
+    ``lasts`` (k, 1) expresses ``done`` for planning: at finite states an episode continues where all
+    its entries, expressions in x, are positive. It is needed only where ``done`` depends on x, and
+    may be empty where ``done`` only rejects states that are not finite.
 
-    All expressions may use the ``parameters``, which hold those of the system. ``measures`` are
-    told by evaluations.
+    All expressions may use the ``parameters``, which include those of the system. Evaluations
+    report the ``measures``.
 
     Raises :class:`~ocp.errors.InputError` where a dimension does not fit.
     """
@@ -79,39 +79,39 @@ class Task:
 
     @cached_property
     def starts(self) -> ca.Function:
-        """Map ``(chance, parameters)`` to the first state (nx, 1)."""
+        """Function from ``(chance, parameters)`` to the first state (nx, 1)."""
         arguments = [self.chance, self.parameters.vector]
         return ca.Function("start", arguments, [ca.densify(ca.SX(self.start))])
 
     def reset(self, n: int, rng: np.random.Generator, p: np.ndarray | None = None) -> np.ndarray:
-        """Draw ``n`` first states, (n, nx), at parameters ``p`` (by default the task's own)."""
+        """Return ``n`` random first states (n, nx) at parameters ``p`` (by default the task's own)."""
         chance = rng.uniform(-1.0, 1.0, (n, self.chance.numel()))
         values = self.parameters.values if p is None else p
         return np.array(self.starts.map(n)(chance.T, ca.repmat(ca.DM(values), 1, n))).T
 
     @cached_property
     def rewards(self) -> ca.Function:
-        """Map ``(x, u, x_next, parameters)`` to the reward of a step."""
+        """Function from ``(x, u, x_next, parameters)`` to the reward of a step."""
         return self._of_step("reward", self.reward)
 
     @cached_property
     def finals(self) -> ca.Function:
-        """Map ``(x, parameters)`` to what is gained at the end of a full episode."""
+        """Function from ``(x, parameters)`` to the reward at the end of a full episode."""
         return self._of_state("final", self.final)
 
     @cached_property
     def ends(self) -> ca.Function:
-        """Map ``(x, parameters)`` to 1 where an episode ends at x, else 0."""
+        """Function from ``(x, parameters)`` to 1 where an episode ends at x, else 0."""
         return self._of_state("done", ca.SX(self.done) != 0)
 
     @cached_property
     def observe(self) -> ca.Function:
-        """Map ``(x, parameters)`` to what a policy sees (n_o, 1)."""
+        """Function from ``(x, parameters)`` to the policy's observation (n_o, 1)."""
         return self._of_state("observation", self.observation)
 
     @cached_property
     def measure(self) -> ca.Function:
-        """Map ``(x, u, x_next, parameters)`` to the measures of a step."""
+        """Function from ``(x, u, x_next, parameters)`` to the measures of a step."""
         return self._of_step("measure", ca.vertcat(ca.SX(0, 1), *(measure.expression for measure in self.measures)))
 
     def _of_step(self, name: str, expression: ca.SX | float) -> ca.Function:

@@ -1,4 +1,4 @@
-"""Other simulators, in which plans are replayed: a second opinion beside the referee's."""
+"""Replays of plans in other simulators: a second opinion in addition to the referee's."""
 
 SIMULATORS = {"mujoco": "MuJoCo, with its soft contact, at steps of a millisecond"}
-"""Simulators by name, with their meaning."""
+"""Mapping from the name of a simulator to its description."""

@@ -1,4 +1,4 @@
-"""Machines written as MJCF, the language of MuJoCo, with numbers in place of symbols."""
+"""Machines as MJCF, the XML format of MuJoCo, with numbers in place of symbols."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ from ocp.errors import InputError
 GROUND = "z = 0"
 """Name of the ground's geom."""
 MIN_RADIUS_M = 1e-10
-"""Radius of a point [m], since MuJoCo has no sphere of radius zero."""
+"""Radius of a sphere that stands for a point [m], since MuJoCo allows no radius of zero."""
 _Number = Callable[[Any], float]
-"""Function that evaluates a parameter or expression."""
+"""Function from a parameter or expression to its value."""
 
 
 class Mjcf(NamedTuple):
-    """MJCF text of a machine, its joints in the order of our q, and the geoms of every contact."""
+    """MJCF text of a machine, its joints in the order of q, and the two geoms of every contact."""
 
     text: str
     joints: list[str]
@@ -35,14 +35,14 @@ class Mjcf(NamedTuple):
 
 
 def write_mjcf(mechanism: Mechanism, number: _Number, friction: Mapping[str, float]) -> Mjcf:
-    """Write a machine with coefficients of ``friction`` by contact; other contacts are frictionless.
+    """Return a machine as MJCF; ``friction`` maps contacts to coefficients, other contacts are frictionless.
 
-    ``number`` is what its entries are. Links of the plane turn about +y, as here; their discs are
-    spheres, their boxes are deep, and a ``free`` one has two slides and a hinge. A body without
-    mass that only carries another one is left out, and that one has the joints of both. Only what
-    may touch here is a pair there, and parts that meet nothing are left out.
+    ``number`` evaluates its entries. Links of the plane rotate about +y, as in the machine; their
+    discs become spheres, their boxes are deep, and a ``free`` one has two slides and a hinge. A
+    massless body that only carries another one is merged into that one, which has the joints of
+    both. MuJoCo has the pairs that may touch in the machine; parts in no pair are left out.
 
-    Raises :class:`~ocp.errors.InputError` for a shape that MuJoCo has not, and for couplings, which
+    Raises :class:`~ocp.errors.InputError` for a shape that MuJoCo lacks, and for couplings, which
     it softens.
     """
     machine, write = mechanism.machine, _Writer(number)
@@ -83,12 +83,12 @@ def write_mjcf(mechanism: Mechanism, number: _Number, friction: Mapping[str, flo
 
 @dataclass(frozen=True)
 class _Writer:
-    """Writer of elements, whose numbers are those of ``number``."""
+    """Writer of XML elements, which evaluates entries by ``number``."""
 
     number: _Number
 
     def __call__(self, parent: Element, tag: str, /, **attributes: Any) -> Element:
-        """Append an element with texts, numbers and rows of numbers; attributes that are None are left out."""
+        """Append and return an element with texts, numbers and rows of numbers, without attributes that are None."""
         present = {key: value for key, value in attributes.items() if value is not None}
         return SubElement(parent, tag, {key: v if isinstance(v, str) else self._row(v) for key, v in present.items()})
 
@@ -96,7 +96,7 @@ class _Writer:
         return " ".join(repr(self.number(v)) for v in (value if isinstance(value, tuple) else (value,)))
 
     def body(self, parent: Element, name: str, frame: _BodyFrame) -> Element:
-        """Append a body with its joints and its inertia."""
+        """Append and return a body with its joints and its inertia."""
         owner = frame.owner
         body = self(parent, "body", name=name, pos=frame.place, quat=frame.turn)
         for joint in frame.moves:
@@ -114,7 +114,7 @@ class _Writer:
 
 
 class _Joint(NamedTuple):
-    """A joint of a link or body: its ``axis`` and a ``point`` of it in that frame."""
+    """A joint of a link or body: its ``axis``, and a ``point`` on the axis, in the owner's frame."""
 
     owner: Any
     name: str
@@ -162,7 +162,7 @@ def _link_frame(link: Link, number: _Number) -> _BodyFrame:
 def _merge_massless(frames: dict[str, _BodyFrame], touching: set[str], number: _Number) -> None:
     """Merge massless bodies that carry a single other body, and touch nothing, into that body.
 
-    MuJoCo moves no body without mass, but has several joints in one body, which act in turn.
+    MuJoCo allows no moving body without mass, but several joints in one body, which act in turn.
     """
 
     def numbers(values: Any) -> np.ndarray:
@@ -199,7 +199,7 @@ def _to_space(point: Any) -> tuple[Any, ...]:
 
 
 def _shapes(mechanism: Mechanism) -> tuple[dict[str, PlacedShape], dict[str, tuple[str, str]]]:
-    """Return shapes by name, also the ground, and the pairs of every contact."""
+    """Return a dict from names to shapes, the ground included, and one from contacts to pairs of names."""
     machine = mechanism.machine
     spheres = [sphere.name for sphere in getattr(machine, "spheres", ())]
     on_ground = [name for name in spheres if mechanism.spheres is None or name in mechanism.spheres]

@@ -1,4 +1,4 @@
-"""A problem's machine in MuJoCo: the same masses, forces and distances, and its soft contact."""
+"""A problem's machine in MuJoCo: the same masses, forces and distances, with MuJoCo's soft contact."""
 
 from __future__ import annotations
 
@@ -20,30 +20,30 @@ SOLREF_S = 0.02
 STEP_S = 1e-3
 """Longest step of MuJoCo [s]."""
 RELATIVE_TOLERANCE = 1e-9
-"""Largest relative difference between MuJoCo's numbers and ours."""
+"""Largest relative difference between MuJoCo's values and the problem's."""
 ITERATED_TOLERANCE = 1e-5
 """Largest relative difference of distances that MuJoCo computes by iteration."""
 N_COMPARED_STATES = 3
 """Number of random states at which the models are compared."""
 GEOM_CYLINDER = 5
-"""MuJoCo's number of cylinders."""
+"""MuJoCo's type number of cylinders."""
 GEOM_BOX = 6
-"""MuJoCo's number of boxes."""
+"""MuJoCo's type number of boxes."""
 GEOM_MESH = 7
-"""MuJoCo's number of meshes."""
+"""MuJoCo's type number of meshes."""
 DIVERGED = 1e6
-"""Size of a state from which on a motion counts as diverged."""
+"""Absolute value of a state from which a motion counts as diverged."""
 
 
 class MujocoWorld:
-    """A problem's machine in MuJoCo, at the parameter ``values`` by name.
+    """A problem's machine in MuJoCo, at ``values``, a mapping from parameters to numbers.
 
     The input is held over the problem's step; states beyond (q, v) follow the problem's own
-    equations. MuJoCo's M, forces and distances are compared with ours at construction.
+    equations. MuJoCo's M, forces and distances are compared with the problem's at construction.
 
     Raises :class:`~ocp.errors.InputError` without MuJoCo, for a system that was not built from a
-    machine, a cost on contact impulses, a shape that MuJoCo does not have, and if its numbers
-    differ from ours.
+    machine, a cost on contact impulses, a shape that MuJoCo does not have, and if its values
+    differ from the problem's.
     """
 
     def __init__(self, problem: Problem, values: Mapping[str, float]) -> None:
@@ -85,7 +85,7 @@ class MujocoWorld:
         self.check()
 
     def step(self, x: np.ndarray, u: np.ndarray, solref: float = SOLREF_S, step: float = STEP_S) -> np.ndarray:
-        """Return the state (nx,) one step after x (nx,) with u (nu,); NaN if it diverges."""
+        """Return the state (nx,) one step of the problem after x (nx,) with u (nu,); NaN if it diverges."""
         model, mujoco, h = self.model, self._mujoco, float(self._h(x, self._p))
         count = max(1, math.ceil(h / step - 1e-9))
         model.opt.timestep = h / count
@@ -104,9 +104,9 @@ class MujocoWorld:
         return np.concatenate([reached, np.array(self._further_states(x, u, reached, self._p)).ravel()])
 
     def check(self) -> None:
-        """Compare M, forces and distances at random states with ours.
+        """Compare MuJoCo's M, forces and distances at random states with the problem's.
 
-        Raises :class:`~ocp.errors.InputError` that names the differing quantity.
+        Raises :class:`~ocp.errors.InputError` that names the quantity that differs.
         """
         system, mechanism, data = self.problem.system, self.problem.system.machine, self.data
         assert mechanism is not None

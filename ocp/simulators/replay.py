@@ -1,4 +1,4 @@
-"""The cost of a plan or policy in another simulator, and its dependence on contact settings."""
+"""Cost of a plan or policy in another simulator, and its dependence on contact settings."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ from ocp.simulators import SIMULATORS
 from ocp.simulators.mujoco_world import SOLREF_S, STEP_S, MujocoWorld
 
 KEPT_COST_SHARE = 0.2
-"""Largest change of a plan's cost, relative to it or to the characteristic cost, that counts as kept."""
+"""Largest change of a plan's cost, as a share of the part that a plan can change, that counts as none."""
 SOLREF_BAND_S = (0.005, 0.04)
-"""Time constants of hard and soft contact [s]."""
+"""Time constants of hard and of soft contact [s]."""
 STEP_BAND_S = (5e-4, 2e-3)
-"""Short and long steps [s]."""
+"""Short and long step sizes [s]."""
 
 
 @dataclass(frozen=True)
 class ExternalReplay:
     """Replay of a plan or policy in another simulator.
 
-    ``cost`` is its mean over scenarios there, NaN if the motion diverges, ``planned_cost`` the
-    plan's; ``keeps`` is true if they agree within 20 %. ``band`` are the least and the largest cost
+    ``cost`` is the mean over scenarios there, NaN if the motion diverges, ``planned_cost`` the
+    plan's; ``keeps`` is true if they agree within 20 %. ``band`` is the smallest and the largest cost
     over hard and soft contact and short and long steps.
     """
 
@@ -41,7 +41,7 @@ class ExternalReplay:
 
     @property
     def sentence(self) -> str:
-        """Result in a sentence."""
+        """Sentence on the costs in the simulator, and whether the plan keeps its cost."""
         if not np.isfinite(self.cost):
             return "In MuJoCo: the motion diverges."
         word, (low, high) = "keeps" if self.keeps else "does not keep", self.band
@@ -55,7 +55,7 @@ class ExternalReplay:
 
     @property
     def document(self) -> dict[str, Any]:
-        """Result and settings as plain data."""
+        """Result and settings as a dict of plain data."""
         settings = {"solref": SOLREF_S, "step": STEP_S, "solrefs": SOLREF_BAND_S, "steps": STEP_BAND_S}
         return {**asdict(self), "settings": settings}
 
@@ -68,7 +68,7 @@ def replay_in_simulator(
     x0: np.ndarray,
     planned_cost: float,
 ) -> ExternalReplay:
-    """Roll ``inputs`` (S, N, nu), or gains, out from x0 (S, nx) in the simulator ``name``.
+    """Return the replay of ``inputs`` (S, N, nu), or gains, from x0 (S, nx) in the simulator ``name``.
 
     Raises :class:`~ocp.errors.InputError` for an unknown simulator, and as
     :class:`~ocp.simulators.mujoco_world.MujocoWorld` does.
