@@ -3,7 +3,7 @@
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-from ocp.distribution import version  # first: it sees to it that what follows is ours
+from ocp.distribution import version  # first: it raises where a user's module hides a package
 from ocp.errors import DamagedRun, InputError, NotConverged
 from ocp.problem.free_time import free
 from ocp.problem.parts import FreeStart, Origin

@@ -13,7 +13,7 @@ PLUGIN_GROUP = "centralpath.plugins"
 
 
 class Plugin:
-    """A package above this one; its ``functions`` that this package calls are attributes.
+    """A package above this one, with those of its ``functions`` that this package calls as attributes.
 
     The first call loads the module that the entry point of this name refers to. It raises
     :class:`~ocp.errors.InputError` where the distribution is not installed, and

@@ -116,7 +116,7 @@ def contact_report(evaluation: Evaluation, step: Step, rollout: Rollout | Trajec
 def _in_space(
     tangential: np.ndarray, slip: np.ndarray, edges: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return the lengths of both, the power, and the slip along the nearest edge, (S, N, points) each.
+    """Return the lengths of impulse and slip, the power, and the slip along the nearest edge, (S, N, points) each.
 
     In a friction pyramid with ``edges`` the impulse that dissipates most lies on that edge.
     """

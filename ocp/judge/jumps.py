@@ -43,11 +43,11 @@ _JUMP_SHARE = 1e-9
 _ROUNDING_SHARE = 1e-12
 """Share of the values at the ends of a line that a jump must exceed in addition."""
 _ASIDE_SHARE = 1e-6
-"""Distance from a switch, as a share of the line, of the values farther aside."""
+"""Distance from a switch, as a share of the line, at which the values farther aside are evaluated."""
 _POLE_RATIO = 1e4
 """Ratio of the value at a switch to that farther aside above which the switch is a pole."""
 _UNKNOWN_SHARE = 1e-3
-"""Share of the values at the ends of a line that a jump must exceed farther aside, where values at it are NaN."""
+"""Share of the values at a line's ends that a difference farther aside must exceed where a switch's values are NaN."""
 _ZERO_SHARE = 1e-12
 """Share of the line below which coordinates are rounded to zero, to meet ``x == 0`` exactly."""
 

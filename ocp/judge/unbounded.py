@@ -21,8 +21,8 @@ from ocp.problem.rollout import Rollout, roll_on
 from ocp.programs.program import Program
 
 Ray = tuple[str, Callable[[float], float], float]
-"""Name of what moves, function from a distance ``t`` to the cost there, NaN where that is not feasible, and the
-distance of the ray's first point from zero; distances are in characteristic sizes."""
+"""A ray: names of the variables that move, function from a distance ``t`` to the cost there (NaN where that is not
+feasible), and distance of the first point from zero; distances are in characteristic sizes."""
 _NEAR_DISTANCES = np.array([0.25, 0.5, 1.0, 2.0])
 """First distances along a ray, in characteristic sizes."""
 _FAR_DISTANCES = 10.0 ** np.arange(1, 8)
@@ -63,7 +63,7 @@ def describe_endless_ray(rays: Iterable[Ray], best: float, least: float = 0.0) -
 
 
 def describe_fall(cost: Callable[[float], float], reach: float, best: float, least: float) -> str:
-    """Return how ``cost(t)`` falls: without end, towards what no point attains, or "" for neither.
+    """Return how ``cost(t)`` falls: without end, towards a value that no point attains, or "" for neither.
 
     Without end: about as much or more in each of the last three decades. Not attained: it never
     rises, but falls by less and less, as ``exp(-t)`` does. Either ends no higher than ``best``.

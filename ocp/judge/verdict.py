@@ -28,8 +28,8 @@ if TYPE_CHECKING:
     import xarray as xr
 
 Grade = Literal["survives", "certified", "failed"]
-""""survives": certified and surviving, at h/4 too; "certified": that only, or only between jumps of the
-problem's functions; "failed": neither. Shown in green, amber and red."""
+"""Grade of a plan: "survives" if certified and surviving, at h/4 too; "certified" if not surviving, or certified only
+between jumps of the problem's functions; "failed" otherwise. Shown in green, amber and red."""
 _SAME_COST = 1e-5
 """Change of the cost under the exact law, in characteristic costs, up to which it counts as none."""
 _NOTABLE_SHARE = 0.1

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from ocp.problem.problem import Problem
 
 _GROWING = {ca.OP_SQ: np.square, ca.OP_FABS: np.abs, ca.OP_SQRT: np.sqrt, ca.OP_COSH: np.cosh}
-"""Mapping from CasADi's operations that are never negative, and increase for arguments above zero, to functions."""
+"""Mapping from CasADi's operations that are never negative and increase above zero to NumPy's functions."""
 _DEPTH = 200
 """Maximum depth of nested sums and factors that are searched for constants."""
 
@@ -90,7 +90,7 @@ def _bound(operation: int, right: ca.SX, lower_bounds: list[float]) -> float:
 
 
 def cost_band(problem: Problem, sizes: Scales) -> float:
-    """Return the change of the cost as states and inputs at rest move by ``sizes``, as a power of 2**24.
+    """Return the change of the cost as states and inputs at rest move by ``sizes``, rounded to a power of 2**24.
 
     Sizes, and the parameters' values, are in natural units (:func:`~ocp.programs.units.band`).
     """

@@ -54,7 +54,7 @@ def _numbers(values: Any) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Constraint:
-    """``lower <= expression <= upper``, the expression in (x, u, p), or (x, p) at the end.
+    """Constraint ``lower <= expression <= upper``, with the expression in (x, u, p), or in (x, p) at the end.
 
     A single bound holds for every entry.
 

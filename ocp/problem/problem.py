@@ -46,12 +46,12 @@ _FIELD_TYPES: dict[str, Any] = {
     "scaling": InstanceOf[Scaling],
     "origin": InstanceOf[Origin],
 }
-"""Mapping from fields to the types of which their values must be."""
+"""Mapping from fields to the types that their values must have."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Problem:
-    """Minimise the mean over scenarios of ``sum_k l(x_k, u_k, du_k) + l_N(x_N)``, k < N.
+    """Problem of minimising the mean over scenarios of ``sum_k l(x_k, u_k, du_k) + l_N(x_N)``, k < N.
 
     ``stage_cost`` is an expression in ``system.x``, ``system.u``, ``du`` (the symbol for
     u_k - u_{k-1}, with u_{-1} = ``u_before``), ``system.lam`` (the impulses of contact of the step

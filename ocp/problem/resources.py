@@ -17,7 +17,7 @@ from ocp.problem.policy import Feedback, Policy
 from ocp.problem.problem import Problem
 
 YEAR = 365.25 * 86400.0
-"""Seconds of a year; tasks that would take longer are refused."""
+"""Seconds in a year; tasks that would take longer are refused."""
 LONG = 60.0
 """Seconds from which the user is told beforehand that a task is long."""
 BYTES_PER_VARIABLE = 5e3
@@ -34,7 +34,7 @@ SOLVE_ITERATIONS = 200
 STAGE_ITERATIONS = 2
 """Assumed minimum number of iterations of each stage of a path."""
 FOLLOWED = 0.1
-"""Time of a point on a curve that is followed, as a share of a solve's."""
+"""Time of one point of a parameter continuation, as a share of the time of a solve."""
 BYTES_PER_POINT = 1e5
 """Bytes kept of a solved point in addition to its trajectories, mostly labels."""
 _ARRAYS = 4

@@ -101,7 +101,7 @@ def roll_out(
     contact: ContactLaw | Step | None = None,
     x0: np.ndarray | None = None,
 ) -> Rollout:
-    """Roll out ``inputs`` (S or 1, N, nu), or gains, under the law ``contact``, by default the exact one.
+    """Return the rollout of ``inputs`` (S or 1, N, nu), or gains, under the law ``contact``, by default the exact one.
 
     ``values`` is a dict from parameters to values; a law uses its own settings, a closed step the law's
     parameters in ``values``. ``x0`` (S, nx) are initial states, by default the problem's scenarios;

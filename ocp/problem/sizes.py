@@ -79,9 +79,9 @@ def gap_changes(problem: Problem, x_sizes: np.ndarray) -> np.ndarray:
 
 
 def residual_changes(problem: Problem, x_sizes: np.ndarray) -> np.ndarray:
-    """Return the largest first-order change (nx,) of each row of the step's residual as one next state moves.
+    """Return the largest change (nx,) of each row of the step's residual as one next state moves by its size.
 
-    It moves by its size, from x0.
+    Changes are of first order, at x0.
     """
     system = problem.system
     changes = _Data(problem).at_start(ca.jacobian(system.residual, system.x_next))
@@ -246,7 +246,7 @@ class _Data:
         return shared
 
     def _linked(self, sizes: np.ndarray) -> np.ndarray:
-        """Return sizes (nx,) in which a velocity is at least its position over the horizon; positions of 0 follow."""
+        """Return sizes (nx,) of which velocities cover positions in the horizon; positions of size 0 get one."""
         linked = sizes.copy()
         for i, of_position in enumerate(self.dimensions):
             for j, of_velocity in enumerate(self.dimensions):

@@ -25,7 +25,7 @@ class Measure:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Task:
-    """Maximise the mean over starts of ``sum_t reward(x_t, u_t, x_{t+1}) + final(x_N)``, t < N.
+    """Task of maximising the mean over starts of ``sum_t reward(x_t, u_t, x_{t+1}) + final(x_N)``, t < N.
 
     An episode starts at ``start``, an expression in the parameters and in ``chance`` (k, 1), whose
     entries are independent and uniform on [-1, 1]. It ends after ``horizon`` steps N, where

@@ -15,6 +15,7 @@ from ocp.judge.measures import DenseFunction, pair_sizes, slip_sides
 from ocp.problem.evaluation import Evaluation
 
 _ITERATIONS, _LINEARISATIONS, _TO_EDGE, _LEAST = 40, 10, 0.995, 1e-12
+"""Maximum iterations and linearisations, share of the step to the edge of the cone that is taken, regularisation."""
 _SOLVED, _DEEP = 1e-9, 1e-6
 """Error below which a step is solved, and largest depth of a contact that was left out, in characteristic units."""
 _LOOSE = 1e-6
@@ -130,7 +131,7 @@ class NearSteps:
 
 
 def linear_complementarity(F: np.ndarray, z: np.ndarray, real: np.ndarray) -> np.ndarray:
-    """Solve ``0 <= lam ⟂ z + F lam >= 0`` for many (S, n, n) and (S, n); NaN where it fails.
+    """Return lam (S, n) with ``0 <= lam ⟂ z + F lam >= 0`` for F (S, n, n) and z (S, n), NaN where that fails.
 
     The method is Mehrotra's predictor-corrector; pairs for which ``real`` (S, n) is False are ignored.
     """

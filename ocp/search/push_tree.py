@@ -29,6 +29,7 @@ _STOPS, _ALONG = 40, 12
 _REACH = 3.0
 """Longest push, and half the width of the region where points to touch are drawn, in characteristic sizes."""
 _NEWTON = 6
+"""Number of Newton steps that move a pusher onto a body."""
 _CLEAR, _TOUCHED = 0.02, 1e-3
 """Distance that a path keeps from bodies, and distance within which a pusher touches, in characteristic gaps."""
 
@@ -164,7 +165,7 @@ class TouchSearch:
         return polylines
 
     def _through(self, point: np.ndarray, into: np.ndarray, own: np.ndarray) -> np.ndarray:
-        """Return where a push from a point towards ``into`` is commanded to end."""
+        """Return the commanded end (nu,) of a push of random length from ``point``, in about the direction ``into``."""
         size = float(self.problem.scales.x[-1])
         length = size * np.exp(self.rng.uniform(np.log(0.1), np.log(_REACH)))
         polyline = into.copy()
@@ -200,7 +201,7 @@ class TouchSearch:
             states[:, places] -= (gap / size)[:, None] * slope
 
     def _paths(self, x: np.ndarray, coordinates: np.ndarray, goals: np.ndarray) -> list[list[np.ndarray] | None]:
-        """Shortest collision-free paths of a pusher from x to each goal, by random stops; None where none is found."""
+        """Return a pusher's shortest collision-free path from x to each goal, by random stops; None without one."""
         nu, sizes = self._nu, self.problem.scales
         middle = np.vstack([x[-nu:], goals])
         low, high = middle.min(axis=0), middle.max(axis=0)
@@ -209,7 +210,7 @@ class TouchSearch:
         stops[:, coordinates] = self.rng.uniform(
             (low - wide)[coordinates], (high + wide)[coordinates], (_STOPS, len(coordinates))
         )
-        # Steps back from every goal, as a pusher leaves and reaches a body along its normal.
+        # Points off every goal, since a pusher leaves and reaches a body along its normal.
         steps_back = self._outwards(x, np.vstack([x[None, -nu:], goals]), coordinates)
         all_places = np.vstack([x[None, -nu:], goals, steps_back, stops])
         states = np.repeat(x[None], len(all_places), axis=0)
@@ -303,7 +304,7 @@ class TouchSearch:
 
     @cached_property
     def _over(self) -> ca.Function:
-        """Penalty on violated path constraints: one characteristic cost for a violation of one characteristic size."""
+        """Function from (x, u, x_next, p) to the squared violation of path constraints, scaled to a cost."""
         problem, system = self.problem, self.problem.system
         total = ca.SX(0)
         for constraint in problem.path:

@@ -33,7 +33,7 @@ MAX_SAMPLES = 1000
 MIN_SAMPLES = 64
 """Minimum number of samples in a round, enough to fit a distribution to."""
 STAGE_ROUNDS = 10
-"""Rounds after which the dearer half of the runs ends."""
+"""Number of rounds of a stage, after which the costlier half of the runs ends."""
 THOROUGH_PAIR_STEPS = 1e8
 """Budget of all runs: steps rolled out times the square of the contact pairs, with which a step's work grows."""
 ELITE_SHARE = 0.1
@@ -159,7 +159,7 @@ class InputSampler:
             weights = input_basis(basis, problem.N, knots)
             self.runs.append(SamplingRun(law, weights, mean, deviation, np.random.default_rng(stream), name, mean))
         pairs = max(problem.system.nlam, 2)
-        # Halving runs twice the rounds of one stage of all of them.
+        # With halving, all stages together run at most twice the rounds of the first.
         affordable = pair_steps / (pairs**2 * problem.N * 2 * STAGE_ROUNDS * len(self.runs))
         self.samples = int(np.clip(affordable, MIN_SAMPLES, MAX_SAMPLES))
         self.rolled_steps = self.failures = 0

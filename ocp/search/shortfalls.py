@@ -13,7 +13,7 @@ IDLE_SHARE = 0.9
 
 
 def idles(solution: Solution) -> bool:
-    """Return whether an answer costs over :data:`IDLE_SHARE` of standing still, less the cost that no plan changes."""
+    """Return whether an answer's cost exceeds :data:`IDLE_SHARE` of that of standing still, constant terms aside."""
     constant = Evaluation(solution.problem, solution.values).least_cost
     idling = solution.idle_cost - constant
     return bool(idling > 0 and solution.cost - constant > IDLE_SHARE * idling)
@@ -26,7 +26,7 @@ def replay_cost(solution: Solution) -> float:
 
 
 def cost_to_beat(solution: Solution) -> float:
-    """Return the cost that another answer must be below: infinite where this one has no certificate."""
+    """Return the cost below which another answer is better, infinite where this one has no certificate."""
     return replay_cost(solution) if solution.certificate.certified else np.inf
 
 

@@ -1,4 +1,4 @@
-"""Halve the step size and plan again until the answer no longer depends on it."""
+"""Refinement of a plan: its step size is halved until the answer no longer depends on it."""
 
 from __future__ import annotations
 

@@ -64,20 +64,20 @@ def solve(
     when replayed under the ``"exact"`` law or by the ``"referee"``. ``Solution.route.attempts`` lists all of them.
 
     ``warm_start`` is a solution of the same problem, at other parameters, on another mesh or horizon, under another
-    law or by another method, whose trajectories and multipliers the solver starts at
-    (:func:`~ocp.solve.warm_start.carry`). Where it does not converge from there, they are the guess of a usual solve.
+    law or by another method; the solver starts from its trajectories and multipliers
+    (:func:`~ocp.solve.warm_start.carry`). Where it does not converge, they are the guess of a usual solve.
     ``guess`` replaces the problem's own guess: states (N+1, nx) and inputs (N, nu); a dataset with ``x`` and ``u``;
     or a solution, such as a run that :func:`ocp.load` reads, resampled where its horizon differs. Under the exact
     law the guess is also rolled out and solved near itself: the answer is never worse than that rollout. A run of
     another problem gives the states and inputs that have the same names. A :class:`~ocp.problem.sketch.Sketch`, or its
     keyframes ``{0: pose, 20: pose}`` alone, says only where a plan passes and which contacts close when; under the
-    exact law plans are sought that do so, and solved on from there.
+    exact law the solver finds plans that do so, and then improves them without these limits.
 
-    ``effort`` beyond the usual route, under the exact law: ``"quick"`` none, unless a scene's answer falls short;
-    ``"normal"`` samples of input sequences as long as they catch up with the answer, and other routes where it idles
-    or has no certificate; ``"thorough"`` samples under two laws and all routes (:mod:`ocp.search`).
-    ``search=True`` begins with the thorough search for plans; ``search=False`` leaves all searches out.
-    ``refine`` plans again at half the step, from the last plan, until its cost and that of its replay at half the
+    ``effort`` says what is tried beyond the usual route under the exact law: ``"quick"`` nothing, unless a scene's
+    answer falls short; ``"normal"`` samples of input sequences as long as they catch up with the answer, and other
+    routes where it idles or has no certificate; ``"thorough"`` samples under two laws and all routes
+    (:mod:`ocp.search`). ``search=True`` begins with the thorough search for plans; ``search=False`` allows no search.
+    ``refine`` solves again at half the step, from the last plan, until its cost and that of its replay at half the
     step agree (:func:`~ocp.solve.refinement.refine_step_size`).
 
     Raises :class:`~ocp.errors.InputError` for invalid settings, names or combinations.
@@ -110,7 +110,7 @@ def _check_beginnings(search: bool | None, warm_start: Solution | None, guess: G
 def begin_at(
     session: Session, guess: GuessLike | None, search: bool | None, effort: Effort = DEFAULT_EFFORT
 ) -> Session:
-    """Return the session with a user's guess, if any, choice of search and effort; check that they go together."""
+    """Return the session with a user's guess, choice of search, and effort; raise InputError where these conflict."""
     if effort == "thorough" and (search is False or not can_exceed_route(session)):
         raise InputError(
             "effort thorough would have no effect: it searches under the exact law, by the direct method and without"

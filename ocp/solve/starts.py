@@ -48,7 +48,7 @@ def solve_session(
     progress: Callable[[StageRecord], None] | None = None,
     rank_by: Rank = "planned",
 ) -> Solution:
-    """Solve a session from one or several guesses.
+    """Return the best solution of a session, from one or several guesses and from searches.
 
     A search over pushes replaces the guesses where the search is chosen or the scene has many corners, and
     yields an answer; it follows them where their answer falls short
@@ -116,7 +116,7 @@ def searches_of(session: Session, seed: int, progress: Callable[[StageRecord], N
     eager = session.effort != "quick" and can_exceed_route(session)
     if session.search is False or not (session.search or eager or pushing or session.user_guess is not None):
         return []
-    # Only here: what only searches need is not loaded for other problems.
+    # Imported here, so that other problems do not load what only searches need.
     from ocp.search.other_routes import GuessSearch, RouteSearch
     from ocp.search.push_search import PushSearch
     from ocp.search.push_tree import searchable
