@@ -1,4 +1,4 @@
-"""Convex QPs of the tests' own writing, with nothing of the workbench in them."""
+"""Convex QPs for tests, independent of the workbench."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ import casadi as ca
 import numpy as np
 
 _FEASIBLE = 1e-8
-"""Ten times what rounding leaves; at multipliers of order one it moves a cost by as little."""
+"""Feasibility tolerance, ten times the rounding error; with multipliers of order one it changes costs as little."""
 
 
 def convex(x: ca.SX, f: ca.SX, g: ca.SX) -> Callable[..., float]:
-    """``min f(x)`` over ``low <= x <= high, g_low <= g(x) <= g_high``, inf where nothing is.
+    """Return a function that solves ``min f(x)``, ``low <= x <= high, g_low <= g(x) <= g_high``; inf if infeasible.
 
-    The ends are broadcast. An answer counts only where it keeps all constraints to 1e-8, whatever
-    the solver says of it; its cost is that of ``f`` as written, for the solver's expanded quadratic
-    cancels where the motion is unstable.
+    The bounds are broadcast. A solution counts only if it satisfies all constraints to 1e-8, whatever
+    the solver reports; its cost is ``f`` as written, since the solver's expanded quadratic cancels
+    for unstable motion.
     """
     options = {"error_on_fail": False, "printLevel": "none"}
     cost = ca.Function("cost", [x], [f])

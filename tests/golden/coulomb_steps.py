@@ -1,8 +1,8 @@
-"""One time step with Coulomb friction by trying every mode of every contact: no path, no barrier.
+"""One time step with Coulomb friction by enumeration of the modes of all contacts, without a path or barrier.
 
-Each contact is open, sticks, slides forward or slides backward. With linearised gaps a choice of
-modes leaves linear equations; the solution is the choice whose inequalities hold. Curved gaps are
-linearised again where the step ends, until it ends where they were linearised (Josephy-Newton).
+Each contact is open, sticks, slides forward or slides backward. With linearised gaps each choice of
+modes gives linear equations; the solution is the choice that satisfies the inequalities. Curved gaps
+are linearised again at the end of the step until it no longer changes (Josephy-Newton).
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class Landed:
 
 
 class ModeStepper:
-    """Steps of a machine over the ground, written from the equations of motion of its chain.
+    """Steps of a machine on the ground, from the equations of motion of its chain.
 
     Velocity forces are explicit unless ``implicit``, as in simulations.
     """
@@ -42,7 +42,7 @@ class ModeStepper:
         q, v = ca.SX.sym("q", chain.nq), ca.SX.sym("v", chain.nq)
         centres = [chain.position(q, s.link, s.centre) for s in machine.spheres]
         gaps = ca.vertcat(*(c[1] - s.radius for c, s in zip(centres, machine.spheres, strict=True)))
-        # Rolling: the lowest point of a disc moves as its centre does, less its turning.
+        # For rolling, the velocity of a disc's lowest point is that of its centre less its rotation.
         turning = [chain.pose(q, s.link).angle for s in machine.spheres]
         slide = ca.vertcat(
             *(
@@ -62,7 +62,7 @@ class ModeStepper:
         self.modes = np.array(list(itertools.product(range(4), repeat=len(machine.spheres))))
 
     def step(self, q: np.ndarray, v: np.ndarray, u: np.ndarray) -> Landed:
-        """Take one step; raises ``AssertionError`` where no choice of modes fits."""
+        """Return the end of one step; raise ``AssertionError`` if no choice of modes is consistent."""
         inertia, drive = (np.array(part) for part in self.motion(q, v))
         free = np.linalg.solve(inertia, drive.ravel() + self.h * self.gears @ u)
         push = np.array(self.contact(q)[1])
@@ -87,9 +87,9 @@ class ModeStepper:
         free: np.ndarray,
         by_impulse: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Impulses of the modes that fit best: gap + slope h v, rub v and the cone."""
+        """Return the impulses of the modes that satisfy gaps ``gap + slope h v``, slips ``rub v`` and cones best."""
         n, f = len(gap), self.friction
-        # What is this far off stays open; the inequalities below would tell if it did not.
+        # Contacts this far off stay open; if they did not, the inequalities below would fail.
         far = gap + self.h * slope @ free > _FAR
         modes = self.modes[np.all((self.modes == OPEN) | ~far, axis=1)]
         closed = modes != OPEN
@@ -123,7 +123,7 @@ class ModeStepper:
 
 
 def _solve(equations: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Least-norm solutions: two contacts of one rigid foot may share a force as they please."""
+    """Return solutions of minimum norm, since two contacts of one rigid foot can share a force in many ways."""
     singular = np.linalg.cond(equations) > 1e12
     found = np.zeros_like(right)
     found[~singular] = np.linalg.solve(equations[~singular], right[~singular][..., None])[..., 0]

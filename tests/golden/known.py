@@ -1,4 +1,4 @@
-"""The best known values that the problem files state: solved again as they say, and judged."""
+"""Best known costs that the problem files state: solved again with the stated settings, and compared."""
 
 from __future__ import annotations
 
@@ -15,34 +15,34 @@ from problems import Golden, get, names, spec
 LAWS: dict[str, ContactLaw] = {"exact": Exact(), "barrier mu=1e-3": Barrier(mu=1e-3)}
 STATED = [(name, key) for name in names() for key in spec(name).golden]
 BETTER = 1e-6
-"""Relative gain from which an answer is better than the best known one."""
+"""Relative gain above which a solution counts as better than the best known one."""
 
 
 def session_of(name: str, key: str = "exact", **settings: str | float) -> Session:
-    """The problem at its defaults under the law that ``key`` names."""
+    """Return a session of the problem at its defaults, under the law called ``key``."""
     return new_session(get(name), LAWS[key], Direct(), settings=settings)
 
 
 def solved(session: Session, start: int = 0) -> Solution:
-    """Solve from guess ``start`` of seed 0."""
+    """Return the solution from guess number ``start`` of seed 0."""
     guess = initial_guesses(session.evaluation, start + 1, 0)[start]
     return judge_outcome(session, session.solve(guess=guess), 0)
 
 
 @functools.cache
 def reached(name: str, key: str) -> Solution:
-    """What the stated settings and guess lead to."""
+    """Return the solution with the stated settings and guess."""
     golden = spec(name).golden[key]
     return solved(session_of(name, key, **golden.settings), golden.start)
 
 
 def better(golden: Golden, found: Solution) -> bool:
-    """Whether an answer is certified and costs less than what is stated."""
+    """Return whether a solution is certified and costs less than the stated value."""
     return found.success and found.cost < golden.cost - BETTER * abs(golden.cost)
 
 
 def fault(golden: Golden, found: Solution) -> str:
-    """What is wrong with a stated value given what its own settings lead to, "" for nothing."""
+    """Return what is wrong with a stated value, given the solution with its settings; "" if nothing is."""
     judge = found.certificate
     if better(golden, found):
         return f"{found.cost:.10g} is certified and better: state that"

@@ -1,4 +1,4 @@
-"""Dry friction with its schedule given: a convex QP, with nothing of the workbench in it."""
+"""Dry friction with a given schedule of modes as a convex QP, independent of the workbench."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from tests.golden.convex import convex
 
 @dataclass(frozen=True)
 class Slide:
-    """``M (v+ - v) = h B u + J' f``, |f| <= bound, from (q, v), over as many steps as modes.
+    """Problem ``M (v+ - v) = h B u + J' f``, |f| <= bound, from (q, v), with one step for each mode.
 
-    Minimises ``sum w_u h u² + w_end |q_N - goal|² + w_v |v_N|²``, |u| <= u_max, |q| <= reach.
+    The cost is ``sum w_u h u² + w_end |q_N - goal|² + w_v |v_N|²``, with |u| <= u_max, |q| <= reach.
     """
 
     M: np.ndarray
@@ -32,7 +32,7 @@ class Slide:
     u_max: float
 
     def best(self, modes: np.ndarray) -> float:
-        """Least cost under a schedule: 1 slides forward, -1 backward, 0 sticks; inf for none."""
+        """Return the minimum cost under a schedule (1 slides forward, -1 backward, 0 sticks); inf if infeasible."""
         u = ca.SX.sym("u", len(modes))
         q, v = ca.SX(self.q), ca.SX(self.v)
         inverse = np.linalg.inv(self.M)
@@ -52,7 +52,7 @@ class Slide:
 
 
 def box(m=1.0, g=9.81, friction=0.5, h=0.05, goal=1.0) -> Slide:
-    """``box-slide`` at its defaults."""
+    """Return ``box-slide``, by default at its default parameters."""
     one, rest = np.ones(1), np.zeros(1)
     return Slide(
         m * np.eye(1), one, one, h, friction * h * m * g, rest, rest, goal * one, 1e3 * one, 0.01, 100.0, 10.0, 15.0
@@ -60,7 +60,7 @@ def box(m=1.0, g=9.81, friction=0.5, h=0.05, goal=1.0) -> Slide:
 
 
 def cart(mc=2.0, mb=1.0, g=9.81, friction=0.2, h=0.05) -> Slide:
-    """``cart-transport`` at its defaults: cart, and the box's offset on it."""
+    """Return ``cart-transport``, by default at its default parameters; q is the cart and the box's offset."""
     M = np.array([[mc + mb, mb], [mb, mb]])
     return Slide(
         M,
@@ -80,7 +80,7 @@ def cart(mc=2.0, mb=1.0, g=9.81, friction=0.2, h=0.05) -> Slide:
 
 
 def window(start: int, end: int, steps: int = 40) -> np.ndarray:
-    """Stick, slide forward in the steps start to end - 1, stick."""
+    """Return a schedule that slides forward in the steps ``start`` to ``end - 1`` and sticks in the others."""
     modes = np.zeros(steps, dtype=int)
     modes[start:end] = 1
     return modes

@@ -1,4 +1,4 @@
-"""Constraints that hold in the plan and break in its replay are named; nothing survives them."""
+"""Constraints that hold in a plan and fail in its replay are reported, and the plan does not survive."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def headline(found: Solution) -> str:
 @pytest.mark.costly
 @pytest.mark.parametrize("moved", [True, False])
 def test_a_hard_end_that_only_smoothing_meets_is_named(moved: bool) -> None:
-    """At mu = 0.1 a force from afar brings the object to 0.3; replayed, it is elsewhere."""
+    """At mu = 0.1 a force at a distance moves the object to 0.3; the exact replay ends elsewhere."""
     problem = get("push-1d")
     end = Constraint("at", problem.system.x[0], 0.3, 0.3)
     problem = replace(problem, terminal=(end,))
@@ -52,9 +52,9 @@ def test_a_hard_end_that_only_smoothing_meets_is_named(moved: bool) -> None:
 
 
 def test_a_hard_end_of_a_system_without_geometry_is_named_too() -> None:
-    """``x+ = x + lam, 0 <= lam ⟂ lam - u >= 0``: lam = max(u, 0) exactly, more where smoothed.
+    """In ``x+ = x + lam, 0 <= lam ⟂ lam - u >= 0`` the exact lam is max(u, 0), and the smoothed one is larger.
 
-    At least effort all six inputs are one u, so that ``6 lam = 0.3`` and ``lam (lam - u) = mu``.
+    With minimum effort all six inputs are the same u, so that ``6 lam = 0.3`` and ``lam (lam - u) = mu``.
     """
     ramp = lcs("ramp", A=ONE, B=[[0.0]], C=ONE, D=[[0.0]], E=[[-1.0]], F=ONE)
     problem = Problem(

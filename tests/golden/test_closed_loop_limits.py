@@ -1,4 +1,4 @@
-"""Carts beyond their limits: the controller's input is that of a quadratic program written by hand.
+"""Carts beyond their limits: the controller's input equals that of a quadratic program written here.
 
 The program has the true state, no bound at its first node, and a slack for each later bound.
 """
@@ -20,9 +20,9 @@ H, N, GOAL, V_MAX, U_MAX = 0.05, 12, 2.0, 1.0, 4.0
 
 
 def cart(kind: str = "bound", weight: float = 1.0) -> Problem:
-    """A cart with the speed limit as a bound, or as a path constraint in millionths of its unit.
+    """Return a problem of a cart with a speed limit, a bound or a path constraint in millionths of its unit.
 
-    ``two`` has a limit of the place as well, ``far`` a wall at 1e8 m.
+    ``kind`` ``two`` has a limit of the position too, ``far`` a wall at 1e8 m.
     """
     parameters = ParameterTable([Parameter("h", H, "s")])
     wall = 1e8 if kind == "far" else 30.0
@@ -60,7 +60,7 @@ def cart(kind: str = "bound", weight: float = 1.0) -> Problem:
 
 
 def by_hand(start: np.ndarray, x_max: float = np.inf) -> float:
-    """The first input of the quadratic program, its slacks at a penalty of 1e5."""
+    """Return the first input of the quadratic program, whose slacks have a penalty of 1e5."""
     program: Any = ca.Opti("conic")
     X, U, S = program.variable(2, N + 1), program.variable(1, N), program.variable(2, N)
     cost: Any = 10 * (X[0, N] - GOAL) ** 2 + X[1, N] ** 2 + 1e5 * ca.sum1(ca.vec(S))
@@ -116,7 +116,7 @@ def test_the_penalty_is_exact_in_any_unit_of_the_cost(weight: float) -> None:
 @pytest.mark.costly_cases("full")
 @pytest.mark.parametrize("phase", ["qpcc", "full"])
 def test_a_limit_that_cannot_be_met_loosens_no_other(phase: str) -> None:
-    """The place is limited to 0.6 m: at 0.3 m and 1.5 m/s only the speed is out of its bounds."""
+    """With the position limited to 0.6 m, only the speed violates its limit at 0.3 m and 1.5 m/s."""
     asked = controller("two", phase)
     for start in ([0.3, 1.5], [0.1, 1.6], [0.55, 2.0], [0.9, 0.0]):
         asked.reset()

@@ -1,4 +1,4 @@
-"""One step of the papers' models, built by our builders, against reference numbers."""
+"""One step of the papers' models, built by this package, agrees with reference numbers."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from dynamics.systems import (
 
 
 def wall(m: float, h: float) -> ContactSystem:
-    """A mass against a wall, pathologies, eq. 2-5; the input is an impulse."""
+    """Return the system of a mass against a wall, Suh et al. 2022, eq. 2-5; the input is an impulse."""
     table = ParameterTable([Parameter("m", m, "kg"), Parameter("h", h, "s")])
     return time_stepping(
         "wall",
@@ -34,7 +34,7 @@ def wall(m: float, h: float) -> ContactSystem:
 
 
 def pusher(m: float, k: float, h: float, r: float = 0.0) -> ContactSystem:
-    """The one-dimensional pusher of noising, eq. 13."""
+    """Return the system of the one-dimensional pusher of Suh et al. 2023, eq. 13."""
     table = ParameterTable([Parameter("m", m), Parameter("k", k), Parameter("h", h)])
     return quasi_dynamic(
         "pusher",
@@ -50,7 +50,7 @@ def pusher(m: float, k: float, h: float, r: float = 0.0) -> ContactSystem:
 
 
 def one_step(system: ContactSystem, law: ContactLaw, x, u) -> dict[str, np.ndarray]:
-    """Next state, impulse, and the derivatives of the next state in x and u."""
+    """Return the next state, the impulse, and the derivatives of the next state by x and u."""
     step = law.close(system)
     mx, mu = ca.MX.sym("x", system.nx), ca.MX.sym("u", system.nu)
     x_next, lam = step.map(mx, mu, step.p.values)
@@ -89,7 +89,7 @@ BARRIER = [
         ),
     ),
 ]
-# the same at kappa = infinity: x+ = max(0, x + h (v + u/m)), v+ = (x+ - x)/h, lam = m (v+ - v) - u
+# At kappa = infinity x+ = max(0, x + h (v + u/m)), v+ = (x+ - x)/h, lam = m (v+ - v) - u.
 EXACT_WALL = [(0.0, 0.0, 0.0), (0.0, -0.5, 0.8), (0.05, -5.0, 0.0)]
 
 
@@ -177,7 +177,7 @@ def test_the_randomized_pusher(u, expected):
 
 
 def chain() -> ContactSystem:
-    """Two bodies in a row pushed by one actuator, h = 0.1, k = 500, m = (1, 2), no widths."""
+    """Return the system of two bodies in a row, pushed by one actuator, h = 0.1, k = 500, m = (1, 2), no widths."""
     table = ParameterTable([Parameter("k", 500.0)])
     return quasi_dynamic(
         "chain",

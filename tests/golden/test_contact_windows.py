@@ -1,4 +1,4 @@
-"""Five problems by trying every window of contact, each a convex QP without the workbench."""
+"""Five problems solved by enumeration of the windows of contact, each a convex QP without the workbench."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Windows = Callable[[np.ndarray], float]
 
 
 def windows(u: ca.SX, lam: ca.SX, gap: ca.SX, cost: ca.SX, u_max: float) -> Windows:
-    """Least cost where contact acts at the given steps and nowhere else; inf where none does."""
+    """Return a function from the steps of contact to the minimum cost with contact there alone; inf if infeasible."""
     n, bound = lam.numel(), np.full(u.numel(), u_max)
     least = convex(ca.vertcat(u, lam), cost, gap)
 
@@ -30,7 +30,7 @@ def windows(u: ca.SX, lam: ca.SX, gap: ca.SX, cost: ca.SX, u_max: float) -> Wind
 
 
 def wall() -> Windows:
-    """``m (v+ - v) = u + lam, x+ = x + h v+ >= 0`` from (x0, v0)."""
+    """Return the windows of ``m (v+ - v) = u + lam, x+ = x + h v+ >= 0`` from (x0, v0)."""
     p = wall_1d.Params()
     u, lam = ca.SX.sym("u", p.N), ca.SX.sym("lam", p.N)
     x, v, cost, gaps = ca.SX(p.x0), ca.SX(p.v0), ca.SX(0), []
@@ -43,7 +43,7 @@ def wall() -> Windows:
 
 
 def push() -> Windows:
-    """``M (qu+ - qu) = h lam, K (qa+ - u) = -lam / h, qu+ - qa+ >= width``."""
+    """Return the windows of ``M (qu+ - qu) = h lam, K (qa+ - u) = -lam / h, qu+ - qa+ >= width``."""
     p = push_1d.Params()
     u, lam = ca.SX.sym("u", p.N), ca.SX.sym("lam", p.N)
     x, before, cost, gaps = ca.SX(p.qu0), ca.SX(p.qa0), ca.SX(0), []
@@ -56,7 +56,7 @@ def push() -> Windows:
 
 
 def bounce() -> Windows:
-    """``m (v+ - v) = h (u - (0, m g)) + (0, lam), q+ = q + h v+, y+ >= 0``."""
+    """Return the windows of ``m (v+ - v) = h (u - (0, m g)) + (0, lam), q+ = q + h v+, y+ >= 0``."""
     p = ball_bounce.Params()
     u, lam = ca.SX.sym("u", 2, p.N), ca.SX.sym("lam", p.N)
     q, v = ca.SX([p.x0, p.y0]), ca.SX([p.vx0, p.vy0])
@@ -71,7 +71,7 @@ def bounce() -> Windows:
 
 
 def walls() -> Windows:
-    """``(1 - h F) x+ = x + h (B u + C lam)``, ``lam / k + wall ∓ tip >= 0`` at right and left."""
+    """Return the windows of ``(1 - h F) x+ = x + h (B u + C lam)``, ``lam / k + wall ∓ tip >= 0``."""
     p = cart_walls.Params()
     F = np.zeros((4, 4))
     F[0, 2] = F[1, 3] = 1.0
@@ -91,7 +91,7 @@ def walls() -> Windows:
 
 
 def spring() -> Windows:
-    """``x+ = x + h (A x + B u + C lam)``, ``lam / k + wall - tip >= 0`` at the right wall alone."""
+    """Return the windows of ``x+ = x + h (A x + B u + C lam)``, ``lam / k + wall - tip >= 0``."""
     p = soft_walls.Params()
     A = np.zeros((4, 4))
     A[0, 2] = A[1, 3] = 1.0
@@ -113,7 +113,7 @@ def spring() -> Windows:
 
 @pytest.mark.slow
 def test_the_stated_value_is_the_best_of_all_windows_of_one_wall() -> None:
-    """Either wall touched from step a to before step b, the other never."""
+    """One of both walls is touched from step a to step b - 1, the other never."""
     golden, least, k = spec("cart-walls").golden["exact"], walls(), np.arange(50)
     inside = [(k >= a) & (k < b) for a in range(50) for b in range(a + 1, 51)]
     costs = [
@@ -138,9 +138,9 @@ def test_the_stated_value_is_the_best_of_all_windows_of_one_wall() -> None:
 def test_the_stated_value_is_the_best_of_all_windows_of_contact(
     name: str, peer: Callable[[], Windows], steps: int, feasible: int
 ) -> None:
-    """Contact from step a to before step b, for all a < b: gap zero there, no force elsewhere.
+    """There is contact from step a to step b - 1, for all a < b: zero gap there, no force elsewhere.
 
-    At least so many windows are ``feasible``: the test tries more than a few.
+    At least ``feasible`` windows must be feasible, so that the test compares more than a few.
     """
     golden, least, k = spec(name).golden["exact"], peer(), np.arange(steps)
     costs = [least((k >= a) & (k < b)) for a in range(steps) for b in range(a + 1, steps + 1)]

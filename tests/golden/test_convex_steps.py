@@ -1,6 +1,6 @@
-"""Quasi-dynamic steps with friction are convex QPs: the path solver against CasADi's ``conic``.
+"""Quasi-dynamic steps with friction are convex QPs: the path solver agrees with CasADi's ``conic``.
 
-``min 1/2 dq' P dq - b' dq  s.t.  phi + (J_n ± friction J_t) dq >= 0``, noising, eq. 13.
+``min 1/2 dq' P dq - b' dq  s.t.  phi + (J_n ± friction J_t) dq >= 0``, Suh et al. 2023, eq. 13.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ def closed(name: str) -> tuple[Problem, Step]:
 
 @functools.cache
 def qp_of(name: str) -> tuple[ca.Function, ca.Function]:
-    """``(x, u, p) -> (P, b, A, phi)`` of the QP in dq, and its solver."""
+    """Return the function ``(x, u, p) -> (P, b, A, phi)`` of the QP in dq, and its solver."""
     problem, _ = closed(name)
     system = problem.system
     dq = ca.SX.sym("dq", system.nx)
@@ -57,13 +57,13 @@ def test_the_exact_step_is_the_qps_minimum(name, shift, command):
     x_next, lam, _, error = (np.array(v).ravel() for v in step.solve(x, u, step.p.values))
     moved = x_next - x
     assert error.max() < 1e-9
-    # The QP's own optimality: stationary, feasible, complementary.
+    # The step satisfies the QP's optimality conditions: stationary, feasible, complementary.
     np.testing.assert_allclose(np.array(P @ moved - b - A.T @ lam), 0, atol=1e-9)
     left = np.array(phi + A @ moved).ravel()
     assert min(left.min(), lam.min()) > -1e-9
     assert np.abs(left * lam).max() < 1e-9
     found = solver(h=P, g=-b, a=A, lba=-phi, uba=np.inf)
-    # On a few degenerate ones the QP solver gives up, or calls solved what leaves the constraints.
+    # On a few degenerate QPs the solver fails, or reports a solution that violates the constraints.
     dq = np.array(found["x"]).ravel()
     assume(solver.stats()["success"] and float(ca.mmin(phi + A @ dq)) > -1e-7)
     np.testing.assert_allclose(moved, dq, atol=1e-6)

@@ -27,7 +27,7 @@ CONES: tuple[Cone, ...] = ("linearised", "second-order")
 
 @functools.cache
 def block(cone: Cone) -> ContactSystem:
-    """A unit mass on a floor, q = (x, z), pushed along it."""
+    """Return the system of a unit mass on a floor, q = (x, z), pushed along it."""
     return time_stepping(
         "block",
         states=signals("x [m]; z [m]; vx [m/s]; vz [m/s]"),
@@ -46,7 +46,7 @@ def block(cone: Cone) -> ContactSystem:
 
 @functools.cache
 def rod(cone: Cone) -> ContactSystem:
-    """A rod whose two ends may touch the floor, q = (x, z, angle)."""
+    """Return the system of a rod whose two ends may touch the floor, q = (x, z, angle)."""
 
     def ends(q: ca.SX) -> list[ca.SX]:
         arm = 0.4 * ca.vertcat(ca.sin(q[2]), -ca.cos(q[2]))
@@ -106,7 +106,7 @@ def test_a_block_sticks_below_the_bound_and_slides_above(cone, push):
 @pytest.mark.parametrize("mu", [1e-3, 1e-5])
 @pytest.mark.parametrize("push", [-6.0, 1.0, 4.9, 12.0])
 def test_the_second_order_barrier_is_that_of_its_cone(mu, push):
-    """v+ = h (u + f) with f the root of ``h v+ = -2 mu b / (bound² - b²)``, b = h f, abs fig. 6."""
+    """v+ = h (u + f), f the root of ``h v+ = -2 mu b / (bound² - b²)``, b = h f, as in Zhang et al. 2023, fig. 6."""
     system, x = block("second-order"), np.zeros(4)
     x_next, lam, _ = step(system, Barrier(mu=mu), x, push)
     normal, b, slip = forces(system, x, push, x_next, lam)
@@ -134,7 +134,7 @@ def test_impacts_of_a_rod_are_coulombs(cone, angle, height, velocity, push):
     normal, tangential, slip = forces(system, x, push, x_next, lam)
     scale = 1e-7 * (1 + np.abs(lam).max())
     assert np.all(np.abs(tangential) <= FRICTION * normal + scale)
-    # Maximum dissipation: what friction takes is as much as its cone lets it.
+    # By maximum dissipation friction takes as much energy as its cone allows.
     np.testing.assert_allclose(
         -tangential * slip, FRICTION * normal * np.abs(slip), atol=1e-5 * (1 + np.abs(slip).max())
     )
@@ -170,7 +170,7 @@ def test_a_falling_rod_keeps_its_books(cone):
         after, _, momentum_after, _ = evaluated(x_next, 0.0, x_next, lam)
         np.testing.assert_allclose(np.array(momentum_after - momentum), np.array(external), atol=1e-9)
         change = float(after - energy - work)
-        # Semi-implicit Euler itself gives at most what gravity does over half a step.
+        # Semi-implicit Euler adds at most the work of gravity over half a step.
         assert change <= 0.5 * (G * H) ** 2 + 1e-9
         lost -= change
         x = x_next
@@ -179,7 +179,7 @@ def test_a_falling_rod_keeps_its_books(cone):
 
 
 def test_a_dragged_disc_follows_coulomb_in_the_plane():
-    """Quasi-dynamic rows are a cone's edges: a pusher's sideways drag is bounded by friction."""
+    """Quasi-dynamic rows are the edges of a cone, so that friction bounds a pusher's sideways drag."""
     system = quasi_dynamic(
         "drag",
         states=signals("x [m]; y [m]; ax [m]; ay [m]"),
@@ -202,13 +202,13 @@ def test_a_dragged_disc_follows_coulomb_in_the_plane():
         assert (abs(slip[0]) < 1e-7) == sticks
         at_bound = abs(abs(tangential[0]) - FRICTION * normal[0]) < 1e-8
         assert at_bound != sticks
-        # Newton: the impulses are what moved the object.
+        # By Newton's law the impulses give the object's motion.
         np.testing.assert_allclose((x_next - x)[:2] / 0.1, [normal[0], tangential[0]], rtol=1e-7)
 
 
 @pytest.mark.parametrize("force", [2.0, 12.0, -12.0])
 def test_edges_of_the_cone_are_the_convex_program_and_are_refereed_by_coulomb(force: float) -> None:
-    """The block on its edges: the free velocity is projected onto ``vz >= f |vx|``, a wedge."""
+    """With the cone's edges the block's free velocity is projected onto the wedge ``vz >= f |vx|``."""
     system, free = block("edges"), H * np.array([force, -G])
     x_next, lam, _ = step(system, Exact(), np.zeros(4), np.array([force]))
     edge = np.array([np.sign(force), FRICTION]) / np.hypot(1, FRICTION)

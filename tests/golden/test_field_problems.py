@@ -26,7 +26,7 @@ def exact(name: str) -> Solution:
 
 
 def slid(found: Solution) -> np.ndarray:
-    """1, -1 or 0 for every step that slides forward, backward or not."""
+    """Return 1, -1 or 0 for every step, if it slides forward, backward or not."""
     forward, backward = found.data["lam"].values[0].T > 1e-7
     return forward.astype(int) - backward.astype(int)
 
@@ -73,7 +73,7 @@ def test_the_cart_carries_the_box_and_brakes_it_forward() -> None:
 
 
 def idle_cost(found: Solution) -> float:
-    """Of inputs after the throw: squares of angle [rad] and of the share of the fastest speed."""
+    """Return the sum of squares of inputs after the throw: angle [rad], and speed over the largest."""
     idle = found.data["u"].values[0, 1:] / [1.0, found.values["speed_max"]]
     return float((idle**2).sum())
 
@@ -101,15 +101,15 @@ def highest(params: hopper_1d.Params) -> float:
     """Return the largest ``zc_N - zc_0 - w_v vc_N²`` [m], in closed form.
 
     The ground pushes with ``lam/h`` in [0, u_max + mf g], so the centre of mass accelerates within
-    [-g, a], a = (u_max - mb g)/M, M = mb + mf. Greatest way in a given time is least time for a
-    given way, and Pontryagin's principle gives one switch: full force for t with
-    ``a t = g (T - t)``, then flight; the way is half the largest velocity times T, ``a t T/2``.
+    [-g, a], a = (u_max - mb g)/M, M = mb + mf. The largest distance in a given time needs the
+    minimum time for that distance, and Pontryagin's principle gives one switch: full force for t
+    with ``a t = g (T - t)``, then flight; the distance is ``a t T/2``.
 
-    Implicit Euler has ``zc_N - zc_0 = h² sum_j (N - j + 1) a_j`` and ``vc_N = h sum_j a_j``: steps
-    early in the jump count most, so s steps have full force and one, j = s + 1, a share of it,
-    at which ``vc_N = h (N - s)/(2 w_v)`` unless the share leaves [0, 1]. With t on a node that is
-    ``h² a s N/2 + h² (N - s)²/(4 w_v)``. It is reached where the leg is long enough for the body's
-    way in stance, (u_max/mb - g) t²/2.
+    Implicit Euler has ``zc_N - zc_0 = h² sum_j (N - j + 1) a_j`` and ``vc_N = h sum_j a_j``: early
+    steps count most, so that s steps have full force and one, j = s + 1, a share of it, at which
+    ``vc_N = h (N - s)/(2 w_v)`` unless the share leaves [0, 1]. With t on a node the height is
+    ``h² a s N/2 + h² (N - s)²/(4 w_v)``. It is reached if the leg is long enough for the body's
+    distance in stance, (u_max/mb - g) t²/2.
     """
     N, h, g, w = params.N, params.h, params.g, params.w_v
     push = (params.u_max + params.mf * g) / (params.mb + params.mf)
@@ -133,7 +133,7 @@ def test_the_hopper_pushes_and_flies_as_the_maximum_principle_says() -> None:
 
 @pytest.mark.parametrize("values", [{}, {"N": 13}, {"u_max": 70.0}, {"mb": 3.0, "w_v": 2.0}])
 def test_the_highest_jump_is_that_of_a_linear_program(values: dict) -> None:
-    """Over accelerations a_j in [-g, a] the problem is a QP."""
+    """In the accelerations a_j in [-g, a] the problem is a QP."""
     p = hopper_1d.Params(**values)
     M, N, h = p.mb + p.mf, p.N, p.h
     top = (p.u_max - p.mb * p.g) / M
@@ -166,7 +166,7 @@ def test_methods_agree_on_the_barrier_optimum(name: str, method) -> None:
 
 
 def test_shooting_throws_as_well_without_any_homotopy() -> None:
-    """The bounce is differentiated rightly, so its exact gradient leads to the best throw."""
+    """The bounce is differentiated correctly, so that the exact gradient leads to the best throw."""
     golden = spec("ball-throw").golden["exact"]
     settings = {"homotopy": False, "tol": 1e-10}
     found = solve(get("ball-throw"), Exact(), SingleShooting(), settings=settings)
@@ -181,7 +181,7 @@ def test_shooting_throws_as_well_without_any_homotopy() -> None:
 )
 @pytest.mark.parametrize(("method", "own"), [(Direct(), {}), (SingleShooting(), {"homotopy": False})])
 def test_idle_inputs_cost_what_the_interior_point_leaves(method, own, tol) -> None:
-    """(N - 1) tol / 2 at most: the golden's tolerance, which falls with the solver's."""
+    """They cost at most (N - 1) tol / 2, which falls with the solver's tolerance."""
     golden = spec("ball-throw").golden["exact"]
     found = solve(get("ball-throw"), Exact(), method, settings={**own, "tol": tol})
     excess = found.cost - golden.cost

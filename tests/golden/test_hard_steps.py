@@ -1,8 +1,8 @@
-"""Steps that the path alone does not solve, against Coulomb's law written without a solver.
+"""Steps that the path alone does not solve satisfy Coulomb's law, written here without a solver.
 
-States of the hopper at random, with its limbs at up to 20 rad/s and motors up to their largest: at
-the source's step size a limb turns so far in a step that the linearised gap means nothing, and one
-path in eleven ends nowhere. Velocity forces are explicit, under which motion runs wild.
+The states of the hopper are random, with limbs at up to 20 rad/s and motors up to their limits: at
+the source's step size a limb turns so far in a step that the linearised gap is meaningless, and one
+path in eleven does not converge. Velocity forces are explicit, so that motion diverges.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def closed(law: str) -> Step:
 
 @cache
 def states() -> list[tuple[np.ndarray, np.ndarray]]:
-    """States (12,) with the lowest sphere up to 0.2 m above the ground, and inputs (3,)."""
+    """Draw pairs of a state (12,), its lowest sphere up to 0.2 m above the ground, and an input (3,)."""
     rng, found = np.random.default_rng(0), []
     for _ in range(STATES):
         q = np.concatenate([[0, 0], rng.uniform(-np.pi, np.pi, 1), rng.uniform(-1.5, 1.5, 3)])
@@ -58,7 +58,7 @@ def states() -> list[tuple[np.ndarray, np.ndarray]]:
 
 
 def by_path_alone(law: str) -> np.ndarray:
-    """Largest violation of every state where its path ends, (states,)."""
+    """Return the largest violation (states,) at the end of each state's path."""
     step = closed(law)
     path, s = path_of(system(), step.exact), system()
     mu = ca.SX.sym("mu", path.n)
@@ -74,7 +74,7 @@ def by_path_alone(law: str) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Landed:
-    """A solved step: violations (20,), impulses and slip (5,), and what is left of motion (6,)."""
+    """Solved step: violations (20,), impulses, heights and slip (5,), and residual of the motion (6,)."""
 
     error: np.ndarray
     normal: np.ndarray
@@ -85,7 +85,7 @@ class Landed:
 
 
 def landed(law: str, x: np.ndarray, u: np.ndarray) -> Landed:
-    """The step by the solver, and its terms by the equations of motion of the chain."""
+    """Return the solver's step, with its terms from the equations of motion of the chain."""
     step, m = closed(law), modes()
     after, lam, _, error = (np.array(v).ravel() for v in step.solve(x, u, step.p.values))
     q, v, q_next, v_next = x[: m.nq], x[m.nq :], after[: m.nq], after[m.nq :]
@@ -101,14 +101,14 @@ def landed(law: str, x: np.ndarray, u: np.ndarray) -> Landed:
 
 @pytest.mark.costly
 def test_one_path_in_twenty_at_least_ends_nowhere():
-    """What the tests below are about; nothing but the search from other starts solves these."""
+    """These steps, which only the search from other starts solves, are those of the tests below."""
     for law in ("exact", "barrier"):
         assert np.sum(~(by_path_alone(law) <= LOST)) > STATES / 20
 
 
 @pytest.mark.costly
 def test_every_step_obeys_coulomb():
-    """Newton's law, no penetration, force at contact alone, the cone, and maximum dissipation."""
+    """Steps satisfy Newton's law, no penetration, force only at contact, the cone, and maximum dissipation."""
     pressed = 0
     for x, u in states():
         end = landed("exact", x, u)
@@ -142,7 +142,7 @@ def test_the_search_finds_the_same_again():
 
 
 def curved_gap(gap_of) -> ContactSystem:
-    """One contact, ``x_next = x + lam`` and a gap that is a function of x_next."""
+    """Return a system of one contact, ``x_next = x + lam``, whose gap is a function of x_next."""
     x, x_next, lam = (ca.SX.sym(name) for name in ("x", "x_next", "lam"))
     return ContactSystem(
         name="curved",
@@ -161,7 +161,7 @@ def curved_gap(gap_of) -> ContactSystem:
 
 @pytest.mark.parametrize("exact", [True, False])
 def test_a_step_without_a_solution_is_not_solved(exact: bool):
-    """``-1 - x / 10 + x² / 100`` rises to a root; with the other sign it is negative everywhere."""
+    """``-1 - x / 10 + x² / 100`` has a root; with the other sign of x² it is negative everywhere."""
     solvable = ncp_solver(curved_gap(lambda x: -1 - x / 10 + x * x / 100), exact)
     none = ncp_solver(curved_gap(lambda x: -1 - x / 10 - x * x / 100), exact)
     _, lam, _, error = solvable(0, 0, [], 1e-8)
@@ -176,7 +176,7 @@ def largest_inputs(seed: int) -> np.ndarray:
 
 @pytest.mark.costly
 def test_a_simulation_whose_motion_overflows_says_so():
-    """At the source's h the hopper's limbs turn several times in a step and gain speed by it."""
+    """At the source's h the hopper's limbs turn several times in a step and thereby gain speed."""
     said = r"^hopper: step [0-9]+ has no solution: .*its motion overflows.*since step"
     with pytest.raises(NotConverged, match=said):
         simulate("hopper", 30, largest_inputs(0), seed=0, gyroscopic="explicit")
@@ -184,7 +184,7 @@ def test_a_simulation_whose_motion_overflows_says_so():
 
 @pytest.mark.costly
 def test_a_step_that_no_start_solves_is_named(monkeypatch: pytest.MonkeyPatch):
-    """No step is ever good enough: what is said then names the step and claims no more."""
+    """If no step is accepted, the message names the step and claims nothing else."""
     for module in ("ocp.problem.rollout", "problems.bodies.simulation"):
         monkeypatch.setattr(f"{module}.STEP_TOLERANCE", -1.0)
     with pytest.raises(NotConverged, match=r"at step 0 .*no other start of the search") as found:
@@ -196,7 +196,7 @@ def test_a_step_that_no_start_solves_is_named(monkeypatch: pytest.MonkeyPatch):
 def test_a_thousand_wild_simulations_stop_only_where_their_motion_overflows(
     monkeypatch: pytest.MonkeyPatch,
 ):
-    """30 steps each, under the largest inputs; one closed step for all of them saves minutes."""
+    """Each has 30 steps under the largest inputs; one step for all of them saves minutes."""
     monkeypatch.setattr("problems.bodies.simulation.get", cache(problems.get))
     finished = 0
     for seed in range(1000):

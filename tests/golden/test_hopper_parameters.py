@@ -1,4 +1,4 @@
-"""The hopper's eleven physical parameters from 2,000 exact transitions of random policies."""
+"""The hopper's eleven physical parameters are identified from 2,000 exact transitions of random policies."""
 
 from __future__ import annotations
 

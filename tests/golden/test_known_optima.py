@@ -1,4 +1,4 @@
-"""The best known values that the problem files state are reached, and by nothing undercut."""
+"""Solves reach the best known costs that the problem files state, and none is cheaper."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ from ocp.solve.solve import solve
 from tests.golden.known import BETTER, STATED, better, fault, reached, session_of, solved
 
 SPACE = ("quadruped", "ant", "push-cube", "reorient")
-"""Half a minute and more."""
+"""Cases that take more than half a minute."""
 LONG = {
     *((name, key) for name, key in STATED if name in SPACE),
     ("hopper", "exact"),
     ("hopper", "barrier mu=1e-3"),
     ("half-cheetah", "barrier mu=1e-3"),
 }
-"""A quarter to half a minute each."""
+"""Cases that take a quarter to half a minute each."""
 MACHINES = ("hopper", "half-cheetah", *SPACE)
 QUICK = [name for name in problems.names() if name not in (*MACHINES, "planar-hand")]
 HALF_A_MINUTE = ("ball-throw", "planar-hand", *MACHINES)
-"""What three strategies take so long for."""
+"""Cases for which three strategies take half a minute."""
 STRATEGIES = (DEFAULT_STRATEGY, "scholtes-adaptive", "scholtes")
 
 
 def stated() -> list:
-    """Every stated value, the long ones marked."""
+    """Return a test case for every stated value, the long ones marked as slow."""
     marks = {key: (pytest.mark.slow,) if key in LONG else () for key in STATED}
     return [pytest.param(*key, marks=marks[key]) for key in STATED]
 
@@ -56,7 +56,7 @@ DRAWN = {
     "w_end": 90.53,
     "u_max": 2.3294,
 }
-"""Between these walls relaxations on the central path all end at 1915.75."""
+"""Parameters of walls between which all relaxations on the central path end at the cost 1915.75."""
 
 
 @pytest.mark.costly
@@ -67,7 +67,7 @@ def test_a_hard_path_is_left_for_one_beside_it(starts: int) -> None:
 
 
 def undercut(name: str, key: str, strategies: tuple[str, ...], guesses: range) -> list[str]:
-    """Strategies and guesses whose certified answer is better than the stated one."""
+    """Return the strategies and guesses whose certified solution is better than the stated one."""
     golden = problems.spec(name).golden[key]
     found = []
     for strategy in strategies:
@@ -96,7 +96,7 @@ def test_no_perturbed_guess_undercuts_the_stated_value(name: str) -> None:
 
 
 def test_a_stated_value_that_is_no_optimum_is_caught() -> None:
-    """Both ways: a better answer is certified, and the stated one is out of reach."""
+    """It is caught if a better solution is certified, and if the stated cost is not reached."""
     golden, found = problems.spec("wall-1d").golden["exact"], reached("wall-1d", "exact")
     assert fault(golden, found) == ""
     assert "state that" in fault(replace(golden, cost=golden.cost * (1 + 3 * BETTER)), found)

@@ -1,4 +1,4 @@
-"""The machines against what does not come from the path solver: modes tried out, energy books."""
+"""The machines agree with results that do not need the path solver: enumerated modes, energy balances."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def modes() -> ModeStepper:
 @pytest.mark.costly
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_the_hopper_falls_as_by_trying_all_modes_of_contact(modes: ModeStepper, seed: int):
-    """50 steps from the source's reset, both on their own from the first step on."""
+    """Both agree over 50 steps from the source's reset, each continuing from its own states."""
     problem, x0 = simulation("hopper", seed=seed)
     rolled = simulate("hopper", law=Barrier(mu=1e-10), seed=seed)
     x, nq = x0, modes.nq
@@ -44,7 +44,7 @@ def test_the_hopper_falls_as_by_trying_all_modes_of_contact(modes: ModeStepper, 
 
 @pytest.mark.costly
 def test_one_step_agrees_under_inputs(modes: ModeStepper):
-    """Motors at half their largest input, the start of every step given to both."""
+    """Motors have half of their largest input, and both take every step from the same state."""
     problem, x = simulation("hopper", seed=2)
     step = Barrier(mu=1e-10).close(problem.system)
     nq, rng = modes.nq, np.random.default_rng(7)
@@ -61,10 +61,10 @@ def test_one_step_agrees_under_inputs(modes: ModeStepper):
 
 
 def books(name: str, h: float) -> dict[str, np.ndarray]:
-    """A fall from the reset over 1.5 s: of every step what became of its energy [J].
+    """Return the energy balance [J] of every step of a fall from the reset over 1.5 s.
 
-    ``change`` in energy less the dampers' work; ``contact``, the work of the impulses at the
-    velocities that the step ends with; ``rubbing`` (steps, contacts), friction impulse times slip.
+    ``change`` is that of energy less the dampers' work; ``contact`` the work of the impulses at the
+    velocities at the end of the step; ``rubbing`` (steps, contacts) friction impulse times slip.
     """
     given: dict[str, Any] = {"h": h} if name == "hopper" else {"h_max": h, "spheres": "legs"}
     steps = round(1.5 / h)
@@ -94,7 +94,7 @@ def books(name: str, h: float) -> dict[str, np.ndarray]:
 @pytest.mark.costly
 @pytest.mark.parametrize("name", ["hopper", "half-cheetah"])
 def test_contact_takes_energy_and_gives_none(name: str):
-    """Impact and friction do no positive work at the velocities that they leave behind."""
+    """Impact and friction do no positive work at the velocities after the step."""
     found = books(name, 0.05)
     assert found["contact"].min() < -5
     assert found["contact"].max() <= 1e-8
@@ -105,7 +105,7 @@ def test_contact_takes_energy_and_gives_none(name: str):
 
 @pytest.mark.costly
 def test_what_the_energy_book_lacks_falls_with_the_square_of_the_step():
-    """No step gives the hopper more energy than its integrator's error."""
+    """No step adds more energy to the hopper than the integrator's error."""
     gained = [np.max(f["change"] - f["contact"]) for f in (books("hopper", h) for h in (0.05, 0.0125))]
     assert 0 < gained[1] < gained[0] / 8 < 1e-4
 
@@ -123,7 +123,7 @@ def test_the_hopper_hops_a_metre_and_lands_at_rest():
 
 
 def check_gait(found: Solution, speed: float):
-    """A stride that repeats itself, at the speed, in the motors' bounds, and the same replayed."""
+    """Check that a stride is periodic, has the given speed, keeps the motors' bounds, and replays the same."""
     x, u = found.data["x"].values[0], found.data["u"].values[0]
     stride = len(u) * x[0, -1]
     assert (x[-1, 0] - x[0, 0]) / stride == pytest.approx(speed, abs=1e-6)
@@ -141,7 +141,7 @@ def test_the_half_cheetahs_best_gait_is_a_gait():
 
 @pytest.mark.costly
 def test_a_gait_settled_on_its_first_branch_is_not_optimal(monkeypatch: pytest.MonkeyPatch):
-    """Seven pairs are biactive, and the certificate names those whose change pays."""
+    """Seven pairs are biactive, and the certificate names those whose change lowers the cost."""
     guesses = NLP.active_sets
     monkeypatch.setattr(NLP, "active_sets", lambda nlp, x: guesses(nlp, x)[:1])
     monkeypatch.setattr(complementarity, "improved", lambda _, found, vain: found)

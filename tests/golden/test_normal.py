@@ -1,4 +1,4 @@
-"""The normal distribution's expressions against sixty-digit arithmetic."""
+"""Expressions of the normal distribution agree with arithmetic in sixty digits."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 from dynamics.contact.normal import expected_excess, normal_pdf
 
 PI = Decimal("3.14159265358979323846264338327950288419716939937510582097494459230781640628620899")
-# Every tenth, both sides of where one form takes over from the other, and drawn numbers.
+# Points at every tenth, on both sides of the change from one form to the other, and at random.
 GRID = np.concatenate(
     [
         np.arange(-80, 385) / 10,
@@ -22,10 +22,10 @@ GRID = np.concatenate(
 
 
 def exact(t: float) -> tuple[float, float, float]:
-    """``E max(0, w - t)``, P(w > t) and pdf(t).
+    """Return ``E max(0, w - t)``, P(w > t) and pdf(t).
 
-    By the series ``P(w > t) = 1/2 - pdf sum t^(2k+1) / (2k+1)!!`` up to 6, in digits enough for
-    what cancels; beyond, by Laplace's continued fraction.
+    Up to 6 they are from the series ``P(w > t) = 1/2 - pdf sum t^(2k+1) / (2k+1)!!``, with enough
+    digits for its cancellation; beyond from Laplace's continued fraction.
     """
     with localcontext() as context:
         context.prec = 60
@@ -47,7 +47,7 @@ def exact(t: float) -> tuple[float, float, float]:
 
 @pytest.fixture(scope="module")
 def compared() -> tuple[np.ndarray, np.ndarray]:
-    """Ours and exact, (points, 3): excess, minus its slope, its curvature."""
+    """Return computed and exact values, (points, 3) each: excess, minus its slope, its curvature."""
     t = ca.SX.sym("t")
     value = expected_excess(t)
     slope = ca.gradient(value, t)
@@ -57,7 +57,7 @@ def compared() -> tuple[np.ndarray, np.ndarray]:
 
 
 def test_the_reference_agrees_with_itself():
-    """The series and the fraction overlap."""
+    """The series and the fraction agree where both are accurate."""
     series = exact(6.0)
     beyond = exact(np.nextafter(6.0, 7))
     np.testing.assert_allclose(series, beyond, rtol=1e-13)
@@ -65,10 +65,10 @@ def test_the_reference_agrees_with_itself():
 
 @pytest.mark.parametrize(("order", "bound"), [(0, 2e-15), (1, 3e-15), (2, 1e-12)])
 def test_excess_and_its_derivatives_keep_their_digits(compared, order, bound):
-    """Within bound of the exact value in relative terms, wherever that is a normal number.
+    """The relative error is within a bound, wherever the exact value is a normal floating-point number.
 
-    The curvature of the direct form, t <= 1, is pdf (1 - t² + t²), so that at t = -8 rounding
-    counts 64 times, and the derivative of erf adds the rounding of t², again up to 64 times.
+    The curvature of the direct form, t <= 1, is pdf (1 - t² + t²), so that at t = -8 rounding is
+    multiplied by 64, and the derivative of erf adds the rounding of t², again times 64.
     """
     ours, wanted = compared
     kept = wanted[:, order] > 1e-300

@@ -1,4 +1,4 @@
-"""A machine between two walls that face each other, whose gaps are one but for sign and place."""
+"""A machine between two opposite walls, whose gaps differ only by sign and a constant."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def problem() -> Problem:
 
 
 def states(count: int) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Random states with a ball up to 6 cm from a wall, and inputs."""
+    """Draw pairs of a state with a ball up to 6 cm from a wall, and an input."""
     rng, found = np.random.default_rng(0), []
     distance = problem().signed_distance
     assert distance is not None
@@ -48,7 +48,7 @@ def slopes(path: Follower, data: np.ndarray, lam: np.ndarray) -> np.ndarray:
 
 
 def test_gaps_of_walls_that_face_each_other_give_way_oppositely() -> None:
-    """The path's own derivatives against differences, with and without its factors."""
+    """The path's derivatives equal differences, with and without its factors."""
     s = problem().system
     mu = ca.SX.sym("mu", s.nlam)
     given = [s.x, s.u, s.parameters.vector, mu]
@@ -67,7 +67,7 @@ def test_gaps_of_walls_that_face_each_other_give_way_oppositely() -> None:
 
 @pytest.mark.costly
 def test_every_step_is_solved_and_is_the_root_of_its_one_gap() -> None:
-    """Where one ball meets one wall its impulse is the root of a scalar function."""
+    """If one ball touches one wall, its impulse is the root of a scalar function."""
     s, step = problem().system, Exact().close(problem().system)
     p = step.p.values
     landed = ca.Function("landed", [s.x, s.u, s.lam, s.parameters.vector], [s.x_next_expr])
@@ -77,7 +77,7 @@ def test_every_step_is_solved_and_is_the_root_of_its_one_gap() -> None:
         x_next, lam, gap, error = (np.array(v).ravel() for v in step.solve(x, u, p))
         assert error.max() < 1e-9 and lam.min() >= 0 and gap[:4].min() > -1e-9
         pushed = np.flatnonzero(lam[:4] > 1e-6)
-        # A path of friction that ends short of mu = 0 leaves a product, and no root.
+        # A path with friction that ends before mu = 0 leaves a positive product instead of a root.
         if len(pushed) != 1 or np.max(lam * gap) > 1e-9:
             continue
         i = int(pushed[0])

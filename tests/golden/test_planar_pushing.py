@@ -1,4 +1,4 @@
-"""planar-push and planar-hand: stated optima, and who moves the object from where it is alone."""
+"""planar-push and planar-hand: stated optima, and laws that move an object which is not touched at the start."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def test_both_state_an_exact_and_a_barrier_optimum() -> None:
 @pytest.mark.costly
 @pytest.mark.parametrize("name", NAMES)
 def test_the_exact_law_does_not_move_what_it_does_not_touch(name: str) -> None:
-    """noising, fig. 2: from a start without contact the exact gradient has nothing to say."""
+    """As in Suh et al. 2023, fig. 2, the exact gradient is zero from a start without contact."""
     found = plan_problem(problems.get(name), Exact())
     rest, planned, replay = object_costs(name, found)
     assert found.status is Status.NO_PROGRESS
@@ -59,7 +59,7 @@ def test_smoothed_laws_move_it_and_the_replay_keeps_half(name: str, method, law:
 
 @pytest.mark.costly
 def test_methods_agree_under_the_average_of_exact_steps() -> None:
-    """Its kinks end no shooting by itself: the plan by direct transcription is the answer."""
+    """Shooting alone does not converge at its kinks, so that its result is the plan by direct transcription."""
     problem, law = problems.get("planar-push", N=6), Randomized(sigma=0.1, samples=4)
     costs = [solve(problem, law, method) for method in (Direct(), MultipleShooting())]
     costs.append(solve(problem, law, SingleShooting()))
@@ -70,7 +70,7 @@ def test_methods_agree_under_the_average_of_exact_steps() -> None:
 
 @pytest.mark.costly
 def test_feedback_over_scenarios_is_worth_its_gains() -> None:
-    """The same gains for all starts cost no more than the same inputs for all of them."""
+    """Common gains for all starts cost no more than common inputs."""
     problem = problems.get("planar-push", N=10, scenarios=3)
     blind = solve(problem, Exact(), Direct())
     seeing = solve(problem, Exact(), Direct(), policy=Feedback())

@@ -1,4 +1,4 @@
-"""Plans made again at half the step, until the step no longer shows."""
+"""Refinement: plans are solved again at half the step size until it makes no difference."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from problems import get
 from tests.findings import numbers
 
 COARSE = {"h": 0.2, "N": 10}
-"""ball-bounce at four times its step: nothing of the bounce is seen at it."""
+"""Parameters of ball-bounce at four times its step size, which is too large for the bounce."""
 
 
 def replayed_at_half(found: Solution) -> float:
-    """Cost of a plan's inputs, each held over two steps of h/2, by its own step at N = 2N."""
+    """Return the cost of a plan's inputs, each held over two steps of h/2, by the problem at 2 N."""
     problem, values, u = found.problem, found.values, found.data["u"].values
     fine = get(problem.name, N=2 * problem.N)
     at = values | {"h": values["h"] / 2}
@@ -70,7 +70,7 @@ def test_a_step_that_is_part_of_the_model_is_not_refined(name: str) -> None:
 
 
 def test_refining_ends_and_says_why() -> None:
-    """A plan that is not solved, and one that never agrees; the last solved one is returned."""
+    """It ends at a plan that is not solved, or without agreement; the last solved plan is returned."""
     coarse = solve("ball-bounce", "exact", **COARSE)
     assert not replay_level(coarse).agreed
 
@@ -93,7 +93,7 @@ def test_refining_ends_and_says_why() -> None:
 
 
 def test_a_step_size_that_is_chosen_is_halved_by_its_bounds() -> None:
-    """Else its lower bound would keep it, and more steps would only last longer."""
+    """Otherwise its lower bound would keep it large, and more steps would only extend the horizon."""
     problem = get("half-cheetah")
     values = dict(zip(problem.parameters.names, problem.parameters.values, strict=True))
     low, high = values["h_min"], values["h_max"]
@@ -101,7 +101,7 @@ def test_a_step_size_that_is_chosen_is_halved_by_its_bounds() -> None:
 
 
 def test_growth_is_that_of_a_linear_system() -> None:
-    """A cart that falls off its balance, its wall far away: the largest entry of powers of A."""
+    """For an unstable cart with a distant wall, growth is the largest entry of powers of A."""
     A = np.array([[1.1, 0.1], [0.2, 1.0]])
     system = lcs("fall", A=A, B=[[0.0], [0.1]], C=[[0.0], [0.0]], D=[[0.0, 0.0]], E=[[0.0]], F=[[1.0]], d=[1.0])
     problem = Problem(

@@ -1,4 +1,4 @@
-"""The sharpest contact of a model: true gaps and Coulomb friction, checked against all modes."""
+"""The most exact contact of a model, with true gaps and Coulomb friction, agrees with all modes tried out."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ MASS = np.diag([1.0, 1.0, 0.1, 50.0 * H**2, 50.0 * H**2])
 
 
 def step(system: ContactSystem, x, u, values=None, law=None):
-    """``x_next, lam, gap`` of one solved step."""
+    """Return ``x_next``, ``lam`` and ``gap`` of one solved step."""
     closed = (law or Exact()).close(system)
     p = closed.p.values if values is None else values
     x_next, lam, gap, error = (np.array(v).ravel() for v in closed.solve(x, u, p))
@@ -45,7 +45,7 @@ def forces(system: ContactSystem, x, u, x_next, lam) -> list[np.ndarray]:
 
 @functools.cache
 def pushed_disc(linearised: bool = True) -> ContactSystem:
-    """A disc that turns, q = (x, y, angle), and a smaller pusher, with friction between them."""
+    """Return the system of a disc (x, y, angle) and a smaller pusher (x, y), with friction between them."""
 
     def sliding(q: ca.SX) -> ca.SX:
         n = (q[:2] - q[3:]) / ca.norm_2(q[:2] - q[3:])
@@ -68,10 +68,10 @@ def pushed_disc(linearised: bool = True) -> ContactSystem:
 
 
 def modes_of_pushed_disc(x: np.ndarray, u: np.ndarray) -> list[tuple[str, np.ndarray]]:
-    """Every mode of the contact that fits: open, stick, or sliding either way, and where it ends.
+    """Return the consistent modes of the contact, open, stick or sliding in one direction, with their next q.
 
-    From the equations with numbers alone: ``(M/h) dq = J_n' gamma + J_t' beta`` for the disc, the
-    same with ``h K`` for the pusher, which sets off from where it is commanded to.
+    They follow from ``(M/h) dq = J_n' gamma + J_t' beta`` for the disc, and the same with ``h K``
+    for the pusher, whose free position is the commanded one.
     """
     inertia = MASS / H
     free = np.concatenate([x[:3], u])
@@ -122,7 +122,7 @@ def test_a_planar_push_ends_in_the_mode_that_fits(linearised: bool) -> None:
         seen.add(nearest[0])
         normal, tangential, slip = forces(sharp, x, u, x_next, lam)
         assert abs(tangential[0]) <= FRICTION * normal[0] + 1e-7
-        # Maximum dissipation: as much as the cone lets friction take.
+        # By maximum dissipation friction takes as much energy as the cone allows.
         lost, most = -tangential[0] * slip[0], FRICTION * normal[0] * abs(slip[0])
         assert lost == pytest.approx(most, abs=1e-6)
     assert seen == {"open", "stick", "ahead", "back"}
@@ -130,7 +130,7 @@ def test_a_planar_push_ends_in_the_mode_that_fits(linearised: bool) -> None:
 
 @functools.cache
 def rubbing() -> ContactSystem:
-    """A finger over a fixed table, q = (x, z), commanded into it: nothing unactuated."""
+    """Return the system of a finger (x, z) that is commanded into a fixed table, all of it actuated."""
     return quasi_dynamic(
         "finger",
         states=signals("x [m]; z [m]"),
@@ -148,7 +148,7 @@ def rubbing() -> ContactSystem:
 
 @pytest.mark.parametrize("way", [-0.3, -0.06, 0.04, 0.3])
 def test_a_sliding_contact_stays_closed_where_the_convex_one_lifts_off(way: float) -> None:
-    """Pressed 0.1 m in, it slides by the way beyond the friction cone: |way| - f 0.1."""
+    """Commanded 0.1 m into the table, it slides by the part beyond the friction cone, |motion| - f 0.1."""
     x, u = np.zeros(2), np.array([way, -0.1])
     slid = np.sign(way) * max(0.0, abs(way) - FRICTION * 0.1)
     x_next, lam, _ = step(rubbing().most_exact, x, u)
@@ -160,7 +160,7 @@ def test_a_sliding_contact_stays_closed_where_the_convex_one_lifts_off(way: floa
 
 
 def test_a_turning_body_keeps_its_true_distance() -> None:
-    """A point on the inside of a ring leaves a linearised gap by the sagitta, not the true one."""
+    """A point inside a ring leaves it by the sagitta under the linearised gap, and not under the true one."""
     ring = thrown_in_a_ring()
     x = np.array([1.0, 0.0, 0.0, 2.0])
     out = [1.0 - np.hypot(*step(system, x, np.zeros(2))[0][:2]) for system in (ring, ring.most_exact)]
@@ -199,7 +199,7 @@ def test_machines_with_expanded_gaps_are_refereed_by_true_ones() -> None:
 
 
 def by_hand(gap, distance) -> ContactSystem:
-    """A mass in the plane, residual and gap written out; gap maps (x, x_next, lam)."""
+    """Return the system of a mass in the plane with explicit residual; ``gap`` is a function of (x, x_next, lam)."""
     x, x_next, lam = ca.SX.sym("x", 4), ca.SX.sym("x_next", 4), ca.SX.sym("lam")
     phi = distance(x)
     push = ca.gradient(phi, x)[:2] * lam
@@ -245,7 +245,7 @@ def test_a_system_by_hand_is_sharpened_only_where_its_gap_is_an_expansion() -> N
 
 
 def test_an_affine_frictionless_model_is_its_own_referee() -> None:
-    """And rightly: with the gap taken at q+ instead of expanded, the step is the same."""
+    """With the gap at q+ instead of its expansion the step is the same."""
     for name in ("wall-1d", "push-1d", "ball-bounce", "hopper-1d"):
         system = problems.get(name).system
         assert system.most_exact is system
@@ -272,7 +272,7 @@ def test_every_named_problem_says_who_referees_it() -> None:
 
 
 def two_blocks(friction: ca.SX, cone, table: ParameterTable) -> ContactSystem:
-    """Two unit masses on a floor, q = (x1, z1, x2, z2), pushed along by one force each."""
+    """Return the system of two unit masses on a floor, q = (x1, z1, x2, z2), each pushed by one force."""
     return time_stepping(
         "blocks",
         states=signals("x1 [m]; z1 [m]; x2 [m]; z2 [m]; vx1 [m/s]; vz1 [m/s]; vx2 [m/s]; vz2 [m/s]"),
@@ -331,7 +331,7 @@ def test_zero_friction_by_a_parameter_is_the_frictionless_machine() -> None:
 
 
 def test_convex_rows_take_a_zero_friction_too() -> None:
-    """Two edges of a cone that has closed are one contact twice."""
+    """Both edges of a cone without friction are the same contact twice."""
     table = ParameterTable([Parameter("f", 0.0)])
     base = pushed_disc()
     smooth = quasi_dynamic(

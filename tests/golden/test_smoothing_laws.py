@@ -1,7 +1,7 @@
-"""The barrier and the adaptive law as averages over noise, against reference numbers.
+"""The barrier and the adaptive law as averages over noise agree with reference numbers.
 
-Errata 20 and 21: z the gap at lam = 0, F the compliance, phi and Phi the normal density and
-distribution; kappa = (sigma phi(z/sigma) - z Phi(-z/sigma)) / F.
+z is the gap at lam = 0, F the compliance, phi and Phi the normal density and distribution;
+kappa = (sigma phi(z/sigma) - z Phi(-z/sigma)) / F, as corrected in docs/theory/errata.md.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from dynamics.systems import lcs
 
 
 def by_gap(F: float, law: ContactLaw) -> ca.Function:
-    """``z -> (lam, d lam/dz, d² lam/dz²)`` of one contact under ``law``."""
+    """Return the function ``z -> (lam, d lam/dz, d² lam/dz²)`` of one contact under ``law``."""
     eye, zero = np.eye(1), np.zeros((1, 1))
     system = lcs("contact", A=zero, B=zero, C=eye, D=eye, E=zero, F=[[F]])
     step = law.close(system)

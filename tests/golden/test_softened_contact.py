@@ -1,6 +1,6 @@
-"""Softened and exact contact against reference numbers (60-digit arithmetic, enumeration).
+"""Softened and exact contact agree with reference numbers, from 60-digit arithmetic and enumeration.
 
-The sources are the formulas named beside each table; eps = z + F lam is the gap.
+Their sources are the formulas above each table; eps = z + F lam is the gap.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from dynamics.systems import lcs
 
 
 def contact(F, law: ContactLaw) -> tuple[ca.Function, np.ndarray]:
-    """The bare contact ``lam(z)`` as a closed step of an LCS whose state is z."""
+    """Return the contact ``lam(z)`` as the step of a system whose state is z, and the law's parameters."""
     n = len(F)
     eye, zero = np.eye(n), np.zeros((n, n))
     system = lcs("contact", A=zero, B=np.zeros((n, 1)), C=eye, D=eye, E=np.zeros((n, 1)), F=F)
@@ -26,7 +26,7 @@ def contact(F, law: ContactLaw) -> tuple[ca.Function, np.ndarray]:
 
 
 def derivatives(F, law: ContactLaw, z) -> dict[str, np.ndarray]:
-    """lam, d lam/dz, d lam/d(parameters) and, for one contact, d² lam/dz² by our step map."""
+    """Return lam, d lam/dz, d lam/d(parameters) and, for one contact, d² lam/dz² by the step map."""
     step, parameters = contact(F, law)
     x, p = ca.MX.sym("z", len(F)), ca.MX.sym("p", len(parameters))
     lam = step(x, 0, p)[1]

@@ -1,4 +1,4 @@
-"""Standing still: no progress where nothing else was tried, the answer where nothing is better."""
+"""Standing still is no progress if nothing else was tried, and the solution if nothing is better."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from problems.library.ball_throw import Params, roll
 from tests.findings import numbers
 
 HIGH = {"goal_x": 2.5365, "goal_z": 2.619, "goal_vx": 2.5365, "goal_vz": -3.2857}
-"""A goal that a throw reaches without a bounce: no contact ever acts."""
+"""Parameters with a goal that a throw reaches without a bounce, so that no contact acts."""
 
 
 def thrown_cost(theta: float, speed: float, **params: float) -> float:
-    """Cost of a throw, rolled out in closed form; idle inputs are at zero, which is free."""
+    """Return the cost of a throw in closed form; idle inputs are zero and cost nothing."""
     p = Params(**params)
     end = roll(p, theta, speed)[-1]
     off = end[:4] - [p.goal_x, p.goal_z, p.goal_vx, p.goal_vz]
@@ -30,7 +30,7 @@ def thrown_cost(theta: float, speed: float, **params: float) -> float:
 
 
 def best_throw(most: float, **params: float) -> float:
-    """Least cost over a grid of throws, refined by Nelder-Mead."""
+    """Return the minimum cost over a grid of throws, refined by Nelder-Mead."""
 
     def cost(z: np.ndarray) -> float:
         return thrown_cost(*np.clip(z, [-1.5, 0], [1.5, most]), **params)
@@ -43,7 +43,7 @@ def best_throw(most: float, **params: float) -> float:
 
 @pytest.mark.costly
 def test_a_throw_without_a_bounce_is_an_answer() -> None:
-    """No state is moved by contact alone, so that contacts that never act say nothing."""
+    """No state is moved by contact alone, so that contacts that never act are no sign of a failure."""
     found = solve(get("ball-throw", **HIGH), Exact())
     assert found.audit.active_steps == 0
     assert found.idle_cost == pytest.approx(thrown_cost(0.0, 0.0, **HIGH), rel=1e-6)
@@ -54,7 +54,7 @@ def test_a_throw_without_a_bounce_is_an_answer() -> None:
 
 @pytest.mark.slow
 def test_starts_keep_the_cheapest_throw() -> None:
-    """Two of six starts need no bounce; they were ranked behind those that bounce."""
+    """Two of six starts need no bounce, and must not be ranked behind those that bounce."""
     params = {"h": 0.008141297, "goal_vz": 0.14546146, "goal_z": 1.3566234}
     fast = {"speed_max": 16.698833}
     found = solve(get("ball-throw", **params, **fast), Exact(), n_starts=6)
@@ -65,7 +65,7 @@ def test_starts_keep_the_cheapest_throw() -> None:
 @pytest.mark.costly
 @pytest.mark.parametrize("share", [0.2, 0.8, 0.99])
 def test_a_push_below_friction_moves_nothing_and_that_is_the_answer(share: float) -> None:
-    """With ``u_max < friction m g`` no input moves the box: all cost at least ``w_end goal²``."""
+    """With ``u_max < friction m g`` no input moves the box, so that every plan costs at least ``w_end goal²``."""
     found = solve(get("box-slide", u_max=share * 0.5 * 9.81), Exact())
     assert found.cost == pytest.approx(100.0, rel=1e-9)
     assert (found.status, found.grade) == (Status.SOLVED, "survives")
@@ -94,7 +94,7 @@ def test_a_trap_with_nothing_tried_beyond_stays_no_progress(name, params, method
 
 
 def test_a_hand_that_goes_home_is_no_progress_with_the_object() -> None:
-    """It costs less than standing still, but what contact alone moves stays where it is."""
+    """The plan costs less than standing still, but the object, which only contact moves, does not move."""
     problem = get("push-1d")
     homely = replace(problem, stage_cost=problem.stage_cost + (problem.system.x[1] + 1) ** 2)
     found = solve(homely, Exact(), SingleShooting(), settings={"homotopy": False})
@@ -103,7 +103,7 @@ def test_a_hand_that_goes_home_is_no_progress_with_the_object() -> None:
 
 
 def test_standing_still_is_credited_by_what_others_found() -> None:
-    """Two certified ends at least, and none that is feasible and costs less."""
+    """It counts if at least two starts end certified there, and no feasible one costs less."""
     session = new_session("box-slide", Exact())
     still = solve(get("box-slide"), Exact(), SingleShooting(), settings={"homotopy": False})
     assert still.status is Status.NO_PROGRESS

@@ -1,4 +1,4 @@
-"""Whether a plan survives at a quarter of its step too: three words, and what they rest on."""
+"""Survival of a plan at a quarter of its step size: the three grades, and the reasons for them."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from tests.findings import numbers
 
 
 def at_a_quarter(found: Solution) -> float:
-    """Cost of the plan's inputs held over four steps of h/4, over the plan's own nodes.
+    """Return the cost, at the plan's nodes, of its inputs held over four steps of h/4.
 
-    The step is the problem's own at h/4, taken here one by one; cart-walls steps a linear model.
+    Steps are those of the problem at h/4, here one by one; cart-walls has a linear model.
     """
     problem, values = found.problem, found.values
     fine = get(problem.name, N=4 * problem.N)
@@ -38,7 +38,7 @@ def at_a_quarter(found: Solution) -> float:
 
 @pytest.mark.costly
 def test_a_plan_that_only_its_step_holds_up_is_amber() -> None:
-    """cart-walls: the pole is caught by walls whose force at h = 0.04 is not that at 0.01."""
+    """In cart-walls the pole is caught by walls whose force at h = 0.04 differs from that at 0.01."""
     found = solve(get("cart-walls"), Exact())
     finer = at_a_quarter(found)
     assert finer > 10 * found.cost and found.referee.refined_cost == pytest.approx(finer, rel=1e-6)
@@ -68,7 +68,7 @@ def test_a_step_that_is_part_of_the_model_is_judged_alone(name: str) -> None:
 
 @pytest.mark.costly
 def test_each_bound_of_the_finer_replay_is_a_reason_alone() -> None:
-    """The replay at h/4 moved across its cost, a bound, the floor, or made no number."""
+    """The replay at h/4 is changed to exceed its cost, a bound or the floor, or to be NaN."""
     found = solve(get("ball-bounce"), Exact())
     problem, values, data = found.problem, found.values, found.data
     x, u, lam, gap = (data[name].values for name in ("x", "u", "lam", "gap"))
@@ -110,7 +110,7 @@ def test_what_is_at_fault_at_the_step_itself_is_told_first() -> None:
 
 @pytest.mark.costly
 def test_a_cut_between_nodes_is_told_with_its_tolerance() -> None:
-    """A plan that survives says how far its straight motion enters a body, and what is allowed."""
+    """The verdict on a plan that survives says how far its straight motion enters a body, and how far it may."""
     found = solve(get("planar-push", friction=0.0, gap="true"), Exact())
     cut = found.referee.replay_between
     assert found.referee.survives and cut is not None and cut.amount > 1e-3

@@ -1,4 +1,4 @@
-"""Verdicts on problems as a user writes them: the words, the numbers behind them, the grade."""
+"""Verdicts on problems as users write them: texts, numbers, and grades."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ from tests.unit.ocp.user_problems import (
 ONE = [[1.0]]
 LINE = lcs("line", A=ONE, B=ONE, C=ONE, D=ONE, E=ONE, F=ONE)
 TWO_ENDED = lcs("two-ended", A=ONE, B=ONE, C=ONE, D=ONE, E=ONE, F=[[-1.0]])
-"""``x+ = z + lam`` with ``0 <= lam ⟂ z - lam >= 0``: lam is 0 or z, and x+ is z or 2 z."""
+"""System ``x+ = z + lam`` with ``0 <= lam ⟂ z - lam >= 0``, in which lam is 0 or z, and x+ is z or 2 z."""
 
 
 def to_a_goal(system, goal: float) -> Problem:
-    """Six steps of a scalar system from 0.5, cheap to move."""
+    """Return a problem of six steps of a scalar system from 0.5 to ``goal``, with cheap inputs."""
     return Problem(
         system.name,
         system,
@@ -74,7 +74,7 @@ def test_a_disc_pulled_round_a_post_is_certified_and_does_not_survive() -> None:
     assert told[told.index("does-not-survive") + 1] == "costs-more"
     far = found.referee.force_distance
     assert far is not None and far.amount > 0.05
-    # By hand, from the states alone: the two discs at the end of that step.
+    # The penetration follows from the positions of the two discs at the end of that step.
     x = found.data["x"].values[0, far.step + 1]
     by_hand = {"push": np.hypot(*(x[:2] - x[2:])) - 0.3, "post": np.hypot(*x[:2]) - 0.5}
     assert far.amount == pytest.approx(by_hand[far.contact], rel=1e-9)
@@ -84,7 +84,7 @@ def test_a_disc_pulled_round_a_post_is_certified_and_does_not_survive() -> None:
 
 @pytest.mark.costly
 def test_a_plan_that_passes_through_a_body_between_nodes_is_told() -> None:
-    """The pusher hops to the far side of a box of 5 cm, clear of it at every node."""
+    """The pusher jumps to the far side of a box of 5 cm, which it touches at no node."""
     problem = get(
         "planar-push",
         gap="true",
@@ -116,7 +116,7 @@ def test_a_step_size_that_is_none_is_refused(h: float) -> None:
 
 @pytest.mark.parametrize("law", [Exact(), Barrier(mu=1e-3)])
 def test_a_start_inside_a_wall_never_survives(law: ContactLaw) -> None:
-    """The law pushes out what begins 5 m deep in one step, which no wall does."""
+    """The law moves a body from 5 m inside the wall out in one step, which is unphysical."""
     p = ParameterTable([])
     system = time_stepping(
         "deep",
@@ -201,9 +201,9 @@ def test_the_rough_slopes_freedom_is_named_with_step_and_contacts() -> None:
     [(rough_slope, 5e-6), (functools.partial(to_a_goal, TWO_ENDED, 2.0), 1e-4)],
 )
 def test_planning_through_the_step_is_planning_against_the_freedom(problem_of, mu: float) -> None:
-    """It leads to a plan that its exact replay follows, and cheaper there; here, not everywhere.
+    """Here, though not always, it gives a plan that the exact replay follows, and that costs less there.
 
-    The barrier law alone is no remedy: at any mu, ``lam (z - lam) = mu`` has two ends as well.
+    The barrier law alone does not help: for any mu, ``lam (z - lam) = mu`` has two solutions too.
     """
     free = solved(problem_of)
     assert "as the replay does, and the motion from there costs" in free.verdict
@@ -215,7 +215,7 @@ def test_planning_through_the_step_is_planning_against_the_freedom(problem_of, m
 
 @pytest.mark.costly
 def test_standing_still_is_no_progress_though_a_contact_rests() -> None:
-    """The block rests on the slope and costs 100 * 0.6²; the input only holds the cart."""
+    """The block rests on the slope, which costs 100 * 0.6², and the input only holds the cart."""
     plain = {"homotopy": False}
     found = solve(rough_slope(), Exact(), SingleShooting(), settings=plain)
     assert found.audit.active_steps > 0, "the block's weight is borne throughout"
@@ -230,7 +230,7 @@ def test_standing_still_is_no_progress_though_a_contact_rests() -> None:
 
 
 def test_what_forces_from_afar_move_is_no_standing_still() -> None:
-    """Under mu = 1e-2 the box slides without touching; its plan is optimal for what was asked."""
+    """With mu = 1e-2 the box slides without contact, and the plan is optimal under this law."""
     found = solve(get("box-slide"), Barrier(mu=1e-2))
     assert found.audit.active_steps == 0 and found.cost < 1e-3 * found.idle_cost
     assert (found.status, found.grade) == (Status.SOLVED, "certified")
@@ -240,7 +240,7 @@ def test_what_forces_from_afar_move_is_no_standing_still() -> None:
 
 @pytest.mark.costly
 def test_to_hold_what_is_wanted_is_no_standing_still() -> None:
-    """Gravity pulls at a cart that is where it should be: its effort is the answer."""
+    """A cart at its goal must be held against gravity, and this effort is the solution."""
     problem = rough_slope()
     x = problem.system.x
     wanted = 100 * ca.sumsqr(x[:2]) + ca.sumsqr(x[3:])
@@ -254,7 +254,7 @@ def test_to_hold_what_is_wanted_is_no_standing_still() -> None:
 
 
 def test_a_replay_without_solution_is_not_replayed() -> None:
-    """With ``0 <= lam ⟂ z - lam >= 0`` on both sides, nothing solves outside of the walls."""
+    """With ``0 <= lam ⟂ z - lam >= 0`` at both walls there is no solution outside of them."""
     both = lcs(
         "both",
         A=[[1.0]],
@@ -275,7 +275,7 @@ def test_a_replay_without_solution_is_not_replayed() -> None:
 
 
 def test_a_cost_that_is_no_number_in_the_replay_does_not_survive() -> None:
-    """The root is real where the smoothed plan ends, and not where its replay does."""
+    """The root in the cost is real at the end of the smoothed plan, and not at that of its replay."""
     problem = get("push-1d")
     end = problem.terminal_cost + 1e-3 * ca.sqrt(problem.system.x[0] - 0.9)
 
@@ -316,11 +316,11 @@ def test_a_guess_without_a_cost_is_one_sentence(law, method, capfd) -> None:
 @pytest.mark.parametrize("law", [Exact(), Barrier(mu=1e-3)])
 def test_a_solver_told_to_be_content_solves_nothing(law) -> None:
     session = new_session(get("push-disc"), law)
-    # Behind the door, which refuses such tolerances.
+    # The tolerances are set after the check of settings, which would reject them.
     session.solver.options |= {"tol": 1e10, "dual_inf_tol": 1e10, "compl_inf_tol": 1e10}
     found = solve_session(session)
     assert found.grade == "failed" and not found.verdict.startswith("Solved")
-    # What a route that tries contact schedules leaves may be the honest dead end without contact.
+    # A route that tries contact schedules may still end without contact.
     dead_end = found.status is Status.NO_PROGRESS and found.certificate.stationarity == "B"
     assert dead_end or found.certificate.stationarity == "not"
 
@@ -358,7 +358,7 @@ def dearer_is_told(name: str, law: ContactLaw) -> None:
     assert ("; survives." in first) <= (referee.survives is True)
     assert (found.grade == "survives") == (found.success and referee.survives is True)
     assert found.success == (first.startswith("Solved"))
-    # The referee's cost is that of these inputs, stepped here once more.
+    # The referee's cost is that of the inputs, simulated here again.
     again = roll_out(
         found.problem, found.data["u"].values, found.values, found.problem.referee_step, found.data["x"].values[:, 0]
     )

@@ -1,6 +1,6 @@
-"""Complementarity problems as they are asked about in public, at sizes far from one.
+"""Complementarity problems of the kind that users ask about, with sizes far from one.
 
-Every right value is an enumeration of branches, by hand or here.
+Every expected value is from an enumeration of branches, by hand or in the test.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ FREE = np.inf
 @pytest.mark.parametrize("start", [[0, 0, 0], [-1, 0.5, 1.5], [1, 1, 0]])
 @pytest.mark.parametrize("ohms", [1e3, 1e5, 1e6, 1e7, 1e9])
 def test_a_diode_of_a_large_resistor(ohms: float, start: list[float]) -> None:
-    """``min (v + 1)²/2 + (R i - 1/2)²`` with ``R i - v = w``, ``0 <= i ⟂ w >= 0``.
+    """The problem is ``min (v + 1)²/2 + (R i - 1/2)²`` with ``R i - v = w``, ``0 <= i ⟂ w >= 0``.
 
-    Conducting (w = 0) R i = v >= 0, and v = 0 costs 3/4. Blocking (i = 0) w = -v >= 0, and v = -1
-    costs 1/4, whatever R.
+    A conducting diode (w = 0) has R i = v >= 0, and v = 0 costs 3/4. A blocking one (i = 0) has
+    w = -v >= 0, and v = -1 costs 1/4, for any R.
     """
     problem = MPCC(
         ca.vertcat(a, b, c),
@@ -46,7 +46,7 @@ def test_a_diode_of_a_large_resistor(ohms: float, start: list[float]) -> None:
 
 
 def priced(price: float) -> MPCCSolution:
-    """A good of z >= 0 that costs ``price``, beside (a - 2)² + (b - 3)² with ``a ⟂ b``."""
+    """Solve ``min (a - 2)² + (b - 3)² + (d - 1)^4 + price c`` with ``0 <= a ⟂ b >= 0`` and c at its bound."""
     problem = MPCC(
         ca.vertcat(a, b, c, d),
         (a - 2) ** 2 + (b - 3) ** 2 + (d - 1) ** 4 + price * c,
@@ -63,7 +63,7 @@ def priced(price: float) -> MPCCSolution:
 
 @pytest.mark.parametrize("price", [1.0, 1e4, 1e6, 1e8, 1e10])
 def test_a_steep_price_at_its_bound_loosens_no_certificate(price: float) -> None:
-    """Branches: a = 0, b = 3 costs 4, and a = 2, b = 0 nine; z = 0 and d = 1 in both."""
+    """Of the branches a = 0, b = 3 costs 4, and a = 2, b = 0 costs 9; c = 0 and d = 1 in both."""
     found = priced(price)
     assert found.success
     assert found.f == pytest.approx(4, abs=1e-5)
@@ -73,7 +73,7 @@ def test_a_steep_price_at_its_bound_loosens_no_certificate(price: float) -> None
 @pytest.mark.parametrize("start", [[0, 0, 0], [0.5, 0.5, 9]])
 @pytest.mark.parametrize("offset", [1e4, -1e6, 1e8, 1e10])
 def test_a_constant_changes_neither_the_answer_nor_the_certificate(offset: float, start: list[float]) -> None:
-    """(1, 0) and (0, 1) both cost 1 beside the constant."""
+    """(1, 0) and (0, 1) both cost 1 plus the constant."""
 
     def shifted(constant: float) -> MPCCSolution:
         cost = constant + (a - 1) ** 2 + (b - 1) ** 2 + 1e-2 * (c - 3) ** 2
@@ -91,7 +91,7 @@ def test_a_constant_changes_neither_the_answer_nor_the_certificate(offset: float
 @pytest.mark.parametrize("factor", [1e-6, 1e-3, 1.0, 1e4, 1e6])
 @pytest.mark.parametrize("rows", [0, 1, 2])
 def test_one_row_or_none_or_two_at_any_size_of_the_cost(factor: float, rows: int) -> None:
-    """Branches: a = 0, b = 3 costs 4 factors, a = 2, b = 0 nine."""
+    """Of the branches a = 0, b = 3 costs 4 factor, and a = 2, b = 0 costs 9 factor."""
     g = ca.vertcat(*[a + b, a - b][:rows]) if rows else ca.SX(0, 1)
     cost = factor * ((a - 2) ** 2 + (b - 3) ** 2)
     found = solve(MPCC(ca.vertcat(a, b), cost, a, b, g=g, lbg=-FREE, ubg=10), [0, 0])
@@ -101,7 +101,7 @@ def test_one_row_or_none_or_two_at_any_size_of_the_cost(factor: float, rows: int
 
 @pytest.mark.parametrize("factor", [1e-4, 1.0, 1e5])
 def test_a_side_that_is_an_expression_without_any_row(factor: float) -> None:
-    """``a ⟂ b - 1``: a = 0, b = 3 costs 4 factors, a = 2, b = 1 the same."""
+    """For ``a ⟂ b - 1`` both a = 0, b = 3 and a = 2, b = 1 cost 4 factor."""
     cost = factor * ((a - 2) ** 2 + (b - 3) ** 2)
     found = solve(MPCC(ca.vertcat(a, b), cost, a, b - 1), [0, 0])
     assert found.success
@@ -110,7 +110,7 @@ def test_a_side_that_is_an_expression_without_any_row(factor: float) -> None:
 
 @pytest.mark.parametrize("unit", [1e-3, 1.0, 1e3, 1e6])
 def test_one_equation_in_any_unit(unit: float) -> None:
-    """``b = 1`` where s > 0, and s = 0 where ``b = a - s``: the leader's a = 2 costs (1 - 3)²."""
+    """The follower has ``b = 1`` if s > 0, else ``b = a``; the leader's best a is 2, which costs (1 - 3)²."""
     problem = MPCC(ca.vertcat(a, b, c), (a - 2) ** 2 + (b - 3) ** 2, c, 1 - b, g=unit * (b - a + c))
     found = solve(problem, [0, 0, 0])
     assert found.success
@@ -128,7 +128,7 @@ def test_a_budget_in_cents(unit: float) -> None:
 
 @pytest.mark.parametrize("start", [[0, 0], [1.2, 3], [3, 0.1]])
 def test_a_bound_of_one_as_a_side(start: list[float]) -> None:
-    """``a - 1 ⟂ b``: (1, 1) and (2, 0) both cost 1."""
+    """For ``a - 1 ⟂ b`` both (1, 1) and (2, 0) cost 1."""
     cost = (a - 2) ** 2 + (b - 1) ** 2
     found = solve(MPCC(ca.vertcat(a, b), cost, a - 1, b), start)
     assert found.success
@@ -136,7 +136,7 @@ def test_a_bound_of_one_as_a_side(start: list[float]) -> None:
 
 
 def box_equilibria(F, low: float, high: float) -> list[float]:
-    """All x of ``low <= x <= high`` that solve the box problem of F, by its three branches."""
+    """Return all x in [low, high] that solve the box-constrained complementarity problem of F, by its branches."""
     inner = np.linspace(low, high, 100_001)
     values = F(inner)
     zeros = inner[np.flatnonzero(np.diff(np.sign(values)) != 0)]
@@ -150,7 +150,7 @@ def box_equilibria(F, low: float, high: float) -> list[float]:
     ids=["one", "three"],
 )
 def test_a_doubly_bounded_variable(F, low: float, high: float, cost, start: list[float]) -> None:
-    """``F(x) = s - w`` with ``x - low ⟂ s`` and ``high - x ⟂ w``: the best of all equilibria."""
+    """The solution of ``F(x) = s - w``, ``x - low ⟂ s``, ``high - x ⟂ w`` is the best of all equilibria."""
     problem = MPCC(
         ca.vertcat(a, b, c),
         cost(a),
@@ -167,7 +167,7 @@ def test_a_doubly_bounded_variable(F, low: float, high: float, cost, start: list
 
 @pytest.mark.parametrize("start", [[0, 0], [-1, 0], [1.4, 1], [0, 2], [2, 5]])
 def test_a_parabola_and_a_circle(start: list[float]) -> None:
-    """``0 <= y - x² + 1 ⟂ y >= 0`` and ``(x - 1)² + (y - 1)² <= 3``: (1, 0) costs nothing."""
+    """With ``0 <= y - x² + 1 ⟂ y >= 0`` and ``(x - 1)² + (y - 1)² <= 3`` the minimum is zero at (1, 0)."""
     problem = MPCC(
         ca.vertcat(a, b),
         (a - 1 - b) ** 2,
@@ -197,16 +197,16 @@ def test_a_parabola_and_a_circle(start: list[float]) -> None:
 
 @pytest.mark.parametrize("pascal", [1.0, 1e5, 1e8])
 def test_a_network_in_pascals_against_all_branches(pascal: float) -> None:
-    """Two check valves in a row; their flows [m³/s] and pressures in units of ``1/pascal``.
+    """Two check valves in a row have flows [m³/s] and pressures in units of ``1/pascal``.
 
-    ``min sum (q_i - 1)² + (p_1 - 2)² + (p_2 + 1)²`` (p in bar-like units), ``q_i ⟂ drop_i``.
+    The problem is ``min sum (q_i - 1)² + (p_1 - 2)² + (p_2 + 1)²`` with ``q_i ⟂ drop_i``.
     """
     drops = ca.vertcat(c / pascal - d / pascal, d / pascal)
     cost = (a - 1) ** 2 + (b - 1) ** 2 + (c / pascal - 2) ** 2 + (d / pascal + 1) ** 2
     found = solve(MPCC(ca.vertcat(a, b, c, d), cost, ca.vertcat(a, b), drops), np.zeros(4))
     costs = []
     for open_1, open_2 in itertools.product((True, False), repeat=2):
-        # Open: no drop, the flow as wanted. Closed: no flow, pressures as wanted, drop >= 0.
+        # Open valves have no drop and the desired flow, closed ones no flow and desired pressures.
         flows = 2 - open_1 - open_2
         grid = np.linspace(0, 3, 601)
         pressures = min(

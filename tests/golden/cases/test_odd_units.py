@@ -1,4 +1,4 @@
-"""Right values in odd units, with stiff weights, constants under roots, and starts far away."""
+"""Right solutions in unusual units, with large weights, constants under roots, and distant starts."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ A, B, C = X[0], X[1], X[2]
 
 
 def mass_and_wall(length=1.0, mass=1.0, time=1.0, effort=None, **more) -> Problem:
-    """A mass flies at a wall; the units are ``length`` to a metre, ``mass`` and ``time`` too."""
+    """Return a problem of a mass that flies at a wall, with ``length``, ``mass``, ``time`` units per m, kg, s."""
     impulse = mass * length / time
     system = time_stepping(
         "wall",
@@ -65,7 +65,7 @@ def test_residuals_by_shooting_are_in_the_units_of_the_problem(method, units):
 
 
 def certificate(cost: ca.SX, at: list[float], lower=(-np.inf, -np.inf, -np.inf)):
-    """Judge a point of ``min cost`` with ``0 <= A ⟂ B >= 0``."""
+    """Return the certificate of a point of ``min cost`` with ``0 <= A ⟂ B >= 0``."""
     program = programs_of(mpcc.MPCC(X, cost, A, B, lbx=lower), np.zeros(0), np.array(at))("none")
     point = program.extended(np.array(at))
     return certify(program, point, program.parameter_vector(NOTHING), program.bounds(NOTHING))
@@ -81,7 +81,7 @@ STIFF = {
 @pytest.mark.parametrize("weight", [1e2, 1e6, 1e8, 1e10])
 @pytest.mark.parametrize("kind", STIFF)
 def test_a_stiff_variable_hides_no_descent(kind, weight):
-    """The minimum is at B = 3, whatever the weight on C."""
+    """The minimum is at B = 3 for any weight on C."""
     stiff, at = STIFF[kind]
     cost = (A - 2) ** 2 + (B - 3) ** 2 + stiff(weight)
     lower = (-np.inf, -np.inf, -np.inf if kind == "free" else 0.0)
@@ -109,14 +109,14 @@ def test_a_start_far_away_decides_no_tolerance(start):
 
 @pytest.mark.parametrize(("large", "small"), [(1e9, 1e-9), (1e-9, 1e9), (1e12, 1e-12)])
 def test_variables_of_any_two_sizes(large, small):
-    """The size of C, which nothing moves at the start, is that of its curvature."""
+    """The size of C, whose gradient is zero at the start, follows from its curvature."""
     cost = (A / large - 2) ** 2 + (B / small - 3) ** 2 + (C / small - A / large) ** 2
     found = mpcc.solve(mpcc.MPCC(X, cost, A, B))
     assert found.success and found.f == pytest.approx(4, abs=1e-4)
 
 
 def idle_input(cost, unit=1.0, weight=1.0) -> Problem:
-    """A cart, and an input w that nothing but its cost knows."""
+    """Return a problem of a cart with an input w that only the cost depends on."""
     system = time_stepping(
         "cart",
         states=signals("x [m]; v [m/s]"),
@@ -167,7 +167,7 @@ HIDDEN = {
 @pytest.mark.costly
 @pytest.mark.parametrize("kind", HIDDEN)
 def test_a_constant_under_a_root_or_a_square_changes_no_survival(kind):
-    """The replay costs three times the plan, less the constant: it does not survive."""
+    """The replay costs three times as much as the plan, without the constant, and does not survive."""
     hide = HIDDEN[kind]
 
     def costs(x, v, u):

@@ -1,4 +1,4 @@
-"""Plans as they are asked about in public: small units, constants, hard ends, patches of ice."""
+"""Plans of the kind that users ask about: small units, constants, hard terminal constraints, patches of ice."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ TABLE = ParameterTable([Parameter("h", 0.1, "s")])
 
 
 def braked(gap_unit: float = 1.0, offset: float = 0.0, **more) -> Problem:
-    """A mass at 2.5 m/s, 0.9 m before a wall; its brake takes 0.1 N s a step."""
+    """Return a problem of a mass at 2.5 m/s, 0.9 m before a wall, with a brake of 0.1 N s per step."""
     system = time_stepping(
         "braked",
         states=signals("x [m]; v [m/s]"),
@@ -52,10 +52,10 @@ def braked(gap_unit: float = 1.0, offset: float = 0.0, **more) -> Problem:
 
 
 def best_of_all_windows() -> float:
-    """Cost of the best plan of :func:`braked`, over all steps of the first and the last touch.
+    """Return the cost of the best plan of :func:`braked`, over all first and last steps of contact.
 
-    Between them the mass rests at the wall; before and after it moves freely. Each window is a
-    convex program in the inputs, of which those while it rests are zero.
+    Between them the mass rests at the wall; before and after it moves freely. Each window gives a
+    convex program in the inputs, which are zero during the rest.
     """
     h, N = 0.1, 20
 
@@ -64,7 +64,7 @@ def best_of_all_windows() -> float:
         for k in range(N):
             v += u[k]
             if first <= k <= last:
-                # The wall stops it at x = 0 at the end of the step, and gives no pull.
+                # The wall stops it at x = 0 at the end of the step, and cannot pull.
                 lowest = min(lowest, -(x + h * v))
                 v = -x / h
             x += h * v
@@ -112,13 +112,13 @@ def test_a_gap_in_another_unit_is_the_same_gap(unit: float) -> None:
 
 
 def verdict_words(found: Solution) -> list[str]:
-    """The verdict without its numbers, which have the constant in them."""
+    """Return the verdict without numbers, which depend on the constant."""
     return [found.status.label, found.grade, re.sub(r"-?\d[\d.e+-]*", "#", found.verdict)]
 
 
 @pytest.mark.parametrize("offset", [1e6, -1e6])
 def test_a_large_constant_does_not_make_standing_still_the_best(offset: float) -> None:
-    """Gliding into the wall without the brake costs 0.2 more."""
+    """Sliding into the wall without the brake costs 0.2 more."""
     found = solve(braked(offset=offset))
     assert found.idle_cost - found.cost > 0.1
     assert "standing-still" not in codes(found)
@@ -126,7 +126,7 @@ def test_a_large_constant_does_not_make_standing_still_the_best(offset: float) -
 
 
 def tipped(offset: float) -> Problem:
-    """A wheel with an arm that may touch the ground and lift it."""
+    """Return a problem of a wheel with an arm that can push on the ground and lift it."""
     machine = Machine(
         links=(
             Link("hub", None, mass=0.9, inertia=0.08, joint="free"),
@@ -207,9 +207,9 @@ def test_a_goal_behind_a_wall_is_not_reached(goal: float, reached: bool) -> None
 @pytest.mark.costly_cases("12-1.6-3.0-5.0")
 @pytest.mark.parametrize(("N", "way", "mass", "force"), [(2, 0.7, 1.0, 2.0), (12, 1.6, 3.0, 5.0)])
 def test_the_shortest_time_to_rest_at_a_wall_is_the_closed_form(N: int, way: float, mass: float, force: float) -> None:
-    """Full force all the way: the wall takes what speed there is in the last step.
+    """The plan has full force throughout, and the wall stops the mass in the last step.
 
-    In N - 1 steps of semi-implicit Euler the way is ``a h² (N - 1) N / 2``, so that
+    In N - 1 steps of semi-implicit Euler the distance is ``a h² (N - 1) N / 2``, so that
     ``N h = sqrt(2 d N / (a (N - 1)))``.
     """
     system = time_stepping(
@@ -244,7 +244,7 @@ def test_the_shortest_time_to_rest_at_a_wall_is_the_closed_form(N: int, way: flo
 
 
 def corner(N: int, stiffness: float = 150.0) -> Problem:
-    """A finger pushes an L on a table past a post."""
+    """Return a problem of a finger that pushes an L on a table past a post."""
     shape = Union(
         [
             Polygon([(-0.12, -0.08), (0.12, -0.08), (0.12, 0.0), (-0.12, 0.0)]),
@@ -296,7 +296,7 @@ HAND, DRY, ICE, EDGE, END, STEPS, STEP = 0.01, 0.6, 0.05, 1.0, 2.0, 40, 0.05
 
 
 def iced() -> Problem:
-    """A hand pushes a block from dry floor onto ice, which begins at ``EDGE``, to rest."""
+    """Return a problem of a hand that pushes a block to rest from dry floor onto ice beyond ``EDGE``."""
     things = Scene(
         [
             Pusher("hand", Disc(0.1), at=(-0.2, 0.1), mass=HAND, axis=(1.0, 0.0)),
@@ -325,9 +325,9 @@ def iced() -> Problem:
 
 
 def ice_peer(on_dry: int, released: int) -> float:
-    """Cost where the block is on dry floor for ``on_dry`` steps and pushed for ``released`` steps.
+    """Return the cost of a plan with ``on_dry`` steps on dry floor and a push of ``released`` steps.
 
-    A convex program: hand and block move together, forward, and then the block slides on alone.
+    It is a convex program: hand and block move forward together, then the block slides on alone.
     """
     opti = ca.Opti()
     force, x, v = opti.variable(STEPS), opti.variable(STEPS + 1), opti.variable(STEPS + 1)
@@ -342,7 +342,7 @@ def ice_peer(on_dry: int, released: int) -> float:
             opti.subject_to([hand[k + 1] == v[k + 1], push >= 0, v[k + 1] - v[k] == push - brake])
         else:
             opti.subject_to([push == 0, hand[k + 1] <= v[k + 1], v[k + 1] - v[k] == -brake])
-        # A step has the friction of where it ends.
+        # A step has the friction at its end.
         opti.subject_to(x[k + 1] <= EDGE if k < on_dry else x[k + 1] >= EDGE)
     opti.subject_to(opti.bounded(-15, force, 15))
     end = 100 * (x[STEPS] - END) ** 2 + 10 * (v[STEPS] ** 2 + hand[STEPS] ** 2)

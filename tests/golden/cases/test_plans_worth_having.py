@@ -1,4 +1,4 @@
-"""Plans that relaxations miss and samples find: what moves only when it is hit, or held from two sides."""
+"""Plans that relaxations miss and samples find, for objects that must be hit, or held from two sides."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ FORCE, FRICTION, DEPTH = 10.0, 4.0, 0.02
 
 
 def nail() -> Problem:
-    """A nail of 1 kg that only more than 39 N move, and a hammer of 2 kg that pushes with at most 10 N."""
+    """Return a problem of a nail of 1 kg that needs more than 39 N, and a hammer of 2 kg with at most 10 N."""
     scene = Scene(
         [
             Pusher("hammer", Disc(0.1), at=(-0.25, 0.1), mass=2.0, axis=(1.0, 0.0)),
@@ -44,7 +44,7 @@ def nail() -> Problem:
 
 @pytest.mark.costly
 def test_a_nail_is_hit_and_not_pressed() -> None:
-    """Pressing leaves it where it is, at a cost of 4; the best plan known costs 0.0270."""
+    """Pressing does not move it and costs 4; the best known plan costs 0.0270."""
     assert FORCE < FRICTION * 1.0 * 9.81
     solution = solve(nail(), contact="exact", search=True)
     assert solution.certificate.certified

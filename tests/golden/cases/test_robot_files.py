@@ -1,4 +1,4 @@
-"""Robot files as strangers write them: what is read, what is said, and what is refused."""
+"""Robot files as users write them: what is read, reported, and rejected."""
 
 from __future__ import annotations
 
@@ -144,7 +144,7 @@ def test_friction_of_a_pair_of_geoms_is_used(tmp_path: Path) -> None:
     assert "contact is rigid" in told(robot)
 
 
-# What is not read is said by name
+# Features that are not read are reported by name
 
 
 def test_a_safety_controller_and_the_rest_of_contact_are_named(tmp_path: Path) -> None:
@@ -257,7 +257,7 @@ def test_sdf_gets_one_sentence(tmp_path: Path, root: str) -> None:
 
 
 def tetrahedron(file: Path, size: float = 0.1) -> None:
-    """Write an OBJ file."""
+    """Write an OBJ file of a tetrahedron."""
     file.parent.mkdir(parents=True, exist_ok=True)
     corners = size * np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)])
     lines = [f"v {x} {y} {z}" for x, y, z in corners] + ["f 1 3 2", "f 1 2 4", "f 2 3 4", "f 1 4 3"]
@@ -326,7 +326,7 @@ def tied(equality: str) -> str:
 
 
 def step_once(robot: Robot, u: float, h: float = 0.01) -> np.ndarray:
-    """Return the state after one step of the exact law from home at rest."""
+    """Return the state after one step of the exact law, from rest in the home pose."""
 
     system = robot.machine.system("r", ParameterTable(()), h=h, friction=None)
     x = np.concatenate([robot.home, np.zeros(system.nx - len(robot.home))])
@@ -510,7 +510,7 @@ def test_files_that_are_too_large_are_refused_before_any_work(
 
 @pytest.mark.costly
 def test_a_long_chain_builds_each_contact_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """4005 pairs took 50 s when each asked all bodies where they are."""
+    """4005 pairs took 50 s when each of them computed the poses of all bodies."""
     counts = {"between": 0, "pose": 0}
     between, pose = geoms.contacts_between, Tree.pose
 

@@ -1,4 +1,4 @@
-"""How high a thrust lifts a mass: a slope above its weight, none below, two at it."""
+"""Height to which a thrust lifts a mass: its slope is positive above the weight, zero below, ambiguous at it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ STEP, N, MASS, WEIGHT = 0.05, 8, 2.0, 20.0
 
 
 def lifted(thrust: float) -> Problem:
-    """The height after N steps under ``thrust`` [N], the input free of charge to be zero."""
+    """Return a problem whose cost is the height after N steps under ``thrust`` [N], with the optimal input zero."""
     table = ParameterTable([Parameter("thrust", thrust, "N")])
     system = time_stepping(
         "lifted",

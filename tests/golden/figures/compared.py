@@ -1,4 +1,4 @@
-"""Data of N3 that are made up, with nothing solved."""
+"""Synthetic data of study N3, without a solve."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ SETTINGS = Params(seeds=SEEDS)
 
 
 class Made(FinishedParts):
-    """Parts that are made up: plan and replay from the key, nothing solved."""
+    """Finished parts with synthetic costs of plan and replay, which depend on the key."""
 
     def __init__(self, costs: Callable[[str], tuple[float, float]]) -> None:
         super().__init__()

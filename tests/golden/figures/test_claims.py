@@ -1,4 +1,4 @@
-"""Verdicts of all claims: as listed, from data, and the same over seeds and settings."""
+"""Verdicts of all claims are as listed, computed from data, and the same over seeds and settings."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ FILES = sorted(Path(problems.studies.__path__[0]).rglob("*.py"))
 CONDITIONS = {"holds", "below", "at_most", "above", "at_least", "between", "equals"}
 BUILTINS = {"bool", "np", "abs", "all", "any", "min", "max", "float", "int"}
 FLIPPED = [
-    # Their verdicts once flipped there.
+    # Settings at which verdicts once changed.
     ("A1", {"sigma": 0.3}),
     ("P5", {"seed": 2}),
     ("A6", {"h": 0.005}),
@@ -61,7 +61,7 @@ def marked(identifier: str) -> object:
 
 
 def verdicts(identifier: str, **changed: float) -> dict[str, bool]:
-    """Verdicts of a study's claims that are not within noise."""
+    """Return a mapping from claim to whether it holds, for a study's claims that are not within noise."""
     study = studies.get(identifier)
     data = study.data({**SMALL[identifier], **changed}) if changed else small(identifier)
     found = study.claims(data)
@@ -74,7 +74,7 @@ def verdicts(identifier: str, **changed: float) -> dict[str, bool]:
 
 
 def assert_same(found: dict[str, bool], identifier: str) -> None:
-    """No verdict beyond noise is another than the listed one, and most are beyond it."""
+    """Check that all verdicts beyond noise are as listed, and that most claims are beyond it."""
     assert found == {claim: VERDICTS[identifier][claim] for claim in found}
     assert len(found) >= len(VERDICTS[identifier]) / 2
 
@@ -112,7 +112,7 @@ def test_seeds_flip_no_verdict_on_noised_data(identifier: str) -> None:
 
 
 def statements() -> Iterator[tuple[str, dict[str, ast.Call]]]:
-    """Where every claim is made, and the calls in its chain by their names."""
+    """Yield the place of every claim in the code, and a mapping from name to call in its chain."""
     for file in FILES:
         seen: set[ast.Call] = set()
         for node in ast.walk(ast.parse(file.read_text())):
@@ -126,13 +126,13 @@ def statements() -> Iterator[tuple[str, dict[str, ast.Call]]]:
 
 
 def computed(expression: ast.expr) -> bool:
-    """Whether it reads anything that is no constant."""
+    """Return whether an expression depends on anything that is not constant."""
     names = {node.id for node in ast.walk(expression) if isinstance(node, ast.Name)}
     return bool(names - BUILTINS)
 
 
 def written(expression: ast.expr) -> str:
-    """The text in it that is typed; format specifications, indices and the unit 1/s apart."""
+    """Return the literal text in an expression, without format specifications, indices and the unit 1/s."""
     typed: list[str] = []
 
     def visit(node: ast.AST) -> None:
@@ -208,7 +208,7 @@ def test_once_typed_verdicts_follow_the_data() -> None:
 
 
 def planned(dearer: float) -> xr.Dataset:
-    """Data of N2 in which every plan keeps half of its gain, and is dearer by ``dearer`` in all."""
+    """Return data of study N2 in which every replay keeps half of the gain and costs ``dearer`` more in total."""
     shape = (len(PROBLEMS), len(LAWS))
     both = ("problem", "law")
     cost = np.broadcast_to([100.0, 10.0, 55.0], (*shape, 3)).copy()

@@ -1,4 +1,4 @@
-"""N2's parts: the bundled dynamics in closed form, descents, and its drawing."""
+"""Parts of study N2: the bundled dynamics in closed form, descents, and the drawing."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from reports.figures.studies import DRAWINGS
 
 
 def test_the_bundle_of_a_pusher_is_its_closed_form():
-    """``E (q + rho max(0, u - q - l + noise))``, m its mean, s its spread: facts of fig. 1."""
+    """The mean of ``q + rho max(0, u - q - l + noise)`` has the closed form of fig. 1."""
     problem = get("push-1d")
     p = problem.parameters.defaults
     rho = p["h"] ** 2 * p["K"] / (p["M"] + p["h"] ** 2 * p["K"])
@@ -48,7 +48,7 @@ def test_the_bundle_of_a_pusher_is_its_closed_form():
 
 @pytest.mark.costly
 def test_descents_with_and_without_a_gradient_at_the_start():
-    """From no contact the exact object's gradient is zero, the bundled one is not (sec. V-B)."""
+    """Without contact at the start the object's exact gradient is zero, and the bundled one is not (sec. V-B)."""
     problem = get("planar-push")
     stuck = descend_gains(problem, Exact(), 0.01, 20)
     assert stuck["exact"] == pytest.approx(stuck["model"], rel=1e-9)
@@ -66,7 +66,7 @@ def test_descents_with_and_without_a_gradient_at_the_start():
 
 
 def drawn_up() -> xr.Dataset:
-    """Data of N2 by the study's own assembling, every piece of it made up."""
+    """Return data of study N2 assembled by the study from synthetic parts."""
     rng = np.random.default_rng(0)
     shape = len(PROBLEMS), len(LAWS)
 

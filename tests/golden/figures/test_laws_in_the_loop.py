@@ -1,4 +1,4 @@
-"""C1: its loops against closed forms, its claims, table and drawing against made-up data."""
+"""Study C1: loops agree with closed forms; claims, table and drawing follow synthetic data."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ SETTINGS = Params(seeds=3)
 
 
 class Made(FinishedParts):
-    """Parts that are made up: a cost a key, other by a seed's hundredth, nothing simulated."""
+    """Finished parts with synthetic costs, which depend on the key and by a hundredth on the seed."""
 
     def __init__(self, **costs: float) -> None:
         super().__init__()
@@ -47,7 +47,7 @@ class Made(FinishedParts):
 
 
 def usual(key: str) -> float:
-    """The sharper the better, gains near to planning again, inputs far from it."""
+    """Return a cost by key: sharper laws are better, gains near planning again, inputs far from it."""
     known = {"inputs": 3.0, "gains": 1.05, "barrier-0.1": 1.9, "barrier-0.01": 1.5}
     return next((cost for part, cost in known.items() if part in key), 1.0)
 
@@ -80,13 +80,13 @@ def _tip(x: np.ndarray, length: float) -> np.ndarray:
 
 
 def test_which_plants_are_another(pushing: TaskLoops) -> None:
-    """Pushing has true gaps that the model linearises; its step size is part of the model."""
+    """The model of pushing linearises true gaps, and its step size is part of the model."""
     assert pushing.plants == ["model", "referee", "mismatch", "noise"]
     assert TaskLoops("soft-walls", SETTINGS).plants == ["model", "h/4", "mismatch", "noise"]
 
 
 def test_planning_again_on_the_model_costs_the_optimum(pushing: TaskLoops) -> None:
-    """From its own start the plan is the optimum, and what is left of it stays optimal."""
+    """From the problem's own start the plan is the optimum, and its remainder stays optimal."""
     found = pushing.loop("exact", "model")
     assert found["cost"][0, 0] == pytest.approx(0.100678, rel=1e-4)
     inputs = pushing.loop("inputs, exact", "model")

@@ -1,4 +1,4 @@
-"""What N0 and N1 rest on, against quadrature, enumeration and the workbench's own step."""
+"""Functions of studies N0 and N1 agree with quadrature, enumeration and the workbench's step."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def test_the_block_is_the_truncated_normal(sigma: float) -> None:
 
 def test_far_in_a_wall_the_block_is_where_mills_ratio_says() -> None:
     block, far = Walls(), np.array([10.0, 1e3, 1e5])
-    # 1 - g = sigma/s (1 - 2/s² + ...) and the slope is 1/s² (1 - 6/s² + ...).
+    # Asymptotically 1 - g = sigma/s (1 - 2/s² + ...), and the slope is 1/s² (1 - 6/s² + ...).
     inside = 1 - block.noised(1 + 0.1 * far, 0.1)
     assert inside == pytest.approx(0.1 / far * (1 - 2 / far**2), rel=1e-3, abs=1e-11)
     assert block.slope(1 + 0.1 * far[:2], 0.1) == pytest.approx((1 - 6 / far[:2] ** 2) / far[:2] ** 2, rel=1e-2)
@@ -99,7 +99,7 @@ def test_lemmas_hold_and_what_is_no_minimum_is_seen() -> None:
     assert higher / lemmas.CHANGES[:, None] ** 2 == pytest.approx(1, abs=1e-9)
     error, law = (lemmas.uniform_data()[name][1] for name in ("sum_error", "sum_law"))
     assert (error / law)[..., -1] == pytest.approx(1, abs=0.01)
-    # The risk of 3 data far apart is a sum over pairs; here by hand for two data.
+    # The risk of distant data is a sum over pairs, here by hand for two data.
     x, y, sigma = np.array([-0.1, 0.2]), np.array([0.0, 1.0]), 0.1
     z = np.arange(-1.5, 1.5, sigma / 8)
     joint = norm.pdf(z, x[:, None], sigma) * sigma / 16
@@ -115,7 +115,7 @@ def test_lemmas_hold_and_what_is_no_minimum_is_seen() -> None:
 def test_sets_of_data_are_as_far_off_as_their_standard_errors() -> None:
     found = sample_sets(LinePusher(), 10, 1000, 5)
     assert found["score_square"][1].mean() == pytest.approx(1, abs=0.4)
-    # sqrt(2/pi) rho sigma, over the standard error of half a Gaussian of data: many deviations.
+    # The error sqrt(2/pi) rho sigma is many standard errors of the data within half a Gaussian.
     assert np.all(found["end_score"][1] < -5)
     assert np.all(found["least_inside"][1] > 0)
 
@@ -137,14 +137,14 @@ def test_a_network_learns_noise_in_metres() -> None:
     h = network_of(x, x, 0.3, 0, hidden=(16, 16), epochs=400, batch=500, rate=1e-2, held_out=0.0)
     assert h.sigma * x.std() == pytest.approx(0.3)
     at = np.linspace(-1, 1, 21)
-    # Without noise it would be x itself, 0.24 away from this at the walls.
+    # Without noise the map would be x itself, 0.24 away at the walls.
     assert model_values(h, at) == pytest.approx(Walls().noised(at, 0.3), abs=0.06)
 
 
 @pytest.mark.costly
 @pytest.mark.parametrize("identifier", list(TINY))
 def test_data_carry_units_and_are_drawn(identifier: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    # A network's place is taken by an average: what is drawn is the same, in seconds.
+    # An average replaces the networks, so that the drawing takes seconds.
     monkeypatch.setattr(data, "network_of", lambda z, y, *_, **__: average_of(z, y, 0.1))
     found = studies.get(identifier).data(TINY[identifier])
     assert all(variable.attrs.get("units") or variable.dtype.kind not in "fiu" for variable in found.variables.values())

@@ -1,4 +1,4 @@
-"""What the studies rest on, against closed forms, conservation laws, differences and facts."""
+"""Functions of the studies agree with closed forms, conservation laws, differences and published values."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ def test_the_box_sticks_slips_and_softens_as_its_closed_form() -> None:
     closed, slope = softened_box(u, 2.5e-4, **values)
     assert soft.x_next[:, 1] == pytest.approx(closed, abs=1e-11)
     assert soft.x_by_u[:, 1, 0] == pytest.approx(slope, abs=1e-10)
-    # The same with forces instead of impulses and velocities instead of ways: mu/h² = 0.1 W.
+    # The same holds with forces for impulses and velocities for distances: mu/h² = 0.1 W.
     friction = closed / 0.05 - u
     assert closed == pytest.approx(-2 * 0.1 * friction / (bound**2 - friction**2), abs=1e-9)
     ahead, behind = (softened_box(u + d, 2.5e-4, **values)[0] for d in (1e-5, -1e-5))
@@ -128,7 +128,7 @@ def test_the_least_absolute_residual_is_that_of_a_linear_program(t: float) -> No
     weight = norm.pdf(w) * (w[1] - w[0])
     target = np.maximum(0, -(t + w))
     one = np.eye(len(w))
-    # Variables K, W and |residual|: both signs of the residual lie below it.
+    # The variables are K, W and |residual|, which bounds both signs of the residual.
     line = np.stack((np.ones_like(w), w), axis=1)
     rows = np.block([[line, -one], [-line, -one]])
     found = linprog(
@@ -188,7 +188,7 @@ def test_drop_is_a_step_and_pivot_keeps_angular_momentum() -> None:
     assert fall.costs(np.array([[-1e-3], [0.0], [0.4]])) == pytest.approx([0.0, -1.0, -1.0])
     theta = np.array([[-0.5], [0.1], [0.6], [0.63]])
     arm = 0.7 * np.tan(theta[:, 0])
-    # Plastic: ball and bar share the momentum about the pivot, of the velocity along x.
+    # In the plastic impact ball and bar share the angular momentum of the velocity along x.
     omega = 2.0 * np.cos(theta[:, 0]) * arm / (1.0 + arm**2)
     expected = np.where(np.abs(arm) <= 0.5, -(omega**2), 0)
     hit = hit_bar(2.0, 0.7, 0.5, 1.0, 1.0)
@@ -202,12 +202,12 @@ def test_a_thrown_ball_is_mirrored_and_differentiated(dome: bool) -> None:
     found = ball.sample_gradients(Gaussian(0.02, 0), 400)
     w = Gaussian(0.02, 0).draw(400, 1, 1)[:, 0]
     difference = (ball.costs(w + 1e-7) - ball.costs(w - 1e-7)) / 2e-7
-    # A sample within 1e-7 of a kink is none of the 400.
+    # None of the 400 samples is within 1e-7 of a kink.
     assert found.direction[:, 0] == pytest.approx(difference, rel=1e-5, abs=1e-5)
     path = ball.paths(np.array([0.68, 0.71]))
     speed = np.linalg.norm(np.diff(path, axis=1), axis=2) / 0.005
     whole = speed**2 / 2 + 9.81 * path[:, 1:, 1]
-    # Away from the step of the impact, energy is that of semi-implicit free flight.
+    # Except in the step of the impact, energy is that of semi-implicit free flight.
     assert np.median(np.abs(whole - 12.5)) < 0.2
     inside = (path[..., 0] > 1.4751) & (path[..., 0] < 1.5249) & (path[..., 1] < 0.4999)
     assert not inside.any()

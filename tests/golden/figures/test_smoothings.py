@@ -1,4 +1,4 @@
-"""N3: its parts against closed forms and known optima, its claims against made-up data."""
+"""Study N3: parts agree with closed forms and known optima, and claims follow synthetic data."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from tests.golden.figures.compared import SEEDS, SETTINGS, Made, compared
 
 
 def usual(key: str) -> tuple[float, float]:
-    """Sharp laws close but on the hand, gentle and learned ones dear, trust standing still."""
+    """Return costs by key: sharp laws close except on planar-hand, gentle and learned ones expensive."""
     if "exact" in key:
         return 1.0, 1.0
     if "trust" in key:
@@ -95,7 +95,7 @@ def test_rows_stand_where_their_names_say() -> None:
         assert list(seeded) == [len(key)] * SEEDS
     trusted = data["trusting_cost"].sel(share=TRUSTED).values
     assert np.array_equal(trusted, data["cost"].sel(law="trusting ewda").values)
-    # Its seconds are those of the plan it starts at, too.
+    # Its times include those of the plan from which it starts.
     assert np.all(data["seconds"].sel(law="trusting ewda", part="solving") == 6)
     assert np.array_equal(data["trusting_cost"].sel(share=0), data["cost"].sel(law="ewda"))
     assert float(replay_gap(data["cost"]).mean()) == pytest.approx(9)

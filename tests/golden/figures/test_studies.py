@@ -1,4 +1,4 @@
-"""Every study at small settings: its data, its drawing, and the framework's rules."""
+"""Every study at small settings: data, drawing, and rules of the framework."""
 
 from __future__ import annotations
 

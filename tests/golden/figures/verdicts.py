@@ -1,6 +1,6 @@
-"""Small settings of every study, and what its claims say there, in the order of the study.
+"""Small settings of every study, and the verdicts on its claims at them, in the study's order.
 
-One that does not hold has its reason in what it measures: the errata of the papers, or settings.
+Claims that do not hold are false because of the papers' errata or the settings.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ SMALL: dict[str, dict[str, float]] = {
 }
 
 SLOW = {"N0", "N1", "N2", "N3", "A3", "A4", "A5", "AM", "AT", "C1"}
-"""Those that take minutes."""
+"""Names of the studies that take minutes."""
 
 VERDICTS: dict[str, dict[str, bool]] = {
     "N0": {
@@ -342,5 +342,5 @@ VERDICTS: dict[str, dict[str, bool]] = {
 
 @functools.cache
 def small(identifier: str) -> xr.Dataset:
-    """Data of a study at the smallest sizes; no test changes them."""
+    """Return the data of a study at its small settings; tests share them and must not change them."""
     return studies.get(identifier).data(SMALL[identifier])

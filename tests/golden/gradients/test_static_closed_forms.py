@@ -1,4 +1,4 @@
-"""Heaviside and Coulomb: closed forms against independent numbers, estimators against both."""
+"""Heaviside and Coulomb objectives: closed forms and estimators agree with independent numbers."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def test_probability_of_a_gradient_that_is_not_zero():
 @pytest.mark.parametrize("theta", [-0.5, 0.0, 0.3])
 @pytest.mark.parametrize(("name", "nu"), [("heaviside", None), ("coulomb", 1e-3), ("coulomb", 1e-1)])
 def test_estimators_have_their_means_and_variances(name, nu, theta, sigma):
-    """Within 5 standard errors at 1e6 samples; the error of a variance from the fourth moment."""
+    """They agree within 5 standard errors at 1e6 samples; a variance's error follows from the fourth moment."""
     values = {"theta": theta} | ({} if nu is None else {"nu": nu})
     objective = objective_spec(name).objective(values)
     known = objective.closed_form(sigma)
@@ -85,7 +85,7 @@ def test_estimators_have_their_means_and_variances(name, nu, theta, sigma):
 
 
 def _zobg_fourth(name, values, sigma):
-    """Fourth central moment of one ZoBG sample, by the midpoint rule."""
+    """Return the fourth central moment of one zeroth-order sample, by the midpoint rule."""
     t = 10 * (2 * (np.arange(1 << 20) + 0.5) / (1 << 20) - 1)
     weight = np.exp(-(t**2) / 2) / math.sqrt(2 * math.pi) * 20 / len(t)
     where = values["theta"] + sigma * t
@@ -95,7 +95,7 @@ def _zobg_fourth(name, values, sigma):
 
 
 def _fobg_fourth(name, values, sigma):
-    """The same of one FoBG sample, which takes two values."""
+    """Return the fourth central moment of one first-order sample, which has two possible values."""
     if name == "heaviside":
         return 0.0
     nu = values["nu"]
@@ -148,7 +148,7 @@ def test_the_empirical_bias_of_coulomb_friction():
 
 
 def test_alpha_weighs_the_first_order():
-    """The papers disagree on the side; the reference weighs the zeroth order, so 1 minus it."""
+    """Papers disagree on which order alpha weighs; the reference weighs the zeroth order, so its alpha is 1 - ours."""
     infeasible = Evidence(100, 1, 1.0, 1.0, 0.5, 1.0, 0.0)
     n = 2 * math.log(2 / 0.05) / 0.36  # epsilon = 0.6 with variance 1 and no deviation
     exact = Evidence(n, 1, 1.0, 1.0, 0.5, 1.0, 0.0)

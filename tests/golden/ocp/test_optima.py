@@ -1,4 +1,4 @@
-"""Optima of the five named problems: methods agree, laws meet, exact answers are exact."""
+"""Optima of the five named problems: methods and laws agree, and exact solutions are exact."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ def test_every_strategy_ends_complementary_at_the_same_cost(name: str, strategy:
     assert found.cost == pytest.approx(exact(name).cost, rel=5e-3)
 
 
-# A disc never touched has no schedule to exchange.
+# A disc that is never touched has no contact schedule to exchange.
 IDLE = {("push-disc", "l1")}
 
 
@@ -123,9 +123,9 @@ def test_every_strategy_ends_complementary_where_it_is_known_to(name: str, strat
 @pytest.mark.parametrize("homotopy", [None, True])
 @pytest.mark.parametrize("method", [MultipleShooting(), SingleShooting()])
 def test_at_a_kink_shooting_takes_a_plan_made_otherwise(method, homotopy: bool | None) -> None:
-    """wall-1d rests on the wall, where the exact law has no gradient to vanish.
+    """wall-1d ends at rest at the wall, where the exact law has a kink instead of a zero gradient.
 
-    The complementarity problem's own plan, or with homotopy the limit of the barrier law's.
+    The plan is that of the complementarity problem or, with homotopy, the limit of the barrier law's.
     """
     settings = {} if homotopy is None else {"homotopy": homotopy}
     found = solve(get("wall-1d"), Exact(), method, settings=settings)

@@ -1,4 +1,4 @@
-"""What ``ocp train`` learns where nothing is said runs, under the exact law, over 5 s."""
+"""Policies that ``ocp train`` learns with default settings run under the exact law for 5 s."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from problems.tasks.training import rebuilt
 from reports.cli.app import main
 
 SPEEDS = {"half-cheetah": 1.5, "hopper": 1.0}
-"""Mean forward speed to reach [m/s]."""
+"""Mapping from task to the mean forward speed [m/s] that a policy must reach."""
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", list(SPEEDS))
 def test_machines_learn_to_run(name: str, tmp_path: Path) -> None:
-    """Judged on 100 episodes that training has not seen; nobody falls in the most of them."""
+    """Policies are evaluated on 100 new episodes, and do not fall in most of them."""
     assert main(["train", name, "--out", str(tmp_path), "--quiet"]) == 0
     (entry,) = store.list_runs(tmp_path)
     run = store.load(entry.path)
