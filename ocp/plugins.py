@@ -45,6 +45,6 @@ class Plugin:
 
 
 problems = Plugin("problems", "get", "source", "named", "named_file", "load_law", "edited", "problem_of")
-"""Named problems, and those of users' files and stored runs."""
+"""Functions that return named problems, and those of users' files and stored runs."""
 reports = Plugin("reports", "main", "plot", "animate", "report", "html")
-"""The command line, and figures, films, PDFs and HTML of a solution."""
+"""Functions for the command line, and for figures, films, PDFs and HTML of a solution."""

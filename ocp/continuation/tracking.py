@@ -161,7 +161,7 @@ class Tracker:
         return KKTCurve(curve.program, values, self.name, unit, Point(x), y, held)
 
     def _locate_event(self, curve: KKTCurve, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, int]:
-        """Return the first change of an end between two points, by secants and every third step a bisection."""
+        """Return the point before the first change of the active set between two points, and the end that changes."""
         lower_margins, upper_margins = (self._finite_margins(curve.margins(v)) for v in (low, high))
         end, width = 0, 1e-3 * LOCATION_TOLERANCE
         for count in range(MAX_LOCATIONS):
@@ -250,7 +250,7 @@ class Tracker:
         return RouteResult(better, outcome.nlp, True, follower.trace)
 
     def locate_crossing(self, better: RouteResult, since: float) -> Event:
-        """Return the switch to the curve of ``better``, at the value since ``since`` from which that is cheaper."""
+        """Return the switch at the value, no earlier than ``since``, from which the curve of ``better`` is cheaper."""
         other, curve, v = Tracker(self.session, self.name, self.span, self.log), self.curve, self.v
         other.start_at(better)
         low, high, cost = since, self.value, self.cost(better.result.f)

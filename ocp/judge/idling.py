@@ -46,7 +46,7 @@ def idle_cost(evaluation: Evaluation, step: Step, plan: Rollout) -> float:
     """Return the cost of doing nothing from the plan's start, the lowest of three.
 
     The input before the first is held, under the law; or it is held with its forces zero; or the states stay, where
-    one of the plan's inputs can hold them and the cost has a slope in them, at no cost of holding.
+    one of the plan's inputs can hold them and the cost has a slope in them; that input adds no cost.
     NaN where none of these is possible and satisfies the constraints.
     """
     u_before = evaluation.limits.u_before

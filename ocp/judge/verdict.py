@@ -39,7 +39,7 @@ _SAME_SHARE = 1e-3
 _REPORTED_DEPTH = 0.3
 """Share of the tolerated depth above which penetration between nodes is reported."""
 _LARGE_MU = 0.5
-"""Share of the characteristic mu from which a verdict calls mu as large."""
+"""Share of the characteristic mu from which a verdict reports that mu is large."""
 _FEASIBLE_LABELS = ("not-optimal", "undecided")
 """Statuses of unsuccessful plans whose survival is reported."""
 _MOST_REASONS = 3

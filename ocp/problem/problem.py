@@ -25,7 +25,7 @@ from ocp.validation import Count, Name, validated
 __all__ = ["Constraint", "FreeStart", "Guess", "Problem", "Scales", "Scaling", "Scenarios"]
 
 SWEPT = "way between nodes"
-"""Name of the path constraint of a swept problem."""
+"""Name of the path constraint that keeps bodies apart between nodes in a ``swept`` problem."""
 SHARES = (0.25, 0.5, 0.75)
 """Positions between two nodes, as shares of the step, at which a swept problem keeps bodies apart."""
 DEPTH = 0.05

@@ -1,4 +1,4 @@
-"""Sketches of a plan: poses at some steps, the path of a body, which contacts close when."""
+"""Sketches of a plan: poses at some steps, paths of states, and the steps at which contacts are closed."""
 
 from __future__ import annotations
 

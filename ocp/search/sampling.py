@@ -49,7 +49,7 @@ KNOTS = (5, 8, 16)
 UNBOUNDED_REACH = 3.0
 """Initial standard deviation of an input without bounds, in characteristic sizes."""
 BARRIER_DECADES = 4
-"""Decades by which a run under the barrier law reduces mu, from the characteristic impulse times the gap's size."""
+"""Decades by which a run under the barrier law reduces mu, starting at the characteristic impulse times gap."""
 PENALTY_WEIGHT = 100.0
 """Cost of violating a constraint of states by its characteristic size, in characteristic costs."""
 

@@ -156,7 +156,7 @@ def refine_from(
 def solve_from(
     session: Session, start: Solution, seed: int = 0, progress: Callable[[StageRecord], None] | None = None
 ) -> Solution:
-    """Solve a session from the solution ``start``; the route says which it was, and whether that converged.
+    """Solve a session from the solution ``start``; the route says which it was, and whether the solver converged.
 
     Where it did not, its trajectories are the guess of a usual solve. Raises as
     :func:`~ocp.solve.warm_start.carry` does, and :class:`~ocp.solution.Interrupted` with the best point
