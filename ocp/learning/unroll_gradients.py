@@ -47,10 +47,10 @@ class ZOPG(Clipping):
         steps = self.steps(experiment)
         noise = experiment.noise(self.sigma, k, "actions")
         pair = [
-            unroll_episodes(experiment, state, state["starts.x"], steps, noise=noise_sign, score=True)
-            for noise_sign in (noise, noise.negate())
+            unroll_episodes(experiment, state, state["starts.x"], steps, noise=signed_noise, score=True)
+            for signed_noise in (noise, noise.negate())
         ]
-        finite = np.logical_and(*(finite_samples(experiment, state, noise_sign, k) for noise_sign in pair))
+        finite = np.logical_and(*(finite_samples(experiment, state, episodes, k) for episodes in pair))
         gradients = self.clipped(likelihood_ratio(pair, finite))
         return self.take_step(experiment, state, gradients, pair[0], finite, k)
 
