@@ -194,8 +194,7 @@ def random_transitions(explorer: Explorer, n: int, seed: int | Sequence[int]) ->
 
 def squash(task: Task, a: np.ndarray) -> np.ndarray:
     """Return inputs ``mid + half tanh(a)`` (n, nu) within the task's bounds, for actions a (n, nu)."""
-    middle, half_range = (task.upper + task.lower) / 2, (task.upper - task.lower) / 2
-    return middle + half_range * np.tanh(a)
+    return task.mid_range + task.half_range * np.tanh(a)
 
 
 def _distance(task: Task) -> ca.Function | None:

@@ -12,7 +12,7 @@ from dynamics.batch import BatchFunction, DensePolicy, StepFunction, dense_polic
 from dynamics.contact import Barrier, Step
 from dynamics.systems import ContactSystem
 from ocp.errors import InputError, NotConverged
-from ocp.learning.protocol import Normaliser, Trained, first_weights
+from ocp.learning.protocol import Normaliser, Trained, backpropagate, first_weights, layer_inputs
 from ocp.problem.evaluation import Evaluation
 from ocp.problem.rollout import Gains
 from ocp.problem.task import Task
@@ -126,8 +126,9 @@ def fit_actions(
     observations = BatchFunction(task.observe, "numpy", 1)(states, task.parameters.values)
     normaliser = Normaliser.identity(observations.shape[1]).after(observations)
     observations = (observations - normaliser.mean) / normaliser.scale
-    middle, half_range = (task.upper + task.lower) / 2, (task.upper - task.lower) / 2
-    target_actions = np.arctanh(np.clip((inputs - middle) / half_range, -MAX_ACTION_SHARE, MAX_ACTION_SHARE))
+    target_actions = np.arctanh(
+        np.clip((inputs - task.mid_range) / task.half_range, -MAX_ACTION_SHARE, MAX_ACTION_SHARE)
+    )
     if not hidden:
         features = np.column_stack([observations, np.ones(len(observations))])
         fitted = np.linalg.lstsq(features, target_actions)[0]
@@ -167,14 +168,10 @@ def _summed_error(
     theta: np.ndarray, policy: DensePolicy, observations: np.ndarray, target_actions: np.ndarray
 ) -> tuple[float, np.ndarray]:
     """Return the sum of ``|a - a*|²`` over observations, and its gradient (n_theta,) by backpropagation."""
-    layers, values = policy.layers(theta), [observations]
-    for weights, offsets in layers[:-1]:
-        values.append(np.tanh(values[-1] @ weights.T + offsets))
+    layers = policy.layers(theta)
+    inputs = layer_inputs(layers, observations)
     weights, offsets = layers[-1]
-    errors = values[-1] @ weights.T + offsets - target_actions
-    output_gradient = 2 * errors
-    gradients: list[np.ndarray] = []
-    for (weights, _), layer_inputs in zip(reversed(layers), reversed(values), strict=True):
-        gradients = [(output_gradient.T @ layer_inputs).ravel(), output_gradient.sum(axis=0), *gradients]
-        output_gradient = output_gradient @ weights * (1 - layer_inputs**2)
-    return float((errors**2).sum()), np.concatenate(gradients)
+    errors = inputs[-1] @ weights.T + offsets - target_actions
+    _, *gradients = backpropagate(layers, inputs, 2 * errors)
+    by_layer = [((gradient.T @ z).ravel(), gradient.sum(axis=0)) for gradient, z in zip(gradients, inputs, strict=True)]
+    return float((errors**2).sum()), np.concatenate([part for layer in by_layer for part in layer])

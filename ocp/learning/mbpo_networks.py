@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Sequence
-from itertools import pairwise
 from typing import Any, NamedTuple
 
 import jax
@@ -17,18 +16,14 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 
-Layers = tuple[tuple[Any, Any], ...]
-"""Weights ``W`` (n_out, n_in) and offsets ``b`` (n_out,) of each layer of a network."""
+from dynamics.batch.graphs.step_graphs import layer_slices
+from ocp.learning.protocol import Layers, first_weights
 
 
 def initial_layers(rng: np.random.Generator, sizes: Sequence[int], last: float = 1.0) -> Layers:
-    """Return layers with offsets 0 and normal weights of deviation 1 / sqrt(n_in), in the last layer times ``last``."""
-    layers = []
-    for i, (n_in, n_out) in enumerate(pairwise(sizes)):
-        size = (last if i == len(sizes) - 2 else 1.0) / n_in**0.5
-        W = size * rng.standard_normal((n_out, n_in))
-        layers.append((W.astype(np.float32), np.zeros(n_out, np.float32)))
-    return tuple(layers)
+    """Return the layers of :func:`~ocp.learning.protocol.first_weights` in single precision."""
+    theta = first_weights(sizes, last, rng).astype(np.float32)
+    return tuple((theta[weights].reshape(shape), theta[b]) for weights, b, shape in layer_slices(sizes))
 
 
 def initial_ensemble(rng: np.random.Generator, n: int, sizes: Sequence[int]) -> Layers:
@@ -36,10 +31,10 @@ def initial_ensemble(rng: np.random.Generator, n: int, sizes: Sequence[int]) -> 
     return jax.tree.map(lambda *leaves: np.stack(leaves), *(initial_layers(rng, sizes) for _ in range(n)))
 
 
-def forward(layers: Layers, z: jax.Array, sample_actions_compiled: Callable[[jax.Array], jax.Array]) -> jax.Array:
-    """Return a network's outputs (n, n_out) at ``z`` (n, n_in); the last argument is the activation function."""
+def forward(layers: Layers, z: jax.Array, activation: Callable[[jax.Array], jax.Array]) -> jax.Array:
+    """Return a network's outputs (n, n_out) at ``z`` (n, n_in), with ``activation`` between its layers."""
     for W, b in layers[:-1]:
-        z = sample_actions_compiled(z @ W.T + b)
+        z = activation(z @ W.T + b)
     W, b = layers[-1]
     return z @ W.T + b
 
@@ -335,5 +330,5 @@ sample_actions_compiled = jax.jit(sample_actions)
 
 def mean_action_parameters(actor: Actor) -> np.ndarray:
     """Return the mean action's parameters in the order of the engine's dense policy: for each layer W, then b."""
-    tree_arrays = [array for layer in (*actor.trunk, actor.mean) for array in layer]
-    return np.concatenate([np.asarray(array, dtype=float).ravel() for array in tree_arrays])
+    arrays = [array for layer in (*actor.trunk, actor.mean) for array in layer]
+    return np.concatenate([np.asarray(array, dtype=float).ravel() for array in arrays])

@@ -200,8 +200,7 @@ class MBPOTrainer:
         o = self._normalised(scales, x)
         t, _ = sample_actions_compiled(agent.networks.actor, o, rng.standard_normal((len(x), self.nu)).astype("f4"))
         task = self.experiment.task
-        half_range = (task.upper - task.lower) / 2
-        return (task.upper + task.lower) / 2 + half_range * np.asarray(t, dtype=float)
+        return task.mid_range + task.half_range * np.asarray(t, dtype=float)
 
     def _normalised(self, scales: ObservationScales, x: np.ndarray) -> np.ndarray:
         observations = (self.explorer.observations(x) - scales.observation.mean) / scales.observation.scale
@@ -209,8 +208,7 @@ class MBPOTrainer:
 
     def _tanh(self, u: np.ndarray) -> np.ndarray:
         task = self.experiment.task
-        middle, half_range = (task.upper + task.lower) / 2, (task.upper - task.lower) / 2
-        return ((u - middle) / half_range).astype(np.float32)
+        return ((u - task.mid_range) / task.half_range).astype(np.float32)
 
     def _fit_model(
         self, learner: Learner, scales: ObservationScales, real_steps: Buffer, k: int

@@ -51,7 +51,7 @@ def guess_from_constant_inputs(task: Task, n: int = 64, seed: int = 0) -> Guess:
         start = np.repeat(problem.initial_states(p), n, axis=0)
         episodes = rollouts(start, np.arctanh(share), n_samples=n, model_params=p, states=True)
         best_episode = int(np.argmax(np.where(np.isfinite(episodes.value), episodes.value, -np.inf)))
-        constant_input = (task.upper + task.lower) / 2 + share[best_episode] * (task.upper - task.lower) / 2
+        constant_input = task.mid_range + share[best_episode] * task.half_range
         return _hold_last_state(episodes.states[best_episode]), np.tile(constant_input, (problem.N, 1))
 
     return guess
@@ -235,7 +235,7 @@ def _split_reward(task: Task, start: np.ndarray) -> tuple[ca.SX, ca.SX]:
             f"{task.name}: the reward's term in x_next also depends on {mixed}, which a stage cost"
             " in (x, u) cannot express; write the reward as a(x_next) + b(x, u)"
         )
-    reference_point = ca.vertcat(ca.DM(start), ca.DM(task.lower + task.upper) / 2)
+    reference_point = ca.vertcat(ca.DM(start), ca.DM(task.mid_range))
     next_state_reward = ca.substitute(reward, state_and_input, reference_point)
     constant = ca.substitute(next_state_reward, system.x_next, ca.DM(start))
     step_reward = ca.substitute(reward, system.x_next, ca.DM(start)) - constant

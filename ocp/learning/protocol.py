@@ -71,6 +71,10 @@ class Normaliser:
         return cls(float(state["seen.n"]), state["seen.mean"], state["seen.m2"])
 
 
+Layers = Sequence[tuple[Any, Any]]
+"""Weights ``W`` (n_out, n_in) and offsets ``b`` (n_out,) of each layer of a network."""
+
+
 def first_weights(sizes: Sequence[int], last: float, rng: np.random.Generator) -> np.ndarray:
     """Return random initial parameters (n_theta,) of a network with zero offsets.
 
@@ -87,6 +91,25 @@ def first_weights(sizes: Sequence[int], last: float, rng: np.random.Generator) -
     return np.concatenate(arrays)
 
 
+def layer_inputs(layers: Layers, observations: np.ndarray) -> list[np.ndarray]:
+    """Return the inputs (n, n_in) of each of a network's layers at normalised observations (n, n_o)."""
+    values = [observations]
+    for weights, offsets in layers[:-1]:
+        values.append(np.tanh(values[-1] @ weights.T + offsets))
+    return values
+
+
+def backpropagate(layers: Layers, inputs: Sequence[np.ndarray], output_gradient: np.ndarray) -> list[np.ndarray]:
+    """Return gradients with respect to observations (n, n_o), then to each layer's values before tanh (n, n_out).
+
+    ``inputs`` are the :func:`layer_inputs`, and the last layer's gradient is ``output_gradient``.
+    """
+    gradients = [output_gradient]
+    for (weights, _), values in zip(reversed(layers[1:]), reversed(inputs[1:]), strict=True):
+        gradients.insert(0, gradients[0] @ weights * (1 - values**2))
+    return [gradients[0] @ layers[0][0], *gradients]
+
+
 def policy_vjp(
     policy: RolloutPolicy, theta: np.ndarray, observations: np.ndarray, output_gradient: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -97,17 +120,14 @@ def policy_vjp(
     """
     if not isinstance(policy, DensePolicy):
         return output_gradient, np.zeros_like(observations)
-    layers, values = policy.layers(theta), [observations]
-    for weights, offsets in layers[:-1]:
-        values.append(np.tanh(values[-1] @ weights.T + offsets))
-    gradients: list[np.ndarray] = []
-    for (weights, _), layer_inputs in zip(reversed(layers), reversed(values), strict=True):
-        outer = output_gradient[:, :, None] * layer_inputs[:, None, :]
-        gradients = [outer.reshape(len(output_gradient), weights.size), output_gradient, *gradients]
-        output_gradient = output_gradient @ weights
-        if layer_inputs is not observations:
-            output_gradient = output_gradient * (1 - layer_inputs**2)
-    return np.hstack(gradients), output_gradient
+    layers = policy.layers(theta)
+    inputs = layer_inputs(layers, observations)
+    by_observation, *gradients = backpropagate(layers, inputs, output_gradient)
+    by_theta: list[np.ndarray] = []
+    for (weights, _), values, gradient in zip(layers, inputs, gradients, strict=True):
+        outer = gradient[:, :, None] * values[:, None, :]
+        by_theta += [outer.reshape(len(gradient), weights.size), gradient]
+    return np.hstack(by_theta), by_observation
 
 
 def renormalise_policy(policy: RolloutPolicy, theta: np.ndarray, before: Normaliser, after: Normaliser) -> np.ndarray:
@@ -147,8 +167,7 @@ def balancing_feedback(task: Task, rest: np.ndarray) -> tuple[np.ndarray, np.nda
     if np.shape(rest) != (task.system.nx,) or not np.isfinite(rest).all():
         raise InputError(f"rest must be {task.system.nx} finite numbers, a state of {task.name}, got {np.shape(rest)}")
     step = Barrier(mu=1e-10).close(replace(task.system, parameters=task.parameters))
-    middle, half_range = (task.upper + task.lower) / 2, (task.upper - task.lower) / 2
-    stepped, by_x, by_u = StepFunction(step, "casadi", 1).slopes(rest[None], middle[None])
+    stepped, by_x, by_u = StepFunction(step, "casadi", 1).slopes(rest[None], task.mid_range[None])
     change = np.abs(stepped.x_next[0] - rest).max()
     if not change < MAX_REST_CHANGE:
         raise InputError(f"{task.name} does not rest at the state given: a step moves it {change:g}")
@@ -156,14 +175,14 @@ def balancing_feedback(task: Task, rest: np.ndarray) -> tuple[np.ndarray, np.nda
     observation = task.observe(x, p)
     observe = ca.Function("look", [x, p], [observation, ca.densify(ca.jacobian(observation, x))])
     observed, C = (np.array(values) for values in observe(rest, task.parameters.values))
-    gain = _regulator(by_x[0], by_u[0] * half_range, STATE_WEIGHT * C.T @ C)
+    gain = _regulator(by_x[0], by_u[0] * task.half_range, STATE_WEIGHT * C.T @ C)
     W = -gain @ np.linalg.pinv(C)
     if np.abs(W @ C + gain).max() > 1e-6 * np.abs(gain).max():
         raise InputError(f"{task.name} cannot be stabilised at rest from its observations alone")
     return W, -W @ observed[:, 0]
 
 
-def embed_affine(W: np.ndarray, b: np.ndarray, layers: list[tuple[np.ndarray, np.ndarray]]) -> None:
+def embed_affine(W: np.ndarray, b: np.ndarray, layers: Layers) -> None:
     """Set a network's ``layers`` (views of its parameters) so that its output is close to ``W o + b``.
 
     The first units of each hidden layer compute a tenth of it, where tanh is nearly linear; the last layer ignores

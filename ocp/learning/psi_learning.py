@@ -105,7 +105,7 @@ class PsiLearning(Algorithm):
         )
         for _ in range(self.steps):
             u = experiment.inputs(policy, x)
-            u += self.sigma * (task.upper - task.lower) / 2 * rng.standard_normal(u.shape)
+            u += self.sigma * task.half_range * rng.standard_normal(u.shape)
             step = explorer.step(x, np.clip(u, task.lower, task.upper))
             transitions = transitions.with_newest(Buffer.solved(step.x, step.u, step.x_next), self.capacity)
             x, age = explorer.advance(step, age, rng)

@@ -141,7 +141,6 @@ class _ModelStep:
             steps, x_by_x, x_by_u = self.take.slopes(x, u, self.whole)
             x_next = steps.x_next + noise
             rewards, r_by_x, r_by_u, r_by_next = self.reward(x, u, x_next, self.p)
-        half_range, middle = (task.upper - task.lower) / 2, (task.upper + task.lower) / 2
         columns = by_x.reshape(n, nx, -1).transpose(0, 2, 1)
         return {
             "x_next": x_next,
@@ -153,7 +152,7 @@ class _ModelStep:
             "r_by_u": r_by_u,
             "r_by_next": r_by_next,
             "o_by_x": columns / trained.normaliser.scale[:, None],
-            "u_by_a": half_range * (1 - ((u - middle) / half_range) ** 2),
+            "u_by_a": task.half_range * (1 - ((u - task.mid_range) / task.half_range) ** 2),
         }
 
     def has_ended(self, x: np.ndarray) -> np.ndarray:

@@ -78,6 +78,16 @@ class Task:
             raise InputError(f"{self.name}: lower bounds of inputs must be below the upper ones")
 
     @cached_property
+    def mid_range(self) -> np.ndarray:
+        """Middle (nu,) between the bounds of the inputs."""
+        return (self.upper + self.lower) / 2
+
+    @cached_property
+    def half_range(self) -> np.ndarray:
+        """Half the distance (nu,) between the bounds of the inputs."""
+        return (self.upper - self.lower) / 2
+
+    @cached_property
     def starts(self) -> ca.Function:
         """Function from ``(chance, parameters)`` to the first state (nx, 1)."""
         arguments = [self.chance, self.parameters.vector]

@@ -99,8 +99,7 @@ def run(params: Params) -> xr.Dataset:
 
 def parameters_of(task: Task, decision: np.ndarray) -> np.ndarray:
     """Return the policy's parameters (..., 2) whose actions are ``decision`` (..., 2), angle [rad] and speed [m/s]."""
-    half_range, middle = (task.upper - task.lower) / 2, (task.upper + task.lower) / 2
-    return np.arctanh((decision - middle) / half_range)
+    return np.arctanh((decision - task.mid_range) / task.half_range)
 
 
 def _learned(task: Task, algorithm: Algorithm, law: ContactLaw, params: Params, run: int) -> np.ndarray:

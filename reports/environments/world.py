@@ -98,8 +98,7 @@ class World:
             )
         if not np.isfinite(action_rows).all():
             raise InputError(f"{task.name}: actions must be finite numbers from -1 to 1")
-        half_range = (task.upper - task.lower) / 2
-        return task.lower + half_range + half_range * np.clip(action_rows, -1.0, 1.0)
+        return task.lower + task.half_range + task.half_range * np.clip(action_rows, -1.0, 1.0)
 
     def advance(self, solver: Solver, x: np.ndarray, t: np.ndarray, actions: np.ndarray) -> StepResult:
         """Apply actions (n, nu) in n episodes at states ``x`` (n, nx), each after ``t`` (n,) steps."""
