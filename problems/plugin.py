@@ -123,7 +123,8 @@ def problem_of(run: StoredRun, own: ProblemSpec | None = None) -> tuple[ProblemS
     """
     problem_spec = spec_of(run, own)
     values = known_parameters(run, problem_spec)
-    return problem_spec, problem_spec.params(values), problem_spec.problem(values)
+    problem = problem_spec.problem(values)
+    return problem_spec, problem_spec.params(values), problem.most_exact if run.record.get("sharpest") else problem
 
 
 def known_parameters(run: StoredRun, found: Spec) -> dict[str, Any]:

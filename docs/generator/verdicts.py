@@ -24,7 +24,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from docs.generator import measured
-from ocp.judge.referee import step_size_kind
+from ocp.judge.step_size import step_size_kind
 from ocp.store.runs import load
 from problems import get, names, spec
 from reports.drawing.strobe import strobe

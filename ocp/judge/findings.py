@@ -87,6 +87,10 @@ SENTENCES = {
     "derived-sizes": "sizes derived from the problem's data (Scaling states others): {sizes}",
     "doubtful-sizes": "of the stated sizes {sizes}; leave them out of Scaling to derive them",
     "step-refined": ("refined to h = {h:.6g}: planned {cost:.6g}, replayed at half the step {replayed:.6g}; {ending}"),
+    "survives-by": "it survives with {remedy} (cost {cost:.6g}, {difference} the plan)",
+    "no-rung-survives": "no rung survives; the best is {remedy} (cost {cost:.6g}, {difference} the plan)",
+    "ladder-stopped": "{reason}",
+    "disturbed-survival": "it survives {counts}",
     "time-limit": ("the time limit stopped {count} of {runs} runs of the solver: without it the answer may differ"),
     "not-resumed": (
         "the solver did not converge from the stored run; this is a cold solve with that run's"

@@ -5,13 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal
 
-import casadi as ca
 import numpy as np
 
 from dynamics.contact import Step
-from dynamics.systems import ContactSystem
 from ocp.judge.constraints import (
     Broken,
     Violation,
@@ -23,10 +20,11 @@ from ocp.judge.constraints import (
 )
 from ocp.judge.findings import Finding, make_finding
 from ocp.judge.measures import Physics, Worst, measure
+from ocp.judge.step_size import step_size_kind
 from ocp.judge.step_solutions import differing_contacts, find_nonuniqueness
 from ocp.problem.evaluation import Evaluation
 from ocp.problem.problem import Problem
-from ocp.problem.rollout import Gains, Rollout, Unsolved, roll_on
+from ocp.problem.rollout import Gains, Rollout, StateFeedback, Unsolved, roll_on
 
 REFINEMENT = 4
 """Factor by which h is divided in the refined replay."""
@@ -68,7 +66,7 @@ class Referee:
         return math.nan if self.refined is None else self.refined.cost
 
 
-def referee_replay(evaluation: Evaluation, inputs: np.ndarray | Gains, x0: np.ndarray) -> Referee:
+def referee_replay(evaluation: Evaluation, inputs: np.ndarray | StateFeedback, x0: np.ndarray) -> Referee:
     """Return the replay of ``inputs`` (S or 1, N, nu), or a policy, from x0 (S, nx) under the referee's model.
 
     A step without a solution is reported in ``failed``, not raised.
@@ -79,42 +77,8 @@ def referee_replay(evaluation: Evaluation, inputs: np.ndarray | Gains, x0: np.nd
     return Referee(replay, replay.cost, failed, problem.system.referee_note, refined, why)
 
 
-@dataclass(frozen=True)
-class StepSize:
-    """Source of a model's step size h: the name of a ``parameter``, or the index of a ``state``.
-
-    A step size of kind "fixed" cannot be refined; ``reason`` says why.
-    """
-
-    kind: Literal["fixed", "parameter", "state"]
-    parameter: str = ""
-    state: int = -1
-    reason: str = ""
-
-
-def step_size_kind(system: ContactSystem) -> StepSize:
-    """Return the source of a system's step size, which says whether it may be refined."""
-    if not system.refinable:
-        return StepSize("fixed", reason="the step size is part of the model")
-    if any(signal.unit == "N s" for signal in system.inputs):
-        return StepSize("fixed", reason="an input is an impulse per step, which depends on the step size")
-    state = index_of_symbol(system.h, system.x)
-    if state is not None:
-        return StepSize("state", state=state)
-    index = index_of_symbol(system.h, system.parameters.vector)
-    if index is None:
-        return StepSize("fixed", reason="the step size is not a parameter of the model")
-    return StepSize("parameter", system.parameters.names[index])
-
-
-def index_of_symbol(symbol: ca.SX | float, symbols: ca.SX) -> int | None:
-    """Return the index of a symbol in a column of symbols, None if it is not among them."""
-    expression = ca.SX(symbol)
-    return next((i for i in range(symbols.numel()) if ca.is_equal(expression, symbols[i])), None)
-
-
 def refined_replay(
-    evaluation: Evaluation, inputs: np.ndarray | Gains, x0: np.ndarray, factor: int = REFINEMENT
+    evaluation: Evaluation, inputs: np.ndarray | StateFeedback, x0: np.ndarray, factor: int = REFINEMENT
 ) -> tuple[Rollout | None, str]:
     """Return the replay at h / ``factor`` under the referee's model, at the problem's nodes, and a reason.
 
@@ -328,11 +292,19 @@ def quarter_step_findings(evaluation: Evaluation, plan: Rollout, outcome: Refere
     are not compared node by node: an impact a fraction of a step earlier changes a velocity
     completely, and the cost little.
     """
-    replay, problem = outcome.refined, evaluation.problem
-    if replay is None:
+    if outcome.refined is None:
         return []
     if outcome.refined_note:
         return [make_finding("replay-stops", note=outcome.refined_note)]
+    return outcome_findings(evaluation, plan, outcome.refined)
+
+
+def outcome_findings(evaluation: Evaluation, plan: Rollout, replay: Rollout) -> list[Finding]:
+    """Return why a replay, at any step size, is no success by its outcome: cost, constraints and bodies.
+
+    The limits are those of :func:`quarter_step_findings`. ``evaluation`` is that of the plan.
+    """
+    problem = evaluation.problem
     if not math.isfinite(replay.cost):
         return [make_finding("quarter-step-cost-not-finite")]
     reasons = []

@@ -106,13 +106,72 @@ class Refinement:
 
 
 @dataclass(frozen=True)
+class Rung:
+    """One remedy for a plan that does not survive, and what the referee makes of it.
+
+    ``planned`` is the cost of its own plan of N steps of ``h`` [s], whose solve ended with ``status``. ``cost`` and
+    ``refined_cost`` are what its inputs or its policy cost under the sharpest contact at h and at h/4, NaN where a
+    replay ended; a cost that is a sum over nodes, and no integral, is summed over those of the first plan, so that
+    rungs compare. ``survives`` is None for a rung that was
+    not tried, with the reason in ``note``, which also says where a rung is dearer at its own step size.
+    """
+
+    name: str
+    h: float = math.nan
+    N: int = 0
+    status: str = ""
+    planned: float = math.nan
+    cost: float = math.nan
+    refined_cost: float = math.nan
+    survives: bool | None = None
+    iterations: int = 0
+    note: str = ""
+
+    @property
+    def sharpest_cost(self) -> float:
+        """Cost at h/4, or at h where the step size is part of the model."""
+        return self.refined_cost if math.isfinite(self.refined_cost) else self.cost
+
+
+@dataclass(frozen=True)
+class DisturbedSurvival:
+    """Draws of one ``disturbance`` that an answer survives, and the median and the largest cost of all."""
+
+    disturbance: str
+    survived: int
+    draws: int
+    median_cost: float = math.nan
+    largest_cost: float = math.nan
+
+
+@dataclass(frozen=True)
+class Ladder:
+    """Remedies that were tried until a plan survived; the first is the plan itself.
+
+    The answer is number ``chosen``. ``stopped`` says why the search for one ended early, or "". ``disturbed`` counts
+    what the answer survives beside the sharpest contact (:mod:`ocp.judge.disturbances`).
+    """
+
+    rungs: list[Rung]
+    chosen: int = 0
+    stopped: str = ""
+    disturbed: list[DisturbedSurvival] = field(default_factory=list)
+
+    @property
+    def answer(self) -> Rung:
+        """The rung that the answer is from."""
+        return self.rungs[self.chosen]
+
+
+@dataclass(frozen=True)
 class RouteReport:
     """Route to an answer: ``name`` of the route that gave it, and what else was tried.
 
     ``attempts`` are the starts, where there were several. ``started_from`` is the content hash of
     the solution that the solve started from, None without one; ``resumed`` says whether the solver
     converged from there, or else solved cold with its trajectories as the guess. ``swept`` marks a
-    problem that limits penetration between nodes too. ``search`` and ``refinement`` are None
+    problem that limits penetration between nodes too, ``sharpest`` one under the sharpest contact of its system
+    (:attr:`ocp.problem.problem.Problem.most_exact`). ``search``, ``refinement`` and ``ladder`` are None
     where there was none. ``failures`` are the errors in which other attempts ended.
     ``idle_attempts`` counts attempts with a certified end where standing still is the best of them,
     0 elsewhere. ``audit_s`` [s] is the time of the three judges.
@@ -127,4 +186,6 @@ class RouteReport:
     failures: list[str] = field(default_factory=list)
     idle_attempts: int = 0
     refinement: Refinement | None = None
+    ladder: Ladder | None = None
+    sharpest: bool = False
     audit_s: float = math.nan

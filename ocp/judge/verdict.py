@@ -17,7 +17,7 @@ from ocp.judge.constraints import violation_findings
 from ocp.judge.findings import Finding, compose_lines, join_findings, make_finding
 from ocp.judge.jumps import jump_findings
 from ocp.judge.referee import PENETRATION_SHARE, RefereeReport, tolerance_gap
-from ocp.judge.route_report import RouteReport, StageRecord
+from ocp.judge.route_report import Ladder, RouteReport, StageRecord
 from ocp.problem.evaluation import Evaluation
 from ocp.problem.problem import Problem
 from ocp.problem.rollout import Gains
@@ -38,6 +38,8 @@ _SAME_SHARE = 1e-3
 """Difference of cost, as a share, below which standing still costs "as much" as the plan."""
 _REPORTED_DEPTH = 0.3
 """Share of the tolerated depth above which penetration between nodes is reported."""
+_FAR_ABOVE = 10.0
+"""Share of the cost from which a difference is no longer written as a number."""
 _LARGE_MU = 0.5
 """Share of the characteristic mu from which a verdict reports that mu is large."""
 _FEASIBLE_LABELS = ("not-optimal", "undecided")
@@ -108,6 +110,8 @@ class Judgement:
         feasible = self.success or self.status.label in _FEASIBLE_LABELS
         if referee.survives is None or (ending.startswith("survives") and not feasible):
             ending = ""
+        elif self.route.ladder is not None and referee.survives:
+            ending = survival_of(self.route.ladder)
         elif ending != "does not survive":
             ending = ": at h/4 ".join([ending, *referee.refined_reasons[:1]])
         return ", ".join([first, _exact_cost(self), _referee_cost(self)]) + (f"; {ending}." if ending else ".")
@@ -155,6 +159,7 @@ def _findings(plan: Judgement) -> Iterator[Finding]:
     if plan.route.idle_attempts:
         yield make_finding("standing-still", attempts=plan.route.idle_attempts)
     yield from join_findings(_model_findings(plan))
+    yield from _ladder_findings(plan)
     yield from _referee_findings(plan)
     yield from join_findings(_replay_findings(plan))
     # Constraints that the exact replay violates, unless the referee lists its own.
@@ -238,6 +243,32 @@ def _referee_findings(plan: Judgement) -> Iterator[Finding]:
         if cut.amount > _REPORTED_DEPTH * tolerance:
             place = {"contact": cut.contact, "amount": cut.amount, "step": cut.step}
             yield make_finding("cuts-through", "; ", **place, tolerance=tolerance)
+
+
+def survival_of(ladder: Ladder) -> str:
+    """Return by which rung an answer survives, in words."""
+    return f"survives with {ladder.answer.name}" if ladder.chosen else "survives as planned"
+
+
+def _ladder_findings(plan: Judgement) -> Iterator[Finding]:
+    """Yield which remedy makes the answer survive, at what cost, and what it survives beside."""
+    ladder = plan.route.ladder
+    if ladder is None:
+        return
+    answer, first = ladder.answer, ladder.rungs[0]
+    share = plan.cost_share(answer.sharpest_cost - first.planned, first.planned)
+    level = f"{100 * abs(share):.2g} % {'above' if share > 0 else 'below'}"
+    level = "as much as" if abs(share) < _SAME_SHARE else "far above" if share > _FAR_ABOVE else level
+    remedy = answer.name if math.isnan(answer.refined_cost) else f"{answer.name} at h/4"
+    if answer.survives and ladder.chosen:
+        yield make_finding("survives-by", remedy=remedy, cost=answer.sharpest_cost, difference=level)
+    elif not answer.survives:
+        yield make_finding("no-rung-survives", remedy=remedy, cost=answer.sharpest_cost, difference=level)
+    if ladder.stopped:
+        yield make_finding("ladder-stopped", reason=ladder.stopped)
+    if answer.survives and ladder.disturbed:
+        counts = ", ".join(f"{row.survived} of {row.draws} under {row.disturbance}" for row in ladder.disturbed)
+        yield make_finding("disturbed-survival", counts=counts)
 
 
 def _reliance_findings(plan: Judgement) -> Iterator[Finding]:

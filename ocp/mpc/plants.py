@@ -11,7 +11,8 @@ import numpy as np
 from dynamics.batch import StepFunction
 from dynamics.systems.planar.machine import with_implicit_forces
 from ocp.errors import InputError, choose, did_you_mean
-from ocp.judge.referee import REFINEMENT, step_size_kind
+from ocp.judge.referee import REFINEMENT
+from ocp.judge.step_size import step_size_kind
 from ocp.mpc.phase import numbers
 from ocp.problem.checks import check_physics
 from ocp.problem.problem import Problem

@@ -14,7 +14,7 @@ from pydantic import InstanceOf
 
 from ocp.judge.certificate import certify
 from ocp.judge.constraints import Broken
-from ocp.judge.referee import step_size_kind
+from ocp.judge.step_size import step_size_kind
 from ocp.mpc.constraint_rows import ConstraintRows
 from ocp.mpc.controller import Command, Controller
 from ocp.mpc.phase import numbers

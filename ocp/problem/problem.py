@@ -171,6 +171,31 @@ class Problem:
         return self.exact_step if sharpest is self.system else Exact().close(sharpest)
 
     @cached_property
+    def most_exact(self) -> Problem:
+        """The same problem under the sharpest contact that its system has; itself where that is the model.
+
+        Raises :class:`~ocp.errors.InputError` where cost or path constraints depend on impulses that the sharpest
+        contact divides in another way.
+        """
+        sharpest = self.system.most_exact
+        if sharpest is self.system:
+            return self
+        if not self.uses_impulses:
+            return replace(self, system=sharpest)
+        names, sharpest_names = ([contact.name for contact in system.contacts] for system in (self.system, sharpest))
+        if names != sharpest_names:
+            raise InputError(
+                f"{self.name}: its cost or constraints depend on impulses of its own contact model, which the sharpest"
+                " contact does not have"
+            )
+
+        def with_impulses(expression: ca.SX) -> ca.SX:
+            return ca.substitute(expression, self.system.lam, sharpest.lam)
+
+        path = tuple(replace(row, expression=with_impulses(row.expression)) for row in self.path)
+        return replace(self, system=sharpest, stage_cost=with_impulses(self.stage_cost), path=path)
+
+    @cached_property
     def signed_distance(self) -> ca.Function | None:
         """Function from ``(x, p)`` to the true signed distance phi of every contact, or None if unknown."""
         if self.system.phi is None:

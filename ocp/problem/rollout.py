@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import casadi as ca
 import numpy as np
@@ -20,6 +20,15 @@ _GUESS_NOISE = 0.3
 """Standard deviation of the noise on guesses, in characteristic sizes."""
 InitialGuess = tuple[np.ndarray, np.ndarray]
 """States (N+1, nx) and inputs (N, nu) of a guess."""
+
+
+@runtime_checkable
+class StateFeedback(Protocol):
+    """Function of the state that gives the inputs of a rollout, node by node."""
+
+    def input(self, step: int, x: np.ndarray) -> np.ndarray:
+        """Return the input (nu,) at a step and state (nx,)."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -96,7 +105,7 @@ class Unsolved:
 
 def roll_out(
     problem: Problem,
-    inputs: np.ndarray | Gains,
+    inputs: np.ndarray | StateFeedback,
     values: dict[str, float],
     contact: ContactLaw | Step | None = None,
     x0: np.ndarray | None = None,
@@ -118,7 +127,7 @@ def roll_out(
 
 def roll_on(
     evaluation: Evaluation,
-    inputs: np.ndarray | Gains,
+    inputs: np.ndarray | StateFeedback,
     law: ContactLaw | Step | None = None,
     x0: np.ndarray | None = None,
     substeps: int = 1,
@@ -146,14 +155,14 @@ def roll_on(
     S, N = len(start), problem.N
     x, u = np.full((S, N + 1, nx), np.nan), np.empty((S, N, nu))
     lam, gap = np.full((S, N, step.n), np.nan), np.full((S, N, step.n), np.nan)
-    u[:] = np.nan if isinstance(inputs, Gains) else _array("inputs", inputs, (None, N, nu), S)
+    u[:] = np.nan if isinstance(inputs, StateFeedback) else _array("inputs", inputs, (None, N, nu), S)
     error = np.zeros((S, N, step.n))
     x[:, first] = start
-    # Gains need the state of every node; inputs are rolled out in one call.
-    stride = 1 if isinstance(inputs, Gains) else N
+    # A policy needs the state of every node; inputs are rolled out in one call.
+    stride = 1 if isinstance(inputs, StateFeedback) else N
     for k in range(first, N, stride):
         steps = slice(k, k + stride)
-        if isinstance(inputs, Gains):
+        if isinstance(inputs, StateFeedback):
             u[:, k] = [np.clip(inputs.input(k, state), limits.u_lower, limits.u_upper) for state in x[:, k]]
         x[:, 1:][:, steps], lam[:, steps], gap[:, steps], error[:, steps] = _roll_inputs(
             step, x[:, k], u[:, steps], p, substeps

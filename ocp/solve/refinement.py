@@ -10,8 +10,9 @@ import casadi as ca
 import numpy as np
 
 from ocp.errors import InputError
-from ocp.judge.referee import index_of_symbol, refined_replay, step_size_kind
+from ocp.judge.referee import refined_replay
 from ocp.judge.route_report import Level, Refinement
+from ocp.judge.step_size import index_of_symbol, step_size_kind
 from ocp.problem.evaluation import Evaluation
 from ocp.problem.problem import Problem
 from ocp.problem.rollout import roll_on

@@ -17,6 +17,7 @@ from ocp.routes.session import DEFAULT_EFFORT, Effort, Session, as_swept
 from ocp.solution import Solution
 from ocp.solve.guesses import GuessLike, given_guess
 from ocp.solve.judging import judge_outcome, keep_best_on_interrupt
+from ocp.solve.ladder import SurvivalLadder, check_until
 from ocp.solve.refinement import divided_step, refine_step_size
 from ocp.solve.request import ProblemLike, Settings, check_setting_names, rebuilder, resolve_problem
 from ocp.solve.starts import Rank, can_exceed_route, check_starts, solve_session
@@ -43,6 +44,7 @@ def solve(
     search: bool | None = None,
     effort: Effort = DEFAULT_EFFORT,
     refine: bool = False,
+    until: str | None = None,
     params: Mapping[str, Any] | None = None,
     contact_settings: Mapping[str, Any] | None = None,
     **keywords: Any,
@@ -79,6 +81,9 @@ def solve(
     (:mod:`ocp.search`). ``search=True`` begins with the thorough search for plans; ``search=False`` allows no search.
     ``refine`` solves again at half the step, from the last plan, until its cost and that of its replay at half the
     step agree (:func:`~ocp.solve.refinement.refine_step_size`).
+    ``until="survives"`` tries remedies while the plan does not survive the referee: the referee's own contact, finer
+    steps, gains along the plan, a controller (:class:`~ocp.solve.ladder.SurvivalLadder`). The first answer that
+    survives is returned, or else the best; ``Solution.route.ladder`` has all of them.
 
     Raises :class:`~ocp.errors.InputError` for invalid settings, names or combinations.
     """
@@ -91,11 +96,14 @@ def solve(
     session = begin_at(session, guess, search, effort)
     if refine:
         divided_step(session.problem, session.values, 1)
+    check_until(until, session)
     if warm_start is None:
         solution = solve_session(session, n_starts, seed, progress, rank_by)
     else:
         solution = solve_from(session, warm_start, seed, progress)
-    return refine_from(session, solution, rebuilder(problem), seed, progress) if refine else solution
+    if refine:
+        solution = refine_from(session, solution, rebuilder(problem), seed, progress)
+    return solution if until is None else climb_from(session, solution, rebuilder(problem), seed, progress)
 
 
 def _check_beginnings(search: bool | None, warm_start: Solution | None, guess: GuessLike | None, n_starts: int) -> None:
@@ -151,6 +159,21 @@ def refine_from(
         return solve_from(finer, warm_start, seed, progress)
 
     return refine_step_size(solution, again)
+
+
+def climb_from(
+    session: Session,
+    solution: Solution,
+    build: Callable[[Problem, dict[str, Any]], Problem],
+    seed: int = 0,
+    progress: Callable[[StageRecord], None] | None = None,
+) -> Solution:
+    """Try remedies until a session's solution survives, see :class:`~ocp.solve.ladder.SurvivalLadder`."""
+    if solution.problem is not session.problem:  # It was refined.
+        values = solution.values
+        session = replace(session, problem=solution.problem)
+        session.values |= {name: value for name, value in values.items() if name in session.values}
+    return SurvivalLadder(session, solution, build, solve_from, seed, progress).climb()
 
 
 def solve_from(

@@ -103,6 +103,7 @@ class SolveOptions(StartsOptions):
         "solve push-disc -p goal_x=0.5 --from @last",
         "solve push-disc --contact exact --guess sketch.toml",
         "solve push-disc --contact exact --starts 8 --jobs 2 --rank exact",
+        "solve cart-walls --contact exact --until survives",
     )
     start: str | None = option(None, "--from", metavar="RUN", help="Start from a stored run of the same problem.")
     guess: str | None = option(
@@ -116,6 +117,9 @@ class SolveOptions(StartsOptions):
         help="Search for plans thoroughly, or not at all.",
     )
     refine: bool = option(False, help="Solve again at h/2, h/4, ... until the cost converges.")
+    until: str | None = option(
+        None, metavar="survives", help="Try sharper contact, finer steps, gains, a controller until the plan survives."
+    )
     world: str | None = option(None, help="Try the plan in another simulator too: mujoco.")
     sensitivity: list[str] | None = option(
         None, metavar="NAME", help="Differentiate the optimal cost by a parameter, replays too."

@@ -17,9 +17,10 @@ from ocp.routes.homotopy import StageRecord
 from ocp.routes.session import Effort
 from ocp.simulators import SIMULATORS
 from ocp.solution import Interrupted, Replay, Solution
+from ocp.solve.ladder import check_until
 from ocp.solve.refinement import divided_step
 from ocp.solve.request import rebuilder
-from ocp.solve.solve import begin_at, refine_from, solve_from
+from ocp.solve.solve import begin_at, climb_from, refine_from, solve_from
 from ocp.solve.starts import Rank, solve_session
 from ocp.store import atomic
 from ocp.store.route_record import record_of
@@ -33,6 +34,7 @@ from reports.cli.streams import Output
 from reports.tables import console
 from reports.tables.console import number, small
 from reports.tables.contacts import contact_table
+from reports.tables.survival import disturbance_table, ladder_table
 
 NOT_CONVERGED = 3
 """Exit code of a solve without a solution."""
@@ -66,6 +68,7 @@ def check(options: SolveOptions) -> tuple[Request, Solution | None]:
     request = replace(request, session=session)
     if options.refine:
         divided_step(request.session.problem, request.session.values, 1)
+    check_until(options.until, request.session)
     if options.world is not None:
         from ocp.simulators.mujoco_world import MujocoWorld
 
@@ -123,7 +126,7 @@ def run(options: SolveOptions, checked: tuple[Request, Solution | None]) -> int:
         output.say(f"figure: {options.plot}")
         content["plot"] = str(options.plot)
     output.finish(stored, content, options.pdf, request.spec)
-    survives = options.require is None or bool(solution.referee.survives)
+    survives = (options.require or options.until) is None or bool(solution.referee.survives)
     finite = math.isfinite(solution.cost) and math.isfinite(solution.audit.exact_cost)
     return 0 if solution.success and survives and finite else NOT_CONVERGED
 
@@ -165,11 +168,14 @@ def _solved(options: SolveOptions, request: Request, start: Solution | None) -> 
                     rank,
                     Workers(options.jobs, options.scheduler),
                 )
-            if not options.refine:
+            build = rebuilder(request.spec)
+            if options.refine:
+                solution = refine_from(request.session, solution, build, options.seed, on_stage)
+            if options.until is None:
                 return solution
-            return refine_from(request.session, solution, rebuilder(request.spec), options.seed, on_stage)
+            return climb_from(request.session, solution, build, options.seed, on_stage)
         except Interrupted as stop:
-            if stop.solution.status is Status.INTERRUPTED:
+            if stop.solution.status is Status.INTERRUPTED or stop.solution.route.ladder is not None:
                 interrupt.mark_handled()
                 return stop.solution
             best_run = store.save(stop.solution, options.out, options.argv, options.tags or ())
@@ -192,6 +198,10 @@ def print_solution(output: Output, solution: Solution) -> None:
         output.note(console.violation_table(solution))
     if solution.route.search is not None:
         output.note(str(solution.route.search))
+    if solution.route.ladder is not None:
+        output.note(ladder_table(solution.route.ladder))
+        if solution.route.ladder.disturbed:
+            output.note(disturbance_table(solution.route.ladder))
     if solution.route.attempts:
         output.note(console.starts_table(solution.route.attempts))
 
@@ -232,7 +242,7 @@ def solution_document(solution: Solution, meta: Mapping[str, Any]) -> dict[str, 
         "survives": solution.referee.survives,
         "survives_at_h": solution.referee.survives_at_h,
         "refined_cost": solution.referee.refined_cost,
-        **{key: record.get(key) for key in ("route", "refined", "search", "world", "sensitivities")},
+        **{key: record.get(key) for key in ("route", "refined", "ladder", "search", "world", "sensitivities")},
         "referee": asdict(solution.referee),
         "grade": solution.grade,
         "stages": [asdict(stage) for stage in solution.stages],

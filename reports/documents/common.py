@@ -37,6 +37,8 @@ _NOT_SETTINGS = (
     "sensitivities",
     "unbounded",
     "search",
+    "ladder",
+    "sharpest",
 )
 """Keys of a run's record that the table of settings leaves out."""
 _REQUEST_KEYS = ("contact", "method", "policy", "solver")

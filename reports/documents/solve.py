@@ -15,6 +15,7 @@ from reports.drawing.view import RunView
 from reports.figures import run, trajectories
 from reports.tables.console import number, physics_residuals, small, stage_note, stage_rows, stage_title, violation_rows
 from reports.tables.contacts import contact_columns, contact_notes
+from reports.tables.survival import disturbance_rows, rung_rows
 
 _GAP_STRIP_IN = 0.5
 """Height of the strips that show gaps below contact forces [inch]."""
@@ -52,6 +53,8 @@ def solve_page(view: RunView, cones: bool = False, signals: str | None = None) -
         "starts": [key.replace("_", " ") for key in _starts(view)],
         "others": [[as_text(other.get(key)) for key in _starts(view)] for other in stored.meta["others"]],
         "searched": "" if stored.route.search is None else str(stored.route.search),
+        "ladder": [] if stored.route.ladder is None else rung_rows(stored.route.ladder),
+        "disturbed": [] if stored.route.ladder is None else disturbance_rows(stored.route.ladder),
         "contacts": rows,
         "contact_heads": heads,
         "contact_notes": contact_notes(stored.audit),

@@ -163,6 +163,7 @@ COMMANDS: dict[str, tuple[st.SearchStrategy[list[str]], Options]] = {
             "--starts": number("1", "2", "3"),
             "--rank": among("planned", "referee"),
             "--require": among("survives"),
+            "--until": among("survives"),
             "--from": among("@solve", "@continue"),
         },
     ),

@@ -313,3 +313,17 @@ def test_a_sensitivity_is_printed_with_those_of_its_replays(ocp) -> None:
     short = ("--contact", "barrier", "-s", "ipopt.max_iter=1", "--sensitivity", "M")
     failed = ocp("solve", "push-1d", *short, *QUIET)
     assert failed.code == 3 and "not solved" in failed.json["sensitivities"]["M"]["sentence"]
+
+
+@pytest.mark.costly
+def test_until_survives_tells_every_rung_and_exits_3_where_none_survives(ocp) -> None:
+    hill = str(Path(__file__).parents[1] / "golden" / "cases" / "hill.py")
+    quick = ("solve", hill, *EXACT, "--effort", "quick", "--until", "survives")
+    done = ocp(*quick, "--pdf", "hill.pdf", *QUIET)
+    ladder = done.json["ladder"]
+    assert done.code == 0 and done.json["survives"] and Path("hill.pdf").read_bytes().startswith(b"%PDF")
+    assert ladder["rungs"][ladder["chosen"]]["name"] == "gains"
+    assert [row["draws"] for row in ladder["disturbed"]] == [20, 20, 1]
+    shown = ocp(*quick, "-p", "scenarios=2")
+    assert shown.code == 3 and "until it survives" in shown.err and "not tried" in shown.err
+    assert "No rung survives; the best is" in shown.err + shown.out

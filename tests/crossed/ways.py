@@ -71,6 +71,7 @@ def ways() -> Iterator[Way]:
     for search in (True, False):
         yield Way(f"search-{search}", {"search": search})
     yield Way("refine", {"refine": True})
+    yield Way("until-survives", {"until": "survives"})
     for world in SIMULATORS:
         yield Way(f"world-{world}", world=world)
     for phase, law in itertools.product(PHASES, ("own", *LAWS)):

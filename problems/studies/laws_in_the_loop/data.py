@@ -15,7 +15,7 @@ import xarray as xr
 
 from dynamics.batch import BatchWarning
 from dynamics.contact import Adaptive, Barrier, ContactLaw, Exact, Randomized
-from ocp.judge.referee import step_size_kind
+from ocp.judge.step_size import step_size_kind
 from ocp.mpc import ClosedLoop, Controller, Disturbance, simulate
 from ocp.problem.problem import Problem
 from problems.registry import get

@@ -1,0 +1,74 @@
+"""Policies along a plan: the regulator's gains with the plan's contacts, and a controller that plans again."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ocp.mpc.active_set import ActiveSets
+from ocp.mpc.controller import Controller
+from ocp.mpc.linearised import LinearClosure, linearise
+from ocp.mpc.riccati import Regulator
+from ocp.mpc.stages import Plan, StageModel
+from ocp.problem.evaluation import Evaluation
+from ocp.problem.rollout import Gains, Rollout
+
+INPUT_TRACKING = 1e-3
+"""Weight of inputs' deviations beside that of states', both in characteristic sizes."""
+
+
+class PlanRegulator:
+    """Linear-quadratic regulator along a plan x (1, N+1, nx) of the exact law, with the contacts of the plan.
+
+    Every step is linearised with its active set held: open pairs have no force and closed ones keep their gap zero, so
+    that the jump at an impact is part of the linear dynamics. The regulated cost is the problem's second-order
+    expansion at the plan, with ``tracking`` times what the plan can change of its cost for a deviation of the states
+    by their characteristic sizes, once over the horizon and once at its end, and :data:`INPUT_TRACKING` of that for
+    the inputs.
+
+    Raises ``numpy.linalg.LinAlgError`` where a step of the plan has no linearisation.
+    """
+
+    def __init__(self, evaluation: Evaluation, plan: Rollout) -> None:
+        problem = evaluation.problem
+        model = StageModel(problem, problem.exact_step)
+        row = [evaluation.values.get(name, 0.0) for name in model.names]
+        p = np.tile(row, (problem.N + 1, 1))
+        self._plan = Plan(plan.x[0], plan.u[0], plan.lam[0], plan.gap[0])
+        evaluated = model.evaluate(self._plan, evaluation.limits.u_before, p)
+        self._plan.gap = evaluated.gap
+        closed = ActiveSets(model).of(self._plan)
+        self.linearised = linearise(model, self._plan, evaluated, LinearClosure.from_active_set(self._plan, closed))
+        self._regulator = Regulator(model.nx, model.nu, model.N)
+        self._sizes = problem.scales
+        self._unit = abs(plan.cost - evaluation.least_cost)
+
+    def gains(self, tracking: float = 0.0) -> Gains:
+        """Return K (N, nu, nx) and k (N, nu) with ``u = K x + k``, which keeps the plan's own trajectory."""
+        lin, plan, weight = self.linearised, self._plan, tracking * self._unit
+        nx, nu = self._regulator.nx, self._regulator.nu
+        hessian, (end_gradient, end_hessian) = lin.hessian.copy(), lin.end
+        of_states = weight / self._sizes.x**2
+        states, inputs = np.arange(nx), np.arange(nx + nu, nx + 2 * nu)
+        hessian[:, states, states] += of_states / len(plan.u)
+        hessian[:, inputs, inputs] += INPUT_TRACKING * weight / self._sizes.u**2 / len(plan.u)
+        tracked = replace(lin, hessian=hessian, end=(end_gradient, end_hessian + np.diag(of_states)))
+        K = self._regulator.gains(tracked)
+        return Gains(K, plan.u - np.einsum("kij,kj->ki", K, plan.x[:-1]))
+
+
+class ControllerPolicy:
+    """A controller as a function of the state, which begins anew at step 0."""
+
+    def __init__(self, evaluation: Evaluation, **settings: Any) -> None:
+        names = evaluation.problem.parameters.names
+        values = {name: evaluation.values[name] for name in names}
+        self.controller = Controller(evaluation.problem, parameters=values, **settings)
+
+    def input(self, step: int, x: np.ndarray) -> np.ndarray:
+        """Return the controller's input (nu,) for a measured state."""
+        if step == 0:
+            self.controller.reset()
+        return self.controller.step(x).u

@@ -1,0 +1,33 @@
+"""Cost of a plan of finer steps, compared with one of coarser steps."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from ocp.judge.step_size import step_size_kind
+from ocp.problem.evaluation import Evaluation
+from ocp.problem.problem import Problem
+from ocp.problem.rollout import Rollout
+from ocp.solution import Solution
+
+
+def comparable_cost(coarse: Solution, problem: Problem, finer: Rollout) -> float:
+    """Return what a rollout of ``problem`` costs beside ``coarse``, which has a divisor of its steps.
+
+    That is its own cost where the stage cost depends on the step size, as an integral does. Elsewhere the cost is a
+    sum over nodes, and grows with their number: then it is summed over the nodes of ``coarse``, with the impulses
+    between two of them added up. NaN where the cost depends on impulses that ``problem`` has not.
+    """
+    target = coarse.problem
+    factor = problem.N // target.N
+    if factor == 1 or ca.depends_on(problem.stage_cost, ca.SX(problem.system.h)):
+        return finer.cost
+    step_size = step_size_kind(problem.system)
+    x, u = finer.x[:, ::factor].copy(), finer.u[:, ::factor]
+    if step_size.kind == "state":
+        x[:, :, step_size.state] *= factor
+    impulses = finer.impulses.reshape(len(x), target.N, factor, -1).sum(axis=2)
+    if impulses.shape[2] != target.system.nlam:
+        impulses = np.full((*u.shape[:2], target.system.nlam), np.nan)
+    return float(Evaluation(target, coarse.values).trajectory_costs(x, u, impulses).mean())

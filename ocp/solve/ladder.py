@@ -1,0 +1,332 @@
+"""Remedies for a plan that does not survive the referee, tried one after another until one does.
+
+The rungs are: the problem under the referee's own contact, from the plan; finer steps; gains along the plans; a
+controller that plans again at every step.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from dynamics.contact import Exact, Step
+from ocp.errors import InputError, NotConverged, choose, interruptible
+from ocp.judge.disturbances import disturbed_survival
+from ocp.judge.referee import Referee, RefereeReport, outcome_findings, referee_plan, referee_replay
+from ocp.judge.route_report import DisturbedSurvival, Ladder, Rung, StageRecord
+from ocp.problem.evaluation import Evaluation
+from ocp.problem.problem import Problem
+from ocp.problem.rollout import Gains, Rollout, StateFeedback
+from ocp.programs.solver import Status
+from ocp.routes.relaxations import DEFAULT_STRATEGY
+from ocp.routes.session import Session
+from ocp.solution import Interrupted, Solution
+from ocp.solve.comparable_cost import comparable_cost
+from ocp.solve.refinement import HALVINGS, divided_step
+from ocp.transcription import Direct
+from ocp.transcription.nlp import StageCompiler
+
+logger = logging.getLogger(__name__)
+
+UNTIL = {"survives": "try remedies until the plan survives the referee, at h and at h/4"}
+"""Values of ``until`` with their meaning."""
+WORK = 20
+"""Iterations that the rungs may take, as a multiple of the plan's own; those at h/2 count twice."""
+LEAST_WORK = 2000
+"""Least number of iterations that the rungs may take."""
+TRACKING = (0.0, 1.0, 100.0)
+"""Weights of deviations from the plan for which gains are tried (:class:`~ocp.mpc.plan_policies.PlanRegulator`)."""
+DEARER_SHARE = 1e-3
+"""Share of a cost from which a rung counts as dearer than the plan at its own step size."""
+
+Build = Callable[[Problem, dict[str, Any]], Problem]
+SolveFrom = Callable[[Session, Solution, int, "Callable[[StageRecord], None] | None"], Solution]
+
+
+class WorkSpentError(NotConverged):
+    """The iterations of all rungs are spent."""
+
+
+def check_until(until: str | None, session: Session) -> None:
+    """Raise :class:`~ocp.errors.InputError` for another ``until``, and for a system that has no referee."""
+    if until is None:
+        return
+    choose("until", until, UNTIL)
+    if session.problem.system.referee_note is None:
+        raise InputError(f"until survives needs a referee, and {session.problem.name} has no geometry; leave it out")
+
+
+class SurvivalLadder:
+    """The rungs of one solution: :meth:`climb` returns the first that survives, or else the best.
+
+    ``build`` makes a problem anew, of another one, at other values by name, ``solve_from`` solves a session from a
+    solution. Of rungs that do not survive the best is certified and costs least under the sharpest contact.
+    """
+
+    def __init__(
+        self,
+        session: Session,
+        solution: Solution,
+        build: Build,
+        solve_from: SolveFrom,
+        seed: int = 0,
+        progress: Callable[[StageRecord], None] | None = None,
+    ) -> None:
+        self.session, self.build, self.solve_from = session, build, solve_from
+        self.seed, self.progress = seed, progress
+        self.first, self.plans = solution, [solution]
+        self.rungs: list[Rung] = []
+        self.answers: list[Solution] = []
+        self.policies: dict[int, StateFeedback] = {}
+        self.work, self.work_factor = 0.0, 1
+        self.sharpens = _has_sharper_model(session.problem)
+        self.work_limit = max(LEAST_WORK, WORK * solution.iterations)
+        self.iterations = solution.iterations
+        self._add("the plan", solution)
+
+    def climb(self) -> Solution:
+        """Try the rungs in order; raises :class:`~ocp.solution.Interrupted` with the best so far after Ctrl-C."""
+        rungs = {
+            "the sharpest contact": self._sharpest,
+            "finer steps": self._finer,
+            "gains": self._gains,
+            "a controller": self._controller,
+        }
+        name = ""
+        try:
+            with interruptible():
+                for name, climb in rungs.items():
+                    if self.rungs[self._best()].survives:
+                        break
+                    logger.info("the plan does not survive; next rung: %s", name)
+                    self._try(name, climb)
+                return self._answer()
+        except KeyboardInterrupt as stop:
+            raise Interrupted(self._answer(f"Ctrl-C ended the rung {name or 'of the plan'}")) from stop
+
+    def _try(self, name: str, climb: Callable[[], None]) -> None:
+        """Climb one rung; one that cannot be tried is listed with the reason."""
+        try:
+            climb()
+        except (InputError, NotConverged, np.linalg.LinAlgError) as reason:
+            self.rungs.append(Rung(name, note=str(reason)))
+            self.answers.append(self.first)
+
+    def _sharpest(self) -> None:
+        """Solve under the contact that the referee has."""
+        if not self.sharpens and isinstance(self.session.law, Exact):
+            raise InputError("the plan is made under the referee's own contact")
+        solution = self._solve(self._exact_session(self.session.problem.most_exact), self.first)
+        self._add("the sharpest contact", solution)
+        if solution.success:
+            self.plans = [solution]
+
+    def _finer(self) -> None:
+        """Halve the step, each plan from the last, until one survives."""
+        base, sharpest = self.plans[0], self.plans[0].route.sharpest
+        changes = [divided_step(base.problem, base.values, 2**k) for k in range(1, HALVINGS + 1)]
+        for k, changed_values in enumerate(changes, 1):
+            rebuilt = self.build(self.session.problem, changed_values)
+            session = self._exact_session(rebuilt.most_exact if sharpest else rebuilt, changed_values)
+            self.work_factor = 2**k
+            solution = self._solve(session, self.plans[-1])
+            if not solution.success:
+                raise NotConverged(f"the plan of {solution.problem.N} steps is {solution.status.label}")
+            self._add(f"steps of h/{2**k}", solution)
+            self.plans.append(solution)
+            if solution.referee.survives:
+                return
+
+    def _gains(self) -> None:
+        """Try gains along each plan, the coarsest first, until one survives."""
+        from ocp.mpc.plan_policies import PlanRegulator
+
+        if self.first.problem.scenarios.n > 1 or self.first.gains is not None:
+            raise InputError("gains follow a single plan of open-loop inputs")
+        if self.plans[0] is self.first and not isinstance(self.session.law, Exact):
+            raise InputError("gains follow a plan under the exact law")
+        for solution in self.plans:
+            evaluation, plan = self._plan(solution)
+            regulator = PlanRegulator(evaluation, plan)
+            candidates = [regulator.gains(tracking) for tracking in TRACKING]
+            outcomes = [referee_replay(evaluation, gains, plan.x[:, 0]) for gains in candidates]
+            best = min(range(len(outcomes)), key=lambda i: _order_of_outcome(outcomes[i]))
+            steps = "" if solution is self.plans[0] else f" at {solution.problem.N} steps"
+            self._add(f"gains{steps}", with_gains(solution, candidates[best]), iterations=0)
+            if self.answers[-1].referee.survives:
+                return
+
+    def _controller(self) -> None:
+        """Plan again at every step, on the referee's plant."""
+        from ocp.mpc.plan_policies import ControllerPolicy
+
+        solution = self.plans[0]
+        if solution.problem.scenarios.n > 1:
+            raise InputError("a controller starts from one state")
+        evaluation, plan = self._plan(solution)
+        policy = ControllerPolicy(evaluation)
+        outcome = referee_replay(evaluation, policy, plan.x[:, 0])
+        report = policy_report(evaluation, plan, outcome)
+        answer = replace(solution, referee=report, data=_with_replay(solution, outcome.replay))
+        self._add("a controller", answer, outcome, iterations=0)
+        self.policies[len(self.rungs) - 1] = policy
+
+    def _exact_session(self, problem: Problem, changed_values: dict[str, Any] | None = None) -> Session:
+        """Return the session of another problem under the exact law, without searches, at the same values."""
+        same_law = isinstance(self.session.law, Exact)
+        session = replace(
+            self.session,
+            problem=problem,
+            law=self.session.law if same_law else Exact(),
+            method=Direct(),
+            strategy=self.session.strategy if same_law else DEFAULT_STRATEGY,
+            search=False,
+            effort="quick",
+            user_guess=None,
+            windows={},
+            compiled=StageCompiler() if self.session.compiled else None,
+        )
+        values = {**self.session.values, **(changed_values or {})}
+        session.values |= {name: value for name, value in values.items() if name in session.values}
+        return session
+
+    def _solve(self, session: Session, start: Solution) -> Solution:
+        solution = self.solve_from(session, start, self.seed, self._count)
+        if solution.status is Status.INTERRUPTED:
+            raise KeyboardInterrupt
+        self.iterations += solution.iterations
+        is_sharpest = session.problem.system is session.problem.system.most_exact
+        return solution.with_route(sharpest=self.sharpens and is_sharpest)
+
+    def _count(self, stage: StageRecord) -> None:
+        """Count a stage's work; raises :class:`WorkSpentError` where that of all rungs exceeds its limit."""
+        if self.progress is not None:
+            self.progress(stage)
+        self.work += stage.iterations * self.work_factor
+        if self.work > self.work_limit:
+            raise WorkSpentError(f"stopped after iterations of {WORK} plain solves")
+
+    def _add(
+        self, name: str, solution: Solution, outcome: Referee | None = None, iterations: int | None = None
+    ) -> None:
+        """List a rung with its costs, so that they compare with the first plan's."""
+        evaluation, plan = self._plan(solution)
+        outcome = outcome or referee_replay(evaluation, solution.inputs, plan.x[:, 0])
+        cost, refined_cost = (
+            math.nan if replay is None else comparable_cost(self.first, solution.problem, replay)
+            for replay in (outcome.replay, outcome.refined)
+        )
+        own_cost = comparable_cost(self.first, solution.problem, plan)
+        share = self.first.cost_share(own_cost - self.first.cost, self.first.cost)
+        note = f"{100 * share:.2g} % dearer than the plan at its own step size" if share > DEARER_SHARE else ""
+        self.rungs.append(
+            Rung(
+                name,
+                h=float(solution.data["time"][1]),
+                N=solution.problem.N,
+                status=solution.status.label,
+                planned=solution.cost,
+                cost=cost,
+                refined_cost=refined_cost,
+                survives=bool(solution.success and solution.referee.survives),
+                iterations=solution.iterations if iterations is None else iterations,
+                note=note,
+            )
+        )
+        self.answers.append(solution)
+
+    def _plan(self, solution: Solution) -> tuple[Evaluation, Rollout]:
+        """Return a rung's problem at its values, and its plan."""
+        return plan_of(solution, self.session.step if solution is self.first else solution.problem.exact_step)
+
+    def _best(self) -> int:
+        """Return the number of the rung that does best: of those that survive the last."""
+        survivors = [i for i, rung in enumerate(self.rungs) if rung.survives]
+        if survivors:
+            return survivors[-1]
+
+        def order(i: int) -> tuple[bool, bool, float]:
+            rung, cost = self.rungs[i], self.rungs[i].sharpest_cost
+            return rung.survives is None, rung.status != Status.SOLVED.label, cost if math.isfinite(cost) else math.inf
+
+        return min(range(len(self.rungs)), key=order)
+
+    def _answer(self, stopped: str = "") -> Solution:
+        """Return the best rung's solution with the report on all; one that survives is disturbed too."""
+        best = self._best()
+        solution = self.answers[best]
+        rows = self._disturbed(best) if self.rungs[best].survives and not stopped else []
+        ladder = Ladder(self.rungs, best, stopped, rows)
+        return replace(solution, iterations=self.iterations).with_route(ladder=ladder)
+
+    def _disturbed(self, best: int) -> list[DisturbedSurvival]:
+        solution = self.answers[best]
+        evaluation, plan = self._plan(solution)
+        return disturbed_survival(evaluation, plan, self.policies.get(best, solution.inputs), self.seed)
+
+
+def _has_sharper_model(problem: Problem) -> bool:
+    try:
+        return problem.most_exact is not problem
+    except InputError:
+        return False
+
+
+def with_gains(solution: Solution, gains: Gains) -> Solution:
+    """Return a solution whose policy are gains, refereed again."""
+    evaluation, plan = plan_of(solution, solution.problem.exact_step)
+    report, outcome = referee_plan(evaluation, solution.problem.exact_step, plan, gains)
+    data = _with_replay(solution, outcome.replay).assign(
+        K=(("interval", "control", "state"), gains.K, {"units": "1"}),
+        k=(("interval", "control"), gains.k, {"units": "1"}),
+    )
+    return replace(solution, gains=gains, referee=report, data=data)
+
+
+def policy_report(evaluation: Evaluation, plan: Rollout, outcome: Referee) -> RefereeReport:
+    """Referee a policy that does not follow the plan: by its outcome alone, at h and at h/4."""
+    if outcome.failed is None:
+        findings = outcome_findings(evaluation, plan, outcome.replay)
+        reasons = [finding.sentence for finding in findings]
+    else:
+        reasons = [outcome.failed.brief]
+    refined_reasons = (
+        []
+        if outcome.refined is None
+        else [finding.sentence for finding in outcome_findings(evaluation, plan, outcome.refined)]
+    )
+    return RefereeReport(
+        cost=outcome.cost,
+        gap=float(np.abs(outcome.replay.x - plan.x).max()),
+        survives=not (reasons or refined_reasons),
+        survives_at_h=not reasons,
+        reasons=reasons,
+        refined_reasons=refined_reasons,
+        note=outcome.note or "",
+        refined_cost=outcome.refined_cost,
+        refined_note=outcome.refined_note,
+    )
+
+
+def plan_of(solution: Solution, step: Step) -> tuple[Evaluation, Rollout]:
+    """Return a solution's problem at its values, and its plan, which was made with ``step``."""
+    evaluation = Evaluation(solution.problem, solution.values)
+    arrays = (solution.data[name].values for name in ("x", "u", "lam", "gap"))
+    return evaluation, Rollout.from_trajectories(evaluation, step, *arrays)
+
+
+def _with_replay(solution: Solution, replay: Rollout) -> Any:
+    """Return the solution's data with another replay by the referee."""
+    x, u = solution.data["x_referee"], solution.data["u_referee"]
+    return solution.data.assign(x_referee=(x.dims, replay.x, x.attrs), u_referee=(u.dims, replay.u, u.attrs))
+
+
+def _order_of_outcome(outcome: Referee) -> float:
+    """Return the cost by which candidates are compared: the larger one of h and h/4."""
+    costs = [outcome.cost] if outcome.refined is None else [outcome.cost, outcome.refined_cost]
+    return max(costs) if all(map(math.isfinite, costs)) else math.inf
