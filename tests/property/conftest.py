@@ -1,4 +1,4 @@
-"""Properties draw the same examples in every run, so that a red test stays red."""
+"""Property tests draw the same examples in every run, so that failures are reproducible."""
 
 from __future__ import annotations
 

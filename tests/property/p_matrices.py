@@ -9,7 +9,7 @@ KINDS = ("symmetric", "nonsymmetric", "dominant", "triangular")
 
 
 def p_matrix(kind: str, n: int, rng: np.random.Generator) -> np.ndarray:
-    """A P-matrix, shape (n, n): positive definite or, for the last two kinds, mostly not."""
+    """Return a P-matrix (n, n) that is positive definite or, for the last two kinds, usually not."""
     square = rng.normal(size=(n, n))
     if kind == "symmetric":
         return square @ square.T + 10 ** rng.uniform(-3, 0) * np.eye(n)
@@ -20,7 +20,7 @@ def p_matrix(kind: str, n: int, rng: np.random.Generator) -> np.ndarray:
         np.fill_diagonal(square, 0)
         square /= np.maximum(1e-9, np.abs(square).sum(axis=1, keepdims=True))
         return (0.95 * square + np.eye(n)) * 10 ** rng.uniform(-1, 1, (n, 1))
-    # a triangular matrix with a positive diagonal, its unknowns shuffled
+    # A triangular matrix with a positive diagonal and its unknowns permuted.
     order = rng.permutation(n)
     return (np.triu(2 * square, 1) + np.diag(10 ** rng.uniform(-0.5, 0.5, n)))[np.ix_(order, order)]
 

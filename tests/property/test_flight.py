@@ -1,4 +1,4 @@
-"""Velocity forces of a step that gain no energy: bounds at any speed, and the limit of small h."""
+"""Implicit velocity forces add no energy at any speed, and tend to the explicit ones for small h."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ Step = Callable[[np.ndarray, np.ndarray, float], tuple[np.ndarray, float]]
 
 
 def free_step(chain: Chain, explicit: bool = False) -> Step:
-    """Map (q, v, h) to the velocity after a step without forces, and v' M(q - h v) v / 2."""
+    """Return the function from (q, v, h) to the velocity after a step without forces, and v' M(q - h v) v / 2."""
     q, v, h = ca.SX.sym("q", chain.nq), ca.SX.sym("v", chain.nq), ca.SX.sym("h")
     forces = h * (chain.weight(q) - chain.bias(q, v)) if explicit else gyroscopic_impulse(chain, q, v, h)
     after = v + ca.solve(chain.mass(q), forces)
@@ -53,7 +53,7 @@ def free_step(chain: Chain, explicit: bool = False) -> Step:
 
 
 def energies(step: Step, q: np.ndarray, v: np.ndarray, h: float, steps: int) -> np.ndarray:
-    """Kinetic energy of every step, at the pose that it set out from."""
+    """Return the kinetic energies along free steps, each of a velocity at the pose one step before."""
     found = []
     for _ in range(steps):
         v, energy = step(q, v, h)
@@ -64,7 +64,7 @@ def energies(step: Step, q: np.ndarray, v: np.ndarray, h: float, steps: int) -> 
 
 @every_chain
 def test_free_motion_gains_no_energy_at_any_speed(chain: Chain):
-    """From 1 to 1000 rad/s, which is eight turns in a step."""
+    """Speeds go from 1 to 1000 rad/s, which is eight turns per step."""
     step, rng = free_step(chain), np.random.default_rng(0)
     for speed in (1.0, 10.0, 100.0, 1000.0):
         q, v = rng.normal(size=(2, chain.nq))
@@ -75,7 +75,7 @@ def test_free_motion_gains_no_energy_at_any_speed(chain: Chain):
 
 @every_chain
 def test_as_h_tends_to_zero_the_forces_are_the_explicit_ones(chain: Chain):
-    """flight / h - (weight - bias) falls with h at first order."""
+    """The difference ``gyroscopic_impulse / h - (weight - bias)`` is of first order in h."""
     q, v, h = ca.SX.sym("q", chain.nq), ca.SX.sym("v", chain.nq), ca.SX.sym("h")
     off = gyroscopic_impulse(chain, q, v, h) / h - (chain.weight(q) - chain.bias(q, v))
     norm = ca.Function("off", [q, v, h], [ca.norm_2(off), ca.norm_2(chain.bias(q, v))])
@@ -86,7 +86,7 @@ def test_as_h_tends_to_zero_the_forces_are_the_explicit_ones(chain: Chain):
 
 
 def test_a_tumbling_hopper_keeps_its_energy():
-    """Two seconds without gravity, limbs at 15 rad/s, h = 0.01."""
+    """It moves for two seconds without gravity, with limbs at 15 rad/s and h = 0.01."""
     q, v = np.array([0, 2, 0, 0.5, -0.5, 0.3]), np.array([1.0, 2, 5, 13, -14, 15])
     kept, gained = (energies(free_step(CHAINS["hopper"], explicit), q, v, 0.01, 200) for explicit in (False, True))
     assert 0.97 < kept[-1] / kept[0] <= 1
@@ -94,7 +94,7 @@ def test_a_tumbling_hopper_keeps_its_energy():
 
 
 def test_a_free_chain_keeps_its_momentum():
-    """J' m w of all links, at the pose that a step sets out from, to rounding."""
+    """The momentum of all links, with the velocity at the pose one step before, is constant to rounding."""
     chain, h = CHAINS["hopper"], 0.05
     step, rng = free_step(chain), np.random.default_rng(2)
     q, v = ca.SX.sym("q", chain.nq), ca.SX.sym("v", chain.nq)
@@ -110,7 +110,7 @@ def test_a_free_chain_keeps_its_momentum():
 def test_a_turn_about_a_fixed_axis_in_closed_form():
     """v' = (1 - 2 a b (1 - cos(h v / 2))²) v, a and b the shares of m r² and inertia in M.
 
-    There explicit forces are none, and all of the turn is kept; here all but O(h⁴) of it.
+    Explicit forces are zero there and keep v; implicit ones keep all but O(h⁴) of it.
     """
     mass, inertia, r, h = 1.3, 0.1, 0.5, 0.05
     step = free_step(Chain((Link("rod", None, mass, inertia, com=(0.3, -0.4)),)))
@@ -137,8 +137,8 @@ def test_a_machine_and_its_simulation_step_alike(name: str, machine: PublishedMa
 @pytest.mark.costly_cases("hopper")
 @pytest.mark.parametrize("name", ["hopper", "idto-hopper"])
 def test_a_plant_steps_as_a_machine_with_implicit_forces(name: str, monkeypatch: pytest.MonkeyPatch):
-    """Also under the sharpest contact, and with a state behind the machine's own."""
-    monkeypatch.setattr("ocp.mpc.plants.StepFunction", lambda *_, **__: None)  # it compiles
+    """This also holds for the most exact contact, and with a state in addition to the machine's own."""
+    monkeypatch.setattr("ocp.mpc.plants.StepFunction", lambda *_, **__: None)  # it would compile
     problem = get(name)
     model = problem.system
     found = with_implicit_forces(model)
@@ -201,7 +201,7 @@ def test_a_simulation_refuses_it_too():
 
 
 def fastest(seeds: int) -> float:
-    """Fastest limb [rad/s] of hoppers under the largest inputs, 30 steps from each seed's reset."""
+    """Return the largest speed [rad/s] of a limb in 30 steps from each seed's reset, with inputs up to the largest."""
     problem, _ = simulation("hopper", 30)
     starts = np.array([hopper().reset(seed) for seed in range(seeds)])
     u = np.array([np.random.default_rng(seed).uniform(-1, 1, (30, 3)) for seed in range(seeds)])

@@ -1,4 +1,4 @@
-"""Signed distances against brute-force nearest points, Jacobians against differences."""
+"""Signed distances agree with brute-force nearest points, Jacobians with differences."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ class Case:
 
     shape: Shape
     surface: Callable[[], np.ndarray]
-    """Cloud of the body's surface in its frame, (n, 2), at most 1e-3 apart."""
+    """Return points of the body's surface in its frame, (n, 2), at most 1e-3 apart."""
     inside: Callable[[np.ndarray], bool]
     smooth: Callable[[np.ndarray], bool]
-    """Whether phi is differentiable around a centre given in the body's frame."""
+    """Return whether phi is differentiable around a centre given in the body's frame."""
 
 
 def circle(centre: np.ndarray, radius: float, start: float, end: float) -> np.ndarray:
@@ -88,7 +88,7 @@ def to_segment(p: np.ndarray) -> float:
 
 
 def outer(points: np.ndarray) -> np.ndarray:
-    """Drop what the capsule's pieces hide of each other."""
+    """Return the points that are not inside another piece of the capsule."""
     return points[[to_segment(p) > 0.15 - 1e-9 for p in points]]
 
 
@@ -167,7 +167,7 @@ def test_distance_and_nearest_points_against_all_points_of_the_surface(
     apart = np.hypot(*(surface - q[:2]).T)
     distance = -apart.min() if case.inside(local) else apart.min()
     phi, normal, point = (np.array(f[key](q)).ravel() for key in ("phi", "normal", "point"))
-    # Surface points are up to 1e-3 apart: near it, the best is off by up to half of that.
+    # Surface points are up to 1e-3 apart, so that the nearest is off by up to half of that.
     assert phi.item() == pytest.approx(distance - RADIUS, abs=5e-4)
     assert np.hypot(*normal) == pytest.approx(1, abs=1e-12)
     np.testing.assert_allclose(point, q[:2] - RADIUS * normal, atol=1e-12)
@@ -185,7 +185,7 @@ def test_normal_and_jacobians_against_central_differences(
     case, f = CASES[name], FUNCTIONS[name]
     assume(case.smooth(np.array(centre)))
     q = configuration(pose, centre)
-    # Where a side meets a corner the curvature jumps, by up to 1e2, and eps times that is seen.
+    # Where a side meets a corner the curvature jumps by up to 1e2, which shows as eps times that.
     eps = 1e-7
     slopes = np.array([float(f["phi"](q + e) - f["phi"](q - e)) for e in eps * np.eye(6)])
     slopes /= 2 * eps
@@ -198,7 +198,7 @@ def test_normal_and_jacobians_against_central_differences(
     on_disc, on_body = (np.array(f[key](q)).ravel() for key in ("on_disc", "on_body"))
 
     def apart(at: np.ndarray) -> np.ndarray:
-        """How far the two material points are apart that meet in the contact point at q."""
+        """Return the vector between the two material points that coincide in the contact point at q."""
         return at[:2] + turn(at[5], on_disc) - at[2:4] - turn(at[4], on_body)
 
     slip = np.array([(apart(q + e) - apart(q - e)) / (2 * eps) for e in eps * np.eye(6)])
@@ -212,7 +212,7 @@ def test_normal_and_jacobians_against_central_differences(
     [(0.5, 0.3), (0.5, 0.0), (0.0, 0.3), (0.0, 0.1), (0.6, 0.0), (0.0, -0.4), (0.38, 0.18), (0.38, 0.5), (0.0, 0.0)],
 )
 def test_box_is_finite_on_every_seam(name: str, centre: tuple[float, float]) -> None:
-    """On corners, sides and axes, where the pieces of the distance meet."""
+    """Seams are corners, sides and axes, where the pieces of the distance meet."""
     f = FUNCTIONS[name]
     q = configuration((0.0, 0.0, 0.0, 0.0), centre)
     for key in ("phi", "normal", "J_n", "J_t", "gradient", "bend"):

@@ -1,4 +1,4 @@
-"""Under the exact law what does not touch contributes nothing to a derivative, to the last bit."""
+"""Under the exact law a contact that is open contributes nothing to a derivative, to the last bit."""
 
 from __future__ import annotations
 
@@ -24,19 +24,19 @@ FORWARD = {
     "finger-disc": {"shoulder": -0.5},
     "idto-hopper": {"torso_z": 1.0},
 }
-"""What is added to the state that a problem starts from, so that nothing touches after a step."""
+"""Additions to a problem's initial state, with which all contacts are open after a step."""
 FOLLOWED = {
     "push-1d": ["qa"],
     "push-disc": ["ax", "ay"],
     "planar-push": ["ax", "ay"],
     "planar-hand": ["l1", "l2", "r1", "r2"],
 }
-"""States that a problem's inputs command; the others' inputs are zero."""
+"""States that a problem's inputs command; other problems have zero inputs."""
 MACHINES = {"hopper", "half-cheetah", "spinner", "finger-disc", "idto-hopper"}
 LONG = {*MACHINES, "planar-hand"}
-"""Too long for a compiler in the default tests, which try them by the other engines."""
+"""Problems that take too long to compile in the default tests, which use the other engines."""
 SPACE = ("quadruped", "ant", "push-cube", "reorient")
-"""Start in contact in every coordinate; tests/unit/dynamics/space has their free motion."""
+"""Problems that start in contact in every coordinate; tests/unit/dynamics/space tests their free motion."""
 NAMES = [name for name in problems.names() if name not in SPACE]
 ENGINES = [
     pytest.param(name, backend, marks=[pytest.mark.slow] * (backend == "c" and name in LONG))
@@ -51,7 +51,7 @@ def closed(name: str) -> Step:
 
 
 def apart(name: str) -> tuple[np.ndarray, np.ndarray]:
-    """A state from which a step meets no contact, and its input."""
+    """Return a state from which a step makes no contact, and its input."""
     problem = problems.get(name)
     states = [signal.name for signal in problem.system.states]
     x = problem.initial_states(problem.parameters.values)[0].copy()
@@ -64,7 +64,7 @@ def apart(name: str) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.costly_cases("hopper", "half-cheetah")
 @pytest.mark.parametrize("name", NAMES)
 def test_impulses_that_do_not_act_have_no_derivative(name):
-    """By the state, the input and every parameter, though the way slid of a machine is open."""
+    """It is zero by the state, the input and every parameter, though a machine's slip is undetermined."""
     step, (x, u) = closed(name), apart(name)
     arguments = [ca.MX.sym("x", len(x)), ca.MX.sym("u", len(u)), ca.MX.sym("p", len(step.p))]
     after, lam = step.map(*arguments)
@@ -80,7 +80,7 @@ def test_impulses_that_do_not_act_have_no_derivative(name):
 @pytest.mark.one_case_in(6)
 @pytest.mark.parametrize(("name", "backend"), ENGINES)
 def test_a_step_without_contact_has_the_derivative_of_free_motion(name, backend):
-    """To the bit where that is zero; the machines' own mass matrices are eliminated twice."""
+    """Zeros agree to the bit, except for machines, whose mass matrix is eliminated twice."""
     step, (x, u) = closed(name), apart(name)
     system = step.system
     free = ca.substitute(system.x_next_expr, system.lam, ca.SX.zeros(system.nlam))
@@ -99,7 +99,7 @@ def test_a_step_without_contact_has_the_derivative_of_free_motion(name, backend)
 @pytest.mark.costly_cases("planar-hand-numpy", "planar-hand-casadi")
 @pytest.mark.parametrize(("name", "backend"), [e for e in ENGINES if "planar" in e.values[0]])
 def test_the_object_has_no_gradient_from_a_start_without_contact(name, backend):
-    """Nothing that the actuators do in a plan of two steps from rest reaches the object."""
+    """In a plan of two steps from rest the actuators do not reach the object."""
     problem = problems.get(name, N=2, w_a=0.0, w_du=0.0)
     objective = RolloutObjective(problem, Exact(), Feedback(), backend=backend, threads=1)
     cost, gradient = objective.cost_and_gradient(objective.theta)
@@ -110,10 +110,10 @@ def test_the_object_has_no_gradient_from_a_start_without_contact(name, backend):
 @pytest.mark.costly_cases("planar-hand")
 @pytest.mark.parametrize("name", ["planar-push", "planar-hand"])
 def test_at_contact_the_derivative_is_that_of_the_active_set(name):
-    """Motion and the active gaps, linearised and solved without a path.
+    """It is that of motion and active gaps, linearised and solved without a path.
 
-    Active pairs stand at the path's end, so that their rows have ``gap / lam`` on the diagonal,
-    which moves the solution by no more than ``|inverse| |solution| max(gap / lam)``.
+    Active pairs are at the path's end, so that their rows have ``gap / lam`` on the diagonal,
+    which changes the solution by at most ``|inverse| |solution| max(gap / lam)``.
     """
     step = closed(name)
     system, p = step.system, step.p.values

@@ -1,4 +1,4 @@
-"""First-order gradients through hopper and half-cheetah: central differences say the same."""
+"""First-order gradients through hopper and half-cheetah agree with central differences."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from problems.bodies.simulation import simulate, simulation
 
 LAWS: dict[str, ContactLaw] = {"exact": Exact(), "barrier": Barrier(mu=1e-3)}
 MACHINES: dict[str, dict[str, Any]] = {"hopper": {}, "half-cheetah": {"spheres": "feet"}}
-# From the reset: in the air, just before landing, just landed, and slower on the ground.
+# Steps after the reset: in the air, just before landing, just landed, and slower on the ground.
 MOMENTS = [0, 3, 5, 12]
 STEPS = 10
 CASES = [
@@ -28,7 +28,7 @@ CASES = [
 
 @dataclass(frozen=True)
 class Case:
-    """A closed step, its parameters, states of a fall (steps + 1, nx) and inputs not at rest."""
+    """A closed step, its parameters, states of a fall (steps + 1, nx) and nonzero inputs."""
 
     step: Step
     p: np.ndarray
@@ -50,14 +50,14 @@ def case(name: str, law: str) -> Case:
 
 
 def difference(function, w: np.ndarray, along: np.ndarray, step: float = 1e-5) -> np.ndarray:
-    """Central difference of a vector function along a direction."""
+    """Return the central difference of a vector function along a direction."""
     return (function(w + step * along) - function(w - step * along)) / (2 * step)
 
 
 @pytest.mark.costly
 @pytest.mark.parametrize(("name", "law"), CASES)
 def test_steps(name: str, law: str):
-    """All columns of the Jacobian of one step by state and input."""
+    """All columns of the Jacobian of one step by state and input agree."""
     found = case(name, law)
     step, nx = found.step, found.step.system.nx
     jacobian = step.map.jacobian()
@@ -81,7 +81,7 @@ def test_steps(name: str, law: str):
 @pytest.mark.costly
 @pytest.mark.parametrize(("name", "law"), CASES)
 def test_rollouts(name: str, law: str):
-    """FoBG of the distance that ten steps make, by the inputs, through the landing."""
+    """The gradient by the inputs of a cost after ten steps agrees, through the landing."""
     found = case(name, law)
     step = found.step
     inputs = ca.MX.sym("u", step.system.nu, STEPS)

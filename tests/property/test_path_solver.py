@@ -1,4 +1,4 @@
-"""The path solver on random P-matrices, and the test of what a P-matrix is."""
+"""The path solver solves random P-matrix problems, and P-matrices are recognised."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def solved(z, F, mu, exact: bool = False) -> tuple[np.ndarray, ...]:
 
 
 def units(z, F, mu) -> tuple[np.ndarray, float]:
-    """Scales of the gaps and of the problem: products in units of c² are of order one."""
+    """Return D and c: impulses are of the size c D, gaps of c / D, and their products of c²."""
     D = 1 / np.sqrt(np.diag(F))
     return D, max(np.max(np.abs(z * D)), np.sqrt(np.max(mu)))
 
@@ -38,13 +38,13 @@ def test_the_path_is_followed_to_its_end(problem, exponent, spread):
     assert np.all(gap > 0)
     assert np.all(error <= 1e-10)
     assert np.max(np.abs(lam * gap - mu)) <= 1e-10 * c**2
-    # z + F lam cancels to the gap: rounding of the sum is all that may be off
+    # z + F lam cancels to the gap, which may be off by the rounding of the sum alone.
     size = np.abs(z) + np.abs(F) @ lam
     assert np.all(np.abs(z + F @ lam - gap) <= 1e-10 * c / D + 1e-12 * size)
 
 
 def enumerated(z: np.ndarray, F: np.ndarray) -> np.ndarray:
-    """The one solution of 0 <= lam ⟂ z + F lam >= 0, by trying every active set."""
+    """Return the unique solution of 0 <= lam ⟂ z + F lam >= 0, by enumeration of active sets."""
     n = len(z)
     best, least = np.zeros(n), np.inf
     for flags in product([False, True], repeat=n):
@@ -76,7 +76,7 @@ def test_the_exact_law_agrees_with_enumeration(problem):
 @settings(max_examples=30)
 @given(problem=problems(8))
 def test_resting_contacts_are_solved_too(problem):
-    # z = -F lam with some lam zero: strict complementarity fails at those contacts
+    # With z = -F lam and some lam zero, strict complementarity fails at these contacts.
     _, F, rng = problem
     lam_known = rng.uniform(0, 1, len(F)) * (rng.uniform(size=len(F)) < 0.5)
     lam, gap, error = solved(-F @ lam_known, F, np.zeros(len(F)), exact=True)
@@ -88,7 +88,7 @@ def test_resting_contacts_are_solved_too(problem):
 @settings(max_examples=40)
 @given(problem=problems(8), exponent=st.floats(-6, 0), factor=st.floats(-6, 6))
 def test_units_do_not_matter(problem, exponent, factor):
-    # lengths times a, impulses times b: gaps scale by a, lam by b, F by a/b, mu by a b
+    # For lengths times a and impulses times b, gaps scale by a, lam by b, F by a/b, mu by a b.
     z, F, _ = problem
     a, b = 10**factor, 10 ** (-factor / 2)
     mu = np.full(len(z), 10**exponent)
@@ -100,7 +100,7 @@ def test_units_do_not_matter(problem, exponent, factor):
 @settings(max_examples=40)
 @given(problem=problems(6), exponent=st.floats(-4, 0))
 def test_each_contact_keeps_to_its_own_mu(problem, exponent):
-    # order of the contacts is a name only
+    # The order of the contacts has no meaning.
     z, F, rng = problem
     mu = 10 ** (exponent + rng.uniform(-3, 0, len(z)))
     order = rng.permutation(len(z))
@@ -109,8 +109,8 @@ def test_each_contact_keeps_to_its_own_mu(problem, exponent):
 
 
 def test_failure_is_reported():
-    # no P-matrix: the impulses of the last two contacts close each other's gaps faster than
-    # they open their own
+    # This is no P-matrix: the impulses of the last two contacts close each other's gaps faster than
+    # they open their own.
     F = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, -2.0], [0.0, -2.0, 1.0]])
     assert not is_p_matrix(F)
     for exact in (False, True):

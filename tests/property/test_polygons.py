@@ -1,4 +1,4 @@
-"""Contacts of polygons are those of the Minkowski difference; areas are those of drawn samples."""
+"""Contacts of polygons are those of the Minkowski difference; areas are those of a fine grid."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SIZES = [(3, 8), (4, 4), (5, 3), (8, 6), (7, 5)]
 
 
 def contacts(n: int, m: int) -> ca.Function:
-    """Map the vertices of two polygons to gaps (1, k), normals (2, k) and points (2, k)."""
+    """Return the function from two polygons' vertices to gaps (1, k), normals (2, k) and points (2, k)."""
     a, b = ca.SX.sym("a", 2, n), ca.SX.sym("b", 2, m)
     one, other = (Polygon([s[:, i] for i in range(s.shape[1])]) for s in (a, b))
     found = [Contact.between(s, Pose.fixed(), t, Pose.fixed()) for s, t in vertex_pairs(one, other)]
@@ -30,7 +30,7 @@ FUNCTIONS = {size: contacts(*size) for size in SIZES}
 
 
 def polygon(rng: np.random.Generator, n: int) -> np.ndarray:
-    """n vertices (2, n) on an ellipse, no two closer than a third of their even spacing."""
+    """Return n vertices (2, n) on an ellipse, with angles at least a third of their even spacing apart."""
     spaces = 1 / 3 + rng.dirichlet(np.ones(n)) * n * 2 / 3
     angles = 2 * np.pi * (rng.random() + np.cumsum(spaces) / n)
     turn = rng.random() * np.pi
@@ -40,7 +40,7 @@ def polygon(rng: np.random.Generator, n: int) -> np.ndarray:
 
 
 def minkowski(a: np.ndarray, b: np.ndarray) -> tuple[float, np.ndarray]:
-    """Signed distance of the origin from all ``b - a``, and the normal out of b towards a."""
+    """Return the signed distance of the origin from all ``b - a``, and the normal out of b towards a."""
     cloud = (b[:, :, None] - a[:, None, :]).reshape(2, -1).T
     hull = ConvexHull(cloud)
     heights = hull.equations[:, 2]
@@ -62,12 +62,12 @@ def nearest(size: tuple[int, int], a: np.ndarray, b: np.ndarray) -> tuple[float,
 
 
 def inside(vertices: np.ndarray, point: np.ndarray) -> float:
-    """How far a point is above the highest side, counterclockwise vertices (2, n)."""
+    """Return a point's largest height over a side of counterclockwise vertices (2, n), negative inside."""
     return float((normals(vertices) * (point[:, None] - vertices)).sum(axis=0).max())
 
 
 def normals(vertices: np.ndarray) -> np.ndarray:
-    """Outward unit normals (2, n)."""
+    """Return the sides' outward unit normals (2, n)."""
     along = np.roll(vertices, -1, axis=1) - vertices
     return np.array([along[1], -along[0]]) / np.hypot(*along)
 
@@ -100,7 +100,7 @@ def check(pairs: int, seed: int) -> None:
         assert abs(inside(deep, point)) < 1e-12
         if np.sum(np.hypot(*(np.hstack([deep, b]) - point[:, None])) < 1e-3) > 1:
             continue
-        # A corner in a side; of a corner that meets a corner the depth has this bound alone.
+        # A corner is in a side; between two corners the depth has only the bound above.
         if max(normals(a).T @ -normal) > 1 - 1e-9 or max(normals(b).T @ normal) > 1 - 1e-9:
             sides += 1
             assert phi == pytest.approx(depth, abs=1e-12)
@@ -158,7 +158,7 @@ def test_areas_centres_and_moments_are_those_of_a_fine_grid(shape: Disc) -> None
 
 
 def test_a_tee_and_an_ell_by_hand() -> None:
-    """Bar 0.6 x 0.2 at 0, stem 0.2 x 0.5 at -0.35; legs 0.6 x 0.2 and 0.2 x 0.4."""
+    """The T is a bar of 0.6 x 0.2 at 0 and a stem of 0.2 x 0.5 at -0.35, the L legs of 0.6 x 0.2 and 0.2 x 0.4."""
     tee, ell = shape_area(TEE), shape_area(ELL)
     assert float(tee.area) == pytest.approx(0.22)
     np.testing.assert_allclose(numbers(tee.centre), [0, -0.35 * 0.1 / 0.22], atol=1e-14)
@@ -192,7 +192,7 @@ def test_a_box_is_a_polygon_of_its_corners() -> None:
 
 
 def test_the_gradient_is_the_normal_by_complex_steps_and_the_engines_agree() -> None:
-    """Of a polygon's gap to a disc that moves, outside: d phi / d p = n; NumPy's tape and C's."""
+    """Outside a polygon the gap to a disc at p has d phi / d p = n, in NumPy and in C."""
     p, q = ca.SX.sym("p", 2), ca.SX.sym("q", 3)
     contact = Contact.between(Disc(0.1), Pose(p, ca.SX(0)), ROUNDED, Pose(q[:2], q[2]))
     slope = ca.gradient(contact.phi, p)

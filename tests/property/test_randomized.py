@@ -1,4 +1,4 @@
-"""Averages over noise: against quadrature, and the nodes they are taken over."""
+"""Averages over noise agree with the closed form, and their nodes have the moments of the normal."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SAMPLED = ("sobol", "monte-carlo")
 
 
 def pushed(nu: int = 1) -> ContactSystem:
-    """x+ = x/2 + sum u + lam, gap = x + sum u + lam: one contact that the input closes."""
+    """Return a system x+ = x/2 + sum u + lam, gap = x + sum u + lam, whose contact the input closes."""
     row = np.ones((1, nu))
     return lcs("pushed", A=[[0.5]], B=row, C=[[1.0]], D=[[1.0]], E=row, F=[[1.0]])
 
@@ -27,7 +27,7 @@ def mean_step(law, x: float, u: float, nu: int = 1) -> float:
 
 
 def smoothed_exact(x: float, u: float, sigma: float) -> float:
-    """The exact step averaged over N(0, sigma²) on the gap, by our gaussian law's closed form."""
+    """Return the exact step averaged over N(0, sigma²) on the gap, by the gaussian law's closed form."""
     return mean_step(Adaptive(sigma=sigma), x, u)
 
 
@@ -45,7 +45,7 @@ def test_the_average_approaches_the_closed_form_as_samples_grow(scheme):
 
 
 def test_the_hermite_rule_is_exact_for_smooth_steps():
-    # softened contact is analytic: the rule converges fast, and agrees with a finer one
+    # Softened contact is analytic, so that the rule converges fast, to the values of a finer one.
     values = [
         mean_step(Randomized(0.2, n, scheme="gauss-hermite", base=Barrier(mu=0.3)), 0.1, 0.05) for n in (3, 7, 20, 40)
     ]
@@ -57,7 +57,7 @@ def test_the_hermite_rule_is_exact_for_smooth_steps():
 
 @pytest.mark.costly
 def test_noise_on_the_state_reaches_the_whole_step():
-    # x+ = x/2 + ..., so that noise on x and on u differ only in what is not contact
+    # With x+ = x/2 + ..., noise on x and on u differ only in the part without contact.
     on_state = mean_step(Randomized(0.3, 256, noise="state"), -0.2, 0.1)
     on_input = mean_step(Randomized(0.3, 256, noise="input"), -0.2, 0.1)
     assert on_state == pytest.approx(on_input, abs=1e-12)  # the mean of the smooth part is zero
@@ -68,7 +68,7 @@ def test_noise_on_the_state_reaches_the_whole_step():
 
 @pytest.mark.costly
 def test_several_noisy_inputs_add_up():
-    # two inputs of noise sigma each move the gap like one of sqrt(2) sigma
+    # Two inputs with noise sigma each move the gap like one with sqrt(2) sigma.
     both = mean_step(Randomized(0.3, 2048, seed=2), 0.1, 0.1, nu=2)
     assert both == pytest.approx(smoothed_exact(0.1, 0.1, 0.3 * np.sqrt(2)), abs=1e-3)
 

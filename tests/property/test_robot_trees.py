@@ -1,4 +1,4 @@
-"""Trees drawn at random, written as MJCF: masses, forces and frames are MuJoCo's."""
+"""Masses, forces and frames of random trees in MJCF agree with MuJoCo's."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ size = st.floats(0.05, 2).map(lambda value: round(value, 6))
 
 @st.composite
 def body(draw: Any, index: int, root: bool) -> str:
-    """A body's own elements: up to three joints, a mass away from them, and one fixed to it."""
+    """Draw a body's elements: up to three joints, a mass away from them, and a body fixed to it."""
 
     def vector(kind: Any = near) -> str:
         return f"{draw(kind)} {draw(kind)} {draw(kind)}"
@@ -46,7 +46,7 @@ def body(draw: Any, index: int, root: bool) -> str:
 
 @st.composite
 def trees(draw: Any) -> str:
-    """A tree of 2 to 4 bodies in the file's form, each turned in its parent."""
+    """Draw a tree of 2 to 4 bodies in MJCF, each rotated in its parent."""
     count = draw(st.integers(2, 4))
     above = [draw(st.integers(-1, i - 1)) for i in range(count)]
     own = [draw(body(i, above[i] == -1)) for i in range(count)]

@@ -1,4 +1,4 @@
-"""Scenes: gaps and motion along contacts against geometry by sampling, laws, and books."""
+"""Scenes agree with sampled geometry, closed forms, mirror images, and energy and momentum balances."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ SHAPES = {
 
 
 def rim(shape: Shape, n: int = 4001) -> np.ndarray:
-    """Points of the boundary of a shape in its own frame, (n, 2), at most a few 1e-4 apart."""
+    """Return points of a shape's boundary in its own frame, (n, 2), at most a few 1e-4 apart."""
     angle = np.linspace(0, 2 * np.pi, n)
     round_ = np.column_stack([np.cos(angle), np.sin(angle)])
     if isinstance(shape, Disc):
@@ -43,7 +43,7 @@ def rim(shape: Shape, n: int = 4001) -> np.ndarray:
     else:
         assert isinstance(shape, Capsule)
         corners = np.array([shape.start, shape.end])
-    # A convex body is where its support is: the rim of the core moved out by the radius.
+    # The boundary of a rounded convex body is that of its core, moved out by the radius.
     edges = [np.linspace(corners[i - 1], corners[i], n // 4) for i in range(len(corners))]
     outward = [shape.radius * round_ + corner for corner in corners]
     flat = []
@@ -63,7 +63,7 @@ def placed(shape: object, x: float, y: float, angle: float) -> np.ndarray:
 
 
 def looked_at(scene: Scene) -> ca.Function:
-    """q to distances, places, normals, rows of slip, and the slopes of the distances."""
+    """Return the function from q to distances, points, normals, rows of slip, and slopes of the distances."""
     q = ca.SX.sym("q", len(scene.coordinates))
     found, phi = scene.contacts(q), scene.distance(q)
     points, normals = (ca.horzcat(*each) for each in zip(*((c.point, c.normal) for c in found), strict=True))
@@ -85,14 +85,14 @@ def at(look: ca.Function, q: np.ndarray) -> list[np.ndarray]:
     other=st.floats(-3, 3),
 )
 def test_the_least_gap_is_the_distance_of_the_rims(mine, theirs, where, turn, other) -> None:
-    """Two turned bodies, whose corners are contacts of their own where both have sides."""
+    """Both bodies are rotated, and their corners are separate contacts if both have sides."""
     body = Body("object", SHAPES[mine], at=(0.0, 0.0), inertia=0.1)
     scene = Scene([body, Obstacle("post", SHAPES[theirs], at=(0.1, 0.2), angle=other)])
     x, y = 0.1 + where[0] * np.cos(where[1]), 0.2 + where[0] * np.sin(where[1])
     phi = at(looked_at(scene), np.array([x, y, turn]))[0]
     one, two = placed(SHAPES[mine], x, y, turn), placed(SHAPES[theirs], 0.1, 0.2, other)
     apart = float(phi.min())
-    if apart < 0.02:  # rims that are near or cross say less about distance
+    if apart < 0.02:  # sampled rims that are near or cross give no good distance
         return
     sampled = cKDTree(two).query(one)[0].min()
     assert apart == pytest.approx(sampled, abs=1e-3)
@@ -118,7 +118,7 @@ def test_every_corner_has_its_height_over_a_slope(turn, height, slope) -> None:
 
 @functools.cache
 def three() -> tuple[Scene, ca.Function]:
-    """A pusher on a rail, one in the plane, a body that turns, one that does not, a wall."""
+    """Return a scene of pushers on a rail and in the plane, bodies with and without rotation, and a wall."""
     made = Scene(
         [
             Pusher("cart", Box((0.2, 0.1)), at=(-1.0, 0.0), axis=(0.6, 0.8), mass=2.0, stiffness=40.0),
@@ -136,7 +136,7 @@ def three() -> tuple[Scene, ca.Function]:
 @settings(max_examples=20, deadline=None)
 @given(seed=st.integers(0, 10_000))
 def test_gradients_and_slips_are_those_of_points_that_move(seed: int) -> None:
-    """Rows against differences of the gaps, and of material points that travel with the bodies."""
+    """Rows agree with differences of the gaps, and of material points that move with the bodies."""
     (scene, look), rng = three(), np.random.default_rng(seed)
     q = np.array([0.0, 0.1, 0.3, 0.7, 0.3, 0.1, 0.2, 0.9]) + 0.1 * rng.normal(size=8)
     _, point, normal, slides, slopes = at(look, q)
@@ -153,7 +153,7 @@ def test_gradients_and_slips_are_those_of_points_that_move(seed: int) -> None:
 
 
 def _travel(scene: Scene, thing: Thing, point: np.ndarray, q: np.ndarray, way: np.ndarray) -> np.ndarray:
-    """How far a material point of a thing goes from q - way to q + way."""
+    """Return the displacement of a thing's material point from q - way to q + way."""
     frames = [_frame(scene, thing, value) for value in (q, q - way, q + way)]
     local = frames[0][1].T @ (point - frames[0][0])
     behind, ahead = (origin + turn @ local for origin, turn in frames[1:])
@@ -174,12 +174,12 @@ def _frame(scene: Scene, thing: Thing, q: np.ndarray) -> tuple[np.ndarray, np.nd
 
 
 def step(system: ContactSystem, law: ContactLaw, x: object, u: object, **values: float):
-    """Next state, and impulses along normals and tangents."""
+    """Return the next state, and the impulses along normals and tangents."""
     closed = law.close(system)
     p = closed.p.pack(values)
     x_next, lam, _, error = (np.array(v) for v in closed.solve(x, u, p))
     assert error.max() < 1e-8
-    # A law that averages has its multipliers in blocks, of which the mean moves the system.
+    # A law that averages has blocks of multipliers, whose mean moves the system.
     mean = lam.reshape(-1, system.nlam).mean(axis=0)
     sums = system.forces
     assert sums is not None
@@ -190,7 +190,7 @@ def step(system: ContactSystem, law: ContactLaw, x: object, u: object, **values:
 
 
 def wedged(friction: Any, p: ParameterTable, cone: Any = "linearised") -> ContactSystem:
-    """A disc that is pushed along a wall: it rubs on the hand, and perhaps on the wall."""
+    """Return the system of a disc pushed along a wall, with friction at the hand and maybe the wall."""
     return Scene(
         [
             Pusher("hand", Disc(0.1), at=(-0.3, 0.1), stiffness=50.0),
@@ -205,7 +205,7 @@ def wedged(friction: Any, p: ParameterTable, cone: Any = "linearised") -> Contac
 @by_law
 @pytest.mark.parametrize("cone", ["linearised", "second-order", "edges"])
 def test_a_smooth_contact_beside_a_rough_one_drags_nothing(law: ContactLaw, cone: str) -> None:
-    """Zero as a number and as a parameter's value; with friction there it does drag."""
+    """Friction of zero is a number or a parameter's value; a positive value does drag."""
     x, u = [0, 0, 0, -0.3, 0.1], [-0.1, 0.0]
     p = ParameterTable([Parameter("wall", 0.0)])
     hand = {("hand", "object"): 0.5}
@@ -258,7 +258,7 @@ def test_a_mirrored_scene_moves_in_mirror_image(law: ContactLaw) -> None:
 
 @pytest.mark.costly
 def test_a_mirrored_task_has_the_mirrored_plan() -> None:
-    """Past a post that stands on the one side or on the other."""
+    """The plan goes past a post on one side or on the other."""
 
     def planned(side: float) -> Solution:
         scene = Scene(
@@ -296,7 +296,7 @@ def test_a_mirrored_task_has_the_mirrored_plan() -> None:
 
 
 def test_a_quasi_dynamic_push_by_hand() -> None:
-    """Springs in series: ``M do / h = h K (u - a+) = lam`` where both stay together."""
+    """In contact ``M do / h = h K (u - a+) = lam``, as for springs in series."""
     M, K, h, told = 2.0, 50.0, 0.1, 0.05
     system = Scene(
         [
@@ -324,7 +324,7 @@ def moving(friction: float, rail: bool = False) -> ContactSystem:
 
 
 def unbalanced(system: ContactSystem, x, u, x_next) -> list[np.ndarray]:
-    """Gain of energy less work, and gain of momentum less what comes from outside."""
+    """Return the gain of energy less work, and the gain of momentum less external impulses."""
     book, closed = system.energy_balance, Exact().close(system)
     assert book is not None
     lam = closed.solve(x, u, closed.p.values)[1]
@@ -351,7 +351,7 @@ def test_momentum_is_kept_and_energy_only_lost(friction: float, rail: bool) -> N
     np.testing.assert_allclose(momentum, 0, atol=1e-10)
     assert energy.item() < -0.01
     if not rail:
-        # Of all that pushes only the motor is from outside.
+        # The motor is the only external force.
         m = np.array([1.5, 0.5, 1.0])[:, None]
         places = [[8, 9], [11, 12], [14, 15]]
         gained = (m * (x_next[places] - x[places])).sum(axis=0)

@@ -1,4 +1,4 @@
-"""Contacts between any two shapes: distances by convex programs, gradients by differences."""
+"""Contacts between any two shapes agree with distances by convex programs and gradients by differences."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tests.examples import settings
 
 
 class Solid(NamedTuple):
-    """A shape, and its core ``centre + frame s`` with s in the box [-1, 1]²."""
+    """A shape, and its core ``centre + frame s`` for s in the box [-1, 1]², to be grown by ``radius``."""
 
     shape: Shape
     centre: np.ndarray
@@ -43,7 +43,7 @@ poses = st.tuples(*[st.floats(-0.7, 0.7)] * 2, st.floats(-3, 3), st.floats(-3, 3
 
 
 def functions(one: Shape, other: Shape) -> ca.Function:
-    """q = (x, z, a) of both bodies to gap, normal, tangent, point, J_n, J_t."""
+    """Return the function from q = (x, z, a) of both bodies to gap, normal, tangent, point, J_n, J_t."""
     q = ca.SX.sym("q", 6)
     c = Contact.between(one, Pose(q[:2], q[2]), other, Pose(q[3:5], q[5]))
     outputs = [c.phi, c.normal, c.tangent, c.point, *map(ca.densify, c.jacobians(q))]
@@ -64,7 +64,7 @@ def configuration(pose: tuple[float, ...]) -> np.ndarray:
 
 
 def apart(one: Solid, other: Solid, q: np.ndarray) -> float:
-    """Distance of the two cores, a convex quadratic program over a box."""
+    """Return the distance of the two cores, from a convex quadratic program over a box."""
     frames, centres = [], []
     for solid, at in ((one, q[:3]), (other, q[3:])):
         frames.append(rotation(at[2]) @ solid.frame)
@@ -79,10 +79,10 @@ def values(pair: tuple[str, str], q: np.ndarray) -> list[np.ndarray]:
 
 
 def smooth(pair: tuple[str, str], q: np.ndarray) -> bool:
-    """Whether the cores are apart and no side of one is parallel to a side of the other.
+    """Return whether the cores are apart and no side of one is parallel to a side of the other.
 
-    Then one pair of points alone is nearest: two convex polygons apart have a second nearest pair
-    only along sides that are parallel.
+    Then the nearest pair of points is unique: two convex polygons that are apart have a second one
+    only along parallel sides.
     """
     one, other = (SOLIDS[name] for name in pair)
     if apart(one, other, q) < 1e-2:
@@ -128,7 +128,7 @@ def test_gradient_of_the_gap_against_differences(one, other, pose) -> None:
 @given(pose=poses)
 @settings(max_examples=30)
 def test_action_is_reaction(one, other, pose) -> None:
-    """Which shape comes first matters for signs alone; no force moves or turns both as one."""
+    """The order of the shapes changes signs alone, and forces neither move nor rotate both as one body."""
     q = configuration(pose)
     assume(smooth((one, other), q))
     phi, normal, _, point, J_n, J_t = values((one, other), q)
@@ -156,7 +156,7 @@ def test_height_over_a_half_plane_is_that_of_the_lowest_point(name, pose) -> Non
 
 
 def test_a_corner_in_a_box_is_as_deep_as_it_is() -> None:
-    """A square on its corner, 0.05 m into the top of another; then a corner into its flank."""
+    """A square's corner is 0.05 m deep in the top of another box, then 0.02 m in its side."""
     boxes = functions(Box((0.2, 0.2)), Box((0.5, 0.3)))
     diagonal = 0.2 * np.sqrt(2)
     phi, normal, _, point, *_ = (np.array(v).ravel() for v in boxes([0.1, 0.3 + diagonal - 0.05, np.pi / 4, 0, 0, 0]))

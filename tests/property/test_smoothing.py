@@ -1,4 +1,4 @@
-"""What the laws are: smoothings of the exact one, by quadrature; and how stiff they are."""
+"""The laws are smoothings of the exact one, by quadrature, and have a known stiffness."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ compliances = st.floats(0.05, 5)
 
 @cache
 def scalar(law: str) -> ca.Function:
-    """``(z, F, parameter) -> (lam, dlam/dz, d²lam/dz²)`` of one contact, by the step map."""
+    """Return ``(z, F, parameter) -> (lam, dlam/dz, d²lam/dz²)`` of one contact, by the step map."""
     table = ParameterTable([Parameter("F", 1.0)])
     eye, zero = np.eye(1), np.zeros((1, 1))
     system = lcs("contact", A=zero, B=zero, C=eye, D=eye, E=zero, F=ca.SX(table["F"]), parameters=table)
@@ -51,7 +51,7 @@ def test_a_barrier_is_smoothing_by_students_t(z, F, exponent):
     mu = 10**exponent
     scale = np.sqrt(2 * F * mu)
 
-    def integrand(s: float) -> float:  # w = -z - s: only w < -z makes contact
+    def integrand(s: float) -> float:  # w = -z - s, and only w < -z makes contact
         return value("exact", -s, F, 0) * t.pdf((-z - s) / scale, 2) / scale
 
     near = abs(z) + 20 * scale
@@ -74,10 +74,10 @@ def test_the_gaussian_law_is_smoothing_by_the_normal(z, F, sigma):
 
 
 def tail_mu(distance: float, sigma: float, F: float) -> float:
-    """kappa (z + F kappa) through the scaled complementary error function."""
+    """Return kappa (z + F kappa) through the scaled complementary error function."""
     r = distance / sigma
     mills = np.sqrt(np.pi / 2) * erfcx(r / np.sqrt(2))
-    # 1 - r mills cancels like 1/r²: the series beyond, ten terms of it at r >= 8
+    # 1 - r mills cancels like 1/r², so that twelve terms of its series are summed at r >= 8.
     terms = [1.0]
     for k in range(1, 12):
         terms.append(-terms[-1] * (2 * k + 1) / r**2 if r >= 8 else 0.0)
@@ -124,7 +124,7 @@ def test_the_closed_form_neither_cancels_nor_loses_the_sign(z, F, exponent):
     mu = 10**exponent
     lam = float(scalar_solution(ca.SX(z), ca.SX(F), ca.SX(mu)))
     assert lam > 0
-    # the same root in extended precision, each form where it does not cancel
+    # The expected value is the root in extended precision, by the form that does not cancel.
     Z, R, C = np.longdouble(z), np.longdouble(F), np.longdouble(mu)
     root = np.sqrt(Z * Z + 4 * R * C)
     expected = 2 * C / (Z + root) if z > 0 else (root - Z) / (2 * R)
@@ -132,7 +132,7 @@ def test_the_closed_form_neither_cancels_nor_loses_the_sign(z, F, exponent):
 
 
 def lam_jacobian(F: np.ndarray, z: np.ndarray, mu: float) -> tuple[np.ndarray, np.ndarray]:
-    """lam and d lam/dz of several contacts by the step map."""
+    """Return lam and d lam/dz of several contacts by the step map."""
     n = len(z)
     eye, zero = np.eye(n), np.zeros((n, n))
     system = lcs("contact", A=zero, B=np.zeros((n, 1)), C=eye, D=eye, E=np.zeros((n, 1)), F=F)
@@ -159,7 +159,7 @@ def test_contacts_couple_in_the_jacobian(n, seed, exponent):
 
 @pytest.mark.costly
 def test_dropping_the_coupling_gives_another_jacobian():
-    # abs, eq. A.26 as printed: -lam_i / (eps_i + lam_i F_ii) on the diagonal, nothing beside it
+    # Zhang et al. 2023, eq. A.26 as printed is diagonal, with -lam_i / (eps_i + lam_i F_ii).
     rng = np.random.default_rng(4)
     errors = []
     for _ in range(20):
@@ -174,7 +174,7 @@ def test_dropping_the_coupling_gives_another_jacobian():
 @settings(max_examples=40)
 @given(n=st.integers(2, 5), seed=st.integers(0, 2**32 - 1))
 def test_the_lipschitz_bound_holds_for_every_mu(n, seed):
-    # ||dlam/dz|| <= 1 / lambda_min(sym F), whatever mu: the true constant does not blow up
+    # ||dlam/dz|| <= 1 / lambda_min(sym F) for any mu, so that the true constant stays finite.
     rng = np.random.default_rng(seed)
     F, z = p_matrix("symmetric", n, rng), rng.normal(size=n)
     bound = 1 / np.linalg.eigvalsh(F)[0]

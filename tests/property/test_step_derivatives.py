@@ -1,4 +1,4 @@
-"""Derivatives through contact: the step map against differences, for every law."""
+"""Derivatives of the step map agree with differences, for every law."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from tests.property.p_matrices import p_matrix
 
 
 def own_mu(z: ca.SX, F: ca.SX) -> ca.SX:
-    """A user's law that couples the contacts."""
+    """Return mu of a user's law that couples the contacts."""
     return 0.02 / (1 + ca.sumsqr(z)) + 0.01 * z**2
 
 
@@ -39,7 +39,7 @@ LAWS: dict[str, ContactLaw] = {
 
 @cache
 def system(contacts: int) -> ContactSystem:
-    """A stable LCS with a nonsymmetric P-matrix, all sizes different."""
+    """Return a stable LCS with a nonsymmetric P-matrix and all sizes different."""
     rng = np.random.default_rng(contacts)
     nx, nu, n = 3, 2, contacts
     return lcs(
@@ -62,7 +62,7 @@ def closed(law: str, contacts: int) -> Step:
 
 @cache
 def derivatives(law: str, contacts: int) -> ca.Function:
-    """``w = (x, u, p) -> (y, dy/dw, d²(weights y)/dw²)``, y = (x_next, lam)."""
+    """Return ``w = (x, u, p) -> (y, dy/dw, d²(weights y)/dw²)``, y = (x_next, lam)."""
     step = closed(law, contacts)
     w = ca.MX.sym("w", 5 + len(step.p))
     y = ca.vertcat(*step.map(w[:3], w[3:5], w[5:]))
@@ -71,7 +71,7 @@ def derivatives(law: str, contacts: int) -> ca.Function:
 
 
 def difference(function, w: np.ndarray, step: float = 1e-5) -> np.ndarray:
-    """Central differences of a vector function, the Jacobian's columns one after the other."""
+    """Return the Jacobian of a vector function by central differences."""
     columns = []
     for index in range(len(w)):
         shift = np.zeros(len(w))
@@ -147,7 +147,7 @@ def test_the_exact_law_has_the_derivative_of_its_active_set(seed):
     evaluate = ca.Function("d", [x, u], [y, ca.jacobian(y, ca.vertcat(x, u))])
     _, lam, gap, _ = (np.array(v).ravel() for v in step.solve(w[:3], w[3:], []))
     assert np.all(np.minimum(lam, gap) == 0)
-    # on one piece the map is affine: away from its edges differences are exact
+    # The map is piecewise affine, so that differences are exact away from the edges of a piece.
     if np.min(lam + gap) > 1e-3:
         expected = difference(lambda at: np.array(evaluate(at[:3], at[3:])[0]).ravel(), w)
         assert np.allclose(np.array(evaluate(w[:3], w[3:])[1]), expected, atol=1e-7)
@@ -172,7 +172,7 @@ def test_a_frozen_gradient_is_that_of_the_barrier_at_the_same_mu(seed):
     held = evaluate(Adaptive(law=lambda z, F: ca.SX(ca.DM(total[2]))))
     assert np.allclose(frozen[0], total[0], atol=1e-14)
     assert np.allclose(frozen[1], held[1], atol=1e-12)
-    # far from contact mu and its derivative vanish, and with them the difference
+    # Far from contact mu and its derivative vanish, and so does the difference.
     assert np.max(total[2]) < 1e-3 or np.max(np.abs(frozen[1] - total[1])) > 1e-4
 
 
@@ -192,7 +192,7 @@ def test_every_problems_step(name, law):
 
 
 def test_the_active_set_is_that_of_the_exact_solution():
-    """Two soft walls 0.35 m either side: the tip beyond one acts on that one alone."""
+    """The tip between soft walls 0.35 m to both sides touches only the wall that it is beyond."""
     step = Exact().close(get("cart-walls").system)
     p = step.p.values
     for theta, expected in ((0.8, [1, 0]), (-0.8, [0, 1]), (0.0, [0, 0])):

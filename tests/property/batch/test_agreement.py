@@ -1,4 +1,4 @@
-"""Properties over drawn inputs: the backends compute CasADi's function, and each other's."""
+"""The backends agree with CasADi's function, and with one another, for drawn inputs."""
 
 from __future__ import annotations
 

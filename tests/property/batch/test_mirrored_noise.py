@@ -1,4 +1,4 @@
-"""Antithetic samples: a rollout under mirrored noise is the forward rollout at -w, bit for bit."""
+"""A rollout under mirrored (antithetic) noise equals the rollout at -w, bit for bit."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from problems import get, names
 from tests.examples import settings
 
 HORIZON, SAMPLES = 3, 4
-# Their kernels take a compiler a good part of a minute.
+# Problems whose kernels take almost a minute to compile.
 LARGE = ("hopper", "half-cheetah")
 SPACE = ("quadruped", "ant", "push-cube", "reorient")
 CASES = [
@@ -35,7 +35,7 @@ def objective(name: str, backend: str) -> RolloutObjective:
 
 @functools.cache
 def sigma(name: str) -> np.ndarray:
-    """A tenth of every input's scale, rounded to a power of 2: dividing by it is then exact."""
+    """Return a tenth of every input's scale, rounded to a power of 2, so that division by it is exact."""
     problem = get(name)
     scale = np.broadcast_to(problem.scaling.u, (problem.system.nu,))
     return 2.0 ** np.round(np.log2(0.1 * scale))
@@ -46,7 +46,7 @@ def sigma(name: str) -> np.ndarray:
 @settings(max_examples=5, deadline=None)
 @given(seed=st.integers(0, 2**32))
 def test_mirrored_costs_are_forward_costs_at_minus_w(name, backend, seed):
-    """The open-loop score w / sigma^2 gives back the very noise that the kernel has drawn."""
+    """The open-loop score w / sigma^2 recovers the noise that the kernel has drawn."""
     f, noise = objective(name, backend), Gaussian(sigma(name), seed)
     straight, turned = f.sample_scores(noise, SAMPLES), f.sample_scores(noise.negate(), SAMPLES)
     np.testing.assert_array_equal(turned.direction, -straight.direction)
@@ -61,7 +61,7 @@ def test_mirrored_costs_are_forward_costs_at_minus_w(name, backend, seed):
 
 @pytest.mark.parametrize("order", ["cost", "zeroth", "first"])
 def test_moments_and_gradients_of_mirrored_noise(order):
-    """Fused moments draw -w too, and a stream that is continued stays turned round."""
+    """Fused moments draw -w too, and a continued stream stays mirrored."""
     f, noise, n = objective("planar-push", "c"), Gaussian(0.25, 5).negate(), 3000
     (found, bad) = f.moments(noise, n, order) or pytest.fail("no moments")
     assert not len(bad)
@@ -75,7 +75,7 @@ def test_moments_and_gradients_of_mirrored_noise(order):
 
 
 def test_perturbed_policies_are_pairs():
-    """Evolution strategies disturb the gains by e and -e."""
+    """Evolution strategies perturb the gains by e and -e."""
     f = RolloutObjective(get("push-disc", N=HORIZON), Barrier(mu=1e-2), Feedback())
     noise = Gaussian(0.25, seed=2)
     straight, turned = f.sample_perturbed(noise, 6), f.sample_perturbed(noise.negate(), 6)

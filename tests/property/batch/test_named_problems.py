@@ -1,4 +1,4 @@
-"""Every named problem under every law: cost and gradient agree with CasADi's own derivatives."""
+"""Cost and gradient of every named problem under every law agree with CasADi's own derivatives."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ from tests.examples import settings
 from tests.unit.dynamics.batch.backends import FAST
 
 Route = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
-"""Costs (n,) and gradients (n, N, nu) from starts (n, nx) and inputs (n, N, nu)."""
+"""Function from starts (n, nx) and inputs (n, N, nu) to costs (n,) and gradients (n, N, nu)."""
 HORIZON = 4
-# Their kernels take a compiler a good part of a minute.
+# Problems whose kernels take almost a minute to compile.
 LARGE = ("hopper", "half-cheetah", "quadruped", "ant", "push-cube", "reorient")
 NAMES = [pytest.param(n, marks=[pytest.mark.slow] if n in LARGE else []) for n in names()]
 SEARCHED = 2e-12
-"""Scaled violation above which a step of CasADi lost its path and was found by the search from
-other starts, which ends anywhere below 1e-10; the batch starts warm and follows its path to the
-end. Such draws are left out: two of 240 samples of finger-disc, where next states differ by 8e-11.
+"""Scaled violation above which CasADi's solve of a step left its path and searched from other
+starts, which ends anywhere below 1e-10; the batch starts warm and follows its path to the end.
+Such draws are skipped: two of 240 samples of finger-disc, where next states differ by 8e-11.
 """
 NOISE = 1e-5
-"""No rounding of a route moves its gradient by more, relative: no route widens its own bound."""
+"""Bound on the relative change of a gradient by rounding, so that no route loosens its own tolerance."""
 LAWS = {
     "barrier": lambda: Barrier(mu=1e-3),
     "adaptive": lambda: Adaptive(sigma=0.2),
@@ -39,9 +39,9 @@ LAWS = {
 
 @functools.cache
 def prepared(name: str, law: str):
-    """Routes of CasADi's graph, C and NumPy, how badly CasADi's is solved, and where samples are.
+    """Return the routes of CasADi, C and NumPy, the violation of CasADi's steps, and where to draw samples.
 
-    These are the start, the inputs before it, and the problem's sizes.
+    Samples are drawn about the start and the inputs before it, by the problem's sizes.
     """
     problem = get(name)
     system, step = problem.system, LAWS[law]().close(problem.system)
@@ -72,7 +72,7 @@ def prepared(name: str, law: str):
 
 
 def of_casadi(graph: ca.Function) -> Route:
-    """CasADi's graph, sample by sample."""
+    """Return the route that evaluates CasADi's graph sample by sample."""
 
     def route(starts: np.ndarray, inputs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         found = [graph(x, u.T) for x, u in zip(starts, inputs, strict=True)]
@@ -83,7 +83,7 @@ def of_casadi(graph: ca.Function) -> Route:
 
 
 def of_batch(rollout: RolloutFunction, before: np.ndarray | None) -> Route:
-    """A backend, all samples at once."""
+    """Return the route that evaluates all samples at once in a backend."""
 
     def route(starts: np.ndarray, inputs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         got = rollout(starts, inputs, u_before=before)
@@ -95,10 +95,10 @@ def of_batch(rollout: RolloutFunction, before: np.ndarray | None) -> Route:
 def rounding(
     route: Route, starts: np.ndarray, inputs: np.ndarray, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """What rounding of the data does to a route: changes (n,) of costs and of gradients.
+    """Return the changes (n,) of a route's costs and of its gradients when its data are rounded.
 
-    The largest change over six draws that move every state and input by 1e-15 of itself. Two
-    routes that are both right to rounding differ by about as much.
+    They are the largest over six draws that change every state and input by a relative 1e-15. Two
+    routes that are both accurate to rounding differ by about as much.
     """
     costs, gradients = route(starts, inputs)
     by_cost, by_gradient = np.zeros((2, len(costs)))
@@ -125,13 +125,13 @@ def test_agrees_with_casadi(name, law, seed):
     inputs += 0 if before is None else before
     off = [float(unsolved(x, u.T)) for x, u in zip(starts, inputs, strict=True)]
     assume(max(off) <= SEARCHED)
-    # Where a hand of planar-hand is drawn far into the disc, lam is 1e5 N s at a gap of 1e-8 m and
-    # the contact's equations have a condition number of 1e6: rounding the data moves costs by 1e-10
-    # and gradients by 5e-9. Where both discs of idto-hopper's foot press, forces are open and the
-    # derivative has pivots as small as the end of the path: rounding moves its gradients by up to
-    # 1e-4, on one route 70 times as much as on another. So each route has its own rounding, and two
-    # differ by twice the sum of both at most, over 400 samples under the exact law. Elsewhere,
-    # friction or not, 1e-12 and 1e-10 hold.
+    # If a hand of planar-hand is drawn deep inside the disc, lam is 1e5 N s at a gap of 1e-8 m and
+    # the contact's equations have a condition number of 1e6: rounding changes costs by 1e-10 and
+    # gradients by 5e-9. If both discs of idto-hopper's foot press, their forces are not unique and
+    # pivots of the derivative are as small as mu at the path's end: rounding changes gradients by up
+    # to 1e-4, on one route 70 times as much as on another. So each route has its own rounding, and
+    # two differ by at most twice the sum of both, over 400 samples under the exact law. Elsewhere,
+    # with friction or without, 1e-12 and 1e-10 hold.
     (costs, gradients), *found = (route(starts, inputs) for route in routes)
     (by_cost, by_gradient), *own = (rounding(route, starts, inputs, rng) for route in routes)
     floor = 1e-12 * np.abs(gradients).max() + 1e-10 * np.abs(gradients)

@@ -36,7 +36,7 @@ points = given(seed=st.integers(0, 2**32 - 1), spread=st.floats(1e-3, 0.3))
 
 @functools.cache
 def automatic(case: str, method: str, reformulation: str = "product") -> ca.Function:
-    """CasADi's own derivatives of ``f_g``: gradient, Jacobian, Hessian of s f + m' g."""
+    """Return CasADi's own derivatives of ``f_g``: gradient, Jacobian, Hessian of s f + m' g."""
     nlp = session(case, method).nlp_of(reformulation)
     x, p = ca.MX.sym("x", nlp.n), ca.MX.sym("p", len(nlp.names) + nlp.data.size)
     s, m = ca.MX.sym("s"), ca.MX.sym("m", nlp.m)
@@ -80,7 +80,7 @@ def test_every_form_of_direct_equals_automatic_differentiation(reformulation: st
 
 
 def switching(found: Session, x: np.ndarray, p: np.ndarray) -> float:
-    """Distance to the nearest change of the active set, at which the exact law has a kink."""
+    """Return the distance to the nearest change of the active set, where the exact law has a kink."""
     nlp = found.nlp_of("product")
     if nlp.trajectories is not None:
         _, _, lam, gap = (np.array(v) for v in nlp.trajectories(x, p))
@@ -135,7 +135,7 @@ def test_value_and_derivative_functions_agree_on_values(case: str, method: str) 
 
 @pytest.mark.parametrize("method", SHOOTING)
 def test_a_frozen_gradient_is_another_one_than_the_total(method: str) -> None:
-    """Jacobian of one step at z: ``d lam/d u`` with mu held is lam/(s + F lam), s the gap."""
+    """For one step at z, ``d lam/d u`` with fixed mu is lam/(s + F lam), s the gap."""
     found = Session(
         get("push-1d", N=1, qa0=-0.2),
         Adaptive(sigma=0.1, gradient="frozen"),

@@ -1,4 +1,4 @@
-"""Only noise that acts is scored: idle inputs add no variance to any estimator of a gradient."""
+"""Only noise that affects the cost is scored: idle inputs add no variance to any gradient estimator."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ from tests.unit.dynamics.batch.backends import BACKENDS
 
 LAW = Barrier(mu=0.1)
 MANY = 12
-"""Idle inputs."""
+"""Number of idle inputs."""
 SIGMA, N = 0.3, 6
 
 
 def system(idle: int, states: int):
-    """A mass at a wall, and ``states`` that the mass and an idle input each move."""
+    """Return a mass at a wall with ``states`` further states, each moved by the mass and an idle input."""
     A, B = 0.9 * np.eye(1 + states), np.eye(1 + states, 1 + idle)
     A[1:, 0] = 1.0
     first = np.eye(1 + states)[:, :1]
@@ -36,7 +36,7 @@ def system(idle: int, states: int):
 
 
 def problem(idle: int, states: int) -> Problem:
-    """The mass goes to 1; nothing is paid for the other states."""
+    """Return a problem in which the mass goes to 1 and the other states cost nothing."""
     made = system(idle, states)
     return Problem(
         name="mass",
@@ -50,7 +50,7 @@ def problem(idle: int, states: int) -> Problem:
 
 
 def task(idle: int) -> Task:
-    """The same to be learned; the mass alone is seen."""
+    """Return the problem as a learning task that observes the mass alone."""
     made, chance = system(idle, idle), ca.SX.sym("chance")
     return Task(
         name="mass",
@@ -68,25 +68,25 @@ def task(idle: int) -> Task:
 
 
 def variance(samples: np.ndarray) -> tuple[float, float]:
-    """Trace of the covariance of samples (n, d), and its standard error."""
+    """Return the trace of the covariance of samples (n, d), and its standard error."""
     squares = np.square(samples - samples.mean(axis=0)).sum(axis=1)
     return float(squares.mean()), float(squares.std() / np.sqrt(len(squares)))
 
 
 def alike(one: tuple[float, float], other: tuple[float, float]) -> bool:
-    """Whether two values agree within five standard errors."""
+    """Return whether two values agree within five standard errors."""
     return abs(one[0] - other[0]) <= 5 * np.hypot(one[1], other[1])
 
 
 def static(idle: int) -> StaticObjective:
-    """``(theta_0 - 1)²``, of ``1 + idle`` components."""
+    """Return the objective ``(theta_0 - 1)²`` with ``1 + idle`` components."""
     theta = ca.SX.sym("theta", 1 + idle)
     names = tuple(Signal(f"theta{i}", "1") for i in range(1 + idle))
     cost, value = (theta[0] - 1) ** 2, 0.5 * np.ones(1 + idle)
     return StaticObjective("idle", names, theta, cost, value, ParameterTable(), backend="numpy")
 
 
-# A feedback that sees states which an input moves lets that input act on all that it moves.
+# Feedback from a state that an idle input moves would let that input act: there are none.
 OBJECTIVES = {
     "static": static,
     "open-loop": lambda idle: RolloutObjective(problem(idle, idle), LAW, backend="numpy"),
@@ -111,7 +111,7 @@ def test_no_estimators_variance_grows_with_idle_inputs(name: str, kind: str) -> 
 
 @pytest.mark.costly
 def test_alpha_weighs_the_variances_of_what_acts() -> None:
-    """The noise of the first component is the same, and so is alpha, whatever is idle."""
+    """The first component has the same noise, and so alpha is the same, with idle components or without."""
     alphas = [
         estimate_gradient(static(idle), ["alpha-variance"], 40_000, SIGMA, seed=1)["alpha-variance"]
         for idle in (0, MANY)
@@ -125,9 +125,9 @@ def test_alpha_weighs_the_variances_of_what_acts() -> None:
     [(ZOPG, None), (ZOPG, (4,)), (AoBG, None), (FOPG, ()), (TotalPropagation, (4,))],
 )
 def test_no_algorithms_variance_grows_with_idle_inputs(make, hidden) -> None:
-    """Over 10 batches of 128 samples, at the same policy of the input that acts.
+    """Variances are over 10 batches of 128 samples, at the same policy of the input that acts.
 
-    Total propagation mixes by variances: the likelihood ratio's share falls if idle noise counts.
+    Total propagation weighs by variances, so that the likelihood ratio's share would fall with idle noise.
     """
     found = []
     for idle in (0, MANY):
@@ -150,7 +150,7 @@ def test_no_algorithms_variance_grows_with_idle_inputs(make, hidden) -> None:
 
 
 def _same_policy(e: Experiment, hidden: tuple[int, ...] | None) -> np.ndarray:
-    """Parameters whose first action does not depend on how many others there are."""
+    """Return parameters with which the first action does not depend on the number of others."""
     theta = np.zeros(e.policy.n_theta)
     if hidden is None:
         theta[0] = 0.3
@@ -170,12 +170,12 @@ def test_random_search_leaves_idle_weights_alone() -> None:
 
 
 def law_parameters() -> ca.SX:
-    """Symbols as many as the law has parameters."""
+    """Return symbols of the law's parameters."""
     return LAW.close(system(0, 0)).p.vector
 
 
 def drawn(seed: int):
-    """A sparse system, its costs, and which entries of the state these are of."""
+    """Return a random sparse system, with a stage and a terminal cost of some of its states."""
     rng = np.random.default_rng(seed)
     nx, nu, nlam = 5, 3, 2
 
@@ -202,7 +202,7 @@ def drawn(seed: int):
 @pytest.mark.parametrize("per_step", [True, False])
 @pytest.mark.parametrize("seed", range(12))
 def test_what_is_scored_is_what_moves_the_cost(seed: int, per_step: bool) -> None:
-    """Differences over large noise find the same pairs of step and input that the graph says."""
+    """Differences with large noise find the same pairs of step and input as the graph."""
     made, stage, end = drawn(seed)
     law = LAW.close(made)
     policy = open_loop(made.nx, made.nu) if per_step else affine_policy(made.nx, made.nu)
@@ -224,7 +224,7 @@ def test_what_is_scored_is_what_moves_the_cost(seed: int, per_step: bool) -> Non
 
 
 def test_the_tied_are_scored_with_whom_they_are_tied_to() -> None:
-    """Gap 1 depends on lam_0 alone, lam_0 on input 0 alone: both reach a cost of lam_1's state."""
+    """Gap 1 depends on lam_0 and input 1, lam_0 on input 0, so that both inputs reach a cost of lam_1's state."""
     made = lcs(
         "tied",
         A=[[0.0]],
@@ -244,7 +244,7 @@ def test_the_tied_are_scored_with_whom_they_are_tied_to() -> None:
 @pytest.mark.costly_cases("casadi")
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_the_ball_is_thrown_by_the_first_noise_alone(backend: str) -> None:
-    """Its score is w_0 / sigma², of second moment 1, and nothing of a ball in flight."""
+    """The score is w_0 / sigma², and zero for a ball that is in flight from the start."""
     ball = registry.get("ball-throw")
     e = Experiment(task=ball, algorithm=FOPG(), law=Exact(), hidden=None, threads=1)
     rollouts = e.rollouts(ball.horizon)
@@ -266,7 +266,7 @@ def test_the_ball_is_thrown_by_the_first_noise_alone(backend: str) -> None:
 
 
 def test_a_throws_estimate_varies_as_little_as_one_draw_lets_it() -> None:
-    """ZOPG's mean is FOPG's within five standard errors, which 50 draws would make 5 times wide."""
+    """ZOPG's mean agrees with FOPG's within five standard errors, 5 times as large with scores of 50 draws."""
     ball, n = registry.get("ball-throw"), 4096
     theta, noise = np.array([-0.2, -0.44]), Gaussian(0.1, seed=7)
     e = Experiment(task=ball, algorithm=FOPG(), law=LAW, hidden=None, threads=1, normalise=False)
@@ -274,7 +274,7 @@ def test_a_throws_estimate_varies_as_little_as_one_draw_lets_it() -> None:
     x0 = np.repeat(ball.reset(1, np.random.default_rng(0)), n, axis=0)
     found = unroll_episodes(e, state, x0, ball.horizon, noise=noise, gradient=True, score=True)
     centred = found.value - found.value.mean()
-    # Of independent draws of one standard normal pair each: E s² = 1 / sigma².
+    # Every score is of one independent pair of normal draws, so that E s² = 1 / sigma².
     assert np.square(found.score).mean() * 0.1**2 == pytest.approx(1, abs=5 * np.sqrt(2 / (2 * n)))
     zeroth, first = centred[:, None] * found.score, found.gradient
     error = np.sqrt((zeroth.var(axis=0) + first.var(axis=0)) / n)

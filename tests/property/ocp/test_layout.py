@@ -1,4 +1,4 @@
-"""Named blocks in one vector: nothing is lost, nothing overlaps."""
+"""Named blocks in one vector are complete and do not overlap."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Feasible but arbitrary points are never called solved, whatever a solver says of them."""
+"""Feasible but arbitrary points are never reported as solved, even if a solver claims it."""
 
 from __future__ import annotations
 
@@ -42,13 +42,13 @@ LAWS: dict[str, ContactLaw] = {
 
 
 def without_constraints(name: str) -> Problem:
-    """The problem with bounds on its inputs alone, so that every rollout is feasible."""
+    """Return the problem with bounds on its inputs alone, so that every rollout is feasible."""
     problem = get(name)
     return replace(problem, path=(), terminal=(), start=None, x_lower=-ca.inf, x_upper=ca.inf)
 
 
 def perturbed(session: Session, seed: int) -> Rollout:
-    """Random inputs about the guess, rolled out under the session's law."""
+    """Return a rollout of random inputs about the guess, under the session's law."""
     problem, values = session.problem, session.values
     physical = problem.parameters.pack(values)
     _, U = problem.initial_guess(physical)
@@ -59,7 +59,7 @@ def perturbed(session: Session, seed: int) -> Rollout:
 
 
 def claimed(session: Session, x: np.ndarray, reformulation: str = "product") -> RouteResult:
-    """What a solver would hand over that stopped at ``x`` and called it optimal."""
+    """Return the result of a solver that stopped at ``x`` and reported it as optimal."""
     nlp = session.nlp_of(reformulation)
     f, g = nlp.f_g(x, nlp.parameter_vector(session.values))
     result = Result(Point(x), float(f), np.array(g).ravel(), Status.SOLVED, "claimed", 1, 0.0)
@@ -94,7 +94,7 @@ def test_random_inputs_of_a_machine_are_not_optimal(name: str, law: str) -> None
 @pytest.mark.parametrize("law", ["exact", "barrier"])
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_in_shooting_too(method, law: str, seed: int) -> None:
-    """push-1d at random inputs was once called solved at 4.2, three times its optimum."""
+    """push-1d at random inputs was once reported as solved at 4.2, three times its optimum."""
     session = Session(without_constraints("push-1d"), LAWS[law], method, OpenLoop())
     rolled = perturbed(session, seed)
     nlp = session.nlp_of("product")

@@ -1,4 +1,4 @@
-"""Rolled-out trajectories and costs against simulations written by hand."""
+"""Rolled-out trajectories and costs agree with simulations written by hand."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def values_of(problem: Problem) -> dict[str, float]:
 
 
 def contact(z: float, F: float, mu: float) -> float:
-    """The root lam >= 0 of ``lam (z + F lam) = mu``."""
+    """Return the root lam >= 0 of ``lam (z + F lam) = mu``."""
     return (math.sqrt(z * z + 4 * F * mu) - z) / (2 * F)
 
 
@@ -123,7 +123,7 @@ def test_one_stationary_gain_serves_every_step() -> None:
 @some
 @seeds
 def test_costs_on_increments_start_from_the_input_before(seed: int) -> None:
-    """On push-disc: 0.01 |o - goal|² + 0.1 |du|² summed, and 10 |o_N - goal|²."""
+    """The cost of push-disc is the sum of 0.01 |o - goal|² + 0.1 |du|², plus 10 |o_N - goal|²."""
     noise = np.random.default_rng(seed)
     problem = problem_of("push-disc")
     x, u = noise.standard_normal((2, N + 1, 4)), noise.standard_normal((2, N, 2))
@@ -138,7 +138,7 @@ def test_costs_on_increments_start_from_the_input_before(seed: int) -> None:
 @some
 @seeds
 def test_a_scenario_alone_has_the_bits_it_has_among_others(seed: int) -> None:
-    """Also beside one whose inputs are NaN from a step on."""
+    """This also holds next to a scenario whose inputs become NaN."""
     noise = np.random.default_rng(seed)
     problem = problem_of("push-disc")
     u = noise.standard_normal((4, N, 2))

@@ -1,4 +1,4 @@
-"""Answers do not depend on the units of mass, length, time and cost a problem is stated in."""
+"""Solutions do not depend on a problem's units of mass, length, time and cost."""
 
 from __future__ import annotations
 
@@ -36,16 +36,16 @@ CONSISTENT = (
     "hopper-1d",
     "planar-push",
 )
-"""Problems of which every parameter and every term of the cost has its unit; one cost is a way."""
+"""Problems with consistent units of all parameters and cost terms; the cost of hopper-1d is a length."""
 
 
 CHEAP = (*CONSISTENT, "cart-walls", "ball-throw")
 NO_WEIGHTS = {("planar-push", "w_end"), ("hopper-1d", "w_v")}
-"""A ratio of weights; and one beside a way, which nothing weighs."""
+"""Weights that do not scale with the unit of cost: a ratio of weights, and one next to a length."""
 
 
 def stated(problem: str, units: Units, **params: float) -> dict[str, float]:
-    """Numbers of the parameters, were ``units`` what they are counted in instead of kg, m, s."""
+    """Return the parameters in kg, m, s of a problem whose numbers are counted in ``units``."""
     checked = spec(problem).params(params)
 
     def unit(name: str, one: str) -> float:
@@ -60,13 +60,13 @@ def stated(problem: str, units: Units, **params: float) -> dict[str, float]:
 
 
 def restated(problem: str, units: Units, **params: float) -> Problem:
-    """The problem, counted in ``units``; a cost that no parameter weighs, by its expressions."""
+    """Return the problem with numbers counted in ``units``; a cost without a weight is scaled as a whole."""
     made = get(problem, **stated(problem, units, **params))
     return dearer(made, units.cost) if problem == "hopper-1d" else made
 
 
 def dearer(problem: Problem, by: float) -> Problem:
-    """The problem with all its costs multiplied."""
+    """Return the problem with all its costs multiplied by a factor."""
     costs = problem.stage_cost, problem.terminal_cost
     return replace(problem, stage_cost=by * costs[0], terminal_cost=by * costs[1])
 
@@ -92,7 +92,7 @@ def test_costs_are_invariant_under_a_change_of_units(problem: str) -> None:
 
 @st.composite
 def other_units(draw: st.DrawFn) -> Units:
-    """Mass, length and time in a thousandth to a thousand of SI's units, cost in any at all."""
+    """Draw units of mass, length and time within a factor of 1000 of SI, and of cost within 1e12."""
     kg, m, s = (10.0 ** draw(st.floats(-3, 3)) for _ in range(3))
     return Units(kg, m, s, 10.0 ** draw(st.floats(-12, 12)))
 
@@ -103,7 +103,7 @@ def in_si(problem: str, soft: bool, method: str = "direct") -> Solution:
 
 
 def agrees(problem: str, units: Units, soft: bool, method: str = "direct") -> None:
-    """The same status, and a cost that differs by its own unit alone; mu is in N s m too."""
+    """Check that status and survival are the same, and costs up to their unit; mu scales with N s m."""
     known = in_si(problem, soft, method)
     law = Barrier(mu=1e-3 * units.of("N s m")) if soft else Exact()
     found = solve(restated(problem, units), law, method)
@@ -151,7 +151,7 @@ def test_a_thrown_ball_is_thrown_alike_in_any_units(units: Units) -> None:
 @pytest.mark.costly
 @pytest.mark.parametrize("kg", [1e-3, 1e3])
 def test_carts_between_walls_move_alike_in_any_unit_of_mass(kg: float) -> None:
-    """One weight of the cost is for every state, and so it has no unit of length or time."""
+    """One weight multiplies all states, so that the cost has no consistent units of length and time."""
     agrees("cart-walls", Units(kg), soft=False)
 
 
@@ -169,10 +169,10 @@ def in_its_own_cost(problem: str, law: str) -> Solution:
 
 
 def costs_as_much(problem: str, law: str, cost: float) -> None:
-    """What a solver is given are the same numbers, so that its answer is the same to rounding.
+    """Check that a cost in another unit gives the same solution to rounding, as solvers get the same numbers.
 
-    Where no parameter weighs the cost, its size is known to a band alone: hopper-1d may come to the
-    same height by another of its motions.
+    Without a weight in the cost its size is known only to within a band, so that hopper-1d may reach
+    the same height by another motion.
     """
     known = in_its_own_cost(problem, law)
     found = solve(restated(problem, Units(cost=cost)), LAWS[law])
@@ -212,7 +212,7 @@ def test_a_cost_in_any_unit_is_the_same_cost(problem: str, law: str, exponent: f
 @pytest.mark.parametrize("problem", ["push-1d", "ball-bounce"])
 @pytest.mark.parametrize("method", ["direct", "single-shooting"])
 def test_a_power_of_two_of_the_cost_keeps_every_bit(problem: str, method: str) -> None:
-    """No parameter tells of the unit: the size of the cost itself is measured."""
+    """No parameter reveals the unit, so that the size of the cost itself is measured."""
     known = solve(get(problem), Barrier(mu=1e-3), method)
     found = solve(dearer(get(problem), 2.0**-48), Barrier(mu=1e-3), method)
     assert found.cost == 2.0**-48 * known.cost
@@ -231,7 +231,7 @@ def test_gains_are_held_back_alike_in_any_unit_of_cost() -> None:
 
 @pytest.mark.parametrize("cost", [1e-12, 1e-9, 1e9])
 def test_a_complementarity_problem_has_a_unit_of_cost_too(cost: float) -> None:
-    """The leader of the documentation's example, whose best x is 2 and costs (1 - 3)²."""
+    """It is the leader's problem of the documentation, whose optimum x = 2 costs (1 - 3)²."""
     x, y, s = (ca.SX.sym(name) for name in "xys")
     f = cost * ((x - 2) ** 2 + (y - 3) ** 2)
     problem = MPCC(x=ca.vertcat(x, y, s), f=f, g=y - x + s, G=s, H=1 - y)
@@ -241,7 +241,7 @@ def test_a_complementarity_problem_has_a_unit_of_cost_too(cost: float) -> None:
 
 
 def dimensionless(found: Solution, units: Units, key: str) -> np.ndarray:
-    """A trajectory as it would read in SI."""
+    """Return a trajectory counted in ``units``."""
     system = found.problem.system
     signals = system.states if key == "x" else system.inputs
     return found.data[key].values / np.array([units.of(signal.unit) for signal in signals])
@@ -261,7 +261,7 @@ def test_light_balls_and_heavy_discs_end_where_others_do(problem: str, params: d
 
 
 def test_a_mu_as_large_as_the_problem_is_told() -> None:
-    """A ball of 10 g is one of 1 kg in another unit of mass, and so is mu = 1e-5 one of 1e-3."""
+    """A ball of 10 g with mu = 1e-5 is one of 1 kg with mu = 1e-3 in another unit of mass."""
     light = get("ball-bounce", m=0.01, u_max=0.15, w_u=100.0)
     blurred = solve(light, Barrier())
     assert blurred.referee.survives is False
