@@ -43,13 +43,13 @@ LAWS = {
     "adaptive, sigma = 0.02": "adaptive -c sigma=0.02",
     "randomized, sigma = 0.1": "randomized -c sigma=0.1",
 }
-"""Columns and rows of the tables of solves, as the command line has them."""
+"""Options of the command line for the laws in tables of solves."""
 _KEYS = ("cost", "exact_cost", "referee_cost", "iterations")
 
 
 @dataclass(frozen=True)
 class Measured:
-    """A number as it stands on a page, the command that measures it, and where its JSON has it."""
+    """A number as printed on a page, the command that measures it, and its path in the command's JSON."""
 
     place: str
     text: str
@@ -57,7 +57,7 @@ class Measured:
     path: str
 
     def agrees(self, found: float) -> bool:
-        """Whether what was found is the number, see the module."""
+        """Return whether a measured value agrees with the number, as described in the module."""
         stated = Decimal(self.text.replace(",", ""))
         if self.path.endswith("iterations"):
             return abs(found - float(stated)) <= _COUNTS * float(stated)
@@ -68,20 +68,20 @@ class Measured:
 
 
 def marked(text: str, place: str) -> Iterator[Measured]:
-    """Numbers of a page that carry their command."""
+    """Yield the numbers of a page that are marked with their command."""
     for number, command, path in _MARK.findall(text):
         yield Measured(place, number, command, path)
 
 
 def in_prose() -> Iterator[Measured]:
-    """Numbers of all pages written by hand."""
+    """Yield the marked numbers of all pages written by hand."""
     for page in sorted(DOCS.rglob("*.md")):
         if DOCS / "generated" not in page.parents:
             yield from marked(page.read_text(encoding="utf-8"), str(page.relative_to(DOCS)))
 
 
 def in_tables() -> Iterator[Measured]:
-    """Costs and iterations in the tables of solves; iterations of the matrix are not drawn."""
+    """Yield costs and iterations in the tables of solves, without the iterations of the matrix."""
     matrix = json.loads((DATA / "matrix.json").read_text(encoding="utf-8"))
     for problem, method, *cells in matrix["rows"]:
         for law, cell in zip(matrix["columns"][2:], cells, strict=True):
@@ -97,7 +97,7 @@ def in_tables() -> Iterator[Measured]:
 
 
 def _warm_starts() -> Iterator[Measured]:
-    """Iterations from nothing, and from the run before, which the same folder holds."""
+    """Yield iterations of cold starts, and of starts from the run before, which is in the same folder."""
     table = json.loads((DATA / "warm-starts.json").read_text(encoding="utf-8"))
     for law, *cells in table["rows"]:
         contact, parameters = warm.LAWS[law]
@@ -124,7 +124,7 @@ def _numbers(place: str, command: str, cells: Any) -> Iterator[Measured]:
 
 @cache
 def document(command: str) -> Any:
-    """What the commands between ``&&`` print last with ``--json``, run in one fresh folder."""
+    """Run the commands between ``&&`` in one new folder, and return the last one's ``--json`` output."""
     with TemporaryDirectory() as folder:
         *before, last = command.split(" && ")
         program = f'"{sys.executable}" -m ocp'
@@ -152,7 +152,7 @@ def measure(number: Measured) -> float:
 
 
 def compare(drawn: list[Measured], jobs: int = 1) -> list[str]:
-    """Measure numbers again, say each, and return those that are no longer so."""
+    """Measure numbers again, print each, and return those that differ."""
     off = []
     with ThreadPoolExecutor(jobs) as pool:
         for number, found in zip(drawn, pool.map(measure, drawn), strict=True):
@@ -163,7 +163,7 @@ def compare(drawn: list[Measured], jobs: int = 1) -> list[str]:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Draw numbers by a seed, which is printed; 1 where one differs."""
+    """Draw numbers by a seed, which is printed, and measure them; return 1 if one differs."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--count", type=int, default=20)
     parser.add_argument("--seed", type=int, default=secrets.randbelow(10**6))

@@ -1,4 +1,4 @@
-"""The same rollouts in JAX: jit of `lax.map` over vmapped blocks of samples."""
+"""The same rollouts in JAX, by jit of `lax.map` over vmapped blocks of samples."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ BLOCKS = (16, 64, 256, 1024)
 
 
 def blocked(cost: Callable, theta: np.ndarray, block: int) -> Callable[[], object]:
-    """Cost and gradient of every sample theta (n, N, nu), block by block."""
+    """Return a call for cost and gradient of every sample theta (n, N, nu), block by block."""
     whole = jax.vmap(jax.value_and_grad(cost))
     fn = jax.jit(lambda t: lax.map(whole, t.reshape(-1, block, *t.shape[1:])))
     samples = jnp.asarray(theta)
@@ -22,7 +22,7 @@ def blocked(cost: Callable, theta: np.ndarray, block: int) -> Callable[[], objec
 
 
 def wall(p: np.ndarray) -> Callable:
-    """Cost of wall-1d under the barrier law; p as in wall_peer.c."""
+    """Return the cost function of wall-1d under the barrier law; p as in wall_peer.c."""
     m, h, x0, v0, goal, wx, wv, wu, we, mu = (float(value) for value in p)
     F = h / m
 
@@ -43,7 +43,7 @@ def wall(p: np.ndarray) -> Callable:
 
 
 def four_contacts(matrices: dict[str, np.ndarray], mu: float, x0: np.ndarray) -> Callable:
-    """Cost of the four-contact system: interior point forward, implicit function backward."""
+    """Return the four-contact system's cost, by interior point forward and implicit function backward."""
     A, B, C, D, E, F, d = (jnp.asarray(matrices[k]) for k in "ABCDEFd")
     n = len(d)
 

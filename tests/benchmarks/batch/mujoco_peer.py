@@ -1,4 +1,4 @@
-"""The machines in MuJoCo: the same tables as MJCF, its parallel rollouts, its derivatives."""
+"""The machines in MuJoCo: the same tables as MJCF, with its parallel rollouts and its derivatives."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _EPS = 1e-6
 
 
 def mjcf(machine: PublishedMachine) -> str:
-    """The machine over its ground, in the plane y = 0, at its own step size.
+    """Return the machine on its ground as MJCF, in the plane y = 0, at its own step size.
 
     Springs, dampers, gears, limits, spheres and friction are those of the machine; contacts of
     MuJoCo are soft, with its own defaults.
@@ -53,9 +53,9 @@ def _body(machine: PublishedMachine, children: dict[str | None, list[Link]], lin
 
 
 def _joints(machine: PublishedMachine, link: Link) -> str:
-    """Its springs MuJoCo takes at the step's start, too stiff for that; as a damper they are ours.
+    """Return the link's joints, with springs made implicit by added damping, since MuJoCo's are explicit.
 
-    That is ``spring (q + h v+) + damping v+``, with the next velocity in both.
+    Their force is then ``spring (q + h v+) + damping v+``, as in the machine.
     """
     if link.joint == "free":
         slides = "".join(f'<joint type="slide" axis="{a}"/>' for a in ("1 0 0", "0 0 1"))
@@ -72,7 +72,7 @@ def _mujoco(name: str) -> Any:
 
 
 def forward(model: Any, x0: np.ndarray, inputs: np.ndarray, threads: int) -> Callable[[], Any]:
-    """A call of `mujoco.rollout` from x0 (nx,) under inputs (n, H, nu)."""
+    """Return a call of `mujoco.rollout` from x0 (nx,) under inputs (n, H, nu)."""
     mujoco, rollout = _mujoco("mujoco"), _mujoco("mujoco.rollout")
     data = [mujoco.MjData(model) for _ in range(threads)]
     start = np.tile(np.concatenate([[0.0], x0]), (len(inputs), 1))
@@ -81,9 +81,9 @@ def forward(model: Any, x0: np.ndarray, inputs: np.ndarray, threads: int) -> Cal
 
 
 def derivatives(model: Any, x0: np.ndarray, inputs: np.ndarray, threads: int) -> Callable[[], Any]:
-    """A call for the gradients (n, H, nu) of the last x[0] by the inputs (n, H, nu).
+    """Return a call for the gradients (n, H, nu) of the last x[0] by the inputs (n, H, nu).
 
-    `mjd_transitionFD` at every step, one-sided, which is its fastest form, and the chain backwards.
+    They are chained backwards from one-sided `mjd_transitionFD` at every step, its fastest form.
     """
     mujoco, (_, horizon, nu) = _mujoco("mujoco"), inputs.shape
     nq, nx = model.nq, model.nq + model.nv

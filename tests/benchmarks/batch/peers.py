@@ -1,7 +1,7 @@
-"""What the batch engine is measured against: CasADi's map and hand-written C.
+"""Peers of the batch engine: CasADi's map and hand-written C.
 
-CasADi runs every form of the rollout that its own means allow, and the fastest one counts: which
-one that is depends on the problem and the machine, and so is measured (:func:`fastest`).
+CasADi runs every form of the rollout that it can evaluate, and the fastest one counts: which one
+that is depends on the problem and the computer, and is measured by :func:`fastest`.
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ from dynamics.contact.interior_point import scalar_solution
 
 _NEWTON = (4, 5, 6, 8, 12)
 _LONGEST = 5000
-"""Instructions up to which a compiler takes seconds for a flat graph's C."""
+"""Largest number of instructions of a flat graph whose C compiles within seconds."""
 Inner = Callable[[InnerLoop, ca.MX, ca.MX], ca.MX]
 
 
 def casadi_rollout(step: Step, stage: ca.Function, terminal: ca.Function, horizon: int) -> ca.Function:
-    """(x0, U, before) to cost and gradient by U (nu, N), unrolled and differentiated by CasADi.
+    """Return (x0, U, before) -> (cost, gradient by U (nu, N)), unrolled and differentiated by CasADi.
 
-    For one contact a flat SX graph of the closed form; for several an MX loop over the step's
-    explicit map, which follows the interior-point path.
+    It is a flat SX graph of the closed form for one contact, and for several an MX loop over the
+    step's explicit map, which follows the interior-point path.
     """
     kind = ca.SX if step.n == 1 else ca.MX
     system, values = step.system, step.p.values
@@ -51,12 +51,12 @@ def casadi_rollout(step: Step, stage: ca.Function, terminal: ca.Function, horizo
 
 
 def casadi_forms(step: Step, stage: ca.Function, terminal: ca.Function, horizon: int) -> dict[str, ca.Function]:
-    """Forms of the rollout (x0, U, before) -> (cost, gradient) that CasADi can evaluate, by name.
+    """Return the forms of the rollout (x0, U, before) -> (cost, gradient) that CasADi can evaluate, by name.
 
-    One contact: the closed form in a flat SX graph. Several: Newton's method on the smoothed
-    complementarity for a fixed number of iterations, in a flat SX graph or as MX calls. Friction:
-    the path, until it rests. Each differentiated by CasADi, or backwards step by step through the
-    implicit function theorem, which is the fewer operations.
+    For one contact it is the closed form in a flat SX graph, for several Newton's method on the
+    smoothed complementarity with a fixed number of iterations, in a flat SX graph or as MX calls, and
+    for friction the path to its end. Each is differentiated by CasADi, or step by step backwards by
+    the implicit function theorem, which needs fewer operations.
     """
     parts = step, stage, terminal, horizon
     forms = {"differentiated by CasADi": casadi_rollout(*parts)}
@@ -102,7 +102,7 @@ def _by_adjoint(
     horizon: int,
     solve: Inner | None = None,
 ) -> ca.Function:
-    """Forward through the steps, then back through the adjoint of each."""
+    """Return the rollout with its gradient from the steps' adjoints, in reverse order."""
     system = step.system
     tapes = build_tapes(step, Costs(stage, terminal), open_loop(system.nx, system.nu))
     p, still, loop = tapes.derived(step.p.values), ca.DM.zeros(system.nu), tapes.forward
@@ -127,7 +127,7 @@ def _by_adjoint(
 
 
 def generated(graph: ca.Function, folder: Path) -> ca.Function | None:
-    """The C that CasADi writes for the graph, compiled; None where that is too long a text."""
+    """Return the compiled C that CasADi writes for the graph; None if it is too long."""
     if graph.is_a("SXFunction") and graph.n_instructions() > _LONGEST:
         return None
     folder.mkdir(parents=True)
@@ -142,10 +142,10 @@ def generated(graph: ca.Function, folder: Path) -> ca.Function | None:
 
 
 def fastest(forms: dict[str, ca.Function], x0: np.ndarray, before: np.ndarray, theta: np.ndarray) -> str:
-    """The name of the form that takes the least processor time, of those that are right.
+    """Return the name of the correct form that takes the least processor time.
 
-    Right is what agrees with the form that CasADi differentiates itself to 1e-10 in cost and
-    1e-8 of the largest entry of the gradient: too few Newton iterations do not.
+    A form is correct if it agrees with the one that CasADi differentiates to 1e-10 in cost and 1e-8
+    of the largest entry of the gradient: too few Newton iterations do not.
     """
     taken: dict[str, float] = {}
     wanted: list[np.ndarray] = []
@@ -165,7 +165,7 @@ def fastest(forms: dict[str, ca.Function], x0: np.ndarray, before: np.ndarray, t
 
 
 def mapped(graph: ca.Function, x0: np.ndarray, before: np.ndarray, theta: np.ndarray) -> Callable[[], list[ca.DM]]:
-    """A call of `graph.map(n, "thread", 2)` on samples theta (n, N, nu)."""
+    """Return a call of `graph.map(n, "thread", 2)` on samples theta (n, N, nu)."""
     n, horizon, nu = theta.shape
     fn = graph.map(n, "thread", 2)
     arguments = [
@@ -179,7 +179,7 @@ def mapped(graph: ca.Function, x0: np.ndarray, before: np.ndarray, theta: np.nda
 def hand_written(
     folder: Path, p: np.ndarray, theta: np.ndarray, threads: int
 ) -> Callable[[], tuple[np.ndarray, np.ndarray]]:
-    """A call of wall_peer.c, compiled with everything that speed could ask for."""
+    """Return a call of wall_peer.c, compiled with all options for speed."""
     n, horizon = theta.shape[:2]
     built = folder / "wall_peer.so"
     source = Path(__file__).with_name("wall_peer.c")

@@ -1,4 +1,4 @@
-"""Interleaved timing, so that what else the machine does falls on every runner alike."""
+"""Interleaved timing, so that other load on the computer affects all runners alike."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from rich.table import Table
 
 @dataclass(frozen=True)
 class Seconds:
-    """Median seconds of one call: on the wall's clock, and of all processors together.
+    """Median seconds of one call: wall time, and processor time of all threads together.
 
-    Beside other programs the first is longer and the second is not: ratios of equally many threads
-    are of the second, rates and scaling with threads of the first.
+    Only wall time grows with the load of other programs: ratios at equal numbers of threads are of
+    processor time, rates and scaling with threads of wall time.
     """
 
     wall: float
@@ -26,7 +26,7 @@ class Seconds:
 
 @dataclass(frozen=True)
 class Row:
-    """One line of a table: what was measured, and the bound that it must keep, if any."""
+    """One line of a table: what was measured, and the bounds that it must keep, if any."""
 
     what: str
     value: float
@@ -36,13 +36,13 @@ class Row:
 
     @property
     def held(self) -> bool:
-        """Whether the bound is kept; a value that is not a number keeps none."""
+        """Whether the bounds are kept; NaN keeps none."""
         above = self.least is None or self.value >= self.least
         return above and (self.most is None or self.value <= self.most)
 
 
 def race(runners: dict[str, Callable[[], object]], rounds: int = 7) -> dict[str, Seconds]:
-    """Median seconds of each runner over `rounds` rounds in turn, after one round to warm up."""
+    """Return median seconds of each runner over `rounds` alternating rounds, after one to warm up."""
     times: dict[str, list[tuple[float, float]]] = {name: [] for name in runners}
     for i in range(rounds + 1):
         for name, run in runners.items():
@@ -55,9 +55,9 @@ def race(runners: dict[str, Callable[[], object]], rounds: int = 7) -> dict[str,
 
 
 def tell(title: str, rows: list[Row]) -> None:
-    """Print the rows with whether each bound is held, and fail where one is not.
+    """Print the rows and whether each bound is kept, and fail if one is not.
 
-    The caption tells how many other processes wanted a processor over the last minute.
+    The caption shows the computer's average load over the last minute.
     """
     load = os.getloadavg()[0]
     table = Table(title=title, title_justify="left", caption=f"load {load:.1f}")

@@ -1,4 +1,4 @@
-"""How fast rollouts with gradients are, as ratios to what else one could use."""
+"""Speed of rollouts with gradients, as ratios to alternatives."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ MU = 1e-3
 
 @dataclass(frozen=True)
 class Case:
-    """A rollout to time: its step and costs, its start, and how many samples each runner gets."""
+    """A rollout to time: its step and costs, its start, and the numbers of samples of the runners."""
 
     step: Step
     stage: ca.Function
@@ -39,20 +39,20 @@ class Case:
     n_map: int
 
     def rollout(self, **options) -> RolloutFunction:
-        """The rollout under test, with inputs as parameters."""
+        """Return the rollout under test, with inputs as parameters."""
         system = self.step.system
         policy = open_loop(system.nx, system.nu)
         parts = (self.step, self.stage, self.terminal, self.horizon, policy)
         return RolloutFunction(*parts, **options)
 
     def inputs(self, n: int) -> np.ndarray:
-        """Inputs (n, N, nu) around the start."""
+        """Draw inputs (n, N, nu) around the input before."""
         rng = np.random.default_rng(0)
         around = 0.0 if self.u_before is None else self.u_before
         return around + 0.3 * rng.standard_normal((n, self.horizon, self.step.system.nu))
 
     def runner(self, f: RolloutFunction, theta: np.ndarray):
-        """A call that writes over its earlier answer."""
+        """Return a call that overwrites its earlier result."""
         out = f(self.x0, theta, u_before=self.u_before)
         return lambda: f(self.x0, theta, u_before=self.u_before, out=out)
 
@@ -96,9 +96,9 @@ CASES = {"wall-1d": wall, "four contacts": four, "push-disc": disc}
 
 
 def casadi_peers(case: Case, theta: np.ndarray, folder: Path) -> dict[str, ca.Function]:
-    """CasADi's fastest form on these samples as it stands, and of those compiled from its own C.
+    """Return CasADi's fastest form on these samples, evaluated by CasADi and compiled from its C.
 
-    Keys say which they are.
+    Their keys name the forms.
     """
     before = np.zeros(case.step.system.nu) if case.u_before is None else case.u_before
     forms = casadi_forms(case.step, case.stage, case.terminal, case.horizon)
@@ -231,7 +231,7 @@ def test_memory_of_a_million_rollouts():
 
 
 def processor_seconds() -> float:
-    """Processor time of this process and of those that it waited for, a compiler among them."""
+    """Return processor seconds of this process and of those that it waited for, such as a compiler."""
     return sum(os.times()[:4])
 
 

@@ -1,4 +1,4 @@
-"""Rollouts through frictional contact: hopper and half-cheetah against CasADi and MuJoCo."""
+"""Speed of rollouts with frictional contact: hopper and half-cheetah against CasADi and MuJoCo."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def test_machines_against_casadi(name, monkeypatch, tmp_path):
 
 
 def let_loose(name: str, threads: int) -> tuple[RolloutFunction, np.ndarray]:
-    """Rollouts of a machine with all its spheres from its environment's reset, and that state."""
+    """Return rollouts of a machine with all its spheres, and the state of its environment's reset."""
     problem, x0 = simulation(name)
     step, system = Barrier(mu=1e-3).close(problem.system), problem.system
     p, policy = step.p.vector, open_loop(system.nx, system.nu)
@@ -63,7 +63,7 @@ def let_loose(name: str, threads: int) -> tuple[RolloutFunction, np.ndarray]:
 
 
 def from_ones(path: Path) -> ca.Function:
-    """Every step from the cold start, whatever the step before was."""
+    """Return a warm start that ignores the step before and is the cold one."""
     lam = ca.SX.sym("lam", path.n)
     return ca.Function("warm", [lam, path.data], [ca.SX.ones(path.size)])
 
@@ -75,11 +75,11 @@ def runner(f: RolloutFunction, x0: np.ndarray, theta: np.ndarray, **options: Any
 
 @pytest.mark.parametrize("name", ["hopper", "half-cheetah"])
 def test_the_contact_solve_of_a_rollout(name, monkeypatch, tmp_path):
-    """Against a start from ones at every step, and that with the matrix between all pairs.
+    """It is compared with a start from ones at every step, and with this and the matrix of all pairs.
 
-    The last is how rollouts were before their solve went through coordinates and started warm. A
-    rollout without gradient saves no more than the sweep back, which is the smaller part: a step's
-    solve takes some eight iterations, each as long as the adjoint of the step.
+    The latter is how rollouts were before their solve used coordinates and warm starts. A rollout
+    without gradient saves only the backward sweep, which is the smaller part: a step's solve takes
+    about eight iterations, each as long as the adjoint of the step.
     """
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     began = time.perf_counter()
@@ -102,7 +102,7 @@ def test_the_contact_solve_of_a_rollout(name, monkeypatch, tmp_path):
             "before": runner(before, x0, theta[:256]),
         }
     )
-    # A step of wild motion may have several solutions, of which each start finds its own.
+    # A step of violent motion may have several solutions, and starts may find different ones.
     apart = np.abs(f(x0, theta).cost / cold(x0, theta).cost - 1) > 1e-7
     assert apart.mean() < 0.01
     each = {key: seconds[key].processor / len(theta) for key in seconds}

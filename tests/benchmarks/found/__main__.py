@@ -1,4 +1,4 @@
-"""What the default command finds on problems of strangers: ``make bench-found``.
+"""Plans that the default command finds for strangers' problems: ``make bench-found``.
 
 ``python -m tests.benchmarks.found [NAME...] [--seeds N] [--effort WORD]`` solves each in a fresh process and compares
 the exact replay with the best known plan; ``--reference NAME...`` looks for better ones (``--routes PATTERN...`` by
@@ -23,23 +23,23 @@ from tests.benchmarks.found.reference import find_best
 TABLE = "found"
 COLUMNS = ("problem", "best known", "before", "now", "above the best", "status", "certificate", "survives", "s")
 NEAR = 0.05
-"""Share of the best known cost by which a plan that counts as found may be dearer."""
+"""Share of the best known cost by which a plan may exceed it and still counts as found."""
 STORED_ANSWER = ("cost", "exact_cost", "status", "certificate", "survives", "survives_at_h", "seconds")
-"""Fields of an answer that are stored as the one before."""
+"""Fields of an answer that ``--before`` stores."""
 
 
 def excess(cost: float, best: float) -> float:
-    """Return by which share of its size a cost is above the best; infinite for none."""
+    """Return the excess of a cost over the best as a share of the best's size; infinite without a cost."""
     return (cost - best) / max(abs(best), 1e-12) if math.isfinite(cost) else math.inf
 
 
 def written(cost: float | None) -> str:
-    """Write a cost, a dash where there is none."""
+    """Return a cost as text, a dash if there is none."""
     return "–" if cost is None or not math.isfinite(cost) else f"{cost:.5g}"
 
 
 def cost_of(answer: Mapping[str, Any]) -> float:
-    """Return the cost of an answer's exact replay, infinite where there is none."""
+    """Return the cost of an answer's exact replay, infinite if there is none."""
     cost = answer["exact_cost"]
     return math.inf if cost is None else cost
 
@@ -113,7 +113,7 @@ def measure(names: Sequence[str], seeds: int, effort: str | None, before: bool) 
 
 
 def answer_fields(answer: Answer) -> dict[str, object]:
-    """Return the fields that are stored: numbers to six digits, None for what is none."""
+    """Return the fields that are stored, with numbers to six digits and None for missing ones."""
     fields: dict[str, object] = {}
     for key in STORED_ANSWER:
         value = getattr(answer, key)

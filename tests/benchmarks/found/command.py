@@ -1,4 +1,4 @@
-"""One ``ocp solve`` in a fresh process: what it answers, and its processor time with that of its children."""
+"""One ``ocp solve`` in a new process: its answer, and its processor time with that of its children."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ PROGRAM = "from reports.cli.start import main; main()"
 
 @dataclass(frozen=True)
 class Answer:
-    """Answer of one command; costs are NaN where there is no answer.
+    """Answer of one command; costs are NaN without an answer.
 
-    ``exact_cost`` is what the exact law makes of the inputs, infinite where that breaks a constraint; ``survives`` is
-    the referee's word, ``survives_at_h`` that of the step size itself, and ``seconds`` processor time.
+    ``exact_cost`` is that of the inputs under the exact law, infinite if they violate a constraint; ``survives`` is
+    the referee's verdict, ``survives_at_h`` that at the step size itself, and ``seconds`` processor time.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""Problems of strangers and where they are, and the best plans of them that are known."""
+"""Problems of strangers with their files, and the best known plans for them."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ ROOT = Path(__file__).parents[3]
 STRANGERS = ROOT / "tests" / "strangers"
 """Folder of the thirty problem files, one folder a theme."""
 NAMED = ("push-box", "push-t")
-"""Named problems that stand beside the files: the default command is known to be poor on them."""
+"""Named problems in addition to the files, on which the default command is known to be poor."""
 BEST_KNOWN = Path(__file__).parent / "best_known.json"
 """Best known plans, the ways to them, and what the default command gave at first."""
 
 
 DIGITS = 10
-"""Digits of a stored input: unstable plans need more than they print."""
+"""Digits of a stored input: unstable plans need more than are printed."""
 
 
 @dataclass(frozen=True)
 class Plan:
-    """A plan that is known: its ``cost`` under the exact law, the ``command`` that found it, and its inputs (N, nu).
+    """A known plan: its ``cost`` under the exact law, the ``command`` that found it, and its inputs (N, nu).
 
     ``start`` (nx,) is the initial state where the plan chooses it.
     """
@@ -52,12 +52,12 @@ def problem_files() -> dict[str, Path]:
 
 
 def problem_names() -> list[str]:
-    """Return all strangers and the named problems beside them."""
+    """Return all strangers and the additional named problems."""
     return [*problem_files(), *NAMED]
 
 
 def source_of(name: str) -> str:
-    """Return what ``ocp solve`` takes: the path of a file, relative to the root, or a name."""
+    """Return the argument of ``ocp solve``: the path of a file, relative to the root, or a name."""
     file = problem_files().get(name)
     return name if file is None else str(file.relative_to(ROOT))
 
@@ -72,7 +72,7 @@ def module_of(name: str) -> ModuleType:
 
 
 def stored() -> dict[str, dict]:
-    """Return what the file of best known plans holds, by problem: ``known``, costs with commands, ``plan``, ``before``.
+    """Return the file of best known plans by problem: ``known``, costs with commands, ``plan``, ``before``.
 
     ``known`` is in the order in which they were found, the last one the cheapest.
     """
@@ -80,7 +80,7 @@ def stored() -> dict[str, dict]:
 
 
 def best_plan(name: str) -> Plan | None:
-    """Return the cheapest plan that is known, None before one is."""
+    """Return the cheapest known plan, None if there is none."""
     entry = stored().get(name, {})
     if "known" not in entry:
         return None
@@ -88,7 +88,7 @@ def best_plan(name: str) -> Plan | None:
 
 
 def keep_better(name: str, plans: Iterable[Plan]) -> Plan | None:
-    """Append the cheapest of the ``plans`` where it is cheaper than all that are known; return it, or None."""
+    """Append the cheapest of the ``plans`` if it is cheaper than all known ones; return it, or None."""
     known = best_plan(name)
     better = min((plan for plan in plans if np.isfinite(plan.cost)), key=lambda plan: plan.cost, default=None)
     if better is None or (known is not None and better.cost >= known.cost - 1e-6 * abs(known.cost)):
@@ -100,7 +100,7 @@ def keep_better(name: str, plans: Iterable[Plan]) -> Plan | None:
 
 
 def change_entry(name: str, **fields: object) -> None:
-    """Store ``fields`` of one problem, a line a field."""
+    """Store ``fields`` of one problem, with one line per field."""
     entries = stored()
     entries[name] = {**entries.get(name, {}), **fields}
     ordered = {known: entries[known] for known in problem_names() if known in entries}

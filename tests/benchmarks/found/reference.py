@@ -1,6 +1,6 @@
 """Best known plans by a large budget: every way to an exact plan that the command line offers, one after the other.
 
-A limit is a count of starts, seeds and iterations, never a clock. What is compared is the cost of the exact replay.
+Limits count starts, seeds and iterations, and are never of time. Costs of the exact replay are compared.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ SAMPLED = "sampled"
 AROUND = "around"
 """Name of the way that moves every input of the best known plan."""
 Route = list[tuple[str, ...]]
-"""Arguments of commands, each of which but the first starts from the run before."""
+"""Arguments of commands, each of which, except the first, starts from the run before."""
 
 
 def routes() -> dict[str, Route]:
@@ -60,7 +60,7 @@ def routes() -> dict[str, Route]:
 
 
 def followed(name: str, route: Route) -> Iterator[Answer]:
-    """Yield the answers of a route's commands, until one has none."""
+    """Yield the answers of a route's commands, until a command has none."""
     run = ""
     for arguments in route:
         answer = answer_of(name, (*arguments, *(("--from", run) if run else ())))
@@ -71,7 +71,7 @@ def followed(name: str, route: Route) -> Iterator[Answer]:
 
 
 def find_best(name: str, patterns: Sequence[str] = ()) -> None:
-    """Try the routes whose names fit one of the ``patterns``, all by default, and keep what beats all before."""
+    """Try the routes whose names fit one of the ``patterns``, all by default, and keep better plans than before."""
     for route_name, route in routes().items():
         if not chosen(route_name, patterns):
             continue
@@ -94,7 +94,7 @@ def chosen(route_name: str, patterns: Sequence[str]) -> bool:
 
 
 def keep_all(name: str, plans: Iterable[Plan]) -> None:
-    """Keep what is better than all before, and print a line of every plan."""
+    """Keep plans that are better than all before, and print a line for every plan."""
     for plan in plans:
         told = " best so far" if keep_better(name, [plan]) else ""
         print(f"{name:<20}{plan.command.partition(': ')[2]:<60}{plan.cost:>12.6g}{told}", flush=True)

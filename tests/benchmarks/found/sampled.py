@@ -26,11 +26,11 @@ SEEDS = 2
 AROUND = 4
 """Runs that move every input of the best known plan."""
 KEPT = 2
-"""Plans that are solved from, the cheapest ones."""
+"""Number of the cheapest plans that solves start from."""
 BREACH = 1e4
 """Cost of a bound or constraint violated by its unit, per step."""
 STRATEGIES = ("central-path", "l1")
-"""Strategies that are tried from each plan."""
+"""Strategies tried from each plan."""
 
 
 @dataclass
@@ -53,7 +53,7 @@ class LongSampling:
         self.function = batch_rollouts(penalised(self.problem), self.step, open_loop(system.nx, system.nu))
 
     def costs(self, inputs: np.ndarray) -> np.ndarray:
-        """Return the costs (S,) of inputs (S, N, nu) under the exact law, infinite where a step fails."""
+        """Return the costs (S,) of inputs (S, N, nu) under the exact law, infinite if a step fails."""
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             rollouts = self.function(
@@ -82,7 +82,7 @@ class LongSampling:
         return best_cost, np.clip(basis @ best, self.limits.u_lower, self.limits.u_upper)
 
     def plans(self) -> list[tuple[float, np.ndarray, str]]:
-        """Return cost, inputs and words of every run, each followed by one that moves every input alone."""
+        """Return cost, inputs and description of every run, improved by one that moves every input, cheapest first."""
         N, found = self.problem.N, []
         for knots in sorted({min(knots, N) for knots in KNOTS}):
             position = np.linspace(0, knots - 1, N)
@@ -103,7 +103,7 @@ class LongSampling:
         return sorted(found, key=lambda plan: plan[0])
 
     def rolled(self, inputs: np.ndarray) -> Rollout | None:
-        """Return the exact rollout of inputs, None where a step is not solved or a bound or constraint is violated."""
+        """Return the exact rollout of inputs, None if a step is not solved or a bound or constraint is violated."""
         try:
             rollout = roll_out(self.problem, inputs, self.values)
         except NotConverged:
@@ -141,7 +141,7 @@ class LongSampling:
                 yield Plan(cost, f"python -m tests.benchmarks.found --reference {self.name}: {words}", rounded(inputs))
 
     def _solved(self, rollout: Rollout, strategy: str) -> Solution | None:
-        """Return the solution of a strategy from a rollout, None where it cannot be had."""
+        """Return the solution of a strategy from a rollout, None if it fails."""
         try:
             guess = rollout.x[0], rollout.u[0]
             return solve(self.problem, "exact", settings={"strategy": strategy}, guess=guess, search=False)
@@ -171,7 +171,7 @@ def penalised(problem: Problem) -> Problem:
     terminal = [(c.expression, c.lower, c.upper) for c in problem.terminal]
 
     def breach(rows: list) -> ca.SX:
-        """Return what the rows are violated by, times its cost."""
+        """Return the violation of the rows, times its cost."""
         return BREACH * sum((ca.sum1(ca.fmax(low - e, 0) + ca.fmax(e - high, 0)) for e, low, high in rows), ca.SX(0))
 
     return replace(

@@ -1,4 +1,4 @@
-"""The weighted average as one would write it in NumPy, JAX and KeOps, each in its fastest form."""
+"""The weighted average as a user would write it in NumPy, JAX and KeOps, each in its fastest form."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ HAS_KEOPS = importlib.util.find_spec("pykeops") is not None
 
 @dataclass(frozen=True)
 class Average:
-    """Data in normalised units with what can be made ready before the first query."""
+    """Data in normalised units, and peers that prepare all they can before the first query."""
 
     z: np.ndarray
     y: np.ndarray
@@ -25,13 +25,13 @@ class Average:
 
     @property
     def square(self) -> np.ndarray:
-        """``|z_i|²`` (n,)."""
+        """Squared norms ``|z_i|²`` (n,)."""
         return np.sum(self.z**2, axis=1)
 
     def blas(self, block: int) -> Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]:
-        """Value and Jacobian at one query: products of matrices over all the points.
+        """Return value and Jacobian at one query, by matrix products over all the points.
 
-        Moments by ``block`` points at a time, so that their weighted targets stay in the cache.
+        Moments are of ``block`` points at a time, so that their weighted targets stay in the cache.
         """
         z, square, slope = self.z, self.square, -0.5 / self.sigma**2
         left = np.column_stack((np.ones(len(z)), self.y)).T
@@ -54,7 +54,7 @@ class Average:
         return at
 
     def blas_near(self) -> Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]:
-        """The same with moments over the points alone whose weight counts."""
+        """Return the same with moments over points of significant weight alone."""
         z, square, slope = self.z, self.square, -0.5 / self.sigma**2
         left = np.column_stack((np.ones(len(z)), self.y))
         right = np.column_stack((np.ones(len(z)), z))
@@ -76,7 +76,7 @@ class Average:
         return mean[1:, 0], slopes / self.sigma**2
 
     def jax_along(self, queries: np.ndarray) -> Callable[[], tuple[np.ndarray, np.ndarray]]:
-        """Values and Jacobians along all queries in one compiled loop."""
+        """Return values and Jacobians at all queries, in one compiled loop."""
         z, square, slope = jnp.asarray(self.z), jnp.asarray(self.square), -0.5 / self.sigma**2
         left = jnp.column_stack((jnp.ones(len(z)), self.y)).T
         right = jnp.column_stack((jnp.ones(len(z)), z))
@@ -93,7 +93,7 @@ class Average:
         return lambda: jax.block_until_ready(along(path))
 
     def blas_blocks(self, queries: np.ndarray, block: int) -> Callable[[], np.ndarray]:
-        """Values at all queries, ``block`` at a time."""
+        """Return values at all queries, ``block`` at a time."""
         double, half = -2 * np.ascontiguousarray(self.z.T), -0.5 / self.sigma**2
         square, left = self.square, np.column_stack((np.ones(len(self.z)), self.y))
         d = np.empty((block, len(self.z)))
@@ -113,7 +113,7 @@ class Average:
         return values
 
     def jax_blocks(self, queries: np.ndarray, block: int) -> Callable[[], np.ndarray]:
-        """Values at all queries, ``block`` at a time in one compiled loop."""
+        """Return values at all queries, ``block`` at a time in one compiled loop."""
         z, square, slope = jnp.asarray(self.z.T), jnp.asarray(self.square), -0.5 / self.sigma**2
         left = jnp.column_stack((jnp.ones(len(self.z)), self.y))
 
@@ -127,7 +127,7 @@ class Average:
         return lambda: jax.block_until_ready(every(parts)).reshape(len(queries), -1)
 
     def keops(self, queries: np.ndarray) -> Callable[[], np.ndarray]:
-        """Values at all queries as a lazy product that is never stored."""
+        """Return values at all queries, from a lazy product that is never stored."""
         from pykeops.numpy import LazyTensor
 
         q, z = LazyTensor(queries[:, None, :]), LazyTensor(self.z[None, :, :])

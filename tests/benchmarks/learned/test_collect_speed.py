@@ -1,4 +1,4 @@
-"""How fast transitions are collected: drawn, sifted, stepped, checked and hashed."""
+"""Speed of collecting transitions: drawing, filtering, stepping, checking and hashing."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from problems.regions import region_of
 
 pytestmark = pytest.mark.bench
 N = 100_000
-# Wall-clock seconds on two cores once the step is compiled; measured: 0.13 and 0.6.
+# Wall time [s] on two cores after the step is compiled; measured: 0.13 and 0.6.
 FLOORS_S = {"planar-push": 2.0, "planar-hand": 4.0}
 
 

@@ -1,4 +1,4 @@
-"""How fast the weighted average of 100,000 points is, as ratios to what else one could use."""
+"""Speed of the weighted average of 100,000 points, as ratios to alternatives."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ N, NZ, NY = 100_000, 11, 7
 STEPS = 20
 MANY, FEW = 10_000, 400
 BLOCKS = (8, 80)
-"""Queries a block: distances that stay in the cache, and products that are large."""
+"""Queries per block: few, so that distances stay in the cache, and many, for large products."""
 
 
 def data(nz: int, ny: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Half of the points anywhere, half near a tube; their targets; a path along the tube."""
+    """Return points, half of them anywhere and half near a line, their targets, and a path along the line."""
     rng = np.random.default_rng(0)
     begin, end = rng.uniform(-1, 1, (2, nz))
     along = rng.uniform(0, 1, (N // 2, 1))
@@ -73,7 +73,7 @@ def test_value_and_jacobian_along_steps(sigma):
 
 @pytest.mark.parametrize(("sigma", "least"), [(0.2, 2.0), (1.0, 1.0)])
 def test_many_queries_at_once(sigma, least):
-    """The others take as long for a query whatever their number, and so are asked fewer."""
+    """The others' time per query does not depend on the number, so that they get fewer queries."""
     z, y, _ = data(NZ, NY)
     rng = np.random.default_rng(1)
     ours = model(z, y, sigma, threads=2)
@@ -100,7 +100,7 @@ def test_many_queries_at_once(sigma, least):
 
 @pytest.mark.parametrize("sigma", [0.2, 1.0])
 def test_all_stages_of_a_program(sigma):
-    """What one iteration of a transcription asks of the model: planar-push, N = 20."""
+    """One iteration of a transcription of planar-push at N = 20 evaluates the model this often."""
     z, y, path = data(7, 5)
     push = model(z, y, sigma)
     weights = np.random.default_rng(2).standard_normal((STEPS, 6))

@@ -1,4 +1,4 @@
-"""How fast networks are trained, and evaluated with their derivatives."""
+"""Speed of training networks, and of evaluating them with their derivatives."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from dynamics.systems.parameters import Signal
 from tests.benchmarks.batch.race import Row, race, tell
 
 pytestmark = pytest.mark.bench
-# Sizes of planar-hand, the larger of the paper's two systems.
+# Sizes of planar-hand, the larger of the two systems in Suh et al. 2023.
 NX, NU = 7, 4
 STATES = tuple(Signal(f"q{i}", "rad") for i in range(NX))
 INPUTS = tuple(Signal(f"u{i}", "rad") for i in range(NU))
 
 
 def samples(n: int) -> Samples:
-    """Kinked next states."""
+    """Return transitions whose next states have kinks."""
     z = np.random.default_rng(0).uniform(-1.0, 1.0, (n, NX + NU))
     y = z[:, :NX] + np.maximum(z[:, NU:] - z[:, :NX], 0.0)
     return Samples(z, y, DataOrigin((*STATES, *INPUTS), STATES))
 
 
 def test_training_the_default_network_on_1e5_transitions() -> None:
-    """Ten epochs after the first, which compiles, and what 200 take at that rate."""
+    """Ten epochs are timed after the first, which compiles, and 200 are scaled from them."""
     begin = time.perf_counter()
     training = Training(samples(100_000), 0.2)
     epochs = training.epochs()
@@ -48,7 +48,7 @@ def test_training_the_default_network_on_1e5_transitions() -> None:
 
 
 def a_network() -> MlpModel:
-    """Default sizes, hardly trained: its speed does not know."""
+    """Return a network of default size, hardly trained, which does not affect its speed."""
     training = Training(samples(1000), 0.2, Recipe(epochs=1))
     list(training.epochs())
     return training.model()

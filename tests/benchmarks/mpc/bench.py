@@ -1,8 +1,8 @@
 """Reference tasks in closed loop: ``python -m tests.benchmarks.mpc.bench [WORD ...]``.
 
 ``make bench-mpc`` runs all and rewrites the site's tables; ``TASKS="soft-walls spinner"`` measures
-those whose name has one of the words. Every task is driven on the exact law at the model's step
-size, and beside it a plain Opti loop; then one sample's quadratic program is solved by others.
+those whose name has one of the words. Every task runs on the exact law at the model's step size, by
+the controller and a plain Opti loop; then other solvers solve one sample's quadratic program.
 """
 
 from __future__ import annotations
@@ -39,25 +39,25 @@ COLUMNS = (
     "published",
 )
 PEER_S = 25.0
-"""Longest time of the peer in a task."""
+"""Time limit [s] of the Opti loop in a task."""
 
 
 @dataclass
 class Judged:
-    """A loop, and its plans that were judged, each with the values of its sample."""
+    """A closed loop, and its plans with a certificate, each with its sample's parameter values."""
 
     loop: ClosedLoop
     plans: dict[tuple[int, int], tuple[Plan, dict[str, float]]]
 
     @property
     def kinds(self) -> dict[tuple[int, int], str]:
-        """What the certificate says of each."""
+        """Stationarity by the certificate of each plan."""
         found = self.loop.data["certificate"].values
         return {at: str(found[at]) for at in self.plans}
 
 
 def driven(task: Task, controller: Controller, x0: np.ndarray) -> Judged:
-    """The loop from all starts."""
+    """Return the closed loop from all starts, and its certified samples' plans."""
     plans: dict[tuple[int, int], tuple[Plan, dict[str, float]]] = {}
 
     def keep(seed: int, k: int, command: Command) -> None:
@@ -78,12 +78,12 @@ def driven(task: Task, controller: Controller, x0: np.ndarray) -> Judged:
 
 
 def bold(text: str, missed: bool) -> str:
-    """What is missed stands out."""
+    """Return text in bold if its floor is missed."""
     return f"**{text}**" if missed else text
 
 
 def outcome(task: Task, loop: ClosedLoop, x0: np.ndarray) -> str:
-    """In how many starts the outcome was reached; those that the peer misses too are left out."""
+    """Return from how many starts the outcome was reached, without those that the Opti loop misses too."""
     good = task.outcome(loop.data["x"].values)
     counted = np.ones(len(x0), dtype=bool)
     if task.needed < 1:
@@ -97,7 +97,7 @@ def outcome(task: Task, loop: ClosedLoop, x0: np.ndarray) -> str:
 
 
 def compared(task: Task, loop: ClosedLoop, x0: np.ndarray) -> str:
-    """The loop's cost over that of another phase, from the first starts."""
+    """Return the loop's cost relative to that of another phase, from the first starts."""
     if not np.isfinite(task.ratio):
         return ""
     chosen = x0[: task.compared]
@@ -111,7 +111,7 @@ def compared(task: Task, loop: ClosedLoop, x0: np.ndarray) -> str:
 
 
 def measured(task: Task) -> tuple[list[str], int, int]:
-    """A row of the table, and the number of plans certified and disproved."""
+    """Return a row of the table, and the numbers of certified and of disproved plans."""
     began = time.perf_counter()
     controller = Controller(task.made(), trust=task.trust)
     x0 = task.drawn(controller.start)
@@ -151,7 +151,7 @@ def told(
     steep: dict[tuple[int, int], float],
     seconds: float,
 ) -> None:
-    """Print what the table leaves out: statuses, sentences, and where the outcome was missed."""
+    """Print what the table leaves out: statuses, notes, and starts that missed the outcome."""
     loop = found.loop
     statuses = dict(zip(*np.unique(loop.data["status"].values, return_counts=True), strict=True))
     kinds = dict(zip(*np.unique(list(found.kinds.values()), return_counts=True), strict=True))
@@ -171,7 +171,7 @@ def told(
 
 
 def main(words: list[str]) -> None:
-    """Measure task after task and store each row, then the programs."""
+    """Measure task after task and store each row, then measure the programs."""
     warnings.simplefilter("ignore")
     total = [0, 0]
     for task in TASKS.values():

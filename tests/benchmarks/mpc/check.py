@@ -1,4 +1,4 @@
-"""Tries to disprove certificates: inputs near a plan's, rolled out under the exact law."""
+"""Attempts to disprove certificates by inputs near a plan's, rolled out under the exact law."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from ocp.mpc.controller import Controller
 from ocp.mpc.stages import Plan
 
 RADII = (1e-3, 1e-4)
-"""Steps of the inputs, in characteristic sizes; a descent must be found at each."""
+"""Steps of the inputs, in characteristic sizes; a disproof needs descent at each."""
 _DRAWN, _FLAT, _NOISE, _SLACK = 64, 1e-4, 1e-7, 1e-9
 
 
 class Check:
-    """Looks for descent around certified plans of one controller.
+    """Search for descent around certified plans of one controller.
 
     Directions are every input at every step, up and down, random ones, and the sum of all single
-    ones that descend. One disproves where its rollout keeps to all constraints, and the cost falls,
-    per characteristic size that any state, input, force or gap moves by, by more than what counts
-    as zero for the certificate: 1e-4 of the cost or of the scaled 1-norm of its gradient, and in
-    all 1e-7 of what the cost changes by over characteristic sizes, where that takes 1e-9.
+    ones that descend. One disproves if its rollout satisfies all constraints, and the cost falls,
+    per characteristic size that any state, input, force or gap moves by, by more than counts as
+    zero for the certificate: 1e-4 of the cost or of the scaled 1-norm of its gradient, and in total
+    1e-7 of the change of cost over characteristic sizes, for which the certificate takes 1e-9.
     """
 
     def __init__(self, controller: Controller) -> None:
@@ -61,7 +61,7 @@ class Check:
         self.slope = ca.Function("slope", given, [slope])
 
     def disproof(self, plan: Plan, values: dict[str, float]) -> float:
-        """How steeply the cost falls, over what counts as zero; 0 where no direction disproves."""
+        """Return the steepest descent relative to what counts as zero; 0 if no direction disproves."""
         problem, nu = self.problem, self.problem.system.nu
         before = np.array([values[f"last_input_{i}"] for i in range(nu)])
         p = np.array([values[name] for name in problem.parameters.names])
@@ -88,7 +88,7 @@ class Check:
         p: np.ndarray,
         own: np.ndarray,
     ) -> np.ndarray:
-        """Falls (S,) of the cost along directions (S, N nu), over what counts as zero."""
+        """Return descents (S,) of the cost along directions (S, N nu), relative to what counts as zero."""
         N, sizes, S = self.problem.N, self.problem.scales, len(ways)
         u = plan.u + radius * sizes.u * ways.reshape(S, N, -1)
         u = np.concatenate([plan.u[None], u])
@@ -120,5 +120,5 @@ class Check:
     def _valued(
         self, X: np.ndarray, u: np.ndarray, L: np.ndarray, before: np.ndarray, p: np.ndarray
     ) -> tuple[ca.DM, ca.DM]:
-        """Cost and worst violation of trajectories (S, N+1, nx), (S, N, nu), (S, N, nlam)."""
+        """Return costs and worst violations of trajectories (S, N+1, nx), (S, N, nu), (S, N, nlam)."""
         return self.values(*(v.reshape(-1, v.shape[2]).T for v in (X, u, L)), before, p)

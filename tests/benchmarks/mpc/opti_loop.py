@@ -1,4 +1,4 @@
-"""The peer: a plain Opti loop, warm from the solution before, as one writes it today."""
+"""The peer: a plain Opti loop, warm-started from the solution before, as users write it today."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ocp.problem.problem import Problem
 from tests.benchmarks.mpc.tasks import SKIP, Task
 
 EPS = 1e-6
-"""What ``lam gap`` may be, in characteristic sizes."""
+"""Largest ``lam gap``, in characteristic sizes."""
 OPTIONS = {
     "print_level": 0,
     "sb": "yes",
@@ -27,9 +27,9 @@ OPTIONS = {
 
 @dataclass(frozen=True)
 class PeerLoop:
-    """Seconds of each sample but the first ten of a run, and how many solves failed.
+    """Seconds of each sample but the first ten of a run, and the number of failed solves.
 
-    ``reached`` says whether all starts had the task's outcome.
+    ``reached`` is whether the task's outcome was reached from all starts.
     """
 
     seconds: np.ndarray
@@ -37,7 +37,7 @@ class PeerLoop:
     reached: bool
 
     def percentile(self, share: float) -> float:
-        """Percentile of the seconds."""
+        """Return a percentile of the seconds."""
         return float(np.percentile(self.seconds, share)) if self.seconds.size else np.nan
 
 
@@ -88,7 +88,7 @@ class Script:
         self.opti, self.first, self.failed = opti, True, 0
 
     def step(self, x: np.ndarray, u_before: np.ndarray, p: np.ndarray) -> np.ndarray:
-        """The input (nu,) for a measured state."""
+        """Return the input (nu,) for a measured state."""
         opti = self.opti
         for parameter, value in ((self.x0, x), (self.before, u_before), (self.p, p)):
             opti.set_value(parameter, value)
@@ -112,7 +112,7 @@ class Script:
 
 
 def run(task: Task, limit: float, starts: np.ndarray, samples: float = np.inf) -> PeerLoop:
-    """Drive the exact plant from starts of a task, for some ``samples`` or ``limit`` seconds."""
+    """Control the exact plant from starts of a task, for up to ``samples`` or ``limit`` seconds."""
     problem = task.made()
     plant, names = Plant(problem, "exact", {}), problem.parameters.names
     values = dict(zip(names, problem.parameters.values, strict=True))

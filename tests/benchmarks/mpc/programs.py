@@ -1,4 +1,4 @@
-"""One sample's quadratic program by PIQP and by what CasADi offers for it."""
+"""Solve one sample's quadratic program by PIQP and by CasADi's plugins."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ CASES = (
     ("spinner", 50),
 )
 SAMPLE, ROUNDS, SAME, LIMIT = 5, 15, 1e-6, 2.0
-"""Sample whose program it is; solves; largest difference; seconds of all solves."""
+"""Sample of the program; solves; largest difference; limit [s] of all solves."""
 PLUGINS: dict[str, dict[str, Any]] = {
     "piqp": {},
     "proxqp": {"proxqp": {"eps_abs": 1e-9, "eps_rel": 0.0, "max_iter": 10000}},
@@ -43,7 +43,7 @@ PLUGINS: dict[str, dict[str, Any]] = {
 
 @dataclass(frozen=True)
 class Program:
-    """``min 1/2 x'Px + c'x``, ``A x = b``, ``G x >= low``, ``x_l <= x <= x_u``."""
+    """The program ``min 1/2 x'Px + c'x``, ``A x = b``, ``G x >= low``, ``x_l <= x <= x_u``."""
 
     P: sp.csc_matrix
     c: np.ndarray
@@ -56,7 +56,7 @@ class Program:
 
 
 def captured(name: str, N: int) -> Program:
-    """The first program of a sample of a closed loop."""
+    """Return the first program of one sample of a closed loop."""
     controller = Controller(problems.get(name, N=N), phase="qp")
     qp, seen = controller._phase.qp, []
     solve = qp._solved
@@ -77,7 +77,7 @@ Solve = Callable[[], np.ndarray]
 
 
 def by_piqp(program: Program, kind: Any, tolerance: float = 1e-9, gap: bool = False) -> Solve:
-    """PIQP, its pattern set up once; ``gap`` asks for a small duality gap too."""
+    """Return a solve by PIQP, with its pattern set up once; ``gap`` asks for a small duality gap too."""
     given = (
         program.P,
         program.c,
@@ -106,7 +106,7 @@ def by_piqp(program: Program, kind: Any, tolerance: float = 1e-9, gap: bool = Fa
 
 
 def by_casadi(program: Program, plugin: str) -> Solve:
-    """A plugin of ``casadi.conic``."""
+    """Return a solve by a plugin of ``casadi.conic``."""
     options = {**PLUGINS[plugin], "print_time": False, "error_on_fail": True}
     H, A = ca.DM(program.P), ca.DM(sp.vstack([program.A, program.G]).tocsc())
     solver = ca.conic("solver", plugin, {"h": H.sparsity(), "a": A.sparsity()}, options)
@@ -123,7 +123,7 @@ def by_casadi(program: Program, plugin: str) -> Solve:
 
 
 def timed(solve: Solve, best: np.ndarray) -> str:
-    """Median milliseconds of a solve, with its distance from the ``best`` if that is large."""
+    """Return the median milliseconds of a solve, with its distance from the ``best`` if large."""
     x, seconds = solve(), []
     for _ in range(ROUNDS):
         began = time.perf_counter()

@@ -1,4 +1,4 @@
-"""The tasks in closed loop: problem, starts, disturbance, and what counts as done."""
+"""The tasks in closed loop: problem, starts, disturbance, and outcome."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from ocp.mpc.simulate import Goals
 from ocp.problem.problem import Problem
 
 SKIP, BALANCED = 10, (0.35, 0.1)
-"""Samples of each run that are not timed; largest place [m] and angle [rad] of a balanced pole."""
+"""Samples of each run that are not timed; largest position [m] and angle [rad] of a balanced pole."""
 NEAR = 0.01
-"""Farthest [m] from its goal that a pushed body may be at the end."""
+"""Largest distance [m] of a pushed body from its goal at the end."""
 TURN = 2.0
-"""How far [rad] the spinner must be turned."""
+"""Least angle [rad] by which the spinner must turn."""
 
 
 Outcome = Callable[[np.ndarray], np.ndarray]
-"""Which trajectories x (S, T+1, nx) of a loop are good; a loop that diverged ends in NaN."""
+"""Function from a loop's trajectories x (S, T+1, nx) to whether each succeeds; diverged ones end in NaN."""
 
 
 @dataclass(frozen=True)
 class Task:
-    """One row: ``floor`` is the longest p99 [s], ``outcome`` what is demanded at the
-    end, in a share ``needed`` of the starts and from the first, the problem's own.
+    """One row of the table: ``floor`` is the largest p99 [s], ``outcome`` is required at the end, for a
+    share ``needed`` of the starts and for the first, the problem's own.
 
     ``spread`` is half the width of the box around the problem's start from which others are drawn;
     ``against`` is a phase that runs the first ``compared`` starts for a comparison of costs.
@@ -46,26 +46,26 @@ class Task:
     goals: Goals | None = None
     noise: dict[str, float] = field(default_factory=dict)
     trust: float = 1.0
-    """Of the controller, in a measurement."""
+    """Trust of the controller in a measurement."""
     needed: float = 1.0
-    """Share of the starts in which the outcome is demanded."""
+    """Share of the starts for which the outcome is required."""
     came: Outcome | None = None
-    """What is told beside the outcome: whether it was so at some sample."""
+    """Reported in addition to the outcome: whether it was reached at some sample."""
     certify: int = 20
     against: str = ""
     compared: int = 1
     ratio: float = np.inf
-    """Largest closed-loop cost, over that of ``against``."""
+    """Largest closed-loop cost relative to that of ``against``."""
     peer: int = 0
-    """Samples of the plain loop; 0 without."""
+    """Samples of the plain loop; 0 for none."""
     published: str = ""
 
     def made(self) -> Problem:
-        """The problem."""
+        """Return the problem."""
         return problems.get(self.problem, **self.parameters)
 
     def drawn(self, start: np.ndarray) -> np.ndarray:
-        """The given start and others around it, (starts, nx)."""
+        """Return the given start and random ones around it, (starts, nx)."""
         off = np.random.default_rng(0).uniform(-1, 1, (self.starts, start.size))
         off[0] = 0.0
         wide = np.zeros(start.size)
@@ -79,22 +79,22 @@ class Task:
 
 
 def balanced(x: np.ndarray) -> np.ndarray:
-    """Whether cart and pole are within :data:`BALANCED` at the end, by start."""
+    """Return whether cart and pole are within :data:`BALANCED` at the end, by start."""
     return (np.abs(x[:, -1, :2]) <= BALANCED).all(axis=1)
 
 
 def turned(x: np.ndarray) -> np.ndarray:
-    """Whether the spinner was turned by :data:`TURN`."""
+    """Return whether the spinner was turned by :data:`TURN`."""
     return x[:, -1, 2] >= TURN
 
 
 def back(x: np.ndarray) -> np.ndarray:
-    """Whether the hopper is half a metre further back, its torso at most 0.2 m lower."""
+    """Return whether the hopper is half a metre further back, its torso at most 0.2 m lower."""
     return (x[:, -1, 0] <= x[:, 0, 0] - 0.5) & (x[:, -1, 1] > x[:, 0, 1] - 0.2)
 
 
 def at(*goal: float, end: bool = True) -> Outcome:
-    """Whether the body is within :data:`NEAR` of a place at the end, or else at some sample."""
+    """Return the outcome that the body is within :data:`NEAR` of a goal, at the end or at any sample."""
 
     def found(x: np.ndarray) -> np.ndarray:
         near = np.linalg.norm(x[:, :, : len(goal)] - goal, axis=2) <= NEAR
@@ -104,19 +104,19 @@ def at(*goal: float, end: bool = True) -> Outcome:
 
 
 def follows(x: np.ndarray) -> np.ndarray:
-    """Whether the disc is within 0.1 rad of every goal when the next one comes."""
+    """Return whether the disc is within 0.1 rad of every goal when the next one comes."""
     ends = np.arange(1, x.shape[1] // 25 + 1) * 25
     goals = [staircase(k - 1)["goal"] for k in ends]
     return (np.abs(x[:, ends, 2] - goals) <= 0.1).all(axis=1)
 
 
 def from_present(of: int, nominal: int) -> Goals:
-    """The nominal begins at the present value of a coordinate, at every sample."""
+    """Return goals whose nominal motion starts, at every sample, at a coordinate's present value."""
     return lambda _, x: {"lead": float(x[of] - x[nominal])}
 
 
 def staircase(k: int, _: object = None) -> dict[str, float]:
-    """Goals of the disc's angle, 25 samples each."""
+    """Return the goal of the disc's angle at a sample; each is kept for 25 samples."""
     return {"goal": math.pi / 4 * (1, 2, 1, 0)[k // 25 % 4]}
 
 

@@ -29,15 +29,15 @@ from tests.benchmarks.mpcc.nl import read_nl
 from tests.benchmarks.mpcc.report import Row
 
 FEASIBLE, COMPLEMENTARY = 1e-6, 1e-6
-"""What the audit asks: violation of bounds and rows; min(G, H), or for the loop G H if smaller."""
+"""Tolerances of the audit: violation of bounds and rows; min(G, H), or for the loop G H if smaller."""
 RELATIVE, ABSOLUTE = 1e-4, 1e-6
-"""At the reference is what is above it by no more than this and what its digits leave open."""
+"""A cost is at the reference if it exceeds it by no more than these and the rounding of its digits."""
 LIMIT_S = 120.0
 _STARTS = 5
 
 
 def residuals(mpcc: MPCC, x: np.ndarray) -> tuple[float, float, float]:
-    """Violation of bounds, rows and signs; largest |min(G, H)|; largest |G H|."""
+    """Return the violation of bounds, rows and signs; the largest |min(G, H)|; the largest |G H|."""
     g, G, H = (np.array(v).ravel() for v in ca.Function("all", [mpcc.x], [mpcc.g, mpcc.G, mpcc.H])(x))
     (lbx, ubx), (lbg, ubg) = mpcc.x_bounds, mpcc.g_bounds
     off = np.concatenate([lbx - x, x - ubx, lbg - g, g - ubg, -G, -H])
@@ -47,13 +47,13 @@ def residuals(mpcc: MPCC, x: np.ndarray) -> tuple[float, float, float]:
 
 
 def at_reference(cost: float, reference: tuple[float, float], sense: float) -> bool:
-    """Whether a cost is as good as a reference (with its rounding), or better; 1 is minimised."""
+    """Return whether a cost is as good as a reference (with its rounding); ``sense`` 1 is minimised."""
     best, rounding = reference
     return bool(sense * (cost - best) <= ABSOLUTE + RELATIVE * abs(best) + rounding)
 
 
 def measure(path: Path, reference: tuple[float, float], check: bool) -> dict[str, Any]:
-    """Solve one file and audit: fields of a :class:`~tests.benchmarks.mpcc.report.Row`."""
+    """Solve and audit one file; return fields of a :class:`~tests.benchmarks.mpcc.report.Row`."""
     stated = read_nl(path)
     mpcc, sense = stated.mpcc, -1.0 if stated.maximise else 1.0
     began = time.perf_counter()
@@ -77,7 +77,7 @@ def measure(path: Path, reference: tuple[float, float], check: bool) -> dict[str
 
 
 def measure_peer(path: Path, reference: tuple[float, float]) -> dict[str, Any]:
-    """The same for the loop; the kinder of product and minimum judges its complementarity."""
+    """Do the same with the loop; the smaller of product and minimum counts as its complementarity."""
     stated = read_nl(path)
     mpcc, sense = stated.mpcc, -1.0 if stated.maximise else 1.0
     began = time.perf_counter()
@@ -94,12 +94,12 @@ def measure_peer(path: Path, reference: tuple[float, float]) -> dict[str, Any]:
 
 
 def disproof(mpcc: MPCC, start: np.ndarray, found: MPCCSolution) -> str:
-    """Say how the answers of five other starts disprove a certificate; "" where they do not.
+    """Return how solutions from five other starts disprove a certificate; "" if they do not.
 
-    Three starts lie near the answer, a thousandth of the variables' sizes off, two near the given
-    start, a size off. An answer disproves where it costs less although it is no farther than a
-    hundredth of the sizes, and by a slope of more than the certificate's tolerance: there is then a
-    descent to first order. Other minima farther away are none of the certificate's affair.
+    Three starts are near the solution, a thousandth of the variables' sizes away, two near the given
+    start, a size away. A solution disproves if it costs less, is at most a hundredth of the sizes
+    away, and the slope is more than the certificate's tolerance: there is then a descent to first
+    order. A certificate says nothing of other minima farther away.
     """
     rng = np.random.default_rng(0)
     size, whole = np.maximum(1.0, np.abs(found.x)), np.maximum(1.0, np.abs(start))
@@ -120,14 +120,14 @@ def disproof(mpcc: MPCC, start: np.ndarray, found: MPCCSolution) -> str:
 def _child(pipe: Connection, work: Callable[..., dict[str, Any]], *given: Any) -> None:
     try:
         pipe.send(work(*given))
-    except Exception as error:  # the run goes on, and the table names it
+    except Exception as error:  # the run continues, and the table shows the error
         pipe.send({"note": f"{type(error).__name__}: {error}"[:200]})
 
 
 def limited(limit: float, charged: str, work: Callable[..., dict[str, Any]], *given: Any) -> dict[str, Any]:
-    """Do work in a child process of limited time; without an answer a note says why.
+    """Do work in a child process with a time limit; without a result a note says why.
 
-    Who runs out of time has the limit written under ``charged``.
+    After a timeout the limit is stored under ``charged``.
     """
     context = mp.get_context("fork")
     ours, theirs = context.Pipe(duplex=False)
@@ -148,7 +148,7 @@ def limited(limit: float, charged: str, work: Callable[..., dict[str, Any]], *gi
 
 
 def measured(path: Path, reference: tuple[float, float], limit: float, check: bool) -> Row:
-    """Measure one file by both."""
+    """Measure one file by the solver and the loop."""
     longest = limit * (_STARTS + 1 if check else 1)
     found = limited(longest, "seconds", measure, path, reference, check)
     peer = limited(limit, "peer_seconds", measure_peer, path, reference)
@@ -156,7 +156,7 @@ def measured(path: Path, reference: tuple[float, float], limit: float, check: bo
 
 
 def references(folder: Path) -> dict[str, tuple[float, float]]:
-    """Best known costs by name, each with half a unit of its last digit; what is no number not."""
+    """Return best known costs by name, each with half a unit of its last digit; non-numbers are skipped."""
     found: dict[str, tuple[float, float]] = {}
     for table in folder.rglob("reference.csv"):
         with table.open() as lines:
@@ -171,7 +171,7 @@ def references(folder: Path) -> dict[str, tuple[float, float]]:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the benchmark; 1 where a floor is missed."""
+    """Run the benchmark; return 1 if a floor is missed."""
     parser = argparse.ArgumentParser(prog="bench-mpcc")
     parser.add_argument("folder", type=Path)
     parser.add_argument("--only", nargs="*", default=[])

@@ -1,4 +1,4 @@
-"""Complementarity problems out of AMPL's .nl text files (D. M. Gay, Writing .nl files, 2005)."""
+"""Complementarity problems from AMPL's .nl text files (D. M. Gay, Writing .nl files, 2005)."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ _FREE, _FIXED, _COMPLEMENTS = 3, 4, 5
 
 @dataclass
 class NL:
-    """What the segments of a file say, before it is made a problem.
+    """Contents of a file's segments, before they become a problem.
 
     ``bodies`` are the nonlinear parts of the rows, ``linear`` their linear ones; ``ends`` and
     ``limits`` hold (lower, upper) of rows and variables; ``complements`` maps a row to the kind k
@@ -78,7 +78,7 @@ class NL:
 
 @dataclass(frozen=True)
 class Stated:
-    """A problem to be minimised, its start, and whether the file wanted its cost's opposite."""
+    """A problem to be minimised, its start, and whether the file maximises."""
 
     mpcc: MPCC
     start: np.ndarray
@@ -86,7 +86,7 @@ class Stated:
 
 
 def read_nl(path: Path) -> Stated:
-    """Return the problem of a file, its name the file's; it starts at zero where none is given.
+    """Return the problem of a file, with the file's name; it starts at zero if no start is given.
 
     Raises :class:`~ocp.errors.InputError` for anything but a text file of known operators.
     """
@@ -111,7 +111,7 @@ def parse_nl(text: str, name: str) -> NL:
 
 
 def _segment(found: NL, lines: list[list[str]], at: int) -> int:
-    """Read the segment that begins at a line; return where the next one does."""
+    """Read the segment that begins at a line; return the line of the next one."""
     if not lines[at]:
         return at + 1
     kind, number = lines[at][0][0], lines[at][0][1:]
@@ -139,7 +139,7 @@ def _segment(found: NL, lines: list[list[str]], at: int) -> int:
 
 
 def _table(found: NL, lines: list[list[str]], kind: str, number: str, rest: list[int], after: int) -> int:
-    """Read a segment of numbers: bounds, starts; those of no meaning here are passed over."""
+    """Read a segment of numbers, such as bounds or starts; segments without meaning here are skipped."""
     if kind == "r":
         for i in range(found.rows):
             words = lines[after + i]
@@ -225,12 +225,12 @@ def _sum(found: NL, value: Any, terms: list[tuple[int, float]]) -> Any:
 
 
 def problem_of(found: NL, name: str) -> Stated:
-    """State a file's rows and complementarities as a problem.
+    """Return a file's rows and complementarities as a problem.
 
     With the body c of a row and the bounds l, u of its variable x_j: k = 1 is
     ``0 <= c ⟂ x_j - l >= 0``; k = 2 is ``0 <= -c ⟂ u - x_j >= 0``; k = 3 is ``c = w - v``,
     ``0 <= w ⟂ x_j - l >= 0`` and ``0 <= v ⟂ u - x_j >= 0``; k = 0 is ``c = 0``. A pair whose sides
-    are the same expression says that it is zero.
+    are the same expression means that it is zero.
     """
     rows, ends, firsts, seconds, names = [], [], [], [], []
     mixed = [i for i, (kind, _) in found.complements.items() if kind == 3]

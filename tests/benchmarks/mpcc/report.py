@@ -12,7 +12,7 @@ AUDITED, AT_REFERENCE, CERTIFIED = 147 / 150, 0.97, 0.98
 
 @dataclass(frozen=True)
 class Row:
-    """What was measured on a problem; ``cost`` and ``reference`` in the sense of the file."""
+    """Measurements of a problem; ``cost`` and ``reference`` have the sign of the file."""
 
     name: str
     n: int = 0
@@ -34,7 +34,7 @@ class Row:
 
 
 def line(row: Row) -> str:
-    """One problem while the run goes on."""
+    """Return a line on one problem to be printed during the run."""
     return (
         f"{row.name:18s} {row.cost:13.6g} {row.reference:12.6g} {row.peer_cost:13.6g}"
         f" {'audited' if row.audited else '-':8s}{'hit' if row.hit else '-':4s}"
@@ -62,7 +62,7 @@ def _failures(rows: Sequence[Row]) -> list[str]:
 
 
 def summary(rows: Sequence[Row], checked: bool) -> tuple[str, list[str]]:
-    """Counts, floors and failures by name in Markdown; and the floors that are missed."""
+    """Return counts, floors and failures by name in Markdown, and the floors that are missed."""
     audited = [row for row in rows if row.audited]
     known = [row for row in rows if not math.isnan(row.reference)]
     judged = [row for row in known if row.audited]
@@ -97,7 +97,7 @@ def summary(rows: Sequence[Row], checked: bool) -> tuple[str, list[str]]:
 
 
 def table(rows: Sequence[Row]) -> str:
-    """All problems in Markdown."""
+    """Return the table of all problems in Markdown."""
     lines = [
         "| problem | n | pairs | cost | reference | stationary | time | Scholtes loop | time |",
         "|---|---|---|---|---|---|---|---|---|",

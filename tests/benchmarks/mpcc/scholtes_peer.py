@@ -1,4 +1,4 @@
-"""A plain Scholtes loop as a user would write it: one NLP, a falling bound on the products."""
+"""A plain Scholtes loop as a user would write it: one NLP, a decreasing bound on the products."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _WARM = {
 
 @dataclass(frozen=True)
 class PeerAnswer:
-    """Where the loop ended: x (n,), its cost, and whether every stage converged."""
+    """Result of the loop: x (n,), its cost, and whether every stage converged."""
 
     x: np.ndarray
     f: float
@@ -39,10 +39,10 @@ class PeerAnswer:
 
 
 def solve(mpcc: MPCC, start: np.ndarray) -> PeerAnswer:
-    """Minimise subject to ``G, H >= 0`` and ``G H <= t``, t from 1 down to 1e-8, stages warm.
+    """Minimise subject to ``G, H >= 0`` and ``G H <= t``, t from 1 down to 1e-8, with warm starts.
 
-    Sides of pairs that are not entries of x have a slack: with the products of long expressions
-    the derivatives are several times as expensive.
+    Sides of pairs that are not entries of x have a slack, since derivatives of products of long
+    expressions are several times as expensive.
     """
     sides, rows, free = [], [mpcc.g], [mpcc.x]
     lower, upper = (list(ends) for ends in (mpcc.x_bounds[0], mpcc.x_bounds[1]))

@@ -1,10 +1,10 @@
 """Optimal control of systems that switch and jump, as complementarity problems.
 
-``python -m tests.benchmarks.mpcc.switching [WORD ...]`` solves them, and by a plain Scholtes loop.
+``python -m tests.benchmarks.mpcc.switching [WORD ...]`` solves them, also by a plain Scholtes loop.
 
-Finite elements of free length, so that switches fall between two (Nurkanovic, Sperl, Albrecht and
-Diehl 2024; with jumps, Nurkanovic, Frey, Pozharskiy and Diehl 2024): within an element a switch
-stays on one side, which sums over its stages state as complementarity.
+Finite elements have free lengths, so that switches fall between two (Nurkanovic, Sperl, Albrecht
+and Diehl 2024; with jumps, Nurkanovic, Frey, Pozharskiy and Diehl 2024): within an element a switch
+stays on one side, which is a complementarity of sums over the element's stages.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from tests.benchmarks.mpcc import scholtes_peer
 from tests.benchmarks.mpcc.bench import residuals
 
 LONGEST, SHORTEST, EVEN = 2.0, 0.1, 1e-2
-"""Lengths of an element over the mean, and the weight of their squared differences from it."""
+"""Bounds of an element's length over the mean, and the weight of squared differences from the mean."""
 
 
 @dataclass
 class Rows:
-    """Variables with their bounds and first guess, equations, inequalities, and pairs."""
+    """Variables with their bounds and initial guess, equations, inequalities, and pairs."""
 
     x: list[ca.SX] = field(default_factory=list)
     bounds: list[tuple[float, float]] = field(default_factory=list)
@@ -46,7 +46,7 @@ class Rows:
         high: float = np.inf,
         start: float | np.ndarray = 0.0,
     ) -> ca.SX:
-        """Variables (n,)."""
+        """Add variables (n,), and return them."""
         symbol = ca.SX.sym(f"{name}_{len(self.x)}", n)
         self.x.append(symbol)
         self.bounds += n * [(low, high)]
@@ -54,21 +54,21 @@ class Rows:
         return symbol
 
     def zero(self, row: ca.SX) -> None:
-        """Demand ``row = 0``."""
+        """Add the constraint ``row = 0``."""
         self.g.append(row)
         self.upper += row.numel() * [0.0]
 
     def positive(self, row: ca.SX) -> None:
-        """Demand ``row >= 0``."""
+        """Add the constraint ``row >= 0``."""
         self.g.append(row)
         self.upper += row.numel() * [np.inf]
 
     def pairs(self, first: ca.SX, second: ca.SX) -> None:
-        """Demand ``0 <= first ⟂ second >= 0`` entry by entry."""
+        """Add the constraint ``0 <= first ⟂ second >= 0``, entry by entry."""
         self.sides.append((first, second))
 
     def made(self, name: str) -> tuple[MPCC, np.ndarray]:
-        """The problem and its first guess."""
+        """Return the problem and its initial guess."""
         lower, upper = np.array(self.bounds).T
         G, H = (ca.vertcat(*sides) for sides in zip(*self.sides, strict=True))
         g = ca.vertcat(*self.g)
@@ -86,9 +86,9 @@ class Mesh:
     scheme: str = "radau"
     duration: float = 1.0
     fine: bool = False
-    """A pair for every collocation point, else one for every element."""
+    """Whether there is a pair for every collocation point, instead of one per element."""
     direct: bool = False
-    """Elements may differ in length only where something switches, as equations."""
+    """Whether equations allow elements to differ in length only where something switches."""
 
     @property
     def mean(self) -> float:
@@ -97,13 +97,13 @@ class Mesh:
 
     @property
     def table(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Derivatives at the collocation points (d+1, d), ends (d+1,), and weights (d+1,)."""
+        """Coefficients of derivatives at collocation points (d+1, d), ends (d+1,), and weights (d+1,)."""
         C, D, B = ca.collocation_coeff(ca.collocation_points(self.points, self.scheme))
         return np.array(C), np.array(D).ravel(), np.array(B).ravel()
 
 
 def lengths(rows: Rows, mesh: Mesh) -> list[ca.SX]:
-    """Free lengths of the elements of one stage, which together last as long as it."""
+    """Add and return the free lengths of one stage's elements, which sum to the stage's length."""
     own = [rows.new("h", 1, SHORTEST * mesh.mean, LONGEST * mesh.mean, mesh.mean) for _ in range(mesh.elements)]
     rows.zero(ca.sum1(ca.vertcat(*own)) - mesh.elements * mesh.mean)
     for h in own:
@@ -119,7 +119,7 @@ def element(
     start: np.ndarray,
     at: Callable[[ca.SX], tuple[ca.SX, ca.SX]],
 ) -> ca.SX:
-    """Collocate one element from x; ``at`` gives rate and running cost at a point. Its end."""
+    """Collocate one element from x; return its end. ``at`` gives rate and running cost at a point."""
     C, D, B = mesh.table
     own = [rows.new("x", x.numel(), start=start) for _ in range(mesh.points)]
     states = ca.horzcat(x, *own)
@@ -136,9 +136,9 @@ def element(
 
 @dataclass(frozen=True)
 class Switched:
-    """``x' = rate(x, u, alpha)``, alpha_i = 1 where ``switches_i(x) > 0``, 0 below, between at 0.
+    """System ``x' = rate(x, u, alpha)``, alpha_i = 1 if ``switches_i(x) > 0``, 0 if < 0, between at 0.
 
-    ``at_end`` vanishes at the end; ``cost`` is a running one.
+    ``at_end`` vanishes at the end; ``cost`` is a running cost.
     """
 
     x0: np.ndarray
@@ -152,7 +152,7 @@ class Switched:
 
 
 def switched(name: str, system: Switched, mesh: Mesh) -> tuple[MPCC, np.ndarray]:
-    """The problem of a system that switches."""
+    """Return the problem of a system that switches, and its initial guess."""
     rows, x0 = Rows(), system.x0
     k = system.switches(ca.SX(x0)).numel()
     x, before = ca.SX(x0), ca.SX(2 * k, 1)
@@ -195,7 +195,7 @@ def switched(name: str, system: Switched, mesh: Mesh) -> tuple[MPCC, np.ndarray]
 
 
 def _still(share0: ca.SX, share1: ca.SX, away0: ca.SX, away1: ca.SX) -> ca.SX:
-    """Above zero where no switch changes side between two elements."""
+    """Return an expression that is positive if no switch changes side between two elements."""
     k = share0.numel() // 2
     same = share0 * share1 + away0 * away1
     return math.prod(ca.vertsplit(same[:k] + same[k:]), start=ca.SX(1))
@@ -203,7 +203,7 @@ def _still(share0: ca.SX, share1: ca.SX, away0: ca.SX, away1: ca.SX) -> ca.SX:
 
 @dataclass(frozen=True)
 class Jumping:
-    """``q'' = force(q, v, u) + J^T lam`` over a floor; velocities jump by ``v+ = -e v-``.
+    """System ``q'' = force(q, v, u) + J^T lam`` over a floor, with jumps ``v+ = -e v-``.
 
     ``gap`` is the height of the first coordinate; ``at_end`` vanishes at the end.
     """
@@ -219,7 +219,7 @@ class Jumping:
 
 
 def jumping(name: str, system: Jumping, mesh: Mesh) -> tuple[MPCC, np.ndarray]:
-    """The problem of a system that jumps."""
+    """Return the problem of a system that jumps, and its initial guess."""
     rows, n = Rows(), system.q0.size
     start = np.concatenate([system.q0, np.zeros(n)])
     x = ca.SX(start)
@@ -254,7 +254,7 @@ def jumping(name: str, system: Jumping, mesh: Mesh) -> tuple[MPCC, np.ndarray]:
 
 
 def jumped(rows: Rows, system: Jumping, end: ca.SX, start: np.ndarray) -> ca.SX:
-    """State after the jump that follows an element."""
+    """Return the state after the jump that follows an element."""
     n = system.q0.size
     kick, sides = rows.new("kick", 1, 0.0), rows.new("lift", 2, 0.0)
     after = rows.new("v", n, start=start[n:])
@@ -266,7 +266,7 @@ def jumped(rows: Rows, system: Jumping, end: ca.SX, start: np.ndarray) -> ca.SX:
 
 
 def tanks(count: int, mesh: Mesh) -> tuple[MPCC, np.ndarray]:
-    """A cascade of tanks whose valves open at a level, filled by one pump to given levels."""
+    """Return a cascade of tanks whose valves open at a level, filled by one pump to given levels."""
     levels = np.linspace(0.8, 0.5, count)
 
     def rate(x: ca.SX, u: ca.SX, alpha: ca.SX) -> ca.SX:
@@ -290,7 +290,7 @@ def tanks(count: int, mesh: Mesh) -> tuple[MPCC, np.ndarray]:
 
 
 def carriers(count: int, mesh: Mesh) -> tuple[MPCC, np.ndarray]:
-    """Carriers on a rail that springs couple; the first is driven, all have friction brakes."""
+    """Return carriers on a rail, coupled by springs; the first is driven, all have friction brakes."""
 
     def rate(x: ca.SX, u: ca.SX, alpha: ca.SX) -> ca.SX:
         q, v = x[:count], x[count:]
@@ -317,7 +317,7 @@ def carriers(count: int, mesh: Mesh) -> tuple[MPCC, np.ndarray]:
 
 
 def hopper(elasticity: float, mesh: Mesh) -> tuple[MPCC, np.ndarray]:
-    """A ball with thrusters that bounces to a place."""
+    """Return a ball with thrusters that bounces to a given position."""
     return jumping(
         "bouncer",
         Jumping(
@@ -335,7 +335,7 @@ def hopper(elasticity: float, mesh: Mesh) -> tuple[MPCC, np.ndarray]:
 
 
 def instances() -> dict[str, Callable[[], tuple[MPCC, np.ndarray]]]:
-    """Every instance by name."""
+    """Return every instance by name."""
     found: dict[str, Callable[[], tuple[MPCC, np.ndarray]]] = {}
     kinds: dict[str, Callable[[Mesh], tuple[MPCC, np.ndarray]]] = {
         "tank-1": lambda mesh: tanks(1, mesh),
@@ -365,7 +365,7 @@ def instances() -> dict[str, Callable[[], tuple[MPCC, np.ndarray]]]:
 
 
 def measured(name: str, ours: bool) -> str:
-    """One instance by us or by the plain loop: cost, violation, complementarity, seconds."""
+    """Solve one instance, or by the plain loop; return cost, violation, complementarity, seconds as text."""
     problem, start = instances()[name]()
     began = time.perf_counter()
     if ours:
@@ -380,7 +380,7 @@ def measured(name: str, ours: bool) -> str:
 
 
 def main(words: list[str]) -> None:
-    """Print a line of each instance whose name has one of the words: ours, then the loop."""
+    """Print a line for each instance whose name has one of the words: the solver, then the loop."""
     head = f"{'cost':>10}{'off':>9}{'min':>9}{'s':>8}  {'':<14}"
     print(f"{'instance':<32}{'n':>6}{'pairs':>6}{head}{head}")
     for name, make in instances().items():

@@ -1,4 +1,4 @@
-"""Our side of every benchmark: problems, sessions and guesses."""
+"""The workbench's side of every benchmark: problems, sessions and guesses."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def problem(name: str, N: int | None = None) -> Problem:
 
 
 def random_lcs(N: int, seed: int = 7) -> Problem:
-    """The LCS of :func:`models.random_matrices` as a problem of the workbench."""
+    """Return the LCS of :func:`models.random_matrices` as a problem of the workbench."""
     m = random_matrices(seed)
     system = lcs(LCS, A=m.A, B=m.B, C=m.C, D=m.D, E=m.E, F=m.F, d=m.d)
     x, u = system.x, system.u
@@ -47,12 +47,12 @@ def random_lcs(N: int, seed: int = 7) -> Problem:
 
 
 def session(name: str, law: ContactLaw, N: int | None = None, **settings: Any) -> Session:
-    """A session with direct transcription, everything but the NLP built."""
+    """Return a session with direct transcription, with everything but the NLP built."""
     return new_session(problem(name, N), law, settings=settings)
 
 
 def same_guess(made: Session) -> Guess:
-    """What our solve starts from, as blocks for the peer."""
+    """Return the initial guess of the workbench's solve, as blocks for the peer."""
     nlp = made.nlp_of("product")
     blocks = nlp.variables.unpack(made.first_point(nlp).x)
     x0 = nlp.data.unpack(nlp.parameter_vector(made.values)[len(nlp.names) :])["x0"]

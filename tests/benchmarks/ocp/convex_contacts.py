@@ -1,7 +1,7 @@
-"""Ways to write the contact of two polygons, each on the same scenes under the exact law.
+"""Formulations of the contact of two polygons, on the same scenes under the exact law.
 
-``python -m tests.benchmarks.ocp.convex_contacts [SCENE [WAY]]`` prints pairs of a step, IPOPT's
-iterations, seconds, cost and verdict of each; one that takes longer than 150 s is not waited for.
+``python -m tests.benchmarks.ocp.convex_contacts [SCENE [WAY]]`` prints pairs per step, IPOPT's
+iterations, seconds, cost and verdict of each; solves are stopped after 150 s.
 """
 
 from __future__ import annotations
@@ -43,12 +43,12 @@ BETWEEN = Contact.between
 
 
 def one_pair(one: Shape, other: Shape) -> list[tuple[Shape, Shape]]:
-    """The nearest corner alone."""
+    """Return a single pair, that of the shapes themselves."""
     return [(one, other)]
 
 
 def separating(one: Shape, a: Pose, other: Shape, b: Pose) -> Contact:
-    """The side of either from which all corners of the other are farthest."""
+    """Return the contact at the side, of either shape, from which all corners of the other are farthest."""
     if min(len(one.corners), len(other.corners)) < 3:
         return BETWEEN(one, a, other, b)
     found = []
@@ -81,7 +81,7 @@ WAYS: dict[str, tuple[Callable[..., object], Callable[..., Contact]]] = {
 
 
 def measure(scene: str, way: str, answer: mp.Queue[str]) -> None:
-    """Solve one scene, with the contacts of scenes replaced, in a process of its own."""
+    """Solve one scene with the contacts of scenes replaced, in a separate process."""
     things.vertex_pairs, Contact.between = WAYS[way]  # type: ignore[assignment,attr-defined]
     there, goal = SCENES[scene]
     parameters = ParameterTable([Parameter("h", 0.05, "s")])

@@ -36,7 +36,7 @@ PERTURBED, SEED, WORKERS = 10, 0, 2
 
 @dataclass(frozen=True)
 class Answer:
-    """One plan under the referee; ``seconds`` of processor time, judging included."""
+    """Result of one plan under the referee; ``seconds`` of processor time include verification."""
 
     certified: bool
     survives: bool
@@ -45,7 +45,7 @@ class Answer:
 
 
 def answer(problem: str, law: str, index: int) -> Answer:
-    """Solve from one guess as ``ocp solve`` does, everything built afresh."""
+    """Solve from one guess as ``ocp solve`` does, with everything built anew."""
     session = new_session(get(problem), law)
     guess = initial_guesses(session.evaluation, PERTURBED + 1, SEED)[index]
     began = time.process_time()
@@ -55,7 +55,7 @@ def answer(problem: str, law: str, index: int) -> Answer:
 
 
 def row(problem: str, law: str, answers: Sequence[Answer]) -> list[str]:
-    """A row of the table; a plan whose replay stops costs infinity."""
+    """Return a row of the table; a plan whose replay stops costs infinity."""
     costs = [one.cost if math.isfinite(one.cost) else math.inf for one in answers]
     return [
         f"`{problem}`",
@@ -69,7 +69,7 @@ def row(problem: str, law: str, answers: Sequence[Answer]) -> list[str]:
 
 
 def main() -> None:
-    """Measure problem after problem, and store each row as it is there."""
+    """Measure problem after problem, and store each row when it is ready."""
     for problem in sys.argv[1:] or names():
         old = read(TABLE)["rows"] if (DATA / f"{TABLE}.json").exists() else []
         with ProcessPoolExecutor(WORKERS, mp_context=get_context("spawn")) as pool:

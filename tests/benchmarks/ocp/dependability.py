@@ -1,7 +1,7 @@
 """Exact-law solves of every problem from 21 guesses, and the site's table of them.
 
-Beside the named ones stand three of ``examples/``, which a reader would try. ``make bench-solve``
-runs it; ``PROBLEMS="hopper push-1d behind"`` asks for some of them, and rewrites their rows alone.
+Problems are the named ones and three of ``examples/`` that a reader would try. ``make bench-solve``
+runs it; ``PROBLEMS="hopper push-1d behind"`` selects some of them, and rewrites their rows alone.
 """
 
 from __future__ import annotations
@@ -55,15 +55,15 @@ FLOORS = {
 }
 EXAMPLES = Path(__file__).parents[3] / "examples"
 FILES = {name: str(EXAMPLES / f"{name.replace('-', '_')}.py") for name in ("behind", "slope", "double-pendulum-walls")}
-"""Problems of the examples by name, and where they are."""
+"""Files of the examples by name."""
 
 
 @dataclass(frozen=True)
 class Start:
-    """What came of one guess; number 0 is the problem's own. ``seconds`` of processor time.
+    """Result from one guess; number 0 is the problem's own. ``seconds`` are of processor time.
 
-    ``audited`` is feasible by the audit, ``success`` certified too; ``referee`` what the referee
-    makes of it, NaN where there is none.
+    ``audited`` is feasible by the audit, ``success`` certified too; ``referee`` is the cost under the
+    referee, NaN if there is none.
     """
 
     problem: str
@@ -83,7 +83,7 @@ class Start:
 
 
 def from_guess(problem: str, index: int) -> Start:
-    """Solve from one guess, everything built afresh, so that no other solve can matter."""
+    """Solve from one guess, with everything built anew, so that solves are independent."""
     session = new_session(get(FILES.get(problem, problem)), Exact())
     guess = initial_guesses(session.evaluation, PERTURBED + 1, SEED)[index]
     began = time.process_time()
@@ -110,7 +110,7 @@ def from_guess(problem: str, index: int) -> Start:
 
 
 def _where(found: Solution) -> str:
-    """Say at which stage a solve ended, with what word, and which constraint is off most."""
+    """Return a text of the stage and status at which a solve ended, and the most violated constraint."""
     last = found.stages[-1]
     text = f"stage {len(found.stages)}, {last.label} {last.value:.1e}: {last.status}"
     for off in found.audit.worst[:1]:
@@ -119,7 +119,7 @@ def _where(found: Solution) -> str:
 
 
 def row(starts: Sequence[Start]) -> list[str]:
-    """The table's row of one problem; medians over all starts, failed ones too."""
+    """Return the table's row of one problem; medians are over all starts, failed ones too."""
     good = sorted((start for start in starts if start.audited), key=lambda start: start.cost)
     best, worst = (good[0].cost, good[-1].cost) if good else (math.nan, math.nan)
     close = sum(start.cost <= best + 0.01 * abs(best) for start in good)
@@ -145,23 +145,23 @@ def row(starts: Sequence[Start]) -> list[str]:
 
 
 def audited(starts: Sequence[Start]) -> int:
-    """How many of the perturbed starts the audit accepts."""
+    """Return how many of the perturbed starts pass the audit."""
     return sum(start.audited for start in starts if start.index > 0)
 
 
 def certified(starts: Sequence[Start]) -> int:
-    """How many of the perturbed starts are certified stationary."""
+    """Return how many of the perturbed starts are certified as stationary."""
     return sum(start.success for start in starts if start.index > 0)
 
 
 def merged(old: Sequence[Sequence[str]], fresh: Sequence[Sequence[str]]) -> list[list[str]]:
-    """Rows in the order of the registry: fresh ones replace their own, the others stay."""
+    """Return rows in the order of the registry; new ones replace the old ones of their problems."""
     rows = {cells[0]: list(cells) for cells in (*old, *fresh)}
     return [rows[key] for name in (*names(), *FILES) if (key := f"`{name}`") in rows]
 
 
 def store(fresh: Sequence[Sequence[str]]) -> None:
-    """Put rows into the table of the site."""
+    """Write rows into the table of the site."""
     old = read(TABLE)["rows"] if (DATA / f"{TABLE}.json").exists() else []
     write_table(
         TABLE,
@@ -173,7 +173,7 @@ def store(fresh: Sequence[Sequence[str]]) -> None:
 
 
 def measured(chosen: Sequence[str]) -> Iterator[list[Start]]:
-    """All starts of one problem after the other; two processes, which share nothing."""
+    """Yield all starts of one problem after the other, from two processes that share nothing."""
     with ProcessPoolExecutor(WORKERS, mp_context=get_context("spawn")) as pool:
         indices = range(PERTURBED + 1)
         pending = [pool.map(from_guess, [name] * len(indices), indices) for name in chosen]
@@ -182,7 +182,7 @@ def measured(chosen: Sequence[str]) -> Iterator[list[Start]]:
 
 
 def main() -> int:
-    """Measure, print failures as they come, store the table; 1 where a floor is missed."""
+    """Measure, print failures at once, and store the table; return 1 if a floor is missed."""
     chosen = [spec(FILES.get(name, name)).name for name in sys.argv[1:]] or [*names(), *FILES]
     rows, missed = [], []
     for starts in measured(chosen):

@@ -1,7 +1,7 @@
-"""The five named problems and a random LCS, written out by hand as a user's script has them.
+"""The five named problems and a random LCS, written by hand as in a user's script.
 
-Nothing here comes from `problems`: numbers and equations are typed again, so that equal costs also
-check the named problems.
+Nothing here is imported from `problems`: numbers and equations are typed again, so that equal costs
+also check the named problems.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ Relation = Callable[[ca.MX, ca.MX, ca.MX, ca.MX], tuple[ca.MX, ca.MX]]
 
 @dataclass(frozen=True)
 class Model:
-    """``relation(x, u, x_next, lam)`` gives residual and gap; ``stage(x, u, du)`` the cost."""
+    """A problem: ``relation(x, u, x_next, lam)`` gives residual and gap; ``stage(x, u, du)`` the cost."""
 
     name: str
     nx: int

@@ -16,7 +16,7 @@ SCHOLTES = [10.0**-i for i in range(9)]
 
 @dataclass(frozen=True)
 class Guess:
-    """Trajectories to start from: x (N+1, nx), u (N, nu), lam and gap (N, nlam)."""
+    """Initial trajectories: x (N+1, nx), u (N, nu), lam and gap (N, nlam)."""
 
     x: np.ndarray
     u: np.ndarray
@@ -26,7 +26,7 @@ class Guess:
 
 @dataclass(frozen=True)
 class PeerAnswer:
-    """What a script's user sees in the end; ``ok`` if every stage succeeded."""
+    """Result that a script's user sees; ``ok`` if every stage succeeded."""
 
     cost: float
     iterations: int
@@ -36,12 +36,12 @@ class PeerAnswer:
 
 
 class Script:
-    """One variable per block, a Python loop over the steps, ``subject_to`` for every line.
+    """A script with a variable per block, a loop over the steps, and ``subject_to`` for every constraint.
 
-    ``equality`` writes ``lam gap = t``, the relaxed law; otherwise ``lam gap <= t`` (Scholtes).
-    IPOPT gets the options that ours has. ``simple_bounds`` asks CasADi to find bounds on single
-    variables among the constraints, which few scripts do: the NLP is then the same as ours to the
-    last iteration.
+    ``equality`` states ``lam gap = t``, the relaxed law; otherwise ``lam gap <= t`` (Scholtes).
+    IPOPT has the options of the workbench. ``simple_bounds`` asks CasADi to find bounds on single
+    variables among the constraints, which few scripts do: the NLP is then the same as the
+    workbench's, to the last iteration.
     """
 
     def __init__(self, model: Model, equality: bool, simple_bounds: bool = False) -> None:
@@ -70,7 +70,7 @@ class Script:
         self.setup_s = time.process_time() - began
 
     def solve(self, guess: Guess, values: list[float]) -> PeerAnswer:
-        """Solve at each value of t in turn, from the last answer but with forgotten multipliers."""
+        """Solve at each value of t in turn, from the last solution but without its multipliers."""
         opti, iterations, ok = self.opti, 0, True
         start = (guess.x, guess.u, guess.lam, guess.gap)
         for block, value in zip(self.blocks, start, strict=True):
@@ -97,5 +97,5 @@ def relaxed(model: Model, guess: Guess, mu: float, simple_bounds: bool = False) 
 
 
 def scholtes(model: Model, guess: Guess) -> PeerAnswer:
-    """Set up and solve ``lam gap <= t``, t = 1, 0.1, ... 1e-8, every stage tight."""
+    """Set up and solve ``lam gap <= t``, t = 1, 0.1, ... 1e-8, every stage to tight tolerance."""
     return Script(model, False).solve(guess, SCHOLTES)

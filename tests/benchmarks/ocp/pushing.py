@@ -1,7 +1,7 @@
 """A box pushed round an obstacle with a sliding pusher: ``python -m tests.benchmarks.ocp.pushing``.
 
-Fifty instances of one problem, whose obstacle, start and size are drawn, as exact MPCC of 100
-steps, each cold: seconds, iterations, certificates. A peer's median on its own computer is 434 ms,
+Fifty instances of one problem, with random obstacle, start and size, are solved cold as exact MPCC
+of 100 steps: seconds, iterations, certificates. A peer's median on its own computer is 434 ms,
 98 of 100 solved (``pushing_1_obs`` of InteriorPointDDP.jl; duration and goal are its own).
 """
 
@@ -26,11 +26,11 @@ N, H, LIMIT, DAMPING = 100, 0.04, 0.4, 0.05
 
 
 def sliding_pusher(values: dict[str, float]) -> Problem:
-    """Quasi-static box, half sides ``a``, ``b``, pushed from behind at the angle phi (Hogan).
+    """Return a quasi-static box of half sides ``a``, ``b``, pushed from behind at the angle phi (Hogan).
 
-    Forces n, t on the box, ``x' = R (n, t)``, ``theta' = (-a t + n a tan phi) / reach²``. The
-    pusher is drawn along the side by a force c through a damper, ``t = c - d phi'``, and sticks
-    within the friction cone: ``phi' = plus - minus``, ``0 <= plus ⟂ mu n - c + d plus >= 0``,
+    Forces n, t on the box give ``x' = R (n, t)``, ``theta' = (-a t + n a tan phi) / reach²``. A force
+    c pulls the pusher along the side through a damper, ``t = c - d phi'``, and it sticks within the
+    friction cone: ``phi' = plus - minus``, ``0 <= plus ⟂ mu n - c + d plus >= 0``,
     ``0 <= minus ⟂ mu n + c + d minus >= 0``.
     """
     table = ParameterTable([Parameter(name, value, "1") for name, value in values.items()])
@@ -78,7 +78,7 @@ def sliding_pusher(values: dict[str, float]) -> Problem:
 
 
 def drawn(rng: np.random.Generator) -> dict[str, float]:
-    """Parameters of one instance."""
+    """Draw the parameters of one instance."""
     return {
         "a": rng.uniform(0.04, 0.07),
         "mu": rng.uniform(0.2, 0.5),
@@ -93,7 +93,7 @@ def drawn(rng: np.random.Generator) -> dict[str, float]:
 
 
 def main(count: int = 50, strategy: str = "") -> None:
-    """Print a line of each instance, and the medians."""
+    """Print a line for each instance, and the medians."""
     warnings.simplefilter("ignore")
     rng, seconds, iterations, certified = np.random.default_rng(0), [], [], 0
     settings = {"strategy": strategy} if strategy else {}

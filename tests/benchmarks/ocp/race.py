@@ -1,4 +1,4 @@
-"""Alternating runs on one clock, and tables of what came out."""
+"""Alternating timed runs, and tables of their results."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from rich.table import Table
 
 
 def alternate(runs: dict[str, Callable[[], Any]], rounds: int) -> tuple[dict[str, float], dict[str, Any]]:
-    """Run all in turn, ``rounds`` times; median seconds and last result of each.
+    """Run all in turn, ``rounds`` times; return median seconds and last result of each.
 
-    The clock is processor time: every runner is single-threaded, so that on an idle machine it is
-    what a watch shows, and on a busy one it does not count the others' work.
+    The clock is processor time: every runner is single-threaded, so that on an idle computer it
+    equals wall time, and on a busy one it excludes the work of others.
     """
     seconds: dict[str, list[float]] = {key: [] for key in runs}
     results: dict[str, Any] = {}
@@ -28,7 +28,7 @@ def alternate(runs: dict[str, Callable[[], Any]], rounds: int) -> tuple[dict[str
 
 
 def tell(title: str, columns: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
-    """Print a table, the first column to the left."""
+    """Print a table with its first column aligned left."""
     table = Table(title=title, title_justify="left")
     for i, column in enumerate(columns):
         table.add_column(column, justify="right" if i else "left", no_wrap=True)
@@ -40,5 +40,5 @@ def tell(title: str, columns: Sequence[str], rows: Sequence[Sequence[object]]) -
 
 
 def ms(seconds: float) -> str:
-    """Seconds as milliseconds."""
+    """Return seconds as text in milliseconds."""
     return f"{1e3 * seconds:.0f}" if seconds >= 0.01 else f"{1e3 * seconds:.1f}"

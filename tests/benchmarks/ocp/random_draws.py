@@ -29,12 +29,12 @@ PROBLEMS = (
 )
 FACTOR = 3.0
 _SHIFT, _FROM_ZERO = 0.3, 0.1
-"""Shares of its own size, or units where it is zero, by which a place is moved at most."""
+"""Largest shift of a position as a share of its size, or in its unit if it is zero."""
 
 
 @dataclass(frozen=True)
 class Instance:
-    """A problem at drawn parameters."""
+    """A problem with random parameters."""
 
     problem: str
     index: int
@@ -42,19 +42,19 @@ class Instance:
 
     @property
     def key(self) -> str:
-        """Name of the instance by its content."""
+        """Name of the instance from a hash of its content."""
         text = json.dumps([self.problem, self.params], sort_keys=True)
         return f"{self.problem}/{hashlib.sha256(text.encode()).hexdigest()[:16]}"
 
     @property
     def command(self) -> str:
-        """How to solve it by hand."""
+        """Command that solves the instance."""
         given = " ".join(f"-p {name}={value!r}" for name, value in self.params.items())
         return f"ocp solve {self.problem} {given}"
 
 
 def drawn(problem: str, count: int, seed: int, factor: float = FACTOR) -> Iterator[Instance]:
-    """Draw ``count`` instances; what the problem's validation refuses is drawn again."""
+    """Draw ``count`` instances; those that the problem's validation rejects are drawn again."""
     symbols = {name: about for name, about in settings_of(spec(problem).Params).items() if not is_structural(about)}
     for index in range(count):
         rng = np.random.default_rng([seed, PROBLEMS.index(problem), index])
@@ -69,7 +69,7 @@ def drawn(problem: str, count: int, seed: int, factor: float = FACTOR) -> Iterat
 
 
 def _value(field: FieldInfo, rng: np.random.Generator, factor: float) -> float:
-    """Log-uniform within a factor where positive, else moved by a share of itself."""
+    """Draw a value, log-uniform within a factor if it must be positive, else shifted by a share of itself."""
     default = float(field.default)
     positive = any(getattr(limit, "gt", getattr(limit, "ge", None)) == 0 for limit in field.metadata)
     if positive and default > 0:

@@ -46,10 +46,10 @@ FEASIBLE = {s.label for s in (Status.SOLVED, Status.NOT_OPTIMAL, Status.UNDECIDE
 
 @dataclass(frozen=True)
 class Answer:
-    """What one way made of an instance: costs, processor seconds of the solve, and wall seconds.
+    """Result of one way to solve an instance: cost, processor seconds of the solve, and wall seconds.
 
-    ``certified`` says whether the certificate itself does; ``misplaced`` is how far [m] an audited
-    ball-throw is off a bound or deeper in the ground than its model lets it be at a node.
+    ``certified`` is the certificate's own verdict; ``misplaced`` by how much [m] an audited
+    ball-throw violates a bound or is deeper in the ground than its model allows at a node.
     """
 
     status: str
@@ -61,17 +61,17 @@ class Answer:
 
     @property
     def solved(self) -> bool:
-        """Whether the program calls it solved."""
+        """Whether the status is solved."""
         return self.status == Status.SOLVED.label
 
 
 def default(instance: Instance) -> Answer:
-    """The default route from the problem's own guess."""
+    """Solve by the default route from the problem's own guess."""
     return _from_session(instance, lambda session: session.solve())
 
 
 def alone(instance: Instance) -> Answer:
-    """The baseline of times: the first strategy alone, no other start and no improvement."""
+    """Solve by the first strategy alone, without other starts and improvement: the baseline of times."""
 
     def run(session: Session) -> RouteResult:
         follower = Homotopy(session.nlp_of, session.solver, session.values)
@@ -107,7 +107,7 @@ def _start(number: int) -> Callable[[Instance], Answer]:
 
 
 def _from_barrier(instance: Instance) -> Answer:
-    """Exact law from the end of the barrier law's path."""
+    """Solve under the exact law from a solution under the barrier law."""
     problem = get(instance.problem, **instance.params)
     began, wall = time.process_time(), time.perf_counter()
     soft = solve(problem, Barrier(mu=1e-6))
@@ -138,11 +138,11 @@ def _answer(found: Solution, seconds: float, wall: float) -> Answer:
 
 
 def _misplaced(found: Solution) -> float:
-    """How far an audited throw is off its bounds, or below where a bounce puts a node at most.
+    """Return by how much an audited throw violates a bound, or is below the lowest node of a bounce.
 
-    A node is at ``-R(s)`` where the free one would be lower. At speed V that needs a node before
-    at ``c <= h V (1 - e) / (1 + e)`` and, one earlier, ``s = c + h V <= 2 h V / (1 + e)``, so that
-    ``R(s) <= 2 e h V / (1 + e) + 2 g h^2 / (1 + e)``, and what gravity adds in two steps.
+    A node is at ``-R(s)`` if the free one would be lower. At speed V that needs a node before at
+    ``c <= h V (1 - e) / (1 + e)`` and, one earlier, ``s = c + h V <= 2 h V / (1 + e)``, so that
+    ``R(s) <= 2 e h V / (1 + e) + 2 g h^2 / (1 + e)``, plus the effect of gravity in two steps.
     """
     problem, values = found.problem, found.values
     x, u, lam, gap = (found.data[name].values for name in ("x", "u", "lam", "gap"))
@@ -157,7 +157,7 @@ def _misplaced(found: Solution) -> float:
 def measured(
     instance: Instance, kept: dict[str, dict], now: dict[str, Callable[[Instance], Answer]]
 ) -> dict[str, Answer]:
-    """All answers of an instance: those of ``now`` afresh, the others where they are not kept."""
+    """Return all answers of an instance: those of ``now`` anew, others only if they are not stored."""
     ways = {**OTHERS, **now}
     found = {}
     for name, way in ways.items():
@@ -169,7 +169,7 @@ def measured(
 
 @dataclass(frozen=True)
 class Summary:
-    """Counts over instances, as the floors ask for them."""
+    """Counts over instances that the floors need."""
 
     count: int
     solved: int
@@ -183,7 +183,7 @@ class Summary:
 
     @property
     def missed(self) -> list[str]:
-        """Floors that are not met, in words."""
+        """Texts on the floors that are missed."""
         floors = {
             f"more than 1 % above the best: {self.worse} of {self.solved} solved, floor 3 %": (
                 self.worse > MOST_WORSE * self.solved
@@ -197,18 +197,18 @@ class Summary:
 
 
 def best(answers: dict[str, Answer]) -> float:
-    """Lowest certified cost over all ways, infinite where there is none."""
+    """Return the lowest certified cost over all ways, infinite if there is none."""
     return min((a.cost for a in answers.values() if a.solved and a.certified), default=math.inf)
 
 
 def is_worse(answers: dict[str, Answer]) -> bool:
-    """Whether the default route's answer is solved and more than 1 % above the best."""
+    """Return whether the default route's answer is solved and more than 1 % above the best."""
     low, own = best(answers), answers["default"]
     return own.solved and own.cost > low + WORSE * abs(low)
 
 
 def summary(found: Sequence[dict[str, Answer]]) -> Summary:
-    """Count over instances; the time is the ratio of medians of processor time."""
+    """Return counts over instances, and the ratio of median processor times to the baseline."""
     shots = [answers[name] for answers in found for name in SHOOTING]
     slow = [
         answer
@@ -245,7 +245,7 @@ COLUMNS = (
 
 
 def row(name: str, s: Summary) -> list[str]:
-    """A line of the table."""
+    """Return a line of the table."""
     cells = (
         name,
         s.count,
@@ -262,7 +262,7 @@ def row(name: str, s: Summary) -> list[str]:
 
 
 def main() -> int:
-    """Measure, tell the worse ones as they come, store the table; 1 where a floor is missed."""
+    """Measure, print worse answers at once, and store the table; return 1 if a floor is missed."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("problems", nargs="*", metavar="PROBLEM", choices=[*PROBLEMS, []])
     parser.add_argument("--count", type=int, default=30, help="instances a problem")

@@ -1,8 +1,8 @@
 """Every named problem by every solver, under the barrier and the exact law: the site's table.
 
-``make bench-solvers`` runs it; ``PROBLEMS="hopper push-1d"`` asks for some of them, and rewrites
-their rows alone. Each solve is a process of its own, ended after a :func:`limit` of processor time,
-since not every solver can be told to stop.
+``make bench-solvers`` runs it; ``PROBLEMS="hopper push-1d"`` selects some of them, and rewrites
+their rows alone. Each solve is a separate process that ends after a :func:`limit` of processor
+time, since not all solvers have a time limit.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ TABLE = "solvers"
 LAWS = ("barrier", "exact")
 DEFAULT = "ipopt"
 SAME = 1e-3
-"""Relative difference of costs from which on another optimum is told."""
+"""Relative difference of costs above which the optimum is reported as another one."""
 
 
 @dataclass(frozen=True)
 class Solved:
-    """What came of one solve; ``seconds`` of processor time, building and judging included."""
+    """Result of one solve; ``seconds`` of processor time include building and verification."""
 
     status: str
     success: bool
@@ -40,7 +40,7 @@ class Solved:
 
 
 def limit(solver: str) -> int:
-    """Seconds of processor time for one solve: a minute for the default solver, else a sixth."""
+    """Return the limit [s] on processor time of one solve: a minute for the default solver, else a sixth."""
     return 60 if solver == DEFAULT else 10
 
 
@@ -52,16 +52,16 @@ def here(problem: str, law: str, solver: str) -> Solved:
 
 
 def apart(problem: str, law: str, solver: str) -> Solved:
-    """Solve in a process of its own, at low priority."""
+    """Solve in a separate process, at low priority."""
     words = [sys.executable, "-m", __spec__.name, "--one", problem, law, solver]
     with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as child:
-        # Watched from outside: a timer of its own processor time slows SLEQP down thirtyfold.
+        # The limit is checked from outside, since a timer inside slows SLEQP down thirtyfold.
         while child.poll() is None and processor_s(child.pid) < limit(solver):
             time.sleep(0.1)
         over = child.poll() is None
         child.kill()
         told, _ = child.communicate()
-    # Uno says on the same stream which variables have equal bounds.
+    # Uno prints to the same stream which variables have equal bounds.
     _, begun, answer = told.partition("{")
     if begun:
         return Solved(**json.loads(begun + answer))
@@ -69,13 +69,13 @@ def apart(problem: str, law: str, solver: str) -> Solved:
 
 
 def processor_s(pid: int) -> float:
-    """Seconds of processor time that a process has had, as Linux tells them."""
+    """Return the processor time [s] of a process, from Linux."""
     fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     return sum(map(int, fields[11:13])) / os.sysconf("SC_CLK_TCK")
 
 
 def cell(found: Solved, best: float) -> str:
-    """Seconds, or the status, of one solve; its cost where that is another than ``best``."""
+    """Return seconds or status of one solve as text, with its cost if that differs from ``best``."""
     if math.isnan(found.seconds):
         return found.status
     other = found.success and abs(found.cost - best) > SAME * abs(best)
@@ -92,7 +92,7 @@ def row(problem: str, law: str) -> list[str]:
 
 
 def store(fresh: Sequence[Sequence[str]]) -> None:
-    """Put rows into the table of the site, in the order of the registry."""
+    """Write rows into the table of the site, in the order of the registry."""
     old = read(TABLE)["rows"] if (DATA / f"{TABLE}.json").exists() else []
     rows = {(cells[0], cells[1]): list(cells) for cells in (*old, *fresh)}
     order = [(f"`{name}`", law) for name in names() for law in LAWS]

@@ -1,4 +1,4 @@
-"""Continuation in mu against the same sweep solved cold."""
+"""Continuation in mu needs fewer iterations than the same sweep with cold starts."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from tests.benchmarks.ocp.race import tell
 
 @pytest.mark.bench
 def test_continuation_needs_a_sixth_of_the_cold_iterations() -> None:
-    """mu from 1 to 1e-8 in 20 steps; cold starts every point at the problem's own guess."""
+    """mu goes from 1 to 1e-8 in 20 steps; cold solves start every point at the problem's own guess."""
     rows, ratios, builds = [], {}, []
     for name in FIVE:
         path = continue_over(session(name, Barrier(mu=1.0)), "contact.mu", 1.0, 1e-8, 20, "log")

@@ -1,4 +1,4 @@
-"""Exact complementarity: the default strategy against Scholtes' loop as users write it."""
+"""Exact complementarity: speed of the default strategy against Scholtes' loop as users write it."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ FASTER, SLACK = 4.0, 5e-3
 
 
 def ours(name: str, strategy: str) -> RouteResult:
-    """Everything from the problem's parameters to the polished answer."""
+    """Do everything from the problem's parameters to the polished solution."""
     return session(name, Exact(), strategy=strategy).solve()
 
 
 @pytest.mark.bench
 def test_default_strategy_against_scholtes_with_cold_starts() -> None:
-    """Total time over the set: set-up, all stages, polish.
+    """The total time over the set is compared: set-up, all stages, polish.
 
-    The script lowers t from 1 to 1e-8 by 0.1 and solves every stage tightly from cold multipliers;
-    ``cold`` is our own strategy of the same kind, on our own NLP.
+    The script reduces t from 1 to 1e-8 by factors of 0.1 and solves every stage tightly from cold
+    multipliers; ``cold`` is the workbench's strategy of the same kind, on its own NLP.
     """
     rows, worse = [], []
     total = {"default": 0.0, "script": 0.0, "cold": 0.0}
@@ -74,7 +74,7 @@ def test_default_strategy_against_scholtes_with_cold_starts() -> None:
 
 @pytest.mark.bench
 def test_all_strategies() -> None:
-    """Objective, iterations and milliseconds of every strategy on every problem."""
+    """The table shows objective, iterations and milliseconds of every strategy on every problem."""
     costs: dict[str, dict[str, float]] = {}
     tables: dict[str, list[list[object]]] = {"Cost": [], "Iterations": [], "Milliseconds": []}
     for strategy in STRATEGIES:

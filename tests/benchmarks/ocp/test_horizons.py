@@ -1,4 +1,4 @@
-"""Processor time of a solve with its judges, a step, as the horizon grows."""
+"""Processor time per step of a solve with its verification, as the horizon grows."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ LENGTHS = {"exact": (24, 50, 100, 200), "barrier": (20, 100, 400, 1000)}
 EXACT = ("push-1d", "push-disc", "ball-bounce", "cart-walls", "box-slide", "hopper-1d", "planar-push")
 RUNS = [*((name, "exact") for name in EXACT), ("push-disc", "barrier"), ("half-cheetah", "exact"), ("hopper", "exact")]
 GROWTH = 2.0
-"""Largest ratio of the time a step takes to that at the shortest horizon."""
+"""Largest ratio of the time per step to that at the shortest horizon."""
 MISSED = {"hopper"}
-"""Where the floor is known to be missed: at N = 50 to 200 relaxations take hundreds of iterations,
+"""Cases that are known to miss the floor: at N = 50 to 200 relaxations take hundreds of iterations,
 at N = 24 tens."""
 LIMIT_S = 400.0
-"""Wall time after which one run of IPOPT is given up."""
+"""Limit [s] on the wall time of one run of IPOPT."""
 
 
 @dataclass(frozen=True)
 class Measured:
-    """What one solve took: processor time a step [s], iterations, and what came of it."""
+    """Measurements of one solve: processor time per step [s], iterations, and status."""
 
     step_s: float
     iterations: int
@@ -37,7 +37,7 @@ class Measured:
 
 
 def measured(name: str, law: ContactLaw, steps: int) -> Measured:
-    """Set up, solve and judge a problem over so many steps."""
+    """Set up, solve and verify a problem with a number of steps."""
     began = time.process_time()
     session = new_session(get(name, N=steps), law)
     session.solver.options["max_wall_time"] = LIMIT_S
@@ -48,7 +48,7 @@ def measured(name: str, law: ContactLaw, steps: int) -> Measured:
 
 @pytest.mark.bench
 def test_time_of_a_step_hardly_grows_with_the_horizon() -> None:
-    """What is imported and made once a process is so before the first measurement."""
+    """Imports and caches of the process are ready before the first measurement."""
     measured("push-1d", Exact(), 8)
     title = "Time of a step over the horizon: set-up, solve, certificate and referee"
     columns = ["problem", "law", "N", "ms of processor a step", "ratio", "iterations", "status"]
@@ -69,7 +69,7 @@ def test_time_of_a_step_hardly_grows_with_the_horizon() -> None:
             ]
         )
         missed |= {name} if max(ratios) > GROWTH else set()
-        # After every row: the last ones take minutes.
+        # The table is printed after every row, since the last ones take minutes.
         write_table(
             "horizons",
             title=title,

@@ -1,4 +1,4 @@
-"""Set-up plus solve of one relaxed NLP, ``lam gap = mu``, against a plain Opti script."""
+"""Set-up and solve of one relaxed NLP, ``lam gap = mu``, against a plain Opti script."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ CASES = [
 
 
 def ours(name: str, N: int | None) -> tuple[RouteResult, float]:
-    """Everything from the problem's parameters to the answer."""
+    """Do everything from the problem's parameters to the solution; return it and the set-up time [s]."""
     made = session(name, Barrier(mu=MU), N, homotopy=False)
     return made.solve(), made.build_s
 
 
 @pytest.mark.bench
 def test_relaxed_nlp_against_a_plain_script() -> None:
-    """Same NLP, mu, guess and IPOPT options; N is the problem's own where none is given.
+    """Both have the same NLP, mu, guess and IPOPT options; N is the problem's own if none is given.
 
-    Ratios are the script's time over ours; ``bounds`` is the ratio for the script that asks for
-    ``detect_simple_bounds``, which makes its iterations the same as ours.
+    Ratios are the script's time over the workbench's; ``bounds`` is that of the script with
+    ``detect_simple_bounds``, which makes its iterations the same.
     """
     rows, slow, worse = [], [], []
     for name, N, floor, rounds in CASES:

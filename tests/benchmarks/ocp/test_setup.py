@@ -1,4 +1,4 @@
-"""Set-up: everything from the problem's parameters to a solver that is ready to start."""
+"""Time of the set-up, from the problem's parameters to a solver that is ready to start."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ LIMIT = 0.2
 
 
 def set_up(name: str, N: int) -> None:
-    """Problem, closed step, NLP with its derivatives, first point and solver instance."""
+    """Build problem, closed step, NLP with its derivatives, initial guess and solver instance."""
     made = session(name, Barrier(mu=1e-3), N)
     nlp = made.nlp_of("product")
     made.first_point(nlp)
-    Solver()._instance(nlp, {})  # private, but the clock must stop before IPOPT starts
+    Solver()._instance(nlp, {})  # private, since timing must stop before IPOPT starts
 
 
 @pytest.mark.bench
 def test_set_up_is_quick_and_linear_in_the_horizon() -> None:
-    """Under 0.2 s at N = 1000; from 250 to 1000 it grows by no more than 4, the ratio of N."""
+    """It takes less than 0.2 s at N = 1000, and from 250 to 1000 grows by at most 4, the ratio of N."""
     rows, slow, steep = [], [], []
     for name in (*FIVE, LCS):
         runs = {str(N): lambda n=name, k=N: set_up(n, k) for N in HORIZONS}

@@ -1,4 +1,4 @@
-"""Where the time of a solve through frictional contact goes: set-up, functions, linear algebra."""
+"""Shares of the time of a solve with frictional contact: set-up, functions, linear algebra."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from tests.benchmarks.ocp.race import ms, tell
 
 N, ITERATIONS = 100, 100
 BUILD, FUNCTIONS, OVERALL = 5.0, 0.30, 1.5
-"""Seconds of set-up, functions over the rest, and all over the linear solver alone: 1.2 + 0.3."""
+"""Floors: set-up [s], time of functions over the rest, and total over the linear solver (1.2 + 0.3)."""
 
 
 def timed(report: str, what: str) -> float:
-    """Processor seconds of one line of IPOPT's timing statistics."""
+    """Return the processor seconds in one line of IPOPT's timing statistics."""
     found = re.search(rf"^ *{re.escape(what)}\.*: *([\d.]+)", report, re.MULTILINE)
     assert found, what
     return float(found[1])
@@ -26,11 +26,11 @@ def timed(report: str, what: str) -> float:
 
 @pytest.mark.bench
 def test_where_an_iteration_goes(tmp_path: Path) -> None:
-    """One relaxed NLP, lam gap = 0.01, at most 100 iterations from the problem's own guess.
+    """It solves one relaxed NLP, lam gap = 0.01, with at most 100 iterations from the problem's own guess.
 
-    Functions and solver are what every solve reports of itself; the linear solver's part is IPOPT's
-    own measurement. Set-up is processor time and, with jit, includes compiling or reading the
-    cache.
+    Times of functions and solver are as every solve reports them; the linear solver's part is
+    IPOPT's own measurement. Set-up is processor time and, with jit, includes compiling or reading
+    the cache.
     """
     rows, missed = [], []
     for name in ("hopper", "half-cheetah"):

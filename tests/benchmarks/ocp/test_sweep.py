@@ -1,4 +1,4 @@
-"""A sweep of 28 points on one core and on two, and with a worker killed on the way."""
+"""A sweep of 28 points on one core and on two, and with a worker killed meanwhile."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from tests.benchmarks.ocp.race import tell
 
 WORDS = ["sweep", "push-disc", "--over", "M=0.5:2:7", "--over", "contact.mu=1e-4:1e-1:4:log", "--json", "--quiet"]
 LONG, SHORT = 300, 20
-"""Steps of points that take a second or two, and of such that take a tenth of one."""
+"""Numbers of steps of points that take a second or two, and of points that take a tenth of one."""
 FASTER = 1.7
 ROUNDS = 2
 
 
 def timed(out: Path, jobs: int, N: int, kill: bool = False) -> tuple[float, dict[str, Any]]:
-    """Seconds of a whole command, on as many cores, and what it stored."""
+    """Return the seconds of a whole command with ``jobs`` processes, and what it stored."""
     words = [*WORDS, "-p", f"N={N}", "--jobs", str(jobs), "--out", str(out)]
     code = f"import sys\nfrom reports.cli.app import main\nsys.exit(main({words!r}))"
     one_thread = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
@@ -45,9 +45,9 @@ def timed(out: Path, jobs: int, N: int, kill: bool = False) -> tuple[float, dict
 
 @pytest.mark.bench
 def test_a_sweep_on_two_cores_against_one(tmp_path: Path) -> None:
-    """Wall time of the command with its start-up, alternately, least of two rounds.
+    """Compared is the wall time of the command with its start-up, the least of two alternating rounds.
 
-    Points that are short are shown beside: there a second or two of start-up is most of it.
+    Short points are shown too: for them start-up of a second or two is most of the time.
     """
     seconds: dict[tuple[int, int], list[float]] = {}
     hashes: dict[int, set[str]] = {LONG: set(), SHORT: set()}

@@ -1,4 +1,4 @@
-"""IPOPT iterations of push-disc, cold and from a stored run at other parameters: a table."""
+"""Table of IPOPT iterations of push-disc, cold and from a stored run with other parameters."""
 
 import pytest
 
@@ -17,12 +17,12 @@ CHANGES = {
     "M 1 to 1.2": ({}, {"M": 1.2}),
     "M 1.2 to 2": ({"M": 1.2}, {"M": 2.0}),
 }
-"""Parameters of the run before, and of the one that is counted."""
+"""Parameters of the earlier run, and of the run whose iterations are counted."""
 
 
 @pytest.mark.bench
 def test_a_run_before_saves_iterations() -> None:
-    """Each pair ends at the same cost, and from the run before it takes fewer iterations."""
+    """Each pair ends at the same cost, with fewer iterations from the earlier run."""
     rows = []
     for law, (contact, parameters) in LAWS.items():
         row = [law]

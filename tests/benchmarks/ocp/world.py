@@ -1,9 +1,9 @@
-"""Planar manipulation from nothing: ``python -m tests.benchmarks.ocp.world [WORD ...]``.
+"""Planar manipulation without guesses: ``python -m tests.benchmarks.ocp.world [WORD ...]``.
 
-Ten drawn scenes and ``push-t`` from its own start and 20 random ones by the default command, and
+Ten scenes and ``push-t`` from its own start and 20 random ones by the default command, and
 ``push-box`` to 18 headings from an all-zero guess by the strategy scholtes-quick. Prints cost, cost
 of standing still, seconds, certificate and the referee's word of each task whose name has one of
-the words. A task that takes longer than :data:`LIMIT` is not waited for.
+the words. A task is stopped after :data:`LIMIT` seconds.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ from tests.benchmarks.ocp.world_scenes import SCENES
 LIMIT = 180
 HEAD = f"{'task':<22}{'cost':>9}{'idle':>9}{'s':>7}  {'certificate':<12}referee"
 STARTS = 20
-"""Random starts of the T."""
+"""Number of random starts of the T."""
 
 
 def tasks() -> dict[str, tuple[str, dict[str, float]]]:
-    """Name, then problem and parameters, of every task of pushing at one side."""
+    """Return problem and parameters of every pushing task, by name."""
     found: dict[str, tuple[str, dict[str, float]]] = {
         f"push-box {20 * k} degrees": ("push-box", {"heading": k * math.pi / 9}) for k in range(18)
     }
@@ -42,7 +42,7 @@ def tasks() -> dict[str, tuple[str, dict[str, float]]]:
 
 
 def made(name: str) -> tuple[Problem, dict[str, str]]:
-    """The problem of a scene or task, and the settings that its command has."""
+    """Return the problem of a scene or task, and the settings of its command."""
     if name in SCENES:
         return SCENES[name](), {}
     problem, values = tasks()[name]
@@ -51,7 +51,7 @@ def made(name: str) -> tuple[Problem, dict[str, str]]:
 
 
 def measured(name: str) -> tuple[Any, ...]:
-    """Cost, idle cost, seconds, certificate and the referee's word of one task."""
+    """Solve one task; return its cost, idle cost, seconds, certificate and the referee's word."""
     warnings.simplefilter("ignore")
     problem, settings = made(name)
     began = time.perf_counter()
@@ -62,7 +62,7 @@ def measured(name: str) -> tuple[Any, ...]:
 
 
 def main(words: list[str]) -> None:
-    """Print the table."""
+    """Print the table of the chosen tasks."""
     print(HEAD)
     known = [*SCENES, *tasks()]
     good, chosen = 0, [n for n in known if not words or any(word in n for word in words)]

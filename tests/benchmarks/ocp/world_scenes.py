@@ -1,4 +1,4 @@
-"""Ten scenes of the plane that a lab would draw: bodies, goals, obstacles, and a round finger."""
+"""Ten planar scenes as a laboratory would use: bodies, goals, obstacles, and a round finger."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def scene_problem(
     N: int = 40,
     finger: tuple[float, float] = (-0.5, 0.0),
 ) -> Problem:
-    """Bring the bodies to their goals at rest, with little motion of the finger."""
+    """Return the problem of bringing bodies to their goals at rest, with little motion of the finger."""
     table = ParameterTable(())
     pusher = Pusher("finger", Disc(FINGER), at=finger, stiffness=STIFFNESS)
     made = Scene([pusher, *things], friction=FRICTION)

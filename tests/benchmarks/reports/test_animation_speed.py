@@ -1,4 +1,4 @@
-"""Writing animations: frames over a kept picture against matplotlib's own writers, by savefig."""
+"""Speed of writing animations: frames over a stored background against matplotlib's savefig writers."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ WRITERS: dict[str, Callable[[int], AbstractMovieWriter]] = {
 
 
 def by_savefig(animation: Animation, file: Path) -> None:
-    """The same frames as matplotlib writes them: the whole figure drawn anew for each."""
+    """Write the same frames as matplotlib does, with the whole figure drawn anew for each."""
     canvas = Canvas(animation)
     for part in canvas.figure.findobj():
         part.set_animated(False)
@@ -47,7 +47,7 @@ def by_savefig(animation: Animation, file: Path) -> None:
 
 
 def spent(work: Callable[[Animation, Path], None], animation: Animation, file: Path) -> float:
-    """Processor seconds of ours and of the encoder that we wait for."""
+    """Return processor seconds of this process and of the encoder that it waits for."""
     before = os.times()
     work(animation, file)
     after = os.times()
@@ -57,7 +57,7 @@ def spent(work: Callable[[Animation, Path], None], animation: Animation, file: P
 @pytest.mark.bench
 @pytest.mark.skipif(shutil.which("ffmpeg") is None, reason="there is no ffmpeg")
 def test_files_of_an_animation(tmp_path: Path) -> None:
-    """Both ways in turn; the least seconds of each, layout included, solving not."""
+    """Both ways alternate; the least seconds of each count, with layout but without the solve."""
     rows, missed = [], []
     for name, (law, what) in CASES.items():
         run = store.load(store.save(solve(get(name), contact=law), tmp_path, []).path)

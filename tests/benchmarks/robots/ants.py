@@ -1,4 +1,4 @@
-"""Rollouts of the ant with gradients in compiled C, beside finite differences in MuJoCo."""
+"""Rollouts of the ant with gradients in compiled C, and with finite differences in MuJoCo."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ STEPS, H, SAMPLES, ROUNDS = 20, 0.01, 64, 6
 
 
 def rollouts(mu: float, backend: str) -> RolloutFunction:
-    """Run forwards and stay up: a cost of the last state alone, mostly."""
+    """Return rollouts of running forwards and staying upright, with a cost mostly of the last state."""
     system = ant().system("ant", ParameterTable(), h=H, friction=1.0)
     step = Barrier(mu=mu).close(system)
     x, u, p = (ca.SX.sym("v", n) for n in (system.nx, system.nu, len(step.p)))
@@ -29,7 +29,7 @@ def rollouts(mu: float, backend: str) -> RolloutFunction:
 
 
 def draws(n: int) -> tuple[np.ndarray, np.ndarray]:
-    """States (n, 29) near standing_pose and inputs (n, STEPS, 8)."""
+    """Draw states (n, 29) near standing_pose and inputs (n, STEPS, 8)."""
     rng = np.random.default_rng(0)
     start = np.tile(np.r_[standing_pose(), np.zeros(14)], (n, 1))
     start[:, 15:] += 0.1 * rng.standard_normal((n, 14))
@@ -37,7 +37,7 @@ def draws(n: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def ours_ms(f: RolloutFunction) -> float:
-    """Processor milliseconds of one rollout with its gradient, one thread."""
+    """Return processor milliseconds of one rollout with its gradient, on one thread."""
     start, inputs = draws(SAMPLES)
     best = np.inf
     for _ in range(ROUNDS):
@@ -49,11 +49,11 @@ def ours_ms(f: RolloutFunction) -> float:
 
 
 def theirs_ms(path: Path) -> float:
-    """Processor milliseconds of as many steps in MuJoCo, each with mjd_transitionFD, one thread.
+    """Return processor milliseconds of the steps in MuJoCo, with mjd_transitionFD, on one thread.
 
-    One-sided differences of Euler's step, their fastest form: 36 columns a step, which are then
-    chained; full differences over all 160 inputs are some 1700 steps. Gymnasium's file has RK4,
-    which takes four times as long.
+    They are one-sided differences of Euler's step, the fastest form: 36 columns per step, which are
+    then chained; full differences over all 160 inputs are about 1700 steps. Gymnasium's file has
+    RK4, which takes four times as long.
     """
     mujoco = import_module("mujoco")
     model = mujoco.MjModel.from_xml_path(str(path))

@@ -1,8 +1,8 @@
-"""Robots in space: equations, compiled stages, iterations and rollouts, beside those of others.
+"""Robots in space: equations, compiled stages, iterations and rollouts, compared with other packages.
 
 ``python -m tests.benchmarks.robots.bench [equations] [stage] [iteration] [rollouts]`` measures all
-or some and rewrites the site's tables. Robots of packages that are not installed are looked for in
-the folders of ``EXTRA_ROBOTS``; ``PEERS`` is the Python that has pin and adam-robotics
+or some and rewrites the site's tables. Robots of packages that are not installed are searched for
+in the folders of ``EXTRA_ROBOTS``; ``PEERS`` is the Python that has pin and adam-robotics
 (:mod:`tests.benchmarks.robots.peers`). All times are processor times, the least of several.
 """
 
@@ -26,7 +26,7 @@ Row = tuple[str, str, str, str]
 
 
 def shown(text: str, missed: bool) -> str:
-    """What is missed says so."""
+    """Return text in bold and marked if its floor is missed."""
     return f"**{text} missed**" if missed else text
 
 
@@ -56,7 +56,7 @@ def equations() -> None:
 
 
 def stage() -> Iterator[Row]:
-    """One stage of the quadruped in C, and what compiling takes."""
+    """Yield rows on one stage of the quadruped in C, and on compile times."""
     made = quadruped.problem()
     residual, slopes, second = quadruped.stage_us(made)
     ours, what = slopes + second, "stage of the quadruped: residual and Jacobian, Hessian"
@@ -86,7 +86,7 @@ def stage() -> Iterator[Row]:
 
 
 def iteration() -> Iterator[Row]:
-    """One iteration of the relaxed program."""
+    """Yield rows on one iteration of the relaxed program."""
     made = quadruped.problem()
     ways = {"": (False, {}), ", jit": (True, {}), ", jit, AMD": (True, {"mumps_pivot_order": 0})}
     for name, (jit, options) in ways.items():
@@ -103,7 +103,7 @@ def iteration() -> Iterator[Row]:
 
 
 def rollouts() -> Iterator[Row]:
-    """Rollouts of the ant, with gradients."""
+    """Yield rows on rollouts of the ant, with gradients."""
     path = FILES[0].find()
     theirs = ants.theirs_ms(path) if path else float("nan")
     for mu in (1e-3, 1e-2):

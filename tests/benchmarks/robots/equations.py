@@ -1,4 +1,4 @@
-"""M, bias and a foot's Jacobian of published robots, beside MuJoCo's, and how long they are."""
+"""M, bias and a foot's Jacobian of published robots: differences from MuJoCo's, and lengths of graphs."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ STATES, WITHIN = 100, 1e-9
 
 @dataclass(frozen=True)
 class File:
-    """A robot's file in a ``source``, which is a package or lies below ``EXTRA_ROBOTS``."""
+    """A robot's file in a ``source``, which is a package or a folder below ``EXTRA_ROBOTS``."""
 
     source: str
     path: str
     floating: bool = False
 
     def find(self) -> Path | None:
-        """Where it is on this computer."""
+        """Return the file's place on this computer, None if it is missing."""
         spec = find_spec(self.source)
         places = [*(spec.submodule_search_locations or ())] if spec else []
         places += os.environ.get("EXTRA_ROBOTS", "").split(os.pathsep)
@@ -46,7 +46,7 @@ SOLO = "solo_description/robots/solo12.urdf"
 
 
 def graphs(tree: Any, body: str) -> tuple[ca.Function, ca.Function, ca.Function]:
-    """M(q), bias(q, v), and of a body's origin Jacobian (6, nv) and place, as functions."""
+    """Return functions for M(q), bias(q, v), and a body origin's Jacobian (6, nv) and position."""
     q, v = ca.SX.sym("q", tree.nq), ca.SX.sym("v", tree.nv)
     place, rows = tree.pose(q, body)[1], ca.SX(6, tree.nv)
     for index, turn, move, pivot in tree.joint_axes(q, body):
@@ -57,7 +57,7 @@ def graphs(tree: Any, body: str) -> tuple[ca.Function, ca.Function, ca.Function]
 
 
 def compiled(file: File, path: Path) -> Any:
-    """MuJoCo's own model of a file; of a URDF without shapes, whose root may float."""
+    """Return MuJoCo's own model of a file; a URDF is read without shapes, and its root may float."""
     model = import_module("mujoco").MjModel
     if path.suffix == ".xml":
         return model.from_xml_path(str(path))
@@ -77,13 +77,13 @@ def compiled(file: File, path: Path) -> Any:
 
 
 def measured(file: File, path: Path) -> list[str | float | int]:
-    """A row: largest differences over the largest entry, where that is above 1, and lengths."""
+    """Return a row: largest differences, relative to the largest entry if above 1, and lengths."""
     mujoco = import_module("mujoco")
     robot = load(path, floating=file.floating)
     tree: Any = robot.machine.tree()
     model = compiled(file, path)
     data, rng = mujoco.MjData(model), np.random.default_rng(0)
-    # The end of the longest chain: a foot, where there are any.
+    # The body is the end of the longest chain: a foot, if there are any.
     end = max(tree.bodies, key=lambda body: len(tree.joint_axes(ca.SX.sym("q", tree.nq), body)))
     number = model.joint(robot.joints[tree.q_of[end].start]).bodyid[0]
     mass, bias, foot = graphs(tree, end)

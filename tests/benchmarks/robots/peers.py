@@ -1,4 +1,4 @@
-"""What pin and adam-robotics make of a robot; PEERS=PYTHON names the one that has them.
+"""Measurements of a robot with pin and adam-robotics, in the Python of PEERS=PYTHON.
 
 ``python -m venv /tmp/peers; /tmp/peers/bin/pip install pin cmeel-eigen adam-robotics liecasadi``,
 then ``make bench-robots PEERS=/tmp/peers/bin/python``. This file runs there, on a URDF that it
@@ -18,10 +18,10 @@ from xml.etree import ElementTree
 
 HERE = Path(__file__).parent
 BUILT = HERE.parents[2] / "runs" / "bench-robots-pin"
-"""Kept from one run to the next: compiling takes minutes."""
+"""Program that is kept from one run to the next, since compiling takes minutes."""
 FLAGS = (
     *("-std=c++17", "-O3", "-DNDEBUG", "-march=native"),
-    # As pin's own build has them; the wheel's objects align as SSE2 does.
+    # Flags are those of pin's own build; the wheel's objects have the alignment of SSE2.
     *("-DBOOST_MPL_LIMIT_LIST_SIZE=30", "-DBOOST_MPL_CFG_NO_PREPROCESSED_HEADERS"),
     *("-DBOOST_FUSION_INVOKE_MAX_ARITY=10", "-DFUSION_MAX_VECTOR_SIZE=10"),
     *("-DEIGEN_MAX_STATIC_ALIGN_BYTES=16", "-DEIGEN_MAX_ALIGN_BYTES=16"),
@@ -29,14 +29,14 @@ FLAGS = (
 
 
 def asked(python: str, urdf: Path) -> dict[str, Any]:
-    """What this file prints where ``python`` runs it."""
+    """Run this file by ``python``, and return what it prints."""
     command = [python, __file__, str(urdf)]
     found = subprocess.run(command, capture_output=True, text=True, check=True)
     return json.loads(found.stdout.splitlines()[-1])
 
 
 def adam(urdf: str) -> dict[str, int]:
-    """CasADi instructions of M, bias and a foot's Jacobian by adam-robotics."""
+    """Return the numbers of CasADi instructions of M, bias and a foot's Jacobian by adam-robotics."""
     from adam.casadi import KinDynComputations  # pyright: ignore
 
     root = ElementTree.parse(urdf).getroot()
@@ -53,7 +53,7 @@ def adam(urdf: str) -> dict[str, int]:
 
 
 def pin(urdf: str) -> dict[str, float | str]:
-    """Microseconds of pin's derivatives: in C++ where that compiles, else called from Python."""
+    """Return microseconds of pin's derivatives, in C++ if that compiles, else called from Python."""
     import numpy as np
     import pinocchio  # pyright: ignore
 
@@ -86,7 +86,7 @@ def pin(urdf: str) -> dict[str, float | str]:
 
 
 def least_us(call: Callable[[], object]) -> float:
-    """Processor microseconds of a call."""
+    """Return the least processor microseconds of a call."""
     best = 1.0
     for _ in range(60):
         began = time.thread_time()

@@ -1,4 +1,4 @@
-"""Robots that others made and the named quadruped, from their files to certified plans.
+"""Published robots and the named quadruped, from their files to certified plans.
 
 ``python -m tests.benchmarks.robots.plans`` runs the commands of a new user and rewrites the table.
 """
@@ -32,7 +32,7 @@ Row = tuple[str, str, str, float, str, str]
 
 
 def ocp(folder: Path, *words: str) -> str:
-    """What a command prints on stdout; raises where it fails otherwise than by its verdict."""
+    """Run a command and return its stdout; raise if it fails other than by its verdict."""
     found = subprocess.run([sys.executable, "-m", "ocp", *words], cwd=folder, capture_output=True, text=True)
     if found.returncode not in (0, 3):
         raise RuntimeError(found.stderr)
@@ -40,7 +40,7 @@ def ocp(folder: Path, *words: str) -> str:
 
 
 def solved(folder: Path, plan: str, law: str, floor: float | None, *words: str) -> Row:
-    """Solve cold, and time it as a person waits for it."""
+    """Solve cold in wall time, and return the table's row."""
     start = time.perf_counter()
     document = json.loads(ocp(folder, "solve", *words, *LAWS[law], "--json"))
     seconds = time.perf_counter() - start
@@ -56,7 +56,7 @@ def solved(folder: Path, plan: str, law: str, floor: float | None, *words: str) 
 
 
 def _folders(at: str, names: list[str]) -> list[str]:
-    """Folders beside a robot that its file does not include."""
+    """Return the folders next to a robot that its file does not include."""
     return [name for name in names if Path(at, name).is_dir() and name != "common"]
 
 

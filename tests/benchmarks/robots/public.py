@@ -1,8 +1,8 @@
-"""Sixty public robot files: which are read, with how many bodies, motors and contacts, and why not.
+"""Sixty public robot files: which are read, with how many bodies, motors and contacts, or why not.
 
 ``python -m tests.benchmarks.robots.public`` reads them and rewrites the site's table. Packages that
-are not installed are looked for below the folders of ``EXTRA_ROBOTS``, into which their wheels are
-unpacked.
+are not installed are searched for below the folders of ``EXTRA_ROBOTS``, which hold their unpacked
+wheels.
 """
 
 from __future__ import annotations
@@ -53,11 +53,11 @@ FILES = {
         "kuka_iiwa/model.urdf quadruped/minitaur.urdf franka_panda/panda.urdf mini_cheetah/mini_cheetah.urdf r2d2.urdf"
     ),
 }
-"""Ends of the files' paths by package; those with ``..`` name files of the folder above."""
+"""Ends of the files' paths by package; those with ``..`` are named by the folder above."""
 
 
 def find(package: str, path: str) -> Path | None:
-    """Return where a file of a package is on this computer."""
+    """Return the place of a package's file on this computer, None if it is missing."""
     spec = find_spec(package)
     places = [*(spec.submodule_search_locations or ())] if spec else []
     extra = [Path(place) for place in os.environ.get("EXTRA_ROBOTS", "").split(os.pathsep) if place]
@@ -67,7 +67,7 @@ def find(package: str, path: str) -> Path | None:
 
 
 def rows() -> Iterator[list[str | int | None]]:
-    """Read file after file."""
+    """Read file after file, and yield the table's rows."""
     for package, paths in FILES.items():
         for path in paths.split():
             name = path.removeprefix("../")
@@ -88,7 +88,7 @@ def rows() -> Iterator[list[str | int | None]]:
 
 
 def main() -> None:
-    """Measure and store."""
+    """Read all files, and store the table."""
     warnings.simplefilter("ignore")
     lines = []
     for row in rows():

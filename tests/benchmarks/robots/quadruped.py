@@ -1,4 +1,4 @@
-"""The quadruped's stage in compiled C and an iteration on its relaxed program, over a horizon."""
+"""Times of the quadruped's stage in compiled C, and of an iteration on its relaxed program."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ double least(function f, const double **arg, double **res, int calls, int rounds
 
 
 def problem() -> Problem:
-    """Shift the standing trunk by 10 cm with four feet on the ground."""
+    """Return the problem of shifting the standing trunk by 10 cm with four feet on the ground."""
     table = ParameterTable()
     system = quadruped().system("quadruped", table, h=H, friction=0.8)
     start = np.r_[pose(0.0, height(THIGH, SHIN), THIGH, SHIN), np.zeros(18)]
@@ -75,13 +75,13 @@ def problem() -> Problem:
 
 
 def session(made: Problem, law: ContactLaw, jit: bool) -> Session:
-    """One solve without a homotopy."""
+    """Return a session for one solve without a homotopy."""
     compiled = StageCompiler() if jit else None
     return Session(made, law, Direct(), OpenLoop(), homotopy=False, compiled=compiled)
 
 
 def stage_us(made: Problem) -> list[float]:
-    """Microseconds of residual, Jacobian and Hessian of the dynamics of one stage."""
+    """Return microseconds of residual, Jacobian and Hessian of the dynamics of one stage."""
     graph, system = Graph(made, Exact().close(made.system), OpenLoop()), made.system
     layout = trajectory_variables(graph, pairs=True)
     w = ca.vertcat(system.x, system.u, system.x_next, graph.step.lam)
@@ -111,7 +111,7 @@ def _cpu_s() -> float:
 
 
 def build_s(made: Problem) -> list[tuple[float, float]]:
-    """Processor and wall seconds to build the exact law's program, compiling and from the cache."""
+    """Return processor and wall seconds to build the exact law's program, by compiling and from the cache."""
     found, old = [], os.environ.get("XDG_CACHE_HOME")
     with tempfile.TemporaryDirectory() as folder:
         os.environ["XDG_CACHE_HOME"] = folder
@@ -128,9 +128,9 @@ def build_s(made: Problem) -> list[tuple[float, float]]:
 
 
 def iteration_ms(made: Problem, jit: bool, **options: object) -> tuple[float, float, float, int]:
-    """Processor milliseconds of an IPOPT iteration, of functions and linear solver, and how many.
+    """Return processor milliseconds of an IPOPT iteration, its functions and linear solver, and the number.
 
-    The least of several solves of the relaxed program ``lam gap = MU`` from the same guess.
+    They are the least of several solves of the relaxed program ``lam gap = MU`` from the same guess.
     """
     fresh, best = session(made, Barrier(mu=MU), jit), (np.inf, 0.0, 0.0, 0)
     with tempfile.TemporaryDirectory() as folder:

@@ -1,7 +1,7 @@
-"""Which plans and policies keep their cost in MuJoCo: machines, laws, perturbed tasks.
+"""Shares of plans and policies that keep their cost in MuJoCo, by machine and law, on perturbed tasks.
 
-``python -m tests.benchmarks.robots.worlds`` measures all and rewrites the site's table; ``hopper``
-behind it measures one machine anew.
+``python -m tests.benchmarks.robots.worlds`` measures all and rewrites the site's table; with
+``hopper`` it measures that machine alone.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from problems import get
 
 TABLE = "worlds"
 MACHINES = {"hopper": ("goal", 2), "idto-hopper": ("speed", 4), "spinner": ("rate", 4), "finger-disc": ("goal", 4)}
-"""The parameter that is perturbed, and how many tasks there are."""
+"""Parameter that is perturbed, and number of tasks, by machine."""
 LAWS: dict[str, ContactLaw] = {
     "exact": Exact(),
     "barrier, mu = 0.001": Barrier(mu=1e-3),
@@ -36,14 +36,14 @@ WAYS = ("inputs", "gains", "planning again")
 
 
 def kept(task: tuple[str, str, int]) -> tuple[bool, ...]:
-    """Whether the inputs of a plan, gains along it, and planning again keep their costs."""
+    """Return whether the inputs of a plan, gains along it, and replanning keep their costs."""
     machine, law, seed = task
     name = MACHINES[machine][0]
     share = 1 + SPREAD * np.random.default_rng(seed).uniform(-1, 1)
     problem = get(machine, **{name: share * get(machine).parameters.defaults[name]})
     values = problem.parameters.defaults
     with warnings.catch_warnings():
-        # Candidates of a step that diverge: the plan keeps another.
+        # Candidates of a step that diverge are ignored: the plan keeps another.
         warnings.simplefilter("ignore", BatchWarning)
         along = Controller(problem, contact=LAWS[law], phase="policy")
         x, u = along.plan.x[None], along.plan.u[None]
@@ -57,12 +57,12 @@ def kept(task: tuple[str, str, int]) -> tuple[bool, ...]:
 
 
 def cell(found: Sequence[tuple[bool, ...]]) -> str:
-    """Shares of all ways, in percent."""
+    """Return the shares of all ways as text, in percent."""
     return " / ".join(f"{100 * np.mean(column):.0f}" for column in zip(*found, strict=True)) + " %"
 
 
 def main() -> None:
-    """Measure machine after machine, and store each column as it is there."""
+    """Measure machine after machine, and store each column when it is ready."""
     old = read(TABLE) if (DATA / f"{TABLE}.json").exists() else {"columns": ["law"], "rows": []}
     cells = {
         (row[0], name): value
