@@ -17,8 +17,8 @@ DISTRIBUTION_NAME = "centralpath"
 """Name of the distribution on the package index."""
 _SOURCE_ROOT = Path(__file__).resolve().parents[1]
 """Folder that contains the four packages."""
-_OTHER_PACKAGES = ("dynamics", "problems", "reports")
-"""Packages of the distribution that a user's module may hide."""
+PACKAGES = ("dynamics", "ocp", "problems", "reports")
+"""Packages of the distribution, the lowest layer first."""
 
 
 class ShadowedPackage(ImportError):
@@ -35,7 +35,7 @@ def version() -> str:
         return "unknown"
 
 
-def shadowing(names: tuple[str, ...] = _OTHER_PACKAGES, folder: Path | None = None) -> str:
+def shadowing(names: tuple[str, ...] = PACKAGES, folder: Path | None = None) -> str:
     """Return a sentence on the module that hides the first hidden package of ``names``, "" if none is hidden.
 
     With a ``folder``, modules are searched as by a script in that folder.

@@ -165,6 +165,11 @@ class ContactFrame:
         """Unit tangent, the normal turned by -90 degrees."""
         return self.ny, -self.nx
 
+    def force(self, normal: float, friction: float) -> tuple[float, float]:
+        """Return the force on the object from its parts along the normal and the tangent, in their unit."""
+        tx, ty = self.tangent
+        return normal * self.nx + friction * tx, normal * self.ny + friction * ty
+
 
 def solid(shape: shapes.Shape, x: float, y: float, angle: float, role: str = "object") -> Shape:
     """Return the drawing of ``shape`` (of numbers, not of symbols) on a body at (x, y) [m].

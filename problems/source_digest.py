@@ -17,10 +17,8 @@ from functools import cache
 from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
 
+from ocp.distribution import PACKAGES
 from ocp.store.provenance import file_digest
-
-OWN = ("dynamics", "ocp", "problems", "reports")
-"""Packages of this program."""
 
 
 def source_digest(path: Path) -> str:
@@ -99,7 +97,7 @@ class _Search:
         path, module = self.path, ""
         for word in name.split("."):
             module = f"{module}.{word}" if module else word
-            spec = None if module in OWN else _spec(word, path)
+            spec = None if module in PACKAGES else _spec(word, path)
             origin = None if spec is None else spec.origin and Path(spec.origin).resolve()
             if spec is None or (origin and any(map(origin.is_relative_to, _places()))):
                 return

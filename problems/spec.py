@@ -190,11 +190,11 @@ class UserProblemRecord:
         if sum(map(len, motions.values())) > MOST_NODES:
             return {**record, "undrawn": f"its motion has more than {MOST_NODES} nodes"}
         try:
-            return {**record, "motions": {key: self._drawn(x) for key, x in motions.items()}}
+            return {**record, "motions": {key: self._motion_record(x) for key, x in motions.items()}}
         except InputError as error:
             return {**record, "undrawn": str(error)}
 
-    def _drawn(self, x: np.ndarray) -> dict[str, Any]:
+    def _motion_record(self, x: np.ndarray) -> dict[str, Any]:
         spec, finite = self.spec, np.isfinite(x).all(axis=1)
         assert spec.draw is not None
         finite_states = x if finite.all() else x[: max(1, int(np.argmin(finite)))]

@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
+from ocp.distribution import PACKAGES
 from ocp.errors import InputError
-from problems.source_digest import OWN
 
 Function = Callable[..., Any]
 
@@ -101,7 +101,7 @@ def where(error: BaseException, path: Path) -> str:
     place = f"line {lines[-1]}: " if lines else ""
     name = (error.name or "").partition(".")[0] if isinstance(error, ImportError) else ""
     beside = [path.parent / f"{name}.py", path.parent / name]
-    twin = next((module for module in beside if name in OWN and module.exists()), None)
+    twin = next((module for module in beside if name in PACKAGES and module.exists()), None)
     hint = "" if twin is None else f"; {twin} has the name of a package of centralpath; rename it"
     return f"{place}{type(error).__name__}: {reason(error)}{hint}"
 

@@ -56,7 +56,7 @@ def plot(solution: Solution) -> Figure:
 def html(solution: Solution) -> str:
     """Return verdict, picture and numbers as an HTML fragment, with a bar in the colour of the grade."""
     from reports.drawing.strobe import strobe
-    from reports.drawing.style import GRADES, house_style, show_literally, to_svg
+    from reports.drawing.style import GRADE_COLORS, house_style, show_literally, to_svg
     from reports.figures.trajectories import trajectory_figure
 
     headline, *findings = solution.verdict.split("\n")
@@ -69,7 +69,7 @@ def html(solution: Solution) -> str:
         for key, value in _numbers(solution).items()
     )
     return (
-        f'<div style="border-left:6px solid {GRADES[solution.grade]};padding-left:0.8em">'
+        f'<div style="border-left:6px solid {GRADE_COLORS[solution.grade]};padding-left:0.8em">'
         f"<p><strong>{escape(headline)}</strong><br>"
         f"{'<br>'.join(map(escape, findings))}</p>"
         f'<img alt="{escape(name)}, drawn at several instants" style="background:white;'

@@ -10,6 +10,7 @@ from typing import Any
 
 from docs.generator import notebooks
 from docs.generator.measured import DOCS, escaped, table
+from ocp.distribution import PACKAGES
 from reports.cli.app import first_paragraph, load_commands
 from reports.tables import settings
 from reports.tables.settings import SettingGroup
@@ -134,8 +135,6 @@ _HEAD = (
     "are read from the source files.\n\n"
 )
 """Text above the table of packages."""
-PACKAGES = ("dynamics", "ocp", "problems", "reports")
-"""Packages of this program, the lowest layer first."""
 
 
 def architecture_pages() -> dict[str, str]:

@@ -44,6 +44,8 @@ min sum_(k=0)^(N-1) w_c sum_j norm(c_(j,k) - t_(j,k))^2 + w_"end" e_N
 golden = {"exact": Golden(0.00348597807, settings={"strategy": "scholtes"}, tried=2, note="another minimum: 0.0037430")}
 TIPS = ("thumb", "index", "middle")
 """Names of the fingertips."""
+_START_OVERLAP = 0.01
+"""Largest overlap of a fingertip with the object at the start, as a share of the fingertip's radius."""
 
 
 class Params(Parameters):
@@ -70,12 +72,14 @@ class Params(Parameters):
 
     @model_validator(mode="after")
     def _tips_start_free(self) -> Params:
-        wide = self.a * (math.sqrt(2) if self.body == "cube" else 1)
-        if self.away < self.a + self.r or (self.body == "cube" and self.z0 > 2 * self.a):
-            raise ValueError(
-                f"the fingertips start {self.away:g} m from the axis, inside the object, which is"
-                f" {wide:g} m wide; make away at least a + r = {self.a + self.r:g} m"
-            )
+        offsets = np.asarray(_starts(self.away, self.z0 - self.a)).reshape(3, 3)
+        if self.body == "ball":
+            distances = np.linalg.norm(offsets, axis=1) - self.a
+        else:
+            distances = np.linalg.norm(np.maximum(np.abs(offsets) - self.a, 0), axis=1)
+        # The default start is 0.1 mm too close to the cube; the first step moves it out.
+        if distances.min() < (1 - _START_OVERLAP) * self.r:
+            raise ValueError(f"a fingertip starts inside the {self.body}; make away larger than {self.away:g} m")
         return self
 
 

@@ -11,14 +11,12 @@ from typing import Any
 import casadi as ca
 
 from dynamics.batch.engines import compiler
-from ocp.distribution import shadowing
+from ocp.distribution import PACKAGES, shadowing
 from ocp.errors import InputError
 from ocp.programs.solver import SOLVERS
 from ocp.store.provenance import versions
 from reports.cli.commands import DoctorOptions
 
-PACKAGES = ("dynamics", "ocp", "problems", "reports")
-"""Packages of this distribution."""
 LINEAR_SOLVERS = ("mumps", "spral")
 """Linear solvers of IPOPT that ``ocp doctor`` tries."""
 

@@ -58,7 +58,7 @@ class EstimateRequest:
         rules = _rules(split_policy_settings(parse_assignments("-s", options.settings))[1], estimators)
         reference_samples = options.reference_samples
         sweep = None if options.sweep is None else read_sweep(options.sweep)
-        case = case_of(spec, parameter_texts, options)
+        case = objective_case(spec, parameter_texts, options)
         built = case.build(spec)
         objective, params = built.objective, built.params
         sampling = Sampling(
@@ -177,7 +177,7 @@ class EstimateRequest:
         return units.get(self.sweep.name, "1")
 
 
-def case_of(
+def objective_case(
     spec: ObjectiveSpec | ProblemSpec, parameter_texts: Mapping[str, Any], options: EstimateOptions
 ) -> ObjectiveCase:
     """Return a description from which any process can build the objective; raises InputError for unused options."""

@@ -107,7 +107,7 @@ def _computed(
     """Yield index and data of every study; ``--jobs`` runs several studies, or the parts of one, in parallel."""
     if not options.parallel or len(named) == 1:
         for place, (study, params) in named.items():
-            yield place, _alone(study, params, options)
+            yield place, _compute_study(study, params, options)
         return
     jobs = {place: FigureJob(study.id, params, options.out.resolve()) for place, (study, params) in named.items()}
 
@@ -119,7 +119,7 @@ def _computed(
         yield from outcomes
 
 
-def _alone(study: FigureStudy, params: dict[str, Any], options: FigureOptions) -> xr.Dataset:
+def _compute_study(study: FigureStudy, params: dict[str, Any], options: FigureOptions) -> xr.Dataset:
     if not options.output.quiet:
         print(f"{study.id}: {study.title}", file=sys.stderr, flush=True)
     jobs = options.jobs if "jobs" in options.explicit else None
@@ -139,13 +139,13 @@ def _progress(options: FigureOptions) -> Iterator[None]:
     ) as bar:
         tasks: dict[str, TaskID] = {}
 
-        def heard(loop: str, done: int, total: int) -> None:
+        def on_progress(loop: str, done: int, total: int) -> None:
             interrupt.raise_if_interrupted()
             if loop not in tasks:
                 tasks[loop] = bar.add_task(loop)
             bar.update(tasks[loop], completed=done, total=total)
 
-        with listen_to_progress(heard):
+        with listen_to_progress(on_progress):
             yield
 
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from textwrap import fill
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 from dynamics.laws import LAWS
 from dynamics.learned.transitions import Transitions
@@ -88,26 +90,23 @@ def run_settings(options: SettingsOptions, setting_groups: list[SettingGroup]) -
     return 0
 
 
-def check_show(options: ShowOptions) -> ProblemSpec | ObjectiveSpec | Transitions | Dataset | Robot:
-    """Return the named problem or objective, or the content of a robot's, data or model file."""
+def check_show(options: ShowOptions) -> Callable[[], int]:
+    """Read the named problem or objective, or a robot's, data or model file; return the function that prints it."""
     from ocp.store import models
 
     if options.problem.lower().endswith(ROBOT_FILES):
         from problems import robots
 
-        return robots.load(options.problem, floating=options.floating, planar=options.planar, folder=options.folder)
+        robot = robots.load(options.problem, floating=options.floating, planar=options.planar, folder=options.folder)
+        return partial(_show_robot, options, robot)
     if not options.problem.endswith(".nc"):
-        return named(options.problem)
-    return models.load_any(Path(options.problem))
+        return partial(_show_spec, options, named(options.problem))
+    return partial(_show_file, options, models.load_any(Path(options.problem)))
 
 
-def run_show(options: ShowOptions, shown_object: ProblemSpec | ObjectiveSpec | Transitions | Dataset | Robot) -> int:
+def run_show(options: ShowOptions, show: Callable[[], int]) -> int:
     """Print a problem, its learning task and best known values, or the content of a file."""
-    if isinstance(shown_object, Spec):
-        return _show_spec(options, shown_object)
-    if options.problem.lower().endswith(ROBOT_FILES):
-        return _show_robot(options, cast("Robot", shown_object))
-    return _show_file(options, cast("Transitions | Dataset", shown_object))
+    return show()
 
 
 def _show_robot(options: ShowOptions, robot: Robot) -> int:

@@ -160,7 +160,7 @@ def discard_buffers() -> None:
 
 
 PACKAGES = ("dynamics", "ocp", "problems", "reports")
-"""Packages whose warnings and logs are printed."""
+"""Packages whose warnings and logs are printed; not imported from ocp.distribution, since ``--help`` loads no ocp."""
 
 
 @contextmanager
@@ -222,7 +222,7 @@ _LOG_FORMAT = "{relativeCreated:9.0f} ms  {name}: {message}"
 """Format of a line of the log."""
 
 
-GRADES = {"survives": "green", "certified": "yellow", "failed": "red"}
+_VERDICT_STYLES = {"survives": "green", "certified": "yellow", "failed": "red"}
 """Mapping from a grade to the colour of its verdict: certified and surviving, only certified, neither."""
 
 
@@ -277,7 +277,7 @@ class Output:
         from rich.text import Text
 
         first, *others = text.split("\n")
-        lines = [Text(first, style=f"bold {GRADES[grade]}"), *map(Text, others)]
+        lines = [Text(first, style=f"bold {_VERDICT_STYLES[grade]}"), *map(Text, others)]
         Console(file=stream, highlight=False).print(*lines, sep="\n")
 
     def document(self, content: dict[str, Any]) -> None:

@@ -160,7 +160,7 @@ def run_continue(options: ContinueOptions, request: Request) -> int:
     output.finish(stored, meta, options.pdf, request.spec)
     if interrupted:
         raise KeyboardInterrupt
-    return 0 if path.broke is None else 3
+    return 0 if path.broke is None else NOT_CONVERGED
 
 
 def _followed(options: ContinueOptions, request: Request) -> tuple[Continuation, bool]:

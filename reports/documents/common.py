@@ -73,7 +73,7 @@ def run_summary(run: StoredRun, spec: Spec | FigureStudy | None, values: dict[st
         "parameters": _parameters(spec, stored, values),
         "citation": _as_sentence(f"{cited.text}. {full_citation(cited.key)}") if cited else "",
         "settings": setting_rows(run),
-        "versions": flatten(run.meta.get("versions") or {}),
+        "versions": text_rows(run.meta.get("versions") or {}),
     }
 
 
@@ -164,16 +164,16 @@ def as_text(value: Any) -> str:
 def setting_rows(run: StoredRun) -> list[list[str]]:
     """Return rows on the settings of the request that no other table or line shows."""
     remaining = {key: value for key, value in run.record.items() if key not in _NOT_SETTINGS}
-    return [row for row in flatten(remaining) if row[0] not in _REQUEST_KEYS and not row[0].startswith("contact.")]
+    return [row for row in text_rows(remaining) if row[0] not in _REQUEST_KEYS and not row[0].startswith("contact.")]
 
 
-def flatten(values: dict[str, Any]) -> list[list[str]]:
+def text_rows(values: dict[str, Any]) -> list[list[str]]:
     """Return rows of name and value as text; values in nested dictionaries are named ``group.name``."""
     rows = []
     for key, value in values.items():
         if isinstance(value, dict):
             group = key.removesuffix("_settings").removesuffix("_options")
-            rows += [[f"{group}.{name}", text] for name, text in flatten(value)]
+            rows += [[f"{group}.{name}", text] for name, text in text_rows(value)]
         elif value is not None and value != []:
             rows.append([key.replace("_", " "), as_text(value)])
     return rows

@@ -10,13 +10,13 @@ import numpy as np
 from ocp.store.stored_run import StoredRun
 from reports.documents.common import (
     Page,
-    flatten,
     law_summary,
     numbered_figures,
     page_header,
     request_rows,
     row_figures,
     setting_rows,
+    text_rows,
 )
 from reports.drawing.notation import symbol
 from reports.drawing.strobe import strobe_rows
@@ -53,7 +53,7 @@ def comparison_page(views: list[RunView], cones: bool = False) -> Page:
         "how": shared,
         "own": [[row for row in request if row not in shared] for request in requests],
         "differ": comparison.same_instants(views),
-        "versions": flatten(views[0].run.meta.get("versions") or {}),
+        "versions": text_rows(views[0].run.meta.get("versions") or {}),
         "zero": [],
     }
     pictures, content["arrows"] = strobe_rows(list(zip(titles, views, strict=True)), cones)

@@ -20,7 +20,7 @@ from reports.drawing.notation import label, symbol
 from reports.drawing.view import RunView
 from reports.figures import sweep as drawn
 from reports.tables.console import number
-from reports.tables.listings import MOST, POINT_HEADS, estimate_cells, format_duration, point_rows
+from reports.tables.listings import MAX_ROWS, POINT_HEADS, estimate_cells, format_duration, point_rows
 
 
 def sweep_page(view: RunView) -> Page:
@@ -65,9 +65,10 @@ def sweep_content(run: StoredRun) -> tuple[dict[str, Any], dict[str, Figure]]:
         "caption": drawn.sweep_caption(axes),
         "heads": [*dims, *POINT_HEADS],
         "points": point_rows(points, dims),
-        "more": max(0, len(points) - MOST),
+        "more": max(0, len(points) - MAX_ROWS),
         "failed": [
-            [failure["command"], failure["verdict"].partition("\n")[0]] for failure in meta["study"]["failed"][:MOST]
+            [failure["command"], failure["verdict"].partition("\n")[0]]
+            for failure in meta["study"]["failed"][:MAX_ROWS]
         ],
     }
     return content, dict(zip(names, figures, strict=True))

@@ -23,6 +23,8 @@ from reports.drawing.style import BLUE, FAINT, GREEN, GREY, ORANGE, SKY
 _ROLE_COLORS = {"object": BLUE, "actuator": ORANGE, "environment": GREY, "goal": GREEN, "plan": SKY}
 """Mapping from the role of a body to its colour."""
 Rgba = tuple[float, float, float, float]
+TRANSPARENT = (0.0, 0.0, 0.0, 0.0)
+"""Colour of the inside of a path that is not filled, and of an edge that is not drawn."""
 _ARC_STEP_RAD = math.pi / 16
 """Angle [rad] between the points of a rounded corner."""
 _CAP_ANGLES_RAD = np.linspace(-math.pi / 2, math.pi / 2, 18)
@@ -41,7 +43,7 @@ GOAL_PT = 11.0
 """Width of the cross of a goal [pt]."""
 FILLED = 0.25
 """Opacity of a body's inside."""
-REACH = 4.0
+_REACH = 4.0
 """Length and depth to which a half plane is drawn, as a multiple of the sum of the view's sides."""
 
 
@@ -193,29 +195,43 @@ def name_axes(axis: Axes, names: tuple[str, str]) -> None:
         axis.set(xticks=[], yticks=[])
 
 
-def draw(shape: Shape, axis: Axes, strength: float) -> Artist:
-    """Draw one shape and return its artist; ``strength`` in (0, 1] scales the darkness."""
+@dataclass(frozen=True)
+class Stroke:
+    """A path [m] with its colours, line width [pt], and drawing order."""
+
+    path: Path
+    face: Rgba
+    edge: Rgba
+    width: float
+    order: int
+
+    def patch(self) -> PathPatch:
+        """Return the stroke as an artist."""
+        colors = {"facecolor": self.face, "edgecolor": self.edge}
+        return PathPatch(self.path, **colors, linewidth=self.width, zorder=self.order, capstyle="round")
+
+
+def stroke_of(shape: Shape, middle: np.ndarray, size: np.ndarray, strength: float = 1.0) -> Stroke:
+    """Return the stroke of a shape other than a mark, in a view of ``middle`` and ``size`` (2,) [m].
+
+    ``strength`` in (0, 1] scales the darkness.
+    """
     face, edge = shape_colors(shape, strength)
     match shape:
-        case Mark():
-            return _mark(shape, axis, strength)
         case Wall():
-            limits = np.array([axis.get_xlim(), axis.get_ylim()])
-            reach = REACH * float(np.ptp(limits, axis=1).sum())
-            path = half_plane_path(shape, limits.mean(axis=1), reach)
-            patch = PathPatch(path, facecolor=FAINT, edgecolor=GREY, linewidth=0.8, zorder=0)
+            path = half_plane_path(shape, middle, _REACH * float(size.sum()))
+            return Stroke(path, to_rgba(FAINT), to_rgba(GREY), 0.8, 0)
         case Segment() | Spring():
-            patch = PathPatch(
-                outline(shape),
-                fill=False,
-                edgecolor=edge,
-                capstyle="round",
-                linewidth=width(shape),
-                zorder=1 if is_opaque(shape) else 2,
-            )
-        case _:
-            patch = PathPatch(outline(shape), facecolor=face, edgecolor=edge, linewidth=EDGE_PT)
-    return axis.add_patch(patch)
+            return Stroke(outline(shape), TRANSPARENT, edge, width(shape), 1 if is_opaque(shape) else 2)
+    return Stroke(outline(shape), face, edge, EDGE_PT, 1)
+
+
+def draw(shape: Shape, axis: Axes, strength: float) -> Artist:
+    """Draw one shape and return its artist; ``strength`` in (0, 1] scales the darkness."""
+    if isinstance(shape, Mark):
+        return _mark(shape, axis, strength)
+    limits = np.array([axis.get_xlim(), axis.get_ylim()])
+    return axis.add_patch(stroke_of(shape, limits.mean(axis=1), np.ptp(limits, axis=1), strength).patch())
 
 
 def _mark(shape: Mark, axis: Axes, strength: float) -> Line2D:
@@ -234,8 +250,10 @@ _LEAST_FOLLOWED_ASPECT = 0.4
 """Minimum ratio of the shorter to the longer side of a view that follows bodies."""
 _TRAVEL_RATIO = 5.0
 """Ratio of a motion's length to its height and to the bodies' size above which the camera follows it."""
-_FOLLOWED_WINDOW = 2.2
+FOLLOWED_WINDOW = 2.2
 """Side of a window that follows bodies, as a multiple of their size."""
+_WIDE_ASPECT = 0.4
+"""Ratio of height to width below which motions are drawn below each other, not side by side."""
 
 
 @dataclass(frozen=True)
@@ -244,6 +262,11 @@ class Camera:
 
     middle: np.ndarray
     size: np.ndarray
+
+    @property
+    def is_wide(self) -> bool:
+        """Whether several motions are drawn below each other, not side by side."""
+        return bool(self.size[1] / self.size[0] < _WIDE_ASPECT)
 
     def aim(self, axis: Axes, frame: int) -> None:
         """Set the limits of ``axis`` to the view in a frame."""
@@ -284,7 +307,7 @@ def make_cameras(plays: Sequence[Sequence[list[Shape]]]) -> list[Camera]:
     middle, size = view_around(union)
     if not travels.any():
         return [Camera(np.tile(middle, (len(own_boxes), 1)), size) for own_boxes in boxes]
-    size = np.where(travels, _FOLLOWED_WINDOW * body, union[1] - union[0] + 2 * _VIEW_MARGIN * _FOLLOWED_WINDOW * body)
+    size = np.where(travels, FOLLOWED_WINDOW * body, union[1] - union[0] + 2 * _VIEW_MARGIN * FOLLOWED_WINDOW * body)
     size = np.maximum(size, _LEAST_FOLLOWED_ASPECT * size.max())
     return [Camera(np.where(travels, _follow(own_boxes, size), middle), size) for own_boxes in boxes]
 

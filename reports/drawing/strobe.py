@@ -11,11 +11,12 @@ import casadi as ca
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
-from matplotlib.patches import Wedge
+from matplotlib.path import Path
 
 from problems.drawing import ContactFrame, Shape
-from reports.drawing.shapes import bounds, constant_shapes, draw, is_opaque, name_axes, show
+from reports.drawing.shapes import Stroke, bounds, constant_shapes, draw, is_opaque, name_axes, show
 from reports.drawing.style import INK, PURPLE, VERMILLION, WIDTH
 from reports.drawing.view import RunView
 
@@ -25,7 +26,7 @@ _ARROW_OF_LONG_SIDE = 0.18
 """Longest arrow, as a share of the longer side of the view."""
 _ARROW_OF_SHORT_SIDE = 0.4
 """Longest arrow, as a share of the shorter side of the view."""
-CONE_ARROWS = 0.7
+_CONE_ARROWS = 0.7
 """Length of a drawn friction cone, as a share of the longest arrow."""
 
 
@@ -142,19 +143,18 @@ def draw_contacts(
     artists = list[Artist]()
     for frame, normal, friction in visible_forces(contacts, pushes, largest):
         if frame.friction and cones:
-            artists.append(draw_cone(axis, frame, longest, cones))
+            artists.append(axis.add_patch(cone_stroke(frame, longest, cones).patch()))
         artists.append(draw_force(axis, frame, normal, friction, longest / largest))
     return artists
 
 
 def draw_force(axis: Axes, frame: ContactFrame, normal: float, friction: float, scale: float) -> Artist:
     """Draw a force as an arrow from the contact, whose length is the force times ``scale`` [m per unit]."""
-    tx, ty = frame.tangent
-    tip = (frame.x + scale * (normal * frame.nx + friction * tx), frame.y + scale * (normal * frame.ny + friction * ty))
+    x, y = frame.force(normal, friction)
     return axis.annotate(
         "",
         xytext=(frame.x, frame.y),
-        xy=tip,
+        xy=(frame.x + scale * x, frame.y + scale * y),
         zorder=5,
         annotation_clip=False,
         arrowprops={
@@ -168,21 +168,15 @@ def draw_force(axis: Axes, frame: ContactFrame, normal: float, friction: float, 
     )
 
 
-def draw_cone(axis: Axes, frame: ContactFrame, length: float, strength: float = 1) -> Artist:
-    """Draw the friction cone of a contact, which spans atan(friction) on either side of the normal."""
-    middle = math.degrees(math.atan2(frame.ny, frame.nx))
-    half_angle = math.degrees(math.atan(frame.friction))
-    cone = Wedge(
-        (frame.x, frame.y),
-        CONE_ARROWS * length,
-        middle - half_angle,
-        middle + half_angle,
-        zorder=3,
-        facecolor=(PURPLE, 0.22 * strength),
-        edgecolor=(PURPLE, 0.8 * strength),
-        linewidth=0.6,
-    )
-    return axis.add_patch(cone)
+def cone_stroke(frame: ContactFrame, longest: float, strength: float = 1) -> Stroke:
+    """Return the stroke of a friction cone, which spans atan(friction) on either side of the normal.
+
+    ``longest`` is the length [m] of the longest arrow, ``strength`` scales the darkness.
+    """
+    middle, half_angle = math.atan2(frame.ny, frame.nx), math.atan(frame.friction)
+    wedge = Path.wedge(math.degrees(middle - half_angle), math.degrees(middle + half_angle))
+    path = Path(np.asarray(wedge.vertices) * (_CONE_ARROWS * longest) + (frame.x, frame.y), wedge.codes)
+    return Stroke(path, to_rgba(PURPLE, 0.22 * strength), to_rgba(PURPLE, 0.8 * strength), 0.6, 3)
 
 
 _FEWEST_INSTANTS = 3

@@ -29,7 +29,7 @@ FAINT = "#D9D9D9"  # grids, and areas behind others
 INK = "#222222"  # text
 PLANNED = BLUE  # curves of the plan
 REPLAYED = VERMILLION  # curves of the replay
-GRADES = {"survives": GREEN, "certified": ORANGE, "failed": VERMILLION}
+GRADE_COLORS = {"survives": GREEN, "certified": ORANGE, "failed": VERMILLION}
 """Mapping from the grade of a verdict to its colour, as in the PDFs' templates."""
 WIDTH = 6.5
 """Width of the text block [inch]."""

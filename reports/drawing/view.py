@@ -72,9 +72,9 @@ class RunView:
         if self.array("x") is None:
             return None
         if self.spec is not None:
-            return None if self.spec.draw is None else _drawn(self, self.spec)
+            return None if self.spec.draw is None else _picture_of_spec(self, self.spec)
         stored = self.run.own_problem
-        return _stored(self, stored) if stored and stored["motions"] else None
+        return _stored_picture(self, stored) if stored and stored["motions"] else None
 
     @property
     def pictured(self) -> int:
@@ -153,7 +153,7 @@ class RunPicture:
     contacts: Callable[[str, np.ndarray], list[list[ContactFrame]]]
 
 
-def _drawn(view: RunView, spec: ProblemSpec | TaskSpec) -> RunPicture:
+def _picture_of_spec(view: RunView, spec: ProblemSpec | TaskSpec) -> RunPicture:
     """Return the picture that a problem's functions draw at linearly interpolated states."""
 
     def at(function: Any, suffix: str, times: np.ndarray) -> list[list[Any]]:
@@ -167,7 +167,7 @@ def _drawn(view: RunView, spec: ProblemSpec | TaskSpec) -> RunPicture:
     return RunPicture(spec.axes, framed, partial(at, spec.draw), partial(at, spec.frames))
 
 
-def _stored(view: RunView, stored: dict[str, Any]) -> RunPicture:
+def _stored_picture(view: RunView, stored: dict[str, Any]) -> RunPicture:
     """Return the picture that a run stores at its nodes, linearly interpolated between them.
 
     Raises :class:`~ocp.errors.DamagedRun` for an invalid drawing.

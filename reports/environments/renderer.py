@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from problems.drawing import Shape, Wall
 from problems.tasks.registry import TaskSpec
-from reports.drawing.shapes import Camera, bounds, draw, name_axes
+from reports.drawing.shapes import FOLLOWED_WINDOW, Camera, bounds, draw, name_axes
 from reports.drawing.strobe import draw_motion
 from reports.drawing.style import INK, house_style
 
@@ -18,8 +18,6 @@ _IMAGE_SIZE_IN = (6.4, 4.0)
 """Width and height of an image [inch]."""
 _IMAGE_DPI = 100
 """Pixels per inch of an image."""
-_WINDOW_OF_BODIES = 2.2
-"""Width of the window, as a multiple of the bodies' size."""
 _ROOM_BELOW = 0.1
 """Space below the ground, as a share of the height of the window."""
 
@@ -53,7 +51,7 @@ class Renderer:
         bodies = [shape for shape in shapes if not isinstance(shape, Wall)]
         (x_low, y_low), (x_high, y_high) = bounds(bodies)
         if self._size is None:
-            wide = _WINDOW_OF_BODIES * max(x_high - x_low, y_high - y_low)
+            wide = FOLLOWED_WINDOW * max(x_high - x_low, y_high - y_low)
             self._size = np.array([wide, wide * _IMAGE_SIZE_IN[1] / _IMAGE_SIZE_IN[0]])
         height = self._size[1]
         floor = min(y_low, bounds(shapes)[0, 1]) - _ROOM_BELOW * height

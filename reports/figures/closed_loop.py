@@ -64,14 +64,14 @@ def cost_and_times(view: RunView) -> Figure:
     """Draw the accumulated cost of every seed, and a histogram of the time per sample."""
     figure = Figure(figsize=(WIDTH, 2.3))
     cost_axis, time_axis = figure.subplots(1, 2)
-    for place, paid in enumerate(_paid(view)):
-        cost_axis.plot(view.time, paid, color=CYCLE[place % len(CYCLE)], linewidth=0.9)
+    for place, costs in enumerate(_accumulated_cost(view)):
+        cost_axis.plot(view.time, costs, color=CYCLE[place % len(CYCLE)], linewidth=0.9)
     cost_axis.set(xlabel="time [s]", ylabel="cost so far")
     _histogram(time_axis, view)
     return figure
 
 
-def _paid(view: RunView) -> np.ndarray:
+def _accumulated_cost(view: RunView) -> np.ndarray:
     """Return the sum of the stage costs before each node (S, T+1)."""
     cost = view.run.data["cost"].values
     return np.concatenate([np.zeros((len(cost), 1)), np.cumsum(cost, axis=1)], axis=1)
@@ -145,12 +145,12 @@ def comparison_figure(views: Sequence[RunView], names: Sequence[str]) -> Figure:
     cost_axis, time_axis = figure.subplots(1, 2)
     for place, (view, name) in enumerate(zip(views, names, strict=True)):
         style = line_of(place)
-        paid = _paid(view)
-        paid = paid[np.isfinite(paid).all(axis=1)]
-        if len(paid):
-            cost_axis.plot(view.time, paid.mean(axis=0), label=name, **style)
+        costs = _accumulated_cost(view)
+        costs = costs[np.isfinite(costs).all(axis=1)]
+        if len(costs):
+            cost_axis.plot(view.time, costs.mean(axis=0), label=name, **style)
             cost_axis.fill_between(
-                view.time, paid.min(axis=0), paid.max(axis=0), alpha=0.15, color=style["color"], linewidth=0
+                view.time, costs.min(axis=0), costs.max(axis=0), alpha=0.15, color=style["color"], linewidth=0
             )
         seconds = np.sort(1e3 * counted_times(view.run.data["seconds"].values))
         time_axis.step(seconds, (1 + np.arange(len(seconds))) / max(1, len(seconds)), **style)

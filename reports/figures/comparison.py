@@ -23,7 +23,7 @@ from reports.tables.console import number, small
 
 _LETTERS = 45
 """Number of characters in a line of a run's name, next to its costs."""
-_WIDE = 30.0
+_LOG_RATIO = 30.0
 """Ratio of largest to smallest positive difference of costs above which their scale is logarithmic."""
 
 
@@ -70,7 +70,7 @@ def cost_figure(views: list[RunView], names: list[str]) -> Figure:
     finite = np.where(np.isfinite(excess), excess, 0.0)
     axis.hlines(positions, finite.min(axis=0), finite.max(axis=0), color=GREY, linewidth=0.8, zorder=0)
     positive = np.unique(excess[np.isfinite(excess) & (excess > 1e-9 * max(abs(cheapest), 1e-12))])
-    if len(positive) > 1 and positive[-1] > _WIDE * positive[0]:
+    if len(positive) > 1 and positive[-1] > _LOG_RATIO * positive[0]:
         axis.set_xscale("symlog", linthresh=10 ** np.floor(np.log10(positive[0])))
     axis.set_yticks(positions, names)
     axis.set_ylim(len(views) - 0.5, -0.5)

@@ -34,9 +34,9 @@ _STROBE_TALLEST_IN = 3.0
 """Maximum height of a strobe [inch]."""
 _LINE_STYLES = ("-", (0, (4, 2)))
 """Line styles of planned and of replayed signals."""
-_LEVEL = 1e-6
+_CONSTANT_CHANGE = 1e-6
 """Relative change of signals below which they are drawn as constant."""
-_LINE = 0.17
+_LEGEND_LINE_SHARE = 0.17
 """Height of a line of the legend, as a share of the height of the curves."""
 
 
@@ -127,13 +127,13 @@ def _draw(axis: Axes, time: np.ndarray, group: SignalGroup) -> None:
                 else:
                     axis.plot(time, line, color=color, label=line_label, **style, **mark)
     low, high = axis.get_ylim()
-    if high - low < _LEVEL * max(abs(low), abs(high)):
+    if high - low < _CONSTANT_CHANGE * max(abs(low), abs(high)):
         half_height = 0.05 * max(abs(low), abs(high))
         low, high = low - half_height, high + half_height
     columns = 1 + len(group.names) // 4
     rows = -(-len(group.names) // columns)
     # The legend has a space of its own above the lines.
-    axis.set_ylim(low, high + _LINE * rows * (high - low))
+    axis.set_ylim(low, high + _LEGEND_LINE_SHARE * rows * (high - low))
     axis.set_title(group.title, loc="left")
     axis.set_xlabel("time [s]")
     axis.legend(
@@ -214,7 +214,7 @@ def render_figure(figure: Figure, ending: str, panel: str | None = None) -> byte
         if len(panel) != 1 or panel not in letters:
             letters_text = f"a to {letters[-1]}" if len(letters) > 1 else "only a"
             raise InputError(f"unknown panel {panel!r}; the figure has {letters_text}")
-        box = _alone(figure, shown_axes[letters.index(panel)])
+        box = _isolate_panel(figure, shown_axes[letters.index(panel)])
     else:
         width, height = figure.get_size_inches()
         if len(shown_axes) > 1:
@@ -235,7 +235,7 @@ def panel_axes(figure: Figure) -> list[Axes]:
     return [axis for axis in figure.axes if axis.axison or axis.has_data() or axis.get_title()]
 
 
-def _alone(figure: Figure, axis: Axes) -> Bbox:
+def _isolate_panel(figure: Figure, axis: Axes) -> Bbox:
     """Hide all axes but ``axis``, make it a column wide, and return the box that it covers [inch].
 
     A panel wider than :data:`_WIDE_PANEL` of the figure is made two columns wide.

@@ -65,7 +65,7 @@ def contact_plane(view: RunView) -> Figure:
     axis.set(
         xscale="log", yscale="log", xlabel=label("gap", gap_unit), ylabel=label("λ", signals[0].unit if signals else "")
     )
-    _readable(axis)
+    _widen_log_axes(axis)
     missing = int(np.sum((lam <= FLOOR) | (gap <= FLOOR)))
     if missing:
         axis.set_title(
@@ -77,7 +77,7 @@ def contact_plane(view: RunView) -> Figure:
     return figure
 
 
-def _readable(axis: Axes) -> None:
+def _widen_log_axes(axis: Axes) -> None:
     """Widen log axes of less than two decades, which would have no readable ticks."""
     for limits, set_limits in ((axis.get_xlim(), axis.set_xlim), (axis.get_ylim(), axis.set_ylim)):
         if limits[1] < 100 * limits[0]:

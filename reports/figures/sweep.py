@@ -14,22 +14,22 @@ from matplotlib.figure import Figure
 
 from ocp.store.stored_run import StoredRun
 from reports.drawing.notation import label, symbol
-from reports.drawing.style import CYCLE, FAINT, GRADES, GREY, INK, PLANNED, REPLAYED, WIDTH
+from reports.drawing.style import CYCLE, FAINT, GRADE_COLORS, GREY, INK, PLANNED, REPLAYED, WIDTH
 from reports.figures.panels import use_log_if_wide
 
 _GRADE_TEXTS = {"failed": "fails", "certified": "certified only", "survives": "survives"}
 """Mapping from each grade to its text in legends."""
-_GRADE_STYLES = {grade: (GRADES[grade], words) for grade, words in _GRADE_TEXTS.items()}
+_GRADE_STYLES = {grade: (GRADE_COLORS[grade], words) for grade, words in _GRADE_TEXTS.items()}
 """Mapping from each grade to its colour and its text in legends."""
-_ROWS = 4
+_MAX_SLICES = 4
 """Number of slices of a grid in one figure."""
-_WRITTEN = 64
+_MAX_WRITTEN_CELLS = 64
 """Maximum number of cells of a map with numbers written into them."""
 _MOST_TICKS = 8
 """Maximum number of labels along an axis of a map."""
 _TICK_LETTERS = 22
 """Number of characters of labels along an axis above which the labels are rotated."""
-_REACH = 1.1
+_LEAST_RATIO_RANGE = 1.1
 """Smallest upper end of the colour scale of replayed over planned cost."""
 Axis = Mapping[str, Any]
 """Axis of a sweep in a run's metadata: ``name``, ``values``, ``log``, ``units``."""
@@ -46,7 +46,9 @@ def sweep_figures(data: xr.Dataset, axes: Sequence[Axis]) -> list[Figure]:
     slice_indices = [{str(axes[i]["name"]): k for i, k in zip(other_axes, indices, strict=True)} for indices in slices]
     span = axes[across], axes[upward]
     shades = _Shades(data)
-    return [_maps(data, span, slice_indices[k : k + _ROWS], shades) for k in range(0, len(slice_indices), _ROWS)]
+    return [
+        _maps(data, span, slice_indices[k : k + _MAX_SLICES], shades) for k in range(0, len(slice_indices), _MAX_SLICES)
+    ]
 
 
 def sweep_caption(axes: Sequence[Axis]) -> str:
@@ -131,7 +133,7 @@ class _Shades:
         ratio = replayed_ratio(data).values
         finite = ratio[np.isfinite(ratio) & (ratio > 0)]
         reach = float(np.exp(np.abs(np.log(finite)).max(initial=0.0)))
-        self.ratio = LogNorm(1 / max(reach, _REACH), max(reach, _REACH))
+        self.ratio = LogNorm(1 / max(reach, _LEAST_RATIO_RANGE), max(reach, _LEAST_RATIO_RANGE))
 
 
 def _norm(values: np.ndarray) -> Normalize:
@@ -178,10 +180,10 @@ def _maps(data: xr.Dataset, span: tuple[Axis, Axis], slices: Sequence[Mapping[st
 
 def _map(axes: Axes, values: np.ndarray, norm: Normalize, colours: str) -> Any:
     mesh = _mesh(axes, values, norm, colours)
-    if values.size <= _WRITTEN:
+    if values.size <= _MAX_WRITTEN_CELLS:
         for (i, j), value in np.ndenumerate(values):
             if np.isfinite(value):
-                color = _readable(mesh.cmap(norm(value)))
+                color = _text_color(mesh.cmap(norm(value)))
                 axes.text(j, i, f"{value:.3g}", ha="center", va="center", fontsize=7, color=color)
     return mesh
 
@@ -203,7 +205,7 @@ def _mesh(axes: Axes, values: np.ndarray, norm: Normalize, colours: str | Listed
     return mesh
 
 
-def _readable(colour: tuple[float, float, float, float]) -> str:
+def _text_color(colour: tuple[float, float, float, float]) -> str:
     """Return the colour of text, black or white, that contrasts with a background colour."""
     red, green, blue, _ = colour
     return INK if 0.299 * red + 0.587 * green + 0.114 * blue > 0.5 else "white"
@@ -244,7 +246,7 @@ _NAMES = (
     "alpha-fixed",
 )
 """Names of estimators, in the order of their colours and markers, which are the same on every page."""
-_FAR = 30.0
+_LOG_RATIO = 30.0
 """Ratio of interval ends to the largest reference gradient above which the axis is logarithmic."""
 
 
@@ -284,7 +286,7 @@ def _show_all(axis: Axes, interval_ends: np.ndarray, reference: np.ndarray) -> N
     low, high = float(ends.min()), float(ends.max())
     margin = 0.05 * (high - low) or 1.0
     largest_reference = float(np.nanmax(np.abs(reference), initial=0.0)) if reference.size else 0.0
-    if largest_reference > 0 and max(-low, high) > _FAR * largest_reference:
+    if largest_reference > 0 and max(-low, high) > _LOG_RATIO * largest_reference:
         # At a power of ten the ticks next to zero stay clear of it.
         axis.set_yscale("symlog", linthresh=10 ** np.ceil(np.log10(3 * largest_reference)))
     axis.set_ylim(low - margin, high + margin)

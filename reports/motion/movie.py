@@ -80,7 +80,7 @@ class Canvas:
 def _layout(count: int, camera: Camera) -> tuple[Figure, list[Axes]]:
     """Return figure and axes: two motions below each other if the view is wide, else side by side."""
     ratio = float(camera.size[1] / camera.size[0])
-    rows = count if ratio < 0.4 else 1
+    rows = count if camera.is_wide else 1
     columns = count // rows
     width = (_FRAME_WIDTH_IN - 0.8) / columns - 0.2
     height = rows * float(np.clip(width * ratio, 0.9, 3.6)) + 0.3 * rows + 1.0

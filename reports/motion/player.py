@@ -62,7 +62,6 @@ def player_data(animation: Animation) -> dict[str, Any]:
         _motion(motion, camera, animation.largest, kinds, digits)
         for motion, camera in zip(animation.motions, animation.cameras, strict=True)
     ]
-    wide = size[1] / size[0] < 0.4
     largest = animation.largest
     colors = {role: shapes.color(role) for _, role in kinds}
     return {
@@ -71,7 +70,7 @@ def player_data(animation: Animation) -> dict[str, Any]:
         "pace": "" if animation.speed == 1 else f" · {animation.speed:g} × real time",
         "times": [_short(time) for time in animation.times],
         "nodes": [_short(time) for time in animation.view.time],
-        "columns": 1 if wide else len(motions),
+        "columns": 1 if animation.cameras[0].is_wide else len(motions),
         "size": [_short(side) for side in size],
         "kinds": list(kinds),
         "coils": shapes.COIL_COUNT,
@@ -128,9 +127,7 @@ def _arrows(motion: Motion, frame: int, largest: float, digits: int) -> list[lis
         return []
     pushes, arrows = (forces.normal[frame], forces.friction[frame]), []
     for contact, normal, friction in visible_forces(motion.contacts[frame], pushes, largest):
-        tx, ty = contact.tangent
-        force = normal * contact.nx + friction * tx, normal * contact.ny + friction * ty
-        numbers = (*force, contact.nx, contact.ny, contact.friction)
+        numbers = (*contact.force(normal, friction), contact.nx, contact.ny, contact.friction)
         position = round(contact.x, digits), round(contact.y, digits)
         arrows.append([*position, *(_short(value) for value in numbers)])
     return arrows

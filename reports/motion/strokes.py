@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -13,11 +11,11 @@ from matplotlib.collections import PathCollection
 from matplotlib.colors import to_rgba
 from matplotlib.path import Path as Outline
 
-from problems.drawing import ContactFrame, Mark, Segment, Shape, Spring, Wall
+from problems.drawing import ContactFrame, Mark, Shape
 from reports.drawing import shapes
-from reports.drawing.shapes import Camera, Rgba
-from reports.drawing.strobe import CONE_ARROWS, longest_arrow, visible_forces
-from reports.drawing.style import FAINT, GREY, PURPLE, VERMILLION
+from reports.drawing.shapes import TRANSPARENT, Camera, Stroke, stroke_of
+from reports.drawing.strobe import cone_stroke, longest_arrow, visible_forces
+from reports.drawing.style import VERMILLION
 from reports.motion.animation import Motion
 
 _POINTS_PER_INCH = 72.0
@@ -26,21 +24,6 @@ _POINTS_PER_INCH = 72.0
 
 HEAD = 5.0, 2.0
 """Length and half the width of an arrow's head [pt]."""
-
-
-_TRANSPARENT = (0.0, 0.0, 0.0, 0.0)
-"""Colour of the inside of a path that is not filled, and of an edge that is not drawn."""
-
-
-@dataclass(frozen=True)
-class Stroke:
-    """A path [m] with its colours, line width [pt], and drawing order."""
-
-    path: Outline
-    face: Rgba
-    edge: Rgba
-    width: float
-    order: int
 
 
 class MotionArtist:
@@ -79,9 +62,9 @@ class MotionArtist:
 
     def strokes(self, frame: int) -> list[Stroke]:
         """Return the strokes of a frame from back to front."""
-        return sorted(self._found(frame), key=lambda stroke: stroke.order)
+        return sorted(self._unsorted_strokes(frame), key=lambda stroke: stroke.order)
 
-    def _found(self, frame: int) -> Iterator[Stroke]:
+    def _unsorted_strokes(self, frame: int) -> Iterator[Stroke]:
         middle, size = self._camera.middle[frame], self._camera.size
         # Size of a typographic point [m], in which line widths and sizes of heads and marks are given.
         figure = self.axis.get_figure(root=True)
@@ -95,38 +78,29 @@ class MotionArtist:
         longest, pushes = longest_arrow(size), (forces.normal[frame], forces.friction[frame])
         for pushed in visible_forces(self._motion.contacts[frame], pushes, self._largest):
             if self._cones and pushed[0].friction:
-                yield cone_stroke(pushed[0], CONE_ARROWS * longest)
+                yield cone_stroke(pushed[0], longest)
             yield arrow_stroke(*pushed, longest / self._largest, point)
 
 
 def shape_stroke(shape: Shape, middle: np.ndarray, size: np.ndarray, point: float) -> Stroke:
     """Return the stroke of a shape, in a view of ``middle`` and ``size`` [m]; ``point`` is a typographic point [m]."""
     ink = to_rgba(shapes.color(shape.role))
-    face, edge = shapes.shape_colors(shape)
     match shape:
-        case Wall():
-            path = shapes.half_plane_path(shape, middle, shapes.REACH * float(size.sum()))
-            return Stroke(path, to_rgba(FAINT), to_rgba(GREY), 0.8, 0)
         case Mark(x, y, "goal"):
             arm = shapes.GOAL_PT / 2 * point
             cross = Outline(
                 [(x - arm, y), (x + arm, y), (x, y - arm), (x, y + arm)], [Outline.MOVETO, Outline.LINETO] * 2
             )
-            return Stroke(cross, _TRANSPARENT, ink, 1.5, 4)
+            return Stroke(cross, TRANSPARENT, ink, 1.5, 4)
         case Mark(x, y):
-            return Stroke(Outline.circle((x, y), shapes.MARK_PT / 2 * point), ink, _TRANSPARENT, 0.0, 2)
-        case Segment() | Spring():
-            order = 1 if shapes.is_opaque(shape) else 2
-            return Stroke(shapes.outline(shape), _TRANSPARENT, edge, shapes.width(shape), order)
+            return Stroke(Outline.circle((x, y), shapes.MARK_PT / 2 * point), ink, TRANSPARENT, 0.0, 2)
         case _:
-            return Stroke(shapes.outline(shape), face, edge, shapes.EDGE_PT, 1)
+            return stroke_of(shape, middle, size)
 
 
 def arrow_stroke(contact: ContactFrame, normal: float, friction: float, scale: float, point: float) -> Stroke:
     """Return the arrow of a force from its contact; its length is ``scale`` [m per unit] times the force."""
-    tx, ty = contact.tangent
-    force = normal * np.array([contact.nx, contact.ny]) + friction * np.array([tx, ty])
-    start, tip = np.array([contact.x, contact.y]), scale * force
+    start, tip = np.array([contact.x, contact.y]), scale * np.array(contact.force(normal, friction))
     length = float(np.hypot(*tip))
     direction, tip = tip / length, start + tip
     head, half_head = (min(size * point, size / HEAD[0] * length) for size in HEAD)
@@ -134,11 +108,3 @@ def arrow_stroke(contact: ContactFrame, normal: float, friction: float, scale: f
     ink = to_rgba(VERMILLION)
     corners = [start, neck, neck + across, tip, neck - across, neck]
     return Stroke(Outline(np.array(corners)), ink, ink, 1.0, 5)
-
-
-def cone_stroke(contact: ContactFrame, length: float) -> Stroke:
-    """Return the stroke of a friction cone, which spans atan(friction) on either side of the normal."""
-    middle, half_angle = math.atan2(contact.ny, contact.nx), math.atan(contact.friction)
-    wedge = Outline.wedge(math.degrees(middle - half_angle), math.degrees(middle + half_angle))
-    path = Outline(np.asarray(wedge.vertices) * length + (contact.x, contact.y), wedge.codes)
-    return Stroke(path, to_rgba(PURPLE, 0.22), to_rgba(PURPLE, 0.8), 0.6, 3)

@@ -124,11 +124,11 @@ class StageLines:
 
     def __call__(self, stage: StageRecord) -> None:
         """Print a stage, unless it is filtered out, and the headings before the first stage."""
-        if self.filter.number == 0:
-            heads = ("stage", "parameter", "cost", "lam·gap", "residual", "iter", "s")
-            print(_line(*heads), file=sys.stderr)
         if not self.filter.take(stage):
             return
+        if self.filter.number == 1:
+            heads = ("stage", "parameter", "cost", "lam·gap", "residual", "iter", "s")
+            print(_line(*heads), file=sys.stderr)
         index, label, value, *cells, note = _stage_cells(self.filter.number, stage)
         line = _line(index, f"{stage_title(label)} {value}", *cells, note.removeprefix("stepped "))
         print(line, file=sys.stderr, flush=True)

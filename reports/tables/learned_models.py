@@ -129,7 +129,7 @@ def origin_lines(document: Mapping[str, Any]) -> list[str]:
     if document["kind"] == "transitions":
         return [
             f"{document['rows']} transitions of {system_name}, {document['how'] or 'from elsewhere'}",
-            *_drawn(document),
+            *_collection_lines(document),
             data_hash,
         ]
     data, sizes = document["data"], document["hidden"]
@@ -138,11 +138,11 @@ def origin_lines(document: Mapping[str, Any]) -> list[str]:
     if data is None:
         return [head, data_hash]
     split_text = f"learned from {data['rows'] - data['held_out']} transitions, {data['held_out']} held out"
-    sampling_lines = _drawn(data) or [data["how"] or "imported"]
+    sampling_lines = _collection_lines(data) or [data["how"] or "imported"]
     return [head, f"{split_text}, seed {document['seed']}", *sampling_lines, data_hash]
 
 
-def _drawn(document: Mapping[str, Any]) -> list[str]:
+def _collection_lines(document: Mapping[str, Any]) -> list[str]:
     """Return a list of one line on how collected data were sampled, an empty one for imported data."""
     if document.get("in_tube") is None:
         return []
@@ -192,7 +192,7 @@ def outside_table(document: Mapping[str, Any]) -> Group:
 
 
 @contextmanager
-def training_progress(quiet: bool, epochs: int) -> Iterator[Callable[[Epoch, str], None]]:
+def show_epochs(quiet: bool, epochs: int) -> Iterator[Callable[[Epoch, str], None]]:
     """Yield a callback that reports epochs: one live line on a terminal, elsewhere one line per ten epochs.
 
     The callback takes an epoch and the text that its line begins with.

@@ -164,7 +164,7 @@ def _parts(row: Row) -> Iterator[str]:
         yield "tagged " + " ".join(row["tags"])
 
 
-MOST = 200
+MAX_ROWS = 200
 """Maximum number of points that a table shows."""
 POINT_HEADS = ("cost", "exact", "referee", "iter", "s", "verdict")
 """Headings of a sweep's table of points, after those of the swept quantities."""
@@ -180,7 +180,7 @@ def point_rows(rows: Sequence[Mapping[str, Any]], dims: Sequence[str]) -> list[l
             f"{row['seconds']:.1f}",
             str(row["status"] if row["grade"] == "failed" else row["grade"]) + ", outlier" * bool(row.get("outlier")),
         ]
-        for row in rows[:MOST]
+        for row in rows[:MAX_ROWS]
     ]
 
 
@@ -188,8 +188,8 @@ def point_table(rows: Sequence[Mapping[str, Any]], dims: Sequence[str]) -> Table
     """Return a table of the points of a sweep, with a caption that counts those left out."""
     heads = [f">{name}" for name in (*(dim.removeprefix("contact.") for dim in dims), *POINT_HEADS[:-1])]
     table = table_of(*heads, POINT_HEADS[-1], rows=point_rows(rows, dims))
-    if len(rows) > MOST:
-        table.caption, table.caption_justify = f"and {len(rows) - MOST} more points", "left"
+    if len(rows) > MAX_ROWS:
+        table.caption, table.caption_justify = f"and {len(rows) - MAX_ROWS} more points", "left"
     return table
 
 

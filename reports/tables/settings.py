@@ -121,10 +121,10 @@ def solver_group(name: str) -> SettingGroup:
 
 def declared_groups() -> list[SettingGroup]:
     """Return all settings except the options of solvers."""
-    return [group for kind in groups_by_kind().values() for group in kind]
+    return [group for kind in _groups_by_kind().values() for group in kind]
 
 
-def groups_by_kind() -> dict[str, list[SettingGroup]]:
+def _groups_by_kind() -> dict[str, list[SettingGroup]]:
     """Return a mapping from a word that ``ocp settings`` takes, such as ``laws``, to groups of settings."""
     return {
         "methods": method_groups(),
@@ -150,13 +150,14 @@ def find_groups(word: str) -> list[SettingGroup]:
 
     A ``*.py`` file is that of a user's law. Raises :class:`~ocp.errors.InputError` for an unknown name.
     """
-    named = {group.name: group for group in declared_groups()}
     if word.endswith(".py"):
         return [law_group(word)]
-    if word in groups_by_kind():
-        return groups_by_kind()[word]
+    kinds = _groups_by_kind()
+    if word in kinds:
+        return kinds[word]
     if word in SOLVERS:
         return [solver_group(word)]
+    named = {group.name: group for groups in kinds.values() for group in groups}
     if word in named:
         return [named[word]]
     all_groups = [*named.values(), *map(solver_group, SOLVERS)]
@@ -166,12 +167,9 @@ def find_groups(word: str) -> list[SettingGroup]:
         for group in all_groups
     ]
     if not any(group.settings for group in matching_groups):
-        choices = [*groups_by_kind(), *named, *SOLVERS]
-        choices += [setting.name for group in all_groups for setting in group.settings]
-        raise InputError(
-            f"unknown name {word!r}{did_you_mean(word, choices)}; groups:"
-            f" {', '.join(dict.fromkeys([*groups_by_kind(), *named, *SOLVERS]))}"
-        )
+        group_names = list(dict.fromkeys([*kinds, *named, *SOLVERS]))
+        choices = [*group_names, *(setting.name for group in all_groups for setting in group.settings)]
+        raise InputError(f"unknown name {word!r}{did_you_mean(word, choices)}; groups: {', '.join(group_names)}")
     return [group for group in matching_groups if group.settings]
 
 

@@ -83,7 +83,7 @@ def run_collect(options: CollectOptions, request: CollectRequest) -> int:
     start_s, step = time.perf_counter(), request.problem.exact_step
     origin = {"problem": request.name, "parameters": request.params}
     with input_errors(f"{request.name}: "):
-        pieces_drawn = _drawn(options, request)
+        pieces_drawn = _draw_pieces(options, request)
         data = merge_pieces(step, request.region, pieces_drawn, options.seed, origin)
     models.save(data.dataset(), options.file)
     document, seconds = learned_models.data_document(data), time.perf_counter() - start_s
@@ -95,7 +95,7 @@ def run_collect(options: CollectOptions, request: CollectRequest) -> int:
     return 0
 
 
-def _drawn(options: CollectOptions, request: CollectRequest) -> list[Drawn]:
+def _draw_pieces(options: CollectOptions, request: CollectRequest) -> list[Drawn]:
     """Return all pieces of the sample in order, drawn by the workers that the options choose."""
     jobs = [
         CollectJob(request.file, request.params, request.content, piece)
@@ -271,7 +271,7 @@ def _trained(options: LearnOptions, request: LearnRequest, recipe: Recipe) -> li
             NetworkJob(request.data, options.noise, recipe, options.seed + k, checkpoint.place)
             for k, checkpoint in enumerate(request.checkpoints)
         ]
-        show = resources.enter_context(learned_models.training_progress(options.quiet, options.epochs))
+        show = resources.enter_context(learned_models.show_epochs(options.quiet, options.epochs))
 
         def callback(place: int, message: Any) -> None:
             interrupt.raise_if_interrupted()

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
-from matplotlib.colors import TwoSlopeNorm
 from matplotlib.figure import Figure, SubFigure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
@@ -16,7 +15,7 @@ from problems.registry import spec
 from problems.studies.smoothings_compared.data import ANALYTIC, WITHIN, excess_cost, law_texts, replay_gap
 from reports.drawing.strobe import draw_motion
 from reports.drawing.style import BLUE, CYCLE, FAINT, GREEN, GREY, INK, ORANGE, PURPLE, VERMILLION, WIDTH
-from reports.figures.studies.panels import drawing
+from reports.figures.studies.panels import drawing, excess_map, label_columns
 from reports.tables.law_tables import broken_name, excess_text, seconds_of
 
 _DYNAMICS_COLORS = {"f": GREY, "f_sigma": GREEN, "g_sigma": BLUE, "h": ORANGE, "h_sigma": VERMILLION}
@@ -134,10 +133,6 @@ def _costs(axis: Axes, data: xr.Dataset) -> None:
     axis.set_xticks(places, [str(law) for law in data["law"].values])
 
 
-_EXCESS_RANGE = (1e-3, 100.0)
-"""Range of excess costs, relative to the exact law, that the colours span."""
-
-
 @drawing(
     "Top left: what the plan of every law costs when it is replayed under the exact law, over the "
     "exact law's own optimum; blue within 10 %, red beyond. Small: what the plan promised on its "
@@ -153,7 +148,7 @@ def n3(data: xr.Dataset) -> Figure:
     subfigures: Any = figure.subfigures(2, 1, height_ratios=(2.5, 1))
     table, trust = subfigures
     costs, seconds = table.subplots(1, 2, width_ratios=(1.75, 1))
-    _table(costs, data)
+    _excess_table(costs, data)
     _seconds(seconds, data)
     gap_axis, cost_axis = trust.subplots(1, 2)
     cost = data["trusting_cost"]
@@ -163,22 +158,18 @@ def n3(data: xr.Dataset) -> Figure:
     return figure
 
 
-def _table(axis: Axes, data: xr.Dataset) -> None:
+def _excess_table(axis: Axes, data: xr.Dataset) -> None:
     excesses = excess_cost(data).median("seed").transpose("law", "problem").values
     best = data["cost"].sel(law="exact", motion="exact replay")
     promised = (data["cost"].sel(motion="plan") / best - 1).median("seed")
     plans = promised.transpose("law", "problem").values
     n_alive, n_seeds = data["survives"].sum("seed").transpose("law", "problem").values, data.sizes["seed"]
-    norm = TwoSlopeNorm(np.log10(WITHIN), *np.log10(_EXCESS_RANGE))
-    heights = np.log10(np.clip(excesses, *_EXCESS_RANGE))
-    axis.imshow(heights, cmap="RdBu_r", norm=norm, aspect="auto", alpha=0.75)
-    for row, column in np.ndindex(excesses.shape):
-        is_light = 0.12 < norm(heights[row, column]) < 0.88
-        style: dict[str, Any] = {"ha": "center", "va": "center", "color": INK if is_light else "white"}
+    for (row, column), color in np.ndenumerate(excess_map(axis, excesses, WITHIN)):
+        style: dict[str, Any] = {"ha": "center", "va": "center", "color": color}
         text = excess_text(float(excesses[row, column])) + _mark(int(n_alive[row, column]), n_seeds)
         axis.text(column, row - 0.16, text, **style)
         axis.text(column, row + 0.25, f"plan {excess_text(float(plans[row, column]))}", fontsize=7, **style)
-    _grid(axis, data)
+    _label_problems(axis, data)
     axis.set_yticks(range(data.sizes["law"]), list(law_texts(data.attrs).values()))
     axis.set_title("exact replay over the exact optimum")
 
@@ -195,17 +186,14 @@ def _seconds(axis: Axes, data: xr.Dataset) -> None:
     axis.imshow(np.log10(seconds), cmap="Greys", aspect="auto", vmin=-1.5, vmax=2.5, alpha=0.6)
     for (row, column), value in np.ndenumerate(seconds):
         axis.text(column, row, f"{value:.2g}", ha="center", va="center", color=INK)
-    _grid(axis, data)
+    _label_problems(axis, data)
     axis.set_yticks([])
     axis.set_title("processor [s]")
 
 
-def _grid(axis: Axes, data: xr.Dataset) -> None:
+def _label_problems(axis: Axes, data: xr.Dataset) -> None:
     """Label the columns with problems, and draw lines between exact, analytic and learned laws."""
-    axis.grid(False)
-    axis.tick_params(length=0)
-    axis.xaxis.tick_top()
-    axis.set_xticks(range(data.sizes["problem"]), [broken_name(str(p)) for p in data["problem"].values])
+    label_columns(axis, [broken_name(str(p)) for p in data["problem"].values])
     for line in (0.5, len(ANALYTIC) + 0.5):
         axis.axhline(line, color=INK, linewidth=0.9)
 
@@ -248,7 +236,7 @@ def am(data: xr.Dataset) -> Figure:
     grid = figure.add_gridspec(3, 2, height_ratios=(1.2, 0.9, 1.0))
     _over_transitions(figure.add_subplot(grid[0, 0]), data)
     _kinds(figure.add_subplot(grid[0, 1]), data)
-    _way(figure.add_subplot(grid[1, :]), data)
+    _parameter_paths(figure.add_subplot(grid[1, :]), data)
     _values(figure.add_subplot(grid[2, :]), data)
     return figure
 
@@ -296,7 +284,7 @@ def _kinds(axis: Axes, data: xr.Dataset) -> None:
     axis.legend(loc="upper left", ncols=2)
 
 
-def _way(axis: Axes, data: xr.Dataset) -> None:
+def _parameter_paths(axis: Axes, data: xr.Dataset) -> None:
     path = data["way"].isel(seed=0)
     for name in data["parameter"].values:
         color = {"friction": VERMILLION, "spring": GREEN, "damping": PURPLE}.get(str(name), FAINT)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,6 +10,7 @@ import matplotlib as mpl
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
+from matplotlib.colors import TwoSlopeNorm
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
@@ -34,7 +35,7 @@ def light_to_dark(number: int, first: float = 0.85, last: float = 0.05) -> np.nd
     return mpl.colormaps["viridis"](np.linspace(first, last, number))
 
 
-def unbroken(f: np.ndarray, jump: float) -> np.ndarray:
+def break_at_jumps(f: np.ndarray, jump: float) -> np.ndarray:
     """Return ``f`` (n,) with NaN before each change larger than ``jump``, which interrupts a line through it."""
     return np.where(np.append(np.abs(np.diff(f)), 0) > jump, np.nan, f)
 
@@ -44,6 +45,30 @@ def gradient_panel(axis: Axes, theta: ArrayLike, slope: ArrayLike, first: ArrayL
     axis.plot(theta, slope, color=GREY, linewidth=2.5, label="$\\nabla F$")
     axis.plot(theta, first, ".", color=BLUE, label="FoBG")
     axis.plot(theta, zeroth, ".", color=VERMILLION, label="ZoBG")
+
+
+EXCESS_RANGE = (1e-3, 100.0)
+"""Range of excess costs, relative to the best ones, that the colours of a map span."""
+
+
+def excess_map(axis: Axes, excess: np.ndarray, good: float) -> np.ndarray:
+    """Draw relative excess costs (rows, columns) as a map, blue below ``good`` and red above.
+
+    Return the colours of text on its cells, an array of the same shape.
+    """
+    norm = TwoSlopeNorm(np.log10(good), *np.log10(EXCESS_RANGE))
+    log_excess = np.log10(np.clip(excess, *EXCESS_RANGE))
+    axis.imshow(log_excess, cmap="RdBu_r", norm=norm, aspect="auto", alpha=0.75)
+    shades = norm(log_excess)
+    return np.where((shades > 0.12) & (shades < 0.88), INK, "white")
+
+
+def label_columns(axis: Axes, labels: Sequence[str], **style: Any) -> None:
+    """Write labels above the columns of a map, without its ticks and grid."""
+    axis.grid(False)
+    axis.tick_params(length=0)
+    axis.xaxis.tick_top()
+    axis.set_xticks(range(len(labels)), labels, **style)
 
 
 def impulse_arrow(axis: Axes, place: float, start: float, end: float) -> None:

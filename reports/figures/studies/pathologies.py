@@ -9,7 +9,7 @@ from matplotlib.patches import Arc, Rectangle
 from matplotlib.ticker import NullFormatter
 
 from reports.drawing.style import BLUE, CYCLE, GREEN, GREY, INK, PURPLE, VERMILLION, WIDTH
-from reports.figures.studies.panels import drawing, gradient_panel, light_to_dark, unbroken
+from reports.figures.studies.panels import break_at_jumps, drawing, gradient_panel, light_to_dark
 
 _P1_COLUMNS = (
     ("drop", "A. dropped ball", "drop at $\\theta$ [m]", "minus height [m]", "[m/m]"),
@@ -31,7 +31,7 @@ def p1(data: xr.Dataset) -> Figure:
         top, bottom = axes[:, column]
         theta = data[f"theta_{name}"].values
         f = data[f"f_{name}"].values
-        top.plot(data[f"fine_{name}"], unbroken(f, 0.05 * np.ptp(f)), color=INK, label="$f$")
+        top.plot(data[f"fine_{name}"], break_at_jumps(f, 0.05 * np.ptp(f)), color=INK, label="$f$")
         top.plot(theta, data[f"F_{name}"], color=VERMILLION, label="$F$")
         estimates = (data[f"{order}_{name}"][:, 0] for order in ("first", "zeroth"))
         gradient_panel(bottom, theta, data[f"slope_{name}"], *estimates)
@@ -137,7 +137,7 @@ def p4(data: xr.Dataset) -> Figure:
         for path in data["path"].values[index]:
             axis.plot(path[:, 0], path[:, 1], color=color, linewidth=0.8)
         axis.set(xlim=(1.35, 1.6), ylim=(0.45, 0.55), xlabel="$x$ [m]", ylabel="$y$ [m]", title=str(name))
-        f = unbroken(data["f"].values[index], 0.05)
+        f = break_at_jumps(data["f"].values[index], 0.05)
         objective.plot(fine, f, color=color, linewidth=2.6 - 1.6 * index, label=str(name))
         gradient, theta = gradients[index], data["theta"].values
         estimates = (data[order][index, :, 0] for order in ("first", "zeroth"))

@@ -169,6 +169,27 @@ def test_the_finger_starts_where_it_touches_with_its_elbow_up() -> None:
         problems.get("finger-disc", x=2.6, z=0.0)
 
 
+@pytest.mark.parametrize(
+    ("values", "starts_free"),
+    [
+        ({}, True),
+        ({"away": 0.12}, False),
+        ({"body": "cube"}, True),
+        ({"body": "cube", "r": 0.04}, False),
+        ({"body": "cube", "z0": 0.24, "away": 0.05}, True),
+        ({"body": "cube", "z0": 0.22, "away": 0.11}, False),
+    ],
+)
+def test_fingertips_that_reorient_start_outside_the_object(values: dict[str, float | str], starts_free: bool) -> None:
+    """Two of the tips start near a corner of the cube, a tip above it is free from z0 = 2 a + r on."""
+    params = problems.spec("reorient").params
+    if starts_free:
+        params(values)
+        return
+    with pytest.raises(InputError, match="a fingertip starts inside"):
+        params(values)
+
+
 @pytest.mark.parametrize(("name", "rate"), [("spinner", 1.0), ("idto-hopper", -0.25)])
 def test_a_nominal_runs_at_its_rate_at_any_step_size(name: str, rate: float) -> None:
     for h in (0.05, 0.01):

@@ -16,7 +16,7 @@ from ocp.store.stored_run import StoredRun
 from reports.documents.sweep import sweep_content
 from reports.drawing.style import house_style
 from reports.figures.sweep import replayed_ratio, sweep_figures
-from reports.tables.listings import MOST, format_duration, point_rows, sweep_line
+from reports.tables.listings import MAX_ROWS, format_duration, point_rows, sweep_line
 
 
 def made(**sizes: int) -> StoredRun:
@@ -125,8 +125,8 @@ def test_a_page_tells_all_points_up_to_a_number_and_counts_the_rest() -> None:
     assert [*found] == content["maps"] == ["map-1"]
     assert content["key"][0] == ["points", "3 × 2"] and content["grade"] == "survives"
     assert content["points"][3][:3] == ["2", "2", "12"] and content["more"] == 0
-    many, _ = sweep_content(made(M=MOST + 5))
-    assert len(many["points"]) == MOST and many["more"] == 5
+    many, _ = sweep_content(made(M=MAX_ROWS + 5))
+    assert len(many["points"]) == MAX_ROWS and many["more"] == 5
 
 
 def test_what_is_left_is_told_as_people_say_it() -> None:

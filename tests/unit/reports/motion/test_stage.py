@@ -9,10 +9,11 @@ from matplotlib.colors import to_rgba
 from matplotlib.path import Path
 
 from problems.drawing import Circle, Mark, Segment, Spring, Wall
+from reports.drawing.shapes import Stroke
 from reports.drawing.style import FAINT, PURPLE, VERMILLION
 from reports.motion.animation import Animation
 from reports.motion.movie import Canvas
-from reports.motion.strokes import HEAD, MotionArtist, Stroke, shape_stroke
+from reports.motion.strokes import HEAD, MotionArtist, shape_stroke
 from tests.unit.reports.made import FRICTION, sliding_box
 
 NORMAL = np.array([[1.0, 2.0], [0.5, 0.0], [4.0, 1.0], [1.0, 1.0]])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ocp.routes.branches import NEIGHBOUR
 from ocp.routes.homotopy import StageRecord
-from reports.tables.console import shown_stages, stage_note, stage_rows
+from reports.tables.console import StageLines, shown_stages, stage_note, stage_rows
 
 
 def stage(label: str, cost: float, accepted: bool = True) -> StageRecord:
@@ -26,6 +26,14 @@ def test_neighbours_are_shown_where_they_lower_the_cost() -> None:
     assert stage_note(stages, 2.0) == (
         "Stage 3 gave the answer. 3 neighbouring contact schedules were tried without a lower cost."
     )
+
+
+def test_headings_are_printed_once_before_the_first_shown_stage(capsys) -> None:
+    lines = StageLines()
+    for one in (stage(NEIGHBOUR, 1.0, accepted=False), stage("active set", 2.0)):
+        lines(one)
+    printed = capsys.readouterr().err.splitlines()
+    assert len(printed) == 2 and printed[0].split()[0] == "stage"
 
 
 def test_the_table_ends_with_the_answer() -> None:
