@@ -1,4 +1,4 @@
-"""Problems as users write them: each loads, its best known plan does the task, and doing nothing does not."""
+"""Problems as users write them: each loads, its best known plan solves the task, and inactivity does not."""
 
 from __future__ import annotations
 

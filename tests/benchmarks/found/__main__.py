@@ -25,7 +25,7 @@ COLUMNS = ("problem", "best known", "before", "now", "above the best", "status",
 NEAR = 0.05
 """Share of the best known cost by which a plan may exceed it and still counts as found."""
 STORED_ANSWER = ("cost", "exact_cost", "status", "certificate", "survives", "survives_at_h", "seconds")
-"""Fields of an answer that ``--before`` stores."""
+"""Fields of an answer that are stored."""
 
 
 def excess(cost: float, best: float) -> float:

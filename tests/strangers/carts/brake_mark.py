@@ -1,9 +1,9 @@
-"""Stop a cart at a mark with a brake shoe, the only thing that acts on it; millimetres, kilograms and seconds.
+"""Stop a cart at a mark with a brake shoe, the only actuator; millimetres, kilograms and seconds.
 
-In the manner of stick-slip exercises. A spring lifts the shoe 4 mm off the cart; a force presses it down, and friction
-stops the cart. Braking at full force stops it short of the mark, no braking lets it roll 800 mm beyond. The best-known
-value is believed because the cart's energy fixes the integral of the pressing force, of which the square is spread
-evenly in the best plans: a closed form but for the shoe's way down.
+It resembles stick-slip exercises. A spring lifts the shoe 4 mm off the cart; a force presses it down, and friction
+stops the cart. Full braking stops it short of the mark, and without braking it rolls 800 mm beyond. The best-known
+value is plausible since the cart's energy fixes the integral of the pressing force, which the best plans spread
+evenly, as its square is the cost: a closed form except for the shoe's motion down.
 """
 
 import casadi as ca
@@ -33,7 +33,7 @@ class Params(Parameters):
 
 
 def build(params: Params) -> Problem:
-    """The state is the cart's way and the shoe's height over it, and their velocities."""
+    """Build the problem; the state is the cart's position, the shoe's height over it, and their velocities."""
     p = table(params)
     system = time_stepping(
         name,
@@ -65,5 +65,5 @@ def build(params: Params) -> Problem:
 
 
 def reached(params: Params, state: np.ndarray) -> bool:
-    """Return whether the cart stands at its mark."""
+    """Return whether the cart is at rest at its mark."""
     return bool(abs(state[0] - params.mark) < 30 and abs(state[2]) < 50)

@@ -1,8 +1,8 @@
-"""Dock a capsule whose bumper must take what its small thrusters cannot brake; inches, pounds and seconds.
+"""Dock a capsule whose thrusters are too weak to brake it without its bumper; inches, pounds and seconds.
 
-In the manner of docking with an androgynous ring: the port's ring is light and stands on a spring with a damper. The
-capsule comes in at 12 in/s, the thrusters alone would need more than the way that is left, and at the end it is to
-rest against the ring, pressed in by half an inch. The best-known value is believed because the bumper's push fixes the
+It resembles docking with an androgynous ring: the port's ring is light and supported by a spring with a damper. The
+capsule comes in at 12 in/s, the thrusters alone would need more than the remaining distance, and at the end it must
+rest against the ring, pressed in by half an inch. The best-known value is plausible since the bumper's push fixes the
 rest of the motion: the program is nearly a linear-quadratic one once the time of contact is known.
 """
 
@@ -31,7 +31,7 @@ class Params(Parameters):
 
 
 def build(params: Params) -> Problem:
-    """The state is how far the capsule is short of the ring's rest, negated, the ring, and their velocities."""
+    """Build the problem; states are capsule and ring, from the ring's rest position, and their velocities."""
     p = table(params)
     system = time_stepping(
         name,

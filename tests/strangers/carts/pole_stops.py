@@ -1,9 +1,9 @@
 """Swing a pendulum up on a cart that runs between two elastic stops.
 
-In the manner of the cart-pole's swing-up, with a track of 0.7 m that ends in sprung buffers and a motor of 5 N. The
-pendulum hangs at first and stands at the end. The buffers may be used to turn the cart round. The best-known value is
-believed because the swing-up without stops is well studied, two or three swings, and the stops only add the choice
-of which of them meets a buffer.
+It is the cart-pole's swing-up with a track of 0.7 m that ends in sprung buffers and a motor of 5 N. The pendulum hangs
+at first and is upright at the end. The buffers may be used to turn the cart round. The best-known value is plausible
+since the swing-up without stops is well studied, with two or three swings, and the stops only add the choice of which
+swing meets a buffer.
 """
 
 import casadi as ca
@@ -18,7 +18,7 @@ title = "A pendulum on a cart between elastic stops"
 
 
 class Params(Parameters):
-    """The angle is 0 where the pendulum hangs; buffers reach in from both ends."""
+    """The angle is 0 if the pendulum hangs; buffers extend inwards from both ends."""
 
     cart: float = quantity(1.0, "kg", "mass of the cart", above=0)
     bob: float = quantity(0.3, "kg", "mass of the bob", above=0)
@@ -32,17 +32,17 @@ class Params(Parameters):
 
 
 def build(params: Params) -> Problem:
-    """The state is cart, angle, left and right buffer, and their velocities."""
+    """Build the problem; the state is cart, angle, left and right buffer, and their velocities."""
     p = table(params)
     whole, pull = p["cart"] + p["bob"], p["bob"] * p["rod"]
 
     def mass(q: ca.SX) -> ca.SX:
-        """Mass matrix of cart and pendulum, and of the buffers."""
+        """Return the mass matrix of cart, pendulum and buffers."""
         pendulum = ca.vertcat(ca.horzcat(whole, pull * ca.cos(q[1])), ca.horzcat(pull * ca.cos(q[1]), pull * p["rod"]))
         return ca.diagcat(pendulum, p["buffer"], p["buffer"])
 
     def impulse(q: ca.SX, v: ca.SX, u: ca.SX) -> ca.SX:
-        """Motor, the bob's swing, and gravity on it."""
+        """Return the impulses of the motor, of the bob's swing, and of gravity on it."""
         on_cart = u + pull * ca.sin(q[1]) * v[1] ** 2
         return p["h"] * ca.vertcat(on_cart, -9.81 * pull * ca.sin(q[1]), 0, 0)
 
@@ -79,5 +79,5 @@ def build(params: Params) -> Problem:
 
 
 def reached(params: Params, state: np.ndarray) -> bool:
-    """Return whether the pendulum stands."""
+    """Return whether the pendulum is upright."""
     return abs(state[1] - np.pi) < 0.3

@@ -1,8 +1,8 @@
-"""Tow a sled on a slack rope to a place beside it, and let it come to rest there.
+"""Tow a sled on a slack rope to a place at its side, and let it come to rest there.
 
-In the manner of towing tasks: the rope only pulls, and only where it is taut. The tug starts beside the sled with the
-rope slack by half, so no first-order move of the tug moves the sled. Drag stops the sled. Leaving it costs 10 x 1.25.
-The best-known value is believed because drag and distance fix the sled's best speed, and the rope's direction follows
+It resembles towing tasks: the rope only pulls, and only if it is taut. The tug starts next to the sled with the rope
+slack by half, so that small motions of the tug do not move the sled. Drag stops the sled. Leaving it costs 10 x 1.25.
+The best-known value is plausible since drag and distance fix the sled's best speed, and the rope's direction follows
 the straight line from the sled to its goal after a first, bent pull.
 """
 
@@ -18,7 +18,7 @@ title = "A sled on a slack rope"
 
 
 class Params(Parameters):
-    """Sled at the origin, tug to its left."""
+    """The sled starts at the origin, the tug to its left."""
 
     sled: float = quantity(3.0, "kg", "mass of the sled", above=0)
     tug: float = quantity(1.0, "kg", "mass of the tug", above=0)
@@ -32,7 +32,7 @@ class Params(Parameters):
 
 
 def build(params: Params) -> Problem:
-    """The state is sled and tug, and their velocities."""
+    """Build the problem; the state is sled and tug, and their velocities."""
     p = table(params)
     system = time_stepping(
         name,

@@ -1,9 +1,9 @@
 """Drive a ball through a maze of three walls in the plane.
 
-In the manner of trajectory optimisation among obstacles, here with walls that may be touched: the straight way to the
-exit is barred twice. A ball pressed against the first wall is a local optimum. Staying costs 10 x 1.44. The best-known
-value is believed because the taut string through the two gaps is unique, and smooth driving along it is a convex
-program once the side of each wall is chosen; the other sides are closed or longer.
+It is trajectory optimisation among obstacles, here with walls that may be touched: the straight path to the exit is
+blocked twice. A ball pressed against the first wall is a local optimum. Staying costs 10 x 1.44. The best-known value
+is plausible since the shortest path through the two gaps is unique, and smooth driving along it is a convex program
+once the side of each wall is chosen; the other sides are closed or longer.
 """
 
 import casadi as ca
@@ -18,7 +18,7 @@ title = "A ball in a maze of walls"
 
 
 class Params(Parameters):
-    """Ball at the origin; the exit is on the right, behind a wall from below, one from above and a block."""
+    """The ball starts at the origin; the exit is to the right, behind walls from below and above and a block."""
 
     ball: float = quantity(0.3, "kg", "mass of the ball", above=0)
     radius: float = quantity(0.05, "m", "radius of the ball", above=0)
@@ -44,7 +44,7 @@ draw, frames = pictured(scene)
 
 
 def build(params: Params) -> Problem:
-    """The input is the force on the ball."""
+    """Build the problem; the input is the force on the ball."""
     p = table(params)
     things = scene(p)
     system = things.time_stepping(name, p, h=p["h"])

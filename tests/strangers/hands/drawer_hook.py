@@ -1,9 +1,9 @@
 """Open a drawer with a hook; inches, pounds and seconds.
 
-In the manner of articulated-object tasks. The hook is the round tip of an arm in the plane above the drawer. It starts
+It resembles articulated-object tasks. The hook is the round tip of an arm in the plane above the drawer. It starts
 in front of the handle, a peg on the drawer's lip, and can only pull from behind: the tip must go over the peg, down
-between peg and front, and back. Doing nothing costs 36. The best-known value is believed because the way round the peg
-and the drawer's travel are fixed by the geometry, and the other way round, under the peg, is longer.
+between peg and front, and back. Doing nothing costs 36. The best-known value is plausible since the path round the peg
+and the drawer's travel are fixed by the geometry, and the other path, under the peg, is longer.
 """
 
 import casadi as ca
@@ -18,7 +18,7 @@ title = "A hook opens a drawer"
 
 
 class Params(Parameters):
-    """Lengths in inches, masses in pounds: forces are in lb in/s^2, 386 of which are a pound of weight."""
+    """Lengths are in inches, masses in pounds, and forces in lb in/s^2, 386 of which are a pound of weight."""
 
     drawer: float = quantity(5.0, "lb", "mass of the drawer", above=0)
     hook: float = quantity(1.0, "lb", "mass of the hook", above=0)
@@ -32,15 +32,15 @@ class Params(Parameters):
 
 
 def build(params: Params) -> Problem:
-    """The state is how far the drawer is open and the hook's place, and their velocities; open is along +x."""
+    """Build the problem; the state is the drawer's opening along +x, the hook's position, and their velocities."""
     p = table(params)
 
     def separation(q: ca.SX) -> ca.SX:
-        """Vector from the peg, two inches before the drawer's front, to the tip."""
+        """Return the vector from the peg, two inches in front of the drawer, to the tip."""
         return q[1:] - ca.vertcat(q[0] + 2, 0)
 
     def slip(q: ca.SX) -> ca.SX:
-        """Row of the speed at which the tip slides round the peg."""
+        """Return the row of the speed at which the tip slides round the peg."""
         away = separation(q) / ca.norm_2(separation(q))
         return ca.horzcat(away[1], -away[1], away[0])
 

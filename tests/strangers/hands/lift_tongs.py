@@ -1,10 +1,10 @@
 """Lift a block with a pair of tongs, by friction alone; millimetres, grams and milliseconds, so a force is in newtons.
 
-In the manner of the pick-up tasks of manipulation courses. One motor closes both jaws, the other lifts them. The block
-of 200 g weighs 1.96 N, so at friction 0.4 the jaws must squeeze it with 2.45 N each from before it leaves the table.
-The best-known value is the cheapest of sampling, relaxations and barrier plans made exact. It is believed because it
-is under that of a slow lift, which holds the least squeeze and the weight over all steps and costs about 0.2: the
-tongs are on their way up already when they close, and the squeeze is short.
+It resembles pick-up tasks of manipulation courses. One motor closes both jaws, the other lifts them. The block
+of 200 g weighs 1.96 N, so that at friction 0.4 the jaws must squeeze it with 2.45 N each before it leaves the table.
+The best-known value is the cheapest of sampling, relaxations and barrier plans made exact. It is plausible since it
+is below that of a slow lift, which keeps the minimum squeeze and the weight over all steps and costs about 0.2: the
+tongs already move up when they close, and the squeeze is short.
 """
 
 import casadi as ca
@@ -19,7 +19,7 @@ title = "Tongs lift a block by friction"
 
 
 class Params(Parameters):
-    """The block is 40 mm wide, and the jaws begin 20 mm away from it on both sides."""
+    """The block is 40 mm wide, and the jaws start 20 mm away from it on both sides."""
 
     block: float = quantity(200.0, "g", "mass of the block", above=0)
     jaw: float = quantity(50.0, "g", "mass of both jaws", above=0)
@@ -33,7 +33,7 @@ class Params(Parameters):
 
 
 def build(params: Params) -> Problem:
-    """The state is half the jaws' opening, the height of tongs and of block, and their velocities."""
+    """Build the problem; the state is half the jaws' opening, heights of tongs and block, and velocities."""
     p = table(params)
     system = time_stepping(
         name,
@@ -66,5 +66,5 @@ def build(params: Params) -> Problem:
 
 
 def reached(params: Params, state: np.ndarray) -> bool:
-    """Return whether the block hangs within a centimetre of where it is wanted."""
+    """Return whether the block is lifted to within a centimetre of its goal."""
     return abs(state[2] - params.lift) < 10

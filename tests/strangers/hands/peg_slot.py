@@ -1,9 +1,9 @@
 """Slide a peg into a slot by compliance.
 
-In the manner of peg-in-hole by remote-centre compliance: the round peg hangs on a spring of the hand, and two blocks
-with round corners leave a slot half a millimetre wider than it. The hand stands off to the left, above a block's flat
-top: straight down only presses on it. It must go aside first, and let the corner lead the peg in. The best-known value
-is believed because the command's shortest way aside and down is a straight polygon round one corner.
+It resembles peg-in-hole by remote-centre compliance: the round peg is held by a spring of the hand, and two blocks
+with round corners leave a slot half a millimetre wider than it. The hand is too far left, above a block's flat top, so
+that straight down only presses on it. It must go aside first, and let the corner lead the peg in. The best-known value
+is plausible since the command's shortest path aside and down consists of straight lines round one corner.
 """
 
 import casadi as ca
@@ -18,7 +18,7 @@ title = "A peg slides into a slot"
 
 
 class Params(Parameters):
-    """The slot's middle is at x = 0, the tops of the blocks at y = 0."""
+    """The slot's centre is at x = 0, the tops of the blocks at y = 0."""
 
     radius: float = quantity(0.01, "m", "radius of the peg", above=0)
     slack: float = quantity(0.0005, "m", "by which the slot is wider than the peg", above=0)
@@ -31,7 +31,7 @@ class Params(Parameters):
 
 
 def scene(p):
-    """Return the peg on its hand and the two blocks beside the slot."""
+    """Return the peg on its hand and the two blocks next to the slot."""
     middle = p["radius"] + p["slack"] / 2 + 0.03
     block = Box((0.025, 0.025), radius=0.005)
     return Scene(
@@ -48,7 +48,7 @@ draw, frames = pictured(scene)
 
 
 def build(params: Params) -> Problem:
-    """The input is where the hand wants the peg; effort is how fast that changes."""
+    """Build the problem; the input is the hand's commanded position, and its changes are the effort."""
     p = table(params)
     things = scene(p)
     system = things.quasi_dynamic(name, p, h=p["h"])
@@ -69,5 +69,5 @@ def build(params: Params) -> Problem:
 
 
 def reached(params: Params, state: np.ndarray) -> bool:
-    """Return whether the peg is in, to three millimetres."""
+    """Return whether the peg is in the slot to within three millimetres."""
     return bool(np.hypot(state[0], state[1] + params.deep) < 0.003)

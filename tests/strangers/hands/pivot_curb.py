@@ -1,9 +1,9 @@
 """Stand a crate on end against a wall, about its lower corner, which a cleat on the floor holds.
 
-In the manner of pivoting by extrinsic dexterity: one fingertip at the far end lifts it by friction, and turns the
-crate about the corner that the cleat holds, until its upper side is at the wall. The finger starts away from the end
-face, and must touch before anything turns. Lying costs 10 (pi/2)^2, which is 24.7. The best-known value is believed
-because the crate's weight bounds the work of the finger from below, and searches from many starts stay above it.
+It resembles pivoting by extrinsic dexterity: one fingertip at the far end lifts it by friction, and turns the crate
+about the corner that the cleat holds, until its upper side is at the wall. The finger starts away from the end face,
+and must touch it before anything turns. Lying costs 10 (pi/2)^2, which is 24.7. The best-known value is plausible
+since the crate's weight bounds the work of the finger from below, and searches from many starts stay above it.
 """
 
 import casadi as ca
@@ -30,7 +30,7 @@ class Params(Parameters):
 
 
 def build(params: Params) -> Problem:
-    """The state is the crate's angle and the finger's place, and their velocities; angles count clockwise."""
+    """Build the problem; the state is the crate's clockwise angle, the finger's position, and their velocities."""
     p = table(params)
     inertia = p["mass"] * (0.4**2 + 0.12**2) / 12
     crate = Link("crate", None, mass=p["mass"], inertia=inertia, com=(-0.2, 0.06), limits=(0.0, np.pi / 2))
@@ -62,5 +62,5 @@ def build(params: Params) -> Problem:
 
 
 def reached(params: Params, state: np.ndarray) -> bool:
-    """Return whether the crate stands."""
+    """Return whether the crate is upright."""
     return state[0] > 1.4

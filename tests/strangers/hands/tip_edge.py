@@ -1,9 +1,9 @@
 """Tip a crate onto one of its lower edges and leave it balanced there.
 
-In the manner of how movers walk a fridge: a hand on a rail pushes high on the left face, friction under the right edge
-holds it, and the crate must end at rest where its centre of mass is above that edge, atan(0.2 / 0.5) turned. Pushing
-it over costs more than not pushing at all. The best-known value is believed because the energy of the tip is fixed, so
-that the least effort is that of pushing just long enough, and relaxations and sampling end no lower.
+It resembles how movers walk a fridge: a hand on a rail pushes high on the left face, friction under the right edge
+holds it, and the crate must end at rest with its centre of mass above that edge, turned by atan(0.2 / 0.5). Pushing
+it over costs more than not pushing at all. The best-known value is plausible since the energy of the tip is fixed, so
+that the least effort is to push just long enough, and relaxations and sampling end no lower.
 """
 
 import casadi as ca
@@ -18,7 +18,7 @@ title = "A crate tipped onto its edge"
 
 
 class Params(Parameters):
-    """Half sides of the crate, in metres."""
+    """Lengths of the crate are half sides in metres."""
 
     mass: float = quantity(4.0, "kg", "mass of the crate", above=0)
     a: float = quantity(0.1, "m", "half width", above=0)
@@ -31,23 +31,23 @@ class Params(Parameters):
 
 
 def build(params: Params) -> Problem:
-    """The state is the crate's middle and angle, clockwise, the hand's way, and their velocities."""
+    """Build the problem; the state is the crate's centre and clockwise angle, the hand, and their velocities."""
     p = table(params)
     inertia = p["mass"] * ((2 * p["a"]) ** 2 + (2 * p["b"]) ** 2) / 12
 
     def corner(q: ca.SX, side: float) -> ca.SX:
-        """Place of a lower corner, left of the middle or right of it."""
+        """Return the position of a lower corner, to the left or right of the centre."""
         c, s = ca.cos(q[2]), ca.sin(q[2])
         return ca.vertcat(q[0] + side * p["a"] * c - p["b"] * s, q[1] - side * p["a"] * s - p["b"] * c)
 
     def distance(q: ca.SX) -> ca.SX:
-        """Heights of both corners; way of the hand to the left face, square to that face."""
+        """Return the heights of both corners, and the hand's distance perpendicular to the left face."""
         c, s = ca.cos(q[2]), ca.sin(q[2])
         face = (q[0] - q[3]) * c - (q[1] - p["high"]) * s - p["a"]
         return ca.vertcat(corner(q, -1)[1], corner(q, 1)[1], face)
 
     def sliding(q: ca.SX) -> ca.SX:
-        """Rows of sliding: of both corners along the floor; the hand is smooth."""
+        """Return the rows of sliding of both corners along the floor; the hand is frictionless."""
         feet = ca.vertcat(corner(q, -1)[0], corner(q, 1)[0])
         return ca.vertcat(ca.jacobian(feet, q), ca.SX(1, 4))
 
@@ -83,5 +83,5 @@ def build(params: Params) -> Problem:
 
 
 def reached(params: Params, state: np.ndarray) -> bool:
-    """Return whether it stands on its edge, close to balance."""
+    """Return whether the crate is on its edge, close to balance."""
     return abs(state[2] - np.arctan2(params.a, params.b)) < 0.05

@@ -1,10 +1,10 @@
-"""Two arms bring one box to a pose that one arm alone does not reach; inches, pounds and seconds.
+"""Two arms bring one box to a pose that one arm alone cannot reach; inches, pounds and seconds.
 
-In the manner of bimanual pushing with quasi-dynamic steps: each fingertip hangs on a spring of its arm, the left one
-behind the box's left face and the right one before its right face, and neither may cross the middle. The box must go
-up and turn: both fingers carry it by friction between them, or each pushes its own side. The best-known value is
-believed as the cheapest of all relaxations and of sampling: the box must be carried by friction between both fingers,
-and their ways are short.
+It resembles bimanual pushing with quasi-dynamic steps: each fingertip is held by a spring of its arm, the left one
+at the box's left face and the right one at its right face, and neither may cross the centre line. The box must go up
+and turn: both fingers carry it by friction between them, or each pushes its own side. The best-known value is the
+cheapest of all relaxations and of sampling, and plausible since the box must be carried by friction between both
+fingers, and their paths are short.
 """
 
 import casadi as ca
@@ -33,12 +33,12 @@ class Params(Parameters):
 
 
 def build(params: Params) -> Problem:
-    """The state is the box's place and angle, then both fingers; the inputs are where the arms want the fingers."""
+    """Build the problem; states are the box's position and angle and both fingers, inputs their commands."""
     p = table(params)
     box, tip = Box((p["half"], p["half"])), Disc(p["tip"])
 
     def contacts(q: ca.SX) -> list[Contact]:
-        """Contacts of the fingers on the box."""
+        """Return the contacts of the fingers with the box."""
         held = Pose(q[:2], -q[2])
         return [Contact.between(box, held, tip, Pose(place, ca.SX(0))) for place in (q[3:5], q[5:7])]
 
@@ -80,6 +80,6 @@ def build(params: Params) -> Problem:
 
 
 def reached(params: Params, state: np.ndarray) -> bool:
-    """Return whether the box is within an inch of its goal, turned as wanted."""
+    """Return whether the box is within an inch of its goal, and turned as required."""
     off = state[:2] - [params.goal_x, params.goal_y]
     return bool(np.hypot(*off) < 1 and abs(state[2] - params.turn) < 0.15)

@@ -1,9 +1,9 @@
-"""Send the second of two blocks in a row to its mark by pushing only the first; centimetres, grams and seconds.
+"""Push the second of two blocks in a row to its mark by pushing only the first; centimetres, grams and seconds.
 
-In the manner of pushing a line of parts: a slide pushes the near block, which crosses a gap before it meets the far
-one. Both run on a belt with drag, the far one's lighter. The slide must be back where it began at the end, so it lets
-go early. Nothing moves the far block until the near one has crossed the gap. The best-known value is believed because
-on a line the contact sequence is unique, slide, near, far, and only its timing is left to optimise.
+It resembles pushing a line of parts: a slide pushes the near block, which crosses a gap before it meets the far one.
+Both are on a belt with drag, less for the far one. The slide must be back at its start at the end, so that it stops
+pushing early. The far block does not move until the near one has crossed the gap. The best-known value is plausible
+since on a line the contact sequence is unique, slide, near, far, and only its timing is left to optimise.
 """
 
 import casadi as ca
@@ -18,7 +18,7 @@ title = "Two blocks in a row with a gap"
 
 
 class Params(Parameters):
-    """Blocks are 10 cm wide; positions are those of their middles."""
+    """Blocks are 10 cm wide; positions are those of their centres."""
 
     near: float = quantity(400.0, "g", "mass of the near block", above=0)
     far: float = quantity(250.0, "g", "mass of the far block", above=0)
@@ -31,7 +31,7 @@ class Params(Parameters):
 
 
 def build(params: Params) -> Problem:
-    """The state is near block, far block, slide, and their velocities."""
+    """Build the problem; the state is near block, far block, slide, and their velocities."""
     p = table(params)
     system = time_stepping(
         name,

@@ -1,9 +1,9 @@
-"""A round trunk gets up a curb by pushing itself off the ground with a strut.
+"""A round trunk climbs a curb by pushing itself off the ground with a strut.
 
-In the manner of wheel-leg climbing: a smooth disc of 3 kg, with a strut that its hip motor turns and a second motor
-lengthens. The curb is 0.08 m high, the trunk's radius 0.12 m, so the strut must push up and forward from behind, by
-friction of its foot. Before the curb it costs 20 x 0.16. The best-known value is believed because the climb's energy is
-fixed and the strut has one good place to stand, as far under the trunk as the hip allows.
+It resembles wheel-leg climbing: a smooth disc of 3 kg has a strut that its hip motor turns and a second motor
+lengthens. The curb is 0.08 m high, the trunk's radius 0.12 m, so that the strut must push up and forward from behind,
+by friction of its foot. Staying in front costs 20 x 0.16. The best-known value is plausible since the climb's energy
+is fixed and the foot has one good position, as far under the trunk as the hip allows.
 """
 
 import casadi as ca
@@ -32,7 +32,7 @@ machine = Machine(
 
 
 class Params(Parameters):
-    """The trunk starts at x = 0 and is to rest at x = 0.4 on the curb, which begins at x = 0.2."""
+    """The trunk starts at x = 0 and must come to rest at x = 0.4 on the curb, which begins at x = 0.2."""
 
     friction: float = quantity(0.7, "1", "Coulomb's coefficient of the foot", above=0)
     goal: float = quantity(0.4, "m", "where to rest on the curb")
@@ -41,7 +41,7 @@ class Params(Parameters):
 
 
 def build(params: Params) -> Problem:
-    """The state is the trunk's x and z, the hip's angle and the strut's length beyond its shortest; velocities."""
+    """Build the problem; states are the trunk's x and z, the hip's angle, the strut's extension, and velocities."""
     p = table(params)
     system = machine.system(name, p, h=p["h"], friction=ca.vertcat(0.05, p["friction"], 0.05))
     x = system.x
@@ -66,5 +66,5 @@ def reached(params: Params, state: np.ndarray) -> bool:
 
 
 def draw(params: Params, state: np.ndarray):
-    """Return the machine at one state."""
+    """Return the shapes of the machine at one state."""
     return machine_shapes(machine, state)

@@ -1,9 +1,9 @@
 """A point-foot hopper vaults over a log.
 
-In the manner of minimal hoppers: a body of 2 kg, a foot of 0.2 kg, and a motor that pushes both apart or together in
-any direction within reach. Body and foot must come to the other side of a round log on the floor; the foot may step on
-the log. Standing still costs 10 x 0.81. The best-known value is believed because a vault is one crouch, one push and
-one landing, and sampling, which steps onto the log as well, ends no lower.
+It resembles minimal hoppers: a body of 2 kg, a foot of 0.2 kg, and a motor that pushes them apart or together in any
+direction within reach. Body and foot must get to the other side of a round log on the floor; the foot may step on the
+log. Standing still costs 10 x 0.81. The best-known value is plausible since a vault is one crouch, one push and one
+landing, and sampling, which also steps onto the log, ends no lower.
 """
 
 import casadi as ca
@@ -18,7 +18,7 @@ title = "A hopper vaults over a log"
 
 
 class Params(Parameters):
-    """Body and foot are points; the log is a disc that is half in the floor."""
+    """Body and foot are points; the log is a disc that is half below the floor."""
 
     body: float = quantity(2.0, "kg", "mass of the body", above=0)
     foot: float = quantity(0.2, "kg", "mass of the foot", above=0)
@@ -32,20 +32,20 @@ class Params(Parameters):
 
 
 def build(params: Params) -> Problem:
-    """The state is body and foot, and their velocities; the leg is 0.25 to 0.6 m long."""
+    """Build the problem; the state is body and foot, and their velocities; the leg is 0.25 to 0.6 m long."""
     p = table(params)
 
     def from_log(q: ca.SX) -> ca.SX:
-        """Vector from the log's middle to the foot."""
+        """Return the vector from the log's centre to the foot."""
         return q[2:] - ca.vertcat(p["log_x"], 0)
 
     def sliding(q: ca.SX) -> ca.SX:
-        """Rows of the foot's speed along the floor and round the log."""
+        """Return the rows of the foot's speed along the floor and round the log."""
         away = from_log(q) / ca.norm_2(from_log(q))
         return ca.vertcat(ca.SX([[0, 0, 1, 0]]), ca.horzcat(0, 0, away[1], -away[0]))
 
     def limits(q: ca.SX) -> ca.SX:
-        """Way left to the shortest and to the longest leg."""
+        """Return the distances of the leg's length from the shortest and the longest."""
         length = ca.norm_2(q[:2] - q[2:])
         return ca.vertcat(length - 0.25, 0.6 - length)
 
@@ -83,5 +83,5 @@ def build(params: Params) -> Problem:
 
 
 def reached(params: Params, state: np.ndarray) -> bool:
-    """Return whether body and foot are beyond the log, near where they should stand."""
+    """Return whether body and foot are beyond the log, near their goals."""
     return bool(abs(state[0] - params.goal) < 0.15 and state[2] > params.log_x + params.log)

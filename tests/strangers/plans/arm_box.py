@@ -1,9 +1,9 @@
 """Push a box along the floor with an arm of two links, read from an MJCF file.
 
-In the manner of the tabletop pushes that come with simulators. The arm hangs before its post with the tip above and
-short of the box, which runs on a rail. The tip must come down behind the box and push it 0.25 m on. Leaving the box
-costs 100 x 0.0625, which is 6.25. The best-known value is believed because the box's way is straight and the arm's
-swing down to it short; pushes and hits are both among the samples, and cost more.
+It resembles tabletop pushes that come with simulators. The arm hangs in front of its post with the tip above and short
+of the box, which is on a rail. The tip must come down behind the box and push it 0.25 m forward. Leaving the box costs
+100 x 0.0625, which is 6.25. The best-known value is plausible since the box's path is straight and the arm's swing
+down to it short; pushes and hits are both among the samples, and cost more.
 """
 
 from pathlib import Path
@@ -23,7 +23,7 @@ START = np.array([0.2, 1.9, 0.0])  # shoulder, elbow [rad], box [m]
 
 
 class Params(Parameters):
-    """Goal of the box; the robot stands in its file."""
+    """Parameters are of the box's push; the robot is in its file."""
 
     goal: float = quantity(0.25, "m", "how far to push")
     effort: float = quantity(0.01, "1", "weight of the inputs", least=0)
@@ -32,7 +32,7 @@ class Params(Parameters):
 
 
 def build(params: Params) -> Problem:
-    """The state is shoulder, elbow and box, and their velocities; inputs are shares of the largest torques."""
+    """Build the problem; states are shoulder, elbow, box and velocities, inputs shares of the largest torques."""
     p = table(params)
     system = robot.machine.system(name, p, h=p["h"], friction=robot.coefficients)
     lower, upper = robot.controls.T
@@ -57,5 +57,5 @@ def reached(params: Params, state: np.ndarray) -> bool:
 
 
 def draw(params: Params, state: np.ndarray):
-    """Return the arm and the box at one state."""
+    """Return the shapes of the arm and the box at one state."""
     return robot.shapes(state)

@@ -1,9 +1,9 @@
 """Take one step with a biped of five links and point feet.
 
-In the manner of RABBIT and its kin: torso, two thighs, two shanks, motors at hips and knees, no ankles. It stands with
-one foot before the other and is to stand 0.3 m further on with the feet exchanged. Standing still costs 20 x 0.09 and
-more; falling costs more than that. The best-known value is believed to be an upper bound only: open-loop plans of a
-biped are many, and the best of several routes is kept.
+It resembles RABBIT: torso, two thighs, two shanks, motors at hips and knees, no ankles. It stands with one foot in
+front of the other and must stand 0.3 m further on with the feet exchanged. Standing still costs at least 20 x 0.09,
+and falling more. The best-known value is probably only an upper bound: a biped has many open-loop plans, and the best
+of several routes is kept.
 """
 
 import casadi as ca
@@ -21,7 +21,7 @@ THIGH, SHANK = 0.4, 0.4  # lengths [m]
 
 
 def leg(side: str) -> tuple[Link, Link]:
-    """Return thigh and shank of a leg that hangs at the torso's lower end."""
+    """Return thigh and shank of a leg at the torso's lower end."""
     thigh = Link(f"{side} thigh", "torso", mass=3.0, inertia=0.05, com=(0, -0.15), gear=80.0, damping=0.5)
     shank = Link(
         f"{side} shank",
@@ -45,7 +45,7 @@ machine = Machine(
 
 
 class Params(Parameters):
-    """The stride's length and the floor."""
+    """Parameters are of the stride and the floor."""
 
     stride: float = quantity(0.3, "m", "how far the hip goes")
     friction: float = quantity(0.8, "1", "Coulomb's coefficient of the feet", above=0)
@@ -54,7 +54,7 @@ class Params(Parameters):
 
 
 def build(params: Params) -> Problem:
-    """The state is x, z and angle of the hip's torso, hips and knees, clockwise, and their velocities."""
+    """Build the problem; states are the torso's x, z and angle, hips and knees, clockwise, and velocities."""
     p = table(params)
     system = machine.system(name, p, h=p["h"], friction=p["friction"])
     q, v = system.x[:7], system.x[7:]
@@ -77,10 +77,10 @@ def build(params: Params) -> Problem:
 
 
 def reached(params: Params, state: np.ndarray) -> bool:
-    """Return whether it is up, one stride ahead."""
+    """Return whether the biped is upright, one stride ahead."""
     return bool(abs(state[0] - params.stride) < 0.1 and state[1] > 0.65 and abs(state[2]) < 0.4)
 
 
 def draw(params: Params, state: np.ndarray):
-    """Return the biped at one state."""
+    """Return the shapes of the biped at one state."""
     return machine_shapes(machine, state)

@@ -1,8 +1,8 @@
 """Push an L-shaped block past a post and turn it by a quarter.
 
-In the manner of planar pushing with limit surfaces: a round finger on a spring, an L of 1 kg on a table of friction
-0.4, a post in its way. Leaving it costs more than 20 x 0.37. The best-known value is believed to be an upper bound:
-contact sequences of an L are many, and the best of the push search and of every route is kept.
+It resembles planar pushing with limit surfaces: a round finger on a spring, an L of 1 kg on a table of friction 0.4,
+with a post in between. Leaving it costs more than 20 x 0.37. The best-known value is probably only an upper bound:
+an L has many contact sequences, and the best of the push search and of every route is kept.
 """
 
 import casadi as ca
@@ -19,7 +19,7 @@ LIMB = Polygon([(-0.15, 0.0), (-0.05, 0.0), (-0.05, 0.15), (-0.15, 0.15)])
 
 
 class Params(Parameters):
-    """The L starts at the origin, its foot along x."""
+    """The L starts at the origin, with its foot along x."""
 
     post: float = quantity(0.06, "m", "radius of the post", above=0)
     friction: float = quantity(0.3, "1", "Coulomb's coefficient of finger and L", least=0)
@@ -47,7 +47,7 @@ draw, frames = pictured(scene)
 
 
 def build(params: Params) -> Problem:
-    """The input is where the finger is wanted; effort is how fast that changes."""
+    """Build the problem; the input is the finger's commanded position, and its changes are the effort."""
     p = table(params)
     things = scene(p)
     system = things.quasi_dynamic(name, p, h=p["h"])
@@ -68,5 +68,5 @@ def build(params: Params) -> Problem:
 
 
 def reached(params: Params, state: np.ndarray) -> bool:
-    """Return whether the L is near its pose."""
+    """Return whether the L is near its goal pose."""
     return bool(np.hypot(state[0] - params.x, state[1] - params.y) < 0.1 and abs(state[2] - params.turn) < 0.5)

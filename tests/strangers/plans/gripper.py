@@ -1,9 +1,9 @@
 """Squeeze a block between two fingers, lift it and carry it aside, at the low friction of 0.3.
 
-In the manner of pick-and-place with a parallel gripper whose fingers move one by one. The block weighs 2.9 N, so each
-finger must press with 4.9 N at least before anything is lifted. Leaving the block costs 4 and more. The best-known
-value is believed because relaxations, continuation from a higher friction and sampling, in that order, ended between
-0.1618 and 0.172, all with the same contact sequence.
+It resembles pick-and-place with a parallel gripper whose fingers move independently. The block weighs 2.9 N, so that
+each finger must press with at least 4.9 N before anything is lifted. Leaving the block costs at least 4. The
+best-known value is plausible since relaxations, continuation from a higher friction and sampling, in that order, ended
+between 0.1618 and 0.172, all with the same contact sequence.
 """
 
 import casadi as ca
@@ -19,7 +19,7 @@ FINGER, WRIST = 0.2, 0.5  # masses [kg]
 
 
 class Params(Parameters):
-    """Fingers move along x relative to nothing, the wrist carries both up and down."""
+    """Fingers move along x in the world, and the wrist moves both up and down."""
 
     block: float = quantity(0.3, "kg", "mass of the block", above=0)
     friction: float = quantity(0.3, "1", "Coulomb's coefficient of finger and block", least=0)
@@ -32,7 +32,7 @@ class Params(Parameters):
 
 
 def build(params: Params) -> Problem:
-    """The state is both fingers' x, the wrist's z, the block's x and z, and their velocities."""
+    """Build the problem; states are both fingers' x, the wrist's z, the block's x and z, and their velocities."""
     p = table(params)
     half = p["width"] / 2
     weight = 9.81 * ca.vertcat(WRIST, p["block"])
@@ -69,5 +69,5 @@ def build(params: Params) -> Problem:
 
 
 def reached(params: Params, state: np.ndarray) -> bool:
-    """Return whether the block hangs near its goal."""
+    """Return whether the block is held near its goal."""
     return bool(np.hypot(state[3] - params.aside, state[4] - params.up - params.width / 2) < 0.05)

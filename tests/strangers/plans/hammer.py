@@ -1,9 +1,9 @@
-"""Drive a nail that its friction holds against any push of the hammer's weak motor.
+"""Drive a nail that friction holds against any push of the hammer's weak motor.
 
-In the manner of impact tasks in trajectory optimisation. Friction holds the nail with four times its weight, 39.2 N;
-the motor gives 10 N and the hammer begins 5 cm before the nail. Only momentum moves the nail. Not moving it costs 4.
-The best-known value is believed because a hand-written complementarity program, sampling, and other relaxations were
-compared by others, and a solve on the contact branch of the best sample is below all of them.
+It resembles impact tasks in trajectory optimisation. Friction holds the nail with four times its weight, 39.2 N; the
+motor gives 10 N and the hammer starts 5 cm in front of the nail. Only momentum moves the nail. Not moving it costs 4.
+The best-known value is plausible since others compared a hand-written complementarity program, sampling, and other
+relaxations, and a solve on the contact branch of the best sample is below all of them.
 """
 
 import casadi as ca
@@ -18,7 +18,7 @@ title = "A nail is hammered in"
 
 
 class Params(Parameters):
-    """Hammer and nail on one line, along x; both are round and 0.1 m in radius."""
+    """Hammer and nail are on one line along x; both are round with a radius of 0.1 m."""
 
     goal: float = quantity(0.02, "m", "how deep the nail is wanted")
     strength: float = quantity(10.0, "N", "largest force of the motor", above=0)
@@ -28,7 +28,7 @@ class Params(Parameters):
 
 
 def scene(p):
-    """Return the hammer of 2 kg and the nail of 1 kg, which lies on a rail."""
+    """Return the hammer of 2 kg and the nail of 1 kg, which is on a rail."""
     hammer = Pusher("hammer", Disc(0.1), at=(-0.25, 0.1), mass=2.0, axis=(1.0, 0.0))
     nail = Body("nail", Disc(0.1), at=(0.0, 0.1), mass=1.0)
     rail = Obstacle("rail", HalfPlane(), at=(0.0, 0.0))
@@ -43,7 +43,7 @@ draw, frames = pictured(scene)
 
 
 def build(params: Params) -> Problem:
-    """The input is the motor's force."""
+    """Build the problem; the input is the motor's force."""
     p = table(params)
     things = scene(p)
     system = things.time_stepping(name, p, h=p["h"], gravity=(0, -9.81))

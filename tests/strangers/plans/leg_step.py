@@ -1,9 +1,9 @@
 """Jump onto a step with one leg of two links.
 
-In the manner of the planar hopper on a boom: the trunk slides up, down and forward without turning, hip and knee have
-motors, and the foot is a ball. The step is 0.15 m high and begins 0.2 m ahead. Crouched before it, the leg costs
-20 x 0.19. The best-known value is believed because one jump is all that the horizon holds, and plans differ only in
-how deep the leg crouches first.
+It resembles the planar hopper on a boom: the trunk slides up, down and forward without rotation, hip and knee have
+motors, and the foot is a ball. The step is 0.15 m high and begins 0.2 m ahead. Crouching in front of it costs
+20 x 0.19. The best-known value is plausible since the horizon is long enough for one jump only, and plans differ only
+in how deep the leg crouches first.
 """
 
 import casadi as ca
@@ -18,7 +18,7 @@ from problems.parameters import Parameters, quantity, structure, table
 name = "leg-step"
 title = "A leg jumps onto a step"
 axes = ("x [m]", "z [m]")
-BEND = 0.7  # of hip and, twice, of knee at the start and in the end [rad]
+BEND = 0.7  # angle of the hip, and half that of the knee, at the start and at the end [rad]
 machine = Machine(
     links=(
         Link("boom", None, mass=0.2, inertia=1.0, joint="slide", axis=(1.0, 0.0)),
@@ -43,7 +43,7 @@ machine = Machine(
 
 
 class Params(Parameters):
-    """The trunk is to rest over the middle of the step."""
+    """The trunk must come to rest over the centre of the step."""
 
     friction: float = quantity(0.8, "1", "Coulomb's coefficient of the foot", above=0)
     goal: float = quantity(0.4, "m", "where to stand on the step")
@@ -52,7 +52,7 @@ class Params(Parameters):
 
 
 def build(params: Params) -> Problem:
-    """The state is x and z of the trunk, hip and knee, clockwise, and their velocities."""
+    """Build the problem; the state is the trunk's x and z, hip and knee, clockwise, and their velocities."""
     p = table(params)
     system = machine.system(name, p, h=p["h"], friction=p["friction"])
     x, v = system.x[:4], system.x[4:]
@@ -73,10 +73,10 @@ def build(params: Params) -> Problem:
 
 
 def reached(params: Params, state: np.ndarray) -> bool:
-    """Return whether the trunk is above the step, higher than it could stand before it."""
+    """Return whether the trunk is above the step, higher than it could stand in front of it."""
     return bool(abs(state[0] - params.goal) < 0.15 and state[1] > 0.45)
 
 
 def draw(params: Params, state: np.ndarray):
-    """Return the leg at one state."""
+    """Return the shapes of the leg at one state."""
     return machine_shapes(machine, state)

@@ -1,8 +1,7 @@
 """Push a block from dry floor onto ice, and let it come to rest on a mark there.
 
-In the manner of pushing over surfaces of different friction: 0.6 up to x = 1, and 0.05 from there on, where the mark is
-at x = 2. The best-known value, 2.03867, is believed because a program without this library, which enumerates the step
-at which the block crosses over, gives it.
+The surfaces differ in friction: 0.6 up to x = 1, and 0.05 beyond, with the mark at x = 2. The best-known value,
+2.03867, is also that of a program without this library, which enumerates the step at which the block crosses over.
 """
 
 import casadi as ca
@@ -17,7 +16,7 @@ title = "A block from floor to ice"
 
 
 class Params(Parameters):
-    """Hand and block on one line; both floors are the flat tops of boxes."""
+    """Hand and block are on one line; both floors are the flat tops of boxes."""
 
     floor: float = quantity(0.6, "1", "Coulomb's coefficient of the dry floor", least=0)
     ice: float = quantity(0.05, "1", "Coulomb's coefficient of the ice", least=0)
@@ -47,7 +46,7 @@ draw, frames = pictured(scene)
 
 
 def build(params: Params) -> Problem:
-    """The input is the hand's force."""
+    """Build the problem; the input is the hand's force."""
     p = table(params)
     things = scene(p)
     system = things.time_stepping(name, p, h=p["h"], gravity=(0.0, -9.81))

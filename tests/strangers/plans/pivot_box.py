@@ -1,8 +1,8 @@
 """Stand a box up against a wall with one fingertip.
 
-In the manner of planar pivoting with extrinsic contact: finger, floor and wall, friction 0.6 everywhere, a free box of
-half a kilogram with all its corners. Lying still costs more than 10. The best-known value is believed because barrier
-plans made exact end near 0.042, and sampling, whatever it starts from, does not get below.
+It resembles planar pivoting with extrinsic contact: finger, floor and wall, friction 0.6 everywhere, a free box of
+half a kilogram with all its corners. Lying still costs more than 10. The best-known value is plausible since barrier
+plans made exact end near 0.042, and sampling from any start does not get below.
 """
 
 import casadi as ca
@@ -18,7 +18,7 @@ UPRIGHT = (0.2, 0.15, -np.pi / 2)  # pose of the box at the wall [m, m, rad]
 
 
 class Params(Parameters):
-    """The box is 0.3 m by 0.1 m; the wall stands at x = 0.25."""
+    """The box is 0.3 m by 0.1 m; the wall is at x = 0.25."""
 
     friction: float = quantity(0.6, "1", "Coulomb's coefficient of all contacts", least=0)
     box_x: float = quantity(0.0, "m", "middle of the box at the start")
@@ -47,7 +47,7 @@ draw, frames = pictured(scene)
 
 
 def build(params: Params) -> Problem:
-    """The input is the force on the finger; its own weight must be carried too."""
+    """Build the problem; the input is the force on the finger, which must also carry the finger's weight."""
     p = table(params)
     things = scene(p)
     system = things.time_stepping(name, p, h=p["h"], gravity=(0.0, -9.81))
@@ -67,5 +67,5 @@ def build(params: Params) -> Problem:
 
 
 def reached(params: Params, state: np.ndarray) -> bool:
-    """Return whether the box stands at the wall."""
+    """Return whether the box is upright at the wall."""
     return bool(abs(state[2] - UPRIGHT[2]) < 0.2 and abs(state[0] - UPRIGHT[0]) < 0.05)

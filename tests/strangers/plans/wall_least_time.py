@@ -1,7 +1,7 @@
-"""Bring a mass to rest at a wall in the least time; the wall may stop it.
+"""Bring a mass to rest at a wall in minimum time; the wall may stop it.
 
-In the manner of minimum-time exercises with a free final time. The best-known value is believed because it has a closed
-form: full force until the wall stops the mass in the last step but one, (N - 1) N / 2 h^2 F / m = d, so
+It resembles minimum-time exercises with a free final time. The best-known value has a closed form: full force until
+the wall stops the mass in the last step but one, (N - 1) N / 2 h^2 F / m = d, so that
 T = N h = sqrt(2 d N m / (F (N - 1))), which is 1.0259784 s here.
 """
 
@@ -27,7 +27,7 @@ class Params(Parameters):
 
 
 def build(params: Params) -> Problem:
-    """The state is place and speed, and the step size, which is chosen too."""
+    """Build the problem; the state is position, speed, and the step size, which is optimised too."""
     p = table(params)
     system = time_stepping(
         name,
@@ -58,5 +58,5 @@ def build(params: Params) -> Problem:
 
 
 def reached(params: Params, state: np.ndarray) -> bool:
-    """Return whether it is at the wall, at rest."""
+    """Return whether the mass is at rest at the wall."""
     return bool(abs(state[0] - params.way) < 1e-3 and abs(state[1]) < 1e-3)

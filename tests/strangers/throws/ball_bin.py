@@ -1,9 +1,9 @@
 """Throw a ball over the wall of a bin, so that it lies in the bin at the end.
 
-In the manner of throwing tasks for a planar hand. The ball lies on a flat hand that a force moves in the plane; it is
-held by friction only, and the bin's wall stands between. The hand may not go beyond x = 0.5, so the ball must fly the
-rest. The best-known value is believed because the flight's height over the wall fixes the speed of release, and the
-hand's work is that of the ball and its own mass up to it.
+It resembles throwing tasks for a planar hand. The ball lies on a flat hand that a force moves in the plane, held by
+friction only, and the bin's wall is in between. The hand may not go beyond x = 0.5, so that the ball must fly the rest.
+The best-known value is plausible since the flight's height over the wall fixes the speed of release, and the hand's
+work is that of accelerating the ball and itself to this speed.
 """
 
 import casadi as ca
@@ -18,7 +18,7 @@ title = "A ball thrown into a bin"
 
 
 class Params(Parameters):
-    """The bin's wall is at x = 0.8 and its middle at x = 1.1."""
+    """The bin's wall is at x = 0.8 and its centre at x = 1.1."""
 
     ball: float = quantity(0.2, "kg", "mass of the ball", above=0)
     hand: float = quantity(0.3, "kg", "mass of the hand", above=0)
@@ -49,7 +49,7 @@ draw, frames = pictured(scene)
 
 
 def build(params: Params) -> Problem:
-    """The input is the force on the hand."""
+    """Build the problem; the input is the force on the hand."""
     p = table(params)
     things = scene(p)
     system = things.time_stepping(name, p, h=p["h"], gravity=(0.0, -9.81))

@@ -1,9 +1,9 @@
 """Meet a ball after its bounce and knock it to a mark.
 
-In the manner of ping-pong robots. The ball falls on a plate on a spring, which throws it up again, and crosses in
-front of a round bat that a force moves in the plane. Left alone it ends 1.5 m away from the mark, back on the left and
-up. The best-known value is believed because the ball's way up to the bat is given, and one knock has three numbers,
-when, in which direction and how hard, which sampling covers.
+It resembles ping-pong robots. The ball falls on a plate on a spring, which throws it up again, and passes in front of
+a round bat that a force moves in the plane. Without a knock it ends 1.5 m away from the mark, up on the left. The
+best-known value is plausible since the ball's path to the bat is given, and one knock has three numbers, its time,
+direction and strength, which sampling covers.
 """
 
 import casadi as ca
@@ -34,7 +34,7 @@ class Params(Parameters):
 
 
 def build(params: Params) -> Problem:
-    """The state is ball, plate, bat, and their velocities; the plate's height is 0 where its spring is at rest."""
+    """Build the problem; the state is ball, plate (0 at its spring's rest), bat, and their velocities."""
     p = table(params)
     system = time_stepping(
         name,

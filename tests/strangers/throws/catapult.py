@@ -1,9 +1,9 @@
-"""Shoot a ball with a catapult whose arm runs into an end stop.
+"""Shoot a ball with a catapult whose arm hits an end stop.
 
-In the manner of teaching examples on hybrid systems. The ball lies on the arm's smooth upper side behind a lip, which
-the motor swings up from the left; the stop holds the arm at 135 degrees, and the ball goes on. At the last step it
-is to be at (2, 0.5). Without a swing it stays at (-0.5, 0). The best-known value is believed because the release is at
-the stop in every good plan, which leaves the speed there and thus one number to choose.
+It resembles teaching examples on hybrid systems. The ball lies on the arm's smooth upper side behind a lip, and the
+motor swings the arm up from the left; the stop holds the arm at 135 degrees, and the ball flies on. At the last step
+it must be at (2, 0.5). Without a swing it stays at (-0.5, 0). The best-known value is plausible since the release is
+at the stop in every good plan, which leaves one number to choose, the speed there.
 """
 
 import casadi as ca
@@ -18,7 +18,7 @@ title = "A catapult with an end stop"
 
 
 class Params(Parameters):
-    """Angles from +x, anticlockwise: the arm starts at pi and swings down to the stop."""
+    """Angles are anticlockwise from +x: the arm starts at pi, and its angle decreases to that of the stop."""
 
     ball: float = quantity(0.1, "kg", "mass of the ball", above=0)
     inertia: float = quantity(0.08, "kg m^2", "of the arm about its hinge", above=0)
@@ -31,19 +31,19 @@ class Params(Parameters):
 
 
 def build(params: Params) -> Problem:
-    """The state is the arm's angle and the ball's place, and their velocities."""
+    """Build the problem; the state is the arm's angle, the ball's position, and their velocities."""
     p = table(params)
 
     def along(q: ca.SX) -> ca.SX:
-        """Way of the ball along the arm."""
+        """Return the position of the ball along the arm."""
         return q[1] * ca.cos(q[0]) + q[2] * ca.sin(q[0])
 
     def above(q: ca.SX) -> ca.SX:
-        """Height of the ball over the arm's upper side."""
+        """Return the height of the ball over the arm's upper side."""
         return q[1] * ca.sin(q[0]) - q[2] * ca.cos(q[0])
 
     def sliding(q: ca.SX) -> ca.SX:
-        """Speed of the ball along the arm; the lip is smooth."""
+        """Return the row of the ball's speed along the arm; the lip is frictionless."""
         row = ca.jacobian(along(q), q)
         row[0] = 0
         return ca.vertcat(row, ca.SX(2, 3))
@@ -78,5 +78,5 @@ def build(params: Params) -> Problem:
 
 
 def reached(params: Params, state: np.ndarray) -> bool:
-    """Return whether the ball came near the target."""
+    """Return whether the ball is near the target."""
     return bool(np.hypot(state[1] - 2, state[2] - 0.5) < 0.15)

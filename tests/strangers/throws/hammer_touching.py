@@ -1,9 +1,9 @@
 """Drive a nail with a hammer that starts on the nail's head.
 
-In the manner of impact tasks: the hammer's motor gives 8 N, while friction holds the nail with 29 N. Pushing never
-moves it. The hammer must first be drawn back, against every local improvement, and then hit, perhaps more than once.
-The nail not moved costs 1.8. The best-known value is believed because one blow that uses the whole way back is the
-cheapest, a half of it going to the hammer's speed; a plain relaxation and sampling end within a tenth of each other.
+It resembles impact tasks: the hammer's motor gives 8 N, while friction holds the nail with 29 N. Pushing never moves
+it. The hammer must first be drawn back, against every local improvement, and then hit, perhaps more than once. An
+unmoved nail costs 1.8. The best-known value is plausible since one blow from the farthest distance is the cheapest;
+a plain relaxation and sampling end within a tenth of each other.
 """
 
 import casadi as ca
@@ -18,7 +18,7 @@ title = "A hammer that touches the nail already"
 
 
 class Params(Parameters):
-    """The nail's weight of 9.8 N presses it to its guide."""
+    """The nail's weight of 9.8 N presses it onto its guide."""
 
     deep: float = quantity(0.03, "m", "how deep to drive the nail", above=0)
     hammer: float = quantity(1.5, "kg", "mass of the hammer", above=0)
@@ -30,7 +30,7 @@ class Params(Parameters):
 
 
 def scene(p):
-    """Return the hammer on its rail, the nail on its guide, and how deep it goes."""
+    """Return the hammer on its rail, the nail on its guide, and the nail's goal."""
     return Scene(
         [
             Pusher("hammer", Disc(0.1), at=(-0.15, 0.05), mass=p["hammer"], axis=(1.0, 0.0)),
@@ -47,7 +47,7 @@ draw, frames = pictured(scene)
 
 
 def build(params: Params) -> Problem:
-    """The input is the force on the hammer, along its rail."""
+    """Build the problem; the input is the force on the hammer, along its rail."""
     p = table(params)
     things = scene(p)
     system = things.time_stepping(name, p, h=p["h"], gravity=(0.0, -9.81))
@@ -67,5 +67,5 @@ def build(params: Params) -> Problem:
 
 
 def reached(params: Params, state: np.ndarray) -> bool:
-    """Return whether the nail is in by two thirds at least."""
+    """Return whether the nail is in by at least two thirds."""
     return state[0] > params.deep * 2 / 3

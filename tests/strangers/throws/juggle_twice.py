@@ -1,9 +1,9 @@
-"""Juggle a ball twice: it is to be at a height of 1 m in the middle of the time and again at the end.
+"""Juggle a ball twice: it must be at a height of 1 m at half of the time and again at the end.
 
-In the manner of paddle juggling. Impacts are plastic, so the paddle catches the ball, and throws it by stopping first.
-A clock that runs as a coordinate lets the running cost look at the middle. Holding the ball still costs 2 x 10 x 0.9^2.
-The best-known value is believed because between the two throws the flight is fixed by gravity and by the time, and
-what is left are two smooth strokes of one motor; lifting the paddle itself to 1 m is out of its range.
+It resembles paddle juggling. Impacts are plastic, so that the paddle catches the ball, and throws it by braking first.
+A clock as a coordinate lets the running cost select the middle. Holding the ball still costs 2 x 10 x 0.9^2. The
+best-known value is plausible since gravity and the time fix the flight between the two throws, and what is left are
+two smooth strokes of one motor; a height of 1 m is out of the paddle's own range.
 """
 
 import casadi as ca
@@ -29,7 +29,7 @@ class Params(Parameters):
 
 
 def build(params: Params) -> Problem:
-    """The state is ball, paddle, clock, and their velocities; the ball's size does not count."""
+    """Build the problem; the state is ball, paddle, clock, and their velocities; the ball is a point."""
     p = table(params)
     system = time_stepping(
         name,
@@ -62,5 +62,5 @@ def build(params: Params) -> Problem:
 
 
 def reached(params: Params, state: np.ndarray) -> bool:
-    """Return whether the ball is up at the end."""
+    """Return whether the ball is at its height at the end."""
     return abs(state[0] - params.high) < 0.15

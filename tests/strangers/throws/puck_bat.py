@@ -1,9 +1,9 @@
 """Hit a puck with a bat from behind, so that it is at its mark at the last step.
 
-In the manner of air hockey: no friction on the table, one shot. The bat starts in front of the puck, on the side of
-the mark, must go round it, and may not follow it beyond x = 0.15. So the puck must be hit, at a speed and in a
-direction that both decide where it is at the end. The best-known value is believed because one hit suffices, whose
-place, time and direction are three numbers that sampling covers, and the relaxations end at the same hit.
+It resembles air hockey: no friction on the table, one shot. The bat starts in front of the puck, on the side of the
+mark, must go round it, and may not follow it beyond x = 0.15. The puck must be hit, with a speed and a direction that
+both decide where it ends. The best-known value is plausible since one hit suffices, whose position, time and direction
+are three numbers that sampling covers, and the relaxations end at the same hit.
 """
 
 import casadi as ca
@@ -18,7 +18,7 @@ title = "A bat hits a puck"
 
 
 class Params(Parameters):
-    """Puck at the origin; the bat waits at its upper right."""
+    """The puck starts at the origin, the bat to its upper right."""
 
     puck: float = quantity(0.15, "kg", "mass of the puck", above=0)
     bat: float = quantity(0.5, "kg", "mass of the bat", above=0)
@@ -46,7 +46,7 @@ draw, frames = pictured(scene)
 
 
 def build(params: Params) -> Problem:
-    """The input is the force on the bat; at the end only the puck's place counts."""
+    """Build the problem; the input is the force on the bat, and at the end only the puck's position counts."""
     p = table(params)
     things = scene(p)
     system = things.time_stepping(name, p, h=p["h"])
