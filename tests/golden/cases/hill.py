@@ -1,4 +1,4 @@
-"""A mass on a hill beside a wall: unstable, linear while the wall is out of reach, and quick to solve."""
+"""A mass on a hill next to a wall: unstable, linear without contact, and quick to solve."""
 
 import casadi as ca
 
@@ -14,7 +14,7 @@ v^+ = v + h (a x + u \\/ m) + lambda \\/ m, quad x^+ = x + h v^+, quad 0 <= lamb
 
 
 class Params(Parameters):
-    """Slope, force and start; x grows by exp(16) over the horizon where nothing holds it."""
+    """Without a force x grows by exp(16) over the default horizon."""
 
     m: float = quantity(1.0, "kg", "mass", above=0)
     a: float = quantity(16.0, "1/s^2", "slope of the hill", least=0)
@@ -29,7 +29,7 @@ class Params(Parameters):
 
 
 def build(params: Params) -> Problem:
-    """Semi-implicit steps; the cost is an integral."""
+    """Build the problem with semi-implicit steps and a cost that is an integral over time."""
     p = table(params)
     system = time_stepping(
         name,

@@ -181,7 +181,7 @@ def test_the_finger_starts_where_it_touches_with_its_elbow_up() -> None:
     ],
 )
 def test_fingertips_that_reorient_start_outside_the_object(values: dict[str, float | str], starts_free: bool) -> None:
-    """Two of the tips start near a corner of the cube, a tip above it is free from z0 = 2 a + r on."""
+    """Two of the tips start near a corner of the cube; a tip above it is free if z0 >= 2 a + r."""
     params = problems.spec("reorient").params
     if starts_free:
         params(values)

@@ -1,4 +1,4 @@
-"""Survival under disturbances: which parameters are drawn, what a draw costs, what delay and noise do."""
+"""Survival under disturbances: parameters that are drawn, costs of draws, effects of delay and noise."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Steps with several solutions: all that enumeration finds, and no other where the solution is unique."""
+"""Steps with several solutions: all that enumeration finds are found, and no other if it is unique."""
 
 from __future__ import annotations
 
