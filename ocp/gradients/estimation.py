@@ -203,17 +203,17 @@ def run_sampling(
     objective: SampledObjective,
     seed: np.random.SeedSequence,
     progress: Progress | None = None,
-    keep: CheckpointKey = NOT_SAVED,
+    checkpoint: CheckpointKey = NOT_SAVED,
     workers: ChunkSource | None = None,
 ) -> dict[str, Estimate]:
     """Estimate the gradient of one objective as set by ``sampling``, with random streams derived from ``seed``.
 
-    ``keep`` is the storage of unfinished sums and the prefix of their keys; ``workers`` compute chunks
+    ``checkpoint`` is the storage of unfinished sums and the prefix of their keys; ``workers`` compute chunks
     in other processes.
     """
 
     def checkpoint_key(name: str) -> CheckpointKey:
-        return keep[0], f"{keep[1]}-{name}"
+        return checkpoint[0], f"{checkpoint[1]}-{name}"
 
     reference_kind(objective, sampling.sigma, sampling.reference)
     runs: dict[str, EstimatorRun] = {}

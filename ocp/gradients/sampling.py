@@ -15,7 +15,7 @@ from ocp.gradients.estimators import SAMPLED, Estimator
 from ocp.gradients.objective import SampledObjective, StaticObjective
 from ocp.store.checkpoint import UNSAVED, SavedWork
 
-_MAX_KEPT_VALUES = 1 << 20
+_MAX_STORED_VALUES = 1 << 20
 """Number of values (samples times components) above which only moments are stored, not single samples."""
 CheckpointKey = tuple[SavedWork, str]
 """Storage of unfinished sums, and the key under which they are saved."""
@@ -59,25 +59,25 @@ def run_estimator(
     noise: Gaussian,
     n: int,
     progress: Progress | None = None,
-    keep: CheckpointKey = NOT_SAVED,
+    checkpoint: CheckpointKey = NOT_SAVED,
     workers: ChunkSource | None = None,
 ) -> EstimatorRun:
     """Draw ``n`` samples of an estimator and merge the moments of chunks in order (Welford, Chan).
 
     Chunks do not depend on threads, block size or ``workers``, so the result is bitwise reproducible.
-    With ``keep`` the sums are saved at intervals, and a later call resumes from them.
+    With ``checkpoint`` the sums are saved at intervals, and a later call resumes from them.
     """
     sums = _Sums(len(objective.theta))
-    sums.restore(*keep)
+    sums.restore(*checkpoint)
     if progress is not None and sums.done:
         progress(sums.done)
     if sums.done < n:
         for n_new in _advance(sums, objective, estimator, noise, n, workers):
             if progress is not None:
                 progress(n_new)
-            if sums.done == n or keep[0].due():
-                sums.save(*keep)
-    return EstimatorRun(sums.total, sums.largest, np.concatenate(sums.kept_samples), np.concatenate(sums.nonfinite))
+            if sums.done == n or checkpoint[0].due():
+                sums.save(*checkpoint)
+    return EstimatorRun(sums.total, sums.largest, np.concatenate(sums.single_samples), np.concatenate(sums.nonfinite))
 
 
 def _advance(
@@ -93,8 +93,8 @@ def _advance(
     chunks = workers or partial(local_chunks, objective)
     estimator = estimator.with_baseline(objective, lambda: mean_of_chunks(chunks(None, noise, 0, n, n)))
     sampler = estimator.make_sampler(objective, noise, n)
-    while sums.keeps_samples and sums.done < n:
-        yield sums.keep(sampler.single(noise.skip_samples(sums.done), min(CHUNK, n - sums.done)))
+    while sums.stores_samples and sums.done < n:
+        yield sums.add_singly(sampler.single(noise.skip_samples(sums.done), min(CHUNK, n - sums.done)))
     for chunk in chunks(estimator, noise, sums.done, n, n):
         sums.add(chunk)
         yield chunk.size
@@ -106,19 +106,19 @@ class _Sums:
     def __init__(self, d: int) -> None:
         self.done, self.largest = 0, 0.0
         self.total = Moments(0, np.zeros(d), np.zeros(d))
-        self.kept_samples = [np.empty((0, d))]
+        self.single_samples = [np.empty((0, d))]
         self.nonfinite = [np.empty(0, dtype=np.int64)]
 
-    def keep(self, values: np.ndarray) -> int:
+    def add_singly(self, values: np.ndarray) -> int:
         """Add the next m samples (m, d) and store the finite ones singly; return m."""
-        self.kept_samples.append(values[np.isfinite(values).all(axis=1)])
+        self.single_samples.append(values[np.isfinite(values).all(axis=1)])
         self.add(Chunk.of(values))
         return len(values)
 
     @property
-    def keeps_samples(self) -> bool:
+    def stores_samples(self) -> bool:
         """Whether further samples are stored singly."""
-        return self.done * len(self.total.mean) < _MAX_KEPT_VALUES
+        return self.done * len(self.total.mean) < _MAX_STORED_VALUES
 
     def add(self, chunk: Chunk) -> None:
         """Merge the moments of the next chunk of samples."""
@@ -137,7 +137,7 @@ class _Sums:
             n=self.total.n,
             mean=self.total.mean,
             m2=self.total.m2,
-            kept=np.concatenate(self.kept_samples),
+            single_samples=np.concatenate(self.single_samples),
             nonfinite=np.concatenate(self.nonfinite),
         )
 
@@ -148,7 +148,7 @@ class _Sums:
             return
         self.done, self.largest = int(state["done"]), float(state["largest"])
         self.total = Moments(int(state["n"]), state["mean"], state["m2"])
-        self.kept_samples, self.nonfinite = [state["kept"]], [state["nonfinite"]]
+        self.single_samples, self.nonfinite = [state["single_samples"]], [state["nonfinite"]]
 
 
 REFERENCE_STREAM = 3
@@ -182,7 +182,7 @@ def reference_gradient(
     n_samples: int,
     kind: str = "auto",
     progress: Progress | None = None,
-    keep: CheckpointKey = NOT_SAVED,
+    checkpoint: CheckpointKey = NOT_SAVED,
     workers: ChunkSource | None = None,
 ) -> ReferenceGradient | None:
     """Return a reference gradient of the smoothed objective, or None for the kind ``none``.
@@ -202,7 +202,7 @@ def reference_gradient(
         return quadrature(objective, sigma)
     noise = Gaussian(sigma, child_seed(seed, REFERENCE_STREAM))
     pairs = SAMPLED["zobg-antithetic"]
-    moments = run_estimator(objective, pairs, noise, n_samples, progress, keep, workers).moments
+    moments = run_estimator(objective, pairs, noise, n_samples, progress, checkpoint, workers).moments
     return ReferenceGradient(moments.mean, moments.standard_error, "larger zobg run", moments.n)
 
 

@@ -57,7 +57,7 @@ class Critic:
         action = self._network(experiment).mean_actions(state[CRITIC_THETA], observations)
         return action[:, 0] / (1 - experiment.discount)
 
-    def pull(self, experiment: Experiment, state: State, episodes: Episodes) -> np.ndarray:
+    def terminal_gradient(self, experiment: Experiment, state: State, episodes: Episodes) -> np.ndarray:
         """Return ``d^H a_H dV/dx(x_H)`` (n, nx), the gradient of the discounted return after H steps.
 
         It is zero for samples whose episode has ended (a_H = 0) or is not finite.
@@ -79,7 +79,7 @@ class Critic:
         states, alive, running = episodes.states, _live_steps(episodes), _running_samples(episodes)
         noise_samples = noise.draw(len(alive), alive.shape[1], experiment.task.system.nu)
         x, x_next = states[:, :-1][alive], states[:, 1:][alive]
-        u = experiment.inputs(Trained.of(state), x, noise_samples[alive])
+        u = experiment.inputs(Trained.from_state(state), x, noise_samples[alive])
         rewards, returns_to_go = np.zeros(alive.shape), np.zeros(len(alive))
         step_rewards = experiment.cached(_rewards)(x, u, x_next, _model_parameters(experiment, state))
         rewards[alive] = step_rewards[:, 0]
@@ -108,7 +108,7 @@ class Critic:
         scaled_targets = (1 - experiment.discount) * targets[valid]
         observations, _ = _normalised_observations(experiment, new_state, episodes.states[:, :-1][valid])
         theta, m, v, count = (state[name] for name in CRITIC_ARRAYS)
-        theta = renormalise_policy(network, theta, Normaliser.of(state), Normaliser.of(new_state))
+        theta = renormalise_policy(network, theta, Normaliser.from_state(state), Normaliser.from_state(new_state))
         errors, rng = network.mean_actions(theta, observations)[:, 0] - scaled_targets, experiment.rng(k, "critic")
         for _ in range(self.steps):
             rows = rng.integers(len(observations), size=self.batch)
@@ -159,7 +159,7 @@ def _model_parameters(experiment: Experiment, state: State) -> np.ndarray:
 
 def _normalised_observations(experiment: Experiment, state: State, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the normalised observations (n, n_o) in states x (n, nx), and their Jacobians (n, n_o, nx)."""
-    normaliser = Normaliser.of(state)
+    normaliser = Normaliser.from_state(state)
     observations, jacobians = experiment.cached(_observe)(x, _model_parameters(experiment, state))
     columns = jacobians.reshape(*x.shape, observations.shape[1]).transpose(0, 2, 1)
     return (observations - normaliser.mean) / normaliser.scale, columns / normaliser.scale[:, None]

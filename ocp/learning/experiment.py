@@ -42,14 +42,14 @@ EXACT = Exact()
 
 
 class Budget(NamedTuple):
-    """Number of simulated ``steps`` after which learning ends, and of equally spaced evaluations (``judgements``)."""
+    """Number of simulated ``steps`` after which learning ends, and number of equally spaced evaluations."""
 
     steps: int
-    judgements: int
+    n_evaluations: int
 
-    def passed(self, spent: float) -> int:
-        """Return the number of whole intervals between evaluations in ``spent`` steps."""
-        return int(spent * self.judgements // self.steps)
+    def intervals_in(self, steps: float) -> int:
+        """Return the number of whole intervals between evaluations in ``steps``."""
+        return int(steps * self.n_evaluations // self.steps)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -87,8 +87,8 @@ class Experiment(Configured):
     discount: float = setting(1.0, "discount of later rewards", hint="1 counts all rewards alike", above=0, most=1)
     seed: int = setting(0, least=0)
     iterations: int = setting(100, least=1)
-    evaluate_every: int = setting(10, "iterations between judgements under the exact law", least=1)
-    episodes: int = setting(16, "episodes of each judgement", least=1)
+    evaluate_every: int = setting(10, "iterations between evaluations under the exact law", least=1)
+    episodes: int = setting(16, "episodes of each evaluation", least=1)
     budget: Budget | None = None
     model_params: np.ndarray | None = None
     start: Trained | None = None

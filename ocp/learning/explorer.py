@@ -120,7 +120,7 @@ class Explorer:
         distance = _distance(task)
         self._distance = None if distance is None else BatchFunction(distance, **engine)
 
-    def first(self, n: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    def initial_states(self, n: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
         """Return random initial states (n, nx) of ``n`` episodes, and their ages (n,), 0 steps."""
         return self.task.reset(n, rng, self.p), np.zeros(n, dtype=int)
 
@@ -154,7 +154,7 @@ class Explorer:
         """Return states and ages at the start of the next step, with ended episodes replaced by new ones."""
         age = age + 1
         restarted = steps.ended | ~steps.solved | (age >= self.task.horizon)
-        initial_states, initial_ages = self.first(len(age), rng)
+        initial_states, initial_ages = self.initial_states(len(age), rng)
         return np.where(restarted[:, None], initial_states, steps.x_next), np.where(restarted, initial_ages, age)
 
 
@@ -171,7 +171,7 @@ def random_transitions(explorer: Explorer, n: int, seed: int | Sequence[int]) ->
     task = explorer.task
     rng = np.random.default_rng(seed)
     sizes = N_EXPLORED_EPISODES, task.system.nu, len(task.observations)
-    x, age = explorer.first(N_EXPLORED_EPISODES, rng)
+    x, age = explorer.initial_states(N_EXPLORED_EPISODES, rng)
     largest = np.full(sizes[2], 1e-6)
     gains, width = np.zeros(sizes), np.zeros((N_EXPLORED_EPISODES, 1))
     episode_steps: list[EpisodeSteps] = []

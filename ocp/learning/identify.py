@@ -13,7 +13,7 @@ from dynamics.batch import StepFunction
 from dynamics.contact import Step
 from ocp.errors import InputError, did_you_mean
 from ocp.learning.explorer import Buffer
-from ocp.learning.random_search import Cloud, RandomSearch
+from ocp.learning.random_search import RandomSearch, SearchDistribution
 
 MAX_ROWS_AT_ONCE = 65536
 """Maximum number of steps computed in one call, which limits memory."""
@@ -157,21 +157,21 @@ def search_iteration(
     loss: OneStepLoss,
     buffer: Buffer,
     search: RandomSearch,
-    cloud: Cloud,
+    distribution: SearchDistribution,
     seed: list[int],
     rows: int,
-) -> Cloud:
+) -> SearchDistribution:
     """Return the search distribution after an iteration in which candidates are compared on ``rows`` transitions.
 
     The transitions are drawn at random. Random numbers depend only on the seed and the iteration's number.
     """
-    count = int(cloud["count"])
+    count = int(distribution.count)
     judging_rows = buffer
     if rows < len(buffer):
         chosen = np.random.default_rng([*seed, count, ROW_STREAM]).choice(len(buffer), rows, replace=False)
         judging_rows = buffer[np.sort(chosen)]
     rng = np.random.default_rng([*seed, count, CANDIDATE_STREAM])
-    return search.iterate(cloud, lambda candidates: loss(candidates, judging_rows), rng)
+    return search.iterate(distribution, lambda candidates: loss(candidates, judging_rows), rng)
 
 
 def identify(
@@ -192,22 +192,22 @@ def identify(
     if not len(buffer) or rows < 1:
         raise InputError(f"psi is learned from transitions: got {len(buffer)}, {rows} at a time")
     search = search or RandomSearch()
-    clouds, ends = [search.begin(start)], [np.asarray(start, dtype=float)]
+    distributions, ends = [search.begin(start)], [np.asarray(start, dtype=float)]
     for number in range(search.passes):
         if number:
             moves = loss.sensitivity(ends[-1], search.width, buffer)
-            clouds.append(search.begin(ends[-1], moves, start))
-        while not search.is_done(clouds[-1]):
-            clouds.append(search_iteration(loss, buffer, search, clouds[-1], [seed, number], rows))
-        ends.append(clouds[-1]["mean"])
+            distributions.append(search.begin(ends[-1], moves, start))
+        while not search.is_done(distributions[-1]):
+            distributions.append(search_iteration(loss, buffer, search, distributions[-1], [seed, number], rows))
+        ends.append(distributions[-1].mean)
     losses = loss(np.array(ends), buffer) / len(buffer)
     return Identification(
         names=loss.names,
         values=np.exp(ends[int(np.argmin(losses))]),
         loss=float(losses.min()),
         start_loss=float(losses[0]),
-        model_params=np.exp([cloud["mean"] for cloud in clouds]),
-        spread=np.array([search.deviations(cloud) for cloud in clouds]),
+        model_params=np.exp([d.mean for d in distributions]),
+        spread=np.array([search.deviations(d) for d in distributions]),
     )
 
 

@@ -21,14 +21,14 @@ class MBPO(Algorithm):
 
     Algorithm 2 of Janner, Fu, Zhang and Levine, When to trust your model, 2019. Real steps are
     simulated under the exact law, whatever the experiment's law. Before iteration 0 there are
-    ``explored`` steps of random policies. Each iteration
+    ``random_steps`` of random policies. Each iteration
 
     - continues ``n_envs`` episodes for ``steps`` steps with noisy actions of the policy;
     - fits the ensemble to all real steps, of which a share ``held_out`` selects its ``elites``;
     - rolls the model out from real states in ``branches`` rollouts, whose length grows from
       ``min_branch`` to ``max_branch`` steps over the first half of the iterations;
     - updates actor and critics ``updates`` times on batches with a share ``real_ratio`` of real
-      steps; the other steps are from the branches of the last ``kept`` iterations.
+      steps; the other steps are from the branches of the last ``branch_iterations`` iterations.
 
     Reward and end of a model step are the task's, but rewards for the critics are clipped to
     ``reward_clip`` in size, so that they do not learn from one good step before a fall. Actions before
@@ -47,8 +47,8 @@ class MBPO(Algorithm):
 
     n_envs: int = setting(16, "episodes continued under the exact law in each iteration", least=1)
     steps: int = setting(16, "steps of each continued episode", least=1)
-    explored: int = setting(2048, "steps of random policies in iteration 0", least=1)
-    capacity: int = setting(100_000, "steps that are kept", least=1, most=10_000_000)
+    random_steps: int = setting(2048, "steps of random policies in iteration 0", least=1)
+    capacity: int = setting(100_000, "steps that are stored", least=1, most=10_000_000)
     members: int = setting(7, "networks of the ensemble", least=1)
     elites: int = setting(5, "networks used, the elites", least=1)
     model_units: int = setting(100, "units of a layer of the model", least=1)
@@ -60,7 +60,7 @@ class MBPO(Algorithm):
     branches: int = setting(400, "model branches per iteration", least=1)
     min_branch: int = setting(1, "branch length in the first half of the iterations", least=1)
     max_branch: int = setting(5, "branch length in the second half", least=1, most=1000)
-    kept: int = setting(10, "iterations whose branches are kept for learning", least=1)
+    branch_iterations: int = setting(10, "iterations whose branches are stored", least=1)
     critic_units: int = setting(128, "units of a layer of the critics", least=1)
     critic_layers: int = setting(2, "layers of the critics", least=1)
     rate: float = setting(3e-4, "learning rate of actor, critics and temperature", above=0)
@@ -76,7 +76,7 @@ class MBPO(Algorithm):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name, minimum in {"members": "elites", "max_branch": "min_branch", "capacity": "explored"}.items():
+        for name, minimum in {"members": "elites", "max_branch": "min_branch", "capacity": "random_steps"}.items():
             if getattr(self, name) < getattr(self, minimum):
                 raise InputError(
                     f"mbpo: {name} must be at least {minimum}, {getattr(self, minimum)}, got {getattr(self, name)}"

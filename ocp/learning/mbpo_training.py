@@ -71,12 +71,12 @@ MIN_INCREMENT_SCALE = 1e-3
 """Minimum scale of the increments ``x_next - x`` of a state entry, in its unit."""
 
 
-class Walk(NamedTuple):
-    """Episodes in progress: states (n, nx), ages (n,) in steps, and sums of rewards so far (n,)."""
+class RunningEpisodes(NamedTuple):
+    """Episodes in progress: states (n, nx), ages (n,) in steps, and returns so far (n,)."""
 
     x: np.ndarray
     age: np.ndarray
-    gained: np.ndarray
+    returns: np.ndarray
 
 
 class ObservationScales(NamedTuple):
@@ -112,7 +112,7 @@ class MBPOTrainer:
             settings.rate,
         )
         walked = experiment.iterations * settings.n_envs * settings.steps
-        self.max_real_steps = min(settings.capacity, settings.explored + walked)
+        self.max_real_steps = min(settings.capacity, settings.random_steps + walked)
         self.train = make_trainer(settings.model_rate)
         self.update = make_updater(
             Rates(settings.rate, settings.critic_discount * experiment.discount, settings.tau, settings.target_entropy)
@@ -122,47 +122,47 @@ class MBPOTrainer:
         """Return the state before iteration 0, with the steps of random policies."""
         settings = self.settings
         seeds = [self.experiment.seed, self.experiment.rng(0, "explored").integers(2**31)]
-        explored, _ = random_transitions(self.explorer, settings.explored, seeds)
+        explored, _ = random_transitions(self.explorer, settings.random_steps, seeds)
         normaliser = Normaliser.identity(self.n_o)
         if self.experiment.normalise:
             normaliser = normaliser.after(self.explorer.observations(explored.x))
         increments = np.maximum((explored.x_next - explored.x).std(axis=0), MIN_INCREMENT_SCALE)
-        x, age = self.explorer.first(settings.n_envs, self.experiment.rng(0, "starts"))
+        x, age = self.explorer.initial_states(settings.n_envs, self.experiment.rng(0, "starts"))
         no_steps = Buffer(explored.x[:0], explored.u[:0], explored.x[:0])
         return {
             **tree_arrays("learner", self.first_learner),
             **tree_arrays("agent", self.first_agent),
-            **_buffer_arrays("seen", explored),
-            **_buffer_arrays("model", no_steps),
+            **_buffer_arrays("real_steps", explored),
+            **_buffer_arrays("model_steps", no_steps),
             **normaliser.arrays(),
-            "moved": increments,
-            "branched": np.zeros(0, dtype=int),
+            "increment_scale": increments,
+            "branch_sizes": np.zeros(0, dtype=int),
             "return_mean": np.array(np.nan),
-            "walk.x": x,
-            "walk.age": age,
-            "walk.gained": np.zeros(len(x)),
+            "episodes.x": x,
+            "episodes.age": age,
+            "episodes.returns": np.zeros(len(x)),
         }
 
     def policy(self, state: State) -> Trained:
         """Return the policy that applies the mean action of a state's actor."""
         agent: Agent = tree_from_arrays("agent", state, self.first_agent)
-        return Trained(mean_action_parameters(agent.networks.actor), Normaliser.of(state))
+        return Trained(mean_action_parameters(agent.networks.actor), Normaliser.from_state(state))
 
     def iterate(self, state: State, k: int) -> tuple[State, Row]:
         """Run iteration ``k``; return the new state and the iteration's numbers."""
         settings = self.settings
         learner: Learner = tree_from_arrays("learner", state, self.first_learner)
         agent: Agent = tree_from_arrays("agent", state, self.first_agent)
-        scales = ObservationScales(Normaliser.of(state), state["moved"])
-        walk = Walk(*(state[f"walk.{name}"] for name in Walk._fields))
-        walk, new_steps, finished = self._walk(agent, scales, walk, k)
-        real_steps = _buffer_from("seen", state).with_newest(new_steps, settings.capacity)
+        scales = ObservationScales(Normaliser.from_state(state), state["increment_scale"])
+        episodes = RunningEpisodes(*(state[f"episodes.{name}"] for name in RunningEpisodes._fields))
+        episodes, new_steps, finished = self._continue_episodes(agent, scales, episodes, k)
+        real_steps = _buffer_from("real_steps", state).with_newest(new_steps, settings.capacity)
         learner, errors = self._fit_model(learner, scales, real_steps, k)
         elites = select_elites(errors, settings.elites)
         length = branch_length(k, settings.min_branch, settings.max_branch, max(1, self.experiment.iterations // 2))
         branch_steps = self._branch_model(learner, elites, agent, scales, real_steps, length, k)
-        branch_sizes = np.append(state["branched"], len(branch_steps))[-settings.kept :]
-        model = _buffer_from("model", state).with_newest(branch_steps, int(branch_sizes.sum()))
+        branch_sizes = np.append(state["branch_sizes"], len(branch_steps))[-settings.branch_iterations :]
+        model = _buffer_from("model_steps", state).with_newest(branch_steps, int(branch_sizes.sum()))
         agent, metrics = self._update_agent(agent, scales, real_steps, model, k)
         mean = np.array(np.mean(finished)) if finished else state["return_mean"]
         row = {
@@ -175,25 +175,27 @@ class MBPOTrainer:
             **state,
             **tree_arrays("learner", learner),
             **tree_arrays("agent", agent),
-            **_buffer_arrays("seen", real_steps),
-            **_buffer_arrays("model", model),
-            "branched": branch_sizes,
+            **_buffer_arrays("real_steps", real_steps),
+            **_buffer_arrays("model_steps", model),
+            "branch_sizes": branch_sizes,
             "return_mean": mean,
-            **{f"walk.{n}": v for n, v in walk._asdict().items()},
+            **{f"episodes.{n}": v for n, v in episodes._asdict().items()},
         }, row
 
-    def _walk(self, agent: Agent, scales: ObservationScales, walk: Walk, k: int) -> tuple[Walk, Buffer, list[float]]:
+    def _continue_episodes(
+        self, agent: Agent, scales: ObservationScales, episodes: RunningEpisodes, k: int
+    ) -> tuple[RunningEpisodes, Buffer, list[float]]:
         """Continue the episodes; return them, their new transitions, and the returns of finished ones."""
         rng, buffers, finished = self.experiment.rng(k, "actions"), [], []
         for _ in range(self.settings.steps):
-            u = self._inputs(agent, scales, rng, walk.x)
-            step = self.explorer.step(walk.x, u)
-            gained = walk.gained + np.where(step.solved, step.reward, 0.0)
-            x, age = self.explorer.advance(step, walk.age, rng)
-            finished += gained[age == 0].tolist()
-            walk = Walk(x, age, np.where(age == 0, 0.0, gained))
+            u = self._inputs(agent, scales, rng, episodes.x)
+            step = self.explorer.step(episodes.x, u)
+            returns = episodes.returns + np.where(step.solved, step.reward, 0.0)
+            x, age = self.explorer.advance(step, episodes.age, rng)
+            finished += returns[age == 0].tolist()
+            episodes = RunningEpisodes(x, age, np.where(age == 0, 0.0, returns))
             buffers.append(Buffer.solved(step.x, step.u, step.x_next))
-        return walk, Buffer.joined(buffers), finished
+        return episodes, Buffer.joined(buffers), finished
 
     def _inputs(self, agent: Agent, scales: ObservationScales, rng: np.random.Generator, x: np.ndarray) -> np.ndarray:
         """Return inputs (n, nu) sampled from the policy in states ``x`` (n, nx)."""
@@ -260,7 +262,7 @@ class MBPOTrainer:
         """Update actor, critics and temperature on batches of real steps and steps of the model."""
         settings, rng = self.settings, self.experiment.rng(k, "updates")
         n_real = round(settings.real_ratio * settings.batch) if len(model) else settings.batch
-        max_model_steps = settings.branches * settings.max_branch * settings.kept
+        max_model_steps = settings.branches * settings.max_branch * settings.branch_iterations
         batches = [
             self._batch(scales, buffer, size)
             for buffer, size in ((real_steps, self.max_real_steps), (model, max_model_steps))

@@ -63,12 +63,12 @@ class Normaliser:
 
     def arrays(self) -> dict[str, np.ndarray]:
         """Return the normaliser's entries of an algorithm's state."""
-        return {"seen.n": np.array(self.n), "seen.mean": self.mean, "seen.m2": self.m2}
+        return {"normaliser.n": np.array(self.n), "normaliser.mean": self.mean, "normaliser.m2": self.m2}
 
     @classmethod
-    def of(cls, state: dict[str, np.ndarray]) -> Normaliser:
+    def from_state(cls, state: dict[str, np.ndarray]) -> Normaliser:
         """Build a normaliser from its :meth:`arrays` in an algorithm's state."""
-        return cls(float(state["seen.n"]), state["seen.mean"], state["seen.m2"])
+        return cls(float(state["normaliser.n"]), state["normaliser.mean"], state["normaliser.m2"])
 
 
 Layers = Sequence[tuple[Any, Any]]
@@ -227,9 +227,9 @@ class Trained(NamedTuple):
     normaliser: Normaliser
 
     @classmethod
-    def of(cls, state: State) -> Trained:
+    def from_state(cls, state: State) -> Trained:
         """Build the policy from an algorithm's state."""
-        return cls(state["theta"], Normaliser.of(state))
+        return cls(state["theta"], Normaliser.from_state(state))
 
     @property
     def digest(self) -> str:
@@ -272,7 +272,7 @@ class Algorithm(Configured):
 
     def policy(self, experiment: Experiment, state: State) -> Trained:
         """Return the policy in an algorithm's state, without exploration noise."""
-        return Trained.of(state)
+        return Trained.from_state(state)
 
 
 def with_prefix(prefix: str, arrays: Mapping[str, Any]) -> State:

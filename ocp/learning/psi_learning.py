@@ -13,13 +13,13 @@ from ocp.learning.experiment import EXACT, Experiment
 from ocp.learning.explorer import Buffer, Explorer
 from ocp.learning.identify import OneStepLoss, search_iteration
 from ocp.learning.protocol import Algorithm, Row, State, Trained, with_prefix, without_prefix
-from ocp.learning.random_search import Cloud, RandomSearch
+from ocp.learning.random_search import RandomSearch, SearchDistribution
 
 PSI_PREFIX = "psi_learning."
 """Prefix of the algorithm's own entries in the state."""
-CLOUD_PREFIX = "psi_cloud."
+SEARCH_PREFIX = "psi_search."
 """Prefix of the search distribution's entries in the state."""
-TRANSITIONS_PREFIX = "psi_seen."
+TRANSITIONS_PREFIX = "psi_transitions."
 """Prefix of the transitions' entries in the state."""
 
 
@@ -29,7 +29,7 @@ class PsiLearning(Algorithm):
 
     In every iteration ``n_envs`` episodes continue for ``steps`` steps under the exact law at the task's
     own parameters; inputs are the policy's plus noise of ``sigma`` half ranges, and the last
-    ``capacity`` transitions are stored. Then the random search does ``searched`` iterations, each
+    ``capacity`` transitions are stored. Then the random search does ``search_iterations``, each
     judged by the one-step loss (eq. 4.1) of ``rows`` of them. Finally ``algorithm`` does an iteration
     at the resulting parameters, the state's ``psi``. The search starts at the experiment's psi.
 
@@ -45,9 +45,9 @@ class PsiLearning(Algorithm):
     n_envs: int = setting(16, "episodes continued under the exact law in each iteration", least=1)
     steps: int = setting(16, "steps of each continued episode", least=1)
     sigma: float = setting(0.1, "noise on the inputs, in half ranges", least=0)
-    capacity: int = setting(2000, "transitions kept", least=1)
+    capacity: int = setting(2000, "transitions that are stored", least=1)
     rows: int = setting(128, "transitions that judge an iteration of the search", least=1)
-    searched: int = setting(10, "search iterations per policy iteration", least=1)
+    search_iterations: int = setting(10, "search iterations per policy iteration", least=1)
     search: RandomSearch = field(default_factory=RandomSearch)
 
     def settings(self) -> dict[str, Any]:
@@ -65,7 +65,7 @@ class PsiLearning(Algorithm):
         self.check(experiment)
         loss, explorer = experiment.cached(self._loss), experiment.cached(_explorer)
         start = loss.start(experiment.task.parameters.unpack(experiment.physics))
-        x, age = explorer.first(self.n_envs, experiment.rng(0, "psi starts"))
+        x, age = explorer.initial_states(self.n_envs, experiment.rng(0, "psi starts"))
         no_states = np.zeros((0, experiment.task.system.nx))
         transitions = Buffer(no_states, np.zeros((0, experiment.task.system.nu)), no_states)
         return {
@@ -75,7 +75,7 @@ class PsiLearning(Algorithm):
             PSI_PREFIX + "age": age,
             PSI_PREFIX + "start": start,
             PSI_PREFIX + "pass": np.array(0),
-            **with_prefix(CLOUD_PREFIX, self.search.begin(start)),
+            **with_prefix(SEARCH_PREFIX, vars(self.search.begin(start))),
             **with_prefix(TRANSITIONS_PREFIX, vars(transitions)),
         }
 
@@ -122,20 +122,20 @@ class PsiLearning(Algorithm):
         if not len(transitions):
             raise InputError(f"{experiment.task.name}: no step of its episodes was solved")
         loss = experiment.cached(self._loss).in_scales_of(transitions)
-        cloud: Cloud = without_prefix(CLOUD_PREFIX, state)
+        distribution = SearchDistribution(**without_prefix(SEARCH_PREFIX, state))
         number = int(state[PSI_PREFIX + "pass"])
-        for _ in range(self.searched):
-            if self.search.is_done(cloud):
+        for _ in range(self.search_iterations):
+            if self.search.is_done(distribution):
                 if number + 1 >= self.search.passes:
                     break
                 number += 1
-                moves = loss.sensitivity(cloud["mean"], self.search.width, transitions)
-                cloud = self.search.begin(cloud["mean"], moves, state[PSI_PREFIX + "start"])
+                moves = loss.sensitivity(distribution.mean, self.search.width, transitions)
+                distribution = self.search.begin(distribution.mean, moves, state[PSI_PREFIX + "start"])
             seeds = [experiment.seed, number]
-            cloud = search_iteration(loss, transitions, self.search, cloud, seeds, self.rows)
-        psi = loss.parameters(cloud["mean"][None])[0, : len(experiment.physics)]
-        changes = {"psi": psi, PSI_PREFIX + "pass": np.array(number), **with_prefix(CLOUD_PREFIX, cloud)}
-        return {**state, **changes}, float(loss(cloud["mean"], transitions)[0]) / len(transitions)
+            distribution = search_iteration(loss, transitions, self.search, distribution, seeds, self.rows)
+        psi = loss.parameters(distribution.mean[None])[0, : len(experiment.physics)]
+        changes = {"psi": psi, PSI_PREFIX + "pass": np.array(number), **with_prefix(SEARCH_PREFIX, vars(distribution))}
+        return {**state, **changes}, float(loss(distribution.mean, transitions)[0]) / len(transitions)
 
     def _loss(self, experiment: Experiment) -> OneStepLoss:
         """Return the one-step loss as a function of the parameters ``names``; others are the experiment's."""

@@ -10,16 +10,30 @@ import numpy as np
 from dynamics.settings import Configured, setting
 from ocp.errors import InputError
 
-Cloud = dict[str, np.ndarray]
-"""State of a search: ``mean``, ``centre`` (n,), step size ``width``, covariance ``shape`` (n, n), evolution paths
-``turn`` (of the step size) and ``drift`` (of the covariance), each (n,), and the number ``count`` of iterations."""
+
+@dataclass(frozen=True, eq=False)
+class SearchDistribution:
+    """Gaussian from which a search draws candidates, and the state of its adaptation, in the names of CMA-ES.
+
+    These are the ``mean`` (n,), the step size ``sigma``, the covariance ``C`` (n, n), the evolution paths ``p_sigma``
+    (n,) of the step size and ``p_c`` (n,) of the covariance, and the number ``count`` of iterations. Candidates stay
+    within a distance of ``centre`` (n,).
+    """
+
+    mean: np.ndarray
+    centre: np.ndarray
+    sigma: np.ndarray
+    C: np.ndarray
+    p_sigma: np.ndarray
+    p_c: np.ndarray
+    count: np.ndarray
 
 
 @dataclass(frozen=True)
 class RandomSearch(Configured):
     """Minimisation without gradients by adaptation of a Gaussian's mean, step size and covariance (CMA-ES).
 
-    Candidates are ``mean + width y_i`` with y_i ~ N(0, C); the better half is recombined into the next
+    Candidates are ``mean + sigma y_i`` with y_i ~ N(0, C); the better half is recombined into the next
     mean. Weights and rates are those of Hansen, The CMA evolution strategy: a tutorial, 2016, without
     negative weights. The search starts with ``C = I`` and ``width``, a standard deviation; a pass ends
     after ``iterations`` or when no standard deviation of the Gaussian is above ``narrow``.
@@ -53,7 +67,7 @@ class RandomSearch(Configured):
         mean: np.ndarray,
         sensitivity: np.ndarray | None = None,
         centre: np.ndarray | None = None,
-    ) -> Cloud:
+    ) -> SearchDistribution:
         """Return the initial search distribution around ``mean`` (n,), wider along less sensitive coordinates.
 
         ``sensitivity`` (n,) is the effect of each coordinate, by default equal; a value that is not finite,
@@ -64,33 +78,35 @@ class RandomSearch(Configured):
         moves = np.ones(n) if sensitivity is None else np.maximum(sensitivity, 1e-12)
         finite = np.isfinite(moves)
         moves = np.where(finite, moves, np.max(moves[finite], initial=1e-12))
-        return {
-            "mean": np.array(mean, float),
-            "centre": np.array(mean if centre is None else centre, float),
-            "width": np.array(self.width),
-            "shape": np.diag((moves.min() / moves) ** 2),
-            "turn": np.zeros(n),
-            "drift": np.zeros(n),
-            "count": np.array(0),
-        }
+        return SearchDistribution(
+            mean=np.array(mean, float),
+            centre=np.array(mean if centre is None else centre, float),
+            sigma=np.array(self.width),
+            C=np.diag((moves.min() / moves) ** 2),
+            p_sigma=np.zeros(n),
+            p_c=np.zeros(n),
+            count=np.array(0),
+        )
 
-    def iterate(self, cloud: Cloud, losses: Callable[[np.ndarray], np.ndarray], rng: np.random.Generator) -> Cloud:
+    def iterate(
+        self, distribution: SearchDistribution, losses: Callable[[np.ndarray], np.ndarray], rng: np.random.Generator
+    ) -> SearchDistribution:
         """Draw candidates (k, n), evaluate their ``losses`` (k,), and return the updated search distribution."""
-        n = len(cloud["mean"])
-        lengths, axes = np.linalg.eigh(cloud["shape"])
+        n = len(distribution.mean)
+        lengths, axes = np.linalg.eigh(distribution.C)
         lengths = np.sqrt(np.maximum(lengths, 0.0))
         y = (rng.standard_normal((self.candidates, n)) * lengths) @ axes.T
         # The update uses the clipped steps; with the unclipped ones the width would grow without effect.
-        lower, upper = cloud["centre"] - self.reach, cloud["centre"] + self.reach
-        z = np.clip(cloud["mean"] + cloud["width"] * y, lower, upper)
-        candidate_losses, y = losses(z), (z - cloud["mean"]) / cloud["width"]
+        lower, upper = distribution.centre - self.reach, distribution.centre + self.reach
+        z = np.clip(distribution.mean + distribution.sigma * y, lower, upper)
+        candidate_losses, y = losses(z), (z - distribution.mean) / distribution.sigma
         ranking = np.argsort(np.where(np.isfinite(candidate_losses), candidate_losses, np.inf), kind="stable")
         weights = self.weights
         y = y[ranking[: len(weights)]]
         step = weights @ y
         # Directions of zero variance are left out of the whitened step.
         white = axes @ (np.divide(1, lengths, out=np.zeros(n), where=lengths > 0) * (axes.T @ step))
-        return self.updated_cloud(cloud, y, step, white)
+        return self.updated(distribution, y, step, white)
 
     @property
     def weights(self) -> np.ndarray:
@@ -99,7 +115,9 @@ class RandomSearch(Configured):
         weights = np.log((self.candidates + 1) / 2) - np.log(np.arange(1, n_parents + 1))
         return weights / weights.sum()
 
-    def updated_cloud(self, cloud: Cloud, y: np.ndarray, step: np.ndarray, white: np.ndarray) -> Cloud:
+    def updated(
+        self, distribution: SearchDistribution, y: np.ndarray, step: np.ndarray, white: np.ndarray
+    ) -> SearchDistribution:
         """Return the distribution updated by steps ``y`` (k, n), their mean ``step`` and ``white = C^(-1/2) step``."""
         n, w = len(step), self.weights
         effective_size = 1 / np.sum(w**2)
@@ -109,28 +127,28 @@ class RandomSearch(Configured):
         c_1 = 2 / ((n + 1.3) ** 2 + effective_size)
         c_mu = min(1 - c_1, 2 * (effective_size - 2 + 1 / effective_size) / ((n + 2) ** 2 + effective_size))
         expected = np.sqrt(n) * (1 - 1 / (4 * n) + 1 / (21 * n**2))
-        count = cloud["count"] + 1
-        turn = (1 - c_s) * cloud["turn"] + np.sqrt(c_s * (2 - c_s) * effective_size) * white
-        length = np.linalg.norm(turn)
+        count = distribution.count + 1
+        p_sigma = (1 - c_s) * distribution.p_sigma + np.sqrt(c_s * (2 - c_s) * effective_size) * white
+        length = np.linalg.norm(p_sigma)
         # The evolution path of C is not updated while the width grows fast, since C would grow with it.
         path_is_short = length / np.sqrt(1 - (1 - c_s) ** (2 * count)) < (1.4 + 2 / (n + 1)) * expected
-        drift = (1 - c_c) * cloud["drift"] + path_is_short * np.sqrt(c_c * (2 - c_c) * effective_size) * step
+        p_c = (1 - c_c) * distribution.p_c + path_is_short * np.sqrt(c_c * (2 - c_c) * effective_size) * step
         decay = 1 - c_1 - c_mu + (not path_is_short) * c_1 * c_c * (2 - c_c)
-        shape = decay * cloud["shape"] + c_1 * np.outer(drift, drift) + c_mu * (y.T * w) @ y
-        return {
-            "centre": cloud["centre"],
-            "mean": cloud["mean"] + cloud["width"] * step,
-            "width": cloud["width"] * np.exp(c_s / damping * (length / expected - 1)),
-            "shape": (shape + shape.T) / 2,
-            "turn": turn,
-            "drift": drift,
-            "count": count,
-        }
+        C = decay * distribution.C + c_1 * np.outer(p_c, p_c) + c_mu * (y.T * w) @ y
+        return SearchDistribution(
+            mean=distribution.mean + distribution.sigma * step,
+            centre=distribution.centre,
+            sigma=distribution.sigma * np.exp(c_s / damping * (length / expected - 1)),
+            C=(C + C.T) / 2,
+            p_sigma=p_sigma,
+            p_c=p_c,
+            count=count,
+        )
 
-    def deviations(self, cloud: Cloud) -> np.ndarray:
+    def deviations(self, distribution: SearchDistribution) -> np.ndarray:
         """Return the standard deviations (n,) of the search distribution."""
-        return cloud["width"] * np.sqrt(np.diag(cloud["shape"]))
+        return distribution.sigma * np.sqrt(np.diag(distribution.C))
 
-    def is_done(self, cloud: Cloud) -> bool:
+    def is_done(self, distribution: SearchDistribution) -> bool:
         """Return whether the pass has ended, by its number of iterations or its small standard deviations."""
-        return bool(cloud["count"] >= self.iterations or np.max(self.deviations(cloud)) <= self.narrow)
+        return bool(distribution.count >= self.iterations or np.max(self.deviations(distribution)) <= self.narrow)

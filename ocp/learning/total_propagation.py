@@ -17,7 +17,7 @@ from ocp.errors import InputError, NotConverged
 from ocp.learning.experiment import Experiment
 from ocp.learning.protocol import Row, State, Trained, policy_vjp
 from ocp.learning.rollouts import episode_rewards
-from ocp.learning.unrolling import Clipping, Starts, non_finite_reward_message, with_observations
+from ocp.learning.unrolling import Clipping, Starts, ascend, non_finite_reward_message, with_observations
 
 
 @dataclass(frozen=True)
@@ -122,13 +122,13 @@ class _ModelStep:
     def __init__(self, experiment: Experiment) -> None:
         task = experiment.task
         step = experiment.law.close(replace(task.system, parameters=task.parameters))
-        self.closed, self.reach = step, dict[int, np.ndarray]()
+        self.closed_step, self.acting = step, dict[int, np.ndarray]()
         self.experiment, self.p = experiment, experiment.physics
-        self.whole = step.p.pack(task.parameters.unpack(self.p))
-        self.take = StepFunction(step, threads=experiment.threads)
+        self.step_parameters = step.p.pack(task.parameters.unpack(self.p))
+        self.step_function = StepFunction(step, threads=experiment.threads)
         self.observe = with_jacobians(task.observe, 1)
         self.reward = with_jacobians(task.rewards, 3)
-        self.gain = with_jacobians(task.finals, 1)
+        self.final_reward = with_jacobians(task.finals, 1)
         self.ends = BatchFunction(task.ends, "numpy", 1)
 
     def step(self, trained: Trained, x: np.ndarray, noise: np.ndarray) -> dict[str, np.ndarray]:
@@ -138,7 +138,7 @@ class _ModelStep:
         observations, by_x = self.observe(x, self.p)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", BatchWarning)
-            steps, x_by_x, x_by_u = self.take.slopes(x, u, self.whole)
+            steps, x_by_x, x_by_u = self.step_function.slopes(x, u, self.step_parameters)
             x_next = steps.x_next + noise
             rewards, r_by_x, r_by_u, r_by_next = self.reward(x, u, x_next, self.p)
         columns = by_x.reshape(n, nx, -1).transpose(0, 2, 1)
@@ -161,7 +161,7 @@ class _ModelStep:
 
     def final(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the final reward (n,) at states x (n, nx), and its gradient (n, nx)."""
-        value, slope = self.gain(x, self.p)
+        value, slope = self.final_reward(x, self.p)
         return value[:, 0], slope
 
 
@@ -171,12 +171,12 @@ def acting_entries(experiment: Experiment, steps: int) -> np.ndarray:
     It includes the reward of the step that ends there, since that depends on the particle's noise.
     """
     model, task = experiment.cached(_ModelStep), experiment.task
-    if steps not in model.reach:
-        closed = ClosedStep(model.closed, episode_rewards(task, steps), experiment.policy)
+    if steps not in model.acting:
+        closed = ClosedStep(model.closed_step, episode_rewards(task, steps), experiment.policy)
         later, arguments = closed.cost_dependence().over(steps)[1], task.rewards.sx_in()
         acts_at_once = dependence_table(task.rewards(*arguments), arguments[2])
-        model.reach[steps] = later[:, : task.system.nx] | acts_at_once
-    return model.reach[steps]
+        model.acting[steps] = later[:, : task.system.nx] | acts_at_once
+    return model.acting[steps]
 
 
 def with_jacobians(fn: ca.Function, count: int) -> BatchFunction:
@@ -209,10 +209,10 @@ class TotalPropagation(Clipping):
 
     def iterate(self, experiment: Experiment, state: State, k: int) -> tuple[State, Row]:
         """Simulate particles and take one step along their total-propagation gradient."""
-        starts, steps = Starts.of(state), self.steps(experiment)
+        starts, steps = Starts.from_state(state), self.steps(experiment)
         shape = (steps, *starts.x.shape)
         noise = experiment.rng(k, "states").standard_normal(shape)
-        particles = simulate_particles(experiment, Trained.of(state), starts.x, self.sigma * noise)
+        particles = simulate_particles(experiment, Trained.from_state(state), starts.x, self.sigma * noise)
         non_finite = np.argwhere(particles.stays_finite & ~np.isfinite(particles.rewards))
         if len(non_finite):
             step, sample = non_finite[0].tolist()
@@ -223,18 +223,18 @@ class TotalPropagation(Clipping):
                 f"{experiment.task.name}: {finite.sum()} of {self.samples} particles of iteration {k}"
                 " stayed finite; lower the learning rate, sigma or the unroll length"
             )
-        kept_particles = particles.select(finite)
+        finite_particles = particles.select(finite)
         score = acting_entries(experiment, steps)[:, None] * noise[:, finite] / self.sigma
-        gradients, share = total_propagation(kept_particles, score)
+        gradients, share = total_propagation(finite_particles, score)
         gradients = self.clipped(gradients)
         gradient = gradients.mean(axis=0)
         new_state = {
-            **self.climb(state, gradient),
+            **ascend(self.optimiser, state, gradient, self.rate),
             **starts.after(experiment, particles.states, particles.lived, k).arrays(),
         }
-        changed = with_observations(experiment, new_state, kept_particles.observed[kept_particles.alive])
+        changed = with_observations(experiment, new_state, finite_particles.observed[finite_particles.alive])
         row = {
-            "return_mean": float(kept_particles.rewards.sum(axis=0).mean()),
+            "return_mean": float(finite_particles.rewards.sum(axis=0).mean()),
             "nonfinite": float((~finite).sum()),
             "gradient_norm": float(np.linalg.norm(gradient)),
             "gradient_variance": float(gradients.var(axis=0, ddof=1).sum()),

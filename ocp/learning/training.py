@@ -176,22 +176,22 @@ def train(experiment: Experiment, checkpoint: SavedWork = UNSAVED, report: Repor
     Raises :class:`~ocp.errors.InputError` if the checkpoint has other settings, and as the algorithm does.
     """
     progress = _resume(experiment, checkpoint) or _begin(experiment)
-    algorithm, budget, steps, marks = experiment.algorithm, experiment.budget, progress.steps, -1
+    algorithm, budget, steps, intervals = experiment.algorithm, experiment.budget, progress.steps, -1
     if budget and progress.rows:
-        marks = budget.passed(steps - progress.rows[-1]["env_steps"])
+        intervals = budget.intervals_in(steps - progress.rows[-1]["env_steps"])
     for k in count(len(progress.rows)):
         started = time.monotonic()
         is_last, is_due = k == experiment.iterations, k % experiment.evaluate_every == 0
         if budget:
-            is_last, old_marks, marks = steps >= budget.steps, marks, budget.passed(steps)
-            is_due = marks > old_marks
-        judged = _evaluate_policy(experiment, progress, k) if is_last or is_due else {}
+            is_last, old_intervals, intervals = steps >= budget.steps, intervals, budget.intervals_in(steps)
+            is_due = intervals > old_intervals
+        evaluation = _evaluate_policy(experiment, progress, k) if is_last or is_due else {}
         iteration_row: Row = {}
         if not is_last:
             progress.state, iteration_row = algorithm.iterate(experiment, progress.state, k)
             iteration_row["env_steps"] = experiment.take_step_count()
             steps += iteration_row["env_steps"]
-        row = {"wall_s": progress.seconds_spent, **judged, **iteration_row}
+        row = {"wall_s": progress.seconds_spent, **evaluation, **iteration_row}
         progress.seconds_spent += time.monotonic() - started
         progress.rows.append(row)
         if report is not None:
@@ -306,7 +306,7 @@ ARRAY_COPIES = 4
 """Estimated number of copies of an array in memory during a training."""
 EPISODE_COUNTS = ("samples", "n_envs", "directions")
 """Names of algorithms' settings that are numbers of episodes."""
-STEP_COUNTS = ("capacity", "explored", "batch", "model_batch", "rows", "candidates")
+STEP_COUNTS = ("capacity", "random_steps", "batch", "model_batch", "rows", "candidates")
 """Names of algorithms' settings that are numbers of steps."""
 
 
@@ -320,7 +320,7 @@ def check_training(experiment: Experiment, side_by_side: int) -> None:
     steps = experiment.episodes * task.horizon + sum(counts.get(name, 0.0) for name in STEP_COUNTS)
     length = counts.get("unroll", counts.get("steps", float(task.horizon)))
     steps += sum(counts.get(name, 0.0) for name in EPISODE_COUNTS) * length
-    steps += counts.get("branches", 0.0) * counts.get("max_branch", 0.0) * counts.get("kept", 1.0)
+    steps += counts.get("branches", 0.0) * counts.get("max_branch", 0.0) * counts.get("branch_iterations", 1.0)
     numbers = steps * (2 * system.nx + system.nu + len(task.observations) + 1)
     weights = experiment.policy.n_theta * (ARRAY_COPIES + counts.get("directions", 0.0))
     for units, layers in (("model_units", "model_layers"), ("critic_units", "critic_layers")):

@@ -55,13 +55,13 @@ class ZOPG(Clipping):
         return self.take_step(experiment, state, gradients, pair[0], finite, k)
 
 
-def likelihood_ratio(batches: Sequence[Episodes], good: np.ndarray) -> np.ndarray:
+def likelihood_ratio(batches: Sequence[Episodes], finite: np.ndarray) -> np.ndarray:
     """Return likelihood-ratio gradients (n, n_theta): ``(V - b) score`` averaged over batches.
 
-    Only samples in the mask ``good`` are used. The baseline b of a sample is the mean return of all
+    Only samples in the mask ``finite`` are used. The baseline b of a sample is the mean return of all
     other samples over the batches. Raises :class:`~ocp.errors.InputError` for fewer than two samples.
     """
-    values = np.stack([batch.value[good] for batch in batches])
+    values = np.stack([batch.value[finite] for batch in batches])
     if values.shape[1] < 2:
         raise InputError(
             "a likelihood ratio with a baseline needs two samples that stay finite, there are"
@@ -69,7 +69,7 @@ def likelihood_ratio(batches: Sequence[Episodes], good: np.ndarray) -> np.ndarra
         )
     means = values.mean(axis=0)
     baseline = (means.sum() - means) / (len(means) - 1)
-    scores = np.stack([np.asarray(batch.score)[good] for batch in batches])
+    scores = np.stack([np.asarray(batch.score)[finite] for batch in batches])
     return ((values - baseline)[..., None] * scores).mean(axis=0)
 
 
@@ -128,7 +128,7 @@ class FOPG(Clipping):
             sharp_rollout = unroll_episodes(experiment, state, x0, steps, law=SHARP_LAW, noise=noise)
         if critic:
             rollout = sharp_rollout or unroll_episodes(experiment, state, x0, steps, noise=noise)
-            terminal_gradient = critic.pull(experiment, state, rollout)
+            terminal_gradient = critic.terminal_gradient(experiment, state, rollout)
         episodes = unroll_episodes(
             experiment,
             state,

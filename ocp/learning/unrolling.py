@@ -110,7 +110,7 @@ class Starts:
     age: np.ndarray
 
     @classmethod
-    def first(cls, experiment: Experiment, n: int, unroll: int) -> Starts:
+    def initial(cls, experiment: Experiment, n: int, unroll: int) -> Starts:
         """Return ``n`` initial states with random ages, so that episodes do not all end at once."""
         rng, horizon = experiment.rng(0, "starts"), experiment.task.horizon
         return cls(experiment.first_states(n, rng), unroll * rng.integers(-(-horizon // unroll), size=n))
@@ -128,7 +128,7 @@ class Starts:
         return {"starts.x": self.x, "starts.age": self.age}
 
     @classmethod
-    def of(cls, state: dict[str, np.ndarray]) -> Starts:
+    def from_state(cls, state: dict[str, np.ndarray]) -> Starts:
         """Build the starts from their :meth:`arrays` in an algorithm's state."""
         return cls(state["starts.x"], state["starts.age"])
 
@@ -153,7 +153,7 @@ def unroll_episodes(
     episodes = experiment.rollouts(horizon, law)(
         x0,
         state["theta"] if theta is None else theta,
-        Normaliser.of(state),
+        Normaliser.from_state(state),
         discount=experiment.discount,
         model_params=state.get("psi", experiment.physics),
         n_samples=len(x0),
@@ -176,7 +176,7 @@ def finite_samples(experiment: Experiment, state: State, episodes: Episodes, k: 
             finite &= np.isfinite(samples).all(axis=1)
     for sample in np.flatnonzero(~np.isfinite(episodes.value)):
         if np.isfinite(episodes.states[sample]).all():
-            step = _step_without_reward(experiment, Trained.of(state), episodes.states[sample])
+            step = _step_without_reward(experiment, Trained.from_state(state), episodes.states[sample])
             location = f"sample {sample} in iteration {k}"
             raise InputError(non_finite_reward_message(experiment, step, location))
     if not finite.any():
@@ -204,10 +204,10 @@ def non_finite_reward_message(experiment: Experiment, step: int, location: str) 
     )
 
 
-def normalised_state(experiment: Experiment, state: State, episodes: Episodes, good: np.ndarray) -> State:
-    """Return the state with its normaliser updated from samples in the mask ``good`` (n,), and an unchanged policy."""
+def normalised_state(experiment: Experiment, state: State, episodes: Episodes, finite: np.ndarray) -> State:
+    """Return the state with its normaliser updated from samples in the mask ``finite`` (n,), the policy unchanged."""
     steps = np.arange(episodes.states.shape[1] - 1)
-    alive = good[:, None] & (steps < episodes.lived[:, None])
+    alive = finite[:, None] & (steps < episodes.lived[:, None])
     observations = experiment.observations(episodes.states[:, :-1][alive])
     return with_observations(experiment, state, observations[np.isfinite(observations).all(axis=1)])
 
@@ -216,17 +216,17 @@ def with_observations(experiment: Experiment, state: State, observations: np.nda
     """Return the state with its normaliser updated by observations (n, n_o), and with the policy unchanged."""
     if not experiment.normalise:
         return state
-    old_normaliser = Normaliser.of(state)
+    old_normaliser = Normaliser.from_state(state)
     new_normaliser = old_normaliser.after(observations)
     theta = renormalise_policy(experiment.policy, state["theta"], old_normaliser, new_normaliser)
     return {**state, **new_normaliser.arrays(), "theta": theta}
 
 
-def sample_row(episodes: Episodes, good: np.ndarray) -> Row:
-    """Return the mean return of the samples in the mask ``good`` (n,), and the number of the others."""
+def sample_row(episodes: Episodes, finite: np.ndarray) -> Row:
+    """Return the mean return of the samples in the mask ``finite`` (n,), and the number of the others."""
     return {
-        "return_mean": float(episodes.value[good].mean()),
-        "nonfinite": float((~good).sum()),
+        "return_mean": float(episodes.value[finite].mean()),
+        "nonfinite": float((~finite).sum()),
     }
 
 
@@ -256,12 +256,8 @@ class Unrolled(Algorithm):
     def begin(self, experiment: Experiment) -> State:
         """Return the initial state: the policy, and the states from which unrolls start."""
         state = super().begin(experiment)
-        starts = Starts.first(experiment, self.starts(), self.steps(experiment))
+        starts = Starts.initial(experiment, self.starts(), self.steps(experiment))
         return {**state, **starts.arrays()}
-
-    def climb(self, state: State, gradient: np.ndarray) -> State:
-        """Return the state after a step of the optimiser along ``gradient`` (n_theta,)."""
-        return ascend(self.optimiser, state, gradient, self.rate)
 
     def take_step(
         self,
@@ -269,21 +265,21 @@ class Unrolled(Algorithm):
         state: State,
         gradients: np.ndarray,
         episodes: Episodes,
-        good: np.ndarray,
+        finite: np.ndarray,
         k: int,
     ) -> tuple[State, Row]:
         """Return the state after a step along the mean of ``gradients`` (n, n_theta), and the row of iteration k.
 
-        Normaliser and row use the ``episodes`` in the mask ``good`` (n,); next unrolls start at their ends.
+        Normaliser and row use the ``episodes`` in the mask ``finite`` (n,); next unrolls start at their ends.
         """
         mean = gradients.mean(axis=0)
-        starts = Starts.of(state)
+        starts = Starts.from_state(state)
         starts = starts.after(experiment, episodes.states, episodes.lived.astype(int), k)
-        new_state = {**self.climb(state, mean), **starts.arrays()}
-        row = {**sample_row(episodes, good), "gradient_norm": float(np.linalg.norm(mean))}
+        new_state = {**ascend(self.optimiser, state, mean, self.rate), **starts.arrays()}
+        row = {**sample_row(episodes, finite), "gradient_norm": float(np.linalg.norm(mean))}
         if len(gradients) > 1:
             row["gradient_variance"] = float(gradients.var(axis=0, ddof=1).sum())
-        return normalised_state(experiment, new_state, episodes, good), row
+        return normalised_state(experiment, new_state, episodes, finite), row
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -32,7 +32,7 @@ class Params(StudyParams):
 
     runs: int = setting(5, "1", "seeds of each law", least=2)
     iterations: int = setting(150, "1", "steps of ascent", least=4)
-    judged: int = setting(15, "1", "judgements along a run", least=2)
+    judged: int = setting(15, "1", "evaluations along a run", least=2)
 
 
 def run(params: Params, finished: FinishedParts) -> xr.Dataset:

@@ -5,10 +5,10 @@ from problems.studies.trained_policies.data import QUICK, RESUMES, Params, run
 
 NOTES = (
     "All curves are returns of whole episodes of 5 s under the exact law, without noise on the"
-    " actions, linear between judgements.",
+    " actions, linear between evaluations.",
     "Every algorithm has its usual settings for the task, as ocp train has them, and learns"
     " until it has simulated the same number of steps. All steps count that are simulated to"
-    " learn from, by whatever batch and under whatever law, until an episode ends; judgements"
+    " learn from, by whatever batch and under whatever law, until an episode ends; evaluations"
     " count for none.",
     "MBPO, whose updates take most of a second for a hundred steps, cannot spend that number"
     " here. It has an axis of its own, steps of its random exploration included, and no claim"

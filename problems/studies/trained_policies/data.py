@@ -77,7 +77,7 @@ class Params(StudyParams):
     runs: int = setting(5, "1", "seeds of each algorithm and task", least=2)
     kilosteps: int = setting(200, "1", "thousand simulated steps of each run", least=1)
     model_based: int = setting(16, "1", "iterations of MBPO instead", least=2)
-    judged: int = setting(20, "1", "judgements along a run", least=2)
+    judged: int = setting(20, "1", "evaluations along a run", least=2)
     plans: int = setting(4, "1", "starts that episodes are planned from", least=1)
 
 

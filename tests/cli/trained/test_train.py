@@ -159,7 +159,7 @@ def test_what_can_be_trained_is_told(ocp: Ocp) -> None:
 def test_physical_parameters_are_learned_beside_the_policy(ocp: Ocp) -> None:
     """From throws the restitution, initially 0.4, is learned to be 0.7; gravity is known."""
     asked = ("-s", "psi=restitution", "-s", "psi.restitution=0.4", "-s", "psi.steps=50")
-    found = strict(ocp("train", *SMALL, *asked, "-s", "psi.searched=40", "--json"))
+    found = strict(ocp("train", *SMALL, *asked, "-s", "psi.search_iterations=40", "--json"))
     run = store.load(Path(found["runs"][0]["run"]))
     psi = dict(zip(run.data["physical"].values, run.data["psi"].values, strict=True))
     assert psi["restitution"] == pytest.approx(0.7, abs=0.01) and psi["g"] == 9.81

@@ -187,7 +187,7 @@ def test_evolution_strategies_equal_pairs_in_open_loop_and_smooth_gains_under_fe
 @pytest.mark.costly
 @pytest.mark.parametrize("kept", [1, 1 << 20])
 def test_bits_depend_on_neither_threads_nor_blocks_and_follow_the_seed(kept, monkeypatch):
-    monkeypatch.setattr(sampling, "_MAX_KEPT_VALUES", kept)
+    monkeypatch.setattr(sampling, "_MAX_STORED_VALUES", kept)
     answers = []
     for threads, block in ((1, 8), (2, 8), (1, 64), (2, 64)):
         for objective in (
@@ -353,7 +353,7 @@ def test_scenarios_are_averaged_over():
 
 @pytest.mark.parametrize("name", ["zobg", "zobg-zero-noise", "zobg-mean", "fobg"])
 def test_moments_in_bulk_are_those_of_single_samples(name, monkeypatch):
-    monkeypatch.setattr(sampling, "_MAX_KEPT_VALUES", 1)
+    monkeypatch.setattr(sampling, "_MAX_STORED_VALUES", 1)
     objective, n = rollout(), 20_000
     noise = Gaussian(0.1, 3)
     bulk = sampling.run_estimator(objective, SAMPLED[name], noise, n)

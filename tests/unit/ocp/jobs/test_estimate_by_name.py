@@ -60,7 +60,7 @@ def test_noise_that_rounding_hides_is_refused():
 @pytest.mark.parametrize("name", ["heaviside", "push-1d"])
 def test_processes_sample_the_same_bits(name, monkeypatch):
     """Other processes compute parts, which are summed in a fixed order."""
-    monkeypatch.setattr(sampling, "_MAX_KEPT_VALUES", 1)
+    monkeypatch.setattr(sampling, "_MAX_STORED_VALUES", 1)
     monkeypatch.setattr(estimate_parts, "PIECE", estimate_parts.BULK)
     params = {"N": 2} if name == "push-1d" else {}
     given = {
@@ -79,15 +79,15 @@ def test_processes_sample_the_same_bits(name, monkeypatch):
 
 def test_a_stopped_estimate_resumes_with_other_workers(monkeypatch, tmp_path):
     """Two processes continue the sums that one saved, and give the same bits."""
-    monkeypatch.setattr(sampling, "_MAX_KEPT_VALUES", 1)
+    monkeypatch.setattr(sampling, "_MAX_STORED_VALUES", 1)
     monkeypatch.setattr(estimate_parts, "PIECE", estimate_parts.BULK)
     case = ObjectiveCase("heaviside", {}, engine={"threads": 1})
     objective, noise, n = case.build().objective, Gaussian(0.1, 4), 3 * estimate_parts.BULK
     whole = sampling.run_estimator(objective, SAMPLED["zobg"], noise, n)
     with Checkpoint(tmp_path, "heaviside", {"seed": 4}) as kept:
-        sampling.run_estimator(objective, SAMPLED["zobg"], noise, estimate_parts.BULK, keep=(kept, "z"))
+        sampling.run_estimator(objective, SAMPLED["zobg"], noise, estimate_parts.BULK, checkpoint=(kept, "z"))
         workers = estimate_parts.JobWorkers(case, Workers(2))
-        resumed = sampling.run_estimator(objective, SAMPLED["zobg"], noise, n, keep=(kept, "z"), workers=workers)
+        resumed = sampling.run_estimator(objective, SAMPLED["zobg"], noise, n, checkpoint=(kept, "z"), workers=workers)
     np.testing.assert_array_equal(resumed.moments.mean, whole.moments.mean)
     np.testing.assert_array_equal(resumed.moments.m2, whole.moments.m2)
 

@@ -31,7 +31,7 @@ def test_targets_by_hand():
     """Targets are right for episodes that go on, that end early, and that end at the last state."""
     steps, discount, critic = 4, 0.5, Critic(units=UNITS)
     e = experiment(FOPG(), task=scalar(horizon=9, done=1.2), discount=discount)
-    seen = {"seen.n": np.array(4.0), "seen.mean": np.array([0.2]), "seen.m2": np.array([1.0])}
+    seen = {"normaliser.n": np.array(4.0), "normaliser.mean": np.array([0.2]), "normaliser.m2": np.array([1.0])}
     state = with_weights(critic, e, {**e.algorithm.begin(e), **seen, "theta": np.array([0.3, 0.1])})
     noise, x0 = Gaussian(0.4, 5), np.linspace(-0.5, 1.1, 20)
     w, found = noise.draw(20, steps, 1)[..., 0], unroll_episodes(e, state, x0[:, None], steps, noise=noise)
@@ -119,7 +119,7 @@ def test_what_was_seen_does_not_change_values():
     e, state = set_up((), SHARP_LAW)
     state, noise = with_weights(critic, e, state), e.noise(0.3, 0, "actions")
     found = unroll_episodes(e, state, state["starts.x"], UNROLL, noise=noise)
-    after = {**state, "seen.mean": np.full(3, 0.4), "seen.m2": np.array([8.0, 1.0, 5.0])}
+    after = {**state, "normaliser.mean": np.full(3, 0.4), "normaliser.m2": np.array([8.0, 1.0, 5.0])}
     moved = {**after, **critic.learn(e, state, after, found, noise, 0)[0]}
     x = found.states[:, 0]
     assert critic.value(e, moved, x) == pytest.approx(critic.value(e, state, x), rel=1e-10)
@@ -132,7 +132,7 @@ def test_nothing_is_to_come_after_ends():
     e = experiment(FOPG(), task=scalar(horizon=9, done=-5.0), discount=0.9)
     state = with_weights(critic, e, e.algorithm.begin(e))
     found = unroll_episodes(e, state, np.ones((4, 1)), 3)
-    assert (critic.pull(e, state, found) == np.zeros((4, 1))).all()
+    assert (critic.terminal_gradient(e, state, found) == np.zeros((4, 1))).all()
 
 
 @pytest.mark.parametrize(

@@ -56,8 +56,8 @@ def set_up(hidden: tuple[int, ...], law: ContactLaw, **settings: str) -> tuple[E
         threads=1,
     )
     state = algorithm.begin(experiment)
-    seen = {"seen.n": np.array(9.0), "seen.mean": np.array([0.2, -0.1, 0.3])}
-    return experiment, {**state, **seen, "seen.m2": np.array([0.5, 3.0, 2.0])}
+    seen = {"normaliser.n": np.array(9.0), "normaliser.mean": np.array([0.2, -0.1, 0.3])}
+    return experiment, {**state, **seen, "normaliser.m2": np.array([0.5, 3.0, 2.0])}
 
 
 @pytest.mark.parametrize("law", LAWS, ids=["barrier", "quartic", "gaussian"])

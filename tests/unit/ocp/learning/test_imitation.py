@@ -156,7 +156,7 @@ def test_learning_begins_at_the_fitted_policy(found: list[Solution]):
     experiment = Experiment(**given, start=policy)
     state = algorithm.begin(experiment)
     np.testing.assert_array_equal(state["theta"], policy.theta)
-    np.testing.assert_array_equal(state["seen.mean"], policy.normaliser.mean)
+    np.testing.assert_array_equal(state["normaliser.mean"], policy.normaliser.mean)
     first = train(experiment)["evaluation_return"].values[0]
     blank = Experiment(**given)
     assert first == evaluate(blank, policy, EXACT, blank.episodes).returns.mean()

@@ -22,7 +22,7 @@ from tests.unit.ocp.learning.spring_mass import D, K, M, following, spring_task
 SMALL = MBPO(
     n_envs=4,
     steps=8,
-    explored=64,
+    random_steps=64,
     members=3,
     elites=2,
     model_units=16,
@@ -32,7 +32,7 @@ SMALL = MBPO(
     branches=20,
     min_branch=1,
     max_branch=3,
-    kept=2,
+    branch_iterations=2,
     critic_units=16,
     critic_layers=1,
     updates=20,
@@ -87,8 +87,8 @@ def test_a_run_that_goes_on_from_its_arrays_ends_at_the_same_bits():
     assert all((before[name] == state[name]).all() for name in before if name != "return_mean")
     assert counted == [100 + 32, 32, 32], "explored 50 at a time"
     assert [row["branch"] for row in rows] == [1, 2, 3]
-    assert len(whole["seen.x"]) == 64 + 3 * 32
-    assert len(whole["model.x"]) == whole["branched"].sum() and len(whole["branched"]) == 2
+    assert len(whole["real_steps.x"]) == 64 + 3 * 32
+    assert len(whole["model_steps.x"]) == whole["branch_sizes"].sum() and len(whole["branch_sizes"]) == 2
     again = experiment(threads=1)
     state = SMALL.iterate(again, SMALL.begin(again), 0)[0]
     resumed = {name: np.array(value) for name, value in state.items()}
@@ -105,8 +105,8 @@ def test_the_policy_is_the_experiment_s_own_with_observations_scaled_by_what_was
     state = SMALL.begin(run)
     trained = SMALL.policy(run, state)
     assert trained.theta.shape == (run.policy.n_theta,)
-    assert trained.normaliser.mean == pytest.approx(state["seen.x"].mean(axis=0))
-    assert trained.normaliser.scale == pytest.approx(state["seen.x"].std(axis=0))
+    assert trained.normaliser.mean == pytest.approx(state["real_steps.x"].mean(axis=0))
+    assert trained.normaliser.scale == pytest.approx(state["real_steps.x"].std(axis=0))
 
 
 def test_critics_are_told_cut_rewards_and_where_the_task_ends():
@@ -165,13 +165,13 @@ def test_it_learns_a_scalar_task_up_to_its_optimum():
         SMALL,
         n_envs=8,
         steps=10,
-        explored=100,
+        random_steps=100,
         model_steps=100,
         model_batch=64,
         model_rate=3e-3,
         branches=100,
         max_branch=1,
-        kept=4,
+        branch_iterations=4,
         critic_units=32,
         updates=300,
         batch=64,

@@ -117,7 +117,7 @@ def test_curves_end_where_steps_were_spent(monkeypatch: pytest.MonkeyPatch):
     assert np.allclose(np.diff(found["steps"], 2), 0), "linear"
 
 
-def test_between_judgements_lines_are_straight_and_beyond_them_there_is_nothing():
+def test_between_evaluations_lines_are_straight_and_beyond_them_there_is_nothing():
     values = np.array([1.0, np.nan, 5.0, np.nan])
     found = interpolate_finite(np.linspace(0, 60, 7), np.array([10.0, 20.0, 50.0, 70.0]), values)
     np.testing.assert_array_equal(found, [np.nan, 1, 2, 3, 4, 5, np.nan])

@@ -57,7 +57,7 @@ def experiment(algorithm: Any, **changed: Any) -> Experiment:
 
 
 def test_psi_comes_to_the_truth_before_each_step_of_the_algorithm_s():
-    own = learning(n_envs=8, steps=10, searched=20)
+    own = learning(n_envs=8, steps=10, search_iterations=20)
     run = experiment(own)
     state = own.begin(run)
     assert (state["psi"] == WRONG).all()
@@ -69,19 +69,19 @@ def test_psi_comes_to_the_truth_before_each_step_of_the_algorithm_s():
         errors.append(np.abs(state["psi"][:2] / [M, K] - 1).max())
     assert errors[0] > 1e-3 and errors[-1] < 1e-3 and row["psi_loss"] < 1e-6
     assert (state["psi"][2:] == WRONG[2:]).all()
-    seen = [state[f"psi_seen.{name}"] for name in ("x", "u", "x_next")]
-    assert len(seen[0]) == 480
-    assert seen[2] == pytest.approx(following(seen[0], seen[1], M, K, D), abs=1e-6)
-    assert (seen[1] >= -2).all() and (seen[1] <= 6).all() and seen[1].std() > 1
+    transitions = [state[f"psi_transitions.{name}"] for name in ("x", "u", "x_next")]
+    assert len(transitions[0]) == 480
+    assert transitions[2] == pytest.approx(following(transitions[0], transitions[1], M, K, D), abs=1e-6)
+    assert (transitions[1] >= -2).all() and (transitions[1] <= 6).all() and transitions[1].std() > 1
 
 
 def test_a_run_that_goes_on_from_its_arrays_ends_at_the_same_bits():
-    own = learning(n_envs=4, steps=5, searched=3, capacity=30, search=RandomSearch(iterations=4, narrow=0.0))
+    own = learning(n_envs=4, steps=5, search_iterations=3, capacity=30, search=RandomSearch(iterations=4, narrow=0.0))
     run = experiment(own)
     state = own.begin(run)
     for k in range(4):
         state, _ = own.iterate(run, state, k)
-    assert int(state["psi_learning.pass"]) == 1 and len(state["psi_seen.x"]) == 30
+    assert int(state["psi_learning.pass"]) == 1 and len(state["psi_transitions.x"]) == 30
     again = experiment(own, threads=1)
     resumed = own.begin(again)
     for k in range(4):
@@ -92,7 +92,7 @@ def test_a_run_that_goes_on_from_its_arrays_ends_at_the_same_bits():
 def test_the_gradient_s_model_is_the_one_learned():
     """FOPG with psi learning reports returns of its model, which tend to those of the true model."""
     inner = FOPG(samples=8, unroll=10, rate=1e-12)
-    own = learning(inner, n_envs=8, steps=10, searched=20)
+    own = learning(inner, n_envs=8, steps=10, search_iterations=20)
     found = train(experiment(own))
     true, wrong = (train(experiment(inner, model_params=p)) for p in (None, WRONG))
     told = [data["return_mean"].values[:-1] for data in (found, true, wrong)]

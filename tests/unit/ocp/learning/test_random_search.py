@@ -25,18 +25,18 @@ def test_one_step_is_that_of_the_tutorial_by_hand():
     c_1 = 2 / (2.3**2 + mass)
     c_mu = min(1 - c_1, 2 * (mass - 2 + 1 / mass) / (9 + mass))
     expected = 1 - 1 / 4 + 1 / 21
-    turn = np.sqrt(c_s * (2 - c_s) * mass) * step
-    assert abs(turn) / np.sqrt(1 - (1 - c_s) ** 2) < (1.4 + 1) * expected
-    drift = np.sqrt(c_c * (2 - c_c) * mass) * step
-    assert found["mean"] == pytest.approx([1 + 0.5 * step]) and found["centre"] == [1.0]
-    assert found["turn"] == pytest.approx([turn])
-    assert found["drift"] == pytest.approx([drift])
-    shape = 1 - c_1 - c_mu + c_1 * drift**2 + c_mu * (w @ drawn[best] ** 2)
-    assert found["shape"][0, 0] == pytest.approx(shape)
+    p_sigma = np.sqrt(c_s * (2 - c_s) * mass) * step
+    assert abs(p_sigma) / np.sqrt(1 - (1 - c_s) ** 2) < (1.4 + 1) * expected
+    p_c = np.sqrt(c_c * (2 - c_c) * mass) * step
+    assert found.mean == pytest.approx([1 + 0.5 * step]) and found.centre == [1.0]
+    assert found.p_sigma == pytest.approx([p_sigma])
+    assert found.p_c == pytest.approx([p_c])
+    C = 1 - c_1 - c_mu + c_1 * p_c**2 + c_mu * (w @ drawn[best] ** 2)
+    assert found.C[0, 0] == pytest.approx(C)
     damping = 1 + 2 * max(0.0, np.sqrt((mass - 1) / 2) - 1) + c_s
-    grown = 0.5 * np.exp(c_s / damping * (abs(turn) / expected - 1))
-    assert found["width"] == pytest.approx(grown)
-    assert search.deviations(found) == pytest.approx([grown * np.sqrt(shape)])
+    sigma = 0.5 * np.exp(c_s / damping * (abs(p_sigma) / expected - 1))
+    assert found.sigma == pytest.approx(sigma)
+    assert search.deviations(found) == pytest.approx([sigma * np.sqrt(C)])
 
 
 def test_a_turned_valley_is_followed_to_its_end():
@@ -52,12 +52,12 @@ def test_a_turned_valley_is_followed_to_its_end():
         return np.sum(100 * (z[:, 1:] - z[:, :-1] ** 2) ** 2 + (1 - z[:, :-1]) ** 2, axis=1)
 
     for losses in (quadratic, rosenbrock):
-        cloud = search.begin(np.zeros(6))
-        while not search.is_done(cloud):
-            rng = np.random.default_rng([5, int(cloud["count"])])
-            cloud = search.iterate(cloud, losses, rng)
-        assert cloud["mean"] == pytest.approx(np.ones(6), abs=1e-6)
-        assert cloud["count"] < 600
+        distribution = search.begin(np.zeros(6))
+        while not search.is_done(distribution):
+            rng = np.random.default_rng([5, int(distribution.count)])
+            distribution = search.iterate(distribution, losses, rng)
+        assert distribution.mean == pytest.approx(np.ones(6), abs=1e-6)
+        assert distribution.count < 600
 
 
 def test_candidates_without_a_number_are_the_worst():
@@ -69,7 +69,7 @@ def test_candidates_without_a_number_are_the_worst():
     )
     drawn = np.random.default_rng(0).standard_normal((8, 2))
     assert (drawn[:, 0] < 0).sum() >= 4
-    assert found["mean"][0] < 0
+    assert found.mean[0] < 0
 
 
 def test_widths_go_against_the_sensitivity_that_is_known():

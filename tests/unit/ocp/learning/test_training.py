@@ -165,7 +165,7 @@ def test_every_step_that_an_engine_simulates_is_counted(name, monkeypatch):
 
 @pytest.mark.cheap_cases("ars", "aobg")
 @pytest.mark.parametrize("name", list(SMALL))
-def test_a_budget_ends_learning_and_sets_its_judgements(name, tmp_path):
+def test_a_budget_ends_learning_and_sets_its_evaluations(name, tmp_path):
     """Evaluations are at the first iteration past each of five equal distances in steps."""
     found = run(name, budget=Budget(200, 5))
     steps, judged = found["env_steps"].values, np.isfinite(found["evaluation_return"].values)

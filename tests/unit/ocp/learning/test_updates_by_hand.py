@@ -19,9 +19,9 @@ from tests.unit.ocp.learning.scalar import experiment as scalar_experiment
 MEAN, SCALE = 0.3, 0.6
 PLAIN = {"rate": 1.0, "optimiser": "plain"}
 SEEN = {
-    "seen.n": np.array(4.0),
-    "seen.mean": np.array([MEAN]),
-    "seen.m2": np.array([4 * SCALE**2]),
+    "normaliser.n": np.array(4.0),
+    "normaliser.mean": np.array([MEAN]),
+    "normaliser.m2": np.array([4 * SCALE**2]),
 }
 THETA = np.array([0.4, -0.2])
 
@@ -92,9 +92,9 @@ def test_what_was_seen_moves_no_policy():
     ]
     seen = np.concatenate([states[:-1] for states in ways])
     whole = (4 * MEAN + seen.sum()) / (4 + len(seen))
-    assert after["seen.mean"] == pytest.approx([whole], rel=1e-12)
+    assert after["normaliser.mean"] == pytest.approx([whole], rel=1e-12)
     squares = 4 * (SCALE**2 + MEAN**2) + (seen**2).sum() - (4 + len(seen)) * whole**2
-    assert after["seen.m2"] == pytest.approx([squares], rel=1e-12)
+    assert after["normaliser.m2"] == pytest.approx([squares], rel=1e-12)
     x = np.linspace(-1, 2, 7)[:, None]
     assert np.abs(after["theta"] - fixed["theta"]).max() > 1e-3
     moved, kept = (e.inputs(e.algorithm.policy(e, each), x) for each in (after, fixed))
