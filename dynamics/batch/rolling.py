@@ -275,7 +275,7 @@ class Rolling(ABC):
             precision = self.acting[0] / gaussian.component_scales(tapes.nu) ** 2
         elif noise is not None:
             w = self._noise_rows(noise)
-        batched = {"noise": w, "along": linearise_along, "pull": terminal_gradient}
+        batched = {"noise": w, "linearise_along": linearise_along, "terminal_gradient": terminal_gradient}
         lengths = {name: len(a) for name, a in batched.items() if a is not None}
         if n_samples is not None:
             lengths["n_samples"] = read_value("n_samples", n_samples, int, least=0)

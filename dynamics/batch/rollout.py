@@ -216,12 +216,12 @@ class EpisodeFunction(Rolling):
             shape = (self.horizon + 1, self.tapes.nx)
             if linearise_along.trail is None or linearise_along.trail.shape[1:] != shape:
                 raise ValueError(
-                    f"along needs episodes of {self.horizon} steps of the same system whose states"
+                    f"linearise_along needs episodes of {self.horizon} steps of the same system whose states"
                     " were kept; pass states=True"
                 )
             states_along = linearise_along.trail.reshape(len(linearise_along.trail), -1)
         end_gradient = None
         if terminal_gradient is not None:
-            rows = as_rows(terminal_gradient, self.tapes.nx - 2, "pull", "the rollout")
+            rows = as_rows(terminal_gradient, self.tapes.nx - 2, "terminal_gradient", "the rollout")
             end_gradient = np.hstack([-rows, np.zeros((len(rows), 2))])
         return self._request(start, samples, linearise_along=states_along, terminal_gradient=end_gradient, **options)

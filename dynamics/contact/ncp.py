@@ -19,23 +19,17 @@ from collections.abc import Callable
 import casadi as ca
 
 from dynamics.contact.interior_point import repeat_until_rest
-from dynamics.contact.path import Path
+from dynamics.contact.path import MAX_ERROR, Path
 from dynamics.contact.reduced_path import path_of
-from dynamics.contact.starts import irrational_numbers
+from dynamics.contact.starts import MIN_EXPONENT, TINY_IMPULSE, irrational_numbers
 from dynamics.systems import ContactSystem
 
-LOST = 1e-7
-"""Scaled violation at the end of the path above which the step is solved from other starts."""
 # Scaled violation of a solution, at which the search ends.
 _SOLVED_ERROR = 1e-10
 # Maximum number of starts, as a power of two.
 _LOG2_STARTS = 8
 # Maximum number of iterations from each start, as a power of two.
 _LOG2_ITERATIONS = 6
-# Impulses of the first start, in scaled units.
-_FIRST_IMPULSE = 1e-6
-# Smallest impulse of the other starts, as a power of ten in scaled units.
-_MIN_EXPONENT = -4
 # Largest impulse at the first of the other starts, as a power of ten in scaled units.
 _MAX_EXPONENT_FIRST = -1
 # Largest impulse at the last start, as a power of ten in scaled units.
@@ -86,7 +80,7 @@ def _recovered(path: Path, followed: ca.Function) -> ca.Function:
     # Where the data are not finite, no start leads to a solution.
     best_point = ca.Function("starts", symbols, [*path.ending_function()(best_point[:size], data)])
     unchanged = ca.Function("stay", symbols, [lam, gap, error])
-    is_lost = ca.logic_and(ca.mmax(error) > LOST, ca.mmax(ca.fabs(data)) < ca.inf)
+    is_lost = ca.logic_and(ca.mmax(error) > MAX_ERROR, ca.mmax(ca.fabs(data)) < ca.inf)
     recovery = ca.Function.if_else("again", best_point, unchanged)
     return ca.Function("recovered", symbols, [*recovery(is_lost, *symbols)])
 
@@ -115,8 +109,8 @@ def _start(path: Path) -> ca.Function:
     gap_size = ca.mmax(ca.vertcat(ca.fabs(gap), ca.sqrt(path.data_parts["mu"])))
     sequence = k * ca.DM(irrational_numbers(n))
     largest_exponent = _MAX_EXPONENT_FIRST + (_MAX_EXPONENT_LAST - _MAX_EXPONENT_FIRST) * k / 2**_LOG2_STARTS
-    exponent = _MIN_EXPONENT + (largest_exponent - _MIN_EXPONENT) * (sequence - ca.floor(sequence))
-    lam = ca.if_else(k > 0, 10**exponent, _FIRST_IMPULSE)
+    exponent = MIN_EXPONENT + (largest_exponent - MIN_EXPONENT) * (sequence - ca.floor(sequence))
+    lam = ca.if_else(k > 0, 10**exponent, TINY_IMPULSE)
     return ca.Function("start", [k, path.data], [ca.vertcat(gap_size * lam, _FIRST_DAMPING)])
 
 

@@ -86,11 +86,13 @@ _INACTIVE_RATIO = 1e-2
 _CURVED_SHARE = 1e-6
 # Minimum of a pair's compliance, relative to the largest; smaller ones are replaced by the largest.
 _MIN_COMPLIANCE_SHARE = 1e-12
+MAX_ERROR = 1e-7
+"""Scaled violation at the end of a path above which that is not a solution."""
 TRUE_GAP = 2.0
 """Phase, the last entry of a pair, while the path is that of the true gap; it is 1 for the linearised gap."""
 ARRIVED = 3.0
 """Phase, the last entry of a pair, at the end of its path."""
-LOST = 4.0
+DIVERGED = 4.0
 """Phase, the last entry of a pair, after its numbers are no longer finite."""
 
 
@@ -99,33 +101,26 @@ class Path:
 
     ``pair`` (size, 1) has lam and s in scaled units and the phase: 1 while curved rows are linearised
     (a pair of ones is the start), :data:`TRUE_GAP` while they are not, :data:`ARRIVED` at the end,
-    :data:`LOST` where numbers are no longer finite. ``data`` describes the problem of one step:
+    :data:`DIVERGED` where numbers are no longer finite. ``data`` describes the problem of one step:
     scaled z, F, mu, 1/mu, the scales D and c, and the data of curved rows.
 
-    ``pattern`` is the sparsity of F (n, n). With ``unique`` F is a P-matrix and the multipliers are
-    unique; the exact law is then the solution on the path's active set, complementary to rounding.
+    ``pattern`` is the sparsity of F (n, n). Without ``system`` F is a P-matrix and the multipliers are
+    ``unique``; the exact law is then the solution on the path's active set, complementary to rounding.
     Otherwise the active pairs stay at the path's end, and lam of inactive pairs is set to zero.
     """
 
-    def __init__(
-        self,
-        pattern: ca.Sparsity,
-        exact: bool,
-        pairs: tuple[Pair, ...] = (),
-        curved: CurvedGap | None = None,
-        unique: bool = True,
-    ) -> None:
-        self.pattern, self.exact, self.unique, self.curved = pattern, exact, unique, curved
+    def __init__(self, pattern: ca.Sparsity, exact: bool, system: ContactSystem | None = None) -> None:
+        self.pattern, self.exact, self.unique = pattern, exact, system is None
+        self.pairs = system.pairs if system else ()
+        curved = None if system is None or system.reduced.affine else CurvedGap(system)
+        self.curved = curved if curved and curved.rows else None
         self.n = pattern.size1()
-        self.pairs = pairs
         self.size = 2 * self.n + 1
 
     @classmethod
     def of_system(cls, system: ContactSystem, exact: bool) -> Path:
         """Return the path of a system's step with any gaps; see :meth:`opening_data_of`."""
-        curved = None if system.reduced.affine else CurvedGap(system)
-        pattern = system.reduced.F.sparsity()
-        return cls(pattern, exact, system.pairs, curved if curved and curved.rows else None, False)
+        return cls(system.reduced.F.sparsity(), exact, system)
 
     @property
     def n_entries(self) -> int:
@@ -199,7 +194,7 @@ class Path:
         if self.curved:
             is_near = ca.logic_and(product_error < _SWITCH_ERROR, gap_error < _SWITCH_ERROR)
             new_phase = ca.if_else(ca.logic_and(1 - on_true_gap, is_near), TRUE_GAP, new_phase)
-        new_phase = ca.if_else(product_error + gap_error < ca.inf, new_phase, ca.fmax(phase, LOST))
+        new_phase = ca.if_else(product_error + gap_error < ca.inf, new_phase, ca.fmax(phase, DIVERGED))
         new_pair = self.pack_pair(*new_pair, new_phase)
         resting_pair = ca.vertcat(pair[: 2 * n], ca.if_else(phase < ARRIVED, new_phase, phase))
         return ca.Function(f"path_{n}", [pair, self.data], [ca.if_else(is_moving, new_pair, resting_pair)])

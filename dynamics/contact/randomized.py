@@ -137,15 +137,15 @@ class Randomized(ContactLaw):
 def standard_normal_nodes(dimension: int, samples: int, seed: int, scheme: str) -> tuple[np.ndarray, np.ndarray]:
     """Return nodes (n, dimension) and weights (n,) of averages over N(0, I).
 
-    Raises ``ValueError`` where a Gauss-Hermite tensor would have more than 4096 nodes.
+    Raises ``ValueError`` where a Gauss-Hermite tensor would have more than :data:`MAX_SAMPLES` nodes.
     """
     from scipy.stats import norm, qmc
 
     if scheme == "gauss-hermite":
-        if samples**dimension > 4096:
+        if samples**dimension > MAX_SAMPLES:
             raise ValueError(
                 f"randomized: {samples} Gauss-Hermite nodes an axis in {dimension} dimensions are"
-                f" {samples**dimension}, more than 4096; use scheme=sobol"
+                f" {samples**dimension}, more than {MAX_SAMPLES}; use scheme=sobol"
             )
         nodes, weights = np.polynomial.hermite_e.hermegauss(samples)
         weights = weights / weights.sum()

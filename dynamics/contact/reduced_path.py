@@ -7,7 +7,7 @@ from functools import cached_property
 import casadi as ca
 
 from dynamics.contact.compliance import LowRankCompliance, PushedCoordinates
-from dynamics.contact.path import MU_EXACT, MU_LEAST, CurvedGap, Path, scale_factors
+from dynamics.contact.path import MU_EXACT, MU_LEAST, Path, scale_factors
 from dynamics.systems import ContactSystem
 from dynamics.systems.elimination import solve_without_pivoting
 
@@ -29,14 +29,11 @@ class ReducedPath(Path):
     """Central path with the compliance ``F = E + Q T^-1 P`` as its factors, see :class:`LowRankCompliance`."""
 
     def __init__(self, system: ContactSystem, exact: bool, coordinates: PushedCoordinates) -> None:
-        curved = None if system.reduced.affine else CurvedGap(system)
-        if curved and not curved.rows:
-            curved = None
         self.coordinates, self._system = coordinates, system
         expansion_point = ca.vertcat(system.expansion_state, ca.SX.zeros(system.nlam))
         unknown = ca.vertcat(system.x_next, system.lam)
         self._E, self._Q = ca.substitute([coordinates.E, coordinates.Q_own], [unknown], [expansion_point])
-        super().__init__(self._E.sparsity(), exact, system.pairs, curved, False)
+        super().__init__(self._E.sparsity(), exact, system)
 
     @cached_property
     def _factors(self) -> dict[str, ca.SX]:

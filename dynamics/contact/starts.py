@@ -18,10 +18,10 @@ _MIN_PAIR_ENTRY = 1e-2
 # Number of first starts with almost no impulse, as for bodies in the air. The exponents of the others
 # are equal for all pairs, or a Kronecker sequence, which fills the cube evenly for any number of starts.
 _N_TINY_STARTS = 4
-# Impulses of these starts, in scaled units.
-_TINY_IMPULSE = 1e-6
-# Smallest impulse of the other starts, as a power of ten in scaled units.
-_MIN_EXPONENT = -4.0
+TINY_IMPULSE = 1e-6
+"""Impulses of starts with almost no impulse, in scaled units."""
+MIN_EXPONENT = -4.0
+"""Smallest impulse of the other starts, as a power of ten in scaled units."""
 # Number of powers of ten from the smallest to the largest impulse.
 _EXPONENT_SPAN = 5.0
 # Minimum scaled gaps of the starts, alternating.
@@ -43,8 +43,8 @@ def further_start(path: Path) -> ca.Function:
     shared = k * float(np.sqrt(2.0))
     separate = k * ca.DM(irrational_numbers(n))
     sequence = ca.if_else(ca.fmod(k, 2) > 0, shared, separate)
-    exponent = _MIN_EXPONENT + _EXPONENT_SPAN * (sequence - ca.floor(sequence))
-    lam = ca.if_else(k < _N_TINY_STARTS, _TINY_IMPULSE, ca.exp(float(np.log(10.0)) * exponent))
+    exponent = MIN_EXPONENT + _EXPONENT_SPAN * (sequence - ca.floor(sequence))
+    lam = ca.if_else(k < _N_TINY_STARTS, TINY_IMPULSE, ca.exp(float(np.log(10.0)) * exponent))
     gap, _ = path.gap_at(lam, ca.SX(1))
     lift = ca.SX(_GAP_LIFTS[0])
     for i, value in enumerate(_GAP_LIFTS):

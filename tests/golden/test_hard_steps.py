@@ -17,7 +17,8 @@ import pytest
 import problems
 from dynamics.contact import Barrier, ContactLaw, Exact, Step
 from dynamics.contact.interior_point import repeat_until_rest
-from dynamics.contact.ncp import LOST, ncp_solver
+from dynamics.contact.ncp import ncp_solver
+from dynamics.contact.path import MAX_ERROR
 from dynamics.contact.reduced_path import path_of
 from dynamics.systems import ContactSystem, Signal
 from ocp.errors import NotConverged
@@ -103,7 +104,7 @@ def landed(law: str, x: np.ndarray, u: np.ndarray) -> Landed:
 def test_one_path_in_twenty_at_least_ends_nowhere():
     """These steps, which only the search from other starts solves, are those of the tests below."""
     for law in ("exact", "barrier"):
-        assert np.sum(~(by_path_alone(law) <= LOST)) > STATES / 20
+        assert np.sum(~(by_path_alone(law) <= MAX_ERROR)) > STATES / 20
 
 
 @pytest.mark.costly
@@ -112,7 +113,7 @@ def test_every_step_obeys_coulomb():
     pressed = 0
     for x, u in states():
         end = landed("exact", x, u)
-        assert np.all(end.error <= LOST)
+        assert np.all(end.error <= MAX_ERROR)
         assert np.abs(end.unbalanced).max() < 1e-8
         assert end.height.min() > -1e-8
         assert end.normal.min() >= 0
@@ -128,7 +129,7 @@ def test_every_step_obeys_coulomb():
 def test_every_step_of_the_barrier_law_is_at_its_mu():
     for x, u in states():
         end = landed("barrier", x, u)
-        assert np.all(end.error <= LOST)
+        assert np.all(end.error <= MAX_ERROR)
         assert np.abs(end.unbalanced).max() < 1e-8
         assert end.normal * end.height == pytest.approx(np.full(5, 1e-3), rel=1e-4)
 
@@ -136,7 +137,7 @@ def test_every_step_of_the_barrier_law_is_at_its_mu():
 @pytest.mark.costly
 def test_the_search_finds_the_same_again():
     step = closed("exact")
-    for k in np.flatnonzero(~(by_path_alone("exact") <= LOST)):
+    for k in np.flatnonzero(~(by_path_alone("exact") <= MAX_ERROR)):
         once, again = (step.solve(*states()[k], step.p.values)[1] for _ in range(2))
         assert np.array_equal(np.array(once), np.array(again))
 
@@ -165,9 +166,9 @@ def test_a_step_without_a_solution_is_not_solved(exact: bool):
     solvable = ncp_solver(curved_gap(lambda x: -1 - x / 10 + x * x / 100), exact)
     none = ncp_solver(curved_gap(lambda x: -1 - x / 10 - x * x / 100), exact)
     _, lam, _, error = solvable(0, 0, [], 1e-8)
-    assert float(error) <= LOST
+    assert float(error) <= MAX_ERROR
     assert float(lam) == pytest.approx(5 + np.sqrt(125), abs=1e-6)
-    assert not float(none(0, 0, [], 1e-8)[3]) <= LOST
+    assert not float(none(0, 0, [], 1e-8)[3]) <= MAX_ERROR
 
 
 def largest_inputs(seed: int) -> np.ndarray:

@@ -302,8 +302,8 @@ def rollout_source(
         "U": registers,
         "PS": "U" if own_p else "1",
         "GT": tapes.n_theta if layers is None else layers.n_weights,
-        "ENDS": int(tapes.weight is not None),
-        "WEIGHT": tapes.weight or 0,
+        "ENDS": int(tapes.end_entry is not None),
+        "WEIGHT": tapes.end_entry or 0,
         **c_dense.layer_constants(layers, own_theta),
     }
     return "".join(

@@ -81,15 +81,17 @@ class Compiler:
 
 
 def find_compiler() -> Compiler:
-    """Return the first compiler among `cc`, `gcc`, `clang` on the search path.
+    """Return the first compiler that runs among `cc`, `gcc`, `clang` on the search path.
 
-    Raises `CompilerError` when there is none or it does not run.
+    Raises `CompilerError` when there is none; where none runs, with the error of the first.
     """
-    for name in CANDIDATES:
-        path = shutil.which(name)
-        if path is not None:
+    errors: list[CompilerError] = []
+    for path in filter(None, map(shutil.which, CANDIDATES)):
+        try:
             return _probe(path, Path(path).stat().st_mtime_ns)
-    raise CompilerError(f"no C compiler found (looked for {', '.join(CANDIDATES)})")
+        except CompilerError as error:
+            errors.append(error)
+    raise errors[0] if errors else CompilerError(f"no C compiler found (looked for {', '.join(CANDIDATES)})")
 
 
 @functools.lru_cache(maxsize=8)

@@ -24,7 +24,7 @@ from typing import Any, ClassVar
 import casadi as ca
 
 from dynamics.contact import interior_point, starts
-from dynamics.contact.path import Path
+from dynamics.contact.path import MAX_ERROR, Path
 from dynamics.systems.elimination import solve_without_pivoting
 
 # Maximum number of iterations of Newton's method, before the path is used.
@@ -32,8 +32,6 @@ NEWTON_ITERATIONS = 12
 # Step size relative to lam at which Newton's method ends: the error after a step is of the order of
 # its square over sqrt(mu), and mu is at least 1e-14.
 _NEWTON_TOLERANCE = 1e-11
-# Scaled violation above which the end of a path is not accepted as a solution.
-_MAX_PATH_ERROR = 1e-7
 # Maximum number of iterations from the step before; ten mostly suffice, and longer paths mostly fail.
 _WARM_ITERATIONS = 16
 # Maximum number of iterations from ones.
@@ -112,7 +110,7 @@ def solver_fields(path: Path) -> dict[str, Any]:
     path_end = path.ending_function()(pair, path.data)
     sizes = {"n": path.n, "n_pair": path.size, "n_data": path.data.numel()}
     # Infinite where the path was not followed to its end, so that the sample is not counted.
-    checked_end = path_end[0] / (ca.mmax(path_end[2]) <= _MAX_PATH_ERROR)
+    checked_end = path_end[0] / (ca.mmax(path_end[2]) <= MAX_ERROR)
     followed = _function("followed", [pair, path.data], [checked_end])
     return {
         **sizes,

@@ -109,9 +109,9 @@ class ClosedStep:
             remaining["forward"], remaining["adjoint"] = carry_costly_values(remaining["forward"], remaining["adjoint"])
         else:
             loop = replace(loop, **{name: remaining[name] for name in loop.with_p})
-        layers, over = None, self.objective.end_entry
+        layers, end_entry = None, self.objective.end_entry
         if isinstance(self.policy, DensePolicy):
-            layers = Layers(self.policy.sizes, remaining["observe"], remaining["observe_adjoint"])
+            layers = Layers(self.policy.sizes, self.policy.n_theta, remaining["observe"], remaining["observe_adjoint"])
         return RolloutTapes(
             nx=self.x.numel(),
             n_carried=self.objective.carried.numel(),
@@ -127,7 +127,7 @@ class ClosedStep:
             terminal_adjoint=remaining["terminal_adjoint"],
             derived=derived,
             layers=layers,
-            weight=None if over is None else self.step.system.nx + over,
+            end_entry=None if end_entry is None else self.step.system.nx + end_entry,
         )
 
     def cost_dependence(self) -> CostDependence:
@@ -197,11 +197,11 @@ class ClosedStep:
     def _around(self) -> InnerLoop | ModelStepGraphs | None:
         """Return the graphs of a step that needs a contact solver or a model; None where one graph is enough."""
         if isinstance(self.step, LearnedStep):
-            return self._asked(self.step)
+            return self._model_graphs(self.step)
         explicit = self.step.system.nlam <= isinstance(self.step, AffineStep)
         return None if explicit else self._loop()
 
-    def _asked(self, step: LearnedStep) -> ModelStepGraphs:
+    def _model_graphs(self, step: LearnedStep) -> ModelStepGraphs:
         x_next, cost = self._closed(self.x_next, self.stage_cost)
         closing = [*self.arguments, step.model_outputs]
         return ModelStepGraphs(

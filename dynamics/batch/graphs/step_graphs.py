@@ -87,17 +87,15 @@ def stand_ins(unknown: ca.SX, rows: ca.SX) -> ca.SX:
 class Layers:
     """Dense layers of `sizes` between the observation and the mean action, with the observation's graphs.
 
+    `n_weights` counts the weights and offsets of all layers.
+
     - `observe: (x, p) -> o`, and `observe_adjoint: (x, p, obar) -> xbar`
     """
 
     sizes: tuple[int, ...]
+    n_weights: int
     observe: ca.Function
     observe_adjoint: ca.Function
-
-    @property
-    def n_weights(self) -> int:
-        """Number of weights and offsets of all layers."""
-        return layer_slices(self.sizes)[-1][1].stop
 
 
 def layer_slices(sizes: Sequence[int]) -> list[tuple[slice, slice, tuple[int, int]]]:
@@ -124,7 +122,7 @@ class RolloutTapes:
       has no effect in state x, see `cost_dependence`
     - `terminal: (x, p) -> cost` and `terminal_adjoint: (x, p) -> xbar`
 
-    Where entry `weight` of x is zero the rollout has ended, and x does not change any more.
+    Where entry `end_entry` of x is zero the rollout has ended, and x does not change any more.
 
     With `layers` theta is the mean action, the output of the layers.
 
@@ -146,7 +144,7 @@ class RolloutTapes:
     terminal_adjoint: ca.Function
     derived: ca.Function
     layers: Layers | None = None
-    weight: int | None = None
+    end_entry: int | None = None
 
 
 @dataclass(frozen=True)

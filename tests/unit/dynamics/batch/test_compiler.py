@@ -133,6 +133,13 @@ def test_failing_compiler_shows_its_last_line_and_is_passed_over(graph, tmp_path
         BatchFunction(graph, backend="c")
 
 
+def test_a_broken_compiler_does_not_hide_one_that_works(tmp_path, monkeypatch):
+    real = compiler.find_compiler().path
+    fake_compiler(tmp_path / "bin", "echo no licence >&2; exit 1", monkeypatch)
+    (tmp_path / "bin" / "gcc").symlink_to(real)
+    assert compiler.find_compiler().path == str(tmp_path / "bin" / "gcc")
+
+
 RUBBISH = {
     "text": "echo rubbish > $2",
     "nothing": ":",

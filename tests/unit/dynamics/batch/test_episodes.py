@@ -247,8 +247,12 @@ def test_what_a_finished_sample_becomes_is_nobodys_business():
 def test_bad_input_is_told():
     f = rolled("closed form", "network")
     call = given(f)
-    with pytest.raises(ValueError, match="along needs episodes of 8 steps"):
+    with pytest.raises(ValueError, match="linearise_along needs episodes of 8 steps"):
         f(**call, linearise_along=f(**call))
+    with pytest.raises(ValueError, match="'linearise_along' has 2"):
+        f(**call, linearise_along=f(**call | {"x0": call["x0"][:2], "noise": call["noise"][:2]}, states=True))
+    with pytest.raises(ValueError, match="'terminal_gradient' of the rollout"):
+        f(**call, terminal_gradient=np.ones(9))
     with pytest.raises(ValueError, match="not kept; pass states=True"):
         _ = f(**call).states
     with pytest.raises(ValueError, match="a score needs Gaussian noise"):
