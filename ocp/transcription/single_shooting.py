@@ -9,7 +9,7 @@ where E_k selects the inputs or gains of step k from theta.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -54,6 +54,18 @@ class SingleShooting:
         _, _, lam, gap = trajectories(*inputs)
         contacts = ca.Function("contacts", inputs, [lam, gap])
         return NLP.of(graph, self.name, variables, constraints, functions, trajectories=trajectories, contacts=contacts)
+
+
+class _First(NamedTuple):
+    """First derivatives: gradient and constraint Jacobian, and of all stages Y, Jacobians J and cost gradients."""
+
+    gradient: ca.MX
+    jacobian: ca.MX
+    Y: list[ca.MX]
+    J: list[ca.MX]
+    J_end: list[ca.MX]
+    gradients: ca.MX
+    gradients_end: ca.MX
 
 
 class _Condensed:
@@ -150,7 +162,7 @@ class _Condensed:
         gap, u = self.gap.map(self.N * self.S)(w, ca.repmat(p, 1, self.N * self.S), lam)
         impulses = lam[lam.shape[0] - graph.step.n :, :] if graph.step.n else lam[:0, :]
         dense = ca.Sparsity.dense(self.constraints.size, n)
-        jac = ca.project(first["jacobian"], dense) if self.constraints.size else ca.MX(0, n)
+        jac = ca.project(first.jacobian, dense) if self.constraints.size else ca.MX(0, n)
         trajectories = ca.Function(
             "trajectories",
             [theta, full],
@@ -159,7 +171,7 @@ class _Condensed:
             ["x", "u", "lam", "gap"],
         )
         symbols = (theta, full, lam_f, lam_g)
-        return Functions.of(symbols, (f, g), (f, first["gradient"]), (g, jac), hess), trajectories
+        return Functions.of(symbols, (f, g), (f, first.gradient), (g, jac), hess), trajectories
 
     def _values(self, theta: ca.MX, p: ca.MX, end: ca.MX, w: ca.MX, lam: ca.MX) -> tuple[ca.MX, ca.MX]:
         stage = self.make(self.stage.values())
@@ -177,14 +189,13 @@ class _Condensed:
         weight = self.graph.problem.scales.cost * policy.penalty * self.N / self.graph.gain_steps
         return weight * ca.sumsqr(theta[self.variables["K"].index.ravel().tolist()])
 
-    def _first(self, theta: ca.MX, p: ca.MX, end: ca.MX, w: ca.MX, lam: ca.MX) -> dict[str, ca.MX]:
-        """Return a dict of stage Jacobians, sensitivities Y of all stages, gradient and constraint Jacobian."""
-        nxi, nw, n = self.xi.numel(), self.stage.w.numel(), self.variables.size
+    def _first(self, theta: ca.MX, p: ca.MX, end: ca.MX, w: ca.MX, lam: ca.MX) -> _First:
+        nxi, n = self.xi.numel(), self.variables.size
         function, pattern = self.stage.first()
         mapped = self.make(function).map("first_map", "serial", self.N * self.S, [1], [])
-        _, _, slope, entries = mapped(w, p, lam)
+        _, _, gradients, entries = mapped(w, p, lam)
         last, pattern_end = self.terminal.first()
-        _, _, slope_end, entries_end = last.map("end_first", "serial", self.S, [1], [])(end, p, ca.MX(0, self.S))
+        _, _, gradients_end, entries_end = last.map("end_first", "serial", self.S, [1], [])(end, p, ca.MX(0, self.S))
         gradient = ca.MX.zeros(1, n)
         rows, end_rows, Y_all, blocks, ends = [], [], [], [], []
         identity = ca.DM.eye(n)
@@ -195,32 +206,24 @@ class _Condensed:
                 column = s * self.N + k
                 J = ca.MX(pattern, entries[:, column])
                 Y = ca.vertcat(ca.densify(M), picks[k])
-                gradient += slope[:, column].T @ Y
+                gradient += gradients[:, column].T @ Y
                 propagated = J @ Y
                 M = propagated[:nxi, :]
                 rows.append(propagated[nxi:, :])
                 Y_all.append(Y)
                 blocks.append(J)
-            gradient += slope_end[:, s].T @ M
+            gradient += gradients_end[:, s].T @ M
             J_end = ca.MX(pattern_end, entries_end[:, s])
             end_rows.append(J_end @ M)
             Y_all.append(M)
             ends.append(J_end)
         gradient += ca.gradient(self._gain_cost(theta), theta).T if self.graph.feedback else 0
         stacked = ca.vertcat(ca.MX(0, n), *rows, *end_rows)
-        return {
-            "gradient": ca.densify(gradient.T),
-            "jacobian": stacked[self.places, :] if self.places else stacked,
-            "Y": Y_all,
-            "J": blocks,
-            "J_end": ends,
-            "slope": slope,
-            "slope_end": slope_end,
-            "nw": nw,
-        }  # pyright: ignore[reportReturnType]
+        jacobian = stacked[self.places, :] if self.places else stacked
+        return _First(ca.densify(gradient.T), jacobian, Y_all, blocks, ends, gradients, gradients_end)
 
     def _hessian(
-        self, theta: ca.MX, p: ca.MX, end: ca.MX, w: ca.MX, lam: ca.MX, lam_f: ca.MX, lam_g: ca.MX, first: dict
+        self, theta: ca.MX, p: ca.MX, end: ca.MX, w: ca.MX, lam: ca.MX, lam_f: ca.MX, lam_g: ca.MX, first: _First
     ) -> ca.MX:
         multipliers, multipliers_end = (
             ca.reshape(lam_g[rows.ravel().tolist()], rows.shape[1], rows.shape[0])
@@ -240,7 +243,7 @@ class _Condensed:
         sensitivities, weighted = [], []
         for s in range(self.S):
             for k in range(self.N + 1):
-                Y = first["Y"][s * (self.N + 1) + k]
+                Y = first.Y[s * (self.N + 1) + k]
                 H = ca.MX(pattern, entries[:, s * self.N + k]) if k < self.N else ca.MX(pattern_end, entries_end[:, s])
                 sensitivities.append(ca.densify(Y))
                 weighted.append(ca.densify(ca.triu2symm(H) @ Y))
@@ -249,17 +252,17 @@ class _Condensed:
             hessian += lam_f * ca.hessian(self._gain_cost(theta), theta)[0]
         return ca.triu(hessian)
 
-    def _adjoints(self, lam_f: ca.MX, multipliers: ca.MX, multipliers_end: ca.MX, first: dict) -> ca.MX:
+    def _adjoints(self, lam_f: ca.MX, multipliers: ca.MX, multipliers_end: ca.MX, first: _First) -> ca.MX:
         """Return the adjoints of ``lam_f f + lam_g' g`` with respect to xi_1..xi_N, (nxi, S N)."""
         nxi, columns = self.xi.numel(), []
         for s in range(self.S):
-            nu = lam_f * first["slope_end"][:, s] + first["J_end"][s].T @ multipliers_end[:, s]
+            nu = lam_f * first.gradients_end[:, s] + first.J_end[s].T @ multipliers_end[:, s]
             adjoints = [nu]
             for k in reversed(range(1, self.N)):
                 column = s * self.N + k
-                J = first["J"][column]
+                J = first.J[column]
                 back = J.T @ ca.vertcat(nu, multipliers[:, column])
-                nu = (lam_f * first["slope"][:, column] + back)[:nxi]
+                nu = (lam_f * first.gradients[:, column] + back)[:nxi]
                 adjoints.append(nu)
             columns += reversed(adjoints)
         return ca.horzcat(*columns)
