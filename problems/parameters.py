@@ -11,7 +11,7 @@ from dynamics.settings import Range, Setting, declare, settings_of
 from dynamics.systems import ContactSystem, Parameter, ParameterTable
 from ocp.problem.cost_sizes import cost_weights
 from ocp.problem.problem import Problem
-from ocp.programs.units import SI, Units, fitted
+from ocp.programs.units import SI, Units, fit_units
 
 
 class Parameters(BaseModel):
@@ -59,10 +59,10 @@ def table(params: BaseModel) -> ParameterTable:
 
 
 def natural_units(params: BaseModel, problem: Problem) -> Units:
-    """Return units fitted to the ratios of a problem's parameters to their defaults; SI if all ratios are 1.
+    """Return units fit_units to the ratios of a problem's parameters to their defaults; SI if all ratios are 1.
 
     Words, structural parameters, and parameters that are zero or have changed sign are left out. See
-    :func:`~ocp.programs.units.fitted`.
+    :func:`~ocp.programs.units.fit_units`.
     """
     symbols = {name: about for name, about in settings_of(type(params)).items() if not is_structural(about)}
     ratios = {
@@ -75,7 +75,7 @@ def natural_units(params: BaseModel, problem: Problem) -> Units:
     # A single weight cannot be distinguished from the unit of the cost.
     weights = cost_weights(problem)
     weights = weights if len(weights) > 1 else set()
-    return fitted((symbols[name].unit, ratio, name in weights) for name, ratio in ratios.items())
+    return fit_units((symbols[name].unit, ratio, name in weights) for name, ratio in ratios.items())
 
 
 def friction_of(p: ParameterTable) -> tuple[ParameterTable, ca.SX | None]:

@@ -98,8 +98,8 @@ class MlpModel:
         curvatures = np.zeros((len(z), self.n_in, self.n_in))
         hidden = self._forward(z)[:-1]
         for W, (s, J) in zip(reversed(self.weights[:-1]), reversed(hidden), strict=True):
-            _, slope, bend = _elu(s)
-            curvatures += (J * (adjoint * bend)[:, None, :]) @ J.swapaxes(1, 2)
+            _, slope, curvature = _elu(s)
+            curvatures += (J * (adjoint * curvature)[:, None, :]) @ J.swapaxes(1, 2)
             adjoint = (adjoint * slope) @ W
         # The product of a matrix and its scaled transpose is symmetric only up to rounding.
         return 0.5 * (curvatures + curvatures.swapaxes(1, 2))

@@ -161,7 +161,7 @@ def certify(
     slope = float(np.abs(model.cost).sum())
     tolerance = tolerance_of(model)
     fitted = multipliers if multipliers is not None else fit_multipliers(model)
-    hessian = nlp.bend(x, p, fitted, model.sizes)
+    hessian = nlp.scaled_hessian(x, p, fitted, model.sizes)
     verdict, strong, descent, gain = _judge(model, multipliers, hessian)
     steep = _steep_factors(model, hessian)
     if verdict == "B" and np.any(steep < 1):
@@ -293,9 +293,9 @@ def _kind(model: LinearModel, multipliers: np.ndarray) -> str:
 
 def _gain(descent: Descent, hessian: sp.csr_matrix) -> float:
     """Return the largest value of ``decrease t - t² d'Hd / 2`` for t up to :data:`WITHIN`."""
-    bend = float(descent.step @ (hessian @ descent.step))
-    t = min(WITHIN, descent.decrease / bend) if bend > 0 else WITHIN
-    return descent.decrease * t - max(bend, 0.0) * t**2 / 2
+    curvature = float(descent.step @ (hessian @ descent.step))
+    t = min(WITHIN, descent.decrease / curvature) if curvature > 0 else WITHIN
+    return descent.decrease * t - max(curvature, 0.0) * t**2 / 2
 
 
 def _curvature(model: LinearModel, hessian: sp.csr_matrix) -> int:

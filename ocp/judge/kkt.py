@@ -74,7 +74,7 @@ class KKTCurve:
         self.program, self.values, self.name, self.unit = program, values, name, unit
         x = point.x
         p, bounds = self.problem_data(values[name] / unit)
-        gradient, g, jacobian = program.slopes(x, p)
+        gradient, g, jacobian = program.first_derivatives(x, p)
         self.sizes = program.sizes(x)
         smallest = 1e-12 * program.natural.f
         self.scale = max(float(np.abs(gradient * self.sizes).max(initial=0.0)), smallest)
@@ -128,7 +128,7 @@ class KKTCurve:
     def _state(self, v: np.ndarray) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
         """Return the gradient of the Lagrangian (n,) and the constraints (m,), both scaled, and the bounds."""
         (x, y), (p, bounds) = self.primal_dual(v), self.problem_data(v[-1])
-        gradient, g, jacobian = self.program.slopes(x, p)
+        gradient, g, jacobian = self.program.first_derivatives(x, p)
         return (gradient + jacobian.T @ y) * self.sizes / self.scale, g * self.rows, bounds
 
     def equations(self, v: np.ndarray) -> np.ndarray:
@@ -151,8 +151,8 @@ class KKTCurve:
     def _second(self, x: np.ndarray, y: np.ndarray, p: np.ndarray) -> tuple[sp.csr_matrix, sp.csr_matrix]:
         import scipy.sparse as sp
 
-        H = sp.csr_matrix(self.program.bend(x, p, y, self.sizes) / self.scale)
-        _, _, jacobian = self.program.slopes(x, p)
+        H = sp.csr_matrix(self.program.scaled_hessian(x, p, y, self.sizes) / self.scale)
+        _, _, jacobian = self.program.first_derivatives(x, p)
         A = sp.csr_matrix(sp.diags(self.rows) @ jacobian @ sp.diags(self.sizes))
         return H[self.free][:, self.free], A[self.acting][:, self.free]
 

@@ -63,7 +63,7 @@ class LinearModel:
 
         pairs = nlp.pairs if nlp.reformulation == "none" else np.zeros((2, 0), dtype=int)
         sizes = nlp.sizes(x)
-        gradient, g, jacobian = nlp.slopes(x, p)
+        gradient, g, jacobian = nlp.first_derivatives(x, p)
         scaled = jacobian @ sp.diags(sizes)
         largest = abs(scaled).max(axis=1).toarray().ravel() if g.size else np.zeros(0)
         scale = 1 / np.maximum(largest, 1e-12)

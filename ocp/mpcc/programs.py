@@ -13,7 +13,7 @@ from ocp.errors import InputError
 from ocp.mpcc.sizes import variable_sizes
 from ocp.problem.cost_sizes import split_constant
 from ocp.programs.program import PENALTY, RELAXATION, Functions, Layout, PairName, Program, closure_rows
-from ocp.programs.units import ORDINARY_ROWS, Scale, band, row_units, solver_unit
+from ocp.programs.units import ORDINARY_ROWS, Scale, cost_unit, row_units, solver_unit
 
 
 @dataclass(frozen=True, eq=False)
@@ -245,17 +245,20 @@ class MPCCProgram(Program):
     def scale(self) -> Scale | None:
         """Units of variables, rows and cost for a solver; None where all are 1.
 
-        The unit of the cost is the :func:`~ocp.programs.units.band` of its largest change by one
+        The unit of the cost is the :func:`~ocp.programs.units.cost_unit` of its largest change by one
         variable or one pair of variables. In a sum over all variables, a penalty in the cost that is
         far from its minimum would outweigh the cost.
         """
         x, p = self.units, self._plain
         point = self.extended(self.start)
-        bend = np.abs(self.hessian(point, p, 1.0, np.zeros(self.m)).sparse()).tocoo()
+        hessian = np.abs(self.hessian(point, p, 1.0, np.zeros(self.m)).sparse()).tocoo()
         sizes = self.sizes(point)
-        changes = np.abs(self.slopes(point, p)[0]) * sizes, bend.data * sizes[bend.row] * sizes[bend.col]
-        f = band(_largest(change.max(initial=0.0) for change in changes))
-        g = row_units(x, lambda z, p: (0.0, self.slopes(z, p)[2]), p)
+        changes = (
+            np.abs(self.first_derivatives(point, p)[0]) * sizes,
+            hessian.data * sizes[hessian.row] * sizes[hessian.col],
+        )
+        f = cost_unit(_largest(change.max(initial=0.0) for change in changes))
+        g = row_units(x, lambda z, p: (0.0, self.first_derivatives(z, p)[2]), p)
         if "contact" in self.constraints:
             g[self.constraints["contact"].index] = x[self.pairs].prod(axis=0)
         return None if f == 1 and np.all(x == 1) and np.all(g == 1) else Scale(x, g, f)

@@ -32,8 +32,8 @@ def variable_sizes(program: Program, start: np.ndarray, p: np.ndarray) -> np.nda
     optimal up to rounding makes no variable small. Only a bound that holds a steep variable does.
     """
     bounds = program.bounds({PENALTY: 0.0, RELAXATION: 0.0})
-    slope, g, jacobian = program.slopes(start, p)
-    curvature = program.bend(start, p, np.zeros(program.m), np.ones(program.n)).diagonal()
+    slope, g, jacobian = program.first_derivatives(start, p)
+    curvature = program.scaled_hessian(start, p, np.zeros(program.m), np.ones(program.n)).diagonal()
     with np.errstate(divide="ignore", invalid="ignore"):
         newton = np.abs(slope / curvature)
     candidates = [

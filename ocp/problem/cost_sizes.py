@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 
 from ocp.problem.checks import BY_PARAMETERS
-from ocp.programs.units import band
+from ocp.programs.units import cost_unit
 
 if TYPE_CHECKING:
     from ocp.problem.parts import Scales
@@ -89,10 +89,10 @@ def _bound(operation: int, right: ca.SX, lower_bounds: list[float]) -> float:
     return -np.inf
 
 
-def cost_band(problem: Problem, sizes: Scales) -> float:
+def natural_cost_unit(problem: Problem, sizes: Scales) -> float:
     """Return the change of the cost as states and inputs at rest move by ``sizes``, rounded to a power of 2**24.
 
-    Sizes, and the parameters' values, are in natural units (:func:`~ocp.programs.units.band`).
+    Sizes, and the parameters' values, are in natural units (:func:`~ocp.programs.units.cost_unit`).
     """
     units = problem.scaling.units
     p = np.array([parameter.value / units.of(parameter.unit) for parameter in problem.parameters])
@@ -102,7 +102,7 @@ def cost_band(problem: Problem, sizes: Scales) -> float:
         for s in (0.0, -1.0, 1.0)
     ]
     changes = np.abs(np.array(costs[1:], dtype=float) - costs[0]) @ (problem.N, 1.0)
-    return band(float(changes.max()) / units.cost)
+    return cost_unit(float(changes.max()) / units.cost)
 
 
 def cost_weights(problem: Problem) -> set[str]:

@@ -15,7 +15,7 @@ from dynamics.contact import Exact, Step
 from dynamics.systems import ContactSystem, ParameterTable
 from ocp.errors import InputError
 from ocp.problem.checks import BY_PARAMETERS, check_guess, check_problem_symbols
-from ocp.problem.cost_sizes import cost_band, split_constant
+from ocp.problem.cost_sizes import natural_cost_unit, split_constant
 from ocp.problem.free_time import FreeStep, with_free_step
 from ocp.problem.parts import Constraint, FreeStart, Origin, Scales, Scaling, Scenarios, column, repeat_bound
 from ocp.problem.sizes import GAP_SHARE, derive_sizes, gap_changes, residual_changes
@@ -275,7 +275,7 @@ class Problem:
             return getattr(derived, name) if multiple is None else multiple * getattr(units, name)
 
         sizes = Scales(size("impulse"), size("gap"), size("x"), size("u"))
-        return replace(sizes, cost=stated.units.cost * cost_band(self, sizes.over(units)))
+        return replace(sizes, cost=stated.units.cost * natural_cost_unit(self, sizes.over(units)))
 
     @cached_property
     def natural(self) -> Scales:

@@ -197,12 +197,14 @@ class _Data:
     def _newton_step(self, cost: ca.SX, by: ca.SX) -> np.ndarray:
         """Return the distance (n,) of each symbol to the minimum of the cost in it alone, 0 without curvature."""
         du = ca.SX.sym("du", self.system.nu) if self.problem.du is None else self.problem.du
-        slope, bend = (
+        slope, curvature = (
             self.at_start(ca.substitute(derivative, du, 0 * du)).ravel()
             for derivative in (ca.gradient(cost, by), ca.diag(ca.hessian(cost, by)[0]))
         )
         with np.errstate(divide="ignore", invalid="ignore"):
-            newton = np.where(bend > DIFFERENCE_ROUNDING * bend.max(initial=0.0), np.abs(slope / bend), 0)
+            newton = np.where(
+                curvature > DIFFERENCE_ROUNDING * curvature.max(initial=0.0), np.abs(slope / curvature), 0
+            )
         return np.nan_to_num(newton, posinf=0.0)
 
     def _by_gaps(self, sizes: np.ndarray) -> np.ndarray:

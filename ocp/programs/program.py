@@ -100,8 +100,8 @@ class Program(ABC):
         sizes = self.sizes(x)
         f, gradient = self.gradient(x, p)
         slope = np.array(gradient).ravel() * sizes
-        bend = self.bend(x, p, np.zeros(self.m), sizes).diagonal()
-        entry_changes = np.nan_to_num(np.abs(slope) + np.abs(bend) / 2, posinf=0.0)
+        curvature = self.scaled_hessian(x, p, np.zeros(self.m), sizes).diagonal()
+        entry_changes = np.nan_to_num(np.abs(slope) + np.abs(curvature) / 2, posinf=0.0)
         below, above = (x - bounds["lbx"]) / sizes, (bounds["ubx"] - x) / sizes
         is_held = ((below < _AT_BOUND) & (slope > 0)) | ((above < _AT_BOUND) & (slope < 0))
         signals = [block.index.reshape(-1, block.shape[-1]).T for block in self.variables.blocks.values() if block.size]
@@ -155,7 +155,7 @@ class Program(ABC):
         ]
         return float(np.nan_to_num(np.concatenate(amounts), nan=np.inf, posinf=np.inf).max(initial=0.0))
 
-    def slopes(self, x: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray, sp.csr_matrix]:
+    def first_derivatives(self, x: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray, sp.csr_matrix]:
         """Return the gradient of the cost (n,), constraints (m,) and their Jacobian (m, n)."""
         import scipy.sparse as sp
 
@@ -163,7 +163,7 @@ class Program(ABC):
         gradient = np.array(self.gradient(x, p)[1]).ravel()
         return gradient, np.array(g).ravel(), sp.csr_matrix(jacobian.sparse())
 
-    def bend(self, x: np.ndarray, p: np.ndarray, multipliers: np.ndarray, sizes: np.ndarray) -> sp.csr_matrix:
+    def scaled_hessian(self, x: np.ndarray, p: np.ndarray, multipliers: np.ndarray, sizes: np.ndarray) -> sp.csr_matrix:
         """Return the Hessian (n, n) of ``f + multipliers' g`` with respect to variables divided by ``sizes`` (n,)."""
         import scipy.sparse as sp
 

@@ -45,12 +45,12 @@ class Scaled:
         f, g = plain["f_g"].call([X * z, p], True, False)
         slope = plain["grad_f"].call([X * z, p], True, False)[1]
         rows = plain["jac_g"].call([X * z, p], True, False)[1]
-        bend = plain["hess_lag"].call([X * z, p, s / scale.f, y / G], True, False)[0]
+        hessian = plain["hess_lag"].call([X * z, p, s / scale.f, y / G], True, False)[0]
         outputs = {
             "f_g": [f / scale.f, g / G],
             "grad_f": [f / scale.f, X * slope / scale.f],
             "jac_g": [g / G, _scaled(rows, 1 / scale.g, scale.x)],
-            "hess_lag": [_scaled(bend, scale.x, scale.x)],
+            "hess_lag": [_scaled(hessian, scale.x, scale.x)],
         }
         return {
             name: ca.Function(
@@ -63,7 +63,7 @@ class Scaled:
             for name, expressions in outputs.items()
         }
 
-    def given(self, start: Point, bounds: Bounds) -> Bounds:
+    def solver_arguments(self, start: Point, bounds: Bounds) -> Bounds:
         """Return start and bounds in z, as arguments of a solver."""
         x, g, f = self._factors
         arguments = {
@@ -75,7 +75,7 @@ class Scaled:
             arguments |= {"lam_g0": start.lam_g * g / f, "lam_x0": start.lam_x * x / f}
         return arguments
 
-    def answer(
+    def unscale(
         self, f: float, x: np.ndarray, lam_x: np.ndarray, lam_g: np.ndarray, g: np.ndarray
     ) -> tuple[Point, float, np.ndarray]:
         """Return point, cost and constraints in the program's units from those in z."""

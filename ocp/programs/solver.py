@@ -30,7 +30,7 @@ class Status(Enum):
     SOLVED = "solved: feasible by the audit, and certified stationary"
     NOT_OPTIMAL = "feasible, not optimal"
     UNDECIDED = "feasible, but whether it is optimal was not decided"
-    UNBOUNDED = "not solved: the cost falls for ever"
+    UNBOUNDED = "not solved: the cost falls without end"
     INEXACT = "not solved: the solver stopped, but the audited residuals are above tolerance"
     NO_PROGRESS = "no-progress: it does no better than standing still"
     ITERATION_LIMIT = "not converged: the iteration limit was reached"
@@ -147,14 +147,14 @@ class Solver:
         function = self._instance(nlp, overrides)
         _check_bounds(nlp, bounds)
         scaled = Scaled(nlp)
-        arguments: dict[str, Any] = {"p": p, **scaled.given(start, bounds)}
+        arguments: dict[str, Any] = {"p": p, **scaled.solver_arguments(start, bounds)}
         logger.debug("%s on %s starts", self.name, nlp.title)
         start_time = time.perf_counter()
-        with noted() as pressed:
+        with record_interrupts() as signals:
             try:
                 answer = function(**arguments)
             except RuntimeError as error:
-                if pressed:
+                if signals:
                     raise KeyboardInterrupt from error
                 return self._thrown(nlp, start, p, error, time.perf_counter() - start_time)
         seconds = time.perf_counter() - start_time
@@ -163,7 +163,7 @@ class Solver:
         succeeded = bool(stats.get("success", False))
         status = _STATUS.get(word, Status.SOLVED if succeeded else Status.FAILED)
         values = {key: np.array(answer[key]).ravel() for key in ("x", "lam_x", "lam_g", "g")}
-        point, cost, g = scaled.answer(float(answer["f"]), **values)
+        point, cost, g = scaled.unscale(float(answer["f"]), **values)
         if not np.all(np.isfinite(values["x"])):
             status = Status.DIVERGED
         # Wall time of f, g and their derivatives, as measured by CasADi around each call.
@@ -180,16 +180,16 @@ class Solver:
             result.evaluation_s,
             {**self.options, **overrides},
         )
-        return self._ended(nlp, p, result, bool(pressed))
+        return self._ended(nlp, p, result, bool(signals))
 
-    def _ended(self, nlp: Program, p: np.ndarray, result: Result, pressed: bool) -> Result:
-        """Pass a run's result to ``on_result`` and return it; raise KeyboardInterrupt if Ctrl-C was pressed."""
-        if pressed:
+    def _ended(self, nlp: Program, p: np.ndarray, result: Result, signals: bool) -> Result:
+        """Pass a run's result to ``on_result`` and return it; raise KeyboardInterrupt if Ctrl-C was signals."""
+        if signals:
             cost, g = nlp.values(result.point.x, p)
             result = replace(result, f=cost, g=g, status=Status.INTERRUPTED)
         if self.on_result is not None:
             self.on_result(nlp, result)
-        if pressed:
+        if signals:
             raise KeyboardInterrupt
         return result
 
@@ -250,7 +250,7 @@ def _check_bounds(nlp: Program, bounds: dict[str, np.ndarray]) -> None:
 
 
 @contextmanager
-def noted() -> Iterator[list[int]]:
+def record_interrupts() -> Iterator[list[int]]:
     """Yield a list to which every SIGINT is appended; the previous handler runs too.
 
     CasADi lets Python handle signals at every evaluation of a function. IPOPT's interface catches

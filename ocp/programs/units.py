@@ -81,7 +81,7 @@ SI = Units()
 """SI units, and the cost as it is stated."""
 
 
-def fitted(changes: Iterable[tuple[str, float, bool]]) -> Units:
+def fit_units(changes: Iterable[tuple[str, float, bool]]) -> Units:
     """Return natural units fitted to (unit, ratio to the default, whether it weights the cost) of parameters.
 
     ``min over c of sum_i |log ratio_i - e_i' c|``, e_i the exponents of the unit (and that of the
@@ -104,7 +104,7 @@ def fitted(changes: Iterable[tuple[str, float, bool]]) -> Units:
     return Units() if np.abs(c).max() < SLIGHT_CHANGE else Units(*np.exp(c).tolist())
 
 
-def band(span: float) -> float:
+def cost_unit(span: float) -> float:
     """Return the power of 2**24 that divides a cost's span into 2**-6 ... 2**18; 1 for an invalid span.
 
     Tolerances of solvers suit that whole band, so a cost within it is not scaled.
@@ -146,33 +146,33 @@ Entries = Callable[[np.ndarray, np.ndarray], "tuple[float, sp.csr_matrix]"]
 """Function from variables and parameters to the cost and the Jacobian of constraints, entries in a fixed order."""
 
 
-def measured(x: np.ndarray, own: np.ndarray, at: Entries, p: np.ndarray, natural: np.ndarray) -> Scale:
+def measure_scale(x: np.ndarray, defined: np.ndarray, evaluate: Entries, p: np.ndarray, natural: np.ndarray) -> Scale:
     """Return the scale of a program from the units ``x`` of its variables, with rows and cost measured.
 
     Where equations hold in all units, ``J(x z, p) = g J(z, natural) / x`` row by row: ``natural`` are
-    the parameters p in natural units, and z the variables. ``own`` (m,) is the index of the variable
+    the parameters p in natural units, and z the variables. ``defined`` (m,) is the index of the variable
     that a row defines, -1 for none; its unit is that of the row. A row without a finite positive ratio
     has the unit 1.
     """
     # Twice, since rows with products of variables need units that the first pass finds.
-    x, _, _ = _once(x, own, at, p, natural)
-    x, g, cost = _once(x, own, at, p, natural)
+    x, _, _ = _measure_pass(x, defined, evaluate, p, natural)
+    x, g, cost = _measure_pass(x, defined, evaluate, p, natural)
     return Scale(x, g, cost if np.isfinite(cost) and cost > 0 else 1.0)
 
 
-def _once(
-    x: np.ndarray, own: np.ndarray, at: Entries, p: np.ndarray, natural: np.ndarray
+def _measure_pass(
+    x: np.ndarray, defined: np.ndarray, evaluate: Entries, p: np.ndarray, natural: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, float]:
     z = np.random.default_rng(0).uniform(0.5, 1.5, x.size)
-    (f, jacobian), (f_natural, natural_jacobian) = at(x * z, p), at(z, natural)
+    (f, jacobian), (f_natural, natural_jacobian) = evaluate(x * z, p), evaluate(z, natural)
     entries, natural_entries = jacobian.tocoo(), natural_jacobian.tocoo()
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = entries.data * x[entries.col] / natural_entries.data
         cost = f / f_natural
-    used = np.isfinite(ratio) & (ratio > 0) & (entries.col != own[entries.row])
-    x, g = x.copy(), _medians(entries.row[used], ratio[used], own.size)
-    defining = own >= 0
-    x[own[defining]] = g[defining]
+    used = np.isfinite(ratio) & (ratio > 0) & (entries.col != defined[entries.row])
+    x, g = x.copy(), _medians(entries.row[used], ratio[used], defined.size)
+    defining = defined >= 0
+    x[defined[defining]] = g[defining]
     return x, g, cost
 
 
@@ -186,20 +186,20 @@ def _medians(group: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
     return medians
 
 
-def row_scaled(x: np.ndarray, at: Entries, p: np.ndarray, cost: float, largest: float = np.inf) -> Scale | None:
+def row_scaled(x: np.ndarray, evaluate: Entries, p: np.ndarray, cost: float, largest: float = np.inf) -> Scale | None:
     """Return the scale of a program whose variables have the units ``x`` (n,); None where all are 1.
 
     A row's unit is the power of two nearest to its largest change as one variable moves by its unit,
     at most ``largest``, and 1 where that change is of ordinary size, so that a constraint means the
     same to a solver in whatever unit it is written.
     """
-    g = np.minimum(row_units(x, at, p), largest)
+    g = np.minimum(row_units(x, evaluate, p), largest)
     ones = np.all(x == 1) and np.all(g == 1) and cost == 1
     return None if ones else Scale(x, g, cost)
 
 
-def row_units(x: np.ndarray, at: Entries, p: np.ndarray) -> np.ndarray:
+def row_units(x: np.ndarray, evaluate: Entries, p: np.ndarray) -> np.ndarray:
     """Return the units of the rows (m,), see :func:`row_scaled`, measured at a random point around ``x``."""
-    _, jacobian = at(x * np.random.default_rng(0).uniform(0.5, 1.5, x.size), p)
+    _, jacobian = evaluate(x * np.random.default_rng(0).uniform(0.5, 1.5, x.size), p)
     changes = abs(jacobian).multiply(x[None, :]).max(axis=1)
     return solver_unit(changes.toarray().ravel(), ORDINARY_ROWS)

@@ -20,7 +20,7 @@ from ocp.routes.homotopy import IPOPT_WARM_START, Homotopy, RouteResult, lower, 
 
 NEIGHBOUR = "neighbour"
 """Label of a stage that tries a neighbouring contact schedule."""
-LONGEST = 300
+MAX_BRANCH_ITERATIONS = 300
 """Iteration limit of one branch."""
 SECOND_GUESS_FACTOR = 2
 """Iteration limit of a second guess of the active set, as a multiple of the first's."""
@@ -58,11 +58,16 @@ class Branches:
         return self.program.active_sets(x)[-1]
 
     def solve(
-        self, start: Point, active: np.ndarray, most: int = LONGEST, mu_init: float = 1e-6, label: str = "active set"
+        self,
+        start: Point,
+        active: np.ndarray,
+        max_iterations: int = MAX_BRANCH_ITERATIONS,
+        mu_init: float = 1e-6,
+        label: str = "active set",
     ) -> Result:
         """Solve the branch with ``H = 0`` where ``active`` and ``G = 0`` elsewhere.
 
-        ``most`` is the iteration limit, ``label`` the name of the stage in the table.
+        ``max_iterations`` is the iteration limit, ``label`` the name of the stage in the table.
         """
         first, second = self.program.pairs
         bounds = {key: value.copy() for key, value in self.limits.items()}
@@ -71,12 +76,12 @@ class Branches:
         options: dict[str, Any] = {}
         if self.follower.solver.name == "ipopt":
             warm = IPOPT_WARM_START if start.lam_g is not None else {}
-            options = {**warm, "mu_init": mu_init, "max_iter": most}
+            options = {**warm, "mu_init": mu_init, "max_iter": max_iterations}
         inside = Point(np.clip(start.x, bounds["lbx"], bounds["ubx"]), start.lam_x, start.lam_g)
         result = self.follower.solver.run(self.program, inside, self.p, bounds, **options)
         return self.follower.record(label, float(active.sum()), self.program, result, self.p, bounds)
 
-    def solve_branch(self, start: Point, iteration_limit: int = LONGEST) -> Result | None:
+    def solve_branch(self, start: Point, iteration_limit: int = MAX_BRANCH_ITERATIONS) -> Result | None:
         """Solve the branch nearest to a point, then neighbouring branches while these cost less.
 
         A pair near (0, 0) is on the side of its larger member in characteristic sizes; if its
@@ -96,11 +101,11 @@ class Branches:
                 iteration_limit = min(iteration_limit, second_limit(longest))
         return min(results, key=lambda result: result.f, default=None)
 
-    def follow(self, start: Point, active: np.ndarray, most: int) -> Result | None:
+    def follow(self, start: Point, active: np.ndarray, max_iterations: int) -> Result | None:
         """Solve a branch, then those with pairs at (0, 0) on the other side while these cost less; None if unsolved."""
         best, point, cost_unit = None, start, self.program.natural.f
         for _ in range(MAX_SIDE_CHANGES):
-            result = self.solved.get(active.tobytes()) or self.solve(point, active, most)
+            result = self.solved.get(active.tobytes()) or self.solve(point, active, max_iterations)
             if not result.ok or (best is not None and result.f > best.f - 1e-9 * (cost_unit + abs(best.f))):
                 break
             self.solved[active.tobytes()] = result

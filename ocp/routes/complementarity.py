@@ -35,33 +35,33 @@ class RelaxationPlan:
     rolls: RolloutStarts | None = None
 
 
-def solve_pairs(follower: Homotopy, search: RelaxationPlan) -> RouteResult:
+def solve_pairs(follower: Homotopy, plan: RelaxationPlan) -> RouteResult:
     """Follow a strategy, solve the branch where it ends, and exchange it for better branches.
 
     Where rollouts cover the range of a few acting inputs, a path is followed only if they give no result.
     """
     branches = Branches(follower)
-    if search.rolls is not None and search.alternatives:
-        covering_results = cover_inputs(branches, search.rolls)
+    if plan.rolls is not None and plan.alternatives:
+        covering_results = cover_inputs(branches, plan.rolls)
         if covering_results:
             return _best(branches, covering_results, COVERED_FAILURES)
-    first = by_strategy(follower, search, search.strategy)
+    first = by_strategy(follower, plan, plan.strategy)
     easy = first.finished and all(record.accepted for record in follower.trace.records)
     polished = [first.result] if first.finished else []
-    if search.rolls is not None and search.alternatives:
+    if plan.rolls is not None and plan.alternatives:
         count, cost_limit = (ROLLOUTS_AFTER_EASY_PATH, first.result.f) if easy else (ROLLOUTS_AFTER_HARD_PATH, np.inf)
-        points = search.rolls.around(branches.program, [candidate.point for candidate in polished], count)
+        points = plan.rolls.around(branches.program, [candidate.point for candidate in polished], count)
         polished += distant_schedules(branches, points, cost_limit)
-    for strategy in () if easy else search.alternatives:
-        retried = by_strategy(follower, search, strategy)
+    for strategy in () if easy else plan.alternatives:
+        retried = by_strategy(follower, plan, strategy)
         polished += [retried.result] if retried.finished else []
     no_gain = not easy and not any(lower(candidate, first.result) or not first.finished for candidate in polished)
-    if search.rolls is not None and no_gain and (search.alternatives or not polished):
-        points = search.rolls.perturbed(branches.program, _PERTURBED)
+    if plan.rolls is not None and no_gain and (plan.alternatives or not polished):
+        points = plan.rolls.perturbed(branches.program, _PERTURBED)
         rolled_results = map(branches.solve_branch, points)
         polished += [candidate for candidate in rolled_results if candidate is not None]
-    if not polished and search.fallback is not None:
-        retried = by_strategy(follower, search, search.fallback)
+    if not polished and plan.fallback is not None:
+        retried = by_strategy(follower, plan, plan.fallback)
         polished = [retried.result] if retried.finished else []
     return _best(branches, polished) if polished else first
 
@@ -79,17 +79,17 @@ def _best(branches: Branches, results: list[Result], max_failures: int = MAX_FAI
     return RouteResult(best, branches.program, True, branches.follower.trace)
 
 
-def by_strategy(follower: Homotopy, search: RelaxationPlan, strategy: Strategy) -> RouteResult:
+def by_strategy(follower: Homotopy, plan: RelaxationPlan, strategy: Strategy) -> RouteResult:
     """Follow one strategy and solve the branch where it ends, without improving it."""
-    step_backs = 0 if search.alternatives and strategy not in search.alternatives else STEP_BACKS
+    step_backs = 0 if plan.alternatives and strategy not in plan.alternatives else STEP_BACKS
     if isinstance(strategy, CentralPath):
         strategy = strategy.for_horizon(follower.nlp_of("none").chains.shape[-1])
-    paths = strategy.paths(search.mu)
+    paths = strategy.paths(plan.mu)
     source = follower.nlp_of(paths[0].reformulation)
-    followed = follow_paths(follower, paths, search.start(source), source, step_backs=step_backs)
+    followed = follow_paths(follower, paths, plan.start(source), source, step_backs=step_backs)
     polished = polish(follower, followed.nlp, followed.result, improving=False)
     if not polished.finished and followed.result.ok and isinstance(strategy, CentralPath):
-        extended_paths = strategy.extend(search.mu)
+        extended_paths = strategy.extend(plan.mu)
         followed = follow_paths(follower, extended_paths, followed.result.point, followed.nlp, warm=True)
         polished = polish(follower, followed.nlp, followed.result, improving=False)
     return polished

@@ -20,13 +20,13 @@ from ocp.routes.homotopy import IPOPT_PRIMAL_WARM_START, Homotopy, HomotopyPath,
 
 T_SHARP = 1e-8
 """Relaxation t, in natural units, at which the textbook paths end."""
-_SHORT = 300
+_RELAXATION_ITERATIONS = 300
 """Iteration limit of a stage, after which it is retried at a larger t."""
-LOOSE_OPTIONS = {"bound_relax_factor": 1e-8, "constr_viol_tol": 1e-8, "max_iter": _SHORT}
+LOOSE_OPTIONS = {"bound_relax_factor": 1e-8, "constr_viol_tol": 1e-8, "max_iter": _RELAXATION_ITERATIONS}
 """IPOPT options of a stage that is not the last."""
-_SIXTY = 60
+_SHORT_HORIZON = 60
 """Maximum number of steps of a short horizon; no named problem has more by default."""
-_FLAT = {
+_FLAT_VALLEY_OPTIONS = {
     "acceptable_tol": 1.0,
     "acceptable_constr_viol_tol": 1e-4,
     "acceptable_obj_change_tol": 1e-5,
@@ -75,7 +75,7 @@ class CentralPath:
     start_factor: float = 1.0
     start_below: bool = True
     steps: int = 0
-    max_iterations: int = _SHORT
+    max_iterations: int = _RELAXATION_ITERATIONS
 
     def for_horizon(self, steps: int) -> CentralPath:
         """Return the strategy for a horizon of ``steps`` steps, 0 for a problem without time."""
@@ -93,10 +93,14 @@ class CentralPath:
         return [HomotopyPath(values, lambda t: self._stage(t, False))]
 
     def _stage(self, t: float, first: bool) -> HomotopyStage:
-        options = {**_inexact(t), "max_iter": self.max_iterations, **(_FLAT if self.steps > _SIXTY else {})}
+        options = {
+            **_inexact(t),
+            "max_iter": self.max_iterations,
+            **(_FLAT_VALLEY_OPTIONS if self.steps > _SHORT_HORIZON else {}),
+        }
         if not (first and self.start_below):
             return HomotopyStage("t", t, contact=(t, t), options=options)
-        options["mu_target"] *= _SIXTY / max(self.steps, _SIXTY)
+        options["mu_target"] *= _SHORT_HORIZON / max(self.steps, _SHORT_HORIZON)
         return HomotopyStage("t", t, contact=(-np.inf, t), options=options)
 
 
@@ -199,7 +203,7 @@ STRATEGIES: dict[str, Strategy] = {
     "central-path": CentralPath(),
     "scholtes-adaptive": ScholtesAdaptive(),
     "scholtes": _SCHOLTES,
-    "scholtes-exact": Falling(lambda t, first: relaxed(t, {"max_iter": _SHORT})),
+    "scholtes-exact": Falling(lambda t, first: relaxed(t, {"max_iter": _RELAXATION_ITERATIONS})),
     "scholtes-cold": Falling(lambda t, first: relaxed(t, {"warm_start_init_point": "no"})),
     "scholtes-quick": Falling(_quick, factor=0.01),
     "l1": L1Penalty(),
@@ -210,7 +214,7 @@ STRATEGIES: dict[str, Strategy] = {
 }
 """Mapping from names to strategies; "scholtes-cold" is the textbook loop: tight stages, cold multipliers."""
 STRATEGY_USES = {
-    "central-path": "the default; every stage feels all contacts. Start here",
+    "central-path": "the default; all contacts have forces in every stage. Start here",
     "scholtes-adaptive": "the default of laws that average exact steps over noise; takes over where"
     " the central path is not followed to its end",
     "scholtes": "another relaxation, often another minimum: try it where the plan looks poor",

@@ -16,7 +16,7 @@ _ITERATIONS = 40
 """Iteration limit of one neighbour: useful ones are near, others are often infeasible."""
 _TURNS = 3
 """Maximum rounds of exchanging neighbouring schedules and branches in turn."""
-_SHORT = 2
+_MAX_REMOVED_STEPS = 2
 """Maximum number of steps of a contact that a single move may remove."""
 SEARCH_ITERATIONS = 800
 """Maximum number of solver iterations of a search."""
@@ -78,7 +78,7 @@ def improve_schedule(branches: Branches, best: Result, max_failures: int = MAX_F
             if changed is None or not fall[other := changed != active].any():
                 continue
             neighbours.append((move is promising_move, fall[other].sum() / distances[other].sum(), move, changed))
-        neighbours.sort(key=lambda one: one[:2], reverse=True)
+        neighbours.sort(key=lambda entry: entry[:2], reverse=True)
         failed = 0
         for _, _, move, changed in neighbours:
             if changed.tobytes() in tried_sets:
@@ -117,7 +117,7 @@ def moves(active: np.ndarray, chains: np.ndarray) -> Iterator[ScheduleMove]:
         for run, (begin, end) in enumerate(runs(active[pairs])):
             for begins, ends in ((1, 1), (-1, -1), (0, 1), (0, -1), (1, 0), (-1, 0)):
                 yield ScheduleMove(chain, run, begins, ends)
-            if end - begin <= _SHORT:
+            if end - begin <= _MAX_REMOVED_STEPS:
                 yield ScheduleMove(chain, run, end - begin, 0)
 
 
@@ -145,36 +145,38 @@ def runs(held: np.ndarray) -> list[tuple[int, int]]:
     return list(zip(*ends, strict=True))
 
 
-_FAR_MOST = 8
+_MAX_DISTANT_BRANCHES = 8
 """Maximum number of branches solved for distant schedules."""
-_FAR_ITERATIONS = 128
+_DISTANT_ITERATIONS = 128
 """Iteration limit of such a branch, which has a feasible point nearby or often none."""
-_APART = 0.125
+_MIN_SCHEDULE_DISTANCE = 0.125
 """Distance of two schedules (:func:`apart`) above which they are distinct."""
 _FEASIBLE = 1e-6
 """Maximum violation, in natural units, of a plan that counts as feasible."""
 
 
-def distant_schedules(branches: Branches, points: Sequence[Point], below: float, most: int = _FAR_MOST) -> list[Result]:
+def distant_schedules(
+    branches: Branches, points: Sequence[Point], cost_limit: float, max_branches: int = _MAX_DISTANT_BRANCHES
+) -> list[Result]:
     """Return results on the branches of the cheapest feasible ``points``, one for each distinct schedule.
 
     A contact event some steps earlier or later, or an additional one, gives another local minimum, often
-    one that no exchange of neighbours reaches. A point must cost less than ``below``; where that is
-    infinite, infeasible points follow the others, so that ``most`` branches are solved if possible.
+    one that no exchange of neighbours reaches. A point must cost less than ``cost_limit``; where that is
+    infinite, infeasible points follow the others, so that ``max_branches`` branches are solved if possible.
     """
     program, solved_schedules, polished = branches.program, [], []
-    for point in _ordered(branches, points, below):
+    for point in _ordered(branches, points, cost_limit):
         active = branches.schedule(point.x)
         if all(is_apart(active[program.chains], other[program.chains]) for other in solved_schedules):
             solved_schedules.append(active)
-            result = branches.solve_branch(point, _FAR_ITERATIONS)
+            result = branches.solve_branch(point, _DISTANT_ITERATIONS)
             polished += [] if result is None else [result]
-        if len(solved_schedules) == most:
+        if len(solved_schedules) == max_branches:
             break
     return polished
 
 
-def _ordered(branches: Branches, points: Sequence[Point], below: float) -> Iterator[Point]:
+def _ordered(branches: Branches, points: Sequence[Point], cost_limit: float) -> Iterator[Point]:
     program, limits = branches.program, branches.limits
     broken: list[tuple[float, Point]] = []
     for point in points:
@@ -183,10 +185,10 @@ def _ordered(branches: Branches, points: Sequence[Point], below: float) -> Itera
         amount = float(violation.max(initial=0.0))
         if amount > _FEASIBLE:
             broken.append((amount, point))
-        elif f < below:
+        elif f < cost_limit:
             yield point
-    if np.isinf(below):
-        yield from (point for _, point in sorted(broken, key=lambda one: one[0]))
+    if np.isinf(cost_limit):
+        yield from (point for _, point in sorted(broken, key=lambda entry: entry[0]))
 
 
 def acting(lam: np.ndarray, gap: np.ndarray, sizes: Scales) -> np.ndarray:
@@ -196,7 +198,7 @@ def acting(lam: np.ndarray, gap: np.ndarray, sizes: Scales) -> np.ndarray:
 
 def is_apart(one: np.ndarray, other: np.ndarray) -> bool:
     """Whether two schedules (contacts, N) are distinct, by their distance :func:`apart`."""
-    return apart(one, other) > _APART
+    return apart(one, other) > _MIN_SCHEDULE_DISTANCE
 
 
 def apart(one: np.ndarray, other: np.ndarray) -> float:

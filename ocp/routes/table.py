@@ -123,9 +123,9 @@ class Complementarity(Route):
 
     def apply(self, session: Session, start: Start, follower: Homotopy) -> RouteResult:
         """Relax the pairs by the chosen strategy, or by the default one for many or for few pairs."""
-        return solve_pairs(follower, self._search(session, start))
+        return solve_pairs(follower, self._relaxation_plan(session, start))
 
-    def _search(self, session: Session, start: Start) -> RelaxationPlan:
+    def _relaxation_plan(self, session: Session, start: Start) -> RelaxationPlan:
         problem, guess = session.problem, start.guess
         strategy = choose("strategy", session.strategy, STRATEGIES)
         plan = RelaxationPlan(strategy, problem.natural_scales.mu, partial(session.first_point, guess=guess))

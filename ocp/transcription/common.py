@@ -14,7 +14,7 @@ from ocp.problem.policy import Feedback, Policy
 from ocp.problem.problem import Problem
 from ocp.programs.layout import Layout
 from ocp.programs.program import PENALTY, RELAXATION
-from ocp.transcription.eliminated import Compile, Hidden, Implicit, ModelOutputs
+from ocp.transcription.eliminated import Compile, EliminatedUnknowns, Implicit, ModelOutputs
 
 
 @dataclass(eq=False)
@@ -122,7 +122,7 @@ class Graph:
         """Return a function from a stage's local variables ``w`` and all parameters to x, ``u`` and the step's p."""
         return ca.Function("pick", [w, self.p], [self.problem.system.x, u, self.step.p.vector])
 
-    def hidden(self, w: ca.SX, u: ca.SX | None = None, make: Compile | None = None) -> Hidden:
+    def eliminated(self, w: ca.SX, u: ca.SX | None = None, make: Compile | None = None) -> EliminatedUnknowns:
         """Return the unknowns that the step determines at a stage's local variables ``w``; ``u`` replaces the input."""
         step, input_symbol = self.step, self.problem.system.u
 

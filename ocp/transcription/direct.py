@@ -42,16 +42,16 @@ class Direct:
         if isinstance(step, LearnedStep):
             variables, constraints = trajectory_variables(graph, pairs=False), Layout()
             interval = solved_interval(graph, variables, constraints, compiled)
-            return whole(self.name, graph, variables, constraints, interval, compiled)
+            return build_nlp(self.name, graph, variables, constraints, interval, compiled)
         variables, constraints = trajectory_variables(graph, pairs=True), Layout()
         interval = _interval(graph, variables, constraints, reformulation)
         pairs = np.stack([variables["lam"].index.ravel(), variables["gap"].index.ravel()])
-        return whole(
+        return build_nlp(
             self.name, graph, variables, constraints, interval, compiled, reformulation=reformulation, pairs=pairs
         )
 
 
-def whole(
+def build_nlp(
     method: str,
     graph: Graph,
     variables: Layout,
@@ -165,8 +165,8 @@ def solved_interval(graph: Graph, variables: Layout, constraints: Layout, compil
     expression, rows = add_rows(constraints, blocks, S, N)
     index = np.concatenate([p.reshape(S * N, -1) for p in positions], axis=1)
     w = ca.vertcat(*symbols)
-    hidden = graph.hidden(w, make=compiled)
-    return Stage("interval", w, graph.p, graph.stage_cost(), expression, index, rows, 1 / S, hidden)
+    eliminated = graph.eliminated(w, make=compiled)
+    return Stage("interval", w, graph.p, graph.stage_cost(), expression, index, rows, 1 / S, eliminated)
 
 
 def terminal_stage(graph: Graph, constraints: Layout, w: ca.SX, index: np.ndarray) -> Stage:
@@ -218,7 +218,7 @@ class MultipleShooting:
         variables, constraints = trajectory_variables(graph, pairs=False), Layout()
         interval = solved_interval(graph, variables, constraints, compiled)
         contacts = _contacts(graph, interval, variables.size, graph.data().size)
-        return whole(self.name, graph, variables, constraints, interval, compiled, contacts=contacts)
+        return build_nlp(self.name, graph, variables, constraints, interval, compiled, contacts=contacts)
 
 
 def _contacts(graph: Graph, stage: Stage, n: int, n_data: int) -> ca.Function:

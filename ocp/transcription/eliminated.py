@@ -15,7 +15,7 @@ from dynamics.systems.elimination import solve_without_pivoting
 Compile = Callable[[ca.Function], ca.Function]
 
 
-class Hidden(ABC):
+class EliminatedUnknowns(ABC):
     """Unknowns ``inner`` (n,) that the local variables w of a stage determine.
 
     ``symbols`` are the arguments of the stage's functions for them: ``inner``, and further values
@@ -35,10 +35,10 @@ class Hidden(ABC):
         """Return ``d inner / dw`` (n, nw)."""
 
     @abstractmethod
-    def curved(self, lagrangian: ca.SX, w: ca.SX) -> ca.SX:
+    def total_hessian(self, lagrangian: ca.SX, w: ca.SX) -> ca.SX:
         """Return the second total derivative (nw, nw) of ``lagrangian``, an expression in w and ``inner``."""
 
-    def settled(self, outputs: list[ca.SX]) -> list[ca.SX]:
+    def substitute_held(self, outputs: list[ca.SX]) -> list[ca.SX]:
         """Return the outputs of a stage's function after differentiation, held symbols replaced by their values."""
         return outputs
 
@@ -53,7 +53,7 @@ class Hidden(ABC):
 
 
 @dataclass(eq=False)
-class Implicit(Hidden):
+class Implicit(EliminatedUnknowns):
     """Unknowns that solve ``relation(inner, w, p) = 0``; ``held`` is a symbol in it and its value, or None.
 
     All derivatives come from the implicit function theorem, with the held symbol as a constant.
@@ -72,7 +72,7 @@ class Implicit(Hidden):
         """Return ``-(dR/d inner)^-1 dR/dw`` (n, nw), R the relation."""
         return -solve_without_pivoting(self.relation_jacobian, ca.jacobian(self.relation, w))
 
-    def curved(self, lagrangian: ca.SX, w: ca.SX) -> ca.SX:
+    def total_hessian(self, lagrangian: ca.SX, w: ca.SX) -> ca.SX:
         """Return ``[I; Y]' grad²(L + a' R) [I; Y]``, Y the sensitivity and ``R_y' a = -dL/dy``, y = ``inner``."""
         slope = ca.gradient(lagrangian, self.inner)
         solved = -solve_without_pivoting(self.relation_jacobian.T, ca.densify(slope))
@@ -83,13 +83,13 @@ class Implicit(Hidden):
         basis = ca.vertcat(ca.SX.eye(w.numel()), self.sensitivity(w))
         return basis.T @ curved @ basis
 
-    def settled(self, outputs: list[ca.SX]) -> list[ca.SX]:
+    def substitute_held(self, outputs: list[ca.SX]) -> list[ca.SX]:
         """Return the outputs with the held symbol replaced by its value."""
         return outputs if self.held is None else ca.substitute(outputs, *([s] for s in self.held))
 
 
 @dataclass(eq=False)
-class ModelOutputs(Hidden):
+class ModelOutputs(EliminatedUnknowns):
     """Outputs of a learned step's model at ``queries``, which are expressions in w and p.
 
     The model's Jacobians are evaluated with its values, its second derivatives contracted with the
@@ -103,7 +103,7 @@ class ModelOutputs(Hidden):
 
     def __post_init__(self) -> None:
         self.map, self.inner, self.symbols = (self.step.learned, self.step.inner, self.step.model_outputs)
-        self.curvature_symbols = [ca.SX.sym("bend", self.map.n_in, self.map.n_in) for _ in self.step.nodes]
+        self.curvature_symbols = [ca.SX.sym("curvature", self.map.n_in, self.map.n_in) for _ in self.step.nodes]
         self.asked = ca.Function("asked", [self.w, self.p], [ca.densify(self.queries)])
         w, p = ca.MX.sym("w", self.w.numel()), ca.MX.sym("p", self.p.numel())
         self.solve = ca.Function("evaluate", [w, p], [self.values(w, p, 1)], ["w", "p"], ["y"])
@@ -126,7 +126,7 @@ class ModelOutputs(Hidden):
         branch_slopes = zip(self.step.slopes, self._by_w, strict=True)
         return ca.vertcat(*(slope @ by_w for slope, by_w in branch_slopes))
 
-    def curved(self, lagrangian: ca.SX, w: ca.SX) -> ca.SX:
+    def total_hessian(self, lagrangian: ca.SX, w: ca.SX) -> ca.SX:
         """Return ``[I; Y]' grad² L [I; Y] + sum_b (dz_b/dw)' H_b dz_b/dw + grad²(a' z)``.
 
         H_b is the model's second derivative contracted with dL/dinner. a is dL/dinner times the
@@ -134,21 +134,21 @@ class ModelOutputs(Hidden):
         """
         basis = ca.vertcat(ca.SX.eye(w.numel()), self.sensitivity(w))
         total = basis.T @ ca.hessian(lagrangian, ca.vertcat(w, self.inner))[0] @ basis
-        for bend, by_w in zip(self.curvature_symbols, self._by_w, strict=True):
-            total += by_w.T @ bend @ by_w
+        for curvature, by_w in zip(self.curvature_symbols, self._by_w, strict=True):
+            total += by_w.T @ curvature @ by_w
         weights = ca.SX.sym("held", self.queries.numel())
         twice = ca.hessian(ca.dot(weights, self.queries), w)[0]
         return total + ca.substitute(twice, weights, self.step.query_gradient(lagrangian))
 
     @property
     def curvatures(self) -> ca.SX:
-        """Symbols of the entries of all H_b, see :meth:`curved`."""
-        return ca.vertcat(*(ca.vec(bend) for bend in self.curvature_symbols))
+        """Symbols of the entries of all H_b, see :meth:`total_hessian`."""
+        return ca.vertcat(*(ca.vec(curvature) for curvature in self.curvature_symbols))
 
     def curvature_values(self, slope: ca.Function, arguments: list[ca.MX], copies: int) -> list[ca.MX]:
-        """Return values of the H_b of all copies, evaluated in one batch, see :meth:`curved`."""
+        """Return values of the H_b of all copies, evaluated in one batch, see :meth:`total_hessian`."""
         weights = slope.map("weights", "serial", copies, [1], [])(*arguments)
         queries = self._queries(arguments[0], arguments[1], copies)
-        bends = self.map.curvature_function(queries.shape[1])
-        curvatures = bends(queries, ca.reshape(weights, self.map.n_out, -1))
+        curvature_function = self.map.curvature_function(queries.shape[1])
+        curvatures = curvature_function(queries, ca.reshape(weights, self.map.n_out, -1))
         return [ca.reshape(curvatures, -1, copies)]

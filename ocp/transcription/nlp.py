@@ -18,7 +18,7 @@ from ocp.problem.sketch import Window
 from ocp.programs.layout import Layout
 from ocp.programs.program import PENALTY, RELAXATION, Functions, PairName, Program
 from ocp.programs.solver import Result
-from ocp.programs.units import Scale, measured, row_scaled
+from ocp.programs.units import Scale, measure_scale, row_scaled
 
 if TYPE_CHECKING:
     import scipy.sparse as sp
@@ -171,7 +171,7 @@ class NLP(Program):
         if self.step.n:
             defining[self.constraints["gap_definition"].index] = self.variables["gap"].index
         natural = {p.name: table.defaults[p.name] / units.of(p.unit) for p in table}
-        measured_scale = measured(x, defining, entries, parameters(table.defaults), parameters(natural))
+        measured_scale = measure_scale(x, defining, entries, parameters(table.defaults), parameters(natural))
         return replace(measured_scale, f=measured_scale.f * cost)
 
     def _variable_units(self) -> np.ndarray:

@@ -107,7 +107,7 @@ class _Condensed:
         expression, self.rows = add_rows(self.constraints, extra, self.S, self.N)
         outputs = ca.vertcat(xi_next, expression)
         w = ca.vertcat(self.xi, theta)
-        hidden = graph.hidden(w, u if graph.feedback else None, self.make)
+        eliminated = graph.eliminated(w, u if graph.feedback else None, self.make)
         self.stage = Stage(
             "shooting",
             w,
@@ -117,11 +117,11 @@ class _Condensed:
             np.zeros((self.N * self.S, w.numel()), dtype=int),
             self.rows,
             1 / self.S,
-            hidden,
+            eliminated,
         )
-        self.solve = hidden.solve
+        self.solve = eliminated.solve
         gap = closed(step.gap_expr)
-        self.gap = ca.Function("gap", [w, graph.p, hidden.symbols], [gap, u])
+        self.gap = ca.Function("gap", [w, graph.p, eliminated.symbols], [gap, u])
 
     def _rollout(self, theta: ca.MX, p: ca.MX, data: ca.MX) -> tuple[ca.MX, ca.MX, ca.MX]:
         """Return states xi (nxi, S (N+1)), local variables w (nw, S N) and solved unknowns of all scenarios."""

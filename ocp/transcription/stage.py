@@ -13,7 +13,7 @@ import casadi as ca
 import numpy as np
 
 from ocp.programs.program import Functions
-from ocp.transcription.eliminated import Compile, Hidden
+from ocp.transcription.eliminated import Compile, EliminatedUnknowns
 
 
 @dataclass(eq=False)
@@ -21,7 +21,7 @@ class Stage:
     """A cost (1,) and constraints (nc,) in local variables ``w`` (nw,), used in a number of ``copies``.
 
     ``index`` (copies, nw) are the indices of each copy's local variables in ``[x; data]``, ``rows``
-    (copies, nc) those of its constraints in g; ``weight`` scales the cost. ``hidden`` are unknowns
+    (copies, nc) those of its constraints in g; ``weight`` scales the cost. ``eliminated`` are unknowns
     that w determines, or None; all derivatives are total ones, through them.
     """
 
@@ -33,83 +33,83 @@ class Stage:
     index: np.ndarray
     rows: np.ndarray
     weight: float = 1.0
-    hidden: Hidden | None = None
+    eliminated: EliminatedUnknowns | None = None
 
     def __post_init__(self) -> None:
         self.copies = self.index.shape[0]
         self.cost = self.weight * ca.densify(ca.SX(self.cost))
         self.constraints = ca.densify(ca.vertcat(ca.SX(0, 1), self.constraints))
-        self.arguments = [self.w, self.p, self.hidden.symbols if self.hidden else ca.SX(0, 1)]
+        self.arguments = [self.w, self.p, self.eliminated.symbols if self.eliminated else ca.SX(0, 1)]
 
     def values(self) -> ca.Function:
-        """Return the function ``(w, p, hidden) -> (cost, constraints)``."""
+        """Return the function ``(w, p, eliminated) -> (cost, constraints)``."""
         return self._function("values", self.arguments, [self.cost, self.constraints])
 
     def first(self) -> tuple[ca.Function, ca.Sparsity]:
-        """Return ``(w, p, hidden) -> (cost, constraints, gradient, Jacobian nonzeros)`` and the Jacobian's pattern."""
+        """Return ``(w, p, eliminated) -> (cost, constraints, gradient, Jacobian nonzeros)`` and the pattern."""
         gradient = self._total(self.cost).T
         jacobian = self._total(self.constraints)
         outputs = [self.cost, self.constraints, ca.densify(gradient), _nonzeros(jacobian)]
         return self._function("first", self.arguments, outputs), jacobian.sparsity()
 
     def cost_value(self) -> ca.Function:
-        """Return the function ``(w, p, hidden) -> cost``."""
+        """Return the function ``(w, p, eliminated) -> cost``."""
         return self._function("cost", self.arguments, [self.cost])
 
     def constraint_values(self) -> ca.Function:
-        """Return the function ``(w, p, hidden) -> constraints``."""
+        """Return the function ``(w, p, eliminated) -> constraints``."""
         return self._function("constraints", self.arguments, [self.constraints])
 
     def cost_slope(self) -> ca.Function:
-        """Return the function ``(w, p, hidden) -> (cost, gradient)``."""
+        """Return the function ``(w, p, eliminated) -> (cost, gradient)``."""
         gradient = ca.densify(self._total(self.cost).T)
         return self._function("slope", self.arguments, [self.cost, gradient])
 
     def constraint_slopes(self) -> tuple[ca.Function, ca.Sparsity]:
-        """Return the function ``(w, p, hidden) -> (constraints, Jacobian nonzeros)`` and the Jacobian's pattern."""
+        """Return the function ``(w, p, eliminated) -> (constraints, Jacobian nonzeros)`` and the Jacobian's pattern."""
         jacobian = self._total(self.constraints)
         outputs = [self.constraints, _nonzeros(jacobian)]
         return self._function("slopes", self.arguments, outputs), jacobian.sparsity()
 
     def second(self) -> tuple[ca.Function, ca.Sparsity]:
-        """Return the function ``(w, p, hidden, s, m, curvatures) -> Hessian nonzeros`` and the Hessian's pattern.
+        """Return the function ``(w, p, eliminated, s, m, curvatures) -> Hessian nonzeros`` and the Hessian's pattern.
 
-        It is the upper triangle for ``s cost + m' c``; ``curvatures`` only where ``hidden`` has them.
+        It is the upper triangle for ``s cost + m' c``; ``curvatures`` only where ``eliminated`` has them.
         """
         lagrangian, s, m = self._lagrangian()
         arguments = [*self.arguments, s, m]
-        if self.hidden is None:
+        if self.eliminated is None:
             hessian = ca.hessian(lagrangian, self.w)[0]
         else:
-            hessian = self.hidden.curved(lagrangian, self.w)
-            arguments += [self.hidden.curvatures] if self.hidden.curvatures.numel() else []
+            hessian = self.eliminated.total_hessian(lagrangian, self.w)
+            arguments += [self.eliminated.curvatures] if self.eliminated.curvatures.numel() else []
         hessian = ca.triu(hessian)
         return self._function("second", arguments, [_nonzeros(hessian)]), hessian.sparsity()
 
     def curvature_values(self, arguments: list[ca.MX], copies: int) -> list[ca.MX]:
         """Return the last argument of :meth:`second` in a list, empty without one; ``arguments`` are those before."""
-        if self.hidden is None or not self.hidden.curvatures.numel():
+        if self.eliminated is None or not self.eliminated.curvatures.numel():
             return []
         lagrangian, s, m = self._lagrangian()
-        slope = ca.densify(ca.gradient(lagrangian, self.hidden.inner))
+        slope = ca.densify(ca.gradient(lagrangian, self.eliminated.inner))
         function = self._function("slope_of_hidden", [*self.arguments, s, m], [slope])
-        return self.hidden.curvature_values(function, arguments, copies)
+        return self.eliminated.curvature_values(function, arguments, copies)
 
     def _lagrangian(self) -> tuple[ca.SX, ca.SX, ca.SX]:
         s, m = ca.SX.sym("s"), ca.SX.sym("m", self.constraints.numel())
         return s * self.cost + ca.dot(m, self.constraints), s, m
 
     def _function(self, what: str, inputs: list[ca.SX], outputs: list[ca.SX]) -> ca.Function:
-        if self.hidden is not None:
-            outputs = self.hidden.settled(outputs)
+        if self.eliminated is not None:
+            outputs = self.eliminated.substitute_held(outputs)
         return ca.Function(f"{self.name}_{what}", inputs, outputs, {"cse": True})
 
     def _total(self, expression: ca.SX) -> ca.SX:
         direct = ca.jacobian(expression, self.w)
-        if self.hidden is None:
+        if self.eliminated is None:
             return direct
-        through = ca.jacobian(expression, self.hidden.inner)
-        return direct + through @ self.hidden.sensitivity(self.w)
+        through = ca.jacobian(expression, self.eliminated.inner)
+        return direct + through @ self.eliminated.sensitivity(self.w)
 
 
 def _nonzeros(matrix: ca.SX) -> ca.SX:
@@ -118,9 +118,9 @@ def _nonzeros(matrix: ca.SX) -> ca.SX:
 
 def _call_copies(stage: Stage, function: ca.Function, source: ca.MX, p: ca.MX, *more: ca.MX) -> list[ca.MX]:
     """Return the outputs of a stage's function for all its copies, from the whole [x; data] and p."""
-    copies, hidden = stage.copies, stage.hidden
+    copies, eliminated = stage.copies, stage.eliminated
     w = ca.reshape(source[stage.index.ravel().tolist()], -1, copies)
-    inner = ca.MX(0, copies) if hidden is None else hidden.values(w, p, copies)
+    inner = ca.MX(0, copies) if eliminated is None else eliminated.values(w, p, copies)
     last = stage.curvature_values([w, p, inner, *more], copies) if more else []
     mapped = function.map(f"{function.name()}_map", "serial", copies, [1], [])
     return mapped.call([w, p, inner, *more, *last])

@@ -75,8 +75,8 @@ def alone(instance: Instance) -> Answer:
 
     def run(session: Session) -> RouteResult:
         follower = Homotopy(session.nlp_of, session.solver, session.values)
-        search = RelaxationPlan(CentralPath(), session.problem.natural_scales.mu, session.first_point)
-        return by_strategy(follower, search, search.strategy)
+        plan = RelaxationPlan(CentralPath(), session.problem.natural_scales.mu, session.first_point)
+        return by_strategy(follower, plan, plan.strategy)
 
     return _from_session(instance, run)
 

@@ -17,7 +17,7 @@ from ocp.mpcc import MPCC
 from ocp.mpcc import solve as solve_pairs
 from ocp.problem.problem import Problem
 from ocp.programs.solver import Status
-from ocp.programs.units import Units, dimension, fitted
+from ocp.programs.units import Units, dimension, fit_units
 from ocp.solution import Solution
 from ocp.solve.solve import solve
 from problems import get, spec
@@ -288,11 +288,11 @@ def test_units_are_found_from_the_numbers(problem: str) -> None:
 def test_one_parameter_that_leaves_the_others_is_outvoted() -> None:
     same = [("m", 1.0, False), ("m", 1.0, False), ("s", 1.0, False)]
     lengths = [("m", 50.0), ("m", 2.0), ("m", 2.0), ("m/s", 2.0), ("s", 1.0), ("s", 1.0)]
-    found = fitted([(unit, ratio, False) for unit, ratio in lengths])
+    found = fit_units([(unit, ratio, False) for unit, ratio in lengths])
     assert found.m == pytest.approx(2.0, rel=1e-9) and found.s == pytest.approx(1.0, abs=1e-9)
     weights = [("1/m^2", 7e-9, True), ("1/m^2", 1e-9, True), ("1", 1e-9, True), *same]
-    assert fitted(weights).cost == pytest.approx(1e-9, rel=1e-9)
-    assert fitted([*weights[:1], ("1", 1.0, True), *same]).cost == 1.0
+    assert fit_units(weights).cost == pytest.approx(1e-9, rel=1e-9)
+    assert fit_units([*weights[:1], ("1", 1.0, True), *same]).cost == 1.0
 
 
 @pytest.mark.parametrize(

@@ -46,7 +46,7 @@ def random_model(seed: int, biactive: bool) -> LinearModel:
         reformulation="none",
         pairs=pairs,
         sizes=np.ones_like,
-        slopes=lambda x, p: slopes,
+        first_derivatives=lambda x, p: slopes,
         typical_change=lambda *_: 0.0,
     )
     return LinearModel.at(program, x, np.zeros(0), bounds)

@@ -23,7 +23,7 @@ class SmallMPCC:
     g_upper: list[float]
     pairs: np.ndarray
     reformulation: str = "none"
-    values, slopes, bend = Program.values, Program.slopes, Program.bend
+    values, first_derivatives, scaled_hessian = Program.values, Program.first_derivatives, Program.scaled_hessian
     typical_change = Program.typical_change
 
     def __post_init__(self) -> None:

@@ -93,8 +93,8 @@ def test_exchanged_schedules_find_what_a_relaxation_alone_does_not() -> None:
     *_, instance = drawn("cart-transport", 6, 0, factor=2.0)
     session = new_session(get(instance.problem, **instance.params), Exact())
     follower = Homotopy(session.nlp_of, session.solver, session.values)
-    search = RelaxationPlan(CentralPath(), session.problem.natural_scales.mu, session.first_point)
-    alone = by_strategy(follower, search, search.strategy).result.f
+    plan = RelaxationPlan(CentralPath(), session.problem.natural_scales.mu, session.first_point)
+    alone = by_strategy(follower, plan, plan.strategy).result.f
     found = solve(get(instance.problem, **instance.params), Exact())
     assert found.success and found.cost < 0.9 * alone
 
@@ -105,8 +105,8 @@ def test_exchange_knows_no_size_and_begins_where_multipliers_promise_most() -> N
     session = new_session(get("planar-hand"), Exact())
     branches = Branches(Homotopy(session.nlp_of, session.solver, session.values))
     assert branches.program.pairs.shape[1] > 128
-    search = RelaxationPlan(CentralPath(), session.problem.natural_scales.mu, session.first_point)
-    polished = by_strategy(branches.follower, search, search.strategy).result
+    plan = RelaxationPlan(CentralPath(), session.problem.natural_scales.mu, session.first_point)
+    polished = by_strategy(branches.follower, plan, plan.strategy).result
     best = branches.improve(polished)
     found = improve_schedule(branches, best)
     assert found.ok and found.f < 12.2712 < 12.2918 < best.f

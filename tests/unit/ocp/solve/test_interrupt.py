@@ -10,7 +10,7 @@ import pytest
 from dynamics.contact import Barrier, Exact
 from ocp import Status, solve
 from ocp.errors import interruptible
-from ocp.programs.solver import Solver, noted
+from ocp.programs.solver import Solver, record_interrupts
 from ocp.routes.homotopy import StageRecord
 from ocp.solution import Interrupted
 from ocp.solve.solve import new_session
@@ -121,7 +121,7 @@ def test_a_signal_in_the_solver_leaves_its_iterate(capfd) -> None:
 @pytest.mark.usefixtures("handled")
 def test_handlers_are_as_before() -> None:
     before = signal.getsignal(signal.SIGINT)
-    with noted() as seen:
+    with record_interrupts() as seen:
         assert seen == []
         with pytest.raises(KeyboardInterrupt):
             signal.raise_signal(signal.SIGINT)
@@ -130,7 +130,7 @@ def test_handlers_are_as_before() -> None:
     found: list[object] = []
 
     def elsewhere() -> None:
-        with noted() as none:
+        with record_interrupts() as none:
             found.append(none)
 
     thread = threading.Thread(target=elsewhere)

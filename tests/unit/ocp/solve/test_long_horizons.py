@@ -13,7 +13,7 @@ from ocp import Solution, solve
 from ocp.judge.certificate import certify, tolerance_of
 from ocp.judge.lpec import LinearModel
 from ocp.programs.solver import Point, Result, Status
-from ocp.routes.branches import LONGEST, Branches, second_limit
+from ocp.routes.branches import MAX_BRANCH_ITERATIONS, Branches, second_limit
 from ocp.routes.homotopy import Homotopy
 from ocp.routes.relaxations import CentralPath
 from ocp.solve.solve import new_session
@@ -65,12 +65,12 @@ class Guessing(Branches):
         super().__init__(Homotopy(session.nlp_of, session.solver, session.values))
         self.took, self.given = took, []
 
-    def solve(self, start: Point, active: np.ndarray, most: int = LONGEST, *_, **__) -> Result:
+    def solve(self, start: Point, active: np.ndarray, max_iterations: int = MAX_BRANCH_ITERATIONS, *_, **__) -> Result:
         count = int(active.sum())
         took = self.took[count]
-        self.given.append((count, most))
-        ended = Status.SOLVED if took <= most else Status.ITERATION_LIMIT
-        word, spent = ended.name, min(took, most)
+        self.given.append((count, max_iterations))
+        ended = Status.SOLVED if took <= max_iterations else Status.ITERATION_LIMIT
+        word, spent = ended.name, min(took, max_iterations)
         found = Result(start, float(count), np.zeros(self.program.m), ended, word, spent, 0.0)
         self.follower.record("active set", 0.0, self.program, found, self.p, self.limits)
         return found
@@ -88,7 +88,7 @@ def test_a_second_guess_is_given_up_soon_after_what_the_first_took(
     guesses = [np.arange(4) < count for count in (first, last)]
     monkeypatch.setattr(type(branches.program), "active_sets", lambda self, x: guesses)
     found = branches.solve_branch(Point(np.ones(branches.program.n)))
-    assert branches.given == [(last, LONGEST), (first, most)]
+    assert branches.given == [(last, MAX_BRANCH_ITERATIONS), (first, most)]
     assert found is not None and found.f == taken
     assert most == second_limit(took[last]) >= 2 * took[last]
 
