@@ -95,8 +95,8 @@ class Case:
 
     def sets(self, name: str) -> bool:
         """Return whether the case sets a value for the full name ``name``."""
-        place, key = _field_and_key(name)
-        return key in getattr(self, place)
+        field_name, key = _field_and_key(name)
+        return key in getattr(self, field_name)
 
     def full_name(self, name: str, source: ProblemSource) -> str:
         """Return the full name of ``name``, such as ``problem.M``, ``contact.mu``, ``setting.tol``, ``policy.bound``.

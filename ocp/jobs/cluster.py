@@ -31,35 +31,35 @@ def run_on_cluster(
         topic = f"jobs-{uuid.uuid4().hex}"
         client.subscribe_topic(topic, lambda event: events.put(("progress", *event[1])))
         futures = [
-            client.submit(_run_on_worker, function, job, place, topic, key=f"{topic}-{place}", pure=False)
-            for place, job in enumerate(jobs)
+            client.submit(_run_on_worker, function, job, index, topic, key=f"{topic}-{index}", pure=False)
+            for index, job in enumerate(jobs)
         ]
-        for place, future in enumerate(futures):
-            future.add_done_callback(lambda done, place=place: events.put(("ended", place, done)))
+        for index, future in enumerate(futures):
+            future.add_done_callback(lambda done, index=index: events.put(("ended", index, done)))
         n_running = len(futures)
         try:
             while n_running:
-                kind, place, content = events.get()
+                kind, index, content = events.get()
                 if kind == "progress":
-                    callback(place, content)
+                    callback(index, content)
                     continue
                 n_running -= 1
-                yield place, _outcome(content, place)
+                yield index, _outcome(content, index)
         finally:
             with suppress(Exception):
                 client.cancel(futures)
 
 
-def _outcome(future: Any, place: int) -> Any:
+def _outcome(future: Any, index: int) -> Any:
     from distributed import KilledWorker
 
     error = future.exception()
     if error is None:
         return future.result()
-    return worker_died(place) if isinstance(error, KilledWorker) else Failure(error)
+    return worker_died(index) if isinstance(error, KilledWorker) else Failure(error)
 
 
-def _run_on_worker(function: Function, job: Any, place: int, topic: str) -> Any:
+def _run_on_worker(function: Function, job: Any, index: int, topic: str) -> Any:
     """Run a job on a Dask worker and send its reports to ``topic``; return None if it is cancelled."""
     from distributed import get_worker
 
@@ -71,7 +71,7 @@ def _run_on_worker(function: Function, job: Any, place: int, topic: str) -> Any:
         # Dask drops a cancelled task, but does not stop its thread.
         if task is None or task.state == "cancelled":
             raise KeyboardInterrupt
-        worker.log_event(topic, (place, message))
+        worker.log_event(topic, (index, message))
 
     try:
         return run_job(function, job, report)

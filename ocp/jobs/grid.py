@@ -51,11 +51,11 @@ def parse_axes(over: Mapping[str, Any] | Iterable[str | Axis]) -> tuple[Axis, ..
         parsed = [axis_or_text if isinstance(axis_or_text, Axis) else parse_axis(axis_or_text) for axis_or_text in over]
     if not parsed:
         raise InputError(f"a sweep needs a parameter; give --over {AXIS_GRAMMAR}")
-    names = [axis_or_text.name for axis_or_text in parsed]
+    names = [axis.name for axis in parsed]
     repeated = sorted({name for name in names if names.count(name) > 1})
     if repeated:
         raise InputError(f"--over: {repeated[0]} is given twice; give it once")
-    count = math.prod(len(axis_or_text.values) for axis_or_text in parsed)
+    count = math.prod(len(axis.values) for axis in parsed)
     if count > MAX_AXIS_VALUES:
         raise InputError(f"a grid of {count} points is more than {MAX_AXIS_VALUES}; take fewer values")
     return tuple(parsed)
@@ -134,13 +134,13 @@ class Grid:
         return tuple(len(axis.values) for axis in self.axes)
 
     @property
-    def places(self) -> list[dict[str, float]]:
+    def point_values(self) -> list[dict[str, float]]:
         """Mappings from full names to values for all points, the last axis fastest."""
         names = [axis.name for axis in self.axes]
         values = itertools.product(*(axis.values for axis in self.axes))
         return [dict(zip(names, combination, strict=True)) for combination in values]
 
-    def shape_of(self, place: Mapping[str, float]) -> tuple[float, ...]:
+    def structure_key(self, values: Mapping[str, float]) -> tuple[float, ...]:
         """Return the values of a point that change its program's structure: settings and integer parameters."""
         fields = self.source.Params.model_fields
 
@@ -149,21 +149,21 @@ class Grid:
 
         return tuple(
             value
-            for name, value in place.items()
+            for name, value in values.items()
             if name.startswith(("setting.", "policy.")) or (name.startswith("problem.") and is_integer(name))
         )
 
-    def job(self, place: Mapping[str, float], start: JobResult | None = None) -> SolveJob:
-        """Return the job that solves the point with values ``place``, from the plan of ``start`` if given."""
-        return SolveJob(self.case.at(place), self.starts, self.seed, self.rank, start=start)
+    def job(self, values: Mapping[str, float], start: JobResult | None = None) -> SolveJob:
+        """Return the job that solves the point with ``values``, from the plan of ``start`` if given."""
+        return SolveJob(self.case.at(values), self.starts, self.seed, self.rank, start=start)
 
-    def neighbours(self, place: int) -> list[int]:
-        """Return the indices of the points that are one step along an axis from the point ``place``."""
-        index, neighbours = np.unravel_index(place, self.shape), list[int]()
+    def neighbours(self, index: int) -> list[int]:
+        """Return the indices of the points that are one step along an axis from the point ``index``."""
+        coordinates, neighbours = np.unravel_index(index, self.shape), list[int]()
         for axis, size in enumerate(self.shape):
-            for shifted in (index[axis] - 1, index[axis] + 1):
+            for shifted in (coordinates[axis] - 1, coordinates[axis] + 1):
                 if 0 <= shifted < size:
-                    neighbour = (*index[:axis], shifted, *index[axis + 1 :])
+                    neighbour = (*coordinates[:axis], shifted, *coordinates[axis + 1 :])
                     neighbours.append(int(np.ravel_multi_index(neighbour, self.shape)))
         return neighbours
 
@@ -176,16 +176,16 @@ class Grid:
         source = self.source
         refused: dict[tuple[str, float], InputError] = {}
         accepted: set[tuple[str, float]] = set()
-        for place in self.places:
+        for values in self.point_values:
             try:
-                source.params(self.case.at(place).params)
-                accepted |= set(place.items())
+                source.params(self.case.at(values).params)
+                accepted |= set(values.items())
             except InputError as error:
-                refused |= {item: error for item in place.items() if item not in refused}
+                refused |= {item: error for item in values.items() if item not in refused}
         for item, error in refused.items():
             if item not in accepted:
                 raise error
-        first = self.case.at(next(place for place in self.places if set(place.items()) <= accepted))
+        first = self.case.at(next(values for values in self.point_values if set(values.items()) <= accepted))
         for axis in self.axes:
             for value in axis.values[:: max(1, len(axis.values) - 1)]:
                 if not axis.name.startswith("problem."):
@@ -273,7 +273,7 @@ def _stack_array(
     dims = next(point.arrays[name].dims for point in points if name in point.arrays)
     ends = [size if isinstance(size := sizes[dim], int) else len(size) for dim in dims]
     values = np.full((math.prod(shape), *ends), np.nan)
-    for place, point in enumerate(points):
+    for index, point in enumerate(points):
         if name not in point.arrays:
             continue
         array = point.arrays[name]
@@ -283,7 +283,7 @@ def _stack_array(
             else [labels.index(label) for label in array.labels[dim]]
             for dim, size in zip(dims, array.values.shape, strict=True)
         ]
-        values[place][np.ix_(*indices)] = array.values
+        values[index][np.ix_(*indices)] = array.values
     return LabelledArray(dims, values.reshape(*shape, *ends), {})
 
 
@@ -294,32 +294,32 @@ class SavedPoints:
     files: SavedWork
     first: int = 0
 
-    def load(self, place: int) -> JobResult | None:
-        """Return the result of the point ``place``, or None if it is not finished."""
-        rows = self.files.rows(self.first + place)
+    def load(self, index: int) -> JobResult | None:
+        """Return the result of the point ``index``, or None if it is not finished."""
+        rows = self.files.rows(self.first + index)
         if rows is None:
             return None
         layout = json.loads(rows[0]["arrays"])
-        values = self.files.state(self._array_key(place)) if layout else {}
+        values = self.files.state(self._array_key(index)) if layout else {}
         if values is None or set(values) != set(layout):
             return None
         arrays = {name: LabelledArray(tuple(dims), values[name], labels) for name, (dims, labels) in layout.items()}
         return JobResult(rows[0]["row"], arrays)
 
-    def save(self, place: int, point: JobResult) -> JobResult:
+    def save(self, index: int, point: JobResult) -> JobResult:
         """Save and return a point; its row is written after its arrays, so that a row implies complete arrays."""
         layout = {name: [array.dims, dict(array.labels)] for name, array in point.arrays.items()}
         if point.arrays:
             arrays = {name: array.values for name, array in point.arrays.items()}
-            self.files.save_state(self._array_key(place), **arrays)
-        self.files.save_rows(self.first + place, [{"row": point.row, "arrays": json.dumps(layout)}])
+            self.files.save_state(self._array_key(index), **arrays)
+        self.files.save_rows(self.first + index, [{"row": point.row, "arrays": json.dumps(layout)}])
         return point
 
-    def _array_key(self, place: int) -> str:
-        return f"arrays-{self.first + place:05d}"
+    def _array_key(self, index: int) -> str:
+        return f"arrays-{self.first + index:05d}"
 
 
 def load_points(study: Grid, files: SavedWork) -> dict[int, JobResult]:
     """Return a mapping from indices to the finished points in ``files``."""
-    points = ((place, SavedPoints(files).load(place)) for place in range(math.prod(study.shape)))
-    return {place: point for place, point in points if point is not None}
+    points = ((index, SavedPoints(files).load(index)) for index in range(math.prod(study.shape)))
+    return {index: point for index, point in points if point is not None}

@@ -48,23 +48,23 @@ class Exchange:
             if not changed:
                 break
         self._roll_plans()
-        for place, neighbour in self._better_plans().items():
-            if (point := self.points[place]).row["success"]:
-                marks = {"outlier": 1, "neighbour_cost": self.rolled_costs[place, neighbour]}
-                self.points[place] = replace(point, row={**point.row, **marks})
+        for index, neighbour in self._better_plans().items():
+            if (point := self.points[index]).row["success"]:
+                marks = {"outlier": 1, "neighbour_cost": self.rolled_costs[index, neighbour]}
+                self.points[index] = replace(point, row={**point.row, **marks})
         return self.points
 
     def _improve(self, starts: Mapping[int, int], first: int) -> set[int]:
         """Solve points from neighbours' plans, ``starts`` from point to neighbour; return the improved points."""
-        study, points, places = self.study, self.points, self.study.places
-        jobs = {place: study.job(places[place], points[neighbour]) for place, neighbour in starts.items()}
+        study, points, values = self.study, self.points, self.study.point_values
+        jobs = {index: study.job(values[index], points[neighbour]) for index, neighbour in starts.items()}
         warm_started = dict(self.solve(jobs, first))
         self.tried.update(starts.items())
-        improved = {place for place in warm_started if is_better(study, warm_started[place].row, points[place].row)}
+        improved = {index for index in warm_started if is_better(study, warm_started[index].row, points[index].row)}
         names = [dimension_name(axis.name) for axis in study.axes]
-        for place in improved:
-            neighbour = dict(zip(names, places[starts[place]].values(), strict=True))
-            points[place] = outlier(warm_started[place], points[place], describe_point(neighbour, names))
+        for index in improved:
+            neighbour = dict(zip(names, values[starts[index]].values(), strict=True))
+            points[index] = outlier(warm_started[index], points[index], describe_point(neighbour, names))
         self.tried = {pair for pair in self.tried if pair[1] not in improved}
         self.rolled_costs = {pair: cost for pair, cost in self.rolled_costs.items() if pair[1] not in improved}
         return improved
@@ -72,14 +72,14 @@ class Exchange:
     def _roll_plans(self) -> None:
         """Roll out all neighbours' plans at the points at which this has not been done."""
         jobs, study, neighbours = dict[int, RollJob](), self.study, dict[int, list[int]]()
-        for place, values in enumerate(study.places):
-            new = [k for k in study.neighbours(place) if self.points[k].row["success"]]
-            neighbours[place] = [k for k in new if (place, k) not in self.rolled_costs]
-            if neighbours[place] and self.points[place].row["status"] not in (REJECTED_STATUS, FAULT_STATUS):
-                plans = tuple(self.points[k] for k in neighbours[place])
-                jobs[place] = RollJob(study.case.at(values), study.rank, plans)
-        for place, costs in self.roll(jobs):
-            self.rolled_costs.update(((place, k), cost) for k, cost in zip(neighbours[place], costs, strict=True))
+        for index, values in enumerate(study.point_values):
+            new = [k for k in study.neighbours(index) if self.points[k].row["success"]]
+            neighbours[index] = [k for k in new if (index, k) not in self.rolled_costs]
+            if neighbours[index] and self.points[index].row["status"] not in (REJECTED_STATUS, FAULT_STATUS):
+                plans = tuple(self.points[k] for k in neighbours[index])
+                jobs[index] = RollJob(study.case.at(values), study.rank, plans)
+        for index, costs in self.roll(jobs):
+            self.rolled_costs.update(((index, k), cost) for k, cost in zip(neighbours[index], costs, strict=True))
 
     def _better_plans(self, untried: bool = False) -> dict[int, int]:
         """Return a mapping from points to the neighbour whose plan costs least there, if it is better than theirs.
@@ -87,12 +87,12 @@ class Exchange:
         With ``untried`` only neighbours count from whose plan the point has not been solved.
         """
         best: dict[int, int] = {}
-        for (place, neighbour), cost in sorted(self.rolled_costs.items()):
-            own = self.points[place].row
-            if (untried and (place, neighbour) in self.tried) or not math.isfinite(cost):
+        for (index, neighbour), cost in sorted(self.rolled_costs.items()):
+            own = self.points[index].row
+            if (untried and (index, neighbour) in self.tried) or not math.isfinite(cost):
                 continue
             if not own["success"] or _gains(self.study, cost, own):
-                best[place] = min(best.get(place, neighbour), neighbour, key=lambda k: self.rolled_costs[place, k])
+                best[index] = min(best.get(index, neighbour), neighbour, key=lambda k: self.rolled_costs[index, k])
         return best
 
 
@@ -101,15 +101,15 @@ def cheaper_neighbours(study: Grid, points: Sequence[JobResult], changed: Collec
 
     Only neighbours in ``changed`` count, since points have been solved from the others before.
     """
-    starts_by_place = {}
-    for place, point in enumerate(points):
-        candidates = [k for k in study.neighbours(place) if k in changed and points[k].row["success"]]
+    cheapest_neighbours = {}
+    for index, point in enumerate(points):
+        candidates = [k for k in study.neighbours(index) if k in changed and points[k].row["success"]]
         cheapest = min(candidates, key=lambda k: (_ranking_cost(study, points[k].row), k), default=None)
         if cheapest is None or point.row["status"] in (REJECTED_STATUS, FAULT_STATUS):
             continue
         if not point.row["success"] or _ranking_cost(study, points[cheapest].row) < _ranking_cost(study, point.row):
-            starts_by_place[place] = cheapest
-    return starts_by_place
+            cheapest_neighbours[index] = cheapest
+    return cheapest_neighbours
 
 
 def _ranking_cost(study: Grid, row: Mapping[str, Any]) -> float:

@@ -55,18 +55,18 @@ def run_in_processes(
                 message = worker.receive()
                 if message is None:
                     pool.remove(worker)
-                    place = worker.stop()
-                    tries[place] += 1
-                    if tries[place] < MAX_TRIES:
-                        waiting.appendleft(place)
+                    index = worker.stop()
+                    tries[index] += 1
+                    if tries[index] < MAX_TRIES:
+                        waiting.appendleft(index)
                     else:
-                        yield place, worker_died(place)
+                        yield index, worker_died(index)
                     continue
                 word, content = message
                 if word == "progress":
-                    callback(worker.place, content)
+                    callback(worker.index, content)
                     continue
-                yield worker.place, content
+                yield worker.index, content
                 if waiting:
                     worker.give(waiting.popleft(), jobs)
                 else:
@@ -80,7 +80,7 @@ def run_in_processes(
 class _Worker:
     process: Any
     pipe: Any
-    place: int = -1
+    index: int = -1
 
     @classmethod
     def start(cls, function: Function) -> _Worker:
@@ -91,11 +91,11 @@ class _Worker:
         worker_end.close()
         return cls(process, parent_end)
 
-    def give(self, place: int, jobs: Sequence[Any]) -> None:
-        self.place = place
+    def give(self, index: int, jobs: Sequence[Any]) -> None:
+        self.index = index
         # The death of a worker is noticed at the next receive.
         with suppress(OSError):
-            self.pipe.send((jobs[place],))
+            self.pipe.send((jobs[index],))
 
     def receive(self) -> tuple[str, Any] | None:
         """Return the worker's next message, a kind and its content, or None if the worker has died."""
@@ -108,7 +108,7 @@ class _Worker:
         """Close the pipe, which ends the worker; return the index of its last job."""
         self.pipe.close()
         self.process.join()
-        return self.place
+        return self.index
 
 
 @contextmanager

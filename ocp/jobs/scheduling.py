@@ -27,7 +27,7 @@ def run_jobs(
     ``function(job, report)`` must depend only on the job, which is plain data that can be pickled.
     Results are then the same in any process and order, and a job whose worker died can be started
     again. An outcome is a result or a :class:`~ocp.jobs.scheduling.Failure`. For each report of a job,
-    ``callback(place, message)`` is called in this process.
+    ``callback(index, message)`` is called in this process.
 
     With one worker jobs run in this process, with more in processes of this computer. With
     ``scheduler``, an address such as ``tcp://127.0.0.1:8786``, jobs run on a Dask cluster, whose
@@ -98,12 +98,12 @@ def map_jobs(
         return
     work = [jobs[key] for key in unfinished]
 
-    def report(place: int, message: Any) -> None:
-        callback(unfinished[place], message)
+    def report(index: int, message: Any) -> None:
+        callback(unfinished[index], message)
 
     with closing(run_jobs(function, work, workers.jobs, workers.scheduler, report)) as outcomes:
-        for place, outcome in outcomes:
-            key = unfinished[place]
+        for index, outcome in outcomes:
+            key = unfinished[index]
             if not isinstance(outcome, Failure):
                 yield key, outcome if saved is None else saved.save(key, outcome)
             elif recover is not None:

@@ -38,16 +38,16 @@ def run_sequentially(
     function: Function, jobs: Sequence[Any], callback: Callback
 ) -> Generator[tuple[int, Any], None, None]:
     """Run jobs one after another in this process; yield index and outcome of each."""
-    for place, job in enumerate(jobs):
+    for index, job in enumerate(jobs):
 
-        def report(message: Any, place: int = place) -> None:
-            callback(place, message)
+        def report(message: Any, index: int = index) -> None:
+            callback(index, message)
 
-        yield place, run_job(function, job, report)
+        yield index, run_job(function, job, report)
 
 
-def worker_died(place: int) -> Failure:
+def worker_died(index: int) -> Failure:
     """Return the outcome of a job whose worker died at every try."""
     return Failure(
-        RuntimeError(f"job {place + 1} failed: its worker died each time, killed or out of memory; use fewer processes")
+        RuntimeError(f"job {index + 1} failed: its worker died each time, killed or out of memory; use fewer processes")
     )

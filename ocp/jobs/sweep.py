@@ -151,26 +151,26 @@ def solve_grid(
 
     Raises :class:`~ocp.store.provenance.FilesChanged` if files have changed since the request.
     """
-    finished, places = {} if finished is None else finished, study.places
+    finished, values = {} if finished is None else finished, study.point_values
 
     def solve_jobs(jobs: Mapping[int, SolveJob], first: int) -> Generator[tuple[int, JobResult], None, None]:
         # Points of the same structure are solved in succession, since a worker reuses the last structure.
-        ordered = {place: jobs[place] for place in sorted(jobs, key=lambda place: study.shape_of(places[place]))}
+        ordered = {index: jobs[index] for index in sorted(jobs, key=lambda index: study.structure_key(values[index]))}
         saved = SavedPoints(files, first)
         with closing(map_jobs(solve_job, ordered, workers, saved, callback, _fault)) as points_of_jobs:
             yield from points_of_jobs
 
-    unsolved = {place: study.job(values) for place, values in enumerate(places) if place not in finished}
+    unsolved = {index: study.job(point) for index, point in enumerate(values) if index not in finished}
     with closing(solve_jobs(unsolved, 0)) as solved_points:
-        for place, point in solved_points:
-            finished[place] = point
-            on_point(place, point)
+        for index, point in solved_points:
+            finished[index] = point
+            on_point(index, point)
 
     def roll_plans(jobs: Mapping[int, RollJob]) -> Generator[tuple[int, list[float]], None, None]:
         with closing(map_jobs(plan_costs, jobs, workers, None, callback, partial(_no_costs, jobs))) as costs_of_jobs:
             yield from costs_of_jobs
 
-    points = [finished[place] for place in range(len(places))]
+    points = [finished[index] for index in range(len(values))]
     return neighbours.Exchange(study, points, solve_jobs, roll_plans).run()
 
 
@@ -181,7 +181,7 @@ def _fault(_: int, error: Exception) -> JobResult:
     return failed_result(FAULT_STATUS, str(error))
 
 
-def _no_costs(jobs: Mapping[int, RollJob], place: int, error: Exception) -> list[float]:
+def _no_costs(jobs: Mapping[int, RollJob], index: int, error: Exception) -> list[float]:
     """Return NaN as the cost of each plan of a job that failed."""
-    _fault(place, error)
-    return [math.nan] * len(jobs[place].plans)
+    _fault(index, error)
+    return [math.nan] * len(jobs[index].plans)

@@ -45,16 +45,24 @@ FAULT_STATUS = "fault"
 class SolveJob:
     """Job that solves a case from ``starts`` guesses and takes the best solution by ``rank``.
 
-    In :func:`solve_start` only the guess with index ``number`` is used. With ``start``, the result of
-    a neighbouring point, the case is solved only from that plan.
+    With ``start``, the result of a neighbouring point, the case is solved only from that plan.
     """
 
     case: Case
     starts: int = 1
     seed: int = 0
     rank: Rank = "planned"
-    number: int = 0
     start: JobResult | None = None
+
+
+@dataclass(frozen=True)
+class StartJob:
+    """Job that solves a case from the guess with index ``number`` of ``starts`` guesses."""
+
+    case: Case
+    starts: int
+    seed: int
+    number: int
 
 
 @dataclass(frozen=True)
@@ -237,7 +245,7 @@ class StartResult:
     judged: dict[str, Any]
 
 
-def solve_start(job: SolveJob, report: Callable[[Any], None]) -> StartResult:
+def solve_start(job: StartJob, report: Callable[[Any], None]) -> StartResult:
     """Solve a case from one of its guesses, and report each stage."""
     session = cached_session(job.case)
     guess = initial_guesses(session.evaluation, job.starts, job.seed)[job.number]
@@ -269,7 +277,7 @@ def solve_starts(
     check_starts(starts, seed, rank_by)
     if starts == 1 or workers.serial:
         return solve_session(session, starts, seed, progress, rank_by)
-    work = {number: SolveJob(case, starts, seed, number=number) for number in range(starts)}
+    work = {number: StartJob(case, starts, seed, number) for number in range(starts)}
     finished: dict[int, StartResult] = {}
     failures: list[Exception] = []
 
@@ -298,11 +306,11 @@ def solve_starts(
 
 def _solutions_of(session: Session, finished: dict[int, StartResult], seed: int, rank_by: Rank) -> list[Solution]:
     """Return the solutions of all starts; the best one is judged again here, in the process with its graphs."""
-    results = [finished[place] for place in sorted(finished)]
+    results = [finished[number] for number in sorted(finished)]
     solutions_of_starts = [Solution(**start.judged, problem=session.problem) for start in results]
     solutions = accept_standing_still(session, solutions_of_starts)
-    place = next(i for i, best in enumerate(solutions) if best is best_solution(solutions, rank_by))
-    outcome = results[place].outcome
+    best_index = next(i for i, solution in enumerate(solutions) if solution is best_solution(solutions, rank_by))
+    outcome = results[best_index].outcome
     judged_here = judge_outcome(session, replace(outcome, nlp=session.nlp_of(outcome.nlp)), seed)
-    solutions[place] = replace(solutions[place], derivative=judged_here.derivative)
+    solutions[best_index] = replace(solutions[best_index], derivative=judged_here.derivative)
     return solutions

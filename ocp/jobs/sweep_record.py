@@ -31,9 +31,9 @@ def run_meta(study: Grid, session: Session, data: xr.Dataset) -> dict[str, Any]:
             "at": {dim: row[dim] for dim in dims},
             "status": row["status"],
             "verdict": row["verdict"],
-            "command": shlex.join(study.job(place).case.command(study.seed, study.starts, study.rank)),
+            "command": shlex.join(study.job(values).case.command(study.seed, study.starts, study.rank)),
         }
-        for place, row in zip(study.places, rows, strict=True)
+        for values, row in zip(study.point_values, rows, strict=True)
         if not row["success"]
     ]
     axes = [
@@ -88,10 +88,10 @@ def grid_rows(data: xr.Dataset) -> list[dict[str, Any]]:
     names = (*ROW_NUMBERS, "seconds", *ROW_COUNTS, *ROW_TEXTS)
     count = data["cost"].size
     columns = {name: np.asarray(data[name].values).ravel().tolist() if name in data else [""] * count for name in names}
-    places = itertools.product(*(data[dim].values.tolist() for dim in dims))
+    points = itertools.product(*(data[dim].values.tolist() for dim in dims))
     return [
-        {**dict(zip(dims, place, strict=True)), **{name: columns[name][i] for name in names}}
-        for i, place in enumerate(places)
+        {**dict(zip(dims, point, strict=True)), **{name: columns[name][i] for name in names}}
+        for i, point in enumerate(points)
     ]
 
 

@@ -34,13 +34,15 @@ class ActiveSets:
         for branch in range(model.step.branches):
             first = branch * len(pairs)
             for owner in {pair.contact for pair in pairs}:
-                places_by_kind = {
+                indices_by_kind = {
                     kind: [first + i for i, pair in enumerate(pairs) if (pair.contact, pair.kind) == (owner, kind)]
                     for kind in ("normal", "friction", "slip")
                 }
-                if [len(places) for places in places_by_kind.values()] == [1, 2, 1]:
-                    f = places_by_kind["friction"]
-                    self.contacts.append(Coulomb(places_by_kind["normal"][0], (f[0], f[1]), places_by_kind["slip"][0]))
+                if [len(indices) for indices in indices_by_kind.values()] == [1, 2, 1]:
+                    f = indices_by_kind["friction"]
+                    self.contacts.append(
+                        Coulomb(indices_by_kind["normal"][0], (f[0], f[1]), indices_by_kind["slip"][0])
+                    )
 
     def of(self, plan: Plan) -> np.ndarray:
         """Return a plan's active set: a pair is closed if its scaled force is larger than its scaled gap."""
@@ -72,8 +74,8 @@ class ActiveSets:
         """Return a mask (N, n): friction and slip pairs of open contacts, whose rows constrain nothing."""
         frictionless = np.zeros_like(closed)
         for contact in self.contacts:
-            places = [*contact.friction, contact.slip]
-            frictionless[:, places] = ~closed[:, [contact.normal]]
+            indices = [*contact.friction, contact.slip]
+            frictionless[:, indices] = ~closed[:, [contact.normal]]
         return frictionless
 
     def exchangeable(self, closed: np.ndarray) -> np.ndarray:

@@ -166,11 +166,11 @@ class _Pattern:
     def __init__(self, rows: np.ndarray, columns: np.ndarray, shape: tuple[int, int]) -> None:
         self.used = np.flatnonzero((rows >= 0) & (columns >= 0))
         key = columns[self.used] * shape[0] + rows[self.used]
-        unique, self.place = np.unique(key, return_inverse=True)
+        unique, self.positions = np.unique(key, return_inverse=True)
         starts = np.searchsorted(unique, np.arange(shape[1] + 1) * shape[0])
         self.matrix = sp.csc_matrix((np.zeros(unique.size), unique % shape[0], starts), shape=shape)
 
     def __call__(self, data: np.ndarray) -> sp.csc_matrix:
         """Return the matrix with these entries; entries at the same position are summed."""
-        self.matrix.data = np.bincount(self.place, data[self.used], self.matrix.nnz)
+        self.matrix.data = np.bincount(self.positions, data[self.used], self.matrix.nnz)
         return self.matrix

@@ -40,36 +40,36 @@ class SavedWork:
         self._last_save = time.monotonic()
 
     @property
-    def place(self) -> Path | None:
+    def directory(self) -> Path | None:
         """Directory of the files, or None if nothing is saved."""
         return self._directory
 
     def rows(self, point: int) -> list[dict[str, Any]] | None:
         """Return the rows of a finished point, or None if it is unfinished."""
-        if self.place is None:
+        if self.directory is None:
             return None
         try:
-            return json.loads((self.place / f"point-{point:05d}.json").read_bytes())
+            return json.loads((self.directory / f"point-{point:05d}.json").read_bytes())
         except (OSError, ValueError):
             return None
 
     def save_rows(self, point: int, rows: list[dict[str, Any]]) -> None:
         """Save the rows of a finished point, and delete its arrays of unfinished work."""
         self._write(f"point-{point:05d}.json", json.dumps(rows).encode())
-        for state in self.place.glob(f"{point:05d}-*.npz") if self.place else ():
+        for state in self.directory.glob(f"{point:05d}-*.npz") if self.directory else ():
             state.unlink(missing_ok=True)
 
     def state(self, key: str) -> dict[str, np.ndarray] | None:
         """Return the arrays of unfinished work saved under ``key``, or None if there are none."""
-        return None if self.place is None else _read_arrays(self.place / f"{key}.npz")
+        return None if self.directory is None else _read_arrays(self.directory / f"{key}.npz")
 
     def due(self) -> bool:
         """Return whether it is time to save again; False if nothing is saved."""
-        return self.place is not None and time.monotonic() - self._last_save >= SAVE_INTERVAL_S
+        return self.directory is not None and time.monotonic() - self._last_save >= SAVE_INTERVAL_S
 
     def save_state(self, key: str, **arrays: Any) -> None:
         """Save the arrays of unfinished work under ``key``."""
-        if self.place is None:
+        if self.directory is None:
             return
         buffer = io.BytesIO()
         np.savez(buffer, **arrays)
@@ -77,8 +77,8 @@ class SavedWork:
         self._last_save = time.monotonic()
 
     def _write(self, name: str, content: bytes) -> None:
-        if self.place is not None:
-            write_file(self.place / name, content, "the checkpoint")
+        if self.directory is not None:
+            write_file(self.directory / name, content, "the checkpoint")
 
 
 UNSAVED = SavedWork()
@@ -107,7 +107,7 @@ class Checkpoint(SavedWork):
         """Sentences for the user on what is resumed, or why it is not; set on entry."""
 
     @property
-    def place(self) -> Path | None:
+    def directory(self) -> Path | None:
         """Directory locked by this process, or None if nothing is saved; available only inside a ``with`` block."""
         if self._directory is None and self._folder is not None:
             raise RuntimeError("a checkpoint can only be used inside a 'with' block")
@@ -143,17 +143,17 @@ class Checkpoint(SavedWork):
 
     def discard(self) -> None:
         """Remove the directory, after the study is finished."""
-        if self.place is not None and self._folder is not None:
-            _remove_held(self.place)
+        if self.directory is not None and self._folder is not None:
+            _remove_held(self.directory)
 
     def _notes(self, others_hold: bool) -> list[str]:
-        assert self.place is not None and self._folder is not None
+        assert self.directory is not None and self._folder is not None
         notes = []
         if others_hold:
             notes.append(
                 "another process runs the same computation; this one runs independently and gives the same numbers"
             )
-        if _is_empty(self.place):
+        if _is_empty(self.directory):
             notes += self._outdated(self._folder)
         return notes
 
@@ -178,54 +178,54 @@ def _digests_in_name(name: str, asked: str) -> list[str]:
     return name.removeprefix(asked).partition(".")[0].split("-")
 
 
-def _is_empty(place: Path) -> bool:
+def _is_empty(directory: Path) -> bool:
     try:
-        return not any(file.name != _LOCK_FILE for file in place.iterdir())
+        return not any(file.name != _LOCK_FILE for file in directory.iterdir())
     except OSError:
         return True
 
 
-def _remove_held(place: Path) -> None:
+def _remove_held(directory: Path) -> None:
     """Remove a directory that this process has locked; the lock file is removed last, to keep others out."""
     # Another process may lock the directory as soon as the lock file is removed.
     with suppress(OSError):
-        for file in place.iterdir():
+        for file in directory.iterdir():
             if file.is_dir():
                 shutil.rmtree(file, ignore_errors=True)
             elif file.name != _LOCK_FILE:
                 file.unlink(missing_ok=True)
-        (place / _LOCK_FILE).unlink(missing_ok=True)
-        place.rmdir()
+        (directory / _LOCK_FILE).unlink(missing_ok=True)
+        directory.rmdir()
 
 
 def _hold_directory(folder: Path, name: str) -> tuple[Path, int, bool]:
     """Lock the first free directory ``name.1``, ``name.2``, ...; return it, the lock, and whether others hold one."""
     folder.mkdir(parents=True, exist_ok=True)
-    existing = sorted(folder.glob(f"{name}.*"), key=lambda place: (len(place.name), place.name))
-    for place in existing:
-        handle = _try_lock(place)
+    existing = sorted(folder.glob(f"{name}.*"), key=lambda directory: (len(directory.name), directory.name))
+    for directory in existing:
+        handle = _try_lock(directory)
         if handle is not None:
-            return place, handle, place != existing[0]
+            return directory, handle, directory != existing[0]
     for number in itertools.count(1):
-        place = folder / f"{name}.{number}"
+        directory = folder / f"{name}.{number}"
         with suppress(FileExistsError):
-            place.mkdir()
-            handle = _try_lock(place)
+            directory.mkdir()
+            handle = _try_lock(directory)
             if handle is not None:
-                return place, handle, number > 1
+                return directory, handle, number > 1
     raise AssertionError
 
 
-def _try_lock(place: Path) -> int | None:
+def _try_lock(directory: Path) -> int | None:
     """Lock a directory and return the handle, or None if another process has locked or removed it."""
     try:
-        handle = os.open(place / _LOCK_FILE, os.O_RDWR | os.O_CREAT, 0o600)
+        handle = os.open(directory / _LOCK_FILE, os.O_RDWR | os.O_CREAT, 0o600)
     except FileNotFoundError:
         return None
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         # The file may have been removed between the two calls.
-        if os.path.samestat(os.fstat(handle), (place / _LOCK_FILE).stat()):
+        if os.path.samestat(os.fstat(handle), (directory / _LOCK_FILE).stat()):
             return handle
     except (BlockingIOError, FileNotFoundError):
         pass

@@ -81,34 +81,34 @@ def _without_unhashed_keys(value: Any) -> Any:
     return [_without_unhashed_keys(item) for item in value] if isinstance(value, list) else value
 
 
-def from_json(kind: Any, value: Any, place: str = "") -> Any:
+def from_json(kind: Any, value: Any, path: str = "") -> Any:
     """Build an instance of the type ``kind``, with nested records, from the JSON ``value``.
 
     Supported are dataclasses and TypedDicts with fields that are numbers, texts, lists, mappings from
     texts, Literals, Enums (by their names in lower case), and unions. For a float, null is NaN, since
     numbers that are not finite are stored as null. A TypedDict may have additional entries.
 
-    Raises ``ValueError`` with the mismatch and its ``place`` in the document.
+    Raises ``ValueError`` with the mismatch and its ``path`` in the document.
     """
     origin, arguments = get_origin(kind), get_args(kind)
     if kind is Any:
         return value
     if origin in (Union, UnionType):
-        return _union_from_json(arguments, value, place)
+        return _union_from_json(arguments, value, path)
     if origin is Literal:
-        return _choice_from_json(dict(zip(arguments, arguments, strict=True)), value, place)
+        return _choice_from_json(dict(zip(arguments, arguments, strict=True)), value, path)
     if isinstance(kind, type) and issubclass(kind, Enum):
         members = {name.lower().replace("_", "-"): member for name, member in kind.__members__.items()}
-        return _choice_from_json(members, value, place)
+        return _choice_from_json(members, value, path)
     if origin in (list, tuple):
-        _check_type(list, value, place)
-        return [from_json(arguments[0], item, f"{place}[{i}]") for i, item in enumerate(value)]
+        _check_type(list, value, path)
+        return [from_json(arguments[0], item, f"{path}[{i}]") for i, item in enumerate(value)]
     if origin is dict:
-        _check_type(dict, value, place)
-        return {key: from_json(arguments[1], item, _child_path(place, key)) for key, item in value.items()}
+        _check_type(dict, value, path)
+        return {key: from_json(arguments[1], item, _child_path(path, key)) for key, item in value.items()}
     if is_dataclass(kind) or is_typeddict(kind):
-        return _record_from_json(kind, value, place)
-    _check_type(kind, value, place)
+        return _record_from_json(kind, value, path)
+    _check_type(kind, value, path)
     return (float("nan") if value is None else float(value)) if kind is float else value
 
 
@@ -126,41 +126,41 @@ _ACCEPTED_TYPES: dict[Any, Any] = {float: (int, float, NoneType)}
 """Mapping from types to the JSON types accepted for them, if those are others."""
 
 
-def _check_type(kind: Any, value: Any, place: str) -> None:
+def _check_type(kind: Any, value: Any, path: str) -> None:
     fits = isinstance(value, _ACCEPTED_TYPES.get(kind, kind))
     if not fits or (isinstance(value, bool) and kind is not bool):
-        raise _mismatch(place, value, _TYPE_DESCRIPTIONS[kind])
+        raise _mismatch(path, value, _TYPE_DESCRIPTIONS[kind])
 
 
-def _union_from_json(kinds: tuple[Any, ...], value: Any, place: str) -> Any:
+def _union_from_json(kinds: tuple[Any, ...], value: Any, path: str) -> Any:
     """Build an instance of the first type of a union that fits; null is None if the union contains it."""
     if value is None and NoneType in kinds:
         return None
     errors = []
     for kind in kinds:
         try:
-            return from_json(kind, value, place)
+            return from_json(kind, value, path)
         except ValueError as error:
             errors.append(error)
     raise errors[0]
 
 
-def _choice_from_json(words: Mapping[Any, Any], value: Any, place: str) -> Any:
+def _choice_from_json(words: Mapping[Any, Any], value: Any, path: str) -> Any:
     if not isinstance(value, Hashable) or value not in words:
-        raise _mismatch(place, value, f"one of {', '.join(map(str, words))}")
+        raise _mismatch(path, value, f"one of {', '.join(map(str, words))}")
     return words[value]
 
 
-def _record_from_json(kind: Any, value: Any, place: str) -> Any:
+def _record_from_json(kind: Any, value: Any, path: str) -> Any:
     """Build a dataclass or TypedDict; raise ``ValueError`` for missing fields, and for unknown ones of a dataclass."""
-    _check_type(dict, value, place)
+    _check_type(dict, value, path)
     types, required = _field_types(kind)
     if is_dataclass(kind) and (unknown := sorted(set(value) - set(types))):
-        raise ValueError(f"{_child_path(place, unknown[0])} is unknown")
+        raise ValueError(f"{_child_path(path, unknown[0])} is unknown")
     if missing := sorted(required - set(value)):
-        raise ValueError(f"{_child_path(place, missing[0])} is missing")
+        raise ValueError(f"{_child_path(path, missing[0])} is missing")
     entries = {
-        key: from_json(types[key], item, _child_path(place, key)) if key in types else item
+        key: from_json(types[key], item, _child_path(path, key)) if key in types else item
         for key, item in value.items()
     }
     make_record: Any = kind if is_dataclass(kind) else dict
@@ -176,11 +176,11 @@ def _field_types(kind: Any) -> tuple[dict[str, Any], frozenset[str]]:
     return get_type_hints(kind), kind.__required_keys__
 
 
-def _child_path(place: str, key: str) -> str:
-    return f"{place}.{key}" if place else key
+def _child_path(path: str, key: str) -> str:
+    return f"{path}.{key}" if path else key
 
 
-def _mismatch(place: str, value: Any, expected: str) -> ValueError:
+def _mismatch(path: str, value: Any, expected: str) -> ValueError:
     quoted = repr(value)
     quoted = quoted if len(quoted) <= 40 else f"{quoted[:37]}..."
-    return ValueError(f"{place or 'it'} is {quoted}, expected {expected}")
+    return ValueError(f"{path or 'it'} is {quoted}, expected {expected}")

@@ -87,7 +87,7 @@ def _points(options: SweepOptions, request: SweepRequest) -> list[JobResult]:
     """Return the results at all points; print how many were resumed and, after Ctrl-C, how to resume."""
     study, output = request.study, options.output
     dims = [dimension_name(axis.name) for axis in study.axes]
-    names = [describe_point(dict(zip(dims, place.values(), strict=True)), dims) for place in study.places]
+    names = [describe_point(dict(zip(dims, point.values(), strict=True)), dims) for point in study.point_values]
     for line in request.checkpoint.notes:
         output.say(line)
     saved = load_points(study, request.checkpoint)

@@ -268,7 +268,7 @@ def _trained(options: LearnOptions, request: LearnRequest, recipe: Recipe) -> li
             for line in checkpoint.notes:
                 options.output.say(line)
         jobs = [
-            NetworkJob(request.data, options.noise, recipe, options.seed + k, checkpoint.place)
+            NetworkJob(request.data, options.noise, recipe, options.seed + k, checkpoint.directory)
             for k, checkpoint in enumerate(request.checkpoints)
         ]
         show = resources.enter_context(learned_models.show_epochs(options.quiet, options.epochs))

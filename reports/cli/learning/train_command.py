@@ -140,7 +140,9 @@ def _trained(
 ) -> dict[int, Exception]:
     """Run the unfinished jobs, add the path of each run to ``stored``, and return the errors of failed jobs."""
     failed: dict[int, Exception] = {}
-    jobs = {place: replace(request.jobs[place], kept=request.checkpoints[place].place) for place in unfinished_places}
+    jobs = {
+        place: replace(request.jobs[place], kept=request.checkpoints[place].directory) for place in unfinished_places
+    }
     workers = Workers(request.workers, options.scheduler)
     iterations_by_name = {job.name: request.experiments[place].iterations for place, job in jobs.items()}
     with show_trainings(iterations_by_name, options.quiet, interrupt.raise_if_interrupted) as callback:

@@ -31,9 +31,9 @@ def test_each_job_is_done_and_heard(cluster: LocalCluster) -> None:
     jobs[3]["fails"] = True
     address = cluster.scheduler_address
     done = dict(run_jobs(squared, jobs, 1, address, lambda *news: heard.append(news)))
-    assert [done[place]["square"][0] for place in (0, 1, 2, 4)] == [0.0, 1.0, 4.0, 16.0]
+    assert [done[index]["square"][0] for index in (0, 1, 2, 4)] == [0.0, 1.0, 4.0, 16.0]
     assert isinstance(done[3], Failure) and str(done[3].error) == "x = 3.0 is refused"
-    assert {(place, told["k"]) for place, told in heard} >= {(0, 0), (1, 0), (2, 0)}
+    assert {(index, told["k"]) for index, told in heard} >= {(0, 0), (1, 0), (2, 0)}
 
 
 @pytest.mark.costly
@@ -41,7 +41,7 @@ def test_a_worker_killed_on_the_way_loses_nothing(cluster: LocalCluster, tmp_pat
     jobs: list[dict[str, Any]] = [{"x": float(x), "wait": 0.05} for x in range(4)]
     jobs[1]["dies"] = str(tmp_path / "once")
     done = dict(run_jobs(squared, jobs, 1, cluster.scheduler_address))
-    assert [done[place]["square"][0] for place in range(4)] == [0.0, 1.0, 4.0, 9.0]
+    assert [done[index]["square"][0] for index in range(4)] == [0.0, 1.0, 4.0, 9.0]
     assert (tmp_path / "once").read_text() == "++"
 
 

@@ -27,9 +27,9 @@ def test_each_job_is_done_and_heard(workers: int) -> None:
     heard: list[tuple[int, Any]] = []
     jobs = [{"x": float(x)} for x in range(5)]
     done = dict(run_jobs(squared, jobs, workers, callback=lambda *news: heard.append(news)))
-    assert [done[place]["square"][0] for place in range(5)] == [0.0, 1.0, 4.0, 9.0, 16.0]
-    told = {(place, message["k"], message["x"]) for place, message in heard}
-    assert told == {(place, k, float(place)) for place in range(5) for k in range(2)}
+    assert [done[index]["square"][0] for index in range(5)] == [0.0, 1.0, 4.0, 9.0, 16.0]
+    told = {(index, message["k"], message["x"]) for index, message in heard}
+    assert told == {(index, k, float(index)) for index in range(5) for k in range(2)}
     processes = {result["process"] for result in done.values()}
     assert (processes == {os.getpid()}) if workers == 1 else (os.getpid() not in processes)
     assert len(processes) <= workers
@@ -42,7 +42,7 @@ def test_a_job_that_fails_stops_no_other(workers: int) -> None:
     done = dict(run_jobs(squared, jobs, workers))
     assert isinstance(done[0], Failure) and isinstance(done[0].error, InputError)
     assert str(done[0].error) == "x = 1.0 is refused"
-    assert [done[place]["square"][0] for place in (1, 2)] == [4.0, 9.0]
+    assert [done[index]["square"][0] for index in (1, 2)] == [4.0, 9.0]
 
 
 @pytest.mark.costly
@@ -51,7 +51,7 @@ def test_a_job_whose_worker_dies_is_begun_again(tmp_path: Path) -> None:
     jobs[1] |= {"dies": str(tmp_path / "once"), "deaths": 1}
     jobs[2] |= {"dies": str(tmp_path / "always"), "deaths": 99}
     done = dict(run_jobs(squared, jobs, 2))
-    assert [done[place]["square"][0] for place in (0, 1, 3)] == [0.0, 1.0, 9.0]
+    assert [done[index]["square"][0] for index in (0, 1, 3)] == [0.0, 1.0, 9.0]
     assert isinstance(done[2], Failure) and "worker died" in str(done[2].error)
     assert [(tmp_path / name).read_text() for name in ("once", "always")] == ["++", "+++"]
 
@@ -59,11 +59,11 @@ def test_a_job_whose_worker_dies_is_begun_again(tmp_path: Path) -> None:
 @pytest.mark.costly
 def test_workers_may_keep_what_they_did_when_the_caller_stops(tmp_path: Path) -> None:
     jobs = [{"note": str(tmp_path / name)} for name in "ab"]
-    places = set()
+    indices = set()
 
-    def heard(place: int, _: Any) -> None:
-        places.add(place)
-        if len(places) == 2:
+    def heard(index: int, _: Any) -> None:
+        indices.add(index)
+        if len(indices) == 2:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt), closing(run_jobs(kept, jobs, 2, callback=heard)) as run:

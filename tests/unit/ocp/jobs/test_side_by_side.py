@@ -49,8 +49,8 @@ class Stop(Exception):
 def test_a_sweep_that_stopped_goes_on_and_ends_as_if_it_had_not(tmp_path: Path) -> None:
     ended: list[int] = []
 
-    def stop(place: int, _: JobResult) -> None:
-        ended.append(place)
+    def stop(index: int, _: JobResult) -> None:
+        ended.append(index)
         if len(ended) == 3:
             raise Stop
 
@@ -63,7 +63,7 @@ def test_a_sweep_that_stopped_goes_on_and_ends_as_if_it_had_not(tmp_path: Path) 
         "barrier",
         params=SHORT,
         store=tmp_path,
-        progress=lambda place, _: again.append(place),
+        progress=lambda index, _: again.append(index),
     )
     assert sorted([*ended, *again]) == list(range(6)) and len(again) == 3
     assert same(whole, sweep("push-1d", OVER, "barrier", params=SHORT))
@@ -84,13 +84,13 @@ def test_what_is_kept_belongs_to_one_sweep_and_a_broken_file_is_not_kept(tmp_pat
         params=SHORT,
         seed=1,
         store=tmp_path,
-        progress=lambda place, _: other.append(place),
+        progress=lambda index, _: other.append(index),
     )
     assert other == [0, 1]
     (arrays,) = tmp_path.rglob("arrays-00000.npz")
     arrays.write_bytes(arrays.read_bytes()[:100])
     again: list[int] = []
-    sweep("push-1d", {"M": [1.0, 2.0]}, params=SHORT, store=tmp_path, progress=lambda place, _: again.append(place))
+    sweep("push-1d", {"M": [1.0, 2.0]}, params=SHORT, store=tmp_path, progress=lambda index, _: again.append(index))
     assert again == [0, 1]
 
 

@@ -22,12 +22,12 @@ from pathlib import Path
 from ocp.store.checkpoint import Checkpoint, SavedWork
 with Checkpoint(Path(sys.argv[1]), "toy", {"samples": 10}) as held:
     held.save_rows(0, [{"mean": 1.0}])
-    print(held.place.name, flush=True)
+    print(held.directory.name, flush=True)
     time.sleep(60)
 """
 
 
-def places(root: Path) -> list[str]:
+def directories(root: Path) -> list[str]:
     return sorted(path.name for path in root.glob("toy/.unfinished-*"))
 
 
@@ -41,16 +41,16 @@ def test_what_was_done_is_there_again(tmp_path: Path) -> None:
         found = again.state("sums")
         assert found is not None and found["total"].tolist() == [0.0, 1.0, 2.0]
         again.discard()
-    assert places(tmp_path) == []
+    assert directories(tmp_path) == []
 
 
 def test_nothing_stays_of_what_did_nothing(tmp_path: Path) -> None:
     with Checkpoint(tmp_path, "toy", ASKED):
-        assert len(places(tmp_path)) == 1
-    assert places(tmp_path) == []
+        assert len(directories(tmp_path)) == 1
+    assert directories(tmp_path) == []
     with Checkpoint(None, "toy", ASKED) as nowhere:
         nowhere.save_rows(0, [])
-        assert nowhere.rows(0) is None and nowhere.place is None
+        assert nowhere.rows(0) is None and nowhere.directory is None
     assert not list(Path().glob(".unfinished-*"))
 
 
@@ -93,32 +93,32 @@ def test_what_a_killed_process_left_is_taken_over(tmp_path: Path) -> None:
         name = process.stdout.readline().strip()
         with Checkpoint(tmp_path, "toy", ASKED) as beside:
             assert beside.notes and beside.rows(0) is None
-        assert places(tmp_path) == [name]
+        assert directories(tmp_path) == [name]
         process.send_signal(signal.SIGKILL)
     with Checkpoint(tmp_path, "toy", ASKED) as after:
-        assert after.place is not None and after.place.name == name
+        assert after.directory is not None and after.directory.name == name
         assert after.rows(0) == [{"mean": 1.0}] and not after.notes
 
 
 def test_a_place_that_vanishes_while_it_is_entered_is_not_held(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The owner removes the folder after another process opens its lock file and before that locks it."""
     with Checkpoint(tmp_path, "toy", ASKED) as owner:
-        assert owner.place is not None
-        place = owner.place
+        assert owner.directory is not None
+        directory = owner.directory
 
     def removing(handle: int, how: int) -> None:
         monkeypatch.undo()
-        (place / ".lock").unlink()
-        place.rmdir()
+        (directory / ".lock").unlink()
+        directory.rmdir()
         module.fcntl.flock(handle, how)
 
-    place.mkdir()
+    directory.mkdir()
     monkeypatch.setattr(module.fcntl, "flock", removing)
     with Checkpoint(tmp_path, "toy", ASKED) as entered:
         entered.save_rows(0, [{"mean": 1.0}])
-        assert entered.place is not None and (entered.place / ".lock").exists()
+        assert entered.directory is not None and (entered.directory / ".lock").exists()
         with Checkpoint(tmp_path, "toy", ASKED) as other:
-            assert other.place != entered.place
+            assert other.directory != entered.directory
 
 
 @pytest.mark.parametrize("changed", ["source", "program_digest", "compiler_identity"])
@@ -141,7 +141,7 @@ def test_another_content_starts_anew_and_says_so(tmp_path: Path, monkeypatch: py
 
 def test_a_worker_writes_where_its_owner_holds(tmp_path: Path) -> None:
     with Checkpoint(tmp_path, "toy", ASKED) as owner:
-        SavedWork(owner.place).save_state("sums", total=np.ones(2))
+        SavedWork(owner.directory).save_state("sums", total=np.ones(2))
         found = owner.state("sums")
         assert found is not None and found["total"].tolist() == [1.0, 1.0]
 
