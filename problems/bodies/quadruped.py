@@ -130,7 +130,7 @@ CAMERA = PinholeCamera.around((0.25, 0.0, 0.2), 0.75)
 class Params(GaitParams):
     """Parameters of ``quadruped``: to jump, give a ``rise``; to stand up, ``start=lie``."""
 
-    start: str = choice(("stand", "lie"), "on its feet, or on its belly with folded legs")
+    start: str = choice(("stand", "lie"), "start on its feet, or on its belly with folded legs")
 
 
 def build(params: Params) -> Problem:

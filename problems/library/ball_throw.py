@@ -48,8 +48,8 @@ class Params(Parameters):
     restitution: float = quantity(0.7, "1", "velocity after a bounce over that before", least=0, most=1)
     h: float = quantity(0.02, "s", "step size", above=0)
     N: int = structure(50, "number of steps", least=2)
-    x0: float = quantity(0.0, "m", "the hand, x")
-    z0: float = quantity(1.0, "m", "the hand, height above the floor", least=0)
+    x0: float = quantity(0.0, "m", "start in the hand, x")
+    z0: float = quantity(1.0, "m", "start in the hand, height above the floor", least=0)
     goal_x: float = quantity(2.476, "m", "goal, x")
     goal_z: float = quantity(0.5547, "m", "goal, height", least=0)
     goal_vx: float = quantity(2.476, "m/s", "velocity at the goal, x")
@@ -59,7 +59,7 @@ class Params(Parameters):
     w_v: float = quantity(0.1, "s^2/m^2", "terminal weight of the velocity's error", least=0)
     theta_start: float = structure(-0.3, "angle of the guess", least=-1.5, most=1.5, unit="rad")
     speed_start: float = structure(3.0, "speed of the guess", unit="m/s")
-    speed_max: float = quantity(10.0, "m/s", "fastest throw", above=0)
+    speed_max: float = quantity(10.0, "m/s", "largest speed of the throw", above=0)
 
 
 def build(params: Params) -> Problem:

@@ -86,11 +86,11 @@ class Params(Parameters):
     w: float = quantity(10.0, "1", "weight of the ball's distance to the goal, in m and rad", least=0)
     w_a: float = quantity(1e-3, "1/rad^2", "weight of the joints' distance to their start", least=0)
     w_du: float = quantity(10.0, "1/rad^2", "stage weight of the input's increments", least=0)
-    w_end: float = quantity(100.0, "1", "how much more the end weighs than a step", least=0)
+    w_end: float = quantity(100.0, "1", "terminal weight, relative to the stage weights", least=0)
     reach: float = quantity(0.2, "rad", "largest |u - a|, componentwise", above=0)
     scenarios: int = structure(1, "number of initial states", least=1, most=1000)
-    scenario_std: float = structure(0.003, "spread of the ball's start over scenarios", unit="m")
-    scenario_angle_std: float = structure(0.05, "spread of its angle over scenarios", unit="rad")
+    scenario_std: float = structure(0.003, "standard deviation of the ball's start over scenarios", unit="m")
+    scenario_angle_std: float = structure(0.05, "standard deviation of its angle over scenarios", unit="rad")
     scenario_seed: int = structure(0, "seed of the scenarios", most=2**31 - 1)
 
     @property

@@ -29,7 +29,7 @@ class Params(Parameters):
     """Parameters of ``push-box``, with the source's values, whose headings are k pi/9, k = 0 to 17."""
 
     a: float = quantity(0.5, "m", "half the length of the box", above=0)
-    b: float = quantity(0.25, "m", "half its width", above=0)
+    b: float = quantity(0.25, "m", "half the width of the box", above=0)
     m: float = quantity(1.0, "kg", "mass of the box", above=0)
     friction: float = quantity(0.5, "1", "Coulomb's coefficient with the table", above=0)
     g: float = quantity(9.8, "m/s^2", "gravity", above=0)
@@ -37,8 +37,8 @@ class Params(Parameters):
     h: float = quantity(0.02, "s", "step size", above=0)
     N: int = structure(100, "number of steps", least=1)
     distance: float = quantity(3.0, "m", "distance of the goal", least=0)
-    heading: float = quantity(2 * math.pi / 9, "rad", "where the goal lies, and its angle")
-    w_end: float = quantity(100.0, "1", "terminal weight of the way to the goal", least=0)
+    heading: float = quantity(2 * math.pi / 9, "rad", "direction of the goal, and the box's angle there")
+    w_end: float = quantity(100.0, "1", "terminal weight of the distance to the goal", least=0)
     w_F: float = quantity(1e-3, "1/N^2", "weight of the forces", least=0)
 
 

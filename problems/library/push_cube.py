@@ -62,8 +62,8 @@ class Params(Parameters):
     goal_x: float = quantity(0.3, "m", "goal of the cube's middle, x")
     goal_y: float = quantity(0.0, "m", "goal of the cube's middle, y")
     yaw: float = quantity(0.5, "rad", "goal of the cube's turn about z")
-    w_q: float = quantity(0.1, "m^2/rad^2", "weight of the turn to the goal", least=0)
-    w_end: float = quantity(10.0, "1/m^2", "terminal weight of the way to the goal", least=0)
+    w_q: float = quantity(0.1, "m^2/rad^2", "weight of the rotation to the goal", least=0)
+    w_end: float = quantity(10.0, "1/m^2", "terminal weight of the distance to the goal", least=0)
     w_c: float = quantity(0.1, "1/m^2", "weight of commands away from the fingertip", least=0)
 
     @model_validator(mode="after")

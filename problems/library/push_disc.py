@@ -51,7 +51,7 @@ class Params(Parameters):
     w_end: float = quantity(10.0, "1/m^2", "terminal weight of the distance to the goal", least=0)
     u_max: float = quantity(3.0, "m", "largest commanded coordinate", above=0)
     scenarios: int = structure(1, "number of initial states", least=1, most=1000)
-    scenario_std: float = structure(0.03, "spread of the object's start over scenarios", unit="m")
+    scenario_std: float = structure(0.03, "standard deviation of the object's start over scenarios", unit="m")
     scenario_seed: int = structure(0, "seed of the scenarios", most=2**31 - 1)
 
     @model_validator(mode="after")

@@ -58,9 +58,9 @@ class Params(Parameters):
     goal_x: float = quantity(0.036, "m", "goal, x")
     goal_y: float = quantity(-0.143, "m", "goal, y")
     goal_angle: float = quantity(-2.637, "rad", "goal, angle")
-    w_x: float = quantity(1.0, "1", "stage weight of the way to the goal", least=0)
+    w_x: float = quantity(1.0, "1", "stage weight of the distance to the goal", least=0)
     w_F: float = quantity(0.01, "1/N^2", "weight of the forces", least=0)
-    w_end: float = quantity(100.0, "1", "terminal weight of the way to the goal", least=0)
+    w_end: float = quantity(100.0, "1", "terminal weight of the distance to the goal", least=0)
 
 
 def _corners(width: Width) -> list[tuple[Width, Width]]:

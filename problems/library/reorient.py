@@ -51,10 +51,10 @@ _START_OVERLAP = 0.01
 class Params(Parameters):
     """Parameters of ``reorient``."""
 
-    body: str = choice(("ball", "cube"), "what is turned")
-    axis: str = choice(("z", "x", "y"), "axis n that it turns about; z points up")
+    body: str = choice(("ball", "cube"), "object that is turned")
+    axis: str = choice(("z", "x", "y"), "axis n of the rotation; z points up")
     a: float = quantity(0.1, "m", "radius of the ball, or half the side of the cube", above=0)
-    m: float = quantity(0.5, "kg", "its mass", above=0)
+    m: float = quantity(0.5, "kg", "mass of the object", above=0)
     r: float = quantity(0.03, "m", "radius of the fingertips", above=0)
     K: float = quantity(100.0, "N/m", "stiffness of the fingertips' servos", above=0)
     friction: float = quantity(0.3, "1", "Coulomb's coefficient with the table", above=0)
@@ -64,10 +64,10 @@ class Params(Parameters):
     N: int = structure(12, "number of steps", least=1)
     away: float = quantity(0.15, "m", "start of the fingertips, distance from the axis", above=0)
     z0: float = quantity(0.1, "m", "start of the fingertips, height above the table", least=0)
-    reach: float = quantity(0.12, "m", "how far a fingertip may go from its start, along each axis", above=0)
+    reach: float = quantity(0.12, "m", "largest distance of a fingertip from its start, along each axis", above=0)
     goal: float = quantity(math.pi / 4, "rad", "angle to turn by")
-    w_q: float = quantity(0.1, "m^2/rad^2", "weight of the turn to the goal", least=0)
-    w_end: float = quantity(100.0, "1/m^2", "terminal weight of the way to the goal", least=0)
+    w_q: float = quantity(0.1, "m^2/rad^2", "weight of the rotation to the goal", least=0)
+    w_end: float = quantity(100.0, "1/m^2", "terminal weight of the distance to the goal", least=0)
     w_c: float = quantity(1.0, "1/m^2", "weight of commands away from the fingertips", least=0)
 
     @model_validator(mode="after")

@@ -51,11 +51,11 @@ class SettingsOptions(Options):
     )
 
 
-FLOATING = "Of a URDF: its root moves freely in space."
+FLOATING = "For a URDF: let its root move freely in space."
 """Help of ``--floating``."""
-PLANAR = "Of a URDF: its root moves freely in the plane of its joints."
+PLANAR = "For a URDF: let its root move freely in the plane of its joints."
 """Help of ``--planar``."""
-FOLDER = "A folder around the robot's file, out of which nothing is opened."
+FOLDER = "Open no file outside this folder, which contains the robot's file."
 """Help of ``--folder``."""
 
 
@@ -84,9 +84,9 @@ class NewOptions(Options):
     code: ClassVar = "reports.cli.new_command"
     examples: ClassVar = ("new bumper", "new push-box --scene", "new leg --machine", "new hop --robot robot.xml")
     problem: str = argument(metavar="NAME", help="Name of the problem and of its file.")
-    scene: bool = option(False, help="Bodies and pushers of shapes, in place of distances by hand.")
-    machine: bool = option(False, help="Links with joints and motors over the ground.")
-    robot: Path | None = option(None, metavar="FILE", help="A robot of a URDF or MJCF file, to another pose.")
+    scene: bool = option(False, help="Build the system from bodies and pushers with shapes.")
+    machine: bool = option(False, help="Build a machine of links, joints and motors over the ground.")
+    robot: Path | None = option(None, metavar="FILE", help="Move the robot of a URDF or MJCF file to another pose.")
     floating: bool = option(False, help=FLOATING)
     planar: bool = option(False, help=PLANAR)
     folder: Path | None = option(None, metavar="DIR", help=FOLDER)
@@ -120,9 +120,9 @@ class SolveOptions(StartsOptions):
     until: str | None = option(
         None, metavar="survives", help="Try sharper contact, finer steps, gains, a controller until the plan survives."
     )
-    world: str | None = option(None, help="Try the plan in another simulator too: mujoco.")
+    world: str | None = option(None, help="Also replay the plan in another simulator: mujoco.")
     sensitivity: list[str] | None = option(
-        None, metavar="NAME", help="Differentiate the optimal cost by a parameter, replays too."
+        None, metavar="NAME", help="Derivative of the optimal cost and of replays by a parameter."
     )
     plot: Path | None = option(None, metavar="FILE", help="Draw the solution to a .pdf, .svg or .png file.")
 
@@ -133,7 +133,7 @@ class ReplayOptions(RunOptions, LawOptions, SourceOptions):
     code: ClassVar = "reports.cli.solve_command:replay"
     examples: ClassVar = ("replay @last", "replay @last --contact barrier -c mu=1e-2", "replay @last --world mujoco")
     contact: str = option("exact", help=LAW_HELP)
-    world: str | None = option(None, help="Another simulator in place of a law: mujoco.")
+    world: str | None = option(None, help="Simulate in mujoco instead of under a law.")
 
 
 class ContinueOptions(SolverOptions):

@@ -33,12 +33,12 @@ class Params(FingerParams):
     N: int = structure(40, "number of steps", least=1)
     shoulder0: float = quantity(0.3, "rad", "start and goal of the shoulder")
     elbow0: float = quantity(1.5, "rad", "start and goal of the elbow")
-    rate: float = quantity(1.0, "rad/s", "omega, how fast the nominal angle theta of the disc runs")
-    lead: float = quantity(0.0, "rad", "what is added to the nominal angle")
-    w_q: float = quantity(1.0, "1/s", "weight of the way to the nominal angles", least=0)
+    rate: float = quantity(1.0, "rad/s", "rate omega of the disc's nominal angle theta")
+    lead: float = quantity(0.0, "rad", "offset added to the nominal angle")
+    w_q: float = quantity(1.0, "1/s", "weight of the distance to the nominal angles", least=0)
     w_v: float = quantity(0.1, "s", "weight of the velocities", least=0)
     w_u: float = quantity(0.1, "1/(N^2 m^2 s)", "weight of the torques", least=0)
-    w_end: float = quantity(10.0, "1", "terminal weight of the way to the nominal", least=0)
+    w_end: float = quantity(10.0, "1", "terminal weight of the distance to the nominal pose", least=0)
     w_rest: float = quantity(0.1, "s^2", "terminal weight of the velocities", least=0)
 
 

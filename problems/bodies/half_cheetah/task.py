@@ -39,7 +39,7 @@ class CheetahDynamics(Parameters):
     friction: float = quantity(problem.MACHINE.friction, "1", "Coulomb's coefficient with the ground", least=0)
     spring_scale: float = quantity(1.0, "1", "factor of the joints' springs, 60 to 240 N m/rad", least=0)
     damping: float = quantity(1.0, "N m s/rad", "damping of each joint", least=0)
-    base_damping: float = quantity(0.0, "N s/m", "drag on the torso, none in nature", least=0)
+    base_damping: float = quantity(0.0, "N s/m", "drag on the torso, physically 0", least=0)
 
 
 class Params(with_weights(CheetahDynamics, problem.MACHINE)):

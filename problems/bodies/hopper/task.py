@@ -63,7 +63,7 @@ class HopperDynamics(Parameters):
     friction: float = quantity(problem.MACHINE.friction, "1", "Coulomb's coefficient with the ground", least=0)
     spring: float = quantity(10.0, "N m/rad", "stiffness of each joint", least=0)
     damping: float = quantity(1.0, "N m s/rad", "damping of each joint", least=0)
-    base_damping: float = quantity(0.0, "N s/m", "drag on the torso, 50 as the source is parsed, 0 in nature", least=0)
+    base_damping: float = quantity(0.0, "N s/m", "drag on the torso; 50 in the source as parsed, physically 0", least=0)
 
 
 class Params(with_weights(HopperDynamics, problem.MACHINE)):

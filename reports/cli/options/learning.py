@@ -56,7 +56,7 @@ class LearnOptions(JobsOptions):
     hidden: str = option("128,128,128,128", help="Units of each hidden layer (mlp).")
     epochs: int = option(200, min=1, help="Largest number of epochs (mlp).")
     seed: int = option(0, min=0, help="Random seed.")
-    seeds: int = option(1, min=1, max=1000, help="Networks, one a seed; the best is kept (mlp).")
+    seeds: int = option(1, min=1, max=1000, help="Number of networks, one per seed; the best is kept (mlp).")
     problem: str | None = option(None, help=f"Problem of the data. {PROBLEM_HELP}")
     columns: str | None = option(None, metavar="NAME=COLUMN,...", help="Column names in a table.")
 

@@ -34,9 +34,9 @@ class MpcOptions(LawOptions, TagOptions):
     steps: int | None = option(None, min=1, max=1_000_000, help="Samples; default: the larger of 100 and the horizon.")
     rate: float | None = option(None, metavar="HZ", help="Rate that times are compared with; default: 1/h.")
     iterations: int = option(1, min=1, max=1000, help="Quadratic programs per sample.")
-    trust: float = option(1.0, help="Share of a measurement that is believed, the rest is predicted; above 0, to 1.")
+    trust: float = option(1.0, help="Weight of the measured state against the predicted one, in (0, 1].")
     deadline: float | None = option(
-        None, metavar="S", help="Later answers are replaced by the input of the plan before."
+        None, metavar="S", help="Replace answers that take longer by the input of the previous plan."
     )
     noise_state: list[str] | None = option(None, metavar="X|NAME=X", help="Standard deviation of the measured state.")
     noise_input: list[str] | None = option(None, metavar="X|NAME=X", help="Standard deviation of the applied input.")

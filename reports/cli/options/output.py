@@ -49,7 +49,7 @@ class ReportOptions(SourceOptions):
     pdf: Path = option(MISSING, "--output", "-o", help="The PDF to write.")
     cones: bool = option(False, help="Draw friction cones at the contact forces.")
     signals: str | None = option(
-        None, metavar="NAME,...", help="Draw only these signals of a solve over time; * is a joker."
+        None, metavar="NAME,...", help="Draw only these signals of a solve over time; * matches any text."
     )
 
 
