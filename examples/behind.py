@@ -46,8 +46,8 @@ def build(params: Params) -> Problem:
     p = table(params)
     things = scene(p)
     system = things.quasi_dynamic(name, p, h=p["h"])
-    off = things.of("object", system.x)[:2] - ca.vertcat(p["goal_x"], 0)
-    stretch = system.u - things.of("pusher", system.x)
+    off = things.coordinates_of("object", system.x)[:2] - ca.vertcat(p["goal_x"], 0)
+    stretch = system.u - things.coordinates_of("pusher", system.x)
     du = ca.SX.sym("du", system.nu)
     return Problem(
         name,

@@ -44,7 +44,7 @@ def build(params: Params) -> Problem:
     p = table(params)  # a symbol for each quantity
     things = scene(p)
     system = things.quasi_dynamic(name, p, h=p["h"])  # things.time_stepping has velocities
-    off = things.of("object", system.x)[:2] - ca.vertcat(p["goal_x"], p["goal_y"])
+    off = things.coordinates_of("object", system.x)[:2] - ca.vertcat(p["goal_x"], p["goal_y"])
     du = ca.SX.sym("du", system.nu)  # change of the input
     return Problem(
         name,

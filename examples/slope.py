@@ -65,7 +65,7 @@ def build(params: Params) -> Problem:
     system = things.time_stepping(name, p, h=p["h"], gravity=(0, -p["g"]))
     x = system.x
     nq = system.nx // 2
-    off = things.of("block", x)[:2] - ca.vertcat(*on_slope(p, p["way"], p["high"]))
+    off = things.coordinates_of("block", x)[:2] - ca.vertcat(*on_slope(p, p["way"], p["high"]))
     return Problem(
         name,
         system,

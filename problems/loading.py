@@ -26,7 +26,7 @@ from ocp.transcription.factories import contact_law
 from ocp.validation import Line, Recorded, validated
 from problems.drawing import ContactFrame, Shape
 from problems.source_digest import folder_modules, open_to_imports
-from problems.spec import Citation, Golden, ProblemSpec, defined, describe
+from problems.spec import Citation, Golden, ProblemSpec, describe, spec_from_module
 from problems.user_code import guarded, reason, user_code
 
 
@@ -40,7 +40,7 @@ def import_file(path: Path) -> ModuleType:
     """
     check_file(path)
     name = f"user_problem_{path.stem}"
-    spec = importlib.util.spec_from_file_location(name, path, loader=_Afresh(name, str(path)))
+    spec = importlib.util.spec_from_file_location(name, path, loader=_SourceLoader(name, str(path)))
     if spec is None or spec.loader is None:
         raise InputError(f"{path}: not a Python file; expected one that defines a problem or a law")
     module = importlib.util.module_from_spec(spec)
@@ -61,7 +61,7 @@ def check_file(path: Path) -> None:
         raise InputError(f"{path}: {kind}; expected a Python file that defines a problem or a law")
 
 
-class _Afresh(SourceFileLoader):
+class _SourceLoader(SourceFileLoader):
     """Loader that ignores cached bytecode, which Python matches to the source by whole seconds and size only."""
 
     def get_code(self, fullname: str) -> CodeType:
@@ -71,7 +71,7 @@ class _Afresh(SourceFileLoader):
 
 @contextmanager
 def _no_bytecode() -> Iterator[None]:
-    """Keep Python from writing bytecode of the modules that a user's file imports; see :class:`_Afresh`."""
+    """Keep Python from writing bytecode of the modules that a user's file imports; see :class:`_SourceLoader`."""
     setting, sys.dont_write_bytecode = sys.dont_write_bytecode, True
     try:
         yield
@@ -222,7 +222,7 @@ def read(module: ModuleType, file: Path, digest: str) -> ProblemSpec:
     for key, kind in DEFINED_TYPES.items():
         if hasattr(module, key):
             setattr(module, key, validated(f"{file}: {key}", getattr(module, key), kind))
-    spec = defined(ProblemSpec, module, path=file, digest=digest)
+    spec = spec_from_module(ProblemSpec, module, path=file, digest=digest)
     for key, (call, kind) in CALLS.items():
         if function := getattr(spec, key):
             check = kind and partial(validated, "it", kind=kind)

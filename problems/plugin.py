@@ -39,14 +39,14 @@ def named_file(source: Path | str | None, runs: Sequence[StoredRun]) -> ProblemS
     """
     if source is None:
         return None
-    theirs = sorted({str(run.meta["problem"]) for run in runs if _is_own(run)})
-    if not theirs:
+    user_problems = sorted({str(run.meta["problem"]) for run in runs if _is_user_problem(run)})
+    if not user_problems:
         which = ", ".join(sorted({str(run.meta["problem"]) for run in runs}))
         raise InputError(f"--source: {which} is not defined in a file; drop --source")
     spec = load(source)
-    if spec.name not in theirs:
+    if spec.name not in user_problems:
         raise InputError(
-            f"--source {source} defines {spec.name}, and the run is of {', '.join(theirs)}; name"
+            f"--source {source} defines {spec.name}, and the run is of {', '.join(user_problems)}; name"
             " the file of that problem"
         )
     return spec
@@ -80,11 +80,11 @@ def law_of(
             f"{name} is the law of the file {record['contact_source']}, and a run never loads code"
             " by itself; name the file with --contact FILE"
         )
-    theirs = digest is not None and name.endswith(".py") and law_class(name).name
-    if not settings and (contact is None or theirs == record.get("contact")):
+    file_law = digest is not None and name.endswith(".py") and law_class(name).name
+    if not settings and (contact is None or file_law == record.get("contact")):
         settings = record.get("contact_settings") or {}
     law = make_law(name, settings, system)
-    if theirs != record.get("contact") or law.source_digest == digest:
+    if file_law != record.get("contact") or law.source_digest == digest:
         return law, None
     changed = f"{law.source}, or what it imports, has changed since {run.path.name} was stored"
     return law, f"{changed}; the current file is used"
@@ -97,7 +97,7 @@ def spec_of(run: StoredRun, own: ProblemSpec | None = None) -> ProblemSpec:
     :class:`~ocp.errors.InputError` if neither is the problem of the run.
     """
     name = str(run.meta["problem"])
-    if not _is_own(run):
+    if not _is_user_problem(run):
         return registered(name)
     if own is not None and own.name == name:
         return own
@@ -109,7 +109,7 @@ def spec_of(run: StoredRun, own: ProblemSpec | None = None) -> ProblemSpec:
     )
 
 
-def _is_own(run: StoredRun) -> bool:
+def _is_user_problem(run: StoredRun) -> bool:
     """Return whether the problem of a run comes from a user's file or was built in Python."""
     name = run.meta["problem"]
     ships_with_the_workbench = run.kind in ("train", "figure") or name in names() or name in objective_names()

@@ -23,7 +23,7 @@ from ocp.validation import expand_path
 from problems.loading import check, check_file, import_file, read, read_law
 from problems.parameters import Parameters, table
 from problems.source_digest import source_digest
-from problems.spec import ProblemSpec, Spec, defined
+from problems.spec import ProblemSpec, Spec, spec_from_module
 
 if TYPE_CHECKING:
     from ocp.gradients.objective import ClosedForm, StaticObjective
@@ -80,7 +80,7 @@ def registered(name: str) -> ProblemSpec:
     Raises :class:`~ocp.errors.InputError` for an unknown name.
     """
     _require_known(name, names())
-    return defined(ProblemSpec, importlib.import_module(PROBLEM_MODULES[name]))
+    return spec_from_module(ProblemSpec, importlib.import_module(PROBLEM_MODULES[name]))
 
 
 def _require_known(name: str, known_names: list[str]) -> None:
@@ -114,7 +114,7 @@ def get(name: str | Parameters, **params: Any) -> Problem:
     module = sys.modules[type(name).__module__]
     if not isinstance(name, Parameters) or getattr(module, "Params", None) is not type(name):
         raise InputError(f"a problem is a name, a file, or the Params of one, got {type(name).__name__}")
-    return defined(ProblemSpec, module).problem({**name.model_dump(), **params})
+    return spec_from_module(ProblemSpec, module).problem({**name.model_dump(), **params})
 
 
 def load(path: str | Path) -> ProblemSpec:
@@ -239,4 +239,4 @@ def objective_names() -> list[str]:
 @cache
 def objective_spec(name: str) -> ObjectiveSpec:
     """Return the objective called ``name``; raises :class:`~ocp.errors.InputError` if it is unknown."""
-    return defined(ObjectiveSpec, importlib.import_module(choose("objective", name, OBJECTIVE_MODULES)))
+    return spec_from_module(ObjectiveSpec, importlib.import_module(choose("objective", name, OBJECTIVE_MODULES)))

@@ -31,18 +31,18 @@ def source_digest(path: Path) -> str:
 
     Raises :class:`~ocp.errors.InputError` where a file cannot be read.
     """
-    files = parts(path)
+    files = dependency_files(path)
     digest = hashlib.sha256()
     for name in sorted(files):
         digest.update(f"{name} {file_digest(files[name])}\n".encode("utf-8", "surrogateescape"))
     return digest.hexdigest()
 
 
-def parts(path: Path) -> dict[str, Path]:
+def dependency_files(path: Path) -> dict[str, Path]:
     """Return the files of :func:`source_digest`; keys are ``""``, names of modules, and ``./name`` for data files."""
     file = path.resolve()
-    search = _Search(searched(file.parent))
-    search.take("", file)
+    search = _DependencySearch(search_path(file.parent))
+    search.add_file("", file)
     return search.found
 
 
@@ -50,7 +50,7 @@ _folders: list[str] = []
 """Folders of users' files imported so far, the latest first; they are at the end of ``sys.path``."""
 
 
-def searched(folder: Path) -> list[str]:
+def search_path(folder: Path) -> list[str]:
     """Return the search path of modules for a file in ``folder``, without the folders of other users' files."""
     return [*(place for place in sys.path if place not in _folders), str(folder)]
 
@@ -60,22 +60,22 @@ def open_to_imports(folder: Path) -> None:
 
     It comes after all installed packages, so that its modules hide none of them.
     """
-    places, others = searched(folder), [other for other in _folders if other != str(folder)]
+    places, others = search_path(folder), [other for other in _folders if other != str(folder)]
     _folders[:] = [str(folder), *others]
     sys.path[:] = [*places, *others]
 
 
 def folder_modules(path: Path) -> dict[str, Path]:
-    """Return the modules among the :func:`parts` of a file, as a mapping from name to file."""
-    return {name: file for name, file in parts(path).items() if name and "/" not in name}
+    """Return the modules among the :func:`dependency_files` of a file, as a mapping from name to file."""
+    return {name: file for name, file in dependency_files(path).items() if name and "/" not in name}
 
 
 @dataclass
-class _Search:
+class _DependencySearch:
     path: Sequence[str]
     found: dict[str, Path] = field(default_factory=dict)
 
-    def take(self, name: str, file: Path, package: str = "") -> None:
+    def add_file(self, name: str, file: Path, package: str = "") -> None:
         """Add a file to ``found``, and, if it is a module, all that it imports or names."""
         self.found[name] = file
         if file.suffix != ".py":
@@ -99,12 +99,12 @@ class _Search:
             module = f"{module}.{word}" if module else word
             spec = None if module in PACKAGES else _spec(word, path)
             origin = None if spec is None else spec.origin and Path(spec.origin).resolve()
-            if spec is None or (origin and any(map(origin.is_relative_to, _places()))):
+            if spec is None or (origin and any(map(origin.is_relative_to, _installed_folders()))):
                 return
             inside = spec.submodule_search_locations
             if spec.origin and module not in self.found:
                 package = module if inside is not None else module.rpartition(".")[0]
-                self.take(module, Path(spec.origin), package)
+                self.add_file(module, Path(spec.origin), package)
             path = list(inside or ())
 
 
@@ -121,7 +121,7 @@ def _spec(name: str, path: Sequence[str]) -> ModuleSpec | None:
 
 
 @cache
-def _places() -> set[Path]:
+def _installed_folders() -> set[Path]:
     """Return the folders of the standard library and of installed packages."""
     kinds = ("stdlib", "platstdlib", "purelib", "platlib")
     places = [sysconfig.get_path(kind) for kind in kinds]

@@ -167,7 +167,7 @@ class UserProblemRecord:
     spec: ProblemSpec
     params: Any
 
-    def told(self, motions: Mapping[str, np.ndarray]) -> dict[str, Any]:
+    def describe_motions(self, motions: Mapping[str, np.ndarray]) -> dict[str, Any]:
         """Return title, equations, parameters, and the drawings at the states (n, nx) of each motion.
 
         The format is :class:`ocp.store.meta.OwnProblem`. Drawings of a motion end before its first state
@@ -259,7 +259,7 @@ def describe(spec: Spec) -> list[dict[str, Any]]:
     ]
 
 
-def defined(kind: type[S], module: ModuleType, **more: Any) -> S:
+def spec_from_module(kind: type[S], module: ModuleType, **more: Any) -> S:
     """Return the specification whose fields are the names that ``module`` defines, and ``more``.
 
     Each line of the text ``equations`` is one equation; a line that begins with a space continues

@@ -51,7 +51,7 @@ def user_code(what: str, path: Path, through: type[Exception] | tuple[()] = ()) 
     unchanged.
     """
     try:
-        with _set_back():
+        with _restore_process():
             yield
     except through:
         raise
@@ -62,7 +62,7 @@ def user_code(what: str, path: Path, through: type[Exception] | tuple[()] = ()) 
 
 
 @contextmanager
-def _set_back() -> Iterator[None]:
+def _restore_process() -> Iterator[None]:
     """Restore working directory, ``sys.path``, streams, NumPy's error state and warning filters on exit."""
     folder, limit = _folder(), sys.getrecursionlimit()
     paths, streams = list(sys.path), (sys.stdout, sys.stderr)

@@ -159,7 +159,7 @@ def save_picture(figure: Figure, name: str) -> Path:
     return file
 
 
-APART = {"verdicts", "refined"}
+TABLES_BY_PROBLEM = {"verdicts", "refined"}
 """Tables whose rows are on the pages of the problems."""
 
 
@@ -168,7 +168,7 @@ def table_pages() -> dict[str, str]:
     contents_by_name = {file.stem: read(file.stem) for file in sorted(DATA.glob("*.json"))}
     tables = {name: content for name, content in contents_by_name.items() if "columns" in content}
     snippets = {f"tables/{name}.md": snippet(content) for name, content in tables.items()}
-    if unplaced := [name for name in tables if name not in included() | APART]:
+    if unplaced := [name for name in tables if name not in included() | TABLES_BY_PROBLEM]:
         sections = [f"## {tables[name]['title']}\n\n{snippet(tables[name])}" for name in unplaced]
         snippets["measured/index.md"] = "\n".join(["# Other measurements\n", *sections])
     return snippets

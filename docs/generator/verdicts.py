@@ -49,8 +49,8 @@ MATRIX_LAWS = ("exact", "barrier, mu = 1e-3", "adaptive, sigma = 0.02")
 METHODS = ("direct", "multiple-shooting", "single-shooting")
 """Methods in the table of methods."""
 LARGE = ("hopper", "half-cheetah", "quadruped", "ant", "push-cube", "reorient")
-"""Problems with many joints and contacts, for which only :data:`WAYS_OF_LARGE` are tried."""
-WAYS_OF_LARGE = [("direct", *ANALYTIC[law]) for law in MATRIX_LAWS[:2]]
+"""Problems with many joints and contacts, for which only :data:`SOLVES_OF_LARGE` are tried."""
+SOLVES_OF_LARGE = [("direct", *ANALYTIC[law]) for law in MATRIX_LAWS[:2]]
 """Pairs of a method and a law that are tried on large problems."""
 NOT_TRIED = "not tried"
 """Cell for a combination that was not tried."""
@@ -88,7 +88,7 @@ class Measurement:
 
     def _solve_unless_hopeless(self, method: str, *law: str) -> dict[str, Any] | str:
         """Solve, unless the problem is large, or a cheaper solve by ``direct`` has exceeded the limit."""
-        if self.problem in LARGE and (method, *law) not in WAYS_OF_LARGE:
+        if self.problem in LARGE and (method, *law) not in SOLVES_OF_LARGE:
             return NOT_TRIED
         cheaper = [("direct", "exact"), ("direct", *law)]
         if any((method, *law) != combination and self.solve(*combination) == self.over for combination in cheaper):

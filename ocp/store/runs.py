@@ -84,7 +84,7 @@ def problem_parts(problem: Problem, data: xr.Dataset | None = None) -> dict[str,
         if data is None
         else {suffix: np.asarray(data[f"x{suffix}"].values[0]) for suffix in ("", "_replay") if f"x{suffix}" in data}
     )
-    return {PROBLEM_FILE: json.dumps(to_json(problem.origin.record.told(motions))).encode()}
+    return {PROBLEM_FILE: json.dumps(to_json(problem.origin.record.describe_motions(motions))).encode()}
 
 
 def _describe_solution(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -49,7 +50,7 @@ def build(params: Params) -> Problem:
     """
     p = table(params)
     a, b = p["a"], p["b"]
-    pushed = SidePushing(name, [(-a, -b), (a, -b), (a, b), (-a, b)], p["c"] * ca.sqrt(a**2 + b**2), p)
+    pushed = SidePushing(name, _corners(a, b), p["c"] * ca.sqrt(a**2 + b**2), p)
     system, phi = pushed.system, p["heading"]
     goal = ca.vertcat(p["distance"] * ca.cos(phi), p["distance"] * ca.sin(phi), phi)
     return pose_problem(
@@ -64,8 +65,7 @@ def build(params: Params) -> Problem:
     )
 
 
-def _corners(params: Params) -> list[tuple[float, float]]:
-    a, b = params.a, params.b
+def _corners(a: Any, b: Any) -> list[tuple[Any, Any]]:
     return [(-a, -b), (a, -b), (a, b), (-a, b)]
 
 
@@ -73,10 +73,10 @@ def draw(params: Params, state: np.ndarray) -> list[Shape]:
     """Draw box and goal."""
     d, phi = params.distance, params.heading
     goal = np.array([d * math.cos(phi), d * math.sin(phi), phi])
-    corners = _corners(params)
+    corners = _corners(params.a, params.b)
     return [*outline(corners, goal, "goal"), *outline(corners, state, "object")]
 
 
 def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
     """Return the contact frame of every side."""
-    return side_frames(_corners(params), state)
+    return side_frames(_corners(params.a, params.b), state)

@@ -78,9 +78,9 @@ class Params(Parameters):
         return self
 
 
-def fingertip(called: str, stiffness: Number) -> tuple[Body, ...]:
-    """Return the bodies of a fingertip: slides along x, y and z with servos; the last, ``<called>z``, is the tip."""
-    x, y, z = (f"{called}{axis}" for axis in "xyz")
+def fingertip(name: str, stiffness: Number) -> tuple[Body, ...]:
+    """Return the bodies of a fingertip: slides along x, y and z with servos; the last, ``<name>z``, is the tip."""
+    x, y, z = (f"{name}{axis}" for axis in "xyz")
     return (
         Body(x, None, 0.0, joint="slide", axis=(1.0, 0.0, 0.0), servo=stiffness),
         Body(y, x, 0.0, joint="slide", axis=(0.0, 1.0, 0.0), servo=stiffness),
@@ -166,7 +166,7 @@ def _carried(problem: Problem, p: np.ndarray, over: float) -> tuple[np.ndarray, 
 
 
 @cache
-def _pictured(dumped: str) -> SpatialMachine:
+def _with_goal(dumped: str) -> SpatialMachine:
     params = Params.model_validate_json(dumped)
     place = ca.SX([params.goal_x, params.goal_y, params.a / 2])
     turn = goal_turn(ca.SX(params.yaw), params.turn == "over")
@@ -198,10 +198,10 @@ def _camera(params: Params) -> PinholeCamera:
 
 def draw(params: Params, state: np.ndarray) -> list[Shape]:
     """Draw cube, fingertip and table, and the cube's goal."""
-    return seen_with_goal(_pictured(params.model_dump_json()), _camera(params), state, {"tipz"})
+    return seen_with_goal(_with_goal(params.model_dump_json()), _camera(params), state, {"tipz"})
 
 
 def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
     """Return the contact frames of every corner on the table, and of the fingertip on the cube."""
-    picture = _pictured(params.model_dump_json()), _camera(params), state
+    picture = _with_goal(params.model_dump_json()), _camera(params), state
     return [*spatial_frames(*picture, params.friction)[:-1], spatial_frames(*picture, params.grip)[-1]]

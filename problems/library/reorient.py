@@ -138,7 +138,7 @@ def build(params: Params) -> Problem:
 
 
 @cache
-def _pictured(dumped: str) -> SpatialMachine:
+def _with_goal(dumped: str) -> SpatialMachine:
     """Return the machine to draw: with its goal, and with marks on a ball that show its rotation."""
     params = Params.model_validate_json(dumped)
     pictured_machine, a = machine(params.model_dump(), params.body), params.a
@@ -158,10 +158,10 @@ def _camera(params: Params) -> PinholeCamera:
 
 def draw(params: Params, state: np.ndarray) -> list[Shape]:
     """Draw object, fingertips and table, and the object's goal."""
-    return seen_with_goal(_pictured(params.model_dump_json()), _camera(params), state, {f"{tip}z" for tip in TIPS})
+    return seen_with_goal(_with_goal(params.model_dump_json()), _camera(params), state, {f"{tip}z" for tip in TIPS})
 
 
 def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
     """Return the contact frames of the object on the table, and of every fingertip on the object."""
-    picture = _pictured(params.model_dump_json()), _camera(params), state
+    picture = _with_goal(params.model_dump_json()), _camera(params), state
     return [*spatial_frames(*picture, params.friction)[:-3], *spatial_frames(*picture, params.grip)[-3:]]

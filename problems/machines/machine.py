@@ -74,7 +74,7 @@ JOINT_ORIGIN = (0.0, 0.0)
 
 def machine_shapes(machine: Machine, state: np.ndarray) -> list[Shape]:
     """Draw the machine at ``state`` (q, v, ...): bars, spheres, parts and the ground."""
-    places = _places(machine)
+    places = _bars_and_poses(machine)
     bars, poses = (np.array(out).T.tolist() for out in places(state[: places.numel_in(0)]))
     links = [Stadium(x1, z1, x2, z2, BAR_RADIUS) for x1, z1, x2, z2 in bars]
     parts = (*machine.spheres, *machine.parts)
@@ -115,7 +115,7 @@ def _rod(link: Link) -> tuple[tuple[float, float], tuple[float, float]]:
 
 
 @cache
-def _places(machine: Machine) -> ca.Function:
+def _bars_and_poses(machine: Machine) -> ca.Function:
     """Return the function from q to the ends of every bar, (4, bars), and to the poses of all parts, (3, parts)."""
     # Bars go from a link's joint to its spheres and next joints; the floating link's bars connect these.
     chain = machine.tree()

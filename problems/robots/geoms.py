@@ -6,7 +6,7 @@ from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
-from itertools import combinations
+from itertools import combinations, starmap
 from typing import Any
 
 import casadi as ca
@@ -43,7 +43,7 @@ PARENT_FILTER_DISABLED = 1 << 10
 
 
 @dataclass(frozen=True)
-class Touching:
+class CollisionModel:
     """A machine with its parts and contacts.
 
     ``distances`` maps q (nq, 1) to the signed distance of every contact (nc, 1) [m], ``friction`` the
@@ -59,7 +59,7 @@ class Touching:
     ignored: list[str]
 
 
-def touching(model: Any, machine: SpatialMachine, poses: Sequence[BodyFrame]) -> Touching:
+def collision_model(model: Any, machine: SpatialMachine, poses: Sequence[BodyFrame]) -> CollisionModel:
     """Add to a machine all geoms whose shape is supported, and the pairs that may touch and can meet.
 
     Raises ``ValueError`` for too many pairs, and for two contacts of the same name.
@@ -76,7 +76,7 @@ def touching(model: Any, machine: SpatialMachine, poses: Sequence[BodyFrame]) ->
     tree, left_out = machine.tree(), defaultdict[str, list[str]](list)
     q = ca.SX.sym("q", tree.nq)
     above, places = joints_above(model), body_places(tree, q)
-    friction, grounds, meetings = dict[str, float](), list[int](), list[tuple[str, str]]()
+    friction, grounds, collision_pairs = dict[str, float](), list[int](), list[tuple[str, str]]()
     phis = [ca.SX(0, 1)]
     for (a, b), coefficient in pairs.items():
         if a not in parts or b not in parts:
@@ -89,8 +89,8 @@ def touching(model: Any, machine: SpatialMachine, poses: Sequence[BodyFrame]) ->
         except ValueError as error:
             left_out[str(error)].append(" and ".join(pair))
             continue
-        points = [points[k] for k in distinct_points(tree, q, first.placed, second.placed, len(points))]
-        named_contacts = name_contacts(*pair, points)
+        distinct = distinct_points(tree, q, first.placed, second.placed, len(points))
+        named_contacts = name_contacts(*pair, [points[k] for k in distinct])
         if twice := friction.keys() & named_contacts.keys():
             raise ValueError(f"two contacts are called {min(twice)!r}; give the geoms other names")
         if not any(ca.depends_on(contact.phi, q) for contact in named_contacts.values()):
@@ -101,15 +101,20 @@ def touching(model: Any, machine: SpatialMachine, poses: Sequence[BodyFrame]) ->
             if isinstance(second.shape, Plane) and second.shape.normal[2] == 1:
                 grounds += range(len(friction), len(friction) + len(named_contacts))
             friction |= dict.fromkeys(named_contacts, coefficient)
-            meetings.append(pair)
-            phis += [contact.phi for contact in points]
-    for why, pair_names in left_out.items():
-        others = f" and {len(pair_names) - PAIRS_NAMED} more" if len(pair_names) > PAIRS_NAMED else ""
-        many = "" if len(pair_names) == 1 else "s"
-        ignored.append(f"{len(pair_names)} pair{many} of geoms, {', '.join(pair_names[:PAIRS_NAMED])}{others}: {why}")
-    machine = replace(machine, collision_pairs=tuple(meetings))
+            collision_pairs.append(pair)
+            phis += [contact.phi for contact in named_contacts.values()]
+    machine = replace(machine, collision_pairs=tuple(collision_pairs))
     distances = ca.Function("distances", [q], [ca.densify(ca.vertcat(*phis))])
-    return Touching(machine, distances, friction, grounds, geoms, ignored)
+    return CollisionModel(
+        machine, distances, friction, grounds, geoms, [*ignored, *starmap(_omission, left_out.items())]
+    )
+
+
+def _omission(reason: str, pair_names: list[str]) -> str:
+    """Return a sentence about pairs of geoms that are left out for one reason."""
+    others = f" and {len(pair_names) - PAIRS_NAMED} more" if len(pair_names) > PAIRS_NAMED else ""
+    many = "" if len(pair_names) == 1 else "s"
+    return f"{len(pair_names)} pair{many} of geoms, {', '.join(pair_names[:PAIRS_NAMED])}{others}: {reason}"
 
 
 def _parts(model: Any, poses: Sequence[BodyFrame], geoms: list[int], ignored: list[str]) -> dict[int, SpatialPart]:

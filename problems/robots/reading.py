@@ -21,7 +21,7 @@ from problems.machines.perspective import PinholeCamera
 from problems.robots.bodies import JOINTS, actuators_of, bodies
 from problems.robots.couplings import equations
 from problems.robots.elements import listed
-from problems.robots.geoms import MOST_CORNERS, touching
+from problems.robots.geoms import MOST_CORNERS, collision_model
 from problems.robots.inertias import check_inertias
 from problems.robots.robot import Robot
 from problems.robots.source import Source, read_source
@@ -200,7 +200,7 @@ def _robot(file: Path, model: Any, source: Source, notes: list[str]) -> Robot:
     machine = SpatialMachine(tree, gravity=(gx, gy, gz), couplings=couplings)
     ties = machine.coupled_joints()
     notes += map(_equation, couplings)
-    touches = touching(model, machine, poses)
+    collisions = collision_model(model, machine, poses)
     damped = [actuator.name for actuator in actuators.values() if actuator.damping]
     if damped:
         notes.append(f"The kv of {listed('actuator', damped)} is part of the damping.")
@@ -224,15 +224,15 @@ def _robot(file: Path, model: Any, source: Source, notes: list[str]) -> Robot:
     joints = [model.joint(j).name for j, kind in enumerate(model.jnt_type) for _ in range(POSITIONS[JOINTS[kind]])]
     return Robot(
         file,
-        touches.machine,
-        touches.distances,
+        collisions.machine,
+        collisions.distances,
         tuple(joints),
         tuple(actuators.values()),
         home,
-        touches.friction,
-        tuple(touches.grounds),
+        collisions.friction,
+        tuple(collisions.grounds),
         _camera(model, home),
-        (*source.ignored, *touches.ignored, *unsupported_features(model, touches.geoms)),
+        (*source.ignored, *collisions.ignored, *unsupported_features(model, collisions.geoms)),
         tuple(notes),
     )
 

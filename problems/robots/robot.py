@@ -61,31 +61,31 @@ class Robot:
     @property
     def floats(self) -> bool:
         """Whether the root moves freely along z and along x or y."""
-        return "z" in self._ways and len(self._ways) > 1
+        return "z" in self._root_translations and len(self._root_translations) > 1
 
     def standing(self) -> np.ndarray:
         """Return the pose home (nq,); a floating robot is lifted or lowered until it just touches the ground."""
         pose = self.home.copy()
         if self.floats and self.grounds:
-            index, sign = self._ways["z"]
+            index, sign = self._root_translations["z"]
             pose[index] -= sign * np.array(self.distances(pose))[[*self.grounds]].min()
         return pose
 
-    def displaced(self, pose: np.ndarray, way: ca.SX | float) -> ca.SX:
-        """Return a pose (nq, 1) with the root moved by ``way`` [m] along x, or y if it cannot move along x.
+    def displaced(self, pose: np.ndarray, distance: ca.SX | float) -> ca.SX:
+        """Return a pose (nq, 1) with the root moved by ``distance`` [m] along x, or y if it cannot move along x.
 
-        If the root is fixed, every hinge and slide is moved by ``way`` [rad, m], up to its limit.
+        If the root is fixed, every hinge and slide is moved by ``distance`` [rad, m], up to its limit.
         """
         goal, tree = ca.SX(pose), self.machine.tree()
         if self.floats:
-            index, sign = self._ways.get("x") or self._ways["y"]
-            goal[index] += sign * way
+            index, sign = self._root_translations.get("x") or self._root_translations["y"]
+            goal[index] += sign * distance
             return goal
         for body in self.machine.bodies:
             if body.joint in ("hinge", "slide"):
                 low, high = body.limits or (-np.inf, np.inf)
                 entry = tree.q_of[body.name]
-                goal[entry] = ca.fmin(ca.fmax(goal[entry] + way, low), high)
+                goal[entry] = ca.fmin(ca.fmax(goal[entry] + distance, low), high)
         ties = self.machine.coupled_joints()
         return ties.close(tree, goal) if ties else goal
 
@@ -97,7 +97,7 @@ class Robot:
         )
 
     @cached_property
-    def _ways(self) -> dict[str, tuple[int, float]]:
+    def _root_translations(self) -> dict[str, tuple[int, float]]:
         """Mapping from a world axis to index in q, and sign, of the coordinate that moves the root freely along it."""
         tree, slides, above = self.machine.tree(), {}, None
         for body in self.machine.bodies:

@@ -51,7 +51,7 @@ def declare_world(root: Element) -> None:
         root.insert(0, Element("link", name="world"))
 
 
-def take_friction(root: Element, file: Path, told: list[str]) -> dict[str, float]:
+def take_friction(root: Element, file: Path, notes: list[str]) -> dict[str, float]:
     """Remove friction from the links of a URDF; return a mapping from link to coefficient, of several the smallest.
 
     Raises :class:`~ocp.errors.InputError` for a coefficient that depends on the direction, or is negative.
@@ -76,8 +76,7 @@ def take_friction(root: Element, file: Path, told: list[str]) -> dict[str, float
             stated.setdefault(name, {})[value] = None
     for name, values in stated.items():
         if len(values) > 1:
-            told.append(f"friction {max(values):g} of link {name}: the smaller {min(values):g} is")
-            told[-1] += " used"
+            notes.append(f"friction {max(values):g} of link {name}: the smaller {min(values):g} is used")
     # Elements that contained only friction have been read completely.
     while empty := [pair for pair in children(root, FRICTION_HOLDERS) if _is_empty(pair[1])]:
         for parent, child in empty:
@@ -116,7 +115,7 @@ def take_mimics(root: Element, file: Path) -> list[Mimic]:
 def clean(root: Element) -> list[str]:
     """Remove products of inertia that no body can have, and infinite limits; return sentences about them."""
     sentences = []
-    odd = [link.get("name", "") for link in root.iter("link") if _mended(link)]
+    odd = [link.get("name", "") for link in root.iter("link") if _zero_products(link)]
     if odd:
         sentences.append(f"products of inertia of {listed('link', odd)}: no body has them")
     for joint in root.iter("joint"):
@@ -140,7 +139,7 @@ def _infinite(value: str | None) -> bool:
         return False
 
 
-def _mended(link: Element) -> bool:
+def _zero_products(link: Element) -> bool:
     """Set products of inertia that no body can have to zero in a dummy link; return whether it has any."""
     mass, inertia = link.find("inertial/mass"), link.find("inertial/inertia")
     if mass is None or inertia is None:

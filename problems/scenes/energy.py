@@ -32,10 +32,10 @@ def energy_balance(scene: Scene, masses: ca.SX, weight: ca.SX, h: Scalar) -> Bal
         for thing in scene.moving:
             directions = thing.directions if isinstance(thing, Pusher) else ca.SX.eye(2)
             n = directions.shape[1]
-            mass = scene.of(thing.name, masses)[0]
-            momentum = momentum + mass * directions @ scene.of(thing.name, v)[:n]
+            mass = scene.coordinates_of(thing.name, masses)[0]
+            momentum = momentum + mass * directions @ scene.coordinates_of(thing.name, v)[:n]
             impulse = directions.T @ impulses.get(thing.name, ca.SX.zeros(2))
-            external = external + directions @ (h * scene.of(thing.name, forces)[:n] + impulse)
+            external = external + directions @ (h * scene.coordinates_of(thing.name, forces)[:n] + impulse)
         energy = ca.dot(masses, v**2) / 2 - ca.dot(weight, q)
         work = h * ca.dot(u, v_next[v_next.numel() - u.numel() :])
         return EnergyBalance(energy, work, momentum, external)

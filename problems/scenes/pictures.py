@@ -31,7 +31,7 @@ def pictured(scene: Callable[[Any], Scene]) -> tuple[Draw, Frames]:
     @cache
     def built_scene(params: Any) -> tuple[Scene, ca.Function]:
         scene_of_numbers = scene(params.model_dump())
-        return scene_of_numbers, _places(scene_of_numbers)
+        return scene_of_numbers, _poses_and_contacts(scene_of_numbers)
 
     def draw(params: Any, state: np.ndarray) -> list[Shape]:
         pictured_scene, places = built_scene(params)
@@ -47,7 +47,7 @@ def pictured(scene: Callable[[Any], Scene]) -> tuple[Draw, Frames]:
     return draw, frames
 
 
-def _places(scene: Scene) -> ca.Function:
+def _poses_and_contacts(scene: Scene) -> ca.Function:
     """Return the function from q to poses (3, things), points and normals (4, contacts), and friction (contacts,)."""
     q = ca.SX.sym("q", len(scene.coordinates))
     poses = [ca.vertcat(pose.position, pose.angle) for pose in map(scene.pose(q), scene.things)]

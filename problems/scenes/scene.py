@@ -73,7 +73,7 @@ class Scene:
         """Return the state in which all things are at their start and at rest, (nx, 1)."""
         return ca.vertcat(self.start, ca.SX.zeros(system.nx - self.start.numel()))
 
-    def of(self, name: str, x: ca.SX) -> ca.SX:
+    def coordinates_of(self, name: str, x: ca.SX) -> ca.SX:
         """Return the coordinates (n, 1) of the thing called ``name`` in ``x``, a state or q."""
         return x[self._at[name]]
 

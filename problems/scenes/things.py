@@ -92,7 +92,7 @@ class Body(Thing):
     @property
     def coordinates(self) -> tuple[Signal, ...]:
         """Signals ``<name>_x``, ``<name>_y`` and, if the body turns, ``<name>_angle``."""
-        places = _places(self.name)
+        places = _position_signals(self.name)
         turn = Signal(f"{self.name}_angle", "rad", f"{self.name}, anticlockwise")
         return (*places, turn) if self.turns else places
 
@@ -155,7 +155,7 @@ class Pusher(Thing):
     def coordinates(self) -> tuple[Signal, ...]:
         """Signals ``<name>_x`` and ``<name>_y``, or ``<name>`` for the distance along the rail."""
         if self.axis is None:
-            return _places(self.name)
+            return _position_signals(self.name)
         return (Signal(self.name, "m", f"way of {self.name} along its rail"),)
 
     @property
@@ -188,7 +188,7 @@ class Goal:
         parse_number(f"goal of {self.body}: angle", self.angle)
 
 
-def _places(name: str) -> tuple[Signal, ...]:
+def _position_signals(name: str) -> tuple[Signal, ...]:
     return tuple(Signal(f"{name}_{axis}", "m", name) for axis in "xy")
 
 

@@ -14,7 +14,7 @@ from dynamics.settings import settings_of
 from ocp.errors import InputError, choose
 from ocp.problem.task import Task
 from problems.drawing import ContactFrame, Shape
-from problems.spec import Spec, defined
+from problems.spec import Spec, spec_from_module
 
 if TYPE_CHECKING:
     from ocp.learning.protocol import Algorithm
@@ -65,7 +65,7 @@ def names() -> list[str]:
 @cache
 def spec(name: str) -> TaskSpec:
     """Return the task called ``name``; raises :class:`~ocp.errors.InputError` if it is unknown."""
-    return defined(TaskSpec, importlib.import_module(choose("task", name, TASK_MODULES)))
+    return spec_from_module(TaskSpec, importlib.import_module(choose("task", name, TASK_MODULES)))
 
 
 def get(name: str, **params: Any) -> Task:

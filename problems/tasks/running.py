@@ -27,7 +27,7 @@ def with_weights(base: type[Parameters], machine: PublishedMachine) -> type[Para
     return create_model("Weights", __base__=base, **weights)
 
 
-def built(
+def machine_task_fields(
     name: str, params: Any, machine_of: Callable[..., PublishedMachine], spring: str, spheres: Collection[str] | None
 ) -> tuple[ContactSystem, dict[str, Any]]:
     """Return the machine's contact system at ``params``, and the fields of its :class:`~ocp.problem.task.Task`.
@@ -64,7 +64,7 @@ def built(
     }
 
 
-def tame(x: ca.SX, bound: float) -> ca.SX:
+def all_below(x: ca.SX, bound: float) -> ca.SX:
     """Return 1 if the size of every entry of ``x`` is below ``bound``, else 0, also if an entry is NaN.
 
     Any comparison with NaN is false, so the entries are tested for being within the bound.

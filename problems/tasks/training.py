@@ -36,7 +36,7 @@ def policy_of(data: xr.Dataset | Mapping[str, np.ndarray]) -> Trained:
     return Trained(theta, Normaliser(2.0, mean, 2.0 * scale**2))
 
 
-def described(experiment: Experiment, data: xr.Dataset) -> xr.Dataset:
+def with_episode(experiment: Experiment, data: xr.Dataset) -> xr.Dataset:
     """Return the results of :func:`~ocp.learning.training.train` with units, and with an episode.
 
     The episode is the first of the evaluations, with the policy that was judged best, under the exact
@@ -104,7 +104,7 @@ KIND = "train"
 class TrainingJob:
     """Job that trains a policy: an algorithm with its settings and a seed, on a named task.
 
-    ``options`` are fields of :class:`~ocp.learning.experiment.Experiment`. ``kept`` is the folder of
+    ``options`` are fields of :class:`~ocp.learning.experiment.Experiment`. ``checkpoint_folder`` is the folder of
     the checkpoint, which other workers may share; results depend neither on it nor on ``threads``.
     ``model_params`` are the model's physical parameters that differ from the task's.
     """
@@ -114,7 +114,7 @@ class TrainingJob:
     algorithm: Algorithm
     law: ContactLaw
     seed: int
-    kept: Path | None = None
+    checkpoint_folder: Path | None = None
     options: Mapping[str, Any] = field(default_factory=dict)
     model_params: Mapping[str, float] = field(default_factory=dict)
     threads: int | None = None
@@ -170,16 +170,17 @@ def unfinished(job: TrainingJob, experiment: Experiment, checkpoint: Checkpoint)
     return lines
 
 
-def trained(job: TrainingJob, tell: Callable[[dict[str, float]], None]) -> xr.Dataset:
+def run_training(job: TrainingJob, tell: Callable[[dict[str, float]], None]) -> xr.Dataset:
     """Run a job from its checkpoint on, and return the data to store; a :data:`~ocp.jobs.scheduling.Function`.
 
     ``tell`` is called with the numbers of every iteration.
     """
     experiment = job.experiment()
     # A worker on another computer may not have the folder.
-    checkpoint = SavedWork(job.kept if job.kept is not None and job.kept.is_dir() else None)
+    folder = job.checkpoint_folder
+    checkpoint = SavedWork(folder if folder is not None and folder.is_dir() else None)
     data = train(experiment, checkpoint, lambda k, row: tell({"iteration": float(k), **row}))
-    return described(experiment, data)
+    return with_episode(experiment, data)
 
 
 def record(experiment: Experiment) -> dict[str, Any]:

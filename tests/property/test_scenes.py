@@ -161,7 +161,7 @@ def _travel(scene: Scene, thing: Thing, point: np.ndarray, q: np.ndarray, way: n
 
 
 def _frame(scene: Scene, thing: Thing, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    own = np.array(ca.DM(scene.of(thing.name, ca.SX(q)))).ravel() if thing.coordinates else []
+    own = np.array(ca.DM(scene.coordinates_of(thing.name, ca.SX(q)))).ravel() if thing.coordinates else []
     start = np.array([float(v) for v in thing.at])
     match len(own):
         case 3:
@@ -271,7 +271,7 @@ def test_a_mirrored_task_has_the_mirrored_plan() -> None:
         )
         system = scene.quasi_dynamic("mirror", NOTHING, h=0.05)
         du = ca.SX.sym("du", 2)
-        off = scene.of("object", system.x)[:2] - ca.DM([0.6, side * 0.2])
+        off = scene.coordinates_of("object", system.x)[:2] - ca.DM([0.6, side * 0.2])
         return solve(
             Problem(
                 "mirror",

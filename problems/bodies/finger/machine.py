@@ -68,7 +68,7 @@ def finger_system(name: str, p: ParameterTable) -> ContactSystem:
 
 def finger_shapes(params: FingerParams, state: np.ndarray, goal: float) -> list[Shape]:
     """Draw links, tip, and the disc with one radius at its angle and one at the angle ``goal`` [rad]."""
-    (x, z), elbow, tip = (params.x, params.z), *_places(params, state)
+    (x, z), elbow, tip = (params.x, params.z), *_elbow_and_tip(params, state)
     disc = Circle(x, z, params.R)
 
     def spoke(angle: float, role: str) -> Segment:
@@ -86,14 +86,14 @@ def finger_shapes(params: FingerParams, state: np.ndarray, goal: float) -> list[
 
 def finger_frames(params: FingerParams, state: np.ndarray) -> list[ContactFrame]:
     """Return the contact frame at the tip's point nearest to the disc, with the normal into the disc."""
-    tip = np.array(_places(params, state)[1])
+    tip = np.array(_elbow_and_tip(params, state)[1])
     to_disc = np.array([params.x, params.z]) - tip
     nx, nz = (float(v) for v in to_disc / np.linalg.norm(to_disc))
     x, z = float(tip[0]) + params.r * nx, float(tip[1]) + params.r * nz
     return [ContactFrame(x, z, nx, nz, params.friction)]
 
 
-def _places(params: FingerParams, state: np.ndarray) -> tuple[tuple[float, float], tuple[float, float]]:
+def _elbow_and_tip(params: FingerParams, state: np.ndarray) -> tuple[tuple[float, float], tuple[float, float]]:
     """Return the positions of the elbow and of the centre of the fingertip [m]."""
     upper, fore = float(state[0]), float(state[0] + state[1])
     a, b = params.length, params.length - params.r

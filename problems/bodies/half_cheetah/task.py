@@ -11,7 +11,7 @@ from problems.bodies.half_cheetah import problem as problem
 from problems.bodies.half_cheetah.machine import half_cheetah
 from problems.parameters import Parameters, choice, quantity, structure
 from problems.spec import Citation
-from problems.tasks.running import built, tame, with_weights
+from problems.tasks.running import all_below, machine_task_fields, with_weights
 
 name = "half-cheetah"
 title = "Half-cheetah: run"
@@ -53,12 +53,12 @@ class Params(with_weights(CheetahDynamics, problem.MACHINE)):
 def build(params: Params) -> Task:
     """Build the task; the state is (q, v), and the reward [1] is the speed in m/s minus a cost of the inputs."""
     spheres = problem.SPHERES[params.spheres]
-    system, common = built(name, params, half_cheetah, "spring_scale", spheres)
+    system, common = machine_task_fields(name, params, half_cheetah, "spring_scale", spheres)
     x, nq = system.x, system.nx // 2
     return Task(
         **common,
         reward=system.x_next[nq] - 0.1 * ca.sumsqr(system.u),
-        done=ca.logic_not(tame(x, LARGEST_STATE)),
+        done=ca.logic_not(all_below(x, LARGEST_STATE)),
         lasts=ca.SX(0, 1),
         observation=x[1:],
     )

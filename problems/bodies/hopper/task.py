@@ -13,7 +13,7 @@ from problems.drawing import Shape
 from problems.machines.machine import machine_shapes
 from problems.parameters import Parameters, choice, quantity, structure
 from problems.spec import Citation
-from problems.tasks.running import built, tame, with_weights
+from problems.tasks.running import all_below, machine_task_fields, with_weights
 
 name = "hopper"
 title = "Hopper: run without falling"
@@ -80,7 +80,7 @@ def build(params: Params) -> Task:
     The source has no bounds on the inputs; ours are one unit, 200 N m. A state that is not finite also
     ends the episode.
     """
-    system, common = built(name, params, hopper, "spring", problem.SPHERES[params.spheres])
+    system, common = machine_task_fields(name, params, hopper, "spring", problem.SPHERES[params.spheres])
     x, u, nq = system.x, system.u, system.nx // 2
     lasts = ca.vertcat(x[1] - LOWEST_TORSO, STEEPEST_PITCH - x[2], STEEPEST_PITCH + x[2], LARGEST_STATE**2 - x**2)
     standing = ca.logic_and(x[1] > LOWEST_TORSO, ca.fabs(x[2]) < STEEPEST_PITCH)
@@ -88,7 +88,7 @@ def build(params: Params) -> Task:
     return Task(
         **common,
         reward=system.x_next[nq] + 0.1 - 1e-4 * ca.sumsqr(u),
-        done=ca.logic_not(ca.logic_and(standing, tame(x, LARGEST_STATE))),
+        done=ca.logic_not(ca.logic_and(standing, all_below(x, LARGEST_STATE))),
         lasts=lasts,
         observation=ca.vertcat(x[1:nq], clipped_velocities),
     )

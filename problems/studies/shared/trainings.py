@@ -16,7 +16,7 @@ from problems.studies.progress import report_progress
 from problems.studies.study import Claim, FinishedParts, claim, settings_text
 from problems.tasks import registry
 from problems.tasks.registry import default_settings, make_algorithm
-from problems.tasks.training import TrainingJob, trained
+from problems.tasks.training import TrainingJob, run_training
 
 Curves = dict[str, np.ndarray]
 """Mapping from name to array of one training run."""
@@ -40,7 +40,7 @@ def training_curves(jobs: Mapping[str, TrainingJob], finished: FinishedParts) ->
 
 def trained_curves(job: TrainingJob, tell: Report) -> Curves:
     """Run one training job and return its arrays, as a :data:`~ocp.jobs.scheduling.Function` does."""
-    data = trained(job, tell)
+    data = run_training(job, tell)
     return {str(name): data[name].values for name in data.data_vars}
 
 

@@ -22,7 +22,7 @@ from ocp.store.stored_run import StoredRun
 from ocp.transcription.factories import make_law
 from problems.tasks import registry
 from problems.tasks.registry import TaskSpec
-from problems.tasks.training import TrainingJob, rebuilt, record, trained, unfinished
+from problems.tasks.training import TrainingJob, rebuilt, record, run_training, unfinished
 from reports.cli import interrupt
 from reports.cli.learning.training_options import algorithms, is_psi, learned_parameters
 from reports.cli.options.learning import EvaluateOptions, TrainOptions
@@ -141,7 +141,8 @@ def _trained(
     """Run the unfinished jobs, add the path of each run to ``stored``, and return the errors of failed jobs."""
     failed: dict[int, Exception] = {}
     jobs = {
-        place: replace(request.jobs[place], kept=request.checkpoints[place].directory) for place in unfinished_places
+        place: replace(request.jobs[place], checkpoint_folder=request.checkpoints[place].directory)
+        for place in unfinished_places
     }
     workers = Workers(request.workers, options.scheduler)
     iterations_by_name = {job.name: request.experiments[place].iterations for place, job in jobs.items()}
@@ -150,7 +151,7 @@ def _trained(
         def show(place: int, row: Any) -> None:
             callback(unfinished_places.index(place), row)
 
-        with closing(map_jobs(trained, jobs, workers, callback=show, recover=failed.__setitem__)) as outcomes:
+        with closing(map_jobs(run_training, jobs, workers, callback=show, recover=failed.__setitem__)) as outcomes:
             for place, data in outcomes:
                 if place not in failed:
                     stored[place] = _store(options, request, place, data)
@@ -218,7 +219,7 @@ def check_evaluate(options: EvaluateOptions) -> EvaluateRequest:
 
 
 def run_evaluate(options: EvaluateOptions, request: EvaluateRequest) -> int:
-    """Evaluate a trained policy: returns, lengths, measures, and violations in its episodes."""
+    """Evaluate a run_training policy: returns, lengths, measures, and violations in its episodes."""
     stored_run, experiment, policy, law = request
     evaluation = evaluate(experiment, policy, law, options.episodes, options.seed)
     content: dict[str, Any] = {

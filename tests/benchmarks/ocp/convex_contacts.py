@@ -87,7 +87,7 @@ def measure(scene: str, way: str, answer: mp.Queue[str]) -> None:
     parameters = ParameterTable([Parameter("h", 0.05, "s")])
     made = Scene([*there, Goal("box", at=goal)], friction=0.3)
     system = made.quasi_dynamic("scene", parameters, h=parameters["h"])
-    off, du = made.of("box", system.x)[:2] - np.array(goal), ca.SX.sym("du", system.nu)
+    off, du = made.coordinates_of("box", system.x)[:2] - np.array(goal), ca.SX.sym("du", system.nu)
     problem = Problem(
         "scene",
         system,

@@ -44,7 +44,7 @@ def scene_problem(
     system = made.quasi_dynamic(name, table, h=H)
     off = ca.SX(0, 1)
     for goal in made.goals:
-        there = made.of(goal.body, system.x)
+        there = made.coordinates_of(goal.body, system.x)
         wanted = ca.vertcat(*goal.at, goal.angle)
         weights = ca.vertcat(1.0, 1.0, 0.3)[: there.numel()]
         off = ca.vertcat(off, weights * (there - wanted[: there.numel()]))
@@ -59,7 +59,7 @@ def scene_problem(
         parameters=table,
         du=du,
         u_before=made.hold,
-        path=[Constraint("reach", system.u - made.of("finger", system.x), -REACH, REACH)],
+        path=[Constraint("reach", system.u - made.coordinates_of("finger", system.x), -REACH, REACH)],
         scaling=Scaling(impulse=0.5, gap=0.1, x=0.5, u=0.5),
     )
 

@@ -35,7 +35,7 @@ def build(params):
     p = table(params)
     things = scene(p)
     system = things.quasi_dynamic(name, p, h=p["h"])
-    off = things.of("far", system.x)[:2] - ca.vertcat(p["goal"], 0)
+    off = things.coordinates_of("far", system.x)[:2] - ca.vertcat(p["goal"], 0)
     du = ca.SX.sym("du", system.nu)
     return Problem(
         name,

@@ -261,7 +261,7 @@ def corner(N: int, stiffness: float = 150.0) -> Problem:
         friction={("finger", "ell"): 0.3},
     )
     system = things.quasi_dynamic("corner", TABLE, h=TABLE["h"])
-    off = things.of("ell", system.x)[:2] - ca.SX([0.4, 0.1])
+    off = things.coordinates_of("ell", system.x)[:2] - ca.SX([0.4, 0.1])
     du = ca.SX.sym("du", system.nu)
     return Problem(
         "corner",
@@ -309,7 +309,7 @@ def iced() -> Problem:
         non_colliding=[("hand", "dry"), ("hand", "ice")],
     )
     system = things.time_stepping("iced", ParameterTable(), h=STEP, gravity=(0, -9.81))
-    off, v = things.of("block", system.x)[0] - END, system.x[system.nx // 2 :]
+    off, v = things.coordinates_of("block", system.x)[0] - END, system.x[system.nx // 2 :]
     return Problem(
         "iced",
         system,

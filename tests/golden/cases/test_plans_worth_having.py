@@ -27,7 +27,7 @@ def nail() -> Problem:
         non_colliding=[("hammer", "board")],
     )
     system = scene.time_stepping("nail", NO_PARAMETERS, h=0.02, gravity=(0, -9.81))
-    depth = scene.of("nail", system.x)[0]
+    depth = scene.coordinates_of("nail", system.x)[0]
     return Problem(
         "nail",
         system,

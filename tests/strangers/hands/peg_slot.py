@@ -52,7 +52,7 @@ def build(params: Params) -> Problem:
     p = table(params)
     things = scene(p)
     system = things.quasi_dynamic(name, p, h=p["h"])
-    off = things.of("peg", system.x) - ca.vertcat(0, -p["deep"])
+    off = things.coordinates_of("peg", system.x) - ca.vertcat(0, -p["deep"])
     du = ca.SX.sym("du", 2)
     return Problem(
         name,

@@ -51,7 +51,7 @@ def build(params: Params) -> Problem:
     p = table(params)
     things = scene(p)
     system = things.quasi_dynamic(name, p, h=p["h"])
-    off = (things.of("ell", system.x) - ca.vertcat(p["x"], p["y"], p["turn"])) * ca.DM([1, 1, 0.2])
+    off = (things.coordinates_of("ell", system.x) - ca.vertcat(p["x"], p["y"], p["turn"])) * ca.DM([1, 1, 0.2])
     du = ca.SX.sym("du", system.nu)
     return Problem(
         name,

@@ -47,7 +47,7 @@ def build(params: Params) -> Problem:
     p = table(params)
     things = scene(p)
     system = things.time_stepping(name, p, h=p["h"], gravity=(0, -9.81))
-    short = things.of("nail", system.x)[0] - p["goal"]
+    short = things.coordinates_of("nail", system.x)[0] - p["goal"]
     return Problem(
         name,
         system,

@@ -50,7 +50,7 @@ def build(params: Params) -> Problem:
     p = table(params)
     things = scene(p)
     system = things.time_stepping(name, p, h=p["h"], gravity=(0.0, -9.81))
-    off = things.of("block", system.x)[0] - p["mark"]
+    off = things.coordinates_of("block", system.x)[0] - p["mark"]
     speeds = system.x[3:]
     return Problem(
         name,

@@ -51,7 +51,7 @@ def build(params: Params) -> Problem:
     p = table(params)
     things = scene(p)
     system = things.time_stepping(name, p, h=p["h"], gravity=(0.0, -9.81))
-    off = (things.of("box", system.x) - ca.DM(UPRIGHT)) * ca.DM([1, 1, 0.15])
+    off = (things.coordinates_of("box", system.x) - ca.DM(UPRIGHT)) * ca.DM([1, 1, 0.15])
     return Problem(
         name,
         system,

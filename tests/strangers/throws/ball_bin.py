@@ -54,7 +54,7 @@ def build(params: Params) -> Problem:
     things = scene(p)
     system = things.time_stepping(name, p, h=p["h"], gravity=(0.0, -9.81))
     x, u = system.x, system.u
-    off = things.of("ball", x) - ca.vertcat(p["bin"], 0.04)
+    off = things.coordinates_of("ball", x) - ca.vertcat(p["bin"], 0.04)
     weight = ca.vertcat(0, (p["ball"] + p["hand"]) * 9.81)
     beyond = ca.vertcat(-ca.inf, -ca.inf, -ca.inf, -ca.inf)
     return Problem(

@@ -51,7 +51,7 @@ def build(params: Params) -> Problem:
     p = table(params)
     things = scene(p)
     system = things.time_stepping(name, p, h=p["h"], gravity=(0.0, -9.81))
-    off = things.of("nail", system.x)[0] - p["deep"]
+    off = things.coordinates_of("nail", system.x)[0] - p["deep"]
     return Problem(
         name,
         system,

@@ -51,7 +51,7 @@ def build(params: Params) -> Problem:
     things = scene(p)
     system = things.time_stepping(name, p, h=p["h"])
     x = system.x
-    off = things.of("puck", x) - ca.vertcat(p["mark_x"], p["mark_y"])
+    off = things.coordinates_of("puck", x) - ca.vertcat(p["mark_x"], p["mark_y"])
     free = ca.DM([ca.inf] * 8)
     upper = ca.DM([ca.inf, ca.inf, 0.15, ca.inf, ca.inf, ca.inf, ca.inf, ca.inf])
     return Problem(

@@ -104,7 +104,7 @@ def test_coordinates_are_those_of_bodies_then_of_pushers() -> None:
     start = np.array(ca.DM(scene.at_rest(slow))).ravel()
     np.testing.assert_array_equal(start, [0, 0, 0, 3, 4, -1, 0, 0])
     np.testing.assert_array_equal(np.array(ca.DM(scene.hold)).ravel(), [-1, 0, 0])
-    assert ca.is_equal(scene.of("puck", slow.x), slow.x[3:5], 2)
+    assert ca.is_equal(scene.coordinates_of("puck", slow.x), slow.x[3:5], 2)
 
 
 class Params(Parameters):

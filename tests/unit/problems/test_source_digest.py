@@ -11,7 +11,7 @@ import pytest
 import problems
 from ocp.errors import InputError
 from problems.loading import import_file
-from problems.source_digest import parts, source_digest
+from problems.source_digest import dependency_files, source_digest
 
 MAIN = """
 from pathlib import Path
@@ -76,7 +76,7 @@ def made(folder: Path, files: dict[str, str]) -> Path:
 
 def test_the_parts_are_those_that_are_used(tmp_path: Path) -> None:
     file = made(tmp_path, FILES)
-    assert {str(part.relative_to(tmp_path)) for part in parts(file).values()} == DECISIVE
+    assert {str(part.relative_to(tmp_path)) for part in dependency_files(file).values()} == DECISIVE
 
 
 @pytest.mark.parametrize("name", FILES)
@@ -97,7 +97,7 @@ def test_the_place_and_the_name_play_no_part(tmp_path: Path) -> None:
 
 def test_circles_and_broken_texts_end(tmp_path: Path) -> None:
     file = made(tmp_path, {"a.py": "import b", "b.py": "import a\ndef (", "c.py": ""})
-    assert set(parts(file)) == {"", "b"}
+    assert set(dependency_files(file)) == {"", "b"}
     with pytest.raises(InputError, match=r"cannot read .*absent\.py: No such file"):
         source_digest(tmp_path / "absent.py")
 
@@ -122,7 +122,7 @@ def test_packages_without_init_in_one_another_are_followed(tmp_path: Path) -> No
     deep.write_text("value = 1.0\n")
     file = tmp_path / "main.py"
     file.write_text("from outside.of.all import value\n")
-    assert parts(file)["outside.of.all"] == deep
+    assert dependency_files(file)["outside.of.all"] == deep
     before = source_digest(file)
     deep.write_text("value = 2.0\n")
     assert source_digest(file) != before
@@ -141,7 +141,7 @@ def test_nothing_beside_a_file_hides_what_is_installed(tmp_path: Path) -> None:
     file = made(tmp_path, {"mine.py": "import colorsys\n", "colorsys.py": "hls_to_rgb = None\n"})
     sys.modules.pop("colorsys", None)
     assert import_file(file).colorsys.hls_to_rgb is not None
-    assert set(parts(file)) == {""}
+    assert set(dependency_files(file)) == {""}
 
 
 def test_a_problem_knows_what_it_was_made_of(tmp_path: Path) -> None:

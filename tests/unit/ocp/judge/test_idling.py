@@ -40,7 +40,7 @@ def sliding(N: int = 4, most: float = 30.0) -> Problem:
         system,
         N,
         stage_cost=1e-4 * system.u**2,
-        terminal_cost=100 * (scene.of("box", system.x)[0] - 0.3) ** 2,
+        terminal_cost=100 * (scene.coordinates_of("box", system.x)[0] - 0.3) ** 2,
         x0=scene.at_rest(system),
         parameters=table,
         u_lower=-most,

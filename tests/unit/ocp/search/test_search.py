@@ -40,7 +40,7 @@ def behind(N: int = 20) -> Problem:
     )
     table = ParameterTable(())
     system = scene.quasi_dynamic("behind", table, h=0.05)
-    off = scene.of("disc", system.x)[:2] - ca.vertcat(-0.3, 0)
+    off = scene.coordinates_of("disc", system.x)[:2] - ca.vertcat(-0.3, 0)
     du = ca.SX.sym("du", 2)
     return Problem(
         "behind",
@@ -52,7 +52,7 @@ def behind(N: int = 20) -> Problem:
         parameters=table,
         du=du,
         u_before=scene.hold,
-        path=[Constraint("reach", system.u - scene.of("finger", system.x), -REACH, REACH)],
+        path=[Constraint("reach", system.u - scene.coordinates_of("finger", system.x), -REACH, REACH)],
         scaling=Scaling(impulse=0.5, gap=0.1, x=0.5, u=0.5),
     )
 
