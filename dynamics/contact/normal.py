@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 
 import casadi as ca
 import numpy as np
@@ -40,7 +41,7 @@ def expected_excess(t: ca.SX) -> ca.SX:
     """
     direct = normal_pdf(t) - t * (1 - ca.erf(t / math.sqrt(2))) / 2
     tail_t = ca.fmax(t, _KNOT)
-    ratio = _clenshaw(_COEFFICIENTS, (tail_t - _CENTRE) / (tail_t + _CENTRE)) / (1 + tail_t) ** 2
+    ratio = _clenshaw(_coefficients(), (tail_t - _CENTRE) / (tail_t + _CENTRE)) / (1 + tail_t) ** 2
     return ca.if_else(t > _KNOT, normal_pdf(tail_t) * ratio, direct)
 
 
@@ -63,11 +64,9 @@ def _scaled_ratio(t: np.ndarray) -> np.ndarray:
     return (r * np.exp(-t[:, None] * s - s**2 / 2)) @ weight
 
 
-def _fitted() -> list[float]:
+@cache
+def _coefficients() -> list[float]:
+    """Return the Chebyshev coefficients of R(y)."""
     y = np.cos(np.pi * (np.arange(_DEGREE + 1) + 0.5) / (_DEGREE + 1))
     values = _scaled_ratio(_CENTRE * (1 + y) / (1 - y))
     return [float(value) for value in chebyshev.chebfit(y, values, _DEGREE)]
-
-
-# Chebyshev coefficients of R(y).
-_COEFFICIENTS = _fitted()

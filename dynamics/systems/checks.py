@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any, TypeVar
 
 import casadi as ca
@@ -71,15 +71,14 @@ def require_limits(owner: str, value: Any) -> None:
         raise ValueError(f"{owner} limits are {low:g} to {high:g}; expected the lower one first")
 
 
-def require_unit_vector(name: str, value: Any) -> None:
-    """Raise ``ValueError`` unless ``value`` is a vector of length 1 or symbolic."""
-    x, y = parse_point(name, value)
-    if x is None or y is None:
-        return
-    length = math.hypot(x, y)
-    if abs(length - 1) > 1e-6:
-        advice = f"; use ({x / length:.6g}, {y / length:.6g})" if length else ""
-        raise ValueError(f"{name} must have length 1, got ({x:g}, {y:g}){advice}")
+def require_unit_vector(name: str, entries: Sequence[float | None]) -> None:
+    """Raise ``ValueError`` unless a vector with these entries has length 1, or one of them is None (symbolic)."""
+    known_entries = [entry for entry in entries if entry is not None]
+    length = math.hypot(*known_entries)
+    if len(known_entries) == len(entries) and abs(length - 1) > 1e-6:
+        unit_vector = ", ".join(f"{entry / length:.6g}" for entry in known_entries) if length else ""
+        advice = f"; use ({unit_vector})" if length else ""
+        raise ValueError(f"{name} must have length 1, got ({', '.join(f'{v:g}' for v in known_entries)}){advice}")
 
 
 def require_items(name: str, kinds: type[T] | tuple[type[T], ...], values: Any) -> tuple[T, ...]:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import casadi as ca
 
@@ -28,6 +28,11 @@ def check_cone(name: str, cone: str) -> None:
     if cone not in FORMS:
         kinds = ", ".join(map(repr, FORMS))
         raise ValueError(f"system {name!r}: cone must be one of {kinds}, got {cone!r}")
+
+
+def limit_distances(limits: Sequence[tuple[int, Any, Any]], q: ca.SX) -> ca.SX:
+    """Return the distances of entries of q to their lower, then their upper limits (entry, lower, upper)."""
+    return ca.vertcat(*(q[i] - low for i, low, _ in limits), *(high - q[i] for i, _, high in limits))
 
 
 @dataclass(frozen=True, eq=False)

@@ -80,7 +80,7 @@ def add_table_friction(
             signals=(
                 *rows.signals,
                 *(
-                    Signal(f"{surface.name} on table {direction}", "m", "way slid in a step")
+                    Signal(f"{surface.name} on table {direction}", "m", "distance slid in a step")
                     for direction in [*directions, "slid"]
                 ),
             ),

@@ -208,7 +208,7 @@ def pressed_rows(
         ca.vertcat(bound + f, bound - f),
         slide.T @ f,
         tuple(
-            Signal(f"{contact.name} {direction}", "m", f"way slid {direction} in a step")
+            Signal(f"{contact.name} {direction}", "m", f"distance slid {direction} in a step")
             for direction in ("forward", "backward")
             for contact in contacts
         ),

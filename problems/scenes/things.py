@@ -43,7 +43,7 @@ class Thing:
             if (value := getattr(self, field, None)) is not None:
                 require_positive(f"{self.name}: {field}", value)
         if (axis := getattr(self, "axis", None)) is not None:
-            require_unit_vector(f"{self.name}: axis", axis)
+            require_unit_vector(f"{self.name}: axis", parse_point(f"{self.name}: axis", axis))
 
     @property
     def coordinates(self) -> tuple[Signal, ...]:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Literal, Unpack, get_args
 
 import casadi as ca
 
 from dynamics.systems.checks import parse_number, parse_point, require_items, require_positive, require_text
-from dynamics.systems.contact_rows import Cone
+from dynamics.systems.contact_rows import Cone, limit_distances
 from dynamics.systems.mechanism import WORLD, Mechanism, Multibody, PlacedShape, StepOptions, check_parts
 from dynamics.systems.pairs import EnergyBalance
 from dynamics.systems.parameters import ParameterTable, Signal
@@ -226,11 +226,6 @@ class _PlanarStep:
         work = h * ca.dot(v_next, self._motors @ u - self._damping @ v_next)
         return EnergyBalance(chain.energy(q, v), work, chain.momentum(q, v), external)
 
-    def _limit_distances(self, q: ca.SX) -> ca.SX:
-        limits = self.machine.tree().limits
-        low = [q[i] - lowest for i, lowest, _ in limits]
-        return ca.vertcat(*low, *(highest - q[i] for i, _, highest in limits))
-
     def _stack_contacts(self, value: Callable[[Contact], ca.SX], q: ca.SX) -> ca.SX:
         return ca.vertcat(*map(value, self.machine.contacts(q, self.spheres).values()))
 
@@ -254,7 +249,7 @@ class _PlanarStep:
             sliding=lambda q: self._stack_contacts(lambda contact: contact.jacobians(q)[1], q),
             friction=self.friction,
             cone=self.cone,
-            limits=self._limit_distances if chain.limits else None,
+            limits=partial(limit_distances, chain.limits) if chain.limits else None,
             limit_names=tuple(f"{joint} {end}" for end in ("low", "high") for joint in joints),
             damping=self._damping,
             stiffness=-ca.jacobian(chain.spring(q), q),

@@ -71,14 +71,14 @@ def mean_distance(shape: Shape | Union) -> ca.SX:
 class _Side(NamedTuple):
     """A side of a core from a to b (2, 1), its outward ``normal``, and the rounded corner at a.
 
-    At the corner the outward normal turns from ``before`` to ``normal`` by the angle ``rotate`` [rad].
+    At the corner the outward normal turns from ``before`` to ``normal`` by the angle ``turn`` [rad].
     """
 
     a: ca.SX
     b: ca.SX
     normal: ca.SX
     before: ca.SX
-    rotate: ca.SX
+    turn: ca.SX
 
 
 def _sides(core: list[ca.SX]) -> Iterator[_Side]:

@@ -191,7 +191,7 @@ def _linearised_pairs(at: FrictionSpec) -> tuple[list[Row], ca.SX, list[ca.SX]]:
     cone_margin = at.bound
     for beta in betas:
         cone_margin = cone_margin - beta
-    no_impulse, named = ca.SX(*at.J_n.shape), at.suffixed_signals(" slip", "m", "way slid in a step")
+    no_impulse, named = ca.SX(*at.J_n.shape), at.suffixed_signals(" slip", "m", "distance slid in a step")
     rows.append(Row("slip", cone_margin, no_impulse, named))
     return rows, gamma, tangential
 
@@ -210,8 +210,8 @@ def _second_order_pairs(at: FrictionSpec) -> tuple[list[Row], ca.SX, list[ca.SX]
     gamma, upper, dual = at.lam
     J_t, slid = ca.diag(at.has_friction) @ at.J_t[0], at.has_friction * at.slid[0]
     no_impulse = ca.SX(*J_t.shape)
-    upper_signals = at.suffixed_signals(" cone", "N s", "friction impulse above its least")
-    slip_signals = at.suffixed_signals(" slip", "m", "twice the way slid back")
+    upper_signals = at.suffixed_signals(" cone", "N s", "friction impulse above its minimum")
+    slip_signals = at.suffixed_signals(" slip", "m", "twice the distance slid backwards")
     rows = [
         Row("normal", at.gap, at.J_n - ca.diag(at.friction) @ at.J_t[0], list(at.contacts)),
         Row("friction", dual + 2 * slid, J_t, upper_signals),

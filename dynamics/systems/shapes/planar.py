@@ -190,7 +190,7 @@ class HalfPlane(Shape):
 
     def __post_init__(self) -> None:
         parse_point("HalfPlane origin", self.origin)
-        require_unit_vector("HalfPlane normal", self.normal)
+        require_unit_vector("HalfPlane normal", parse_point("HalfPlane normal", self.normal))
 
     @property
     def corners(self) -> tuple[Point, ...]:

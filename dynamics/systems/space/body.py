@@ -7,7 +7,13 @@ from typing import Literal, get_args
 
 import casadi as ca
 
-from dynamics.systems.checks import parse_number, require_limits, require_not_negative, require_text
+from dynamics.systems.checks import (
+    parse_number,
+    require_limits,
+    require_not_negative,
+    require_text,
+    require_unit_vector,
+)
 from dynamics.systems.parameters import Signal
 
 Number = float | ca.SX
@@ -68,8 +74,7 @@ class Body:
         owner = f"body {self.name!r}:"
         require_not_negative(f"{owner} mass", self.mass)
         lengths = {"inertia": (3, 6), "com": (3,), "position": (3,), "quaternion": (4,), "axis": (3,)}
-        for attribute, sizes in lengths.items():
-            require_vector(f"{owner} {attribute}", getattr(self, attribute), sizes)
+        vectors = {a: require_vector(f"{owner} {a}", getattr(self, a), sizes) for a, sizes in lengths.items()}
         for attribute in ("spring", "rest", "damping"):
             parse_number(f"{owner} {attribute}", getattr(self, attribute))
         require_not_negative(f"{owner} armature", self.armature)
@@ -78,7 +83,7 @@ class Body:
             raise ValueError(f"{owner} joint must be one of {kinds}, got {self.joint!r}")
         self._check_inertia(owner)
         for attribute in ("quaternion", "axis"):
-            require_unit_length(f"{owner} {attribute}", getattr(self, attribute))
+            require_unit_vector(f"{owner} {attribute}", vectors[attribute])
         self._check_joint(owner)
 
     @property
@@ -137,20 +142,9 @@ class Body:
             raise ValueError(f"{owner} it floats freely, so it has no parent; leave parent out")
 
 
-def require_vector(name: str, value: object, sizes: tuple[int, ...]) -> None:
-    """Raise ``ValueError`` unless ``value`` is a tuple of numbers with one of the ``sizes``."""
+def require_vector(name: str, value: object, sizes: tuple[int, ...]) -> list[float | None]:
+    """Return the entries of a tuple of numbers, None for a symbolic one; raise ``ValueError`` for other ``sizes``."""
     if not isinstance(value, tuple) or len(value) not in sizes:
         counts = " or ".join(map(str, sizes))
         raise ValueError(f"{name} must be a tuple of {counts} numbers, got {value!r}")
-    for i, entry in enumerate(value):
-        parse_number(f"{name}[{i}]", entry)
-
-
-def require_unit_length(name: str, value: tuple[Number, ...]) -> None:
-    """Raise ``ValueError`` unless ``value`` has length 1 or is symbolic."""
-    entries = [parse_number(name, entry) for entry in value]
-    if any(entry is None for entry in entries):
-        return
-    length = sum(entry**2 for entry in entries if entry is not None) ** 0.5
-    if abs(length - 1) > 1e-6:
-        raise ValueError(f"{name} must have length 1, got {value} of length {length:.6g}")
+    return [parse_number(f"{name}[{i}]", entry) for i, entry in enumerate(value)]

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from dynamics.systems.checks import require_not_negative, require_positive
-from dynamics.systems.space.body import Number, Quaternion, Vector, require_unit_length, require_vector
+from dynamics.systems.checks import require_not_negative, require_positive, require_unit_vector
+from dynamics.systems.space.body import Number, Quaternion, Vector, require_vector
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,8 +60,7 @@ class Box:
         require_vector("Box half_size", self.half_size, (3,))
         require_positive("Box half_size", *self.half_size)
         require_vector("Box centre", self.centre, (3,))
-        require_vector("Box quaternion", self.quaternion, (4,))
-        require_unit_length("Box quaternion", self.quaternion)
+        require_unit_vector("Box quaternion", require_vector("Box quaternion", self.quaternion, (4,)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,8 +83,7 @@ class Plane:
 
     def __post_init__(self) -> None:
         require_vector("Plane origin", self.origin, (3,))
-        require_vector("Plane normal", self.normal, (3,))
-        require_unit_length("Plane normal", self.normal)
+        require_unit_vector("Plane normal", require_vector("Plane normal", self.normal, (3,)))
 
 
 Shape = Sphere | Capsule | Cylinder | Box | Hull | Plane

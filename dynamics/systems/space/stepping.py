@@ -4,13 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import casadi as ca
 import numpy as np
 
 from dynamics.systems.checks import require_positive
-from dynamics.systems.contact_rows import Cone, ContactRows, ContactSpec, Space, check_cone, contact_rows
+from dynamics.systems.contact_rows import (
+    Cone,
+    ContactRows,
+    ContactSpec,
+    Space,
+    check_cone,
+    contact_rows,
+    limit_distances,
+)
 from dynamics.systems.pairs import EnergyBalance
 from dynamics.systems.parameters import ParameterTable, Signal
 from dynamics.systems.space import rotation
@@ -25,13 +33,13 @@ PYRAMID_EDGES = (4, 8)
 
 @dataclass(frozen=True, eq=False)
 class ContactPair:
-    """A contact at a pose: its name, the axes that move A (``one``) and B, and whether B is the world (``outside``)."""
+    """A contact at a pose: its name, the axes that move its bodies A and B, and whether B is the world."""
 
     name: str
     contact: SpatialContact
-    one: JointAxes
-    other: JointAxes
-    outside: bool
+    axes_a: JointAxes
+    axes_b: JointAxes
+    touches_world: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,22 +105,18 @@ class SpatialStep:
         tree = self.tree
         contacts = tuple(Signal(touch.name, "N s", "normal impulse") for touch in self.touches(self._state[0]))
         ends = tuple(f"{body} {end}" for end in ("low", "high") for body, *_ in tree.limits)
-        limits = self._limit_distances if tree.limits else None
+        bounds = [(entry, low, high) for _, entry, _, low, high in tree.limits]
+        limits = partial(limit_distances, bounds) if bounds else None
         spec = (contacts, self._distance, self._sliding, self.friction, self.cone, self.linearised, limits, ends)
         return self._build(ContactSpec(*spec, self._space))
 
     def _distance(self, q: ca.SX) -> ca.SX:
         return ca.vertcat(ca.SX(0, 1), *(touch.contact.phi for touch in self.touches(q)))
 
-    def _limit_distances(self, q: ca.SX) -> ca.SX:
-        limits = self.tree.limits
-        low = [q[i] - lowest for _, i, _, lowest, _ in limits]
-        return ca.vertcat(*low, *(highest - q[i] for _, i, _, _, highest in limits))
-
     def _rows(self, q: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Rows along normals (nc, nv), and along first and second tangents (2 nc, nv), at a pose."""
         nv = self.tree.nv
-        rows = [touch.contact.jacobian_rows(touch.one, touch.other, nv) for touch in self.touches(q)]
+        rows = [touch.contact.jacobian_rows(touch.axes_a, touch.axes_b, nv) for touch in self.touches(q)]
         normal, *tangential = (ca.vertcat(ca.SX(0, nv), *(row[k] for row in rows)) for k in range(3))
         return ca.sparsify(normal), ca.sparsify(ca.vertcat(*tangential))
 
@@ -208,7 +212,7 @@ class SpatialStep:
         tangential, n = ca.SX(0, 1) if rows.forces is None else rows.forces.tangential, normal.numel()
         external = h * tree.total_mass * tree.gravity
         for i, touch in enumerate(touches):
-            if touch.outside:
+            if touch.touches_world:
                 external = external + normal[i] * touch.contact.normal
                 tangents = touch.contact.tangents[self._tangents[0] :]
                 for k, tangent in zip(range(i, tangential.numel(), n), tangents, strict=False):
