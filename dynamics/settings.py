@@ -33,7 +33,7 @@ from dynamics.errors import InputError, did_you_mean
 
 LARGEST = 2**63 - 1
 """Largest absolute value of a whole number that is accepted."""
-MAX_DIGITS = 30
+MAX_CHARACTERS = 30
 """Maximum number of characters of a whole number in text; longer text is rejected without parsing it."""
 _INTEGER = re.compile(r"[+-]?[0-9]+")
 _FLOAT = re.compile(r"[+-]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][+-]?[0-9]+)?")
@@ -236,7 +236,7 @@ def parse_int(text: str) -> int | None:
     """Parse a whole number; return None where ``text`` is not one or is larger than :data:`LARGEST`."""
     text = text.strip()
     if _INTEGER.fullmatch(text):
-        value = int(text) if len(text) <= MAX_DIGITS else LARGEST + 1
+        value = int(text) if len(text) <= MAX_CHARACTERS else LARGEST + 1
         return value if abs(value) <= LARGEST else None
     rounded = parse_float(text)
     if rounded is None or not rounded.is_integer() or abs(rounded) > LARGEST:

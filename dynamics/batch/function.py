@@ -24,7 +24,7 @@ from dynamics.batch.arguments import (
 )
 from dynamics.batch.engines import c_flat, c_steps
 from dynamics.batch.engines.c_flat import CompiledEngine
-from dynamics.batch.engines.chunk_rollout import ChunkRollout
+from dynamics.batch.engines.chunk_rollout import PYTHON_CHUNK, ChunkRollout
 from dynamics.batch.engines.compiler import find_compiler
 from dynamics.batch.engines.kernels import (
     KERNEL_MAKERS,
@@ -45,7 +45,7 @@ from dynamics.settings import read_count
 
 # Number of samples in a chunk that CasADi's virtual machine evaluates.
 CASADI_CHUNK = 1024
-LONGEST = 40_000
+MAX_COMPILED_OPERATIONS = 40_000
 """Number of operations above which `auto` does not compile: compilers need minutes for longer programs."""
 
 
@@ -135,13 +135,9 @@ class BatchFunction:
 
 def _too_long(tape: Callable[[], Tape]) -> bool:
     try:
-        return len(tape().operations) > LONGEST
+        return len(tape().operations) > MAX_COMPILED_OPERATIONS
     except UnsupportedOperation:
         return False
-
-
-# Number of samples in a chunk of steps whose contact solver loops in Python.
-CHUNK = 4096
 
 
 @dataclass(frozen=True)
@@ -192,7 +188,7 @@ class StepFunction:
                 for target, value in zip(outputs, (x[1], lam[0], cost[None]), strict=True):
                     target[...] = value
 
-            return ChunkedEngine(run, CHUNK, self.threads)
+            return ChunkedEngine(run, PYTHON_CHUNK, self.threads)
 
         return {"c": compiled, **{name: partial(chunked, make) for name, make in KERNEL_MAKERS.items()}}
 
@@ -200,7 +196,7 @@ class StepFunction:
         """Return the steps from `x` (n, nx) under `u` (n, nu) with `p` (n, np); one row each is shared by all."""
         return self._stepped(*self._rows(x, u, p))
 
-    def slopes(self, x: Any, u: Any, p: Any | None = None) -> tuple[Steps, np.ndarray, np.ndarray]:
+    def derivatives(self, x: Any, u: Any, p: Any | None = None) -> tuple[Steps, np.ndarray, np.ndarray]:
         """Return the steps and the derivatives of x_next with respect to x (n, nx, nx) and u (n, nx, nu)."""
         arguments, n = self._rows(x, u, p)
         steps, nx = self._stepped(arguments, n), self.tapes.nx

@@ -113,12 +113,10 @@ class Gaussian:
 
         Raises `ValueError` where sigma has another length.
         """
-        deviations = np.asarray(self.sigma, dtype=np.float64)
-        if deviations.shape not in ((), (1,), (nu,)):
-            raise ValueError(
-                f"sigma has shape {deviations.shape}; expected one number or shape ({nu},), one for each input"
-            )
-        return np.array(np.broadcast_to(-deviations if self.is_negated else deviations, (nu,)))
+        sigma = np.asarray(self.sigma, dtype=np.float64)
+        if sigma.shape not in ((), (1,), (nu,)):
+            raise ValueError(f"sigma has shape {sigma.shape}; expected one number or shape ({nu},), one for each input")
+        return np.array(np.broadcast_to(-sigma if self.is_negated else sigma, (nu,)))
 
     def draw(self, n_samples: int, horizon: int, nu: int) -> np.ndarray:
         """Return the noise as an array `(n_samples, horizon, nu)`."""

@@ -150,7 +150,7 @@ class Rolling(ABC):
         self._derive = NumpyKernel(tape_of(self.tapes.derived))
         self.backend, self._engine = choose_backend(backend, self._makers(), "the rollout")
 
-    def over(self, horizon: int) -> Self:
+    def with_horizon(self, horizon: int) -> Self:
         """Return a copy with another horizon, which shares the compiled code."""
         other = copy(self)
         other.horizon = _checked_horizon(horizon)
@@ -159,7 +159,7 @@ class Rolling(ABC):
     @property
     def acting(self) -> tuple[np.ndarray, np.ndarray]:
         """Masks of the entries of noise w_t (horizon, nu), and of theta, in its shape, that can affect the cost."""
-        noise = self.tapes.cost_dependence.over(self.horizon)[0]
+        noise = self.tapes.cost_dependence.masks(self.horizon)[0]
         return noise, self.policy.acting_parameters(noise)
 
     def moments(

@@ -14,7 +14,7 @@ from dynamics.contact.step import Step
 from dynamics.systems import Signal
 
 Shapes = Sequence[tuple[int, int]]
-_KEPT = 4096
+_CACHE_SIZE = 4096
 """Maximum number of queries in the cache of values and Jacobians; a solver evaluates cost, constraints and
 derivatives at the same point one after the other."""
 
@@ -56,18 +56,18 @@ class CasadiMap:
 
     def __init__(self, model: LearnedMap) -> None:
         self.model, self.n_in, self.n_out = model, model.n_in, model.n_out
-        self._known: dict[bytes, tuple[np.ndarray, np.ndarray]] = {}
-        self._made: dict[tuple[str, int], ca.Callback] = {}
+        self._cache: dict[bytes, tuple[np.ndarray, np.ndarray]] = {}
+        self._functions: dict[tuple[str, int], ca.Callback] = {}
 
-    def slopes(self, n: int) -> ca.Function:
+    def jacobian_function(self, n: int) -> ca.Function:
         """Return the function ``z (n_in, n) -> y (n_out, n), [g'(z_1) .. g'(z_n)] (n_out, n_in n)``."""
 
         def computed(z: np.ndarray) -> list[np.ndarray]:
-            y, slopes = self.model_outputs(z)
-            return [y.T, _side_by_side(slopes)]
+            y, jacobians = self.model_outputs(z)
+            return [y.T, _side_by_side(jacobians)]
 
         output_shapes = (self.n_out, n), (self.n_out, self.n_in * n)
-        return self._function("slopes", [(self.n_in, n)], output_shapes, computed)
+        return self._function("jacobians", [(self.n_in, n)], output_shapes, computed)
 
     def curvature_function(self, n: int) -> ca.Function:
         """Return the function ``z (n_in, n), weights (n_out, n) -> [H_1 .. H_n] (n_in, n_in n)``.
@@ -75,7 +75,7 @@ class CasadiMap:
         H is the second derivative of ``weights' g``."""
         input_shapes = (self.n_in, n), (self.n_out, n)
         return self._function(
-            "bends",
+            "curvatures",
             input_shapes,
             [(self.n_in, self.n_in * n)],
             lambda z, weights: [_side_by_side(self.model.curvatures(z, weights))],
@@ -98,21 +98,21 @@ class CasadiMap:
     def _function(self, name: str, input_shapes: Shapes, *arguments: Any) -> ca.Function:
         # CasADi does not own a reference to a callback; without this table it would be garbage-collected.
         key = name, input_shapes[0][1]
-        if key not in self._made:
-            self._made[key] = _Callback(name, input_shapes, *arguments)
-        return self._made[key]
+        if key not in self._functions:
+            self._functions[key] = _Callback(name, input_shapes, *arguments)
+        return self._functions[key]
 
     def model_outputs(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return ``y`` (n, n_out) and Jacobians (n, n_out, n_in) at ``z`` (n, n_in), from the cache where possible."""
         keys = [row.tobytes() for row in z]
-        missing = [i for i, key in enumerate(keys) if key not in self._known]
-        if len(self._known) + len(missing) > _KEPT:
-            self._known.clear()
+        missing = [i for i, key in enumerate(keys) if key not in self._cache]
+        if len(self._cache) + len(missing) > _CACHE_SIZE:
+            self._cache.clear()
             missing = list(range(len(z)))
         if missing:
             new_pairs = self.model.jacobians(z[missing])
-            self._known |= {keys[i]: pair for i, pair in zip(missing, zip(*new_pairs, strict=True), strict=True)}
-        pairs = [self._known[key] for key in keys]
+            self._cache |= {keys[i]: pair for i, pair in zip(missing, zip(*new_pairs, strict=True), strict=True)}
+        pairs = [self._cache[key] for key in keys]
         return np.stack([pair[0] for pair in pairs]), np.stack([pair[1] for pair in pairs])
 
 
@@ -137,20 +137,25 @@ class _Callback(ca.Callback):
         derivative: ca.Function | None = None,
     ) -> None:
         super().__init__()
-        self.given, self.made, self.compute, self.derivative = input_shapes, output_shapes, compute, derivative
+        self.input_shapes, self.output_shapes, self.compute, self.derivative = (
+            input_shapes,
+            output_shapes,
+            compute,
+            derivative,
+        )
         self.construct(name, {})
 
     def get_n_in(self) -> int:
-        return len(self.given)
+        return len(self.input_shapes)
 
     def get_n_out(self) -> int:
-        return len(self.made)
+        return len(self.output_shapes)
 
     def get_sparsity_in(self, i: int) -> ca.Sparsity:
-        return ca.Sparsity.dense(*self.given[i])
+        return ca.Sparsity.dense(*self.input_shapes[i])
 
     def get_sparsity_out(self, i: int) -> ca.Sparsity:
-        return ca.Sparsity.dense(*self.made[i])
+        return ca.Sparsity.dense(*self.output_shapes[i])
 
     def eval(self, arg: Any) -> list[Any]:
         rows = (np.ascontiguousarray(np.array(ca.densify(value)).T) for value in arg)
@@ -160,7 +165,7 @@ class _Callback(ca.Callback):
         return self.derivative is not None
 
     def get_jacobian(self, name: str, inames: Any, onames: Any, opts: Any) -> ca.Function:
-        z, y = ca.MX.sym("z", *self.given[0]), ca.MX.sym("y", *self.made[0])
+        z, y = ca.MX.sym("z", *self.input_shapes[0]), ca.MX.sym("y", *self.output_shapes[0])
         assert self.derivative is not None
         return ca.Function(name, [z, y], [self.derivative(z)], inames, onames, opts)
 
@@ -196,20 +201,20 @@ class LearnedStep(Step):
         return ca.SX.sym("y", self.branches * self.learned.n_out)
 
     @cached_property
-    def slopes(self) -> list[ca.SX]:
+    def jacobians(self) -> list[ca.SX]:
         """Symbols of the model's Jacobian (n_out, n_in) at each branch."""
         shape = self.learned.n_out, self.learned.n_in
-        return [ca.SX.sym(f"slope_{b}", *shape) for b in range(self.branches)]
+        return [ca.SX.sym(f"jacobian_{b}", *shape) for b in range(self.branches)]
 
     @cached_property
     def model_outputs(self) -> ca.SX:
-        """Symbols of the model's outputs and Jacobians: ``inner``, followed by the columns of ``slopes``."""
-        return ca.vertcat(self.inner, *(ca.vec(slope) for slope in self.slopes))
+        """Symbols of the model's outputs and Jacobians: ``inner``, followed by the columns of ``jacobians``."""
+        return ca.vertcat(self.inner, *(ca.vec(jacobian) for jacobian in self.jacobians))
 
     def query_gradient(self, value: ca.SX) -> ca.SX:
         """Return the derivative (B n_in, 1) of a scalar with respect to the queries, through ``inner`` alone."""
         output_gradients = ca.vertsplit(ca.densify(ca.gradient(value, self.inner)), self.learned.n_out)
-        return ca.vertcat(*(s.T @ gradient for s, gradient in zip(self.slopes, output_gradients, strict=True)))
+        return ca.vertcat(*(J.T @ gradient for J, gradient in zip(self.jacobians, output_gradients, strict=True)))
 
     @cached_property
     def queries(self) -> ca.SX:
@@ -242,7 +247,7 @@ class LearnedStep(Step):
 
     def solution(self, x: ca.MX, u: ca.MX, p: ca.MX) -> tuple[ca.MX, ...]:
         """Return ``inner, x_next, lam, gap, error``, the last three without entries."""
-        query_points = ca.Function("asked", self.inputs, [ca.densify(self.queries)])(x, u, p)
+        query_points = ca.Function("queries", self.inputs, [ca.densify(self.queries)])(x, u, p)
         value = self.learned.values()
         inner = ca.vertcat(*(value(z) for z in ca.vertsplit(query_points, self.learned.n_in)))
         x_next = ca.Function("x_next_expr", [self.inner], [ca.densify(self.x_next_expr)])(inner)

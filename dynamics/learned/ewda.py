@@ -101,9 +101,9 @@ class EwdaModel:
         _, sums = self._engine.first_moments(q, slopes=True)
         mean = sums / sums[:, :1, :1]
         total, products = self._engine.second_moments(q, mean[:, 0, 1:], mean[:, 1:, 0], weights)
-        bends = products / total[:, None, None] / self.sigma**2
-        bends -= weights[:, -1, None, None] * np.eye(self.n_in)
-        return bends / (self.sigma**2 * np.outer(self.scales.scale, self.scales.scale))
+        curvatures = products / total[:, None, None] / self.sigma**2
+        curvatures -= weights[:, -1, None, None] * np.eye(self.n_in)
+        return curvatures / (self.sigma**2 * np.outer(self.scales.scale, self.scales.scale))
 
     def _values(self, q: np.ndarray, nearest: np.ndarray, sums: np.ndarray) -> np.ndarray:
         n, nz = self.z.shape

@@ -10,7 +10,7 @@ import numpy as np
 
 from dynamics.batch.engines.compiler import find_compiler, load_library
 from dynamics.batch.engines.parallel import checked_threads, on_threads
-from dynamics.learned.ewda_source import CHUNK, FAR, REGISTER, ewda_source
+from dynamics.learned.ewda_source import FAR, POINTS_PER_BOX, REGISTER, ewda_source
 
 CUTOFF = 1e-25
 """Weights below this fraction of the largest are omitted; their sum is less than its rounding error."""
@@ -141,15 +141,15 @@ class CompiledMoments:
         self._run = load_library(ewda_source(self._nz, self._ny, compiler), ["run"]).run
         self._run.restype = None
         self._threads = checked_threads(threads)
-        self._order = order_by_neighbours(points.z, CHUNK, REGISTER)
+        self._order = order_by_neighbours(points.z, POINTS_PER_BOX, REGISTER)
         rows = points.z[self._order]
-        self._n_chunks = -(-n // CHUNK)
+        self._n_chunks = -(-n // POINTS_PER_BOX)
         self._n_parts = min(_MAX_PARTS, self._n_chunks)
         self._n_boxes = -(-self._n_chunks // compiler.width) * compiler.width
-        low, high = bounding_boxes(rows, CHUNK, self._n_boxes)
+        low, high = bounding_boxes(rows, POINTS_PER_BOX, self._n_boxes)
         stored = {
-            "z": chunk_rows(rows, CHUNK, FAR),
-            "y": chunk_rows(points.y[self._order], CHUNK, 0.0),
+            "z": chunk_rows(rows, POINTS_PER_BOX, FAR),
+            "y": chunk_rows(points.y[self._order], POINTS_PER_BOX, 0.0),
             "low": low,
             "high": high,
         }
@@ -208,7 +208,7 @@ class CompiledMoments:
         }
         pointers = {name: array.ctypes.data for name, array in arrays.items()}
         job = _Job(**self._fixed, **pointers, n_queries=n, kind=kind)
-        work = n * self._n_chunks * CHUNK
+        work = n * self._n_chunks * POINTS_PER_BOX
         threads = min(self._threads, max(1, work // _PAIRS_PER_THREAD), self._n_parts)
         on_threads(threads, lambda: self._run(ctypes.byref(job)))
 

@@ -22,7 +22,7 @@ from __future__ import annotations
 from dynamics.batch.engines.c_prelude import vector_prelude
 from dynamics.batch.engines.compiler import Compiler
 
-CHUNK = 128
+POINTS_PER_BOX = 128
 """Number of points with a common bounding box; with 18 columns they fill half of a first-level cache."""
 REGISTER = 8
 """Number of points in the widest SIMD register; these are the closest neighbours within a chunk."""
@@ -267,7 +267,7 @@ def ewda_source(nz: int, ny: int, compiler: Compiler) -> str:
         _product("curved", 1 + nz, 1 + nz, edge, lower=True),
     )
     blocks = [_block(rows, cols) for rows in range(1, edge + 1) for cols in range(1, edge + 1)]
-    words = _WORDS.format(chunk=CHUNK, nz=nz, ny=ny)
+    words = _WORDS.format(chunk=POINTS_PER_BOX, nz=nz, ny=ny)
     return "".join((vector_prelude(compiler), words, _WEIGHT, _SEARCH, *blocks, *products, _MOMENTS, _RUN))
 
 

@@ -38,7 +38,7 @@ def transitions_of(dataset: xr.Dataset, path: Path) -> Transitions:
         raise ValueError(
             f"{path} holds a model of kind {kind}, not transitions; give what ocp collect wrote, or a table"
         )
-    return _made(Transitions, dataset, path)
+    return _from_dataset(Transitions, dataset, path)
 
 
 def model_of(dataset: xr.Dataset, path: Path) -> Any:
@@ -49,10 +49,10 @@ def model_of(dataset: xr.Dataset, path: Path) -> Any:
     from dynamics.learned.ewda import EwdaModel
     from dynamics.learned.mlp import MlpModel
 
-    return _made(EwdaModel if kind == EWDA else MlpModel, dataset, path)
+    return _from_dataset(EwdaModel if kind == EWDA else MlpModel, dataset, path)
 
 
-def _made(kind: Any, dataset: xr.Dataset, path: Path) -> Any:
+def _from_dataset(kind: Any, dataset: xr.Dataset, path: Path) -> Any:
     try:
         return kind.from_dataset(dataset)
     except ValueError as error:
@@ -125,14 +125,14 @@ def read_table(
     units other than the expected ones, and as :meth:`Transitions.from_arrays` does.
     """
     table = _table(path)
-    heads = _named(path, [str(head) for head in table.columns], columns or {})
+    heads = _match_columns(path, [str(head) for head in table.columns], columns or {})
     if signals is None:
-        states, inputs = _guessed(path, heads, list(columns or heads))
+        states, inputs = _infer_signals(path, heads, list(columns or heads))
     else:
         states, inputs = signals
     next_states = [Signal(f"{signal.name}{NEXT_SUFFIX}", signal.unit) for signal in states]
     x, u, x_next = (
-        _values(path, table, [_column(path, heads, signal) for signal in group])
+        _numeric_columns(path, table, [_column(path, heads, signal) for signal in group])
         for group in (states, inputs, next_states)
     )
     full_provenance = {"how": f"read from {path.name}", **(provenance or {})}
@@ -183,7 +183,7 @@ Heads = dict[str, tuple[str, str | None]]
 """Mapping from the name of a signal to the column of the table, and to its unit, None where not given."""
 
 
-def _named(path: Path, texts: list[str], columns: Mapping[str, str]) -> Heads:
+def _match_columns(path: Path, texts: list[str], columns: Mapping[str, str]) -> Heads:
     heads: Heads = {}
     for text in texts:
         name, unit = _split(text)
@@ -199,7 +199,7 @@ def _named(path: Path, texts: list[str], columns: Mapping[str, str]) -> Heads:
     return heads_by_signal
 
 
-def _guessed(path: Path, heads: Heads, names: list[str]) -> tuple[tuple[Signal, ...], tuple[Signal, ...]]:
+def _infer_signals(path: Path, heads: Heads, names: list[str]) -> tuple[tuple[Signal, ...], tuple[Signal, ...]]:
     """Return states and inputs of a table, inferred from the names of its columns."""
     states = [name for name in names if f"{name}{NEXT_SUFFIX}" in names]
     if not states:
@@ -229,7 +229,7 @@ def _column(path: Path, heads: Heads, signal: Signal) -> str:
     return column
 
 
-def _values(path: Path, table: pd.DataFrame, columns: list[str]) -> np.ndarray:
+def _numeric_columns(path: Path, table: pd.DataFrame, columns: list[str]) -> np.ndarray:
     import pandas as pd
 
     numbers = table[columns].apply(pd.to_numeric, errors="coerce").to_numpy(dtype=float)

@@ -136,7 +136,7 @@ class Experiment(Configured):
         for rollouts in compiled:
             if rollouts.horizon == horizon:
                 return rollouts
-        extended = (rollouts.over(horizon) for rollouts in compiled)
+        extended = (rollouts.with_horizon(horizon) for rollouts in compiled)
         task_rollouts = next((rollouts for rollouts in extended if rollouts is not None), None)
         if task_rollouts is None:
             task_rollouts = TaskRollouts(self.task, contact_law, self.policy, horizon, threads=self.threads)

@@ -79,7 +79,7 @@ def tracking_gains(plan: Solution, scenario: int = 0) -> Gains:
     u = all_inputs[min(scenario, len(all_inputs) - 1)]
     step, function = _smoothed_step(problem.system, SMOOTHING_MU_SHARE * sizes.mu)
     p = Evaluation(problem, plan.values).step_values(step, own=False)
-    A, B = function.slopes(x[:-1], u, p)[1:]
+    A, B = function.derivatives(x[:-1], u, p)[1:]
     if not (np.isfinite(A).all() and np.isfinite(B).all()):
         raise NotConverged(
             f"{problem.name}: a step near the plan was not solved under the barrier law, so that no"

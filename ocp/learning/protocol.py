@@ -167,7 +167,7 @@ def balancing_feedback(task: Task, rest: np.ndarray) -> tuple[np.ndarray, np.nda
     if np.shape(rest) != (task.system.nx,) or not np.isfinite(rest).all():
         raise InputError(f"rest must be {task.system.nx} finite numbers, a state of {task.name}, got {np.shape(rest)}")
     step = Barrier(mu=1e-10).close(replace(task.system, parameters=task.parameters))
-    stepped, by_x, by_u = StepFunction(step, "casadi", 1).slopes(rest[None], task.mid_range[None])
+    stepped, by_x, by_u = StepFunction(step, "casadi", 1).derivatives(rest[None], task.mid_range[None])
     change = np.abs(stepped.x_next[0] - rest).max()
     if not change < MAX_REST_CHANGE:
         raise InputError(f"{task.name} does not rest at the state given: a step moves it {change:g}")

@@ -40,13 +40,13 @@ class TaskRollouts:
         self.function = EpisodeFunction(step, episode_rewards(task, horizon), horizon, policy, **engine)
         self.parameters = self.function.parameters
 
-    def over(self, horizon: int) -> TaskRollouts | None:
+    def with_horizon(self, horizon: int) -> TaskRollouts | None:
         """Return the rollouts for another horizon without recompiling; None if only one has the final reward."""
         extended = copy(self)
         extended.horizon = horizon
         if _is_truncated(self.task, horizon) != _is_truncated(self.task, self.horizon):
             return None
-        extended.function = self.function.over(horizon)
+        extended.function = self.function.with_horizon(horizon)
         return extended
 
     def __call__(

@@ -138,7 +138,7 @@ class _ModelStep:
         observations, by_x = self.observe(x, self.p)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", BatchWarning)
-            steps, x_by_x, x_by_u = self.step_function.slopes(x, u, self.step_parameters)
+            steps, x_by_x, x_by_u = self.step_function.derivatives(x, u, self.step_parameters)
             x_next = steps.x_next + noise
             rewards, r_by_x, r_by_u, r_by_next = self.reward(x, u, x_next, self.p)
         columns = by_x.reshape(n, nx, -1).transpose(0, 2, 1)
@@ -173,7 +173,7 @@ def acting_entries(experiment: Experiment, steps: int) -> np.ndarray:
     model, task = experiment.cached(_ModelStep), experiment.task
     if steps not in model.acting:
         closed = ClosedStep(model.closed_step, episode_rewards(task, steps), experiment.policy)
-        later, arguments = closed.cost_dependence().over(steps)[1], task.rewards.sx_in()
+        later, arguments = closed.cost_dependence().masks(steps)[1], task.rewards.sx_in()
         acts_at_once = dependence_table(task.rewards(*arguments), arguments[2])
         model.acting[steps] = later[:, : task.system.nx] | acts_at_once
     return model.acting[steps]

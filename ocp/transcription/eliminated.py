@@ -104,18 +104,18 @@ class ModelOutputs(EliminatedUnknowns):
     def __post_init__(self) -> None:
         self.map, self.inner, self.symbols = (self.step.learned, self.step.inner, self.step.model_outputs)
         self.curvature_symbols = [ca.SX.sym("curvature", self.map.n_in, self.map.n_in) for _ in self.step.nodes]
-        self.asked = ca.Function("asked", [self.w, self.p], [ca.densify(self.queries)])
+        self.query_function = ca.Function("queries", [self.w, self.p], [ca.densify(self.queries)])
         w, p = ca.MX.sym("w", self.w.numel()), ca.MX.sym("p", self.p.numel())
         self.solve = ca.Function("evaluate", [w, p], [self.values(w, p, 1)], ["w", "p"], ["y"])
 
     def _queries(self, w: ca.MX, p: ca.MX, copies: int) -> ca.MX:
-        query_values = self.asked.map("asked_map", "serial", copies, [1], [])(w, p)
+        query_values = self.query_function.map("queries_map", "serial", copies, [1], [])(w, p)
         return ca.reshape(query_values, self.map.n_in, -1)
 
     def values(self, w: ca.MX, p: ca.MX, copies: int) -> ca.MX:
         """Return values of ``symbols`` for all copies, evaluated in one batch."""
-        y, slopes = self.map.slopes(len(self.curvature_symbols) * copies)(self._queries(w, p, copies))
-        return ca.vertcat(ca.reshape(y, -1, copies), ca.reshape(slopes, -1, copies))
+        y, jacobians = self.map.jacobian_function(len(self.curvature_symbols) * copies)(self._queries(w, p, copies))
+        return ca.vertcat(ca.reshape(y, -1, copies), ca.reshape(jacobians, -1, copies))
 
     @cached_property
     def _by_w(self) -> list[ca.SX]:
@@ -123,8 +123,8 @@ class ModelOutputs(EliminatedUnknowns):
 
     def sensitivity(self, w: ca.SX) -> ca.SX:
         """Return ``g'(z_b) dz_b/dw`` of all branches b, stacked."""
-        branch_slopes = zip(self.step.slopes, self._by_w, strict=True)
-        return ca.vertcat(*(slope @ by_w for slope, by_w in branch_slopes))
+        branch_jacobians = zip(self.step.jacobians, self._by_w, strict=True)
+        return ca.vertcat(*(J @ by_w for J, by_w in branch_jacobians))
 
     def total_hessian(self, lagrangian: ca.SX, w: ca.SX) -> ca.SX:
         """Return ``[I; Y]' grad² L [I; Y] + sum_b (dz_b/dw)' H_b dz_b/dw + grad²(a' z)``.

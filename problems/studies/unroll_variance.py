@@ -126,7 +126,7 @@ def _visited(experiment: Experiment, trained: Trained, params: Params, stage: in
 
 def _lipschitz(experiment: Experiment, step: StepFunction, trained: Trained, x: np.ndarray) -> float:
     """Return the largest spectral norm of the step's slopes [A B] at states x under the policy."""
-    steps, by_x, by_u = step.slopes(x, experiment.inputs(trained, x))
+    steps, by_x, by_u = step.derivatives(x, experiment.inputs(trained, x))
     is_finite = np.isfinite(steps.x_next).all(axis=1)
     step_slopes = np.concatenate([by_x[is_finite], by_u[is_finite]], axis=2)
     return float(np.linalg.norm(step_slopes, ord=2, axis=(1, 2)).max())

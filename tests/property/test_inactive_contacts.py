@@ -88,7 +88,7 @@ def test_a_step_without_contact_has_the_derivative_of_free_motion(name, backend)
     results = [ca.jacobian(free, w) for w in arguments]
     slopes = ca.Function("free", [*arguments, system.parameters.vector], results)
     expected = slopes(x, u, step.p.values)
-    _, *found = StepFunction(step, backend, threads=1).slopes(x, u)
+    _, *found = StepFunction(step, backend, threads=1).derivatives(x, u)
     for one, other in zip(found, expected, strict=True):
         one, other = one[0], np.array(other)
         assert np.allclose(one, other, rtol=0, atol=1e-12 * (1 + np.abs(other).max()))
@@ -125,7 +125,7 @@ def test_at_contact_the_derivative_is_that_of_the_active_set(name):
     rng, n = np.random.default_rng(3), 80
     x = apart(name)[0] + 0.05 * rng.normal(size=(n, system.nx))
     u = x[:, -system.nu :] + 0.2 * rng.normal(size=(n, system.nu))
-    steps, by_x, by_u = StepFunction(step, "numpy", threads=1).slopes(x, u)
+    steps, by_x, by_u = StepFunction(step, "numpy", threads=1).derivatives(x, u)
     tried = 0
     for k, (after, lam) in enumerate(zip(steps.x_next, steps.lam, strict=True)):
         gap, by_unknown, by_given = (np.array(v) for v in linear(x[k], u[k], after, lam, p))

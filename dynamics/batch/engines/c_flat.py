@@ -15,14 +15,14 @@ from dynamics.batch.engines.parallel import run_chunks
 from dynamics.batch.graphs.tape import Tape
 
 # Number of samples that a thread takes at once.
-CHUNK = 1024
+THREAD_CHUNK = 1024
 # SIMD registers of samples that a kernel works on at once: a graph unrolled over time is one chain of
 # dependent operations, and several such chains keep the processor busy.
 ABREAST = 4
 # The same for long graphs, whose compilation would take too long.
-ABREAST_LONG = 2
+ABREAST_IN_LONG_GRAPHS = 2
 # Number of operations above which a graph counts as long.
-LONG = 2500
+LONG_GRAPH = 2500
 # Operations of one C function; its text is `ABREAST` times as long, so this is less than elsewhere.
 PART = 500
 
@@ -97,7 +97,7 @@ class CompiledEngine:
         """Fill `outputs` for all n samples; return the number of samples that are not finite."""
         shared = np.array([a.shape[0] == 1 and n != 1 for a in inputs] + [False], dtype=np.int64)
         arguments = data_addresses(inputs), shared.ctypes.data, data_addresses(outputs)
-        return run_chunks(self._run, n, CHUNK, self.threads, *arguments)
+        return run_chunks(self._run, n, THREAD_CHUNK, self.threads, *arguments)
 
 
 def data_addresses(arrays: list[np.ndarray]) -> ctypes.Array[ctypes.c_void_p]:
@@ -107,7 +107,7 @@ def data_addresses(arrays: list[np.ndarray]) -> ctypes.Array[ctypes.c_void_p]:
 
 def batch_source(tape: Tape, block: int, machine: Compiler) -> str:
     """Return the C text that evaluates a tape on this machine, in blocks of about `block` samples."""
-    abreast = ABREAST if len(tape.operations) <= LONG else ABREAST_LONG
+    abreast = ABREAST if len(tape.operations) <= LONG_GRAPH else ABREAST_IN_LONG_GRAPHS
     layout = RegisterLayout(("U",) * len(tape.input_sizes), ("U",) * len(tape.output_sizes), abreast)
     registers = abreast * max(1, block // (abreast * machine.width))
     return (

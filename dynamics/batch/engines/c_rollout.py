@@ -152,13 +152,13 @@ static void scores(const job *q, const memory *a, i64 n, i64 live) {
 """
 
 # Strides of (x, theta, w, p) between entries in the block's memory: U, or 1 where samples share them.
-_GIVEN = ("U", "ts", "U", "PS")
-_STRIDES = {
-    "step": (_GIVEN, ("U", "U", "A")),
-    "opening": (_GIVEN, ("A", "A")),
-    "closing": ((*_GIVEN, "A"), ("U", "U", "A")),
+_ROLLOUT_INPUTS = ("U", "ts", "U", "PS")
+_ROLLOUT_STRIDES = {
+    "step": (_ROLLOUT_INPUTS, ("U", "U", "A")),
+    "opening": (_ROLLOUT_INPUTS, ("A", "A")),
+    "closing": ((*_ROLLOUT_INPUTS, "A"), ("U", "U", "A")),
     "warm": (("U", "A"), ("PA",)),
-    "adjoint": ((*_GIVEN, "U", "U"), ("A", "A")),
+    "adjoint": ((*_ROLLOUT_INPUTS, "U", "U"), ("A", "A")),
     "score": (("U", "ts", "A"), ("A",)),
     "terminal": (("U", "PS"), ("A",)),
     "terminal_adjoint": (("U", "PS"), ("U",)),
@@ -296,9 +296,9 @@ def rollout_source(
         functions |= {"observe": layers.observe, "observe_adjoint": layers.observe_adjoint}
     length, abreast, registers = c_steps.side_by_side(functions, block, machine)
     constants = {
-        "EACH": "UNROLL" if length <= c_steps.UNROLLED else "",
+        "EACH": "UNROLL" if length <= c_steps.MAX_UNROLLED_OPERATIONS else "",
         # Long graphs skip the unused registers of the last block.
-        "LIVE": "U" if length <= c_steps.UNROLLED else "live",
+        "LIVE": "U" if length <= c_steps.MAX_UNROLLED_OPERATIONS else "live",
         "U": registers,
         "PS": "U" if own_p else "1",
         "GT": tapes.n_theta if layers is None else layers.n_weights,
@@ -310,7 +310,7 @@ def rollout_source(
         (
             vector_prelude(machine),
             c_steps.step_constants(tapes, abreast, constants),
-            *c_steps.step_kernels(tapes, functions, abreast, _STRIDES),
+            *c_steps.step_kernels(tapes, functions, abreast, _ROLLOUT_STRIDES),
             c_steps.one_step(tapes, with_ts=True, warm=True),
             c_random.normals_source(),
             _JOB,

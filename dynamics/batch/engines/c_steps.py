@@ -18,18 +18,18 @@ from dynamics.contact.path import ARRIVED
 
 # Maximum number of operations for which the loop over the registers of a block is unrolled; longer
 # code would exceed the CPU's registers and compile slowly.
-UNROLLED = 200
+MAX_UNROLLED_OPERATIONS = 200
 # Maximum number of operations for which a kernel works on two registers at once, which doubles the text.
-LONG = 6000
+MAX_ABREAST_OPERATIONS = 6000
 _PATH_GRAPHS = ("path", "followed")
-_GIVEN = ("U",) * 4
-_STRIDES = {
-    "step": (_GIVEN, ("U",) * 3),
-    "opening": (_GIVEN, ("A", "A")),
-    "closing": ((*_GIVEN, "A"), ("U",) * 3),
+_STEP_INPUTS = ("U",) * 4
+_STEP_STRIDES = {
+    "step": (_STEP_INPUTS, ("U",) * 3),
+    "opening": (_STEP_INPUTS, ("A", "A")),
+    "closing": ((*_STEP_INPUTS, "A"), ("U",) * 3),
 }
 # Strides of kernels whose inputs and outputs are local to one step: A or PA registers side by side.
-_OWN = {
+_LOCAL_STRIDES = {
     "newton": (("A", "A"), ("A", "A")),
     "settled": (("A", "A"), ("A",)),
     "further": (("PA", "A"), ("PA",)),
@@ -182,7 +182,7 @@ def step_source(tapes: RolloutTapes, block: int, machine: Compiler) -> str:
         (
             vector_prelude(machine),
             step_constants(tapes, abreast, {"U": registers}),
-            *step_kernels(tapes, functions, abreast, _STRIDES),
+            *step_kernels(tapes, functions, abreast, _STEP_STRIDES),
             one_step(tapes, with_ts=False),
             "#define kernel one_step\n",
             batch_driver((tapes.nx, tapes.n_theta, tapes.nu, tapes.np), (tapes.nx, tapes.nlam, 1)),
@@ -193,7 +193,7 @@ def step_source(tapes: RolloutTapes, block: int, machine: Compiler) -> str:
 def side_by_side(functions: Mapping[str, ca.Function], block: int, machine: Compiler) -> tuple[int, int, int]:
     """Return the number of operations of all graphs, of registers in a kernel, and of registers in a block."""
     length = sum(fn.n_instructions() for fn in functions.values())
-    abreast = 2 if UNROLLED < length <= LONG else 1
+    abreast = 2 if MAX_UNROLLED_OPERATIONS < length <= MAX_ABREAST_OPERATIONS else 1
     return length, abreast, abreast * max(1, block // (abreast * machine.width))
 
 
@@ -220,7 +220,7 @@ def step_kernels(
 ) -> Iterator[str]:
     """Yield the C text of each graph's kernel; `strides` maps its name to strides of inputs and outputs."""
     for name, fn in functions.items():
-        inputs, outputs = (strides | _OWN if abreast > 1 else strides).get(name, ((), ()))
+        inputs, outputs = (strides | _LOCAL_STRIDES if abreast > 1 else strides).get(name, ((), ()))
         registers = _path_abreast(tapes, abreast) if name in _PATH_GRAPHS else abreast
         layout = RegisterLayout(inputs, outputs, registers, name == "path")
         yield c_source.kernel_source(share_reciprocals(tape_of(fn)), name, layout)

@@ -15,6 +15,9 @@ from dynamics.contact.path import ARRIVED
 
 Array = np.ndarray
 
+PYTHON_CHUNK = 4096
+"""Number of samples in a chunk of long graphs whose loops run in Python."""
+
 
 class ChunkSolver:
     """Solver for the contact multipliers of one step, branch by branch, with the same loops as the C code."""
@@ -102,7 +105,7 @@ class ChunkNetwork:
         """Return the mean actions (n_a, m) at states x (nx, m)."""
         return self._values(theta, x, p)[-1]
 
-    def pulled_back(self, theta: Array, x: Array, p: Array, abar: Array, total: Array) -> Array:
+    def backpropagate(self, theta: Array, x: Array, p: Array, abar: Array, total: Array) -> Array:
         """Add `D_theta a' abar` to `total` (n_weights, m), and return `D_x a' abar` (nx, m)."""
         values, adjoint = self._values(theta, x, p), abar
         for k, (weights, offsets, shape) in reversed(list(enumerate(self._places))):
@@ -249,7 +252,7 @@ class ChunkRollout:
             arguments = [x[t], self._theta(theta, x[t], p, t), w[t], p, lam[t], xbar]
             self.adjoint.run(arguments, [xbar_before, gradient[t] if per_step else theta_bar])
             if self.network is not None:
-                xbar_before += self.network.pulled_back(theta[0], x[t], p, theta_bar, gradient[0])
+                xbar_before += self.network.backpropagate(theta[0], x[t], p, theta_bar, gradient[0])
             elif not per_step:
                 gradient[0] += theta_bar
             xbar, xbar_before = xbar_before, xbar
@@ -261,6 +264,6 @@ class ChunkRollout:
         for t in range(len(w)):
             self.score.run([x[t], self._theta(theta, x[t], p, t), w[t]], [theta_bar])
             if self.network is not None:
-                self.network.pulled_back(theta[0], x[t], p, theta_bar, score[0])
+                self.network.backpropagate(theta[0], x[t], p, theta_bar, score[0])
             else:
                 score[min(t, len(score) - 1)] += theta_bar

@@ -12,7 +12,7 @@ import numpy as np
 
 from dynamics.batch.arguments import NonFinite, non_finite_rows
 from dynamics.batch.engines import c_rollout, compiler
-from dynamics.batch.engines.chunk_rollout import ChunkRollout
+from dynamics.batch.engines.chunk_rollout import PYTHON_CHUNK, ChunkRollout
 from dynamics.batch.engines.kernels import Kernel
 from dynamics.batch.engines.parallel import copy_transposed, over_chunks, run_chunks
 from dynamics.batch.graphs.step_graphs import RolloutTapes
@@ -130,9 +130,9 @@ class CompiledRolloutEngine:
 
     def __init__(self, tapes: RolloutTapes, threads: int, block: int) -> None:
         self._tapes, self._threads, self._block = tapes, threads, block
-        self._runs = {(False, False): self._made(False, False)}
+        self._runs = {(False, False): self._compile(False, False)}
 
-    def _made(self, per_sample_p: bool, per_sample_theta: bool) -> Any:
+    def _compile(self, per_sample_p: bool, per_sample_theta: bool) -> Any:
         machine = compiler.find_compiler()
         text = c_rollout.rollout_source(self._tapes, self._block, machine, per_sample_p, per_sample_theta)
         run = compiler.load_library(text, ["run"]).run
@@ -156,7 +156,7 @@ class CompiledRolloutEngine:
         job, _kept_alive = self._job(q, want, results)
         per_sample = len(q.p) > 1, self._tapes.layers is not None and len(q.theta) > 1
         if per_sample not in self._runs:
-            self._runs[per_sample] = self._made(*per_sample)
+            self._runs[per_sample] = self._compile(*per_sample)
         chunk = self.chunk if want & 4 else self._share(q.n)
         return run_chunks(self._runs[per_sample], q.n, chunk, self._threads, ctypes.addressof(job))
 
@@ -198,8 +198,10 @@ class CompiledRolloutEngine:
         return job, arrays
 
 
-# Number of operations of the adjoint graph below which chunks may be larger.
+# Number of operations of the adjoint graph below which chunks are larger.
 _SHORT_GRAPH = 300
+# Number of samples in a chunk of rollouts of short graphs.
+_SHORT_GRAPH_CHUNK = 16384
 
 
 class ChunkEngine:
@@ -211,7 +213,7 @@ class ChunkEngine:
 
     def __init__(self, tapes: RolloutTapes, threads: int, make: Callable[[ca.Function], Kernel]) -> None:
         self._tapes, self._threads = tapes, threads
-        self.chunk = 16384 if tapes.adjoint.n_instructions() < _SHORT_GRAPH else 4096
+        self.chunk = _SHORT_GRAPH_CHUNK if tapes.adjoint.n_instructions() < _SHORT_GRAPH else PYTHON_CHUNK
         self._rollout = ChunkRollout(tapes, make)
 
     def samples(self, q: RolloutRequest, results: RolloutArrays) -> int:

@@ -34,7 +34,7 @@ class CostDependence:
     at_end: np.ndarray
     gates: np.ndarray
 
-    def over(self, horizon: int) -> tuple[np.ndarray, np.ndarray]:
+    def masks(self, horizon: int) -> tuple[np.ndarray, np.ndarray]:
         """Return masks of w_t (horizon, nu) and x_{t+1} (horizon, nx) that affect the cost of a rollout."""
         noise_reaches, state_reaches = [], [self.at_end]
         for _ in range(horizon):
@@ -52,7 +52,7 @@ def cost_dependence(outputs: ca.SX, terminal: ca.SX, x: ca.SX, w: ca.SX) -> Cost
     by_x, by_w = dependence_table(outputs, x), dependence_table(outputs, w)
     nx = x.numel()
     noise_ways = CostDependence(by_x, by_w, dependence_table(terminal, x)[0], np.zeros((w.numel(), nx), dtype=bool))
-    noise_reaches, state_reaches = noise_ways.over(nx + 1)
+    noise_reaches, state_reaches = noise_ways.masks(nx + 1)
     is_noiseless = ~by_w[:-1].any(axis=1)
     for _ in range(nx):
         is_noiseless &= ~by_x[:-1, ~is_noiseless].any(axis=1)

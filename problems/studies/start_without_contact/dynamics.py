@@ -54,7 +54,7 @@ class Bundle:
         """Return the mean next state (n, nx) and the mean derivative (n, nx, nz)."""
         noise = self.width * self._rng.standard_normal((len(z), self.samples // 2, self.n_in))
         z_noised = (z[:, None] + np.concatenate([noise, -noise], axis=1)).reshape(-1, self.n_in)
-        steps, *derivatives = self._f.slopes(z_noised[:, : self.n_out], z_noised[:, self.n_out :])
+        steps, *derivatives = self._f.derivatives(z_noised[:, : self.n_out], z_noised[:, self.n_out :])
         shape = len(z), -1, self.n_out
         slopes = np.concatenate(derivatives, axis=2).reshape(*shape, self.n_in)
         return np.nanmean(steps.x_next.reshape(shape), axis=1), np.nanmean(slopes, axis=1)

@@ -219,7 +219,7 @@ def test_a_gradient_along_given_states(backend):
         bar = np.zeros(made.nx)
         bar[0] = X[-1, 0] * DISCOUNT**HORIZON * whole
         for t in reversed(range(H)):
-            steps, A, B = slopes.slopes(X[t][None], U[i, t][None])
+            steps, A, B = slopes.derivatives(X[t][None], U[i, t][None])
             by_x, by_u, by_after = (np.array(g).ravel() for g in of_reward(X[t], U[i, t], steps.x_next[0], p))
             through = bar + DISCOUNT**t * by_after
             total += (B[0].T @ through + DISCOUNT**t * by_u) * by_theta[i, t]
@@ -273,7 +273,7 @@ def test_bad_input_is_told():
 def test_another_horizon_is_that_horizon(backend):
     f = rolled("inner loop", "network", backend)
     call = given(f) | {"gradient": True, "states": True}
-    short = f.over(3)(**{**call, "noise": call["noise"][:, :3]})
+    short = f.with_horizon(3)(**{**call, "noise": call["noise"][:, :3]})
     again = f(**call)
     made = EpisodeFunction(
         Barrier(mu=1e-3).close(four_contacts()),
@@ -287,7 +287,7 @@ def test_another_horizon_is_that_horizon(backend):
         np.testing.assert_array_equal(getattr(short, name), getattr(wanted, name))
     assert again.trail.shape[1] == HORIZON + 1
     with pytest.raises(ValueError, match="horizon must be a whole number"):
-        f.over(0)
+        f.with_horizon(0)
 
 
 @pytest.mark.parametrize("backend", BACKENDS)

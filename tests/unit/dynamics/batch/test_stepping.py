@@ -80,7 +80,7 @@ def test_slopes_are_those_of_differences(name: str, backend: str) -> None:
     step, e = get(name).exact_step, 1e-6
     x, u = samples(name, 100)
     f = StepFunction(step, backend)
-    steps, by_x, by_u = f.slopes(x, u)
+    steps, by_x, by_u = f.derivatives(x, u)
     assert np.array_equal(steps.x_next, f(x, u).x_next)
     for array, slopes in ((x, by_x), (u, by_u)):
         for i, moved in enumerate(e * np.eye(array.shape[1])):

@@ -48,7 +48,7 @@ def test_linearised_steps_are_those_of_the_implicit_function(name: str, seed: in
     _, lin = made.linearised(plan)
     step = StepFunction(model.step, threads=1)
     own = made.p[0, model.of_step]
-    _, by_x, by_u = step.slopes(plan.x[:-1], plan.u, own)
+    _, by_x, by_u = step.derivatives(plan.x[:-1], plan.u, own)
     lam, gap = (side / size for side, size in zip((plan.lam, plan.gap), model.sizes, strict=True))
     strict = (np.maximum(lam, gap) > 1e-3).all(axis=1)
     assert strict.any(), "draws with decided contacts"
