@@ -6,7 +6,7 @@ READY := $(VENV)/.ready
 # Tests start many processes: each reads the bytecode that the first one wrote.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: setup demo check test tests test-cpus test-slow test-attack bench bench-solve bench-solvers bench-laws bench-mpcc bench-random bench-world bench-found bench-mpc bench-robots lint gallery claims docs generated notebooks numbers verdicts refined promises
+.PHONY: setup demo check test tests test-cpus test-slow test-attack bench bench-solve bench-solvers bench-laws bench-survives bench-mpcc bench-random bench-world bench-found bench-mpc bench-robots lint gallery claims docs generated notebooks numbers verdicts refined promises
 
 setup: $(READY)
 
@@ -73,6 +73,12 @@ bench-solvers: setup
 # what the referee makes of the plans, and rewrites the table of the site.
 bench-laws: setup
 	$(BIN)/python -m tests.benchmarks.ocp.default_law $(PROBLEMS)
+
+# Solves every named problem until it survives the referee, each command within LIMIT seconds of
+# processor time, and rewrites the table of the site; PROBLEMS="hopper push-1d" does some of them.
+LIMIT ?= 900
+bench-survives: setup
+	$(BIN)/python -m tests.benchmarks.ocp.survives --limit $(LIMIT) $(PROBLEMS)
 
 # Solves the AMPL .nl files of complementarity problems under DIR, with reference.csv beside them,
 # against a plain Scholtes loop; CHECK=--cross-check tries to disprove the certificates.

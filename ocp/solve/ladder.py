@@ -10,6 +10,7 @@ import logging
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,8 @@ import numpy as np
 from dynamics.contact import Exact, Step
 from ocp.errors import InputError, NotConverged, choose, interruptible
 from ocp.judge.disturbances import disturbed_survival
-from ocp.judge.referee import Referee, RefereeReport, outcome_findings, referee_plan, referee_replay
+from ocp.judge.policy_referee import policy_report
+from ocp.judge.referee import Referee, referee_replay
 from ocp.judge.route_report import DisturbedSurvival, Ladder, Rung, StageRecord
 from ocp.problem.evaluation import Evaluation
 from ocp.problem.problem import Problem
@@ -41,6 +43,8 @@ LEAST_WORK = 2000
 """Least number of iterations that the rungs may take."""
 TRACKING = (0.0, 1.0, 100.0)
 """Weights of deviations from the plan for which gains are tried (:class:`~ocp.mpc.plan_policies.PlanRegulator`)."""
+SMOOTHING = (0.0, 1e-3, 0.1)
+"""Smoothings of the contact for which gains are tried, in characteristic impulses times gaps."""
 DEARER_SHARE = 1e-3
 """Share of a cost from which a rung counts as dearer than the plan at its own step size."""
 
@@ -148,16 +152,20 @@ class SurvivalLadder:
 
         if self.first.problem.scenarios.n > 1 or self.first.gains is not None:
             raise InputError("gains follow a single plan of open-loop inputs")
-        if self.plans[0] is self.first and not isinstance(self.session.law, Exact):
+        plans = self.plans if self.plans[0] is self.first else [self.first, *self.plans]
+        if not isinstance(self.session.law, Exact):
+            plans = [plan for plan in plans if plan is not self.first]
+        if not plans:
             raise InputError("gains follow a plan under the exact law")
-        for solution in self.plans:
+        for solution in plans:
             evaluation, plan = self._plan(solution)
             regulator = PlanRegulator(evaluation, plan)
-            candidates = [regulator.gains(tracking) for tracking in TRACKING]
+            candidates = [regulator.gains(*weights) for weights in product(TRACKING, SMOOTHING)]
             outcomes = [referee_replay(evaluation, gains, plan.x[:, 0]) for gains in candidates]
             best = min(range(len(outcomes)), key=lambda i: _order_of_outcome(outcomes[i]))
-            steps = "" if solution is self.plans[0] else f" at {solution.problem.N} steps"
-            self._add(f"gains{steps}", with_gains(solution, candidates[best]), iterations=0)
+            steps = f" at {solution.problem.N} steps" if solution.problem.N > self.first.problem.N else ""
+            along = " along the sharper plan" if solution.route.sharpest and not steps else ""
+            self._add(f"gains{along}{steps}", with_gains(solution, candidates[best], outcomes[best]), iterations=0)
             if self.answers[-1].referee.survives:
                 return
 
@@ -171,7 +179,9 @@ class SurvivalLadder:
         evaluation, plan = self._plan(solution)
         policy = ControllerPolicy(evaluation)
         outcome = referee_replay(evaluation, policy, plan.x[:, 0])
-        report = policy_report(evaluation, plan, outcome)
+        if policy.samples == policy.kept:
+            raise NotConverged(f"the controller made no plan of its own: {policy.note or 'no sample was answered'}")
+        report = policy_report(evaluation, plan, outcome, solution.referee)
         answer = replace(solution, referee=report, data=_with_replay(solution, outcome.replay))
         self._add("a controller", answer, outcome, iterations=0)
         self.policies[len(self.rungs) - 1] = policy
@@ -277,40 +287,15 @@ def _has_sharper_model(problem: Problem) -> bool:
         return False
 
 
-def with_gains(solution: Solution, gains: Gains) -> Solution:
-    """Return a solution whose policy are gains, refereed again."""
+def with_gains(solution: Solution, gains: Gains, outcome: Referee) -> Solution:
+    """Return a solution whose policy are gains, with what the referee says of their replay."""
     evaluation, plan = plan_of(solution, solution.problem.exact_step)
-    report, outcome = referee_plan(evaluation, solution.problem.exact_step, plan, gains)
+    report = policy_report(evaluation, plan, outcome, solution.referee)
     data = _with_replay(solution, outcome.replay).assign(
         K=(("interval", "control", "state"), gains.K, {"units": "1"}),
         k=(("interval", "control"), gains.k, {"units": "1"}),
     )
     return replace(solution, gains=gains, referee=report, data=data)
-
-
-def policy_report(evaluation: Evaluation, plan: Rollout, outcome: Referee) -> RefereeReport:
-    """Referee a policy that does not follow the plan: by its outcome alone, at h and at h/4."""
-    if outcome.failed is None:
-        findings = outcome_findings(evaluation, plan, outcome.replay)
-        reasons = [finding.sentence for finding in findings]
-    else:
-        reasons = [outcome.failed.brief]
-    refined_reasons = (
-        []
-        if outcome.refined is None
-        else [finding.sentence for finding in outcome_findings(evaluation, plan, outcome.refined)]
-    )
-    return RefereeReport(
-        cost=outcome.cost,
-        gap=float(np.abs(outcome.replay.x - plan.x).max()),
-        survives=not (reasons or refined_reasons),
-        survives_at_h=not reasons,
-        reasons=reasons,
-        refined_reasons=refined_reasons,
-        note=outcome.note or "",
-        refined_cost=outcome.refined_cost,
-        refined_note=outcome.refined_note,
-    )
 
 
 def plan_of(solution: Solution, step: Step) -> tuple[Evaluation, Rollout]:

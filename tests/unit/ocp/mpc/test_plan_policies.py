@@ -46,7 +46,7 @@ def test_steps_of_a_plan_in_contact_have_the_derivatives_of_differences(name: st
     """Of steps in which no contact is at the edge of another active set, impacts included."""
     solution = solve(name, "exact", effort="quick")
     evaluation, plan = rolled(solution)
-    lin, step = PlanRegulator(evaluation, plan).linearised, solution.problem.exact_step
+    lin, step = PlanRegulator(evaluation, plan).linearised(), solution.problem.exact_step
     p, scales = evaluation.step_values(step), solution.problem.scales
     active = 0
     for k in range(solution.problem.N):
