@@ -57,7 +57,7 @@ class ActiveSets:
             closed[:, contact.slip] = True
         return closed
 
-    def exchanged(self, closed: np.ndarray, pairs: np.ndarray) -> np.ndarray:
+    def exchange(self, closed: np.ndarray, pairs: np.ndarray) -> np.ndarray:
         """Return the active set ``closed`` with the sides of the pairs in the mask ``pairs`` (N, n) exchanged.
 
         Of a contact that opens, one of the two friction forces stays closed.

@@ -35,7 +35,7 @@ from ocp.validation import Count, Positive, validated
 class Command:
     """A controller's answer to one sample: the input ``u`` (nu,), the plan that it is from, and a status.
 
-    ``status`` is ``solved``, ``plan before`` (no step improved on the shifted plan), ``kept`` (no new plan could be
+    ``status`` is ``solved``, ``not improved`` (no step improved on the shifted plan), ``kept`` (no new plan could be
     computed; the shifted one is used again) or ``late`` (the deadline was missed and the shifted plan's input is
     used). ``note`` describes anything unusual in sentences. ``seconds`` is the computing time of the sample,
     preparation and feedback. ``merit`` is the plan's cost plus the penalty of violated constraints.

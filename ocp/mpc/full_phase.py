@@ -36,26 +36,26 @@ class Full(Phase):
 
     def feedback(self, sample: Sample) -> Answer:
         """Solve from the shifted solution; if that fails, improve the shifted plan."""
-        answer = self._softened(sample) if self.violated else None
+        answer = self._solve_softened(sample) if self.violated else None
         if answer is None or not answer.violated:
-            solved = self._solved(sample)
+            solved = self._solve(sample)
             unsolved = isinstance(solved, str)
-            answer = answer or self._softened(sample, solved) if unsolved else solved
+            answer = answer or self._solve_softened(sample, solved) if unsolved else solved
         self.violated = answer.violated
         return answer
 
-    def _softened(self, sample: Sample, reason: str = "") -> Answer:
+    def _solve_softened(self, sample: Sample, reason: str = "") -> Answer:
         self.softer.prepare(self.plan, sample)
         answer = self.softer.feedback(sample)
         return replace(answer, note="; ".join(filter(None, (reason, answer.note))))
 
-    def _solved(self, sample: Sample) -> Answer | str:
+    def _solve(self, sample: Sample) -> Answer | str:
         """Return the answer with hard constraints, or a sentence that says why the solve failed."""
         session, p = self.session, sample.p
         varying = [n for i, n in enumerate(self.model.names) if np.ptp(p[:, i]) > 0]
         session.values |= dict(zip(self.model.names, p[0], strict=True))
         try:
-            result = session.solve(self._shifted())
+            result = session.solve(self._shift_solution())
         except InputError as error:
             return str(error)
         nlp = result.nlp
@@ -68,19 +68,19 @@ class Full(Phase):
         merit = self.model.merits(plan.x[None], plan.u[None], plan.lam[None], sample.u_before, p)[0][0]
         return Answer(plan.u[0], plan, "solved", note, float(merit))
 
-    def _shifted(self) -> Point:
+    def _shift_solution(self) -> Point:
         """Return the last solution shifted by one step; unshifted at the first sample."""
         if self.is_first:
             self.is_first = False
             return self.point
         variables, constraints, point = self.nlp.variables, self.nlp.constraints, self.point
-        x = shifted(variables, point.x)
+        x = shift_one_step(variables, point.x)
         assert x is not None
-        self.point = Point(x, shifted(variables, point.lam_x), shifted(constraints, point.lam_g))
+        self.point = Point(x, shift_one_step(variables, point.lam_x), shift_one_step(constraints, point.lam_g))
         return self.point
 
 
-def shifted(layout: Layout, vector: np.ndarray | None) -> np.ndarray | None:
+def shift_one_step(layout: Layout, vector: np.ndarray | None) -> np.ndarray | None:
     """Return a program's vector shifted by one step, with the last step repeated; None for None."""
     if vector is None:
         return None

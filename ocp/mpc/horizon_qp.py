@@ -137,8 +137,8 @@ class HorizonQP:
     def _gradient(self, lin: Linearised, dx0: np.ndarray, cost: float, penalty: float) -> np.ndarray:
         g = lin.gradient / cost
         g[0] += lin.hessian[0][:, : self.model.nx] @ dx0 / cost
-        keep, c = self.w >= 0, np.zeros(self.size)
-        np.add.at(c, self.w[keep], g[keep])
+        is_variable, c = self.w >= 0, np.zeros(self.size)
+        np.add.at(c, self.w[is_variable], g[is_variable])
         c[self.x_next[-1]] += lin.end[0] / cost
         c[self.s] += penalty
         return c

@@ -165,7 +165,7 @@ class NewtonPhase(Phase):
         if not np.isfinite(merit):
             return self._keep_plan(sample, "no candidate could be rolled out under the law")
         self.gain = K[1, -1]
-        status = "kept" if not proposals else "solved" if index > 1 else "plan before"
+        status = "kept" if not proposals else "solved" if index > 1 else "not improved"
         notes = [*filter(None, [note]), *(f"the plan violates {constraint.name}" for constraint in violated)]
         return Answer(best_plan.u[0], best_plan, status, "; ".join(notes), merit, bool(violated))
 
@@ -177,7 +177,7 @@ class NewtonPhase(Phase):
 
     def _keep_plan(self, sample: Sample, reason: str) -> Answer:
         u = np.clip(self.plan.u[0], *sample.bounds)
-        return Answer(u, self.plan, "kept", f"{reason}; the plan before goes on")
+        return Answer(u, self.plan, "kept", f"{reason}; the previous plan is used")
 
     def _candidates(self, plan: Plan, proposals: list[Proposal], lin: Linearised) -> tuple[np.ndarray, np.ndarray]:
         """Return gains K (S, N, nu, nx) and k (S, N, nu) of S candidates, first of the plan without and with K."""

@@ -85,9 +85,9 @@ class PhaseEntry:
 PHASES = {
     entry.name: entry
     for entry in (
-        PhaseEntry("full", "solve the whole problem, warm from the solution before", None, _full),
+        PhaseEntry("full", "solve the whole problem, warm-started from the last solution", None, _full),
         PhaseEntry("qpcc", "one quadratic program, active set exchanged by multipliers", True, _newton(QPCC)),
-        PhaseEntry("qp", "one quadratic program, active set of the plan before", True, _newton(FixedActiveSet)),
+        PhaseEntry("qp", "one quadratic program, active set of the last plan", True, _newton(FixedActiveSet)),
         PhaseEntry("relaxed", "one Newton step on a smoothed law", False, _newton(Relaxed)),
         PhaseEntry(
             "policy",

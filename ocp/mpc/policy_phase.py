@@ -32,6 +32,6 @@ class FixedPolicy(Phase):
         u = numbers("the policy's input", u, (self.nu,))
         self.count += 1
         if not np.isfinite(u).all():
-            note = "the policy's input is not finite; the input before goes on"
+            note = "the policy's input is not finite; the previous input is used"
             return Answer(np.clip(sample.u_before, *sample.bounds), None, "kept", note)
         return Answer(np.clip(u, *sample.bounds), None)

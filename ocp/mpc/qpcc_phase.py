@@ -68,13 +68,13 @@ class QPCC(NewtonPhase):
         """Return the proposal with the plan's active set, and the best one after exchanges."""
         steps, note = super().proposals(prepared, sample)
         for _ in range(self.exchanges if steps else 0):
-            better = self._exchanged(prepared, steps[-1], sample)
+            better = self._exchange_pairs(prepared, steps[-1], sample)
             if better is None:
                 break
             steps, note = [steps[0], better], "contacts were exchanged"
         return steps, note
 
-    def _exchanged(self, prepared: Prepared, incumbent: Proposal, sample: Sample) -> Proposal | None:
+    def _exchange_pairs(self, prepared: Prepared, incumbent: Proposal, sample: Sample) -> Proposal | None:
         """Return the proposal after an exchange that lowers the program's optimum, or None."""
         gains = self._gains(incumbent)
         pays = gains > MIN_EXCHANGE_GAIN
@@ -82,7 +82,7 @@ class QPCC(NewtonPhase):
             return None
         best_alone = gains == gains.max()
         for pairs in (pays, best_alone)[: 1 + (pays.sum() > 1)]:
-            closed = self.sets.exchanged(incumbent.closed, pairs)
+            closed = self.sets.exchange(incumbent.closed, pairs)
             lin = self.linearise_plan(prepared.plan, prepared.evaluated, closed)
             trial = self.propose(lin, closed, sample)
             improves = trial.step.objective < incumbent.step.objective - MIN_EXCHANGE_GAIN * self.cost

@@ -52,11 +52,11 @@ class Receding:
         if problem.terminal:
             names = ", ".join(constraint.name for constraint in problem.terminal)
             notes.append(f"Terminal constraints ({names}) are softened.")
-            changes["terminal_cost"] = problem.terminal_cost + _softened(problem)
+            changes["terminal_cost"] = problem.terminal_cost + _terminal_penalty(problem)
         defaults = problem.parameters.values
         x0, last_input = (np.array(v).ravel() for v in problem.limits(defaults)[:2])
         measured = [Parameter(f"measured_{i}", v, "1", "measured state") for i, v in enumerate(x0)]
-        input_parameters = [Parameter(f"last_input_{i}", v, "1", "input before") for i, v in enumerate(last_input)]
+        input_parameters = [Parameter(f"last_input_{i}", v, "1", "last input") for i, v in enumerate(last_input)]
         added = ParameterTable([*measured, *input_parameters])
         changes["x0"] = added.vector[: len(measured)]
         if problem.uses_du:
@@ -71,7 +71,7 @@ class Receding:
         return self.problem.parameters.names[-(nx + nu) :]
 
 
-def _softened(problem: Problem) -> ca.SX:
+def _terminal_penalty(problem: Problem) -> ca.SX:
     """Return the terminal cost that replaces terminal constraints: their squared violation times a weight."""
     violation = ca.SX(0)
     for constraint in problem.terminal:

@@ -140,7 +140,7 @@ def simulate(
     loop = _Loop(controller, Plant(controller.problem, plant, disturbance.mismatch), disturbance, steps, seeds)
     loop.goals, loop.certify, loop.progress = goals, certify, progress
     if plant == "noise":
-        loop.default_noise()
+        loop.set_default_noise()
     stopped = False
     for s, stream in enumerate(np.random.SeedSequence(seed).spawn(seeds)):
         try:
@@ -186,7 +186,7 @@ class _Loop:
         self.violation_amounts = np.zeros((seeds, steps, len(self.rows.names)))
         self._violation_function = ca.Function("off", problem.step_symbols, [-self.rows.expression])
 
-    def default_noise(self) -> None:
+    def set_default_noise(self) -> None:
         """Set the noise of the plant ``noise`` to 1 % of the characteristic sizes if none is given."""
         problem = self.controller.problem
         if not self.sd_x.any() and not self.sd_u.any():
@@ -224,9 +224,9 @@ class _Loop:
             self.arrays["x"][s, k + 1] = x
             self.ended[s] = k + 1
 
-    def _store_sample(self, s: int, k: int, seen: np.ndarray, command: Command) -> None:
+    def _store_sample(self, s: int, k: int, measured: np.ndarray, command: Command) -> None:
         arrays = self.arrays
-        arrays["measured"][s, k], arrays["seconds"][s, k] = seen, command.seconds
+        arrays["measured"][s, k], arrays["seconds"][s, k] = measured, command.seconds
         arrays["merit"][s, k], self.status[s, k] = command.merit, command.status
         self.misses += command.status == "late"
         if command.plan is not None:

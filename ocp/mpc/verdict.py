@@ -31,7 +31,7 @@ class LoopVerdict:
 
     def __init__(self, loop: ClosedLoop) -> None:
         self.loop, statuses = loop, loop.data["status"].values
-        has_new_plan, answered = np.isin(statuses, ("solved", "plan before")), statuses != ""
+        has_new_plan, answered = np.isin(statuses, ("solved", "not improved")), statuses != ""
         self.samples, self.n_new_plans = int(answered.sum()), int(has_new_plan.sum())
         self.planned = self.n_new_plans / max(1, self.samples)
         self.solved = (has_new_plan | (statuses == "late")).sum() >= max(1, MIN_SOLVED_SHARE * self.samples)

@@ -134,7 +134,7 @@ def loop_notes(meta: Mapping[str, Any]) -> Iterator[str]:
         yield rate_sentence(meta)
     if meta["misses"]:
         late = meta["misses"]
-        yield f"{late} of the answers came after the deadline; the plan before gave the input."
+        yield f"{late} of the answers came after the deadline; the input of the previous plan was used."
     for text, count in sorted(meta["why"].items(), key=lambda row: -row[1]):
         yield f"{text} ({count} sample{'' if count == 1 else 's'})"
 

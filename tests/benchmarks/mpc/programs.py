@@ -59,7 +59,7 @@ def captured(name: str, N: int) -> Program:
     """Return the first program of one sample of a closed loop."""
     controller = Controller(problems.get(name, N=N), phase="qp")
     qp, seen = controller._phase.qp, []
-    solve = qp._solved
+    solve = qp._run_piqp
 
     def keep(*program: Any) -> Any:
         seen.append([v.copy() for v in program])
@@ -68,7 +68,7 @@ def captured(name: str, N: int) -> Program:
     plant, x = Plant(controller.problem, "exact", {}), controller.start
     for k in range(SAMPLE + 1):
         if k == SAMPLE:
-            qp._solved = keep
+            qp._run_piqp = keep
         x = plant.step(x, controller.step(x).u)[0]
     return Program(*seen[0])
 

@@ -73,7 +73,7 @@ def test_friction_has_one_closure_for_each_motion(seed: int) -> None:
     sticks = closed[:, f].all(axis=1)
     assert (slip[sticks] <= 1e-6).all()
     for which in np.eye(made.model.n, dtype=bool):
-        other = sets.exchanged(closed, np.broadcast_to(which, closed.shape))
+        other = sets.exchange(closed, np.broadcast_to(which, closed.shape))
         assert other[:, contact.slip].all()
         assert other[:, f].any(axis=1).all()
         assert not other[:, f][~other[:, contact.normal]].all(axis=1).any()
