@@ -195,8 +195,8 @@ class ClosedLoopMeta(TypedDict):
     statuses: dict[str, int]
     misses: int
     certified: float
-    why: dict[str, int]
-    told: list[str]
+    note_counts: dict[str, int]
+    notes: list[str]
 
 
 class ParameterMeaning(TypedDict):

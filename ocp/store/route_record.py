@@ -10,7 +10,7 @@ from ocp.judge.route_report import RouteReport
 from ocp.solution import Solution
 from ocp.store.json_values import from_json
 
-_STORED_KEYS = {"name": "route", "started_from": "from", "idle_attempts": "ways", "refinement": "refined"}
+_STORED_KEYS = {"name": "route", "started_from": "from", "refinement": "refined"}
 """Mapping from fields of a route's report to their keys in a record, for those that differ."""
 _RECORDED = {
     field.name: _STORED_KEYS.get(field.name, field.name) for field in fields(RouteReport) if field.name != "attempts"

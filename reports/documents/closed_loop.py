@@ -36,12 +36,12 @@ def _one(view: RunView, content: dict[str, Any]) -> Page:
         "heads": [],
         "rows": [],
         "key": loop_rows(meta),
-        "how": [
+        "request": [
             *([name, str(view.run.record[name])] for name in _LEADING_KEYS),
             *(row for row in request_rows(view.run) if row[0] == "law"),
         ],
         "settings": [row for row in setting_rows(view.run) if row[0] not in _LEADING_KEYS],
-        "notes": [*meta["told"], *loop_notes(meta)],
+        "notes": [*meta["notes"], *loop_notes(meta)],
     }
     candidates = {
         "snapshots": closed_loop.snapshot_figure(view),
@@ -65,7 +65,7 @@ def _several(views: list[RunView], content: dict[str, Any]) -> Page:
         "heads": ["", *names],
         "rows": [[name, *cells] for name, cells in rows.items()],
         "key": [],
-        "how": [],
+        "request": [],
         "settings": [],
         "notes": [_cheapest(views, names)],
     }

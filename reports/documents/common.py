@@ -65,7 +65,7 @@ def run_summary(run: StoredRun, spec: Spec | FigureStudy | None, values: dict[st
     return {
         "hash": run.meta["hash"],
         "verdict": run.meta["verdict"],
-        "how": request_rows(run),
+        "request": request_rows(run),
         "equations": list(spec.equations) if isinstance(spec, Spec) else [],
         # Equations stored in a run stay plain text: as typst's mathematics they would be code that a page executes.
         "typed": [plain(line) for line in stored["equations"]] if stored else [],

@@ -50,8 +50,8 @@ def comparison_page(views: list[RunView], cones: bool = False) -> Page:
         "verdicts": [view.run.meta["verdict"] for view in views],
         "grades": [view.run.meta["grade"] for view in views],
         "rows": comparison.comparison_rows(views),
-        "how": shared,
-        "own": [[row for row in request if row not in shared] for request in requests],
+        "request": shared,
+        "own_settings": [[row for row in request if row not in shared] for request in requests],
         "differ": comparison.same_instants(views),
         "versions": text_rows(views[0].run.meta.get("versions") or {}),
         "zero": [],
@@ -137,7 +137,7 @@ def continuation_page(view: RunView, cones: bool = False) -> Page:
     content = {
         **common,
         "verdict": common["verdict"].replace(over, symbol(over)),
-        "how": _how(view),
+        "request": _continuation_request(view),
         "settings": [row for row in common["settings"] if row[0] != over],
         "parameters": [row for row in common["parameters"] if row[0] != over],
         "over": comparison.parameter_label(view),
@@ -170,7 +170,7 @@ def _below(points: list[dict[str, Any]]) -> str:
     return f"At {places_text} λ gap is below {FLOOR:.0e} and not drawn."
 
 
-def _how(view: RunView) -> list[list[str]]:
+def _continuation_request(view: RunView) -> list[list[str]]:
     meta = view.run.meta
     name, unit = symbol(str(meta["over"])), comparison.parameter_label(view).partition(" ")[2]
     text = f"{number(meta['from'], 4)} to {number(meta['to'], 4)} {unit.strip('[]')}".strip()

@@ -30,7 +30,7 @@ def sweep_page(view: RunView) -> Page:
     parameters = {row[0] for row in common["parameters"]}
     common["parameters"] = [row for row in common["parameters"] if row[0] not in varied]
     common["settings"] = [row for row in common["settings"] if row[0] not in swept - parameters]
-    common["how"] = request_rows(view.run, swept)
+    common["request"] = request_rows(view.run, swept)
     content, figures = sweep_content(view.run)
     return {**common, "law": law_summary(view), **content}, figures
 
@@ -98,7 +98,7 @@ def estimate_page(run: StoredRun, file_spec: ProblemSpec | None = None) -> Page:
         "title": f"Gradient of {meta['problem']}",
         "verdict": f"{weakest_sentence(rows)}\n{meta['verdict']}",
         "grade": _GRADES[weakest_verdict(rows)],
-        "how": _estimate_how(run),
+        "request": _estimate_request(run),
         "parameters": parameters,
         "settings": [row for row in content["settings"] if row[0] not in _REQUEST_SETTINGS],
         "caption": drawn.estimate_caption(run),
@@ -131,7 +131,7 @@ def weakest_sentence(rows: Sequence[dict[str, Any]]) -> str:
     return f"Weakest verdict: {verdict}, {count} of {len(rows)} estimates ({', '.join(estimators)})."
 
 
-def _estimate_how(run: StoredRun) -> list[list[str]]:
+def _estimate_request(run: StoredRun) -> list[list[str]]:
     """Return rows on an estimate's law, policy, reference with its source, noise and samples."""
     record, swept = run.record, run.meta["sweep"]
     sources = dict.fromkeys(row["reference_source"] for row in run.meta["estimates"])

@@ -28,9 +28,9 @@ def training_page(views: list[RunView]) -> Page:
         **page_header(views[0]),
         "law": law_summary(views[0]),
         **content,
-        "how": laws_used,
+        "request": laws_used,
         "settings": shared,
-        "own": own_settings,
+        "own_settings": own_settings,
     }, figures
 
 

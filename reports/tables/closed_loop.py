@@ -95,8 +95,8 @@ def loop_summary(loop: ClosedLoop, data: xr.Dataset, notes: Sequence[str], rate:
         "statuses": dict(Counter(map(str, statuses[statuses != ""]))),
         "misses": loop.misses,
         "certified": loop.certified,
-        "why": dict(loop.notes),
-        "told": list(notes),
+        "note_counts": dict(loop.notes),
+        "notes": list(notes),
     }
 
 
@@ -135,7 +135,7 @@ def loop_notes(meta: Mapping[str, Any]) -> Iterator[str]:
     if meta["misses"]:
         late = meta["misses"]
         yield f"{late} of the answers came after the deadline; the input of the previous plan was used."
-    for text, count in sorted(meta["why"].items(), key=lambda row: -row[1]):
+    for text, count in sorted(meta["note_counts"].items(), key=lambda row: -row[1]):
         yield f"{text} ({count} sample{'' if count == 1 else 's'})"
 
 

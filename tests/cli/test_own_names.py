@@ -154,7 +154,7 @@ def test_a_sweep_of_ones_own_mu_is_no_place_on_the_central_path(files, ocp) -> N
     assert friction["law"]["place"] == law["law"]["place"] == ""
     assert "mu" not in {row[0] for row in friction["parameters"]}
     assert "mu" in {row[0] for row in law["parameters"]}, "the friction is constant there"
-    assert ["law", "barrier (μ = 0.001)"] in friction["how"] and ["law", "barrier"] in law["how"]
+    assert ["law", "barrier (μ = 0.001)"] in friction["request"] and ["law", "barrier"] in law["request"]
     seeds = page("seed=1:2:2")
     assert "seed" not in {row[0] for row in seeds["parameters"]}
     assert "seed" in {row[0] for row in seeds["settings"]}, "the seed of the solve"

@@ -28,7 +28,7 @@ def styled_figures():
 
 @pytest.mark.costly
 def test_page_one_names_law_method_and_policy(views) -> None:
-    how = dict(solve_page(views["solve push-disc barrier"])[0]["how"])
+    how = dict(solve_page(views["solve push-disc barrier"])[0]["request"])
     assert how == {
         "law": "barrier (μ = 0.001)",
         "method": "direct",
@@ -37,7 +37,7 @@ def test_page_one_names_law_method_and_policy(views) -> None:
         "steps": "20",
         "scenarios": "3",
     }
-    how = dict(solve_page(views["solve push-1d exact"])[0]["how"])
+    how = dict(solve_page(views["solve push-1d exact"])[0]["request"])
     assert (how["law"], how["policy"]) == ("exact", "open-loop")
 
 
@@ -67,7 +67,7 @@ def test_a_comparison_tells_what_differs(views) -> None:
     content, drawn = comparison_page(runs)
     assert content["labels"] == ["exact, direct", "adaptive, multiple-shooting"]
     assert content["grades"] == [view.run.meta["grade"] for view in runs]
-    assert ["policy", "open-loop"] in content["how"]
+    assert ["policy", "open-loop"] in content["request"]
     assert not [row for row in content["rows"] if row[0] in ("problem", "policy")]
     planned, exact, referee = drawn["costs"].axes[0].lines[:3]
     costs = np.array([view.run.meta["cost"] for view in runs])

@@ -175,8 +175,8 @@ def test_the_continuation_page(views) -> None:
     with house_style():
         content, drawn = continuation_page(view)
     assert len(content["points"]) == len(view.run.meta["points"])
-    assert content["over"] == "μ [N s m]" and content["how"][0][0] == "μ"
-    assert ["law", "barrier"] in content["how"], "mu is no constant of the path"
+    assert content["over"] == "μ [N s m]" and content["request"][0][0] == "μ"
+    assert ["law", "barrier"] in content["request"], "mu is no constant of the path"
     assert not [row for row in content["settings"] if row[0] == "contact.mu"]
     top, middle, _ = drawn["path"].axes
     value, complementarity = (np.asarray(v) for v in middle.lines[0].get_data())

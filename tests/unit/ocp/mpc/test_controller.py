@@ -71,14 +71,14 @@ def test_noise_of_a_centimetre_does_not_stop_the_push(disc: Controller) -> None:
     values = dict(zip(goal.names, goal.values, strict=True))
     reached = loop.data["x"].values[:, -1, :2] - [values["goal_x"], values["goal_y"]]
     assert np.linalg.norm(reached, axis=1).max() < 0.02
-    assert any("penetration" in sentence for sentence in loop.notes)
+    assert any("penetrates" in sentence for sentence in loop.notes)
 
 
 @pytest.mark.parametrize(
     ("state", "sentence"),
     [
         ([np.nan, 0.0, -1.0, 0.2], "not finite"),
-        ([0.0, 0.0, -0.05, 0.0], "penetration"),
+        ([0.0, 0.0, -0.05, 0.0], "penetrates"),
         ([np.inf, np.nan, np.nan, np.nan], "not finite"),
     ],
 )

@@ -122,12 +122,12 @@ def test_the_bar_has_the_colour_of_the_weakest(word: str, wide: bool, grade: str
 def test_reference_and_law_are_named_and_the_swept_parameter_is_no_constant() -> None:
     run = stored([row("zobg"), row("fobg")], np.ones((1, 2)), np.ones((1, 2)))
     content, _ = estimate_page(run)
-    how = dict(content["how"])
+    how = dict(content["request"])
     assert how["reference"] == "closed form" and how["law"] == "none (static objective)"
     assert how["ν"] == "0.001 to 0.1" and content["swept"] == "ν [m/s]"
     assert "nu" not in {row[0] for row in content["parameters"]}
     run.meta["record"] |= {"contact": "barrier", "law_settings": ["mu=1e-2"], "policy": "feedback"}
-    how = dict(estimate_page(run)[0]["how"])
+    how = dict(estimate_page(run)[0]["request"])
     assert how["law"] == "barrier (μ = 1e-2)" and how["policy"] == "feedback"
     assert content["settings"] == [["seed", "0"]], "the rest stands in that line"
 
