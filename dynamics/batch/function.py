@@ -194,12 +194,12 @@ class StepFunction:
 
     def __call__(self, x: Any, u: Any, p: Any | None = None) -> Steps:
         """Return the steps from `x` (n, nx) under `u` (n, nu) with `p` (n, np); one row each is shared by all."""
-        return self._stepped(*self._rows(x, u, p))
+        return self._evaluate(*self._rows(x, u, p))
 
     def derivatives(self, x: Any, u: Any, p: Any | None = None) -> tuple[Steps, np.ndarray, np.ndarray]:
         """Return the steps and the derivatives of x_next with respect to x (n, nx, nx) and u (n, nx, nu)."""
         arguments, n = self._rows(x, u, p)
-        steps, nx = self._stepped(arguments, n), self.tapes.nx
+        steps, nx = self._evaluate(arguments, n), self.tapes.nx
         rows = [np.repeat(a, nx, axis=0) if len(a) > 1 else a for a in (*arguments, steps.lam)]
         by_x, by_u = self._adjoint(*rows, np.tile(np.eye(nx), (n, 1)))
         return steps, by_x.reshape(n, nx, nx), by_u.reshape(n, nx, -1)
@@ -220,7 +220,7 @@ class StepFunction:
         arguments = [rows["x"], rows["u"], no_noise, np.ascontiguousarray(derived.T)]
         return arguments, common_length(rows, owner)
 
-    def _stepped(self, arguments: list[np.ndarray], n: int) -> Steps:
+    def _evaluate(self, arguments: list[np.ndarray], n: int) -> Steps:
         tapes = self.tapes
         x_next, lam, cost = outputs = [np.empty((n, size)) for size in (tapes.nx, tapes.nlam, 1)]
         n_bad = self._engine.evaluate(arguments, outputs, n) if n else 0

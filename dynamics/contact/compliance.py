@@ -159,7 +159,7 @@ class LowRankCompliance:
 
     def solve_coordinates(self, lam: ca.SX) -> ca.SX:
         """Return the coordinates ``w = T^-1 P lam`` (r, 1) under impulses lam."""
-        return solve_without_pivoting(self.T, self._push(lam))
+        return solve_without_pivoting(self.T, self._push_coordinates(lam))
 
     def gap_change(self, lam: ca.SX, w: ca.SX) -> ca.SX:
         """Return the change of the gaps ``E lam + Q w`` (n, 1) under impulses lam and coordinates w."""
@@ -180,7 +180,7 @@ class LowRankCompliance:
         reduced_factors = LUFactors(self.T + self.P_own @ (weights @ self.Q_own))
 
         def solve(rhs: ca.SX) -> tuple[ca.SX, ca.SX]:
-            w = reduced_factors.solve(self._push(local_factors.solve(rhs)))
+            w = reduced_factors.solve(self._push_coordinates(local_factors.solve(rhs)))
             step = local_factors.solve(rhs - ratio * (self.Q_signs @ (self.Q_own @ w)))
             return step, self.gap_change(step, w)
 
@@ -190,5 +190,5 @@ class LowRankCompliance:
         """Return the compliance as a matrix F (n, n)."""
         return self.E + self.Q_signs @ (self.Q_own @ self.by_own()) @ self.P_signs
 
-    def _push(self, lam: ca.SX) -> ca.SX:
+    def _push_coordinates(self, lam: ca.SX) -> ca.SX:
         return self.P_own @ (self.P_signs @ lam)

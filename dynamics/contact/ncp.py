@@ -64,18 +64,18 @@ def ncp_solver(system: ContactSystem, exact: bool = False) -> ca.Function:
     arguments = [ca.MX.sym(f"in_{k}", opening.numel_in(k)) for k in range(4)]
     data, ending, followed = opening(*arguments), path.ending_function(), repeat_until_rest(path.iteration_function())
     pair = followed(ca.MX.ones(path.size), data)
-    lam, gap, error = _recovered(path, followed)(*ending(pair, data), pair, data)
+    lam, gap, error = _recovery_function(path, followed)(*ending(pair, data), pair, data)
     outputs = [x_next(*arguments[:3], lam), lam, gap, error]
     return ca.Function("contact_ncp", arguments, outputs, *names)
 
 
-def _recovered(path: Path, followed: ca.Function) -> ca.Function:
+def _recovery_function(path: Path, followed: ca.Function) -> ca.Function:
     """Return the function ``(lam, gap, error, pair, data) -> (lam, gap, error)`` that tries other starts if needed."""
     n, size = path.n, path.size
     names = {"lam": n, "gap": n, "error": n, "pair": size, "data": path.data.numel()}
     symbols = [ca.MX.sym(name, length) for name, length in names.items()]
     lam, gap, error, pair, data = symbols
-    search = _repeated(_attempt(path, followed), _LOG2_STARTS, lambda best_point: best_point[size] > _SOLVED_ERROR)
+    search = _repeat(_attempt(path, followed), _LOG2_STARTS, lambda best_point: best_point[size] > _SOLVED_ERROR)
     best_point = search(ca.vertcat(pair, ca.mmax(error), 0), data)
     # Where the data are not finite, no start leads to a solution.
     best_point = ca.Function("starts", symbols, [*path.ending_function()(best_point[:size], data)])
@@ -89,16 +89,16 @@ def _attempt(path: Path, followed: ca.Function) -> ca.Function:
     """Return the function ``(best, data) -> best`` that tries one start; best is a pair, its error, an index."""
     n, size = path.n, path.size
     earlier, data = ca.MX.sym("best", size + 2), ca.MX.sym("data", path.data.numel())
-    descent = _repeated(_damped_step(path), _LOG2_ITERATIONS, lambda point: point[n] < _MAX_DAMPING)
-    lam = descent(_start(path)(earlier[size + 1], data), data)[:n]
-    pair, root_error = _paired(path)(lam, data)
+    descent = _repeat(_damped_step(path), _LOG2_ITERATIONS, lambda point: point[n] < _MAX_DAMPING)
+    lam = descent(_start_function(path)(earlier[size + 1], data), data)[:n]
+    pair, root_error = _pair_function(path)(lam, data)
     pair = _where(root_error < _POLISH_ERROR, followed, pair, data)
     error = ca.mmax(path.ending_function()(pair, data)[2])
     best_pair = ca.if_else(error < earlier[size], ca.vertcat(pair, error), earlier[: size + 1])
     return ca.Function("attempt", [earlier, data], [ca.vertcat(best_pair, earlier[size + 1] + 1)])
 
 
-def _start(path: Path) -> ca.Function:
+def _start_function(path: Path) -> ca.Function:
     """Return the function ``(k, data) -> (lam, damping)``, (n + 1, 1), of start number k and its damping.
 
     The first start has almost no impulse, as for a body in the air; the exponents of the others are a
@@ -134,7 +134,7 @@ def _damped_step(path: Path) -> ca.Function:
     return ca.Function("damped_step", [point, path.data], [new_point], {"cse": True})
 
 
-def _paired(path: Path) -> ca.Function:
+def _pair_function(path: Path) -> ca.Function:
     """Return the function ``(lam, data) -> (pair, error)`` of the pair at lam and the relative residual of phi."""
     lam, mu = ca.SX.sym("lam", path.n), path.data_parts["mu"]
     gap, _ = path.true_gap_at(lam)
@@ -153,7 +153,7 @@ def _phi(path: Path, lam: ca.SX, gap: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
     return lam + gap - size, 1 - lam / size, 1 - gap / size
 
 
-def _repeated(body: ca.Function, doublings: int, unfinished: Callable[[ca.MX], ca.MX]) -> ca.Function:
+def _repeat(body: ca.Function, doublings: int, unfinished: Callable[[ca.MX], ca.MX]) -> ca.Function:
     """Return a function that repeats ``body: (point, data) -> point`` while ``unfinished(point)``.
 
     It evaluates ``body`` at least once and at most 2^doublings times.

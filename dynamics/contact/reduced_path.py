@@ -49,7 +49,7 @@ class ReducedPath(Path):
         """Return the path's ``data`` for a step, an expression in the system's (x, u, p) and in mu (n, 1)."""
         representatives, reduced, signs = self.coordinates.own, system.reduced, self.coordinates.Q_signs
         z = reduced.z if reduced.affine else reduced.z_linear
-        D, c = scale_factors(z, self._near(), 0 * mu if self.exact else mu, self.pairs, reduced.z)
+        D, c = scale_factors(z, self._local_compliance(), 0 * mu if self.exact else mu, self.pairs, reduced.z)
         D = ca.fabs(signs) @ D[representatives]
         target = mu * 0 + MU_EXACT if self.exact else ca.fmax(mu / c**2, MU_LEAST)
         factors = self._factors
@@ -67,7 +67,7 @@ class ReducedPath(Path):
         """Data of the curved rows, the last entries of ``data``; empty where all rows are affine."""
         return self.curved.opening_data_along(self.coordinates.C) if self.curved else ca.SX(0, 1)
 
-    def _near(self) -> ca.SX:
+    def _local_compliance(self) -> ca.SX:
         """Return the part of F that determines the scales: E, and F between the pairs of one contact."""
         factors, coordinates = self._factors, self.coordinates
         system, E = self._system, factors["E"]
@@ -108,12 +108,12 @@ class ReducedPath(Path):
             # Opposite walls share one row up to its sign.
             by_pushed = self.coordinates.Q_signs[i, representative] * by_w[k, :]
             gap[i] = ca.if_else(on_true_gap, rows[k] * D[i] / c, gap[i])
-            Q[representative, :] = _chosen(on_true_gap, D[i] * by_pushed, Q[representative, :])
-            E[i, :] = _chosen(on_true_gap, D[i] * by_lam[k, :] * D.T, E[i, :])
+            Q[representative, :] = _select_nonzeros(on_true_gap, D[i] * by_pushed, Q[representative, :])
+            E[i, :] = _select_nonzeros(on_true_gap, D[i] * by_lam[k, :] * D.T, E[i, :])
         return gap, LowRankCompliance(E, start.T, start.P_own, start.P_signs, Q, start.Q_signs)
 
 
-def _chosen(condition: ca.SX, chosen: ca.SX, default: ca.SX) -> ca.SX:
+def _select_nonzeros(condition: ca.SX, chosen: ca.SX, default: ca.SX) -> ca.SX:
     """Return ``if_else`` of two matrices for the nonzeros of ``default`` only."""
     pattern = default.sparsity()
     chosen = ca.project(chosen, pattern)

@@ -37,7 +37,7 @@ def warm_start(path: Path) -> ca.Function:
     return ca.Function("warm", [lam_before, path.data], outputs)
 
 
-def further_start(path: Path) -> ca.Function:
+def other_start(path: Path) -> ca.Function:
     """Return the function ``(k, data) -> pair`` of start number k = 0, 1, ..."""
     k, n = ca.SX.sym("k"), path.n
     shared = k * float(np.sqrt(2.0))
@@ -50,7 +50,7 @@ def further_start(path: Path) -> ca.Function:
     for i, value in enumerate(_GAP_LIFTS):
         lift = ca.if_else(ca.fmod(k, len(_GAP_LIFTS)) == i, value, lift)
     start = path.pack_pair(lam, ca.fmax(gap, lift))
-    return ca.Function("further", [k, path.data], [ca.if_else(k > 0, start, 1)])
+    return ca.Function("other_start", [k, path.data], [ca.if_else(k > 0, start, 1)])
 
 
 def irrational_numbers(n: int) -> np.ndarray:

@@ -173,7 +173,7 @@ def _parquet(path: Path) -> pd.DataFrame:
         raise ValueError(f"{path} is not a complete Parquet file") from error
 
 
-def _split(head: str) -> tuple[str, str | None]:
+def _split_head(head: str) -> tuple[str, str | None]:
     """Split a column's head such as ``ox [m]`` into name and unit; the unit is None where there is none."""
     head_match = _HEAD_PATTERN.fullmatch(head)
     return (head_match["name"], head_match["unit"]) if head_match and head_match["name"] else (head, None)
@@ -186,14 +186,14 @@ Heads = dict[str, tuple[str, str | None]]
 def _match_columns(path: Path, texts: list[str], columns: Mapping[str, str]) -> Heads:
     heads: Heads = {}
     for text in texts:
-        name, unit = _split(text)
+        name, unit = _split_head(text)
         if name in heads:
             raise ValueError(f"{path}: two columns are called {name}; rename one")
         heads[name] = text, unit
     heads_by_signal = dict(heads)
     for name, column in columns.items():
-        head = heads.get(_split(column)[0])
-        if head is None or column not in (head[0], _split(head[0])[0]):
+        head = heads.get(_split_head(column)[0])
+        if head is None or column not in (head[0], _split_head(head[0])[0]):
             raise ValueError(f"{path}: no column {column!r} for {name}; available: {', '.join(texts)}")
         heads_by_signal[name] = head
     return heads_by_signal

@@ -141,7 +141,7 @@ class ParameterTable:
             if LAW_PREFIX + name not in self:
                 raise KeyError(f"no law parameter {name!r}; available: {', '.join(self.names)}")
         given_values = {**(values or {}), **{LAW_PREFIX + name: value for name, value in law.items()}}
-        packed = [self._given(parameter, given_values) for parameter in self]
+        packed = [self._value_of(parameter, given_values) for parameter in self]
         try:
             return np.array(packed, dtype=float).T
         except ValueError:
@@ -153,7 +153,7 @@ class ParameterTable:
         return dict(zip(self._by_name, np.asarray(vector, float).ravel().tolist(), strict=True))
 
     @staticmethod
-    def _given(parameter: Parameter, values: Mapping[str, ArrayLike]) -> ArrayLike:
+    def _value_of(parameter: Parameter, values: Mapping[str, ArrayLike]) -> ArrayLike:
         if parameter.name in values:
             return values[parameter.name]
         matrix_name, index = _entry(parameter.name)

@@ -49,8 +49,8 @@ class Scaled:
         outputs = {
             "f_g": [f / scale.f, g / G],
             "grad_f": [f / scale.f, X * slope / scale.f],
-            "jac_g": [g / G, _scaled(rows, 1 / scale.g, scale.x)],
-            "hess_lag": [_scaled(hessian, scale.x, scale.x)],
+            "jac_g": [g / G, _scale_matrix(rows, 1 / scale.g, scale.x)],
+            "hess_lag": [_scale_matrix(hessian, scale.x, scale.x)],
         }
         return {
             name: ca.Function(
@@ -87,7 +87,7 @@ class Scaled:
         return (1.0, 1.0, 1.0) if self.scale is None else (self.scale.x, self.scale.g, self.scale.f)
 
 
-def _scaled(matrix: ca.MX, rows: np.ndarray, columns: np.ndarray) -> ca.MX:
+def _scale_matrix(matrix: ca.MX, rows: np.ndarray, columns: np.ndarray) -> ca.MX:
     """Return ``diag(rows) matrix diag(columns)`` with the sparsity of ``matrix``."""
     pattern = matrix.sparsity()
     row, column = (np.array(indices, dtype=int) for indices in pattern.get_triplet())

@@ -144,7 +144,7 @@ class Solver:
 
     def run(self, nlp: Program, start: Point, p: np.ndarray, bounds: dict[str, np.ndarray], **overrides: Any) -> Result:
         """Solve ``nlp`` from ``start``; IPOPT uses its multipliers where ``warm_start_init_point`` is set."""
-        function = self._instance(nlp, overrides)
+        function = self._solver_function(nlp, overrides)
         _check_bounds(nlp, bounds)
         scaled = Scaled(nlp)
         arguments: dict[str, Any] = {"p": p, **scaled.solver_arguments(start, bounds)}
@@ -156,7 +156,7 @@ class Solver:
             except RuntimeError as error:
                 if signals:
                     raise KeyboardInterrupt from error
-                return self._thrown(nlp, start, p, error, time.perf_counter() - start_time)
+                return self._failed_result(nlp, start, p, error, time.perf_counter() - start_time)
         seconds = time.perf_counter() - start_time
         stats = function.stats()
         word = str(stats.get("return_status", "unknown"))
@@ -193,14 +193,14 @@ class Solver:
             raise KeyboardInterrupt
         return result
 
-    def _thrown(self, nlp: Program, start: Point, p: np.ndarray, error: RuntimeError, seconds: float) -> Result:
+    def _failed_result(self, nlp: Program, start: Point, p: np.ndarray, error: RuntimeError, seconds: float) -> Result:
         """Return a failed result for a plugin's exception; raise InputError where it is about options."""
         word = str(error).strip().splitlines()[-1]
         if "option" in word or "logger" in word:
             raise InputError(f"{self.name} refused its options {self.options}: {word}") from error
         return Result.at(nlp, start, p, Status.FAILED, word, seconds)
 
-    def _instance(self, nlp: Program, overrides: dict[str, Any]) -> ca.Function:
+    def _solver_function(self, nlp: Program, overrides: dict[str, Any]) -> ca.Function:
         options = {**self.options, **overrides}
         limits = [values["max_iter"] for values in (self.options, overrides) if "max_iter" in values]
         if limits:
@@ -220,9 +220,9 @@ class Solver:
             "error_on_fail": False,
             "show_eval_warnings": False,
         }
-        beside = INTERFACE.get(self.name, {})
+        interface_options = INTERFACE.get(self.name, {})
         for name, value in {**USUAL[self.name], **options}.items():
-            (common if name in beside else common.setdefault(self.name, {}))[name] = value
+            (common if name in interface_options else common.setdefault(self.name, {}))[name] = value
         if self.name == "ipopt":
             derivatives = {name: functions[name] for name in ("grad_f", "jac_g", "hess_lag")}
             common |= {"no_nlp_grad": True, **derivatives}

@@ -125,12 +125,12 @@ class Branches:
         2501.13835, phase 1); None where no branch is.
         """
         for radius in GUESS_RADII if self.program.pairs.size else ():
-            result = self._proposed(start.x, radius)
+            result = self._propose_within(start.x, radius)
             if result is not None:
                 return result
         return None
 
-    def _proposed(self, x: np.ndarray, radius: float) -> Result | None:
+    def _propose_within(self, x: np.ndarray, radius: float) -> Result | None:
         pairs = self.program.pairs
         active = self.program.active_sets(x)[-1]
         held_members = np.where(active, pairs[1], pairs[0])
@@ -165,7 +165,7 @@ class Branches:
             if self._no_descent_left(model, best, radius):
                 radius /= 10
                 continue
-            neighbour = self._exchanged(model, best, radius)
+            neighbour = self._exchange(model, best, radius)
             if neighbour is not None and lower(neighbour, best):
                 best, self.follower.trace.refused = neighbour, ""
             else:
@@ -180,7 +180,7 @@ class Branches:
             return False
         return model.dual_bound(multipliers, radius) <= tolerance_of(model)
 
-    def _exchanged(self, model: LinearModel, best: Result, radius: float) -> Result | None:
+    def _exchange(self, model: LinearModel, best: Result, radius: float) -> Result | None:
         """Return the result of the branch that a descent direction leads to; None without one."""
         if not 0 < model.effort(radius) <= _EFFORT:
             return None

@@ -21,9 +21,9 @@ from ocp.routes.homotopy import Homotopy, HomotopyPath, RouteResult, lower
 from ocp.routes.schedules import acting, improved, is_apart
 from ocp.transcription.nlp import NLP
 
-_SIZES = 0.03, 3.0
+_NOISE_SIZES = 0.03, 3.0
 """Minimum and maximum size of the noise, in characteristic units."""
-_NEARER = 2.0, 0.7, 0.25
+_NEIGHBOURHOOD_RADII = 2.0, 0.7, 0.25
 """Radii, in distances between covering plans, of the neighbourhoods in which further plans are drawn."""
 
 
@@ -49,7 +49,7 @@ class RolloutStarts:
         bounds. Inputs that do not act are unchanged: their cost would hide that of the motion.
         """
         sizes, N = self.problem.scales, self.problem.N
-        rng, (log_smallest, log_largest) = np.random.default_rng(0), np.log(_SIZES)
+        rng, (log_smallest, log_largest) = np.random.default_rng(0), np.log(_NOISE_SIZES)
         waves = np.cos(np.pi * np.outer(np.arange(3), (np.arange(N) + 0.5) / N))
         plans = []
         for u in (self.guess[1], *(program.variables.unpack(point.x)["u"][0] for point in plan_points)):
@@ -67,7 +67,7 @@ class RolloutStarts:
         than the distance of two plans. Without a bound the range ends three characteristic units from
         the guess.
         """
-        u, half_range = self.guess[1], _SIZES[1] * self.problem.scales.u
+        u, half_range = self.guess[1], _NOISE_SIZES[1] * self.problem.scales.u
         lower, upper = self._bounds
         lowest_inputs = np.where(np.isfinite(lower), lower, u - half_range)
         highest_inputs = np.where(np.isfinite(upper), upper, u + half_range)
@@ -78,7 +78,7 @@ class RolloutStarts:
         cheapest = self._cheapest(
             np.where(self.acting_inputs, (lowest_inputs + highest_inputs) / 2, u) + width * spread
         )
-        for size in _NEARER:
+        for size in _NEIGHBOURHOOD_RADII:
             chosen = self._distinct_schedules(cheapest, centres)
             noise = rng.uniform(-1, 1, (len(chosen), n_neighbours, *u.shape))
             neighbours = cheapest.u[chosen, None] + size * count ** (-1 / inputs) * width * noise
@@ -88,7 +88,7 @@ class RolloutStarts:
     def _cheapest(self, plans: np.ndarray) -> Rollout:
         """Return rollouts of ``plans`` (S, N, nu), the cheapest of each schedule, in order of cost."""
         best = dict[bytes, int]()
-        rolled = self._rolled(np.clip(plans, *self._bounds))
+        rolled = self._roll_out(np.clip(plans, *self._bounds))
         active = self._active(rolled)
         for s in np.argsort(rolled.costs, kind="stable"):
             if np.isfinite(rolled.costs[s]):
@@ -119,7 +119,7 @@ class RolloutStarts:
     def perturbed(self, program: Program, count: int) -> list[Point]:
         """Return finite rollouts of the guessed inputs and of perturbed ones, at most ``count`` in all."""
         plans = initial_guesses(self.evaluation, count, 0, self.guess)
-        rolled = self._rolled(np.array([u for _, u in plans]))
+        rolled = self._roll_out(np.array([u for _, u in plans]))
         solved = np.flatnonzero(np.all(np.isfinite(rolled.x), axis=(1, 2)))
         return self._points(program, rolled[solved])
 
@@ -139,7 +139,7 @@ class RolloutStarts:
         sampled_slopes = slopes.map(len(u))(x[:-1].T, sampled_inputs.T, x[1:].T, lam.T, self.evaluation.p)
         return np.array(ca.densify(sampled_slopes)).reshape(len(u), -1, order="C") > 0
 
-    def _rolled(self, plans: np.ndarray) -> Rollout:
+    def _roll_out(self, plans: np.ndarray) -> Rollout:
         starts = np.broadcast_to(self.guess[0][0], (len(plans), self.problem.system.nx))
         return roll_on(self.evaluation, plans, self.step, starts)[0]
 
@@ -216,7 +216,7 @@ class RolloutPolish:
         """
         branch_results: list[Result] = []
 
-        def repeated(source: Program, result: Result) -> bool:
+        def is_repeated(source: Program, result: Result) -> bool:
             assert isinstance(source, NLP)
             if not result.ok:
                 return False
@@ -230,7 +230,7 @@ class RolloutPolish:
             latest, previous = branch_results[-2:] if len(branch_results) > 1 else (solved, None)
             return previous is not None and not (lower(latest, previous) or lower(previous, latest))
 
-        followed = follower.follow(replace(path, complete=repeated), start)
+        followed = follower.follow(replace(path, complete=is_repeated), start)
         if not branch_results:
             return followed
         best = improved(Branches(self.follower), min(branch_results, key=lambda latest: latest.f))

@@ -165,7 +165,7 @@ def distant_schedules(
     infinite, infeasible points follow the others, so that ``max_branches`` branches are solved if possible.
     """
     program, solved_schedules, polished = branches.program, [], []
-    for point in _ordered(branches, points, cost_limit):
+    for point in _usable_points(branches, points, cost_limit):
         active = branches.schedule(point.x)
         if all(is_apart(active[program.chains], other[program.chains]) for other in solved_schedules):
             solved_schedules.append(active)
@@ -176,7 +176,7 @@ def distant_schedules(
     return polished
 
 
-def _ordered(branches: Branches, points: Sequence[Point], cost_limit: float) -> Iterator[Point]:
+def _usable_points(branches: Branches, points: Sequence[Point], cost_limit: float) -> Iterator[Point]:
     program, limits = branches.program, branches.limits
     broken: list[tuple[float, Point]] = []
     for point in points:

@@ -281,12 +281,12 @@ def rollout_source(
     tapes: RolloutTapes,
     block: int,
     machine: Compiler,
-    own_p: bool = False,
-    own_theta: bool = False,
+    per_sample_p: bool = False,
+    per_sample_theta: bool = False,
 ) -> str:
     """Return the C text of a rollout on this machine, for blocks of about `block` samples.
 
-    With `own_p` parameters p differ between samples; else they may stay in registers. `own_theta` is
+    With `per_sample_p` parameters p differ between samples; else they may stay in registers. `per_sample_theta` is
     the same for the weights of dense layers.
     """
     functions, layers = c_steps.forward_graphs(tapes, warm=True), tapes.layers
@@ -300,11 +300,11 @@ def rollout_source(
         # Long graphs skip the unused registers of the last block.
         "LIVE": "U" if length <= c_steps.MAX_UNROLLED_OPERATIONS else "live",
         "U": registers,
-        "PS": "U" if own_p else "1",
+        "PS": "U" if per_sample_p else "1",
         "GT": tapes.n_theta if layers is None else layers.n_weights,
         "ENDS": int(tapes.end_entry is not None),
         "WEIGHT": tapes.end_entry or 0,
-        **c_dense.layer_constants(layers, own_theta),
+        **c_dense.layer_constants(layers, per_sample_theta),
     }
     return "".join(
         (

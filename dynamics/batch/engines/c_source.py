@@ -287,7 +287,7 @@ class _PartEmitter:
     def _expression(self, operation: Operation) -> str:
         op, v = operation.op, [f"v{a}" for a in operation.args]
         if op in (ca.OP_ADD, ca.OP_SUB):
-            combined = self._chosen(operation) or self._fused(operation)
+            combined = self._selection(operation) or self._fused(operation)
             if combined:
                 return combined
         if op == ca.OP_DIV:
@@ -320,7 +320,7 @@ class _PartEmitter:
         reciprocal = self.parts.constant_reciprocal(operation)
         return f"v{a} / v{b}" if reciprocal is None else f"v{a} * {c_double(reciprocal)}"
 
-    def _chosen(self, operation: Operation) -> str:
+    def _selection(self, operation: Operation) -> str:
         """Return the C expression of CasADi's if_else as one selection, "" for other operations."""
         choice = selection_of(self.tape, operation)
         return "pick(m{}, v{}, v{})".format(*choice) if choice else ""

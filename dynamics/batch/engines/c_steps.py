@@ -21,7 +21,7 @@ from dynamics.contact.path import ARRIVED
 MAX_UNROLLED_OPERATIONS = 200
 # Maximum number of operations for which a kernel works on two registers at once, which doubles the text.
 MAX_ABREAST_OPERATIONS = 6000
-_PATH_GRAPHS = ("path", "followed")
+_PATH_GRAPHS = ("path", "path_solution")
 _STEP_INPUTS = ("U",) * 4
 _STEP_STRIDES = {
     "step": (_STEP_INPUTS, ("U",) * 3),
@@ -31,10 +31,10 @@ _STEP_STRIDES = {
 # Strides of kernels whose inputs and outputs are local to one step: A or PA registers side by side.
 _LOCAL_STRIDES = {
     "newton": (("A", "A"), ("A", "A")),
-    "settled": (("A", "A"), ("A",)),
-    "further": (("PA", "A"), ("PA",)),
+    "newton_solution": (("A", "A"), ("A",)),
+    "other_start": (("PA", "A"), ("PA",)),
     "path": (("PA", "A"), ("PA",)),
-    "followed": (("PA", "A"), ("PA",)),
+    "path_solution": (("PA", "A"), ("PA",)),
 }
 _CLOSED_FORM = "#define one_step step\n"
 
@@ -51,10 +51,10 @@ INLINE int still_open(const V *pair) {
   for (int r = 0; r < PA; r++) open[r] = pair[(NW - 1) * PA + r] < %(arrived)s;
   return some(open, PA);
 }
-static NOINLINE void follow_path(const V *data, V *pair, int most) {
+static NOINLINE void follow_path(const V *data, V *pair, int max_iterations) {
   V moved[NW * PA], *to[] = {moved};
   const V *from[] = {pair, data};
-  for (int i = 0; i < most && still_open(pair); i++) {
+  for (int i = 0; i < max_iterations && still_open(pair); i++) {
     path(from, to);
     for (int k = 0; k < NW * PA; k++) pair[k] = moved[k];
   }
@@ -65,8 +65,8 @@ static NOINLINE void path_instead(const V *data, const M *open, V *lam) {
   V pair[NW * PA], end[NB * PA], *out[] = {end};
   const V *from[] = {pair, data};
   for (int k = 0; k < NW * PA; k++) pair[k] = SPLAT(1.0);
-  follow_path(data, pair, %(most)d);
-  followed(from, out);
+  follow_path(data, pair, %(max_iterations)d);
+  path_solution(from, out);
   for (int k = 0; k < NB; k++)
     for (int r = 0; r < PA; r++) lam[k * A + r] = pick(open[r], end[k * PA + r], lam[k * A + r]);
 }
@@ -81,7 +81,7 @@ INLINE void solve_branch(V *lam, const V *data, const V *before) {
     for (int k = 0; k < NB * A; k++) lam[k] = pick(open[k %% A], moved[k], lam[k]);
     for (int r = 0; r < A; r++) open[r] &= unrest[r] != 0.0;
   }
-  settled(from, out);
+  newton_solution(from, out);
   for (int k = 0; k < NB * A; k++) lam[k] = moved[k];
   for (int r = 0; r < A; r += PA)
     if (some(open + r, PA)) path_instead(data + r, open + r, lam + r);
@@ -101,7 +101,7 @@ INLINE int decided(const V *pair) {
 static NOINLINE void search(const V *data, int lane, V *lam) {
   V own[ND * A], number[A], pair[NW * A], moved[NW * A], end[NB * A];
   V *first[] = {pair}, *to[] = {moved}, *out[] = {end};
-  const V *given[] = {number, own}, *from[] = {pair, own};
+  const V *inputs[] = {number, own}, *from[] = {pair, own};
   double total = 0.0;
   for (int k = 0; k < ND; k++) {
     double value = LANE(data[k * A], lane);
@@ -112,12 +112,12 @@ static NOINLINE void search(const V *data, int lane, V *lam) {
   for (int begin = 0; begin < %(starts)d; begin += A * W) {
     for (int r = 0; r < A; r++)
       for (int l = 0; l < W; l++) SET_LANE(number[r], l, (double)(begin + r * W + l));
-    further(given, first);
-    for (int i = 0; i < %(most_further)d && !decided(pair); i++) {
+    other_start(inputs, first);
+    for (int i = 0; i < %(max_other_iterations)d && !decided(pair); i++) {
       path(from, to);
       for (int k = 0; k < NW * A; k++) pair[k] = moved[k];
     }
-    followed(from, out);
+    path_solution(from, out);
     for (int r = 0; r < A; r++) {
       V sum = end[r];
       for (int k = 1; k < NB; k++) sum += end[k * A + r];
@@ -134,8 +134,8 @@ static NOINLINE void solve_branch(V *lam, const V *data, const V *before) {
   V pair[NW * A], *first[] = {pair}, *out[] = {lam};
   const V *from[] = {pair, data};
   %(warm)s
-  follow_path(data, pair, before ? %(most_warm)d : %(most)d);
-  followed(from, out);
+  follow_path(data, pair, before ? %(max_warm_iterations)d : %(max_iterations)d);
+  path_solution(from, out);
   for (int r = 0; r < A; r++) {
     V phase = pair[(NW - 1) * A + r], sum = phase - %(arrived)s;
     for (int k = 0; k < NB; k++) {
@@ -150,8 +150,8 @@ static NOINLINE void solve_branch(V *lam, const V *data, const V *before) {
 """
 _WARM = """\
 if (before) {
-    const V *given[] = {before, data};
-    warm(given, first);
+    const V *inputs[] = {before, data};
+    warm(inputs, first);
   } else
     for (int k = 0; k < NW * A; k++) pair[k] = SPLAT(1.0);"""
 _COLD = """\
@@ -259,7 +259,11 @@ def one_step(tapes: RolloutTapes, with_ts: bool, warm: bool = False) -> str:
     solve = _NEWTON if loop.newton else _STARTS
     return (_FOLLOW + solve + _STEP) % {
         **{"newton_iterations": loop.newton_iterations, "starts": loop.starts},
-        **{"most": loop.most, "most_warm": loop.most_warm, "most_further": loop.most_further},
+        **{
+            "max_iterations": loop.max_iterations,
+            "max_warm_iterations": loop.max_warm_iterations,
+            "max_other_iterations": loop.max_other_iterations,
+        },
         **{"branches": loop.branches, "ts": ", ts" * with_ts, "ts_parameter": ", i64 ts" * with_ts},
         **{"arrived": ARRIVED, "warm": _WARM if warm else _COLD},
         **{"before": "in[4]" if warm else "0", "apart": "U" if warm else "1"},

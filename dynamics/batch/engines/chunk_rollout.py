@@ -54,21 +54,21 @@ class ChunkSolver:
             active = active[unrest[0] != 0.0]
             if not len(active):
                 break
-        solution = self._run("settled", loop.n, lam, data)
+        solution = self._run("newton_solution", loop.n, lam, data)
         if len(active):
             active_data = np.ascontiguousarray(data[:, active])
-            pair = self._follow(np.ones((loop.n_pair, len(active))), active_data, loop.most)
-            solution[:, active] = self._run("followed", loop.n, pair, active_data)
+            pair = self._follow(np.ones((loop.n_pair, len(active))), active_data, loop.max_iterations)
+            solution[:, active] = self._run("path_solution", loop.n, pair, active_data)
         return solution
 
     def _from_starts(self, data: Array, lam_before: Array | None) -> Array:
         loop = self.loop
         if lam_before is None:
-            pair = self._follow(np.ones((loop.n_pair, data.shape[-1])), data, loop.most)
+            pair = self._follow(np.ones((loop.n_pair, data.shape[-1])), data, loop.max_iterations)
         else:
             pair = self._run("warm", loop.n_pair, lam_before, data)
-            pair = self._follow(pair, data, loop.most_warm)
-        solution = self._run("followed", loop.n, pair, data)
+            pair = self._follow(pair, data, loop.max_warm_iterations)
+        solution = self._run("path_solution", loop.n, pair, data)
         solution[:, pair[-1] != ARRIVED] = np.inf
         has_finite_data = np.isfinite(data.sum(axis=0))
         active = np.flatnonzero(has_finite_data & ~np.isfinite(solution.sum(axis=0)))
@@ -76,8 +76,10 @@ class ChunkSolver:
             if not len(active):
                 break
             active_data = np.ascontiguousarray(data[:, active])
-            pair = self._run("further", loop.n_pair, np.full((1, len(active)), float(k)), active_data)
-            candidate = self._run("followed", loop.n, self._follow(pair, active_data, loop.most_further), active_data)
+            pair = self._run("other_start", loop.n_pair, np.full((1, len(active)), float(k)), active_data)
+            candidate = self._run(
+                "path_solution", loop.n, self._follow(pair, active_data, loop.max_other_iterations), active_data
+            )
             solved = np.isfinite(candidate.sum(axis=0))
             solution[:, active[solved]] = candidate[:, solved]
             active = active[~solved]
@@ -112,7 +114,7 @@ class ChunkNetwork:
             product = adjoint[:, None] * values[k][None]
             total[weights] += product.reshape(-1, product.shape[-1])
             total[offsets] += adjoint
-            adjoint = _summed(theta[weights].reshape(*shape, -1), adjoint, (0, 2))
+            adjoint = _weighted_sums(theta[weights].reshape(*shape, -1), adjoint, (0, 2))
             if k:
                 adjoint *= 1.0 - values[k] ** 2
         xbar = np.empty_like(x)
@@ -128,11 +130,11 @@ class ChunkNetwork:
             if len(values) > 1:
                 np.tanh(values[-1], out=values[-1])
             matrix = theta[weights].reshape(*shape, -1)
-            values.append(_summed(matrix, values[-1], (1, 2)) + theta[offsets])
+            values.append(_weighted_sums(matrix, values[-1], (1, 2)) + theta[offsets])
         return values
 
 
-def _summed(weights: Array, values: Array, axes: tuple[int, int]) -> Array:
+def _weighted_sums(weights: Array, values: Array, axes: tuple[int, int]) -> Array:
     """Return `sum_i w_oi v_i`, or with axes (0, 2) `sum_o w_oi v_o`, for each sample m."""
     summed_axis = axes[0]
     if weights.shape[-1] == 1:

@@ -36,7 +36,7 @@ _NEWTON_TOLERANCE = 1e-11
 _WARM_ITERATIONS = 16
 # Maximum number of iterations from ones.
 _COLD_ITERATIONS = 24
-# Maximum number of iterations from each further start.
+# Maximum number of iterations from each other start.
 _SEARCH_ITERATIONS = 40
 
 
@@ -49,46 +49,46 @@ class InnerLoop:
 
     - `opening: (x, theta, w, p) -> (lam, data)`, first guess and data of all branches in order
     - `path: (pair, data) -> pair`, one iteration along the path, which starts at ones
-    - `followed: (pair, data) -> lam` [N s], the unscaled multipliers at the end of the path, infinite
+    - `path_solution: (pair, data) -> lam` [N s], the unscaled multipliers at the end of the path, infinite
       where that is not a solution, so that the sample is reported as not finite
     - `closing: (x, theta, w, p, lam) -> (x_next, lam, cost)`
 
-    Either Newton's method comes before a path of at most `most` iterations,
+    Either Newton's method comes before a path of at most `max_iterations` iterations,
 
     - `newton: (lam, data) -> (lam, open)`, one iteration, with open 1 until it has converged
-    - `settled: (lam, data) -> lam` [N s], the unscaled multipliers at the end of Newton's method
+    - `newton_solution: (lam, data) -> lam` [N s], the unscaled multipliers at the end of Newton's method
 
-    or there are further starts: the path has `most_warm` iterations from `warm`, or `most` from ones,
-    and where it does not converge `most_further` from each of `starts` others, until one leads to a
+    or there are other starts: the path has `max_warm_iterations` iterations from `warm`, or `max_iterations` from ones,
+    and where it does not converge `max_other_iterations` from each of `starts` others, until one leads to a
     solution.
 
     - `warm: (lam_before, data) -> pair`, from the multipliers [N s] of the step before
-    - `further: (k, data) -> pair`, start number k
+    - `other_start: (k, data) -> pair`, start number k
     """
 
     with_p: ClassVar[tuple[str, ...]] = ("opening", "closing")
 
     opening: ca.Function
     path: ca.Function
-    followed: ca.Function
+    path_solution: ca.Function
     closing: ca.Function
     n: int
     n_pair: int
     n_data: int
     branches: int
     newton: ca.Function | None = None
-    settled: ca.Function | None = None
+    newton_solution: ca.Function | None = None
     warm: ca.Function | None = None
-    further: ca.Function | None = None
+    other_start: ca.Function | None = None
     newton_iterations: int = 0
-    most: int = interior_point.ITERATIONS
-    most_warm: int = 0
-    most_further: int = 0
+    max_iterations: int = interior_point.ITERATIONS
+    max_warm_iterations: int = 0
+    max_other_iterations: int = 0
     starts: int = 0
 
     def graphs(self) -> dict[str, ca.Function]:
         """Return a dict from name to graph, without those that are None."""
-        names = ("opening", "newton", "settled", "warm", "further", "path", "followed", "closing")
+        names = ("opening", "newton", "newton_solution", "warm", "other_start", "path", "path_solution", "closing")
         by_name = {name: getattr(self, name) for name in names}
         return {name: graph for name, graph in by_name.items() if graph is not None}
 
@@ -111,19 +111,23 @@ def solver_fields(path: Path) -> dict[str, Any]:
     sizes = {"n": path.n, "n_pair": path.size, "n_data": path.data.numel()}
     # Infinite where the path was not followed to its end, so that the sample is not counted.
     checked_end = path_end[0] / (ca.mmax(path_end[2]) <= MAX_ERROR)
-    followed = _function("followed", [pair, path.data], [checked_end])
+    path_solution = _function("path_solution", [pair, path.data], [checked_end])
     return {
         **sizes,
         "path": path.iteration_function(),
-        "followed": followed,
+        "path_solution": path_solution,
         **(_by_newton(path) if path.unique else _from_starts(path)),
     }
 
 
 def _from_starts(path: Path) -> dict[str, Any]:
     """Return the fields of an `InnerLoop` for a path alone, where multipliers may not be unique."""
-    iteration_limits = {"most": _COLD_ITERATIONS, "most_warm": _WARM_ITERATIONS, "most_further": _SEARCH_ITERATIONS}
-    graphs = {"warm": starts.warm_start(path), "further": starts.further_start(path)}
+    iteration_limits = {
+        "max_iterations": _COLD_ITERATIONS,
+        "max_warm_iterations": _WARM_ITERATIONS,
+        "max_other_iterations": _SEARCH_ITERATIONS,
+    }
+    graphs = {"warm": starts.warm_start(path), "other_start": starts.other_start(path)}
     return {**iteration_limits, **graphs, "starts": starts.COUNT}
 
 
@@ -132,14 +136,14 @@ def _by_newton(path: Path) -> dict[str, Any]:
     z, mu, D, c = (path.data_parts[name] for name in ("z", "mu", "D", "c"))
     F = ca.SX(path.pattern, path.data_parts["entries"])
     if path.exact:
-        newton_outputs, settled_lam = _active_set(lam, z, F), ca.fmax(0, lam) * c * D
+        newton_outputs, newton_lam = _active_set(lam, z, F), ca.fmax(0, lam) * c * D
     else:
         s = z + F @ lam
         # Where lam < s, mu / s is accurate to all digits, and the root is not.
-        newton_outputs, settled_lam = _newton(lam, z, F, mu), ca.if_else(s > lam, mu / s, lam) * c * D
+        newton_outputs, newton_lam = _newton(lam, z, F, mu), ca.if_else(s > lam, mu / s, lam) * c * D
     return {
         "newton": _function("newton", [lam, path.data], list(newton_outputs)),
-        "settled": _function("settled", [lam, path.data], [settled_lam]),
+        "newton_solution": _function("newton_solution", [lam, path.data], [newton_lam]),
         "newton_iterations": NEWTON_ITERATIONS,
     }
 

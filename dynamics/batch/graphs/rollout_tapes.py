@@ -90,15 +90,15 @@ class ClosedStep:
     def build_tapes(self) -> RolloutTapes:
         """Return the graphs, with the expressions in parameters alone moved to `derived`."""
         law, at_end = self.law(self.step.system.x, self.theta), [self.x, self.p]
-        noise_ways = self.cost_dependence()
-        score = self.objective.mask_finished(ca.jtimes(law, self.theta, self._acting(noise_ways), True))
+        dependence = self.cost_dependence()
+        score = self.objective.mask_finished(ca.jtimes(law, self.theta, self._effective_noise(dependence), True))
         terminal_bar = ca.gradient(self.terminal_cost, self.x)
-        loop = self._around()
+        loop = self._contact_graphs()
         with_p = {
             "adjoint": (self._adjoint(), 3),
             "terminal": (_function("terminal", at_end, [self.terminal_cost]), 1),
             "terminal_adjoint": (_function("terminal_adjoint", at_end, [terminal_bar]), 1),
-            **self._observing(),
+            **self._observation_graphs(),
         }
         if loop is None:
             with_p["forward"] = (self._forward(), 3)
@@ -122,7 +122,7 @@ class ClosedStep:
             forward=loop or remaining["forward"],
             adjoint=remaining["adjoint"],
             score=_function("score", [self.x, self.theta, self.w], [score]),
-            cost_dependence=noise_ways,
+            cost_dependence=dependence,
             terminal=remaining["terminal"],
             terminal_adjoint=remaining["terminal_adjoint"],
             derived=derived,
@@ -134,25 +134,25 @@ class ClosedStep:
         """Return which entries of x and w affect x_next and the costs, through contact and policy."""
         step, policy = self.step, self.policy
         if isinstance(step, LearnedStep):
-            mixed_queries = _mixed(step.queries)
+            mixed_queries = _dependent_scalar(step.queries)
             unknown, relation_rows = step.inner, ca.repmat(mixed_queries, step.inner.numel(), 1)
         else:
             unknown, relation_rows = step.lam, step.eliminate_states(step.gap_expr) + ca.SX.sym("by_mu") * step.mu
-        closed_expressions = self._closed(ca.vertcat(self.x_next, self.stage_cost), relation_rows)
+        closed_expressions = self._substitute_policy(ca.vertcat(self.x_next, self.stage_cost), relation_rows)
         outputs = ca.substitute(closed_expressions[0], unknown, stand_ins(unknown, closed_expressions[1]))
         if isinstance(policy, DensePolicy):
-            mixed_observation = _mixed(call_with_first(policy.observe, step.system.x, p=step.p.vector))
+            mixed_observation = _dependent_scalar(call_with_first(policy.observe, step.system.x, p=step.p.vector))
             outputs = ca.substitute(outputs, self.theta, ca.repmat(mixed_observation, self.theta.numel(), 1))
         return cost_dependence(outputs, self.terminal_cost, self.x, self.w)
 
-    def _acting(self, noise_ways: CostDependence) -> ca.SX:
+    def _effective_noise(self, dependence: CostDependence) -> ca.SX:
         """Return the noise, set to zero in states where it has no effect (`gates` of :class:`CostDependence`)."""
         noise = ca.vertsplit(self.w)
-        for j, s in np.argwhere(noise_ways.gates).tolist():
+        for j, s in np.argwhere(dependence.gates).tolist():
             noise[j] = ca.if_else(self.x[s] != 0, noise[j], 0)
         return ca.vertcat(*noise)
 
-    def _observing(self) -> dict[str, tuple[ca.Function, int]]:
+    def _observation_graphs(self) -> dict[str, tuple[ca.Function, int]]:
         """Return the graphs of normalised observations, each with the position of p; empty for other policies."""
         policy = self.policy
         if not isinstance(policy, DensePolicy):
@@ -167,7 +167,7 @@ class ClosedStep:
             "observe_adjoint": (_function("observe_adjoint", [self.x, self.p, obar], [state_bar]), 1),
         }
 
-    def _closed(self, *expressions: ca.SX) -> list[ca.SX]:
+    def _substitute_policy(self, *expressions: ca.SX) -> list[ca.SX]:
         """Return expressions in the step's (x, u, p) with the policy's input substituted for u."""
         u = self.law(self.step.system.x, self.theta) + self.w
         if self.policy.actuate is not None:
@@ -176,13 +176,13 @@ class ClosedStep:
 
     def _effects(self, lam: ca.SX) -> list[ca.SX]:
         """Return next state, multipliers and stage cost for given multipliers."""
-        x_next, cost = self._closed(self.x_next, self.stage_cost)
+        x_next, cost = self._substitute_policy(self.x_next, self.stage_cost)
         x_next, cost = ca.substitute([x_next, cost], [self.step.lam], [lam])
         return [x_next, lam, cost]
 
     def _contacts(self, step: AffineStep) -> list[tuple[ca.SX, ca.SX, ca.SX]]:
         """Return the contact problems (z, F, mu) of the branches, which are independent of each other."""
-        z, F, mu = self._closed(step.z, step.F, step.mu)
+        z, F, mu = self._substitute_policy(step.z, step.F, step.mu)
         return [(z[rows], F[rows, rows], mu[rows]) for rows in step.rows]
 
     def _forward(self) -> ca.Function:
@@ -194,23 +194,23 @@ class ClosedStep:
         ]
         return _function("forward", self.arguments, self._effects(ca.vertcat(ca.SX(0, 1), *solved)))
 
-    def _around(self) -> InnerLoop | ModelStepGraphs | None:
+    def _contact_graphs(self) -> InnerLoop | ModelStepGraphs | None:
         """Return the graphs of a step that needs a contact solver or a model; None where one graph is enough."""
         if isinstance(self.step, LearnedStep):
             return self._model_graphs(self.step)
         explicit = self.step.system.nlam <= isinstance(self.step, AffineStep)
-        return None if explicit else self._loop()
+        return None if explicit else self._inner_loop()
 
     def _model_graphs(self, step: LearnedStep) -> ModelStepGraphs:
-        x_next, cost = self._closed(self.x_next, self.stage_cost)
+        x_next, cost = self._substitute_policy(self.x_next, self.stage_cost)
         closing = [*self.arguments, step.model_outputs]
         return ModelStepGraphs(
-            queries=_function("queries", self.arguments, self._closed(step.queries)),
+            queries=_function("queries", self.arguments, self._substitute_policy(step.queries)),
             closing=_function("closing", closing, [x_next, step.model_outputs, cost]),
             model=step.learned.model,
         )
 
-    def _loop(self) -> InnerLoop:
+    def _inner_loop(self) -> InnerLoop:
         step, lam = self.step, self.step.lam
         if isinstance(step, AffineStep):
             problems = self._contacts(step)
@@ -219,7 +219,7 @@ class ClosedStep:
             columns = [path.opening_data(*problem) for problem in problems]
         else:
             path = path_of(step.system, step.exact)
-            columns = self._openings(path)
+            columns = self._path_data(path)
         guesses = ca.vertcat(*[newton_guess(path, column) for column in columns])
         return InnerLoop(
             opening=_function("opening", self.arguments, [guesses, ca.vertcat(*columns)]),
@@ -228,14 +228,14 @@ class ClosedStep:
             **solver_fields(path),
         )
 
-    def _openings(self, path: Path) -> list[ca.SX]:
+    def _path_data(self, path: Path) -> list[ca.SX]:
         """Return the data of the interior-point path for every branch."""
         step, system, mu = self.step, self.step.system, ca.SX.sym("mu", path.n)
         opening, data = path.opening_data_of(system, mu), []
         for node, rows in zip(step.nodes, step.rows, strict=True):
             symbols = ca.vertcat(system.x, system.u, mu)
             values = ca.vertcat(system.x + node.noise_x, system.u + node.noise_u, step.mu[rows])
-            data += self._closed(ca.substitute(opening, symbols, values))
+            data += self._substitute_policy(ca.substitute(opening, symbols, values))
         return data
 
     def _adjoint(self) -> ca.Function:
@@ -248,12 +248,14 @@ class ClosedStep:
         value = self.stage_cost + ca.dot(xbar, self.x_next)
         held_symbols, held_values = [ca.SX(0, 1)], [ca.SX(0, 1)]
         if step.n:
-            held_symbols, held_values, contact_term = self._implicit(step, ca.gradient(value, step.lam))
+            held_symbols, held_values, contact_term = self._contact_term(step, ca.gradient(value, step.lam))
             value += contact_term
-        value = self._closed(value)[0]
+        value = self._substitute_policy(value)[0]
         bars = [ca.gradient(value, self.x), ca.gradient(value, self.theta)]
         # Where contact moves no state the multiplier's cotangent has no entries.
-        bars = ca.substitute(bars, held_symbols, [ca.densify(held_value) for held_value in self._closed(*held_values)])
+        bars = ca.substitute(
+            bars, held_symbols, [ca.densify(held_value) for held_value in self._substitute_policy(*held_values)]
+        )
         return self._adjoint_function(step.lam, xbar, bars)
 
     def _adjoint_function(self, lam: ca.SX, xbar: ca.SX, bars: list[ca.SX]) -> ca.Function:
@@ -267,7 +269,7 @@ class ClosedStep:
         b is the derivative with respect to the model's inputs z, held constant.
         """
         value = self.stage_cost + ca.dot(xbar, self.x_next)
-        value, queries, query_bar = self._closed(value, step.queries, step.query_gradient(value))
+        value, queries, query_bar = self._substitute_policy(value, step.queries, step.query_gradient(value))
         held_bar = ca.SX.sym("back", queries.numel())
         value += ca.dot(held_bar, queries)
         bars = [ca.gradient(value, self.x), ca.gradient(value, self.theta)]
@@ -283,18 +285,18 @@ class ClosedStep:
         by_inner = ca.densify(ca.gradient(cost_to_go, inner))
         v = step.solve_relation(by_inner, transposed=True)
         held_v = ca.SX.sym("v", inner.numel())
-        value = self._closed(cost_to_go - ca.dot(held_v, relation))[0]
+        value = self._substitute_policy(cost_to_go - ca.dot(held_v, relation))[0]
         bars = [ca.gradient(value, self.x), ca.gradient(value, self.theta)]
         held_values = [v]
         held_symbols = [held_v]
         if step.held_mu is not None:
             held_symbols.append(step.held_mu[0])
             held_values.append(step.held_mu[1])
-        bars = ca.substitute(bars, [ca.vertcat(*held_symbols)], self._closed(ca.vertcat(*held_values)))
-        bars = ca.substitute(bars, [step.states], self._closed(step.states_of_lam))
+        bars = ca.substitute(bars, [ca.vertcat(*held_symbols)], self._substitute_policy(ca.vertcat(*held_values)))
+        bars = ca.substitute(bars, [step.states], self._substitute_policy(step.states_of_lam))
         return self._adjoint_function(step.lam, xbar, ca.cse(bars))
 
-    def _implicit(self, step: AffineStep, lambar: ca.SX) -> tuple[list[ca.SX], list[ca.SX], ca.SX]:
+    def _contact_term(self, step: AffineStep, lambar: ca.SX) -> tuple[list[ca.SX], list[ca.SX], ca.SX]:
         """Return the contact term of the function whose gradient is the adjoint.
 
         The result is the symbols to hold constant while differentiating, their values, and the term
@@ -328,7 +330,7 @@ def _root(z: ca.SX, F: ca.SX, mu: ca.SX) -> ca.SX:
     return ca.sqrt(z * z + 4 * F * mu)
 
 
-def _mixed(expressions: ca.SX) -> ca.SX:
+def _dependent_scalar(expressions: ca.SX) -> ca.SX:
     """Return a scalar that depends on all symbols in the expressions, for structural dependence only."""
     return ca.dot(ca.SX.sym("weight", expressions.numel()), expressions)
 

@@ -51,16 +51,16 @@ def cost_dependence(outputs: ca.SX, terminal: ca.SX, x: ca.SX, w: ca.SX) -> Cost
     """
     by_x, by_w = dependence_table(outputs, x), dependence_table(outputs, w)
     nx = x.numel()
-    noise_ways = CostDependence(by_x, by_w, dependence_table(terminal, x)[0], np.zeros((w.numel(), nx), dtype=bool))
-    noise_reaches, state_reaches = noise_ways.masks(nx + 1)
+    dependence = CostDependence(by_x, by_w, dependence_table(terminal, x)[0], np.zeros((w.numel(), nx), dtype=bool))
+    noise_reaches, state_reaches = dependence.masks(nx + 1)
     is_noiseless = ~by_w[:-1].any(axis=1)
     for _ in range(nx):
         is_noiseless &= ~by_x[:-1, ~is_noiseless].any(axis=1)
     needed_rows = np.append(state_reaches.any(axis=0), True)
     for s in np.flatnonzero(is_noiseless):
         outputs_at_zero = ca.substitute(outputs[np.flatnonzero(needed_rows).tolist()], x[int(s)], 0)
-        noise_ways.gates[:, s] = noise_reaches.any(axis=0) & ~dependence_table(outputs_at_zero, w).any(axis=0)
-    return noise_ways
+        dependence.gates[:, s] = noise_reaches.any(axis=0) & ~dependence_table(outputs_at_zero, w).any(axis=0)
+    return dependence
 
 
 def dependence_table(expression: ca.SX, symbols: ca.SX) -> np.ndarray:

@@ -275,14 +275,14 @@ class Tree:
         composites = {}
         for body in self._ordered:
             com, mass = ca.sparsify(ca.SX(ca.vertcat(*body.com))), ca.SX(body.mass)
-            composites[body.name] = mass, mass * com, body.inertia_matrix + mass * _spread(com, com)
+            composites[body.name] = mass, mass * com, body.inertia_matrix + mass * _second_moment(com, com)
         for body in reversed(self._ordered):
             if body.parent is None:
                 continue
             joint, (mass, first, second) = joints[body.name], composites[body.name]
             above, first = composites[body.parent], joint.R @ first
-            moved_second = _symmetric(joint.R @ second @ joint.R.T) + mass * _spread(joint.r, joint.r)
-            cross = _spread(first, joint.r) + _spread(joint.r, first)
+            moved_second = _symmetric(joint.R @ second @ joint.R.T) + mass * _second_moment(joint.r, joint.r)
+            cross = _second_moment(first, joint.r) + _second_moment(joint.r, first)
             composites[body.parent] = (
                 above[0] + mass,
                 above[1] + first + mass * joint.r,
@@ -332,7 +332,7 @@ class Tree:
         return states
 
 
-def _spread(a: ca.SX, b: ca.SX) -> ca.SX:
+def _second_moment(a: ca.SX, b: ca.SX) -> ca.SX:
     """Return ``a'b 1 - a b'``, for a = b the second moment of a point mass of 1 kg at a."""
     return ca.dot(a, b) * ca.SX.eye(3) - a @ b.T
 

@@ -84,14 +84,14 @@ def _newton(count: int) -> Inner:
         lam = guess
         for _ in range(count):
             lam = loop.newton(lam, data)[0]
-        return loop.settled(lam, data)
+        return loop.newton_solution(lam, data)
 
     return solve
 
 
 def _path(loop: InnerLoop, guess: ca.MX, data: ca.MX) -> ca.MX:
     pair = interior_point.repeat_until_rest(loop.path)(ca.MX.ones(loop.n_pair), data)
-    return loop.followed(pair, data)
+    return loop.path_solution(pair, data)
 
 
 def _by_adjoint(

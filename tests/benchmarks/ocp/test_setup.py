@@ -20,7 +20,7 @@ def set_up(name: str, N: int) -> None:
     made = session(name, Barrier(mu=1e-3), N)
     nlp = made.nlp_of("product")
     made.first_point(nlp)
-    Solver()._instance(nlp, {})  # private, since timing must stop before IPOPT starts
+    Solver()._solver_function(nlp, {})  # private, since timing must stop before IPOPT starts
 
 
 @pytest.mark.bench

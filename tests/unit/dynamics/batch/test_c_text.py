@@ -123,13 +123,13 @@ def texts(machine: compiler.Compiler) -> dict[str, Callable[[], str]]:
         "random": lambda: c_draws.source(machine),
     }
     for name, parts in systems().items():
-        for own_p in (False, True):
-            made[f"{name}, own p: {own_p}"] = functools.partial(
-                lambda parts, own_p: c_rollout.rollout_source(
-                    build_tapes(parts[0], Costs(*parts[1:3]), parts[3]), 32, machine, own_p
+        for per_sample_p in (False, True):
+            made[f"{name}, own p: {per_sample_p}"] = functools.partial(
+                lambda parts, per_sample_p: c_rollout.rollout_source(
+                    build_tapes(parts[0], Costs(*parts[1:3]), parts[3]), 32, machine, per_sample_p
                 ),
                 parts,
-                own_p,
+                per_sample_p,
             )
     return made
 
