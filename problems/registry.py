@@ -96,8 +96,8 @@ def refuse_robot_file(name: str) -> None:
     """Raise :class:`~ocp.errors.InputError` if ``name`` is a robot's description, which defines no problem."""
     if name.lower().endswith(ROBOT_FILES):
         raise InputError(
-            f"{name}: a robot's file says what moves and not what to do; ocp new NAME --robot FILE"
-            " writes a problem of a URDF or MJCF file, and ocp show FILE what is read"
+            f"{name}: a robot's file defines no problem; ocp new NAME --robot FILE"
+            " writes a problem for a URDF or MJCF file, and ocp show FILE lists what is read"
         )
 
 

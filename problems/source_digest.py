@@ -88,7 +88,7 @@ class _DependencySearch:
         for node in nodes:
             for module in _imported(node, package):
                 self._module(module)
-            data = _named(node)
+            data = _named_path(node)
             if data and _is_file(file.parent, data):
                 self.found[f"./{data}"] = file.parent / data
 
@@ -160,7 +160,7 @@ def _imported(node: ast.AST, package: str) -> Iterator[str]:
             yield str(first.value).lstrip(".")
 
 
-def _named(node: ast.AST) -> str:
+def _named_path(node: ast.AST) -> str:
     """Return the relative path that a string, or strings joined by ``/``, may name; "" for other nodes."""
     steps: list[str] = []
     while isinstance(node, ast.BinOp) and isinstance(node.op, ast.Div):

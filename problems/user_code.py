@@ -37,7 +37,7 @@ def guarded(
         try:
             return value if check is None else check(value)
         except InputError as error:
-            raise InputError(f"{path}: {what} returned what does not fit: {error}") from error
+            raise InputError(f"{path}: {what} returned an invalid value: {error}") from error
 
     return call
 

@@ -35,7 +35,7 @@ golden = {
     "exact": Golden(
         2.0028764399,
         tried=137,
-        note="it leans, and is not the lowest seen: l1 once found hops of 1.904 to 1.986, so"
+        note="the torso leans; lower costs were seen: l1 once found hops of 1.904 to 1.986, so"
         " unstable that a replay of their inputs leaves them; they were not found again, and 26"
         " solves with l1 end at 2.0197309; another minimum: 2.0393840",
     )
@@ -108,7 +108,7 @@ def build(params: Params) -> Problem:
     p, friction = friction_of(table(params))
     joints = {key: p[key] for key in ("m", "m_leg", "m_foot", "stiffness", "damping")}
     machine_system = in_torques(_machine(**joints).system(name, p, h=p["h"], friction=friction))
-    system = with_nominal(machine_system, p["speed"], Signal("nominal", "m", "nominal way of the torso"))
+    system = with_nominal(machine_system, p["speed"], Signal("nominal", "m", "nominal position of the torso"))
     start = ca.vertcat(0, *(p[key] for key in ("z0", "torso0", "knee0", "ankle0")))
     q, v, nominal = system.x[:5], system.x[5:10], system.x[10]
     error = q - start - ca.vertcat(nominal + p["lead"], ca.SX.zeros(4))

@@ -61,7 +61,7 @@ class Params(Parameters):
     z0: float = quantity(0.15, "m", "start of the fingertip, z; the table is at 0")
     goal_x: float = quantity(0.3, "m", "goal of the cube's middle, x")
     goal_y: float = quantity(0.0, "m", "goal of the cube's middle, y")
-    yaw: float = quantity(0.5, "rad", "goal of the cube's turn about z")
+    yaw: float = quantity(0.5, "rad", "goal of the cube's rotation about z")
     w_q: float = quantity(0.1, "m^2/rad^2", "weight of the rotation to the goal", least=0)
     w_end: float = quantity(10.0, "1/m^2", "terminal weight of the distance to the goal", least=0)
     w_c: float = quantity(0.1, "1/m^2", "weight of commands away from the fingertip", least=0)

@@ -27,18 +27,18 @@ p, e "place and quaternion of the trunk," theta "the joints"
 class GaitParams(Parameters):
     """Parameters of a problem in which a robot moves to another pose."""
 
-    distance: float = quantity(0.5, "m", "way of the trunk along x")
-    rise: float = quantity(0.0, "m", "height of the trunk at the end above where it stands")
-    turn: float = quantity(0.0, "rad", "turn of the trunk about z")
+    distance: float = quantity(0.5, "m", "distance of the trunk along x")
+    rise: float = quantity(0.0, "m", "height of the trunk at the end, above its standing height")
+    turn: float = quantity(0.0, "rad", "rotation of the trunk about z")
     friction: float = quantity(0.8, "1", "Coulomb's coefficient with the ground", above=0)
     h: float = quantity(0.03, "s", "step size", above=0)
     N: int = structure(20, "number of steps", least=1)
-    edges: str = choice(("4", "8"), "of the pyramid of friction")
+    edges: str = choice(("4", "8"), "number of edges of the friction pyramid")
     u_max: float = quantity(1.0, "1", "largest input, in units of the gears", above=0)
     w_u: float = quantity(0.1, "1/s", "weight of the inputs", least=0)
     w_v: float = quantity(0.01, "s/m^2", "weight of the velocities", least=0)
-    w_place: float = quantity(20.0, "1/m^2", "terminal weight of the trunk's place", least=0)
-    w_turn: float = quantity(5.0, "1", "terminal weight of the trunk's turn", least=0)
+    w_place: float = quantity(20.0, "1/m^2", "terminal weight of the trunk's position", least=0)
+    w_turn: float = quantity(5.0, "1", "terminal weight of the trunk's rotation", least=0)
     w_joints: float = quantity(1.0, "1/rad^2", "terminal weight of the joints", least=0)
     w_rest: float = quantity(0.1, "s^2/m^2", "terminal weight of the velocities", least=0)
 

@@ -65,6 +65,6 @@ def _length(model: Any, kind: int, number: int) -> tuple[Mapping[int, float], fl
     start = int(model.tendon_adr[number])
     wraps = range(start, start + int(model.tendon_num[number]))
     if any(model.wrap_type[w] != 1 for w in wraps):
-        raise ValueError(f"tendon {model.tendon(number).name!r} is bound and not linear; delete that")
+        raise ValueError(f"tendon {model.tendon(number).name!r} is coupled and not linear; delete the coupling")
     terms = {int(model.wrap_objid[w]): float(model.wrap_prm[w]) for w in wraps}
     return terms, sum(c * float(model.qpos0[model.jnt_qposadr[j]]) for j, c in terms.items())

@@ -67,8 +67,8 @@ def collision_model(model: Any, machine: SpatialMachine, poses: Sequence[BodyFra
     pairs, ignored, data = pairs_of(model), list[str](), import_module("mujoco").MjData(model)
     if len(pairs) > MOST_PAIRS:
         raise ValueError(
-            f"{len(pairs)} pairs of geoms may touch; at most {MOST_PAIRS} are read; let fewer do so"
-            " by contype, conaffinity and exclude"
+            f"{len(pairs)} pairs of geoms may touch; at most {MOST_PAIRS} are read; exclude"
+            " some by contype, conaffinity or exclude"
         )
     geoms = sorted({g for pair in pairs for g in pair})
     parts = _parts(model, poses, geoms, ignored)
@@ -128,7 +128,7 @@ def _parts(model: Any, poses: Sequence[BodyFrame], geoms: list[int], ignored: li
             shape, note = _shape(model, g, kind, pose)
             parts[g] = SpatialPart(name, pose.body, shape)
         except ValueError as error:
-            note = f"geom {name}: it is {error}, and touches nothing here"
+            note = f"geom {name}: it is {error}, and has no contacts here"
         ignored += [note] if note and g in geoms else []
     return parts
 

@@ -61,11 +61,11 @@ def load(path: str | Path, *, floating: bool = False, planar: bool = False, fold
             roots = spec.worldbody.bodies
             rooted = source.urdf and len(roots) == 1 and not roots[0].joints
             if floating and planar:
-                raise InputError("floating and planar are two ways to free a root; give one")
+                raise InputError("floating and planar exclude each other; give one of them")
             if (floating or planar) and not rooted:
                 raise InputError(
-                    f"{file}: nothing to set free: an MJCF file says itself what floats (<freejoint/>), and of a URDF"
-                    " it is the one link that stands fixed in the world"
+                    f"{file}: no root to free: in MJCF <freejoint/> makes a body float, and a URDF must have a single"
+                    " link that is fixed to the world"
                 )
             still = rooted and not spec.joints and not (floating or planar)
             if floating or still:
@@ -173,7 +173,7 @@ def _name(elements: Iterable[tuple[Any, str]]) -> None:
 def _check(model: Any) -> None:
     """Raise ``ValueError`` for a model without joints, or with numbers that are not finite."""
     if model.njnt == 0:
-        raise ValueError("no joint, so nothing moves; expected a robot")
+        raise ValueError("no joint; expected a robot")
     for name in FINITE_FIELDS:
         if not np.isfinite(getattr(model, name)).all():
             raise ValueError(f"{name.partition('_')[2]} overflows; give smaller numbers")
@@ -218,7 +218,7 @@ def _robot(file: Path, model: Any, source: Source, notes: list[str]) -> Robot:
             home[index] = np.clip(home[index], low, high)
             past.append(model.joint(j).name or f"joint {j + 1}")
     if past:
-        notes.append(f"Home is past the limits of {listed('joint', past)} and starts at them.")
+        notes.append(f"The pose home exceeds the limits of {listed('joint', past)} and is clipped to them.")
     if ties:
         home = np.array(ca.evalf(ties.close(machine.tree(), ca.SX(home)))).ravel()
     joints = [model.joint(j).name for j, kind in enumerate(model.jnt_type) for _ in range(POSITIONS[JOINTS[kind]])]

@@ -62,7 +62,7 @@ def read_source(file: Path, folder: Path | None = None) -> Source:
     root, size = _parsed(file, 0)
     kind = root.tag.rpartition(":")[2]
     if any("xacro" in element.tag for element in root.iter()):
-        raise InputError(f"{file}: xacro is not read; write the URDF that it stands for, and read that")
+        raise InputError(f"{file}: xacro files are not read; convert this one to URDF with xacro, and read that")
     if kind == "sdf":
         raise InputError(
             f"{file}: SDF, the language of Gazebo, is not read; convert it to URDF, for instance"
@@ -149,8 +149,8 @@ class Place:
         path = (self.file.parent.resolve() / name).resolve()
         if not path.is_relative_to(self.folder):
             raise InputError(
-                f"{self.file}: file {abbreviated(name)} of <{tag}> leads out of the robot's folder;"
-                " name one that holds both with --folder DIR"
+                f"{self.file}: file {abbreviated(name)} of <{tag}> is outside the robot's folder;"
+                " name a folder that contains both with --folder DIR"
             )
         return path
 
@@ -160,12 +160,12 @@ class Place:
             path = self.resolve(name, "mesh")
         except InputError:
             return None
-        return path if _there(path) else None
+        return path if _exists(path) else None
 
     def find(self, name: str, tag: str) -> Path:
         """Return the absolute path of a file; raise :class:`~ocp.errors.InputError` if it does not exist."""
         path = self.resolve(name, tag)
-        if not _there(path):
+        if not _exists(path):
             raise InputError(f"{self.file}: file {abbreviated(name)} of <{tag}> is not in its folder")
         return path
 
@@ -263,13 +263,13 @@ def _take_meshes(root: Element, place: Place, ignored: list[str]) -> dict[str, b
             mesh.set("name", mesh.get("name", Path(name).stem))
         mesh.set(key, inner)
     if lost:
-        reason = "no STL, OBJ or MSH file in the robot's folder, so it touches nothing"
+        reason = "no STL, OBJ or MSH file in the robot's folder, so it has no contacts"
         hint = "--folder DIR names a folder around it"
         ignored.append(f"mesh of {listed('link', lost)}: {reason}; {hint}")
     return assets
 
 
-def _there(file: Path) -> bool:
+def _exists(file: Path) -> bool:
     """Return whether a file exists; False also for a name that is too long."""
     try:
         return file.is_file()

@@ -41,7 +41,7 @@ def _unsupported_elements(model: Any) -> Iterator[tuple[str, str, list[int], str
     yield "", "tendon", ties, "only joints bind bodies"
     yield "", "eq", [k for k in range(model.neq) if not model.eq_active0[k]], "it is inactive"
     keys = [k for k in range(model.nkey) if model.key(k).name != "home"]
-    yield "", "key", keys, "the one named home is home"
+    yield "", "key", keys, "only the keyframe named home is used"
     actuators = [actuator_of(model, k) for k in range(model.nu)]
     odd = [k for k, actuator in enumerate(actuators) if actuator is None]
     yield "", "actuator", odd, "only motors and position servos of hinges and slides are read"
@@ -52,6 +52,6 @@ def _unsupported_elements(model: Any) -> Iterator[tuple[str, str, list[int], str
         and actuator.servo
         and (model.actuator_forcelimited[k] or model.jnt_actfrclimited[model.actuator_trnid[k][0]])
     ]
-    yield "force range of ", "actuator", strong, "a servo pulls as hard as it must"
+    yield "force range of ", "actuator", strong, "the force of a servo is not limited"
     mocap = np.flatnonzero(model.body_mocapid >= 0).tolist()
     yield "mocap of ", "body", mocap, "it never moves"

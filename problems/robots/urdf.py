@@ -117,7 +117,7 @@ def clean(root: Element) -> list[str]:
     sentences = []
     odd = [link.get("name", "") for link in root.iter("link") if _zero_products(link)]
     if odd:
-        sentences.append(f"products of inertia of {listed('link', odd)}: no body has them")
+        sentences.append(f"products of inertia of {listed('link', odd)}: no body can have them")
     for joint in root.iter("joint"):
         limit = joint.find("limit")
         if limit is None:
@@ -128,7 +128,7 @@ def clean(root: Element) -> list[str]:
         for end in infinite if {"lower", "upper"} <= infinite else infinite - {"lower", "upper"}:
             del limit.attrib[end]
         if "effort" in infinite:
-            sentences.append(f"effort of joint {joint.get('name')}: it is infinite, so no motor")
+            sentences.append(f"effort of joint {joint.get('name')}: it is infinite, so the joint has no motor")
     return sentences
 
 

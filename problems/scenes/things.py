@@ -156,7 +156,7 @@ class Pusher(Thing):
         """Signals ``<name>_x`` and ``<name>_y``, or ``<name>`` for the distance along the rail."""
         if self.axis is None:
             return _position_signals(self.name)
-        return (Signal(self.name, "m", f"way of {self.name} along its rail"),)
+        return (Signal(self.name, "m", f"position of {self.name} along its rail"),)
 
     @property
     def start(self) -> ca.SX:

@@ -220,9 +220,9 @@ def rebuilt(run: StoredRun) -> tuple[Experiment, Trained]:
     names = [signal.name for signal in experiment.task.observations]
     if observations != names or policy.theta.size != experiment.policy.n_theta:
         raise InputError(
-            f"{run.path}: its policy has {policy.theta.size} parameters and sees {len(observations)}"
-            f" numbers, {', '.join(observations)}; a policy of {spec.name} has"
-            f" {experiment.policy.n_theta} and sees {len(names)}, {', '.join(names)}: it is of"
-            " another task; train one for this"
+            f"{run.path}: its policy has {policy.theta.size} parameters and {len(observations)}"
+            f" observations, {', '.join(observations)}; a policy of {spec.name} has"
+            f" {experiment.policy.n_theta} parameters and {len(names)} observations, {', '.join(names)};"
+            " train one for this task"
         )
     return experiment, policy

@@ -74,12 +74,12 @@ def run(options: FigureOptions, request: FigureRequest) -> int:
     document_at: dict[int, dict[str, Any]] = {}
     for place, requested in enumerate(request):
         if isinstance(requested, StoredRun):
-            file = _bare(requested, options)
+            file = _write_bare_figure(requested, options)
             options.output.say(f"files: {file}")
             document_at[place] = {"id": requested.meta["problem"], "files": [str(file)], "run": str(requested.path)}
     named = {place: requested for place, requested in enumerate(request) if isinstance(requested, tuple)}
-    for place, data in _computed(named, options):
-        document_at[place] = _shown(*named[place], data, options)
+    for place, data in _compute_studies(named, options):
+        document_at[place] = _finish_study(*named[place], data, options)
     documents = [document_at[place] for place in sorted(document_at)]
     options.output.document(documents[0] if len(options.figures or ()) == 1 else {"figures": documents})
     return 0
@@ -101,7 +101,7 @@ def study_data(job: FigureJob, report: Callable[[Any], None]) -> xr.Dataset:
         return study.data(job.params, checkpoint, jobs=1)
 
 
-def _computed(
+def _compute_studies(
     named: dict[int, tuple[FigureStudy, dict[str, Any]]], options: FigureOptions
 ) -> Iterator[tuple[int, xr.Dataset]]:
     """Yield index and data of every study; ``--jobs`` runs several studies, or the parts of one, in parallel."""
@@ -112,7 +112,7 @@ def _computed(
     jobs = {place: FigureJob(study.id, params, options.out.resolve()) for place, (study, params) in named.items()}
 
     def explain(place: int, error: Exception) -> None:
-        with _explained(*named[place]):
+        with _explain_errors(*named[place]):
             raise error
 
     with closing(map_jobs(study_data, jobs, Workers(options.jobs, options.scheduler), recover=explain)) as outcomes:
@@ -126,7 +126,7 @@ def _compute_study(study: FigureStudy, params: dict[str, Any], options: FigureOp
     with Checkpoint(options.out if study.resumes else None, study.id, params) as checkpoint:
         for line in checkpoint.notes:
             options.output.say(line)
-        with _explained(study, params), _progress(options):
+        with _explain_errors(study, params), _progress(options):
             return study.data(params, checkpoint, jobs, options.scheduler)
 
 
@@ -149,7 +149,7 @@ def _progress(options: FigureOptions) -> Iterator[None]:
             yield
 
 
-def _bare(run: StoredRun, options: FigureOptions) -> Path:
+def _write_bare_figure(run: StoredRun, options: FigureOptions) -> Path:
     ending = options.ending or "pdf"
     file = options.out / f"{run.meta['problem']}-{options.panel or 'figure'}.{ending}"
     atomic.write_file(file, bare_figure(run, ending, options.panel), "the figure")
@@ -157,7 +157,7 @@ def _bare(run: StoredRun, options: FigureOptions) -> Path:
 
 
 @contextmanager
-def _explained(study: FigureStudy, params: dict[str, Any]) -> Iterator[None]:
+def _explain_errors(study: FigureStudy, params: dict[str, Any]) -> Iterator[None]:
     """Turn an error of a study at parameters other than its defaults into an InputError that names them.
 
     At its defaults an error is a defect. Elsewhere a study may have no result, since ranges are checked
@@ -176,10 +176,12 @@ def _explained(study: FigureStudy, params: dict[str, Any]) -> Iterator[None]:
         ) from error
 
 
-def _shown(study: FigureStudy, params: dict[str, Any], data: xr.Dataset, options: FigureOptions) -> dict[str, Any]:
+def _finish_study(
+    study: FigureStudy, params: dict[str, Any], data: xr.Dataset, options: FigureOptions
+) -> dict[str, Any]:
     """Store the data, check the claims, draw the figure, and return its JSON document."""
     out, output = options.out, options.output
-    with _explained(study, params):
+    with _explain_errors(study, params):
         claims = study.claims(data)
     meta = {
         "kind": "figure",
@@ -194,7 +196,7 @@ def _shown(study: FigureStudy, params: dict[str, Any], data: xr.Dataset, options
     with Checkpoint(out if study.resumes else None, study.id, params) as checkpoint:
         checkpoint.discard()
     pdf, copy = out / f"{study.id}.pdf", out / f"{study.id}.nc"
-    with _explained(study, params):
+    with _explain_errors(study, params):
         write_pdf([stored], pdf)
     # netCDF 3, since HDF5 stores the time of writing, and equal data would give different files.
     atomic.write_file(copy, bytes(data.to_netcdf(engine="scipy", format="NETCDF3_64BIT")))
@@ -202,7 +204,7 @@ def _shown(study: FigureStudy, params: dict[str, Any], data: xr.Dataset, options
     output.say(f"{study.id}: {meta['verdict']}")
     files = [str(pdf), str(copy)]
     if options.ending or options.panel:
-        files.append(str(_bare(stored, options)))
+        files.append(str(_write_bare_figure(stored, options)))
     output.say(f"files: {', '.join(files)}")
     return {
         "id": study.id,

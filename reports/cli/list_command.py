@@ -146,19 +146,19 @@ def _show_file(options: ShowOptions, dataset: Transitions | Dataset) -> int:
 def _show_spec(options: ShowOptions, problem_spec: ProblemSpec | ObjectiveSpec) -> int:
     tasks = [registry.spec(problem_spec.name)] if problem_spec.name in registry.names() else []
     golden = {name: asdict(golden) for name, golden in problem_spec.golden.items()}
-    task = _described(tasks[0]) if tasks else None
-    options.output.document({**_described(problem_spec), "golden": golden, "task": task})
+    task = _spec_document(tasks[0]) if tasks else None
+    options.output.document({**_spec_document(problem_spec), "golden": golden, "task": task})
     if options.as_json:
         return 0
     print(f"{problem_spec.name}: {problem_spec.title}\n")
-    _page(problem_spec)
+    _print_spec(problem_spec)
     for task in tasks:
         print(f"\nThe learning task {task.name}: {task.title}\n")
-        _page(task)
+        _print_spec(task)
     return 0
 
 
-def _described(described_spec: Spec) -> dict[str, Any]:
+def _spec_document(described_spec: Spec) -> dict[str, Any]:
     return {
         "name": described_spec.name,
         "title": described_spec.title,
@@ -168,12 +168,12 @@ def _described(described_spec: Spec) -> dict[str, Any]:
     }
 
 
-def _page(described_spec: Spec) -> None:
+def _print_spec(described_spec: Spec) -> None:
     """Print equations, parameters, best known values with remarks, and the source."""
     from reports.tables.console import print_table
     from reports.tables.listings import golden_table, parameter_table
 
-    described = _described(described_spec)
+    described = _spec_document(described_spec)
     for k, line in enumerate(described["equations"], 1):
         print(fill(f"({k}) {line}", 80, initial_indent="  ", subsequent_indent="      "))
     print()

@@ -160,7 +160,7 @@ def run(options: MpcOptions, case: LoopCase) -> int:
                 certify=options.certify,
                 progress=report,
             )
-            stored = _stored(options, case, controller, loop)
+            stored = _store_loop(options, case, controller, loop)
     output = options.output
     output.note(loop_table(stored.meta))
     output.say(stored.meta["verdict"])
@@ -173,7 +173,7 @@ def run(options: MpcOptions, case: LoopCase) -> int:
     return 0 if stored.meta["status"] in ("done", "warnings") else NOT_SURVIVED
 
 
-def _stored(options: MpcOptions, case: LoopCase, controller: Controller, loop: ClosedLoop) -> StoredRun:
+def _store_loop(options: MpcOptions, case: LoopCase, controller: Controller, loop: ClosedLoop) -> StoredRun:
     """Store the simulated samples and return the run; raises KeyboardInterrupt if there are none."""
     data = labelled_arrays(loop, case.disturbance.mismatch)
     if not data.sizes["seed"]:

@@ -150,7 +150,7 @@ def run_continue(options: ContinueOptions, request: Request) -> int:
         options.steps * FOLLOWED * request.session.seconds,
         request.session.memory,
     )
-    path, interrupted = _followed(options, request)
+    path, interrupted = _follow_path(options, request)
     output, meta = options.output, _meta(options, request, path)
     problem, data = request.session.problem, curve_dataset(path)
     stored = store.write_run(options.out, problem.name, data, meta, store.problem_parts(problem))
@@ -163,7 +163,7 @@ def run_continue(options: ContinueOptions, request: Request) -> int:
     return 0 if path.broke is None else NOT_CONVERGED
 
 
-def _followed(options: ContinueOptions, request: Request) -> tuple[Continuation, bool]:
+def _follow_path(options: ContinueOptions, request: Request) -> tuple[Continuation, bool]:
     """Return the path of solutions, and whether Ctrl-C ended it; it then holds the finished points."""
     session, over, finished = request.session, options.over, []
 

@@ -26,10 +26,10 @@ def loops_page(views: list[RunView]) -> Page:
         "grades": [_GRADE_OF_STATUS.get(view.run.meta["status"], "failed") for view in views],
         "verdicts": [view.run.meta["verdict"] for view in views],
     }
-    return _one(views[0], content) if len(views) == 1 else _several(views, content)
+    return _single_loop(views[0], content) if len(views) == 1 else _several_loops(views, content)
 
 
-def _one(view: RunView, content: dict[str, Any]) -> Page:
+def _single_loop(view: RunView, content: dict[str, Any]) -> Page:
     meta = view.run.meta
     content |= {
         "labels": [""],
@@ -53,7 +53,7 @@ def _one(view: RunView, content: dict[str, Any]) -> Page:
     return content, drawn_figures | row_figures("motion", trajectories.plan_rows(view, contacts))
 
 
-def _several(views: list[RunView], content: dict[str, Any]) -> Page:
+def _several_loops(views: list[RunView], content: dict[str, Any]) -> Page:
     names, descriptions, one_problem = describe_runs(views)
     rows: dict[str, list[str]] = {}
     for place, view in enumerate(views):

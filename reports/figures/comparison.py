@@ -206,10 +206,10 @@ def strobe_figures(view: RunView, cones: bool = False) -> tuple[list[Figure], st
     """Return strobes at points along a path, titled by the parameter's value, and the caption of arrows."""
     if view.picture is None:
         return [], ""
-    return strobe_rows([(title, view.at_point(point)) for point, title in _named(view)], cones)
+    return strobe_rows([(title, view.at_point(point)) for point, title in _titled_points(view)], cones)
 
 
-def _named(view: RunView) -> list[tuple[int, str]]:
+def _titled_points(view: RunView) -> list[tuple[int, str]]:
     values, unit = view.run.data["value"].values, str(view.run.meta.get("unit") or "")
     name = symbol(str(view.run.meta["over"]))
     value_unit = label("", unit).strip().strip("[]")
@@ -257,7 +257,7 @@ def point_key(view: RunView) -> Figure:
     """Draw the legend of the colours of points along the path, in one line."""
     handles = [
         Line2D([], [], color=color, label=title)
-        for (_, color), (_, title) in zip(_shades(view), _named(view), strict=True)
+        for (_, color), (_, title) in zip(_shades(view), _titled_points(view), strict=True)
     ]
     figure = Figure(figsize=(WIDTH, 0.25))
     figure.set_layout_engine("none")

@@ -142,7 +142,7 @@ def contacts_of(view: RunView) -> list[ContactTrace]:
         return []
     pairs = view.problem.system.pairs if view.problem is not None else ()
     if view.array("friction_bound") is not None:
-        return [_rough(view, i, pairs) for i in range(view.run.data.sizes["point"])]
+        return [_frictional_trace(view, i, pairs) for i in range(view.run.data.sizes["point"])]
     gap, replayed = view.array("gap"), view.array("lam_replay")
     assert gap is not None
     if replayed is not None and replayed.shape[:2] != lam.shape[:2]:
@@ -167,7 +167,7 @@ def contacts_of(view: RunView) -> list[ContactTrace]:
     ]
 
 
-def _rough(view: RunView, point: int, pairs: Sequence[Pair]) -> ContactTrace:
+def _frictional_trace(view: RunView, point: int, pairs: Sequence[Pair]) -> ContactTrace:
     """Return the trace of a contact with friction, from the stored arrays of the run."""
     pair_indices = [i for i, pair in enumerate(pairs) if pair.contact == point and pair.kind in ("normal", "friction")]
     normal = next((i for i in pair_indices if pairs[i].kind == "normal"), None)

@@ -173,7 +173,7 @@ def _panel(track: Track, time: np.ndarray, largest_difference: float | None) -> 
     def below(axis: Axes) -> None:
         note_zero(axis)
         if track.difference is not None and largest_difference is not None:
-            draw_lines(axis, time, track.difference, color=REPLAYED, linewidth=0.9 if _one(track) else 0.5)
+            draw_lines(axis, time, track.difference, color=REPLAYED, linewidth=0.9 if _is_single(track) else 0.5)
             limit = 1.1 * largest_difference if largest_difference > 0 else 1.0
             axis.set_ylim(-limit, limit)
 
@@ -184,9 +184,9 @@ def _panel(track: Track, time: np.ndarray, largest_difference: float | None) -> 
 
 
 def _plan(axis: Axes, time: np.ndarray, track: Track, with_replay: bool) -> None:
-    width = 1.4 if _one(track) else 0.6
+    width = 1.4 if _is_single(track) else 0.6
     draw_lines(axis, time, track.plan, color=PLANNED, linewidth=width)
-    if not _one(track):
+    if not _is_single(track):
         low, high = track.plan.min(axis=0), track.plan.max(axis=0)
         fill_band(axis, time, low, high, color=PLANNED, alpha=0.15)
     if not with_replay or track.replay is None:
@@ -201,7 +201,7 @@ def _plan(axis: Axes, time: np.ndarray, track: Track, with_replay: bool) -> None
         axis.set_ylim(max(limits[0], -reach), min(limits[1], reach))
 
 
-def _one(track: Track) -> bool:
+def _is_single(track: Track) -> bool:
     return len(track.plan) == 1
 
 

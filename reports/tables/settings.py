@@ -78,7 +78,7 @@ def method_groups() -> list[SettingGroup]:
     method_settings = [SettingRow(name, "", None, method.summary) for name, method in METHODS.items()]
     summary = "how a problem becomes a program"
     strategy_settings = [SettingRow(name, "", None, meaning) for name, meaning in STRATEGY_USES.items()]
-    uses = "which for what, of the direct method under the exact law"
+    uses = "strategies of the direct method under the exact law, and their uses"
     return [
         SettingGroup("methods", "--method NAME", summary, method_settings),
         SettingGroup("solve", "-s NAME=VALUE", "method, homotopy and solver of a solve", setting_rows(Settings)),

@@ -59,10 +59,10 @@ def test_a_robot_floats_when_asked(ocp) -> None:
     assert ocp("new", "slide", "--robot", "finger.urdf", "--planar").code == 0
     assert '"finger.urdf", planar=True)' in Path("slide.py").read_text()
     done = ocp("show", "finger.urdf", "--planar", "--floating")
-    assert done.code == 2 and "two ways to free a root; give one" in done.err
+    assert done.code == 2 and "exclude each other; give one of them" in done.err
     done = ocp("show", str(HOPPER), "--floating")
-    assert done.code == 2 and "an MJCF file says itself what floats" in done.err
-    assert done.err.startswith(f"error: {HOPPER}: nothing to set free")
+    assert done.code == 2 and "in MJCF <freejoint/> makes a body float" in done.err
+    assert done.err.startswith(f"error: {HOPPER}: no root to free")
 
 
 FILES = {
@@ -125,7 +125,7 @@ BAD = {
     "xacro": ('<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:if/></robot>', "xacro"),
     "a document type": ('<!DOCTYPE a [<!ENTITY b "c">]><mujoco/>', "document type"),
     "deep": ("<mujoco>" + "<body>" * 300 + "</body>" * 300 + "</mujoco>", "deeper than 100"),
-    "empty": ("<mujoco/>", "no joint, so nothing moves"),
+    "empty": ("<mujoco/>", "no joint; expected a robot"),
     "no mass": (mjcf(J), "must be larger than mjMINVAL in 'a'"),
     "negative mass": (mjcf(J + "<geom size='.1' mass='-1'/>"), "negative"),
     "negative inertia": (mjcf(J + "<inertial pos='0 0 0' mass='1' diaginertia='-1 -1 -1'/>"), "inertia"),
@@ -142,14 +142,14 @@ BAD = {
     "mimic": (URDF.replace("<axis", '<mimic joint="none"/><axis'), "which is no other joint"),
     "plugin": (mjcf(J + G, "<extension><plugin plugin='p'/></extension>"), "<extension> is not read"),
     "copies": (mjcf(f"{J}<replicate count='9999999'>{G}</replicate>"), "<replicate> is not read"),
-    "include above": (mjcf(J + G, "<include file='../secret.xml'/>"), "out of the robot's folder"),
-    "include absolute": (mjcf(J + G, "<include file='/etc/passwd'/>"), "out of the robot's folder"),
-    "include by a link": (mjcf(J + G, "<include file='link.xml'/>"), "out of the robot's folder"),
+    "include above": (mjcf(J + G, "<include file='../secret.xml'/>"), "outside the robot's folder"),
+    "include absolute": (mjcf(J + G, "<include file='/etc/passwd'/>"), "outside the robot's folder"),
+    "include by a link": (mjcf(J + G, "<include file='link.xml'/>"), "outside the robot's folder"),
     "include missing": (mjcf(J + G, "<include file='none.xml'/>"), "is not in its folder"),
     "include itself": (mjcf(J + G, "<include file='robot.xml'/>"), "included twice"),
     "include in URDF": (URDF.replace('<link name="world"/>', "<include file='robot.xml'/>"), "<include> is not read"),
-    "mesh folder": (mjcf(J + G, "<compiler meshdir='/etc'/>"), "out of the robot's folder"),
-    "mesh above": (mjcf(J + G, "<asset><mesh file='a/../../b.stl'/></asset>"), "out of the robot's folder"),
+    "mesh folder": (mjcf(J + G, "<compiler meshdir='/etc'/>"), "outside the robot's folder"),
+    "mesh above": (mjcf(J + G, "<asset><mesh file='a/../../b.stl'/></asset>"), "outside the robot's folder"),
     "mesh missing": (mjcf(J + G, "<asset><mesh file='b.stl'/></asset>"), "is not in its folder"),
 }
 

@@ -143,7 +143,7 @@ def check(options: LearnOptions) -> LearnRequest:
             " choose a value such as 0.2"
         )
     hidden = settings_of(Recipe)["hidden"].read(options.hidden, "--")
-    data = _data(options)
+    data = _read_data(options)
     check_output_file(options.file, "model")
     recipe = _recipe(options, data, hidden) if network else None
     key = {"data": data.hash, "sigma": options.noise, "hidden": hidden, "epochs": options.epochs}
@@ -162,7 +162,7 @@ def _recipe(options: LearnOptions, data: Transitions, hidden: tuple[int, ...]) -
         return Recipe(hidden, options.epochs, held_out=HELD_OUT)
 
 
-def _data(options: LearnOptions) -> Transitions:
+def _read_data(options: LearnOptions) -> Transitions:
     """Return the transitions in the file; if ``--problem`` is given, check that they have its states and inputs."""
     problem = None if options.problem is None else spec(options.problem)
     system = None if problem is None else problem.problem().system
@@ -188,9 +188,9 @@ def run(options: LearnOptions, request: LearnRequest) -> int:
     """Learn a time step from transitions: a weighted average, or a network on noised inputs."""
     start_s = time.perf_counter()
     if request.recipe is None:
-        trained_models = [Learned(_averaged(options, request.data), options.seed)]
+        trained_models = [Learned(_average_model(options, request.data), options.seed)]
     else:
-        trained_models = _trained(options, request, request.recipe)
+        trained_models = _train_networks(options, request, request.recipe)
     best = min(trained_models, key=lambda learned_model: learned_model.error)
     models.save(best.dataset, options.file)
     for checkpoint in request.checkpoints:
@@ -256,11 +256,11 @@ def train_network(job: NetworkJob, report: Report) -> Learned:
     except KeyboardInterrupt:
         checkpoint.save_state("training", **training.state)
         raise
-    dataset = _described(job.data, training.model(), training.held_out, job.noise, job.seed)
+    dataset = _with_fit(job.data, training.model(), training.held_out, job.noise, job.seed)
     return Learned(dataset, job.seed, training.error, training.epoch, resumed)
 
 
-def _trained(options: LearnOptions, request: LearnRequest, recipe: Recipe) -> list[Learned]:
+def _train_networks(options: LearnOptions, request: LearnRequest, recipe: Recipe) -> list[Learned]:
     """Return a trained network for each seed, in the order of the seeds."""
     with ExitStack() as resources:
         for checkpoint in request.checkpoints:
@@ -281,16 +281,16 @@ def _trained(options: LearnOptions, request: LearnRequest, recipe: Recipe) -> li
         return list(in_order(map_jobs(train_network, dict(enumerate(jobs)), workers, callback=callback)))
 
 
-def _described(data: Transitions, model: Any, held_out: Any, noise: float, seed: int) -> xr.Dataset:
+def _with_fit(data: Transitions, model: Any, held_out: Any, noise: float, seed: int) -> xr.Dataset:
     """Return a model as a dataset with its errors on the held-out rows."""
     fitted = measure_fit(model, data.samples(), held_out, noise or NOISE, seed)
     return learned_models.model_dataset(model.dataset(), fitted.dataset(), data, len(held_out))
 
 
-def _averaged(options: LearnOptions, data: Transitions) -> xr.Dataset:
+def _average_model(options: LearnOptions, data: Transitions) -> xr.Dataset:
     """Return the weighted-average model of all rows but the held-out ones, with its errors on those."""
     training_rows, held_out = split_rows(len(data), HELD_OUT, options.seed)
     z, y = data.z[training_rows], data.x_next[training_rows]
     scales, sigma = data.normalisation, options.noise
     model = EwdaModel(z, y, scales, sigma, data.origin, options.seed)
-    return _described(data, model, held_out, options.noise, options.seed)
+    return _with_fit(data, model, held_out, options.noise, options.seed)

@@ -125,7 +125,7 @@ def run(options: TrainOptions, request: TrainRequest) -> int:
                 output.say(sentence)
         try:
             with interruptible():
-                failed = _trained(options, request, unfinished_places, stored)
+                failed = _run_jobs(options, request, unfinished_places, stored)
         except KeyboardInterrupt:
             output.say("the same command resumes from the last checkpoint")
             raise
@@ -135,7 +135,7 @@ def run(options: TrainOptions, request: TrainRequest) -> int:
     return 0
 
 
-def _trained(
+def _run_jobs(
     options: TrainOptions, request: TrainRequest, unfinished_places: list[int], stored: dict[int, Path]
 ) -> dict[int, Exception]:
     """Run the unfinished jobs, add the path of each run to ``stored``, and return the errors of failed jobs."""

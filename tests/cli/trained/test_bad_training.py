@@ -132,7 +132,7 @@ def test_a_policy_of_another_task_is_named(ocp: Ocp, root: Path, tmp_path: Path)
     assert store.load(moved).meta["problem"] == "hopper"
     done = ocp("evaluate", str(moved))
     assert done.code == 2
-    assert "it is of another task" in done.err and "a policy of hopper has" in done.err
+    assert "train one for this task" in done.err and "a policy of hopper has" in done.err
 
 
 def test_runs_of_several_kinds_are_not_reported_together(ocp: Ocp, root: Path) -> None:

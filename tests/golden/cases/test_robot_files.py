@@ -295,11 +295,11 @@ def test_a_folder_of_meshes_outside_says_how_to_go_on(tmp_path: Path) -> None:
     file.parent.mkdir()
     mesh = "<compiler meshdir='../meshes'/><asset><mesh name='m' file='foot.obj'/></asset>"
     file.write_text(mjcf("<geom type='mesh' mesh='m'/>", mesh))
-    with pytest.raises(InputError, match=r"out of the robot's folder; name one .* --folder DIR"):
+    with pytest.raises(InputError, match=r"outside the robot's folder; name a folder .* --folder DIR"):
         robots.load(file)
     robot = robots.load(file, folder=tmp_path)
     assert float(robot.mass) == pytest.approx(1000 * 1e-3 / 6)
-    with pytest.raises(InputError, match="out of the robot's folder"):
+    with pytest.raises(InputError, match="outside the robot's folder"):
         robots.load(file, folder=tmp_path / "models")
 
 

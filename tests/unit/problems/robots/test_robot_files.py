@@ -56,12 +56,12 @@ def test_what_is_not_used_is_told_by_name(tmp_path: Path) -> None:
         "tendon rope:",
         "actuators pull, rope: only motors",
         "site s: nothing acts at sites",
-        "geom egg: it is of the kind ellipsoid, and touches nothing",
+        "geom egg: it is of the kind ellipsoid, and has no contacts",
         "geom hills: it is of the kind hfield",
         "torsional and rolling",
         "1 pair of geoms, hub and floor: no joint moves them",
         "key other:",
-        "force range of actuator servo: a servo pulls as hard as it must",
+        "force range of actuator servo: the force of a servo is not limited",
     ):
         assert words in told, told
     assert robot.notes == ("Joint a follows: a = 1 b + -0.523599.", "The kv of actuator servo is part of the damping.")
@@ -96,7 +96,7 @@ def test_inputs_of_servos_are_positions_within_their_range() -> None:
     np.testing.assert_allclose(robot.controls, [[-1, 0.5], [-np.inf, np.inf], [0, 0.1]])
     np.testing.assert_allclose(robot.held(robot.home), [0.3, 0, 0.02])
     assert robot.notes == ("The kv of actuators hip, knee is part of the damping.",)
-    assert "force range of actuator toe: a servo pulls as hard as it must" in robot.ignored
+    assert "force range of actuator toe: the force of a servo is not limited" in robot.ignored
 
 
 NAMES = """<mujoco><worldbody><geom name="floor" type="plane" size="0 0 1"/>
@@ -154,9 +154,9 @@ def test_a_urdf_floats_on_demand_and_stands_on_the_ground(tmp_path: Path) -> Non
     state = np.concatenate([stood, np.zeros(7)])
     assert free.shapes(state) and len(free.frames(state, 1.0)) == len(free.friction) == 9
     file.write_text(urdf('<sphere radius="0.05"/>').replace("trunk", "world"))
-    with pytest.raises(InputError, match="of a URDF it is the one link"):
+    with pytest.raises(InputError, match="a URDF must have a single link"):
         robots.load(file, floating=True)
-    with pytest.raises(InputError, match="an MJCF file says itself what floats"):
+    with pytest.raises(InputError, match="in MJCF <freejoint/> makes a body float"):
         robots.load(ROOT / "tests/data/crane.xml", floating=True)
 
 
@@ -164,7 +164,7 @@ def test_products_of_inertia_of_a_dummy_are_left_out(tmp_path: Path) -> None:
     file = tmp_path / "r.urdf"
     file.write_text(urdf('<sphere radius="0.05"/>', DUMMY, 1e-6))
     robot = robots.load(file)
-    assert "products of inertia of link foot: no body has them" in robot.ignored
+    assert "products of inertia of link foot: no body can have them" in robot.ignored
     file.write_text(urdf('<sphere radius="0.05"/>', DUMMY))
     with pytest.raises(InputError, match="positive eigenvalues"):
         robots.load(file)
@@ -211,6 +211,6 @@ def test_hulls_of_meshes_meet_the_ground(tmp_path: Path) -> None:
     file.write_text(urdf('<mesh filename="package://pkg/meshes/none.stl"/>'))
     (told,) = [one for one in robots.load(file, floating=True).ignored if one.startswith("mesh")]
     assert told == (
-        "mesh of link foot: no STL, OBJ or MSH file in the robot's folder, so it touches nothing;"
+        "mesh of link foot: no STL, OBJ or MSH file in the robot's folder, so it has no contacts;"
         " --folder DIR names a folder around it"
     )
