@@ -111,7 +111,7 @@ def solver_fields(path: Path) -> dict[str, Any]:
     sizes = {"n": path.n, "n_pair": path.size, "n_data": path.data.numel()}
     # Infinite where the path was not followed to its end, so that the sample is not counted.
     checked_end = path_end[0] / (ca.mmax(path_end[2]) <= MAX_ERROR)
-    path_solution = _function("path_solution", [pair, path.data], [checked_end])
+    path_solution = dense_function("path_solution", [pair, path.data], [checked_end])
     return {
         **sizes,
         "path": path.iteration_function(),
@@ -142,13 +142,14 @@ def _by_newton(path: Path) -> dict[str, Any]:
         # Where lam < s, mu / s is accurate to all digits, and the root is not.
         newton_outputs, newton_lam = _newton(lam, z, F, mu), ca.if_else(s > lam, mu / s, lam) * c * D
     return {
-        "newton": _function("newton", [lam, path.data], list(newton_outputs)),
-        "newton_solution": _function("newton_solution", [lam, path.data], [newton_lam]),
+        "newton": dense_function("newton", [lam, path.data], list(newton_outputs)),
+        "newton_solution": dense_function("newton_solution", [lam, path.data], [newton_lam]),
         "newton_iterations": NEWTON_ITERATIONS,
     }
 
 
-def _function(name: str, inputs: list[ca.SX], outputs: list[ca.SX]) -> ca.Function:
+def dense_function(name: str, inputs: list[ca.SX], outputs: list[ca.SX]) -> ca.Function:
+    """Return a function of ``inputs`` whose outputs are dense."""
     return ca.Function(name, inputs, [ca.densify(value) for value in outputs])
 
 

@@ -21,7 +21,7 @@ import casadi as ca
 import numpy as np
 
 from dynamics.batch.graphs.hoisting import carry_costly_values, hoist_parameters
-from dynamics.batch.graphs.inner import InnerLoop, newton_guess, solver_fields
+from dynamics.batch.graphs.inner import InnerLoop, dense_function, newton_guess, solver_fields
 from dynamics.batch.graphs.objective import Objective, call_with_first, expand_function, require_sizes
 from dynamics.batch.graphs.policy import DensePolicy, RolloutPolicy
 from dynamics.batch.graphs.step_graphs import (
@@ -96,8 +96,8 @@ class ClosedStep:
         loop = self._contact_graphs()
         with_p = {
             "adjoint": (self._adjoint(), 3),
-            "terminal": (_function("terminal", at_end, [self.terminal_cost]), 1),
-            "terminal_adjoint": (_function("terminal_adjoint", at_end, [terminal_bar]), 1),
+            "terminal": (dense_function("terminal", at_end, [self.terminal_cost]), 1),
+            "terminal_adjoint": (dense_function("terminal_adjoint", at_end, [terminal_bar]), 1),
             **self._observation_graphs(),
         }
         if loop is None:
@@ -121,7 +121,7 @@ class ClosedStep:
             n_theta=self.theta.numel(),
             forward=loop or remaining["forward"],
             adjoint=remaining["adjoint"],
-            score=_function("score", [self.x, self.theta, self.w], [score]),
+            score=dense_function("score", [self.x, self.theta, self.w], [score]),
             cost_dependence=dependence,
             terminal=remaining["terminal"],
             terminal_adjoint=remaining["terminal_adjoint"],
@@ -163,8 +163,8 @@ class ClosedStep:
         obar = ca.SX.sym("obar", n)
         state_bar = self.objective.mask_finished(ca.gradient(ca.dot(obar, observation), self.x))
         return {
-            "observe": (_function("observe", [self.x, self.p], [observation]), 1),
-            "observe_adjoint": (_function("observe_adjoint", [self.x, self.p, obar], [state_bar]), 1),
+            "observe": (dense_function("observe", [self.x, self.p], [observation]), 1),
+            "observe_adjoint": (dense_function("observe_adjoint", [self.x, self.p, obar], [state_bar]), 1),
         }
 
     def _substitute_policy(self, *expressions: ca.SX) -> list[ca.SX]:
@@ -192,7 +192,7 @@ class ClosedStep:
             interior_point.exact_scalar_solution(z, F) if step.exact else _scalar_solution(z, F, mu)
             for z, F, mu in contacts
         ]
-        return _function("forward", self.arguments, self._effects(ca.vertcat(ca.SX(0, 1), *solved)))
+        return dense_function("forward", self.arguments, self._effects(ca.vertcat(ca.SX(0, 1), *solved)))
 
     def _contact_graphs(self) -> InnerLoop | ModelStepGraphs | None:
         """Return the graphs of a step that needs a contact solver or a model; None where one graph is enough."""
@@ -205,8 +205,8 @@ class ClosedStep:
         x_next, cost = self._substitute_policy(self.x_next, self.stage_cost)
         closing = [*self.arguments, step.model_outputs]
         return ModelStepGraphs(
-            queries=_function("queries", self.arguments, self._substitute_policy(step.queries)),
-            closing=_function("closing", closing, [x_next, step.model_outputs, cost]),
+            queries=dense_function("queries", self.arguments, self._substitute_policy(step.queries)),
+            closing=dense_function("closing", closing, [x_next, step.model_outputs, cost]),
             model=step.learned.model,
         )
 
@@ -222,8 +222,8 @@ class ClosedStep:
             columns = self._path_data(path)
         guesses = ca.vertcat(*[newton_guess(path, column) for column in columns])
         return InnerLoop(
-            opening=_function("opening", self.arguments, [guesses, ca.vertcat(*columns)]),
-            closing=_function("closing", [*self.arguments, lam], self._effects(lam)),
+            opening=dense_function("opening", self.arguments, [guesses, ca.vertcat(*columns)]),
+            closing=dense_function("closing", [*self.arguments, lam], self._effects(lam)),
             branches=step.branches,
             **solver_fields(path),
         )
@@ -261,7 +261,7 @@ class ClosedStep:
     def _adjoint_function(self, lam: ca.SX, xbar: ca.SX, bars: list[ca.SX]) -> ca.Function:
         carried_bar = self.objective.carry_cotangent(ca.densify(bars[0]), xbar)
         bars = [carried_bar, self.objective.mask_finished(bars[1])]
-        return _function("adjoint", [*self.arguments, lam, xbar], bars)
+        return dense_function("adjoint", [*self.arguments, lam, xbar], bars)
 
     def _adjoint_of_model(self, step: LearnedStep, xbar: ca.SX) -> ca.Function:
         """Return the adjoint as the gradient of ``l + xbar' x_next + b' z``.
@@ -333,7 +333,3 @@ def _root(z: ca.SX, F: ca.SX, mu: ca.SX) -> ca.SX:
 def _dependent_scalar(expressions: ca.SX) -> ca.SX:
     """Return a scalar that depends on all symbols in the expressions, for structural dependence only."""
     return ca.dot(ca.SX.sym("weight", expressions.numel()), expressions)
-
-
-def _function(name: str, arguments: list[ca.SX], results: list[ca.SX]) -> ca.Function:
-    return ca.Function(name, arguments, [ca.densify(result) for result in results])

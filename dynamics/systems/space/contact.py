@@ -212,17 +212,13 @@ def _distance_to_box(box: Box, pose: SpatialPose, point: ca.SX) -> tuple[ca.SX, 
     local = R.T @ (point - pose.to_world(box.centre))
     side = ca.if_else(local >= 0, 1, -1)
     d = side * local - ca.SX(ca.vertcat(*box.half_size))
-    outer = ca.fmax(d, 0)
-    outside = ca.mmax(d) > 0
-    # Inside the root's argument is 1, as its slope at 0 would be infinite.
-    outer_distance = ca.sqrt(ca.if_else(outside, ca.sumsqr(outer), 1))
     face = ca.vertcat(
         ca.logic_and(d[0] >= d[1], d[0] >= d[2]),
         ca.logic_and(d[1] > d[0], d[1] >= d[2]),
         ca.logic_and(d[2] > d[0], d[2] > d[1]),
     )
-    distance = ca.if_else(outside, outer_distance, ca.mmax(d))
-    return distance, R @ (side * ca.if_else(outside, outer / outer_distance, face))
+    distance, toward = _distance_to_faces(d, face)
+    return distance, R @ (side * toward)
 
 
 def _distance_to_cylinder(cylinder: Cylinder, pose: SpatialPose, point: ca.SX) -> tuple[ca.SX, ca.SX]:
@@ -237,13 +233,16 @@ def _distance_to_cylinder(cylinder: Cylinder, pose: SpatialPose, point: ca.SX) -
     reach = ca.sqrt(ca.sumsqr(across) + 1e-24)
     up = ca.if_else(height >= 0, 1, -1)
     d = ca.vertcat(reach - cylinder.radius, up * height - half_length)
-    outer = ca.fmax(d, 0)
-    outside = ca.mmax(d) > 0
+    distance, toward = _distance_to_faces(d, ca.vertcat(d[0] >= d[1], d[1] > d[0]))
+    return distance, toward[0] * across / reach + toward[1] * up * axis
+
+
+def _distance_to_faces(d: ca.SX, face: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Return the signed distance and normal of a point at distances d from perpendicular faces, ``face`` inside."""
+    outer, outside = ca.fmax(d, 0), ca.mmax(d) > 0
+    # Inside the root's argument is 1, as its slope at 0 would be infinite.
     outer_distance = ca.sqrt(ca.if_else(outside, ca.sumsqr(outer), 1))
-    face = ca.vertcat(d[0] >= d[1], d[1] > d[0])
-    toward = ca.if_else(outside, outer / outer_distance, face)
-    normal = toward[0] * across / reach + toward[1] * up * axis
-    return ca.if_else(outside, outer_distance, ca.mmax(d)), normal
+    return ca.if_else(outside, outer_distance, ca.mmax(d)), ca.if_else(outside, outer / outer_distance, face)
 
 
 DistanceFunction = Callable[..., tuple[ca.SX, ca.SX]]
