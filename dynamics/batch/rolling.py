@@ -182,7 +182,7 @@ class Rolling(ABC):
         """
         cost_baseline, samples = self._value_sign * float(baseline), (theta, p, noise, n_samples)
         request = self._asked(x0, samples, gradient=gradient, score=score, baseline=cost_baseline, **options)
-        return self._summed(request, self._value_sign)
+        return self._moments(request, self._value_sign)
 
     @abstractmethod
     def _asked(self, x0: Any, samples: Samples, **options: Any) -> RolloutRequest:
@@ -205,13 +205,13 @@ class Rolling(ABC):
             warnings.warn(f"rollout: {nonfinite}", BatchWarning, stacklevel=3)
         return nonfinite
 
-    def _summed(self, q: RolloutRequest, sign: float = 1.0) -> RolloutMoments:
+    def _moments(self, q: RolloutRequest, sign: float = 1.0) -> RolloutMoments:
         """Return the moments of what was requested, with the means times `sign`."""
         total: Moments | None = None
         bad_indices: list[np.ndarray] = []
         for begin in range(0, q.n, STRIDE):
             end = min(begin + STRIDE, q.n)
-            stride_moments, indices = self._stride(q.slice_samples(begin, end))
+            stride_moments, indices = self._stride_moments(q.slice_samples(begin, end))
             bad_indices.append(begin + indices)
             total = stride_moments if total is None else total.merge_with(stride_moments)
         total = total or merge_chunks(*(np.zeros((0, q.n_values)),) * 3)
@@ -230,7 +230,7 @@ class Rolling(ABC):
         zeroth = block(zeroth_start, zeroth_start + size, shape) if q.score else None
         return RolloutMoments(block(0, 1, ()), gradient, zeroth, nonfinite)
 
-    def _stride(self, q: RolloutRequest) -> tuple[Moments, np.ndarray]:
+    def _stride_moments(self, q: RolloutRequest) -> tuple[Moments, np.ndarray]:
         chunk = self._engine.chunk
         table = np.zeros((-(-q.n // chunk), 1 + 2 * q.n_values))
         n_bad = self._engine.moments(q, table)

@@ -65,9 +65,9 @@ class PushedCoordinates:
 
     ``x_next = a + C w`` with ``T w = P lam``, and ``gap = g(x_next, lam)`` with ``Q = dg/dx_next
     C`` and ``E = dg/dlam``, so that ``F = E + Q T^-1 P``. Pairs whose columns of P and rows of Q are
-    equal up to their sign, such as the two directions of friction, share one column of ``P_own`` and
-    one row of ``Q_own``: ``P = P_own P_signs``, ``Q = Q_signs Q_own``; ``own`` are the indices of
-    these representative pairs. C, T, P are expressions in the state, the input and the parameters; Q
+    equal up to their sign, such as the two directions of friction, share one column of ``P_reduced`` and
+    one row of ``Q_reduced``: ``P = P_reduced P_signs``, ``Q = Q_signs Q_reduced``; ``representatives`` are
+    the indices of these n_reduced pairs. C, T, P are expressions in the state, the input and the parameters; Q
     and E also in the next state and lam.
     """
 
@@ -84,8 +84,8 @@ class PushedCoordinates:
         self.T = by_state[pushed, pushed] + by_state[pushed, free] @ free_by_pushed
         by_next = ca.jacobian(gap, system.x_next)
         P, Q = -by_lam[pushed, :], ca.sparsify(by_next @ self.C)
-        self.own, self.P_signs, self.Q_signs = _representative_pairs(system, P, Q)
-        self.P_own, self.Q_own = P[:, self.own], Q[self.own, :]
+        self.representatives, self.P_signs, self.Q_signs = _representative_pairs(system, P, Q)
+        self.P_reduced, self.Q_reduced = P[:, self.representatives], Q[self.representatives, :]
         self.E = ca.jacobian(gap, system.lam)
 
 
@@ -100,7 +100,7 @@ _SWITCHES = frozenset(
 
 
 def _representative_pairs(system: ContactSystem, P: ca.SX, Q: ca.SX) -> tuple[list[int], ca.DM, ca.DM]:
-    """Return representative pairs, and all pairs' signs relative to them, (own, n) for P and (n, own) for Q.
+    """Return representative pairs, and all pairs' signs relative to them, P's (n_reduced, n), Q's (n, n_reduced).
 
     A pair is represented by another where columns of P and rows of Q are equal up to their sign at random points.
     Where formulas switch, as at the faces of a box, two contacts may agree in one region only, so that there
@@ -152,9 +152,9 @@ class LowRankCompliance:
 
     E: ca.SX
     T: ca.SX
-    P_own: ca.SX
+    P_reduced: ca.SX
     P_signs: ca.DM
-    Q_own: ca.SX
+    Q_reduced: ca.SX
     Q_signs: ca.DM
 
     def solve_coordinates(self, lam: ca.SX) -> ca.SX:
@@ -163,11 +163,11 @@ class LowRankCompliance:
 
     def gap_change(self, lam: ca.SX, w: ca.SX) -> ca.SX:
         """Return the change of the gaps ``E lam + Q w`` (n, 1) under impulses lam and coordinates w."""
-        return self.E @ lam + self.Q_signs @ (self.Q_own @ w)
+        return self.E @ lam + self.Q_signs @ (self.Q_reduced @ w)
 
-    def by_own(self) -> ca.SX:
-        """Return ``T^-1 P`` (r, own) of the representative pairs."""
-        return solve_without_pivoting(self.T, self.P_own)
+    def reduced_response(self) -> ca.SX:
+        """Return ``T^-1 P`` (r, n_reduced) of the representative pairs."""
+        return solve_without_pivoting(self.T, self.P_reduced)
 
     def multiply(self, lam: ca.SX) -> ca.SX:
         """Return ``F lam`` (n, 1)."""
@@ -177,18 +177,18 @@ class LowRankCompliance:
         """Return the solver ``rhs -> (step, F step)``, see :class:`Compliance`."""
         local_factors = LUFactors(ca.SX.eye(ratio.numel()) + ca.diag(ratio) @ self.E)
         weights = self.P_signs @ local_factors.solve(ca.diag(ratio) @ self.Q_signs)
-        reduced_factors = LUFactors(self.T + self.P_own @ (weights @ self.Q_own))
+        reduced_factors = LUFactors(self.T + self.P_reduced @ (weights @ self.Q_reduced))
 
         def solve(rhs: ca.SX) -> tuple[ca.SX, ca.SX]:
             w = reduced_factors.solve(self._push_coordinates(local_factors.solve(rhs)))
-            step = local_factors.solve(rhs - ratio * (self.Q_signs @ (self.Q_own @ w)))
+            step = local_factors.solve(rhs - ratio * (self.Q_signs @ (self.Q_reduced @ w)))
             return step, self.gap_change(step, w)
 
         return solve
 
     def matrix(self) -> ca.SX:
         """Return the compliance as a matrix F (n, n)."""
-        return self.E + self.Q_signs @ (self.Q_own @ self.by_own()) @ self.P_signs
+        return self.E + self.Q_signs @ (self.Q_reduced @ self.reduced_response()) @ self.P_signs
 
     def _push_coordinates(self, lam: ca.SX) -> ca.SX:
-        return self.P_own @ (self.P_signs @ lam)
+        return self.P_reduced @ (self.P_signs @ lam)

@@ -31,7 +31,7 @@ class CurvedGap:
         self._states = [i for i in range(system.nx) if ca.depends_on(self._gap, system.x_next[i])]
         step_symbols = ca.vertcat(system.x, system.u, system.parameters.vector)
         used_entries = [i for i in range(step_symbols.numel()) if ca.depends_on(self._gap, step_symbols[i])]
-        self._given = step_symbols[used_entries]
+        self._step_symbols = step_symbols[used_entries]
 
     @property
     def opening_data(self) -> ca.SX:
@@ -47,7 +47,7 @@ class CurvedGap:
 
     def opening_data_along(self, C: ca.SX) -> ca.SX:
         """Return a column of data for :meth:`gaps_along`, an expression in the system's (x, u, p)."""
-        return ca.vertcat(self._system.reduced.a[self._states], ca.vec(C[self._states, :].nz[:]), self._given)
+        return ca.vertcat(self._system.reduced.a[self._states], ca.vec(C[self._states, :].nz[:]), self._step_symbols)
 
     def gaps_along(self, lam: ca.SX, w: ca.SX, C: ca.SX, opening: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
         """Return the gaps of the curved rows at ``x_next = a + C w``, and their derivatives by lam and by w.
@@ -61,7 +61,7 @@ class CurvedGap:
         C = ca.SX(pattern, entries)
         states = system.x_next[self._states]
         by_state, by_lam = ca.jacobian(self._gap, states), ca.jacobian(self._gap, system.lam)
-        symbols = ca.vertcat(self._given, states, system.lam)
+        symbols = ca.vertcat(self._step_symbols, states, system.lam)
         values = ca.vertcat(step_values, a + C @ w, lam)
         rows, by_state, by_lam = ca.substitute([self._gap, by_state, by_lam], [symbols], [values])
         return rows, by_lam, by_state @ C

@@ -32,13 +32,13 @@ class ReducedPath(Path):
         self.coordinates, self._system = coordinates, system
         expansion_point = ca.vertcat(system.expansion_state, ca.SX.zeros(system.nlam))
         unknown = ca.vertcat(system.x_next, system.lam)
-        self._E, self._Q = ca.substitute([coordinates.E, coordinates.Q_own], [unknown], [expansion_point])
+        self._E, self._Q = ca.substitute([coordinates.E, coordinates.Q_reduced], [unknown], [expansion_point])
         super().__init__(self._E.sparsity(), exact, system)
 
     @cached_property
     def _factors(self) -> dict[str, ca.SX]:
         """E, T, P and Q linearised at the start of the step, in the system's units."""
-        return {"E": self._E, "T": self.coordinates.T, "P": self.coordinates.P_own, "Q": self._Q}
+        return {"E": self._E, "T": self.coordinates.T, "P": self.coordinates.P_reduced, "Q": self._Q}
 
     @property
     def n_entries(self) -> int:
@@ -47,7 +47,7 @@ class ReducedPath(Path):
 
     def opening_data_of(self, system: ContactSystem, mu: ca.SX) -> ca.SX:
         """Return the path's ``data`` for a step, an expression in the system's (x, u, p) and in mu (n, 1)."""
-        representatives, reduced, signs = self.coordinates.own, system.reduced, self.coordinates.Q_signs
+        representatives, reduced, signs = self.coordinates.representatives, system.reduced, self.coordinates.Q_signs
         z = reduced.z if reduced.affine else reduced.z_linear
         D, c = scale_factors(z, self._local_compliance(), 0 * mu if self.exact else mu, self.pairs, reduced.z)
         D = ca.fabs(signs) @ D[representatives]
@@ -101,7 +101,7 @@ class ReducedPath(Path):
         w = start.solve_coordinates(lam)
         gap = entries["z"] + start.gap_change(lam, w)
         D, c = entries["D"], entries["c"]
-        E, Q = ca.SX(start.E), ca.SX(start.Q_own)
+        E, Q = ca.SX(start.E), ca.SX(start.Q_reduced)
         rows, by_lam, by_w = self.curved.gaps_along(c * D * lam, c * w, self.coordinates.C, entries["more"])
         for k, i in enumerate(self.curved.rows):
             representative = self.coordinates.Q_signs[i, :].sparsity().get_col()[0]
@@ -110,7 +110,7 @@ class ReducedPath(Path):
             gap[i] = ca.if_else(on_true_gap, rows[k] * D[i] / c, gap[i])
             Q[representative, :] = _select_nonzeros(on_true_gap, D[i] * by_pushed, Q[representative, :])
             E[i, :] = _select_nonzeros(on_true_gap, D[i] * by_lam[k, :] * D.T, E[i, :])
-        return gap, LowRankCompliance(E, start.T, start.P_own, start.P_signs, Q, start.Q_signs)
+        return gap, LowRankCompliance(E, start.T, start.P_reduced, start.P_signs, Q, start.Q_signs)
 
 
 def _select_nonzeros(condition: ca.SX, chosen: ca.SX, default: ca.SX) -> ca.SX:

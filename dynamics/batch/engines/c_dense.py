@@ -1,7 +1,7 @@
 """C source of a policy's dense layers, as loops over the entries of weights and activations.
 
 Entry k of an array for register j of samples is at index `k U + j`, as in
-:mod:`dynamics.batch.engines.c_rollout`; weights are doubles that all samples share or, with `own`,
+:mod:`dynamics.batch.engines.c_rollout`; weights are doubles that all samples share or, with `per_sample`,
 registers that differ between samples.
 """
 
@@ -22,7 +22,7 @@ INLINE void backpropagate(const memory *a, i64 t, const V *action_bar, V *bars, 
 """
 
 _LOOPS = """\
-#if OWN
+#if PER_SAMPLE
 typedef V weight;
 #define AT(w, k, j) w[(k) * U + (j)]
 #else
@@ -42,7 +42,7 @@ INLINE void some_rows(const weight *w, const weight *b, i64 n, const V *x, V *y,
   UNROLL for (int k = 0; k < rows * U; k++) y[k] = sum[k];
 }
 static NOINLINE void layer(const weight *w, i64 n, i64 m, const V *x, V *y) {
-  const i64 S = OWN ? U : 1;
+  const i64 S = PER_SAMPLE ? U : 1;
   const weight *b = w + n * m * S;
   i64 o = 0;
   for (; o + %(abreast)d <= m; o += %(abreast)d)
@@ -71,7 +71,7 @@ static void layers_up(const weight *w, V *values, V *action) {
     layer(w, n, m, values, next);
     if (k + 1 < LAYERS) for (i64 i = 0; i < m * U; i++) next[i] = vtanh(next[i]);
     values = next;
-    w += (n + 1) * m * (OWN ? U : 1);
+    w += (n + 1) * m * (PER_SAMPLE ? U : 1);
   }
 }
 /* Adds D_theta a' bar to wbar; bar, of WIDEST entries, becomes that of the observation. */
@@ -81,7 +81,7 @@ static void layers_down(const weight *w, const V *values, V *bar, V *wbar) {
   for (int k = LAYERS - 1; k >= 0; k--) {
     i64 n = layer_sizes[k], m = layer_sizes[k + 1];
     at -= n, place -= (n + 1) * m;
-    layer_back(w + place * (OWN ? U : 1), n, m, values + at * U, bar, wbar + place * U, other);
+    layer_back(w + place * (PER_SAMPLE ? U : 1), n, m, values + at * U, bar, wbar + place * U, other);
     for (i64 i = 0; i < n * U; i++) {
       V v = values[at * U + i];
       bar[i] = k ? other[i] * (1.0 - v * v) : other[i];
@@ -118,12 +118,12 @@ static void backpropagate(const memory *a, i64 t, const V *action_bar, V *bars, 
 """
 
 
-def layer_constants(layers: Layers | None, own: bool) -> dict[str, object]:
+def layer_constants(layers: Layers | None, per_sample: bool) -> dict[str, object]:
     """Return the preprocessor constants of the layers in the C code of rollouts; sizes are zero without layers."""
     sizes = (0, 0) if layers is None else layers.sizes
     return {
         "DENSE": int(layers is not None),
-        "OWN": int(own),
+        "PER_SAMPLE": int(per_sample),
         "NOBS": sizes[0],
         "NWEIGHTS": 0 if layers is None else layers.n_weights,
         "WIDEST": max(sizes),

@@ -20,7 +20,7 @@ typedef struct {
   double *cost, *gradient, *score, *last, *trail, *moments;
   double baseline;
 } job;
-#if DENSE && !OWN
+#if DENSE && !PER_SAMPLE
 typedef const double *weights_at;
 #else
 typedef V *weights_at;
@@ -201,7 +201,7 @@ static i64 roll_out(i64 begin, i64 end, i64 chunk, const job *q) {
   i64 sizes[] = {(N + 1) * NX * U, N * NL * U, w_step ? N * w_step : NU * U,
                  DENSE ? N * NU * U : nt * (q->shared_theta ? 1 : U), NP * PS,
                  in_place ? 0 : nt * U, score ? nt * U : 0, U, q->along ? NX * U : 0,
-                 DENSE && OWN ? nt * U : 0, 3 * values};
+                 DENSE && PER_SAMPLE ? nt * U : 0, 3 * values};
   enum { PARTS = sizeof(sizes) / sizeof(sizes[0]) };
   i64 size = 0;
   for (int k = 0; k < PARTS; k++) size += sizes[k];
@@ -211,7 +211,7 @@ static i64 roll_out(i64 begin, i64 end, i64 chunk, const job *q) {
   i64 ts = q->shared_theta && !DENSE ? 1 : U;
   memory a = {parts[0], parts[1], parts[2], parts[3], parts[4], parts[in_place ? 3 : 5],
               parts[6], parts[7], parts[8],
-#if DENSE && !OWN
+#if DENSE && !PER_SAMPLE
               q->theta,
 #else
               parts[9],
@@ -219,7 +219,7 @@ static i64 roll_out(i64 begin, i64 end, i64 chunk, const job *q) {
               w_step, ts, DENSE ? NU * U : q->parts > 1 ? NT * ts : 0};
   top = parts[10];
   if (q->shared_theta && !DENSE) load_shared(q->theta, nt, a.theta, 1);
-  if (DENSE && OWN && q->shared_theta) load_shared(q->theta, nt, (V *)a.weights, U);
+  if (DENSE && PER_SAMPLE && q->shared_theta) load_shared(q->theta, nt, (V *)a.weights, U);
   if (PS == 1) load_shared(q->p, NP, a.p, 1);
   if (!q->noise) for (i64 k = 0; k < NU * U; k++) a.w[k] = (V){};
   accumulator sums = {top, top + values, top + 2 * values, {}};
