@@ -4,7 +4,7 @@ import casadi as ca
 
 from ocp import Constraint, Problem, Scaling, solve
 from problems.parameters import Parameters, quantity, structure, table
-from problems.scenes import Body, Disc, Goal, Obstacle, Pusher, Scene, pictured
+from problems.scenes import Body, Disc, Goal, Obstacle, Pusher, Scene, drawing_functions
 
 name = "behind"
 title = "An object that must come back past a post"
@@ -38,7 +38,7 @@ def scene(p):
     )
 
 
-draw, frames = pictured(scene)
+draw, frames = drawing_functions(scene)
 
 
 def build(params: Params) -> Problem:

@@ -4,7 +4,7 @@ import casadi as ca
 
 from ocp import Problem, Scaling, solve
 from problems.parameters import Parameters, quantity, structure, table
-from problems.scenes import Body, Box, Disc, Goal, HalfPlane, Obstacle, Pusher, Scene, pictured
+from problems.scenes import Body, Box, Disc, Goal, HalfPlane, Obstacle, Pusher, Scene, drawing_functions
 
 name = "slope"
 title = "A cart pushes a block up a rough slope"
@@ -55,7 +55,7 @@ def scene(p):
     )
 
 
-draw, frames = pictured(scene)
+draw, frames = drawing_functions(scene)
 
 
 def build(params: Params) -> Problem:

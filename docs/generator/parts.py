@@ -21,7 +21,7 @@ PARTS: dict[str, tuple[Any, ...]] = {
         scenes.Scene,
         scenes.Scene.quasi_dynamic,
         scenes.Scene.time_stepping,
-        scenes.pictured,
+        scenes.drawing_functions,
     ),
     "Machines": (systems.Link, systems.Sphere, systems.Part, systems.Machine, systems.Machine.system),
     "Contacts by hand": (systems.signals, systems.time_stepping, systems.quasi_dynamic, Contact.between),

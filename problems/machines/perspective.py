@@ -15,7 +15,7 @@ from dynamics.systems.space.rotation import matrix
 from problems.drawing import Circle, ContactFrame, Outline, Segment, Shape, Stadium
 
 Array = np.ndarray
-Place = tuple[float, float, float]
+Point3 = tuple[float, float, float]
 Solid = tuple[shapes.Shape, Array, Array, str]
 """A shape, rotation (3, 3) and position (3,) [m] of its body in the world, and its role."""
 EYE_DISTANCE = 4.0
@@ -52,13 +52,13 @@ CUBE_SIDES = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 
 class PinholeCamera:
     """A pinhole camera at ``eye`` that looks at ``target`` [m]; a metre there is ``focal`` long in the picture."""
 
-    eye: Place
-    target: Place = (0.0, 0.0, 0.0)
+    eye: Point3
+    target: Point3 = (0.0, 0.0, 0.0)
     focal: float = 1.0
 
     @classmethod
     def around(
-        cls, target: Place, size: float, azimuth: float = -math.pi / 3, elevation: float = 0.35
+        cls, target: Point3, size: float, azimuth: float = -math.pi / 3, elevation: float = 0.35
     ) -> PinholeCamera:
         """Return a camera that shows ``size`` [m] around ``target``; azimuth, from x about z, and elevation in rad."""
         (x, y, z), away, flat = target, EYE_DISTANCE * size, EYE_DISTANCE * size * math.cos(elevation)

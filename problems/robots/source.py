@@ -71,13 +71,13 @@ def read_source(file: Path, folder: Path | None = None) -> Source:
     if kind not in ("mujoco", "robot"):
         hint = "; give the file that includes it" if kind == "mujocoinclude" else ""
         raise InputError(f"{file}: <{kind}> is neither a URDF (<robot>) nor an MJCF (<mujoco>) file{hint}")
-    place = Place(file, (folder or file.parent).resolve())
+    robot_folder = RobotFolder(file, (folder or file.parent).resolve())
     urdf, read_files = root.tag == "robot", {file.resolve()}
     # One at a time, since an included file may include others.
     while not urdf and (pair := next(children(root, {"include"}), None)):
         parent, child = pair
         name = child.get("file", "")
-        included = place.find(name, "include")
+        included = robot_folder.find(name, "include")
         if included in read_files:
             raise InputError(f"{file}: {name} is included twice; include it once")
         read_files.add(included)
@@ -93,13 +93,13 @@ def read_source(file: Path, folder: Path | None = None) -> Source:
         ignored += unread(root, urdf=urdf)
     except ValueError as error:
         raise InputError(f"{file}: {error}") from None
-    _check(root, place)
+    _check(root, robot_folder)
     mimics = [] if not urdf else take_mimics(root, file)
     if urdf:
         ignored += clean(root)
     else:
         _strip_mjcf(root)
-    assets = _take_meshes(root, place, ignored)
+    assets = _take_meshes(root, robot_folder, ignored)
     text = ElementTree.tostring(root, encoding="unicode")
     return Source(text, urdf, assets, ignored, friction, mimics)
 
@@ -135,7 +135,7 @@ def _tree(text: str) -> Element:
 
 
 @dataclass(frozen=True)
-class Place:
+class RobotFolder:
     """A robot's ``file``, and the ``folder`` outside which no file is opened."""
 
     file: Path
@@ -196,14 +196,14 @@ def _check_size(root: Element, file: Path) -> None:
         raise InputError(f"{file}: <{longest.tag}> has {count} attributes; expected a robot")
 
 
-def _check(root: Element, place: Place) -> None:
+def _check(root: Element, robot_folder: RobotFolder) -> None:
     """Raise :class:`~ocp.errors.InputError` for files outside the folder, and for numbers out of range."""
     for element in root.iter():
         for name, value in element.attrib.items():
             if name == "file" or name in FOLDER_ATTRIBUTES[:2]:
-                place.resolve(value, element.tag)
+                robot_folder.resolve(value, element.tag)
             elif name not in TEXT_ATTRIBUTES and (wrong := _out_of_range(name, value)):
-                raise InputError(f"{place.file}: {name}={abbreviated(value)} of <{element.tag}> {wrong}")
+                raise InputError(f"{robot_folder.file}: {name}={abbreviated(value)} of <{element.tag}> {wrong}")
 
 
 def _out_of_range(name: str, value: str) -> str:
@@ -232,7 +232,7 @@ def _strip_mjcf(root: Element) -> None:
         field.attrib |= {"nrow": "2", "ncol": "2"}
 
 
-def _take_meshes(root: Element, place: Place, ignored: list[str]) -> dict[str, bytes]:
+def _take_meshes(root: Element, robot_folder: RobotFolder, ignored: list[str]) -> dict[str, bytes]:
     """Rename all meshes in ``root`` to names without a folder; return a mapping from these to the contents.
 
     Meshes of a URDF that are outside the folder, or of another format, are removed.
@@ -244,19 +244,19 @@ def _take_meshes(root: Element, place: Place, ignored: list[str]) -> dict[str, b
         folder = named["meshdir"] or named["assetdir"] or folder
     above = {child: parent for parent in root.iter() for child in parent}
     key = "filename" if urdf else "file"
-    bases = [one for one in place.file.resolve().parents if one.is_relative_to(place.folder)]
-    for mesh in [one for one in root.iter("mesh") if one.get(key)]:
+    bases = [base for base in robot_folder.file.resolve().parents if base.is_relative_to(robot_folder.folder)]
+    for mesh in [element for element in root.iter("mesh") if element.get(key)]:
         name = mesh.attrib[key]
         # The first folders of the name may be those of a package, or of another computer.
         path_parts = Path(name.rpartition("://")[2].lstrip("/") if urdf else name).parts
         places = [str(base / Path(folder, *path_parts[k:])) for base in bases for k in range(len(path_parts))]
-        content = next(filter(None, map(place.existing, places)), None)
+        content = next(filter(None, map(robot_folder.existing, places)), None)
         if urdf and (content is None or content.suffix.lower() not in MESH_SUFFIXES):
             collision = above[above[mesh]]
             above[collision].remove(collision)
             lost[above[collision].get("name", "")] = None
             continue
-        content = content or place.find(str(Path(folder, name)), "mesh")
+        content = content or robot_folder.find(str(Path(folder, name)), "mesh")
         inner = f"mesh{len(assets)}{content.suffix.lower()}"
         assets[inner] = content.read_bytes()
         if not urdf:

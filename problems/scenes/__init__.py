@@ -1,7 +1,7 @@
 """Pushing problems built from shapes: things, their contacts, the contact system and the drawing."""
 
 from dynamics.systems.shapes import Box, Capsule, Disc, HalfPlane, Polygon, Union
-from problems.scenes.pictures import pictured
+from problems.scenes.pictures import drawing_functions
 from problems.scenes.scene import Scene
 from problems.scenes.things import Body, Goal, Obstacle, Pusher
 
@@ -17,5 +17,5 @@ __all__ = [
     "Pusher",
     "Scene",
     "Union",
-    "pictured",
+    "drawing_functions",
 ]

@@ -17,11 +17,11 @@ from problems.scenes.things import Body, Obstacle, Thing
 
 Draw = Callable[[Any, np.ndarray], list[Shape]]
 Frames = Callable[[Any, np.ndarray], list[ContactFrame]]
-Place = tuple[float, float, float]
+PlanarPose = tuple[float, float, float]
 """Pose of a thing: x, y [m], and the clockwise angle [rad]."""
 
 
-def pictured(scene: Callable[[Any], Scene]) -> tuple[Draw, Frames]:
+def drawing_functions(scene: Callable[[Any], Scene]) -> tuple[Draw, Frames]:
     """Return the functions ``draw`` and ``frames`` of a problem whose scene is ``scene(p)``.
 
     ``scene`` reads every parameter as ``p["name"]``, so that it works with the symbols of ``build``
@@ -56,7 +56,7 @@ def _poses_and_contacts(scene: Scene) -> ca.Function:
     return ca.Function("places", [q], [ca.densify(output) for output in outputs])
 
 
-def _all_shapes(scene: Scene, poses: list[Place]) -> list[Shape]:
+def _all_shapes(scene: Scene, poses: list[PlanarPose]) -> list[Shape]:
     """Return the shapes of obstacles, then of goals, then of moving things."""
     obstacles, goals, moving = list[Shape](), list[Shape](), list[Shape]()
     for thing, pose in zip(scene.things, poses, strict=True):
@@ -70,7 +70,7 @@ def _all_shapes(scene: Scene, poses: list[Place]) -> list[Shape]:
     return [*obstacles, *goals, *moving]
 
 
-def _shapes(thing: Thing, pose: Place, role: str) -> list[Shape]:
+def _shapes(thing: Thing, pose: PlanarPose, role: str) -> list[Shape]:
     """Return the shapes of a thing, and, for a disc that turns, a radius that is upright at angle zero."""
     shapes = [solid(shape, *pose, role) for shape in convex_parts(thing.shape)]
     if not (thing.turns and isinstance(disc := shapes[0], Circle)):

@@ -74,14 +74,14 @@ def restore_stdout() -> None:
     """Restore stdout, after flushing the buffers of compiled code."""
     if not _saved:
         return
-    was = _saved.pop()
-    sys.stdout = was.stdout
-    if _descriptor(was.stdout) == _OUT:
-        was.stdout.flush()
+    saved = _saved.pop()
+    sys.stdout = saved.stdout
+    if _descriptor(saved.stdout) == _OUT:
+        saved.stdout.flush()
     with suppress(OSError, AttributeError):
         ctypes.CDLL(None).fflush(None)
-    os.dup2(was.copy, _OUT)
-    os.close(was.copy)
+    os.dup2(saved.copy, _OUT)
+    os.close(saved.copy)
 
 
 def _descriptor(stream: TextIO) -> int | None:

@@ -176,8 +176,8 @@ def _follow_path(options: ContinueOptions, request: Request) -> tuple[Continuati
 
     try:
         with interruptible():
-            way = (over, options.start, options.end, options.steps, options.scale)
-            return continue_over(session, *way, progress=note, seed=options.seed), False
+            grid = (over, options.start, options.end, options.steps, options.scale)
+            return continue_over(session, *grid, progress=note, seed=options.seed), False
     except KeyboardInterrupt:
         if not finished:
             raise
@@ -213,14 +213,13 @@ def _meta(options: ContinueOptions, request: Request, path: Continuation) -> dic
 
 
 def _verdict(path: Any, end: float) -> str:
-    happened = describe_events(path.events, path.parameter)
-    events = f"\nAlong the path {happened}." if happened else ""
+    changes = describe_events(path.events, path.parameter)
+    events = f"\nAlong the path {changes}." if changes else ""
     if path.broke is not None:
         return f"The path broke {path.broke}{events}"
     first, last = path.points[0].solution, path.points[-1].solution
-    word = last.referee.word
-    fate = f"; referee: {word}" if last.referee.survives is False else ""
+    referee = f"; referee: {last.referee.word}" if last.referee.survives is False else ""
     return (
         f"Continued to {path.parameter} = {end:g}: cost from {first.cost:.6g} to {last.cost:.6g},"
-        f" under the exact law {last.audit.exact_cost:.6g} there{fate}.{events}"
+        f" under the exact law {last.audit.exact_cost:.6g} there{referee}.{events}"
     )

@@ -4,7 +4,7 @@ import casadi as ca
 
 from ocp.problem.problem import Problem
 from problems.parameters import Parameters, quantity, structure, table
-from problems.scenes import Body, Disc, Goal, Pusher, Scene, pictured
+from problems.scenes import Body, Disc, Goal, Pusher, Scene, drawing_functions
 
 name, title = "two-pucks", "One puck pushes another"
 
@@ -28,7 +28,7 @@ def scene(p):
     )
 
 
-draw, frames = pictured(scene)
+draw, frames = drawing_functions(scene)
 
 
 def build(params):

@@ -11,7 +11,7 @@ import numpy as np
 
 from ocp import Problem, Scaling
 from problems.parameters import Parameters, quantity, structure, table
-from problems.scenes import Box, Disc, Obstacle, Pusher, Scene, pictured
+from problems.scenes import Box, Disc, Obstacle, Pusher, Scene, drawing_functions
 
 name = "walls-maze"
 title = "A ball in a maze of walls"
@@ -40,7 +40,7 @@ def scene(p):
     )
 
 
-draw, frames = pictured(scene)
+draw, frames = drawing_functions(scene)
 
 
 def build(params: Params) -> Problem:

@@ -10,7 +10,7 @@ import numpy as np
 
 from ocp import Problem, Scaling
 from problems.parameters import Parameters, quantity, structure, table
-from problems.scenes import Body, Disc, Goal, Obstacle, Polygon, Pusher, Scene, Union, pictured
+from problems.scenes import Body, Disc, Goal, Obstacle, Polygon, Pusher, Scene, Union, drawing_functions
 
 name = "ell-post"
 title = "An L pushed past a post"
@@ -43,7 +43,7 @@ def scene(p):
     )
 
 
-draw, frames = pictured(scene)
+draw, frames = drawing_functions(scene)
 
 
 def build(params: Params) -> Problem:

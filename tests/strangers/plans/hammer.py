@@ -11,7 +11,7 @@ import numpy as np
 
 from ocp import Problem, Scaling
 from problems.parameters import Parameters, quantity, structure, table
-from problems.scenes import Body, Disc, Goal, HalfPlane, Obstacle, Pusher, Scene, pictured
+from problems.scenes import Body, Disc, Goal, HalfPlane, Obstacle, Pusher, Scene, drawing_functions
 
 name = "hammer"
 title = "A nail is hammered in"
@@ -39,7 +39,7 @@ def scene(p):
     )
 
 
-draw, frames = pictured(scene)
+draw, frames = drawing_functions(scene)
 
 
 def build(params: Params) -> Problem:

@@ -9,7 +9,7 @@ import numpy as np
 
 from ocp import Problem, Scaling
 from problems.parameters import Parameters, quantity, structure, table
-from problems.scenes import Body, Box, Disc, Goal, Obstacle, Pusher, Scene, pictured
+from problems.scenes import Body, Box, Disc, Goal, Obstacle, Pusher, Scene, drawing_functions
 
 name = "patch-ice"
 title = "A block from floor to ice"
@@ -42,7 +42,7 @@ def scene(p):
     )
 
 
-draw, frames = pictured(scene)
+draw, frames = drawing_functions(scene)
 
 
 def build(params: Params) -> Problem:

@@ -10,7 +10,7 @@ import numpy as np
 
 from ocp import Problem, Scaling
 from problems.parameters import Parameters, quantity, structure, table
-from problems.scenes import Body, Box, Disc, Goal, HalfPlane, Obstacle, Pusher, Scene, pictured
+from problems.scenes import Body, Box, Disc, Goal, HalfPlane, Obstacle, Pusher, Scene, drawing_functions
 
 name = "pivot-box"
 title = "A box stood up against a wall"
@@ -43,7 +43,7 @@ def scene(p):
     )
 
 
-draw, frames = pictured(scene)
+draw, frames = drawing_functions(scene)
 
 
 def build(params: Params) -> Problem:

@@ -11,7 +11,7 @@ import numpy as np
 
 from ocp import Problem, Scaling
 from problems.parameters import Parameters, quantity, structure, table
-from problems.scenes import Body, Box, Capsule, Disc, Goal, HalfPlane, Obstacle, Pusher, Scene, pictured
+from problems.scenes import Body, Box, Capsule, Disc, Goal, HalfPlane, Obstacle, Pusher, Scene, drawing_functions
 
 name = "ball-bin"
 title = "A ball thrown into a bin"
@@ -45,7 +45,7 @@ def scene(p):
     )
 
 
-draw, frames = pictured(scene)
+draw, frames = drawing_functions(scene)
 
 
 def build(params: Params) -> Problem:

@@ -11,7 +11,7 @@ import numpy as np
 
 from ocp import Problem, Scaling
 from problems.parameters import Parameters, quantity, structure, table
-from problems.scenes import Body, Disc, Goal, HalfPlane, Obstacle, Pusher, Scene, pictured
+from problems.scenes import Body, Disc, Goal, HalfPlane, Obstacle, Pusher, Scene, drawing_functions
 
 name = "hammer-touching"
 title = "A hammer that touches the nail already"
@@ -43,7 +43,7 @@ def scene(p):
     )
 
 
-draw, frames = pictured(scene)
+draw, frames = drawing_functions(scene)
 
 
 def build(params: Params) -> Problem:

@@ -23,7 +23,7 @@ from problems.scenes import (
     Obstacle,
     Pusher,
     Scene,
-    pictured,
+    drawing_functions,
 )
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
@@ -131,7 +131,7 @@ def stage(p) -> Scene:
 def test_the_drawing_is_made_of_the_shapes_whose_gaps_count() -> None:
     """Distances measured in the drawing equal the gaps of the system."""
     params = Params(R=0.25)
-    draw, frames = pictured(stage)
+    draw, frames = drawing_functions(stage)
     state = np.array([1.0, 0.1, 0.7, -1.0, 0.2, 0.3, 0.1, 0.5])
     floor, goal, hand, disc, mark, box = draw(params, state)
     assert floor == drawing.Wall(0, -0.5, 0, 1, "environment")
