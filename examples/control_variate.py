@@ -26,7 +26,7 @@ class ControlVariate(Estimator):
 
     def make_sampler(self, objective: SampledObjective, noise: Gaussian, n: int) -> Sampler:
         """Find g from samples after the n that are estimated from."""
-        variance = noise.scales(objective.n_noise) ** 2
+        variance = noise.component_scales(objective.n_noise) ** 2
         g = objective.sample_gradients(noise.skip_samples(n), self.slopes).direction.mean(axis=0)
         nominal_cost = objective.nominal_cost()
 

@@ -22,7 +22,7 @@ def main() -> None:
         place = f"({float(x.sel(state='ax')):6.3f}, {float(x.sel(state='ay')):6.3f})"
         print(f"goal_x {point.value:7.4f}   cost {point.solution.cost:.6f}   pusher ends at {place}")
     for event in curve.events:
-        print(event.told(curve.parameter))
+        print(event.describe(curve.parameter))
     print(f"{curve.iterations} iterations, {curve.nlp_builds} programs built")
 
 

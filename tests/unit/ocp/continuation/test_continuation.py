@@ -29,7 +29,7 @@ def test_a_sweep_of_mu_costs_a_sixth_of_cold_solves_at_most() -> None:
     session = barrier_session("push-disc", 1.0)
     path = continue_over(session, "contact.mu", 1.0, 1e-8, 20, "log")
     values = np.geomspace(1.0, 1e-8, 21)
-    assert path.broke is None
+    assert path.break_reason is None
     assert path.nlp_builds == 1, "a start so wide needs no exact law's answer"
     np.testing.assert_allclose([point.value for point in path.points], values, rtol=1e-9)
     assert path.points[-1].value == 1e-8, "the end is exactly what was asked"
@@ -58,7 +58,7 @@ def test_builds_count_every_nlp_and_do_not_grow_along_the_path(law, monkeypatch)
         built.clear()
         session = new_session(get("push-1d"), law, Direct())
         path = continue_over(session, "M", 1.0, 1.1, steps)
-        assert path.broke is None
+        assert path.break_reason is None
         assert path.nlp_builds == len(built) > 1
         assert len(set(built)) == len(built)
 
@@ -70,7 +70,7 @@ def test_a_physical_parameter_moves_the_start_and_the_bounds_with_it() -> None:
         session = barrier_session()
         start = session.values[over.removeprefix("problem.")]
         path = continue_over(session, over, start, end, 3)
-        assert path.broke is None
+        assert path.break_reason is None
         name = over.removeprefix("problem.")
         for point in path.points[1:]:
             built = solve(get("push-1d", **{name: point.value}), Barrier(mu=1e-2), Direct())
@@ -94,7 +94,7 @@ def test_shooting_follows_the_same_path(method) -> None:
 def test_the_adaptive_laws_sigma_can_be_followed() -> None:
     session = new_session(get("push-1d"), Adaptive(sigma=0.2), Direct())
     path = continue_over(session, "contact.sigma", 0.2, 0.02, 5, "log")
-    assert path.broke is None
+    assert path.break_reason is None
     last = solve(get("push-1d"), Adaptive(sigma=0.02), Direct())
     assert costs(path)[-1] == pytest.approx(last.cost, rel=1e-6)
 
@@ -103,7 +103,7 @@ def test_the_adaptive_laws_sigma_can_be_followed() -> None:
 def test_the_exact_law_can_be_followed_in_direct() -> None:
     session = new_session(get("push-1d"), Exact(), Direct())
     path = continue_over(session, "goal_x", 1.0, 0.6, 4)
-    assert path.broke is None
+    assert path.break_reason is None
     assert all(point.solution.audit.complementarity <= 1e-8 for point in path.points)
     built = solve(get("push-1d", goal_x=0.6), Exact(), Direct())
     assert costs(path)[-1] == pytest.approx(built.cost, rel=1e-6)
@@ -129,9 +129,9 @@ def test_a_step_that_fails_is_halved_and_grows_back(monkeypatch: pytest.MonkeyPa
         return found if good else replace(found, finished=False)
 
     monkeypatch.setattr(Session, "solve", refuse)
-    monkeypatch.setattr(Tracker, "begin", lambda *_: None)
+    monkeypatch.setattr(Tracker, "start_at", lambda *_: None)
     path = continue_over(session, "M", 1.0, 2.0, 10)
-    assert path.broke is None
+    assert path.break_reason is None
     values = [point.value for point in path.points]
     assert values == [value for value, good in steps if good]
     assert values[-1] == 2.0
@@ -150,14 +150,14 @@ def test_a_path_that_ends_is_told_with_where_and_why() -> None:
     reach = Constraint("reach", problem.system.x[0] - problem.parameters["goal_x"], 0.0, 10.0)
     session = new_session(replace(problem, terminal=(reach,)), Barrier(mu=1e-3), Direct())
     path = continue_over(session, "goal_x", 0.5, 3.0, 5)
-    assert path.broke is not None
+    assert path.break_reason is not None
     assert path.points, "what was solved is kept"
     assert all(point.solution.success for point in path.points)
     last = path.points[-1].value
     assert 1.0 < last < 1.5, "the bound of 1 m on the pusher, its width, and the barrier's force"
-    assert f"{last:g}" in path.broke
-    assert "goal_x" in path.broke
-    assert "Worst:" in path.broke
+    assert f"{last:g}" in path.break_reason
+    assert "goal_x" in path.break_reason
+    assert "Worst:" in path.break_reason
 
 
 @pytest.mark.costly
@@ -166,8 +166,8 @@ def test_a_first_point_that_fails_is_told() -> None:
     reach = Constraint("reach", problem.system.x[0], 50.0, 60.0)
     session = new_session(replace(problem, terminal=(reach,)), Barrier(mu=1e-3), Direct())
     path = continue_over(session, "M", 1.0, 2.0, 4)
-    assert path.broke is not None
-    assert path.broke.startswith("at the first point, M = 1")
+    assert path.break_reason is not None
+    assert path.break_reason.startswith("at the first point, M = 1")
 
 
 @pytest.mark.costly
