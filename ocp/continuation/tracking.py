@@ -49,21 +49,21 @@ class Stop:
 class Tracker:
     """Tracker of a solved point of a session along the parameter ``name``.
 
-    ``events`` are those of the last move, ``wasted`` the number of fruitless iterations. ``curve`` is
+    ``events`` are those of the last move, ``fruitless_iterations`` those that led to no point. ``curve`` is
     None if the point has none (contacts undecided, a kink of shooting under the exact law).
-    ``kinked`` is true if the active set of a program without pairs changes ahead, which the solver
-    must pass; ``stuck`` if the curve ends at the tracker's point.
+    ``meets_kink`` is true if the active set of a program without pairs changes ahead, which the solver
+    must pass; ``at_end`` if the curve ends at the tracker's point.
     """
 
     def __init__(self, session: Session, name: str, span: float, log: bool) -> None:
         self.session, self.name, self.span, self.log = session, name, span, log
         self.curve: KKTCurve | None = None
-        self.v, self.events, self.down = np.zeros(0), list[Event](), 0
-        self.stuck, self.around, self.kinked, self.wasted = False, False, False, 0
+        self.v, self.events, self.curvature = np.zeros(0), list[Event](), 0
+        self.at_end, self.past_fold, self.meets_kink, self.fruitless_iterations = False, False, False, 0
 
     def start_at(self, outcome: RouteResult) -> None:
         """Move the tracker to an outcome, at the session's present values."""
-        self.curve, self.stuck, self.events = None, False, []
+        self.curve, self.at_end, self.events = None, False, []
         program, point = outcome.nlp, outcome.result.point
         self.program = program
         if point.lam_g is None or (self.session.step.exact and program.reformulation != "none"):
@@ -74,11 +74,11 @@ class Tracker:
             self.curve, self.v = regular_curve(program, point, values, self.name, unit)
         except InputError:
             return
-        self.wasted += self.curve.iterations
+        self.fruitless_iterations += self.curve.iterations
         if (self._finite_margins(self.curve.margins(self.v)) < -ACTIVE_SET_TOLERANCE).any():
             self.curve = None
         else:
-            self.down = self.curve.curvature(self.v)
+            self.curvature = self.curve.curvature(self.v)
 
     @property
     def value(self) -> float:
@@ -90,18 +90,18 @@ class Tracker:
         """Return the outcome of a move to a value, or past some events towards it, by predictions and corrections.
 
         None if a sixteenth of the distance is too far and no event happened; the tracker is then at
-        the last point reached. Also None, with ``stuck``, if the curve ends before the value.
+        the last point reached. Also None, with ``at_end``, if the curve ends before the value.
         """
         assert self.curve is not None
         start_time, iterations, last = time.perf_counter(), 0, -1
-        self.events, self.kinked = [], False
+        self.events, self.meets_kink = [], False
         curve, v, goal = self.curve, self.v, value / self.curve.unit
         curve.iterations, smallest_move, target = 0, MIN_MOVE_SHARE * self._distance(v[-1], goal), goal
         for _ in range(MAX_EVENTS):
             candidate = curve.corrected_point(v, target)
             below = self._violated(curve, candidate)
             # The minimum has become a saddle: a singular point was passed.
-            if candidate is None or below is None or (not below.any() and curve.curvature(candidate) > self.down):
+            if candidate is None or below is None or (not below.any() and curve.curvature(candidate) > self.curvature):
                 target = v[-1] * np.sqrt(target / v[-1]) if self.log else (v[-1] + target) / 2
                 if self._distance(v[-1], target) < smallest_move:
                     break
@@ -115,21 +115,21 @@ class Tracker:
                 target = goal
                 continue
             if not curve.pairs.size:
-                self.kinked = True
+                self.meets_kink = True
                 break
             v, end = self._locate_event(curve, v, candidate)
-            next_curve = self._changed(curve, v, end)
+            next_curve = self._curve_beyond_event(curve, v, end)
             if next_curve is None or (end == last and abs(v[-1] - curve.start[-1]) < 1e-12):
-                self.stuck = True
+                self.at_end = True
                 self.events += [self._event(curve, v, end)] if next_curve is None else []
                 break
             self.events.append(self._event(curve, v, end))
             iterations += curve.iterations
             curve, v, last, target = next_curve, next_curve.start, end, goal
         self.curve, self.v, iterations = curve, v, iterations + curve.iterations
-        if self.events and not self.stuck:
+        if self.events and not self.at_end:
             return self._outcome(iterations, time.perf_counter() - start_time)
-        self.wasted += iterations
+        self.fruitless_iterations += iterations
         return None
 
     def _distance(self, first: float, second: float) -> float:
@@ -142,7 +142,7 @@ class Tracker:
         below = self._finite_margins(curve.margins(v)) < -ACTIVE_SET_TOLERANCE
         return None if not curve.pairs.size and below[curve.program.pairs].any() else below
 
-    def _changed(self, curve: KKTCurve, v: np.ndarray, end: int) -> KKTCurve | None:
+    def _curve_beyond_event(self, curve: KKTCurve, v: np.ndarray, end: int) -> KKTCurve | None:
         """Return the curve beyond an event; None if the cost falls as a pair leaves (0, 0), which ends the curve."""
         held = curve.held.toggle_end(end)
         if end in curve.pairs and held.x[end]:
@@ -244,7 +244,7 @@ class Tracker:
         follower = Homotopy(session.nlp_of, session.solver, session.values)
         better = Branches(follower).improve(outcome.result)
         if not lower(better, outcome.result, MIN_COST_GAIN):
-            self.wasted += follower.trace.iterations
+            self.fruitless_iterations += follower.trace.iterations
             return None
         follower.trace.absorb(outcome.trace)
         return RouteResult(better, outcome.nlp, True, follower.trace)
@@ -276,7 +276,7 @@ class Tracker:
     def turn_folds(self, forward: float, first: float, goal: float) -> Iterator[Stop]:
         """Yield stops around folds, by pseudo-arclength, until the curve goes ``forward`` again.
 
-        It ends early, with ``around`` false, where the active set changes, the parameter is back at
+        It ends early, with ``past_fold`` false, where the active set changes, the parameter is back at
         ``first``, or no fold comes before ``goal``. The tracker is then at the last stop.
         """
         assert self.curve is not None
@@ -304,12 +304,12 @@ class Tracker:
                 edge = fold_point[-1] if not passed_fold else edge
                 passed_fold = True
             v, t, arc = candidate, tangent, min(1.5 * arc, 0.2)
-            self.curve, self.v, self.down = curve, v, curve.curvature(v)
+            self.curve, self.v, self.curvature = curve, v, curve.curvature(v)
             end_time = time.perf_counter()
             yield Stop(self.value, self._outcome(curve.iterations, end_time - start_time), self.events)
             start_time = end_time
-            self.around = passed_fold and (v[-1] - edge) * forward > 0 and t[-1] * forward > 0
-            if self.around or (v[-1] - first / curve.unit) * forward <= 0:
+            self.past_fold = passed_fold and (v[-1] - edge) * forward > 0 and t[-1] * forward > 0
+            if self.past_fold or (v[-1] - first / curve.unit) * forward <= 0:
                 return
 
     def _fold(self, curve: KKTCurve, v: np.ndarray, t: np.ndarray, weights: np.ndarray, arc: float) -> np.ndarray:

@@ -70,14 +70,14 @@ class CurvePoint:
 
 @dataclass
 class Continuation:
-    """A followed curve: points, events and all iterations; ``broke`` says where and why it broke off, or is None."""
+    """A followed curve: points, events and iterations; ``break_reason`` says where and why it broke off, or is None."""
 
     parameter: str
     points: list[CurvePoint] = field(default_factory=list)
     events: list[Event] = field(default_factory=list)
     iterations: int = 0
     nlp_builds: int = 0
-    broke: str | None = None
+    break_reason: str | None = None
 
 
 def resolve(session: Session, over: str) -> str:
@@ -158,34 +158,34 @@ class _Walk:
         """Follow the curve to its end, or to a break."""
         session, followed, (start, end, steps) = self.session, self.followed, self.request
         first = self._solve(start)
-        if self._add(first, start):
+        if self._add_point(first, start):
             self.tracker.start_at(first)
-            self._walk(1.0 / steps)
+            self._follow_range(1.0 / steps)
         else:
             verdict = followed.points[-1].failure_reason
-            followed.broke = f"at the first point, {followed.parameter} = {start:g}: {verdict}"
+            followed.break_reason = f"at the first point, {followed.parameter} = {start:g}: {verdict}"
         followed.nlp_builds = session.nlp_builds
-        followed.iterations += self.tracker.wasted
+        followed.iterations += self.tracker.fruitless_iterations
         followed.events = merge_simultaneous(followed.events, None if self.tracker.log else abs(end - start))
         return followed
 
-    def _walk(self, full: float) -> None:
+    def _follow_range(self, full: float) -> None:
         step = full
-        while self.at < 1 - 1e-12 and self.followed.broke is None:
+        while self.at < 1 - 1e-12 and self.followed.break_reason is None:
             next_step = math.floor(self.at / full + 1e-9) + 1
             value = self._value(next_step * full if step == full else self.at + step)
             tracker = self.tracker
-            if self._tracked(value) or (tracker.stuck and self._solved(self._beyond(tracker.value))):
+            if self._track_to(value) or (tracker.at_end and self._solve_and_add(self._just_beyond(tracker.value))):
                 step = min(full, 2 * step)
                 continue
             small = step <= SMALL_STEP_SHARE * full
-            if self._turned(value) or self._solved(value, small):
+            if self._pass_folds(value) or self._solve_and_add(value, small):
                 easy = self.outcome.trace.iterations <= EASY_ITERATIONS
                 step = min(full, 2 * step) if easy else step
                 continue
             step /= 2
             if step < MIN_STEP_SHARE * full:
-                self._break(value)
+                self._record_break(value)
 
     def _value(self, share: float) -> float:
         (start, end, _), (to_value, to_scale) = self.request, self.scales
@@ -198,7 +198,7 @@ class _Walk:
         nlp = None if point is None else self.outcome.nlp
         return self.session.solve(start=point, warm_from=nlp)
 
-    def _add(self, outcome: RouteResult, value: float) -> bool:
+    def _add_point(self, outcome: RouteResult, value: float) -> bool:
         """Judge an outcome, add it as a point if it is accepted or the first, and return whether it is accepted."""
         self.session.values[self.followed.parameter] = value
         solution = judge_outcome(self.session, outcome, self.seed)
@@ -217,7 +217,7 @@ class _Walk:
                 self.progress(point)
         return accepted
 
-    def _tracked(self, value: float) -> bool:
+    def _track_to(self, value: float) -> bool:
         """Follow the curve to a value, or leave it for a cheaper point, and return whether a point was added."""
         tracker = self.tracker
         if tracker.curve is None:
@@ -231,14 +231,14 @@ class _Walk:
         better, events = tracker.find_cheaper(outcome), tracker.events
         if better is not None:
             events = [*events, tracker.locate_crossing(better, self.followed.points[-1].value)]
-        if not self._add(better or outcome, value):
-            return self._back(better or outcome)
+        if not self._add_point(better or outcome, value):
+            return self._return_to_last_point(better or outcome)
         self.followed.events += events
         if better is not None:
             tracker.start_at(better)
         return True
 
-    def _solved(self, value: float, small: bool = True, ended: bool = False) -> bool:
+    def _solve_and_add(self, value: float, small: bool = True, ended: bool = False) -> bool:
         """Solve at a value and return whether a point was added; jumps, and steps with pairs, must be small."""
         tracker, curve = self.tracker, self.tracker.curve
         if curve is not None and curve.pairs.size and not small:
@@ -246,8 +246,8 @@ class _Walk:
         warm = self.outcome.result.point if curve is None else curve.solver_point(tracker.v)[0]
         outcome = self._solve(value, warm)
         jumped = curve is not None and tracker.has_jumped(outcome, value)
-        if (jumped and not small) or not self._add(outcome, value):
-            return self._back(outcome)
+        if (jumped and not small) or not self._add_point(outcome, value):
+            return self._return_to_last_point(outcome)
         self.followed.events += tracker.events
         if jumped or ended:
             self.followed.events.append(Event("switch", value, tracker.cost(outcome.result.f), "the curve ends"))
@@ -257,47 +257,47 @@ class _Walk:
             self.followed.events += tracker.pair_changes(curve, outcome)
         return True
 
-    def _back(self, *wasted: RouteResult) -> bool:
+    def _return_to_last_point(self, *outcomes: RouteResult) -> bool:
         """Reset the tracker to the last accepted point after fruitless solves, and return False."""
-        self.tracker.wasted += sum(outcome.trace.iterations for outcome in wasted)
+        self.tracker.fruitless_iterations += sum(outcome.trace.iterations for outcome in outcomes)
         self.session.values[self.followed.parameter] = self.followed.points[-1].value
         self.tracker.start_at(self.outcome)
         return False
 
-    def _turned(self, value: float) -> bool:
+    def _pass_folds(self, value: float) -> bool:
         """Step around folds, add every stop as a point, and return whether that succeeded."""
         tracker, followed, (start, end, _) = self.tracker, self.followed, self.request
-        if tracker.curve is None or tracker.kinked:
+        if tracker.curve is None or tracker.meets_kink:
             return False
         previous_events = tracker.events
         stops = list(tracker.turn_folds(math.copysign(1.0, end - start), start, value))
         folds = [event for stop in stops for event in stop.events]
         if not folds:
-            return self._back(*(stop.outcome for stop in stops))
+            return self._return_to_last_point(*(stop.outcome for stop in stops))
         followed.events += [*previous_events, *folds]
-        if not tracker.around:
-            self._back(*(stop.outcome for stop in stops))
-            return self._solved(self._beyond(folds[0].value), ended=True)
+        if not tracker.past_fold:
+            self._return_to_last_point(*(stop.outcome for stop in stops))
+            return self._solve_and_add(self._just_beyond(folds[0].value), ended=True)
         for stop in stops:
-            if not self._add(stop.outcome, stop.value):
-                followed.broke = f"on the way round a fold: {self.failed.failure_reason}"
+            if not self._add_point(stop.outcome, stop.value):
+                followed.break_reason = f"on the way round a fold: {self.failed.failure_reason}"
                 break
         return True
 
-    def _beyond(self, value: float) -> float:
+    def _just_beyond(self, value: float) -> float:
         """Return a value just beyond an event's, limited to the last one requested."""
         start, end, _ = self.request
         reach = math.copysign(value, end - start) if self.tracker.log else end - start
         beyond = value + 0.5 * LOCATION_TOLERANCE * reach
         return end if (beyond - end) * (end - start) > 0 else beyond
 
-    def _break(self, value: float) -> None:
+    def _record_break(self, value: float) -> None:
         """Record where the curve broke, and why."""
         last = self.followed.points[-1].value
-        broke = f"after {self.followed.parameter} = {last:g}, on the way to {value:g}: {self.failed.failure_reason}"
+        reason = f"after {self.followed.parameter} = {last:g}, on the way to {value:g}: {self.failed.failure_reason}"
         for worst in self.failed.solution.audit.worst[:1]:
-            broke += f" Worst: {worst.name} of {worst.component} at step {worst.step}, {worst.amount:.1e}."
-        self.followed.broke = broke
+            reason += f" Worst: {worst.name} of {worst.component} at step {worst.step}, {worst.amount:.1e}."
+        self.followed.break_reason = reason
 
 
 def check_value(session: Session, name: str, value: float) -> None:

@@ -160,7 +160,7 @@ def run_continue(options: ContinueOptions, request: Request) -> int:
     output.finish(stored, meta, options.pdf, request.spec)
     if interrupted:
         raise KeyboardInterrupt
-    return 0 if path.broke is None else NOT_CONVERGED
+    return 0 if path.break_reason is None else NOT_CONVERGED
 
 
 def _follow_path(options: ContinueOptions, request: Request) -> tuple[Continuation, bool]:
@@ -186,7 +186,7 @@ def _follow_path(options: ContinueOptions, request: Request) -> tuple[Continuati
         finished,
         iterations=sum(p.solution.iterations for p in finished),
         nlp_builds=session.nlp_builds,
-        broke=f"after {over} = {finished[-1].value:g}: stopped by the user",
+        break_reason=f"after {over} = {finished[-1].value:g}: stopped by the user",
     ), True
 
 
@@ -206,8 +206,8 @@ def _meta(options: ContinueOptions, request: Request, path: Continuation) -> dic
         "events": [event.row() for event in path.events],
         "iterations": path.iterations,
         "nlp_builds": path.nlp_builds,
-        "success": path.broke is None,
-        "status": "solved" if path.broke is None else "broke",
+        "success": path.break_reason is None,
+        "status": "solved" if path.break_reason is None else "broke",
         "verdict": _verdict(path, options.end),
     }
 
@@ -215,8 +215,8 @@ def _meta(options: ContinueOptions, request: Request, path: Continuation) -> dic
 def _verdict(path: Any, end: float) -> str:
     changes = describe_events(path.events, path.parameter)
     events = f"\nAlong the path {changes}." if changes else ""
-    if path.broke is not None:
-        return f"The path broke {path.broke}{events}"
+    if path.break_reason is not None:
+        return f"The path broke {path.break_reason}{events}"
     first, last = path.points[0].solution, path.points[-1].solution
     referee = f"; referee: {last.referee.word}" if last.referee.survives is False else ""
     return (

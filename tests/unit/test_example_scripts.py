@@ -111,7 +111,7 @@ def test_the_pusher_follows_the_goal_to_the_other_side() -> None:
     goals = np.array([point.value for point in curve.points])
     for asked in np.linspace(1.0, -1.5, 21):
         assert np.abs(goals - asked).min() < 1e-9
-    assert curve.broke is None and all(point.solution.success for point in curve.points)
+    assert curve.break_reason is None and all(point.solution.success for point in curve.points)
     assert curve.nlp_builds == 2, "either form once"
     for point, side in ((curve.points[0], -1), (curve.points[-1], 1)):
         ox, ax = states(point.solution, "ox", "ax")[-1]

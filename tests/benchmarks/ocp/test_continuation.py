@@ -16,7 +16,7 @@ def test_continuation_needs_a_sixth_of_the_cold_iterations() -> None:
     rows, ratios, builds = [], {}, []
     for name in FIVE:
         path = continue_over(session(name, Barrier(mu=1.0)), "contact.mu", 1.0, 1e-8, 20, "log")
-        assert path.broke is None
+        assert path.break_reason is None
         cold, iterations, better, failed = session(name, Barrier(mu=1.0), homotopy=False), 0, 0, 0
         for point in path.points:
             cold.values["contact.mu"] = point.value

@@ -19,7 +19,7 @@ def test_planar_push_is_followed_across_changes_of_contact() -> None:
     changes exactly for the pairs of the reported events. Degenerate events do not name their pairs.
     """
     path = continue_over(new_session(get("planar-push"), Exact(), Direct()), "goal_x", 0.3, 1.5, 12)
-    assert path.broke is None
+    assert path.break_reason is None
     assert sum(event.kind == "contact" for event in path.events) >= 3
     for point in path.points:
         cold = solve(get("planar-push", goal_x=point.value), Exact(), Direct(), n_starts=5)

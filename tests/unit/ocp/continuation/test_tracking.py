@@ -56,7 +56,7 @@ def test_contacts_of_a_mass_between_two_walls_are_found_where_they_change() -> N
     """The minimum of r u² + (x+ - theta)² is at x+ = u = clip(theta / (1 + r), -1, 1), without force of a wall."""
     problem = between_walls(lambda u, _: R * u**2, lambda x, theta: (x - theta) ** 2)
     path = follow(problem, -3.0, 3.0, 7)
-    assert path.broke is None
+    assert path.break_reason is None
     assert [event.kind for event in path.events] == ["contact", "contact"]
     for event, value in zip(path.events, (-(1 + R), 1 + R), strict=True):
         assert event.value == pytest.approx(value, abs=6e-6)
@@ -111,7 +111,7 @@ def pressing(c: float, size: float = 1.0) -> Problem:
 def test_a_minimum_that_ends_at_a_contact_is_left_there() -> None:
     c = 40.0
     path = follow(pressing(c), 30.0, 0.2, 10)
-    assert path.broke is None
+    assert path.break_reason is None
     assert [event.kind for event in path.events] == ["contact", "switch"]
     ends, switch = path.events
     assert (ends.contact, ends.change) == ("contact1", "comes to rest")
@@ -129,7 +129,7 @@ def test_another_minimum_is_taken_where_it_becomes_the_cheaper() -> None:
     """With wide characteristic sizes the linear program includes both sides of the wall."""
     c = 1.0
     path = follow(pressing(c, size=10.0), 0.5, 3.0, 10)
-    assert path.broke is None
+    assert path.break_reason is None
     assert [event.kind for event in path.events] == ["switch"]
     assert path.events[0].value == pytest.approx(np.sqrt(1 + c), abs=2.5e-6)
     for point in path.points:
@@ -143,7 +143,7 @@ def test_a_fold_is_stepped_round() -> None:
     """Stationary points of u⁴/4 - u²/2 - theta u are theta = u³ - u, with folds at u² = 1/3."""
     problem = between_walls(lambda u, t: u**4 / 4 - u**2 / 2 - t * u, lambda x, _: 0 * x, walls=100.0)
     path = follow(problem, -1.0, 1.0, 10)
-    assert path.broke is None
+    assert path.break_reason is None
     at = 2 / (3 * np.sqrt(3))
     assert [event.kind for event in path.events] == ["fold", "fold"]
     assert [event.value for event in path.events] == pytest.approx([at, -at], abs=2e-6)
