@@ -132,6 +132,11 @@ class Rung:
         """Cost at h/4, or at h where the step size is part of the model."""
         return self.refined_cost if math.isfinite(self.refined_cost) else self.cost
 
+    @property
+    def excess(self) -> float:
+        """Difference of the costs at h/4 and at h."""
+        return self.refined_cost - self.cost
+
 
 @dataclass(frozen=True)
 class DisturbedSurvival:

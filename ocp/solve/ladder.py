@@ -16,11 +16,12 @@ from typing import Any
 import numpy as np
 
 from dynamics.contact import Exact, Step
-from ocp.errors import InputError, NotConverged, choose, interruptible
+from ocp.errors import InputError, NotConverged, abbreviated, choose, interruptible
 from ocp.judge.disturbances import disturbed_survival
 from ocp.judge.policy_referee import policy_report
 from ocp.judge.referee import Referee, referee_replay
 from ocp.judge.route_report import DisturbedSurvival, Ladder, Rung, StageRecord
+from ocp.judge.step_size import step_size_kind
 from ocp.problem.evaluation import Evaluation
 from ocp.problem.problem import Problem
 from ocp.problem.rollout import Gains, Rollout, StateFeedback
@@ -45,6 +46,8 @@ TRACKING = (0.0, 1.0, 100.0)
 """Weights of deviations from the plan for which gains are tried (:class:`~ocp.mpc.plan_policies.PlanRegulator`)."""
 SMOOTHING = (0.0, 1e-3, 0.1)
 """Smoothings of the contact for which gains are tried, in characteristic impulses times gaps."""
+PAYING_SHARE = 0.75
+"""Share of a replay's excess cost that is left where halving the step pays."""
 DEARER_SHARE = 1e-3
 """Share of a cost from which a rung counts as dearer than the plan at its own step size."""
 
@@ -116,10 +119,17 @@ class SurvivalLadder:
     def _try(self, name: str, climb: Callable[[], None]) -> None:
         """Climb one rung; one that cannot be tried is listed with the reason."""
         try:
-            climb()
+            with interruptible():
+                climb()
         except (InputError, NotConverged, np.linalg.LinAlgError) as reason:
-            self.rungs.append(Rung(name, note=str(reason)))
-            self.answers.append(self.first)
+            self._skip(name, str(reason))
+        except Exception as error:
+            logger.exception("a rung ended in an error")
+            self._skip(name, f"ended in an error of the program: {abbreviated(str(error))}")
+
+    def _skip(self, name: str, reason: str) -> None:
+        self.rungs.append(Rung(name, note=reason))
+        self.answers.append(self.first)
 
     def _sharpest(self) -> None:
         """Solve under the contact that the referee has."""
@@ -131,43 +141,61 @@ class SurvivalLadder:
             self.plans = [solution]
 
     def _finer(self) -> None:
-        """Halve the step, each plan from the last, until one survives."""
-        base, sharpest = self.plans[0], self.plans[0].route.sharpest
-        changes = [divided_step(base.problem, base.values, 2**k) for k in range(1, HALVINGS + 1)]
-        for k, changed_values in enumerate(changes, 1):
-            rebuilt = self.build(self.session.problem, changed_values)
-            session = self._exact_session(rebuilt.most_exact if sharpest else rebuilt, changed_values)
-            self.work_factor = 2**k
-            solution = self._solve(session, self.plans[-1])
-            if not solution.success:
-                raise NotConverged(f"the plan of {solution.problem.N} steps is {solution.status.label}")
-            self._add(f"steps of h/{2**k}", solution)
-            self.plans.append(solution)
-            if solution.referee.survives:
+        """Halve the step, each plan from the last, until one survives or halving pays no longer."""
+        excess = self.rungs[self._index_of(self.plans[0])].excess
+        for level in range(1, HALVINGS + 1):
+            if self._finer_plan(level).referee.survives:
                 return
+            coarser_excess, excess = excess, self.rungs[-1].excess
+            if level < HALVINGS and not excess <= PAYING_SHARE * coarser_excess:
+                raise NotConverged("half the step takes little off what the replay at h/4 costs more")
+
+    def _finer_plan(self, level: int) -> Solution:
+        """Return the plan of the step halved ``level`` times, solved from the one before where it is missing.
+
+        Raises :class:`~ocp.errors.NotConverged` where it is not solved.
+        """
+        if level < len(self.plans):
+            return self.plans[level]
+        base, sharpest, self.work_factor = self.plans[0], self.plans[0].route.sharpest, 2**level
+        step_size = step_size_kind(base.problem.system)
+        if step_size.kind == "fixed":
+            raise InputError(step_size.reason)
+        changed_values = divided_step(base.problem, base.values, 2**level)
+        rebuilt = self.build(self.session.problem, changed_values)
+        session = self._exact_session(rebuilt.most_exact if sharpest else rebuilt, changed_values)
+        solution = self._solve(session, self.plans[-1])
+        if not solution.success:
+            raise NotConverged(f"the plan of {solution.problem.N} steps is {solution.status.label}")
+        self._add(f"steps of h/{2**level}", solution)
+        self.plans.append(solution)
+        return solution
 
     def _gains(self) -> None:
-        """Try gains along each plan, the coarsest first, until one survives."""
-        from ocp.mpc.plan_policies import PlanRegulator
-
+        """Try gains along each plan, the coarsest first, until one survives; finer plans are made as needed."""
         if self.first.problem.scenarios.n > 1 or self.first.gains is not None:
             raise InputError("gains follow a single plan of open-loop inputs")
-        plans = self.plans if self.plans[0] is self.first else [self.first, *self.plans]
-        if not isinstance(self.session.law, Exact):
-            plans = [plan for plan in plans if plan is not self.first]
-        if not plans:
-            raise InputError("gains follow a plan under the exact law")
-        for solution in plans:
-            evaluation, plan = self._plan(solution)
-            regulator = PlanRegulator(evaluation, plan)
-            candidates = [regulator.gains(*weights) for weights in product(TRACKING, SMOOTHING)]
-            outcomes = [referee_replay(evaluation, gains, plan.x[:, 0]) for gains in candidates]
-            best = min(range(len(outcomes)), key=lambda i: _order_of_outcome(outcomes[i]))
-            steps = f" at {solution.problem.N} steps" if solution.problem.N > self.first.problem.N else ""
-            along = " along the sharper plan" if solution.route.sharpest and not steps else ""
-            self._add(f"gains{along}{steps}", with_gains(solution, candidates[best], outcomes[best]), iterations=0)
-            if self.answers[-1].referee.survives:
+        if isinstance(self.session.law, Exact) and self.first is not self.plans[0]:
+            self._gains_along(self.first, "gains")
+        for level in range(HALVINGS + 1):
+            if self.rungs[-1].survives:
                 return
+            solution = self._finer_plan(level)
+            if solution is self.first and not isinstance(self.session.law, Exact):
+                raise InputError("gains follow a plan under the exact law")
+            along = " along the sharper plan" if solution.route.sharpest else ""
+            self._gains_along(solution, f"gains at {solution.problem.N} steps" if level else f"gains{along}")
+
+    def _gains_along(self, solution: Solution, name: str) -> None:
+        """List the best gains along a plan, by the larger of their costs at h and h/4."""
+        from ocp.mpc.plan_policies import PlanRegulator
+
+        evaluation, plan = self._plan(solution)
+        regulator = PlanRegulator(evaluation, plan)
+        candidates = [regulator.gains(*weights) for weights in product(TRACKING, SMOOTHING)]
+        outcomes = [referee_replay(evaluation, gains, plan.x[:, 0]) for gains in candidates]
+        best = min(range(len(outcomes)), key=lambda i: _order_of_outcome(outcomes[i]))
+        self._add(name, with_gains(solution, candidates[best], outcomes[best]), iterations=0)
 
     def _controller(self) -> None:
         """Plan again at every step, on the referee's plant."""
@@ -253,6 +281,9 @@ class SurvivalLadder:
     def _plan(self, solution: Solution) -> tuple[Evaluation, Rollout]:
         """Return a rung's problem at its values, and its plan."""
         return plan_of(solution, self.session.step if solution is self.first else solution.problem.exact_step)
+
+    def _index_of(self, solution: Solution) -> int:
+        return next(i for i, answer in enumerate(self.answers) if answer is solution)
 
     def _best(self) -> int:
         """Return the number of the rung that does best: of those that survive the last."""
