@@ -20,7 +20,7 @@ PICTURES = DOCS / "pictures"
 
 def pages() -> dict[str, str]:
     """Return the page of each problem, and a page that shows them all, as a mapping from path to text."""
-    measured_tables = [read(kind) for kind in ("verdicts", "refined") if (DATA / f"{kind}.json").exists()]
+    measured_tables = [read(kind) for kind in ("verdicts", "refined", "survives") if (DATA / f"{kind}.json").exists()]
     problem_pages = {f"gallery/{name}.md": page(spec(name), measured_tables) for name in names()}
     return {"gallery/index.md": index(), **problem_pages}
 

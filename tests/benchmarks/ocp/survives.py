@@ -63,7 +63,7 @@ def row(problem: str, limit_s: int) -> list[Cell]:
     """Return the row of one problem."""
     document, seconds = solved(problem, limit_s)
     if document is None:
-        return [f"`{problem}`", f"over {limit_s} s", *[None] * 7, f"{seconds:.0f}"]
+        return [problem, f"over {limit_s} s", *[None] * 7, f"{seconds:.0f}"]
     ladder = document["ladder"]
     first, answer = ladder["rungs"][0], ladder["rungs"][ladder["chosen"]]
     remedy = answer["name"] if answer["survives"] else f"none; best: {answer['name']}"
@@ -71,7 +71,7 @@ def row(problem: str, limit_s: int) -> list[Cell]:
     costs = (first["planned"], _sharpest(first), _sharpest(answer))
     iterations = document["iterations"] / max(first["iterations"], 1)
     cells = [*map(_digits, costs), *(draws.get(name) for name in ("noise", "friction", "masses"))]
-    return [f"`{problem}`", remedy, *cells, f"{iterations:.2g}", f"{seconds:.0f}"]
+    return [problem, remedy, *cells, f"{iterations:.2g}", f"{seconds:.0f}"]
 
 
 def _sharpest(rung: dict[str, Any]) -> float | None:
@@ -94,7 +94,6 @@ def main() -> None:
     parser.add_argument("problems", nargs="*", default=names(), metavar="PROBLEM")
     parser.add_argument("--limit", type=int, default=LIMIT_S, help="seconds of processor time of one command")
     arguments = parser.parse_args()
-    order = [f"`{name}`" for name in names()]
     for problem in arguments.problems or names():
         fresh = row(problem, arguments.limit)
         print("  ".join("–" if cell is None else str(cell) for cell in fresh), flush=True)
@@ -105,7 +104,7 @@ def main() -> None:
             title="What makes plans survive",
             command="make bench-survives",
             columns=COLUMNS,
-            rows=sorted(rows, key=lambda cells: order.index(cells[0])),
+            rows=sorted(rows, key=lambda cells: names().index(cells[0])),
             note=NOTE,
         )
 

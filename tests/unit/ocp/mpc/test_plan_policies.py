@@ -10,9 +10,9 @@ import pytest
 from scipy.linalg import solve_discrete_are
 
 from ocp import Solution, roll_out, solve
-from ocp.mpc.plan_policies import PlanRegulator
+from ocp.mpc.plan_policies import ControllerPolicy, PlanRegulator
 from ocp.problem.evaluation import Evaluation
-from ocp.problem.rollout import Rollout, StateFeedback
+from ocp.problem.rollout import Rollout, StateFeedback, roll_on
 from problems import get
 
 HILL = str(Path(__file__).parents[3] / "golden" / "cases" / "hill.py")
@@ -90,3 +90,32 @@ def test_a_sharper_problem_keeps_its_costs_and_one_that_is_the_sharpest_is_itsel
     costs = [float(problem.cost_terms(x, u, 0 * u, np.zeros(problem.system.nlam), p)[0]) for problem in (push, sharper)]
     assert costs[0] == costs[1] and lam.size != sharper.system.nlam
     assert replace(push, N=3).most_exact.N == 3
+
+
+@pytest.mark.costly
+def test_redundant_contacts_are_regulated_by_a_smoothing_of_them() -> None:
+    """Eight corners of a cube share its weight: an active set of all has no linearisation."""
+    solution = solve("push-cube", "exact", effort="quick", N=2)
+    regulator = PlanRegulator(*rolled(solution))
+    lin = regulator.linearised()
+    assert np.isfinite(lin.x_next.by_x).all() and np.isfinite(regulator.gains(1.0).K).all()
+
+
+@pytest.mark.costly
+def test_a_small_smoothing_has_the_derivatives_of_the_active_set() -> None:
+    solution = solve("ball-bounce", "exact", effort="quick")
+    regulator = PlanRegulator(*rolled(solution))
+    exact = regulator.linearised().x_next
+    errors = [abs(regulator.linearised(mu).x_next.by_x - exact.by_x).max() for mu in (1e-2, 1e-5, 1e-8)]
+    assert errors[0] > errors[1] > errors[2] and errors[2] < 1e-4 * abs(exact.by_x).max()
+
+
+@pytest.mark.costly
+def test_a_controller_begins_anew_at_step_0() -> None:
+    solution = solve(HILL, "exact", effort="quick", N=10)
+    evaluation, plan = rolled(solution)
+    policy = ControllerPolicy(evaluation)
+    rollouts = [roll_on(evaluation, policy, x0=plan.x[:, 0])[0] for _ in range(2)]
+    assert np.array_equal(rollouts[0].u, rollouts[1].u)
+    assert policy.samples == 20 and policy.kept == 0
+    assert rollouts[0].cost < 2 * solution.cost
