@@ -33,11 +33,6 @@ class CurvedGap:
         used_entries = [i for i in range(step_symbols.numel()) if ca.depends_on(self._gap, step_symbols[i])]
         self._step_symbols = step_symbols[used_entries]
 
-    @property
-    def opening_data(self) -> ca.SX:
-        """Column of data for :meth:`gap_at`, an expression in the system's (x, u, p)."""
-        return self.opening_data_along(ca.densify(self._system.reduced.B))
-
     def gap_at(self, lam: ca.SX, D: ca.SX, c: ca.SX, opening: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Return the scaled gaps of the curved rows at scaled lam, and their derivatives by scaled lam."""
         impulses, dense = c * D * lam, ca.SX.ones(self._system.nx, lam.numel())
@@ -45,8 +40,9 @@ class CurvedGap:
         scale = D[self.rows]
         return rows * scale / c, ca.diag(scale) @ (by_lam + by_w) @ ca.diag(D)
 
-    def opening_data_along(self, C: ca.SX) -> ca.SX:
-        """Return a column of data for :meth:`gaps_along`, an expression in the system's (x, u, p)."""
+    def opening_data(self, C: ca.SX | None = None) -> ca.SX:
+        """Return a column of data for :meth:`gaps_along`, by default of :meth:`gap_at`, an expression in (x, u, p)."""
+        C = ca.densify(self._system.reduced.B) if C is None else C
         return ca.vertcat(self._system.reduced.a[self._states], ca.vec(C[self._states, :].nz[:]), self._step_symbols)
 
     def gaps_along(self, lam: ca.SX, w: ca.SX, C: ca.SX, opening: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
@@ -147,7 +143,7 @@ class Path:
     @property
     def curved_data(self) -> ca.SX:
         """Data of the curved rows, the last entries of ``data``; empty where all rows are affine."""
-        return self.curved.opening_data if self.curved else ca.SX(0, 1)
+        return self.curved.opening_data() if self.curved else ca.SX(0, 1)
 
     @cached_property
     def data(self) -> ca.SX:

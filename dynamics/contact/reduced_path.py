@@ -65,7 +65,7 @@ class ReducedPath(Path):
     @property
     def curved_data(self) -> ca.SX:
         """Data of the curved rows, the last entries of ``data``; empty where all rows are affine."""
-        return self.curved.opening_data_along(self.coordinates.C) if self.curved else ca.SX(0, 1)
+        return self.curved.opening_data(self.coordinates.C) if self.curved else ca.SX(0, 1)
 
     def _local_compliance(self) -> ca.SX:
         """Return the part of F that determines the scales: E, and F between the pairs of one contact."""
