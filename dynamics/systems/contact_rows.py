@@ -102,7 +102,7 @@ class ContactSpec:
 
 @dataclass(frozen=True, eq=False)
 class ContactRows:
-    """The pairs of one step: ``lam`` (nlam, 1), ``gap`` (nlam, 1) and their generalised impulse ``push`` (nq, 1) [N s].
+    """The pairs of one step: ``lam`` (nlam, 1), ``gap`` (nlam, 1) and their ``generalised_impulse`` (nq, 1) [N s].
 
     ``signals`` and ``pairs`` describe each pair, ``forces`` are total impulses, None without friction.
     ``phi`` are the distances at q of contacts and limits; ``curved`` is whether one is not affine in q.
@@ -110,7 +110,7 @@ class ContactRows:
 
     lam: ca.SX
     gap: ca.SX
-    push: ca.SX
+    generalised_impulse: ca.SX
     signals: tuple[Signal, ...]
     pairs: tuple[Pair, ...]
     forces: ContactForces | None
@@ -152,22 +152,22 @@ def contact_rows(
             slope = ca.jacobian(distance_now, q) @ space.tangent(q)
         return distance_now, slope, distance_now + step_along(slope) if spec.linearised else distance(q_next)
 
-    limits, limit_distances, forces = [], ca.SX(0, 1), None
+    limits, limit_phi, forces = [], ca.SX(0, 1), None
     if spec.limits is not None:
-        limit_distances, slope, gap = approached("limits(q)", spec.limits, nl)
+        limit_phi, slope, gap = approached("limits(q)", spec.limits, nl)
         stops = [Signal(n, "N m s", "impulse of a joint limit") for n in spec.limit_names]
         limits = [Row("limit", gap, slope, stops)]
     phi, J, gap = approached("distance(q)", spec.distance, nc)
     normal_row, lam = Row("normal", gap, J, list(spec.contacts)), ca.SX.sym("lam", nc + nl)
     rows, owners = [normal_row], [list(range(nc))]
-    rough, _ = spec.frictional_contacts
-    if spec.sliding is not None and rough:
+    frictional, _ = spec.frictional_contacts
+    if spec.sliding is not None and frictional:
         J_t, tangents = spec.sliding(q), 1 if space is None else min(2, space.edges // 2)
         check_shape(name, "sliding(q)", J_t, (tangents * nc, nv))
         tangent_rows = [J_t[nc * k : nc * (k + 1), :] for k in range(tangents)]
         lam, (contact_row, *further_rows), forces = _friction_rows(spec, normal_row, tangent_rows, step_along, h)
-        rows = [_replaced(normal_row, contact_row, rough), *further_rows]
-        owners += [rough] * len(further_rows)
+        rows = [_replaced(normal_row, contact_row, frictional), *further_rows]
+        owners += [frictional] * len(further_rows)
     rows[1:1], owners[1:1] = limits, [list(range(nc, nc + nl))] * len(limits)
     return ContactRows(
         lam,
@@ -176,7 +176,7 @@ def contact_rows(
         tuple(signal for row in rows for signal in row.signals),
         tuple(Pair(row.kind, owner) for row, owned in zip(rows, owners, strict=True) for owner in owned),
         forces,
-        ca.vertcat(phi, limit_distances),
+        ca.vertcat(phi, limit_phi),
         ca.depends_on(ca.vertcat(J, *(limit.direction for limit in limits)), q),
     )
 
@@ -194,24 +194,24 @@ def _friction_rows(
     (nc, nv) for each tangent.
     """
     nc, nl, space, form = len(spec.contacts), len(spec.limit_names), spec.space, FORMS[spec.cone]
-    rough, f = spec.frictional_contacts
+    frictional, f = spec.frictional_contacts
     directions = tangent_rows if space is None else space.directions(tangent_rows)
-    lam = ca.SX.sym("lam", nc + nl + form.n_further(len(directions)) * len(rough))
+    lam = ca.SX.sym("lam", nc + nl + form.n_further(len(directions)) * len(frictional))
     slip_lengths = [step_along(row_block) for row_block in directions]
     friction_spec = FrictionSpec(
-        tuple(spec.contacts[i] for i in rough),
-        normal_row.gap[rough],
-        normal_row.direction[rough, :],
-        [row_block[rough, :] for row_block in directions],
-        f[rough],
-        [row_block[rough] for row_block in slip_lengths],
-        [lam[rough], *ca.vertsplit(lam[nc + nl :], len(rough))],
+        tuple(spec.contacts[i] for i in frictional),
+        normal_row.gap[frictional],
+        normal_row.direction[frictional, :],
+        [row_block[frictional, :] for row_block in directions],
+        f[frictional],
+        [row_block[frictional] for row_block in slip_lengths],
+        [lam[frictional], *ca.vertsplit(lam[nc + nl :], len(frictional))],
     )
     rows, normal_impulses, tangential_impulses = form.pairs(friction_spec)
     tangents = len(tangent_rows)
     normal, tangential = lam[:nc], ca.SX.zeros(tangents * nc)
-    normal[rough] = normal_impulses
-    tangential[[nc * k + i for k in range(tangents) for i in rough]] = (
+    normal[frictional] = normal_impulses
+    tangential[[nc * k + i for k in range(tangents) for i in frictional]] = (
         tangential_impulses[0] if space is None else space.components(tangential_impulses)
     )
     names = tuple(contact.name for contact in spec.contacts)

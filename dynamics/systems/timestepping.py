@@ -113,7 +113,7 @@ def time_stepping(
             lam=rows.lam,
             residual=ca.vertcat(
                 q_next - q - h * v_next,
-                M @ (v_next - v) - smooth_impulse + h * (D @ v_next + K @ (q + h * v_next)) - rows.push,
+                M @ (v_next - v) - smooth_impulse + h * (D @ v_next + K @ (q + h * v_next)) - rows.generalised_impulse,
                 x_next[2 * nq :] - x[2 * nq :],
             ),
             gap=rows.gap,
@@ -276,10 +276,10 @@ def quasi_dynamic(
 
     def build_system(touching: ContactSpec) -> ContactSystem:
         rows = contact_rows(name, touching, x, x_next, lambda J: J @ dq, h)
-        pushed = rows.push[:n_free] + h * weight
+        pushed = rows.generalised_impulse[:n_free] + h * weight
         residual = ca.vertcat(
             mass @ dq[:n_free] / h - pushed,
-            h * stiffness @ (x_next[n_free:] - u) - rows.push[n_free:],
+            h * stiffness @ (x_next[n_free:] - u) - rows.generalised_impulse[n_free:],
         )
         if tables:
             rows, residual = add_table_friction(rows, residual, dq[:n_free], pushed, mass, tables, h)

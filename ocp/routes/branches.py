@@ -216,9 +216,9 @@ class Branches:
         return degenerate & (self.bound_multipliers(result, active) > MIN_MULTIPLIER)
 
 
-def second_limit(took: int) -> int:
+def second_limit(iterations: int) -> int:
     """Return the iteration limit of a second attempt; a power of two, since each limit needs a new solver."""
-    return max(MIN_SECOND_GUESS, 2 ** math.ceil(math.log2(SECOND_GUESS_FACTOR * max(took, 1))))
+    return max(MIN_SECOND_GUESS, 2 ** math.ceil(math.log2(SECOND_GUESS_FACTOR * max(iterations, 1))))
 
 
 def polish(follower: Homotopy, source: Program, result: Result, improving: bool = True) -> RouteResult:

@@ -38,7 +38,7 @@ IPOPT_PRIMAL_WARM_START = {
 """IPOPT options for a warm start without multipliers, which IPOPT estimates; the variables stay in place."""
 STEP_BACKS = 4
 """Maximum retries of a stage that fails, each nearer to the last stage that converged."""
-MOST_STAGES = 10_000
+MAX_STAGES = 10_000
 """Maximum number of stages of one path, ten times as many as have ever been useful."""
 
 
@@ -236,7 +236,7 @@ def translate(point: Point, source: Program, target: Program) -> Point:
     if source is target:
         return point
 
-    def carried(vector: np.ndarray | None, old: Any, new: Any) -> np.ndarray | None:
+    def copy_blocks(vector: np.ndarray | None, old: Any, new: Any) -> np.ndarray | None:
         if vector is None:
             return None
         blocks = old.unpack(vector)
@@ -244,19 +244,19 @@ def translate(point: Point, source: Program, target: Program) -> Point:
             {name: blocks[name] for name in new.blocks if name in blocks and blocks[name].shape == new[name].shape}
         )
 
-    x = carried(point.x, source.variables, target.variables)
+    x = copy_blocks(point.x, source.variables, target.variables)
     assert x is not None
     return Point(
         x,
-        carried(point.lam_x, source.variables, target.variables),
-        carried(point.lam_g, source.constraints, target.constraints),
+        copy_blocks(point.lam_x, source.variables, target.variables),
+        copy_blocks(point.lam_g, source.constraints, target.constraints),
     )
 
 
 def geometric(start: float, end: float, factor: float) -> list[float]:
     """Return a geometric sequence from ``start`` down to exactly ``end``, with a ratio of at least ``factor``.
 
-    Raises :class:`~ocp.errors.InputError` for more than :data:`MOST_STAGES` values, and where the ratio
+    Raises :class:`~ocp.errors.InputError` for more than :data:`MAX_STAGES` values, and where the ratio
     of the ends underflows.
     """
     if start <= end:
@@ -266,10 +266,10 @@ def geometric(start: float, end: float, factor: float) -> list[float]:
         raise InputError(f"{end:g} is too far below {start:g} for a homotopy; take values closer together")
     # Slightly less, since rounding would add a stage where the ratio is a power of the factor.
     count = max(1, math.ceil(math.log(ratio) / math.log(factor) - 1e-9))
-    if count > MOST_STAGES:
+    if count > MAX_STAGES:
         raise InputError(
             f"a factor of {factor!r} makes {count:.3g} stages from {start:g} down to {end:g}, and"
-            f" {MOST_STAGES} is the maximum; take a smaller factor"
+            f" {MAX_STAGES} is the maximum; take a smaller factor"
         )
     return [start * ratio ** (i / count) for i in range(count)] + [end]
 
@@ -278,23 +278,23 @@ COST_GAIN = 1e-7
 """Relative reduction of the cost above which one solution replaces another."""
 
 
-def lower(one: Result, other: Result, by: float = COST_GAIN) -> bool:
-    """Whether the cost of ``one`` is lower than that of ``other`` by more than the share ``by`` of it."""
-    return one.f < other.f - by * abs(other.f)
+def lower(candidate: Result, incumbent: Result, margin: float = COST_GAIN) -> bool:
+    """Whether the candidate's cost is lower than the incumbent's by more than ``margin``, a share of it."""
+    return candidate.f < incumbent.f - margin * abs(incumbent.f)
 
 
-def better(one: RouteResult | None, other: RouteResult) -> RouteResult:
+def better(incumbent: RouteResult | None, candidate: RouteResult) -> RouteResult:
     """Return the better of two outcomes of one problem.
 
-    | one | other | taken |
+    | incumbent | candidate | taken |
     |---|---|---|
-    | none | any | other |
-    | finished | not | one |
-    | not | finished | other |
-    | both | both, or neither | other where its cost is lower, else one |
+    | none | any | candidate |
+    | finished | not | incumbent |
+    | not | finished | candidate |
+    | both | both, or neither | candidate where its cost is lower, else incumbent |
     """
-    if one is None or (other.finished and not one.finished):
-        return other
-    if one.finished and not other.finished:
-        return one
-    return other if lower(other.result, one.result) else one
+    if incumbent is None or (candidate.finished and not incumbent.finished):
+        return candidate
+    if incumbent.finished and not candidate.finished:
+        return incumbent
+    return candidate if lower(candidate.result, incumbent.result) else incumbent

@@ -196,12 +196,12 @@ def acting(lam: np.ndarray, gap: np.ndarray, sizes: Scales) -> np.ndarray:
     return np.swapaxes(lam / sizes.impulse > gap / sizes.gap, -1, -2)
 
 
-def is_apart(one: np.ndarray, other: np.ndarray) -> bool:
+def is_apart(first: np.ndarray, second: np.ndarray) -> bool:
     """Whether two schedules (contacts, N) are distinct, by their distance :func:`apart`."""
-    return apart(one, other) > _MIN_SCHEDULE_DISTANCE
+    return apart(first, second) > _MIN_SCHEDULE_DISTANCE
 
 
-def apart(one: np.ndarray, other: np.ndarray) -> float:
+def apart(first: np.ndarray, second: np.ndarray) -> float:
     """Return the total number of steps by which contacts are moved between two schedules (contacts, N), over N."""
-    exchanged = np.cumsum(one.astype(int) - other.astype(int), axis=1)
-    return float(np.abs(exchanged).sum() / one.shape[1])
+    exchanged = np.cumsum(first.astype(int) - second.astype(int), axis=1)
+    return float(np.abs(exchanged).sum() / first.shape[1])

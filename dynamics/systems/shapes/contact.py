@@ -108,7 +108,7 @@ class Row(NamedTuple):
 class FrictionSpec:
     """The nc contacts with friction: ``gap`` (nc, 1) [m], rows ``J_n`` (nc, nq) along the normal.
 
-    ``J_t`` are rows (nc, nq) along each direction of the friction cone, one in the plane, ``slid``
+    ``J_t`` are rows (nc, nq) along each direction of the friction cone, one in the plane, ``slip``
     (nc, 1) [m] the distances slid along them in a step; ``friction`` is Coulomb's f (nc, 1). ``lam``
     are the multipliers (nc, 1) of the normal row, then those of the cone formulation's other rows.
     """
@@ -118,7 +118,7 @@ class FrictionSpec:
     J_n: ca.SX
     J_t: list[ca.SX]
     friction: ca.SX
-    slid: list[ca.SX]
+    slip: list[ca.SX]
     lam: list[ca.SX]
 
     @property
@@ -139,7 +139,7 @@ class FrictionSpec:
     def directions(self) -> list[tuple[str, ca.SX, ca.SX]]:
         """Number (empty in the plane), rows and distance slid of each tangential direction."""
         numbers = [""] if len(self.J_t) == 1 else [str(k) for k in range(1, len(self.J_t) + 1)]
-        return list(zip(numbers, self.J_t, self.slid, strict=True))
+        return list(zip(numbers, self.J_t, self.slip, strict=True))
 
     def suffixed_signals(self, suffix: str, unit: str, description: str) -> list[Signal]:
         """Return a signal called ``<contact><suffix>`` for each contact."""
@@ -158,13 +158,13 @@ class ConeForm(NamedTuple):
 
 
 def _edge_pairs(at: FrictionSpec) -> tuple[list[Row], ca.SX, list[ca.SX]]:
-    """Return the pairs ``lam± ⟂ gap ± f slid``, with the impulse ``sum (J_n ± f J_t)' lam±``.
+    """Return the pairs ``lam± ⟂ gap ± f slip``, with the impulse ``sum (J_n ± f J_t)' lam±``.
 
     A sliding contact opens at the rate ``f |J_t v|`` (Anitescu, doi 10.1007/s10107-005-0590-7).
     """
     rows, tangential, total, lam = [], [], ca.SX(at.gap.numel(), 1), iter(at.lam)
-    for number, J_t, slid in at.directions:
-        J_t, scaled_slip = ca.diag(at.friction) @ J_t, at.friction * slid
+    for number, J_t, slip in at.directions:
+        J_t, scaled_slip = ca.diag(at.friction) @ J_t, at.friction * slip
         plus, minus = next(lam), next(lam)
         for sign, rows_J, signed_slip in (("+", J_t, scaled_slip), ("-", -J_t, -scaled_slip)):
             named = [Signal(f"{c.name}{sign}{number}", c.unit, c.description) for c in at.contacts]
@@ -179,11 +179,11 @@ EDGES = ConeForm(lambda directions: 2 * directions - 1, _edge_pairs)
 
 
 def _linearised_pairs(at: FrictionSpec) -> tuple[list[Row], ca.SX, list[ca.SX]]:
-    """Return the pairs ``gamma ⟂ gap``, ``beta± ⟂ psi ± slid`` and ``psi ⟂ f gamma - sum of all beta``."""
+    """Return the pairs ``gamma ⟂ gap``, ``beta± ⟂ psi ± slip`` and ``psi ⟂ f gamma - sum of all beta``."""
     gamma, *betas, psi = at.lam
     rows, tangential = [Row("normal", at.gap, at.J_n, list(at.contacts))], []
-    for k, (number, J_t, slid) in enumerate(at.directions):
-        J_t, scaled_slip = ca.diag(at.has_friction) @ J_t, at.has_friction * slid
+    for k, (number, J_t, slip) in enumerate(at.directions):
+        J_t, scaled_slip = ca.diag(at.has_friction) @ J_t, at.has_friction * slip
         for sign, rows_J, signed_slip in (("+", J_t, scaled_slip), ("-", -J_t, -scaled_slip)):
             named = at.suffixed_signals(f" friction{number}{sign}", "N s", "friction impulse")
             rows.append(Row("friction", psi + signed_slip, rows_J, named))
@@ -201,20 +201,20 @@ LINEARISED = ConeForm(lambda directions: 2 * directions + 1, _linearised_pairs)
 
 
 def _second_order_pairs(at: FrictionSpec) -> tuple[list[Row], ca.SX, list[ca.SX]]:
-    """Return the pairs ``gamma ⟂ gap``, ``upper ⟂ dual + 2 slid`` and ``dual ⟂ 2 f gamma - upper``.
+    """Return the pairs ``gamma ⟂ gap``, ``upper ⟂ dual + 2 slip`` and ``dual ⟂ 2 f gamma - upper``.
 
     The cone's lower eigenvalue is the gap of ``dual``, so that no equation but the pairs is needed.
     """
     if len(at.J_t) > 1:
         raise ValueError("the second-order cone is written for one tangent; take cone='linearised'")
     gamma, upper, dual = at.lam
-    J_t, slid = ca.diag(at.has_friction) @ at.J_t[0], at.has_friction * at.slid[0]
+    J_t, slip = ca.diag(at.has_friction) @ at.J_t[0], at.has_friction * at.slip[0]
     no_impulse = ca.SX(*J_t.shape)
     upper_signals = at.suffixed_signals(" cone", "N s", "friction impulse above its minimum")
     slip_signals = at.suffixed_signals(" slip", "m", "twice the distance slid backwards")
     rows = [
         Row("normal", at.gap, at.J_n - ca.diag(at.friction) @ at.J_t[0], list(at.contacts)),
-        Row("friction", dual + 2 * slid, J_t, upper_signals),
+        Row("friction", dual + 2 * slip, J_t, upper_signals),
         Row("slip", 2 * at.bound - upper, no_impulse, slip_signals),
     ]
     return rows, gamma, [at.has_friction * (upper - at.bound)]

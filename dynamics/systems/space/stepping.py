@@ -178,7 +178,7 @@ class SpatialStep:
         tree, h, (q, _, v_next), (x, u, x_next) = self.tree, self.h, self._state, self._symbols
         q_next, (M, inertial_impulse) = x_next[: tree.nq], self._inertia
         rows = contact_rows(self.name, spec, q, q_next, lambda J: h * (J @ v_next), h)
-        motion = inertial_impulse - h * self._forces - rows.push
+        motion = inertial_impulse - h * self._forces - rows.generalised_impulse
         if self.coupled is not None:
             motion = self.coupled.constrain(motion, tree.position_of(q), v_next, h)
         return ContactSystem(
