@@ -20,12 +20,12 @@ _GOOD_EXCESS = 0.1
 
 
 @drawing(
-    "What a closed loop costs over the best controller found on the same task, plant and seed: "
-    "blue within 10 %, red beyond; the mean over seeds, and below it half of its 95 % interval. A "
-    "check mark: all runs survive, at no more than twice the best cost on the model; in brackets: "
-    "so many of them do. Left: planning again at every sample under each law, over two horizons. "
-    "Right: gains of the linear-quadratic regulator along one plan, and that plan's inputs alone, "
-    "over the first horizon. Above each column the median of the times of a sample."
+    "Cost of closed loops relative to the best controller found for the same task, plant and seed: "
+    "blue within 10 %, red beyond. Each cell shows the mean over seeds and half of its 95 % "
+    "interval. A check mark means that all runs survive at no more than twice the best cost on the "
+    "model; a number in brackets counts those that do. Left: replanning at every sample under each "
+    "law, over two horizons. Right: gains of the linear-quadratic regulator along one plan, and that "
+    "plan's inputs alone, over the first horizon. The median time of a sample is above each column."
 )
 def c1(data: xr.Dataset) -> Figure:
     """Draw study C1, two heat maps of excess cost: a row per task and plant, a column per controller."""

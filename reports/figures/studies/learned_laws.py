@@ -39,12 +39,12 @@ _ENDS: dict[str, dict[str, Any]] = {
 
 @drawing(
     "Top: cost over Adam's iterations through each of the five dynamics, thin on the model, thick "
-    "replayed under the exact law, medians over seeds and their range; circles at the right are "
-    "gains by IPOPT, open on the model, full replayed. Then: what the last "
-    "policies do under the exact law. Then: final exact cost of policies learned through the "
-    "average of data and through the noised network, over the width of the noise and the amount "
-    "of data, as a multiple of what standing still costs: less is blue, more is red. Bottom: the "
-    "object's part of the cost of IPOPT's input sequences, at rest, as planned, and replayed."
+    "replayed under the exact law, medians and ranges over seeds; circles at the right are gains by "
+    "IPOPT, open on the model, filled replayed. Second row: motions of the last policies under the "
+    "exact law. Third row: final exact cost of policies learned through the average of data and "
+    "through the noised network, over the width of the noise and the amount of data, as a multiple "
+    "of the cost of standing still: less is blue, more is red. Bottom: the object's part of the cost "
+    "of IPOPT's input sequences, at rest, as planned, and replayed."
 )
 def n2(data: xr.Dataset) -> Figure:
     """Draw study N2: learning curves, strobes, heat maps of costs, and bars of costs, for two problems."""
@@ -134,13 +134,13 @@ def _costs(axis: Axes, data: xr.Dataset) -> None:
 
 
 @drawing(
-    "Top left: what the plan of every law costs when it is replayed under the exact law, over the "
-    "exact law's own optimum; blue within 10 %, red beyond. Small: what the plan promised on its "
-    "own model, over the same optimum; a check mark: the referee lets the plan survive. Top right: "
-    "seconds of the processor, collecting and training included. Medians over seeds, how many "
-    "of them survive. Bottom: the average of data with trust over its weight beta, as a share of a "
-    "step's cost at rest, median and range over seeds; left how much dearer the replay is than the "
-    "plan, right what the replay costs, as a share of standing still."
+    "Top left: cost of each law's plan when it is replayed under the exact law, relative to the "
+    "exact law's own optimum; blue within 10 %, red beyond. Small: cost of the plan on its own "
+    "model, relative to the same optimum. A check mark means that the referee lets the plans of all "
+    "seeds survive, a fraction those of some. Top right: processor time in seconds, including "
+    "collecting and training. Values are medians over seeds. Bottom: the average of data with trust, "
+    "over the weight beta of trust as a share of a step's cost at rest, median and range over seeds; "
+    "left: replayed over planned cost, right: replayed cost over the cost of standing still."
 )
 def n3(data: xr.Dataset) -> Figure:
     """Draw study N3: the table of excess costs, and the effect of trust in the data below it."""
@@ -222,13 +222,14 @@ _PSI_RANGE = (0.2, 5.0)
 
 
 @drawing(
-    "Top left: error of the next state on held-out transitions of random policies over the number "
-    "learned from, of the physical model with learned psi and of a network; lines: median over "
-    "starts, bands: range; dashed: those that end in contact, dotted: nothing moves. Top right: "
-    "the same at the full number, where transitions are exact, noisy, or of a hopper with a drag "
-    "that the model lacks. Middle: mean of the random search's candidates, from one start; the "
-    "second pass begins where psi moves again. Bottom: psi over its truth with 95 % intervals, all "
-    "starts; what leaves the axis is cut at its edge."
+    "Top left: error of the next state on held-out transitions of random policies, over the number "
+    "of transitions learned from, for the physical model with learned psi and for a network. Lines "
+    "are medians over starts, bands are ranges; dashed: transitions that end in contact, dotted: "
+    "prediction that nothing moves. Top right: the same at the full number, where transitions are "
+    "exact, noisy, or of a hopper with a drag that the model lacks. Middle: mean of the random "
+    "search's candidates, from one start; the second pass begins where psi moves again. Bottom: psi "
+    "over its true value with 95 % intervals, all starts; values outside the axis are cut at its "
+    "edge."
 )
 def am(data: xr.Dataset) -> Figure:
     """Draw study AM: model errors above, the random search in the middle, learned parameters psi below."""

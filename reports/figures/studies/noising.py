@@ -13,13 +13,13 @@ from reports.figures.studies.panels import drawing, light_to_dark
 
 
 @drawing(
-    "Lines: theory, marks: computed. Lemma 1: largest distance of g from f_sigma over the spacing "
-    "D of uniform data. Lemmas 2 and 3: noised risk of g perturbed by p, above that of g. Walls: "
-    "how far inside a penetrating state is put, and the slope there, over the penetration s. Ends: "
-    "g against f_sigma near the last datum. Networks: distance of h from g over the number of "
-    "noised pairs, medians, and the rate -1/2. Neighbours: effective number of data in an average "
-    "of g; diamonds: planar-push (7) and planar-hand (11) in the tube, at sigma = 0.2 of the "
-    "deviation, open: data in ranges, filled: half of them in the tube."
+    "Lines are theory, marks are computed. Lemma 1: largest distance of g from f_sigma over the "
+    "spacing D of uniform data. Lemmas 2 and 3: noised risk of g perturbed by p, above that of g. "
+    "Walls: depth at which a penetrating state is predicted, and the slope there, over the "
+    "penetration s. Ends: g against f_sigma near the last datum. Networks: distance of h from g over "
+    "the number of noised pairs, medians, and the rate -1/2. Neighbours: effective number of data in "
+    "an average of g; diamonds: planar-push (7) and planar-hand (11) in the tube, at sigma = 0.2 of "
+    "the deviation, open: data in ranges, filled: half of them in the tube."
 )
 def n0(data: xr.Dataset) -> Figure:
     """Draw study N0 in six panels: lemmas, walls, ends of the data, networks, and effective neighbours."""
@@ -133,10 +133,10 @@ _WALL_M = 1.0
 
 
 @drawing(
-    "Left: a pusher is sent to u, and the block is found at y; f is the exact step, the dots are "
+    "Left: a pusher is commanded to u, and the block ends at y; f is the exact step, the dots are "
     "Monte Carlo of f_sigma. Right: a block at x between walls at -1 m and 1 m; hatched: "
-    "penetration, where no data are; thin dashed: no motion. Ticks below: the data (of the dense "
-    "ones every tenth). Bottom: rollouts of the average and of the network from penetration, "
+    "penetration, where there are no data; thin dashed: no motion. Ticks below are the data (of the "
+    "dense ones every tenth). Bottom: rollouts of the average and of the network from penetration, "
     "dense data, as cobwebs: up to the map, across to the diagonal, and again."
 )
 def n1(data: xr.Dataset) -> Figure:

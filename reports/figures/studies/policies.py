@@ -49,10 +49,10 @@ def a3(data: xr.Dataset) -> Figure:
 
 
 @drawing(
-    "Returns of whole episodes under the exact law: median over seeds, and the range of the middle "
-    "half, over the simulated steps that all spend, over MBPO's own and over wall time. Below, "
-    "every seed's policy over the steps of a plan from the same starts, as a share of what the "
-    "best plan's inputs return."
+    "Top: returns of whole episodes under the exact law, median and middle half over seeds: of all "
+    "but MBPO over simulated steps, of MBPO over its own steps, and of all over wall time. Bottom: "
+    "return of every seed's policy over the steps of a plan from the same starts, as a share of the "
+    "return of the best plan's inputs."
 )
 def a4(data: xr.Dataset) -> Figure:
     """Draw study A4: returns over steps and over time, a row per task, then shares of the best plan's return."""
@@ -126,9 +126,9 @@ _A7_SMALLEST_LOSS = 1e-5
 
 
 @drawing(
-    "Above: how much exact return a decision lacks over iterations, median and quartiles over "
-    "runs. Below: the return over angle and speed under three laws, light where it is high, with "
-    "the iterates of one run, its end (dot) and the goal's throw (cross)."
+    "Top: minus the exact return of the decision, over iterations, median and quartiles over runs. "
+    "Bottom: the return over angle and speed under three laws, light where it is high, with the "
+    "iterates of one run, its end (dot) and the throw to the goal (cross)."
 )
 def a7(data: xr.Dataset) -> Figure:
     """Draw study A7: losses of all methods over iterations, above the landscapes of three laws."""

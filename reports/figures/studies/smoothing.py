@@ -12,9 +12,10 @@ from reports.figures.studies.panels import drawing, impulse_arrow, light_to_dark
 
 
 @drawing(
-    "Top: the adaptive mu(z) and the contact impulse over the gap. Bottom: how far each softening "
-    "is from the exact law, and the density of the noise that it stands for (lines: F times the "
-    "curvature of the contact law; dots: Student's t with 2 degrees of freedom, and the Gaussian)."
+    "Top: the adaptive mu(z) and the contact impulse over the gap. Bottom: distance of each "
+    "softening from the exact law, and the density of the noise that it corresponds to (lines: F "
+    "times the curvature of the contact law; dots: Student's t with 2 degrees of freedom, and the "
+    "Gaussian)."
 )
 def a1(data: xr.Dataset) -> Figure:
     """Draw study A1: mu, contact impulse, error and density of the noise over the gap z."""
@@ -49,9 +50,9 @@ def a1(data: xr.Dataset) -> Figure:
 
 
 @drawing(
-    "Height, vertical velocity and its derivative along the horizontal position. Top: the "
-    "softened equation of motion (C.1), which is elastic. Bottom: time stepping, softened (lines) "
-    "and exact (dashed), which is plastic; the arrow stands for the impulse."
+    "Height, vertical velocity and its derivative along the horizontal position. Top: the softened "
+    "equation of motion (C.1), which is elastic. Bottom: time stepping, softened (lines) and exact "
+    "(dashed), which is plastic; the arrow represents the impulse."
 )
 def a2(data: xr.Dataset) -> Figure:
     """Draw study A2: height, vertical velocity and its derivative along a throw, one row per model."""
@@ -87,9 +88,8 @@ def a2(data: xr.Dataset) -> Figure:
 
 
 @drawing(
-    "Variance of one sample's gradient by the throw's velocity, the largest over both components "
-    "and over when the rollout ends, for first-order (left) and likelihood-ratio gradients "
-    "(right)."
+    "Variance of one sample's gradient by the throw's velocity, the largest over both components and "
+    "over the ends of the rollout, for first-order (left) and likelihood-ratio gradients (right)."
 )
 def a2v(data: xr.Dataset) -> Figure:
     """Draw study A2v: the variance of gradients over mu, for every step size."""
