@@ -179,9 +179,9 @@ _thread_state = threading.local()
 
 def cached_session(case: Case) -> Session:
     """Build a session of ``case`` with this thread's cache; raises as :class:`SessionCache` does."""
-    if not hasattr(_thread_state, "kept"):
-        _thread_state.kept = SessionCache()
-    return _thread_state.kept.session(case)
+    if not hasattr(_thread_state, "cache"):
+        _thread_state.cache = SessionCache()
+    return _thread_state.cache.session(case)
 
 
 def structure(session: Session) -> list[Any]:

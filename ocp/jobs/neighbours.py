@@ -88,10 +88,10 @@ class Exchange:
         """
         best: dict[int, int] = {}
         for (index, neighbour), cost in sorted(self.rolled_costs.items()):
-            own = self.points[index].row
+            row = self.points[index].row
             if (untried and (index, neighbour) in self.tried) or not math.isfinite(cost):
                 continue
-            if not own["success"] or _gains(self.study, cost, own):
+            if not row["success"] or _gains(self.study, cost, row):
                 best[index] = min(best.get(index, neighbour), neighbour, key=lambda k: self.rolled_costs[index, k])
         return best
 
@@ -117,24 +117,24 @@ def _ranking_cost(study: Grid, row: Mapping[str, Any]) -> float:
     return row[{"exact": "exact_cost", "referee": "referee_cost"}.get(study.rank, "cost")]
 
 
-def is_better(study: Grid, new: Mapping[str, Any], own: Mapping[str, Any]) -> bool:
-    """Return whether a point's solution ``new``, from a neighbour's plan, is better than its solution ``own``."""
-    if not new["success"] or not own["success"]:
+def is_better(study: Grid, new: Mapping[str, Any], old: Mapping[str, Any]) -> bool:
+    """Return whether a point's solution ``new``, from a neighbour's plan, is better than its solution ``old``."""
+    if not new["success"] or not old["success"]:
         return bool(new["success"])
-    if new["survives"] < own["survives"]:
+    if new["survives"] < old["survives"]:
         return False
-    return _gains(study, _ranking_cost(study, new), own)
+    return _gains(study, _ranking_cost(study, new), old)
 
 
-def _gains(study: Grid, cost: float, own: Mapping[str, Any]) -> bool:
-    """Return whether ``cost`` is below that of the solution ``own`` by enough to count (:data:`OUTLIER_SHARE`)."""
-    span = abs(own["idle_cost"] - cost)
+def _gains(study: Grid, cost: float, old: Mapping[str, Any]) -> bool:
+    """Return whether ``cost`` is below that of the solution ``old`` by enough to count (:data:`OUTLIER_SHARE`)."""
+    span = abs(old["idle_cost"] - cost)
     min_gain = OUTLIER_SHARE * (span if math.isfinite(span) else abs(cost))
-    return _ranking_cost(study, own) - cost > min_gain
+    return _ranking_cost(study, old) - cost > min_gain
 
 
-def outlier(new: JobResult, own: JobResult, start: str) -> JobResult:
+def outlier(new: JobResult, old: JobResult, start: str) -> JobResult:
     """Return the better result ``new``, with its ``start``, the neighbour, and the cost of the point's own solve."""
-    own_cost = own.row["own_cost"] if own.row["start"] else own.row["cost"]
-    totals = {name: new.row[name] + own.row[name] for name in ("iterations", "seconds", "solve_s")}
+    own_cost = old.row["own_cost"] if old.row["start"] else old.row["cost"]
+    totals = {name: new.row[name] + old.row[name] for name in ("iterations", "seconds", "solve_s")}
     return JobResult({**new.row, **totals, "own_cost": own_cost, "start": start}, new.arrays)

@@ -48,17 +48,17 @@ class Buffer:
     def __getitem__(self, rows: np.ndarray | slice) -> Buffer:
         return Buffer(self.x[rows], self.u[rows], self.x_next[rows])
 
-    def with_newest(self, more: Buffer, most: int) -> Buffer:
-        """Return the last ``most`` transitions of this buffer followed by ``more``."""
-        return Buffer.joined([self, more])[-most:]
+    def with_newest(self, more: Buffer, capacity: int) -> Buffer:
+        """Return the last ``capacity`` transitions of this buffer followed by ``more``."""
+        return Buffer.concatenate([self, more])[-capacity:]
 
     @classmethod
-    def joined(cls, buffers: Sequence[Buffer]) -> Buffer:
+    def concatenate(cls, buffers: Sequence[Buffer]) -> Buffer:
         """Return all transitions of ``buffers``, in their order."""
         return cls(*(np.concatenate([getattr(p, name) for p in buffers]) for name in BUFFER_ARRAYS))
 
     @classmethod
-    def solved(cls, x: np.ndarray, u: np.ndarray, x_next: np.ndarray) -> Buffer:
+    def from_solved_steps(cls, x: np.ndarray, u: np.ndarray, x_next: np.ndarray) -> Buffer:
         """Return the transitions with a finite next state, that is, with a solved step."""
         finite = np.isfinite(x_next).all(axis=1)
         return cls(x[finite], u[finite], x_next[finite])
@@ -128,7 +128,7 @@ class Explorer:
         """Return the observations (n, n_o) in states (n, nx)."""
         return self._observe(x, self.p)
 
-    def ended(self, x: np.ndarray) -> np.ndarray:
+    def has_ended(self, x: np.ndarray) -> np.ndarray:
         """Return a mask (n,): episodes that end at states (n, nx)."""
         return np.not_equal(self._end(x, self.p)[:, 0], 0)
 
@@ -147,7 +147,7 @@ class Explorer:
         if self._distance is not None:
             touched = solved & (self._distance(x_next, self.p)[:, 0] <= CONTACT_DISTANCE_M)
         reward = np.where(solved, self.rewards(x, u, x_next), np.nan)
-        is_over = solved & self.ended(x_next)
+        is_over = solved & self.has_ended(x_next)
         return EpisodeSteps(x, u, steps.x_next, reward, is_over, solved, touched)
 
     def advance(self, steps: EpisodeSteps, age: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
@@ -188,7 +188,9 @@ def random_transitions(explorer: Explorer, n: int, seed: int | Sequence[int]) ->
         x, age = explorer.advance(episode_steps[-1], age, rng)
         if not any(steps.solved.any() for steps in episode_steps):
             raise InputError(f"{task.name}: no step was solved from its starts")
-    transitions = Buffer.joined([Buffer.solved(steps.x, steps.u, steps.x_next) for steps in episode_steps])
+    transitions = Buffer.concatenate(
+        [Buffer.from_solved_steps(steps.x, steps.u, steps.x_next) for steps in episode_steps]
+    )
     return transitions[:n], np.concatenate([steps.touched[steps.solved] for steps in episode_steps])[:n]
 
 

@@ -56,7 +56,7 @@ class OneStepLoss:
         self.scale = np.broadcast_to(np.asarray(scale, dtype=float), (step.system.nx,))
         if not (np.isfinite(self.scale).all() and (self.scale > 0).all()):
             raise InputError("scales of errors must be positive and finite")
-        self._places = [available.index(name) for name in names]
+        self._columns = [available.index(name) for name in names]
         self._step = StepFunction(step, **engine)
 
     def start(self, values: Mapping[str, float] | None = None) -> np.ndarray:
@@ -65,7 +65,7 @@ class OneStepLoss:
         Raises :class:`~ocp.errors.InputError` if a value is not positive.
         """
         values_by_name = values or {}
-        defaults = dict(zip(self.names, self.p[self._places], strict=True))
+        defaults = dict(zip(self.names, self.p[self._columns], strict=True))
         psi = np.array([values_by_name.get(name, value) for name, value in defaults.items()], dtype=float)
         if nonpositive := [n for n, v in zip(self.names, psi, strict=True) if not 0 < v < np.inf]:
             raise InputError(
@@ -90,7 +90,7 @@ class OneStepLoss:
     def parameters(self, log_psi: np.ndarray) -> np.ndarray:
         """Return all parameters (k, np) of the step at ``log_psi`` (k, n_psi)."""
         p = np.tile(self.p, (len(log_psi), 1))
-        p[:, self._places] = np.exp(log_psi)
+        p[:, self._columns] = np.exp(log_psi)
         return p
 
     def __call__(self, log_psi: np.ndarray, buffer: Buffer) -> np.ndarray:
@@ -195,8 +195,8 @@ def identify(
     distributions, ends = [search.begin(start)], [np.asarray(start, dtype=float)]
     for number in range(search.passes):
         if number:
-            moves = loss.sensitivity(ends[-1], search.width, buffer)
-            distributions.append(search.begin(ends[-1], moves, start))
+            sensitivity = loss.sensitivity(ends[-1], search.width, buffer)
+            distributions.append(search.begin(ends[-1], sensitivity, start))
         while not search.is_done(distributions[-1]):
             distributions.append(search_iteration(loss, buffer, search, distributions[-1], [seed, number], rows))
         ends.append(distributions[-1].mean)
@@ -250,7 +250,7 @@ def bootstrap_intervals(
     search from the minimum. J_t is computed by central differences, without the transitions that cannot
     be solved there. Intervals are for each parameter separately, by two-sided quantiles.
     """
-    J, r = _linearised(loss, log_psi, buffer)
+    J, r = _jacobians_and_errors(loss, log_psi, buffer)
     products = np.einsum("tia,tib->tab", J, J), np.einsum("tia,ti->ta", J, r)
     information = products[0].mean(axis=0)
     eigenvalues, axes = np.linalg.eigh(information)
@@ -272,7 +272,7 @@ def bootstrap_intervals(
     )
 
 
-def _linearised(loss: OneStepLoss, log_psi: np.ndarray, buffer: Buffer) -> tuple[np.ndarray, np.ndarray]:
+def _jacobians_and_errors(loss: OneStepLoss, log_psi: np.ndarray, buffer: Buffer) -> tuple[np.ndarray, np.ndarray]:
     """Return the Jacobians (t, nx, n_psi) and errors (t, nx) of those transitions for which all are finite."""
     n = len(log_psi)
     perturbed = log_psi + DIFFERENCE_STEP * np.concatenate([np.zeros((1, n)), np.eye(n), -np.eye(n)])

@@ -287,7 +287,7 @@ def make_updater(rates: Rates) -> Callable[..., tuple[Agent, dict[str, jax.Array
     """Return a function that maps ``(agent, data, rows (updates, batch), key)`` to the updated agent and metrics."""
     adam = optax.adam(rates.rate)
 
-    def moved(slopes: Any, moments: Any, parameters: Any) -> tuple[Any, Any]:
+    def adam_step(slopes: Any, moments: Any, parameters: Any) -> tuple[Any, Any]:
         updates, moments = adam.update(slopes, moments, parameters)
         return optax.apply_updates(parameters, updates), moments
 
@@ -298,12 +298,12 @@ def make_updater(rates: Rates) -> Callable[..., tuple[Agent, dict[str, jax.Array
         noises = (jax.random.normal(subkey, shape) for subkey in jax.random.split(key))
         target = critic_targets(agent, batch, next(noises), rates.discount)
         loss, slopes = jax.value_and_grad(critic_loss)(critics, batch, target)
-        critics, second = moved(slopes, second, critics)
+        critics, second = adam_step(slopes, second, critics)
         of_actor = jax.value_and_grad(actor_loss, has_aux=True)
         (_, density), slopes = of_actor(actor, critics, log_alpha, batch.o, next(noises))
-        actor, first = moved(slopes, first, actor)
+        actor, first = adam_step(slopes, first, actor)
         slope = jax.grad(temperature_loss)(log_alpha, density, rates.target_entropy * shape[1])
-        log_alpha, third = moved(slope, third, log_alpha)
+        log_alpha, third = adam_step(slope, third, log_alpha)
         targets = jax.tree.map(lambda old, new: old + rates.tau * (new - old), agent.targets, critics)
         networks = Networks(actor, critics, log_alpha)
         metrics = {

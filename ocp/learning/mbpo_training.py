@@ -57,8 +57,8 @@ def branch_rollouts(
         alive = alive & np.isfinite(x_next).all(axis=1)
         buffers.append(Buffer(x[alive], u[alive], x_next[alive]))
         x = np.where(alive[:, None], x_next, starts)
-        alive = alive & ~explorer.ended(x)
-    return Buffer.joined(buffers)
+        alive = alive & ~explorer.has_ended(x)
+    return Buffer.concatenate(buffers)
 
 
 def branch_length(k: int, first: int, last: int, grown_at: int) -> int:
@@ -194,21 +194,21 @@ class MBPOTrainer:
             x, age = self.explorer.advance(step, episodes.age, rng)
             finished += returns[age == 0].tolist()
             episodes = RunningEpisodes(x, age, np.where(age == 0, 0.0, returns))
-            buffers.append(Buffer.solved(step.x, step.u, step.x_next))
-        return episodes, Buffer.joined(buffers), finished
+            buffers.append(Buffer.from_solved_steps(step.x, step.u, step.x_next))
+        return episodes, Buffer.concatenate(buffers), finished
 
     def _inputs(self, agent: Agent, scales: ObservationScales, rng: np.random.Generator, x: np.ndarray) -> np.ndarray:
         """Return inputs (n, nu) sampled from the policy in states ``x`` (n, nx)."""
-        o = self._normalised(scales, x)
+        o = self._normalised_observations(scales, x)
         t, _ = sample_actions_compiled(agent.networks.actor, o, rng.standard_normal((len(x), self.nu)).astype("f4"))
         task = self.experiment.task
         return task.mid_range + task.half_range * np.asarray(t, dtype=float)
 
-    def _normalised(self, scales: ObservationScales, x: np.ndarray) -> np.ndarray:
+    def _normalised_observations(self, scales: ObservationScales, x: np.ndarray) -> np.ndarray:
         observations = (self.explorer.observations(x) - scales.observation.mean) / scales.observation.scale
         return observations.astype(np.float32)
 
-    def _tanh(self, u: np.ndarray) -> np.ndarray:
+    def _tanh_actions(self, u: np.ndarray) -> np.ndarray:
         task = self.experiment.task
         return ((u - task.mid_range) / task.half_range).astype(np.float32)
 
@@ -217,7 +217,7 @@ class MBPOTrainer:
     ) -> tuple[Learner, np.ndarray]:
         """Train the ensemble; return it and its members' mean squared errors (members,) on held-out steps."""
         settings, rng = self.settings, self.experiment.rng(k, "model")
-        z = np.hstack([self._normalised(scales, real_steps.x), self._tanh(real_steps.u)])
+        z = np.hstack([self._normalised_observations(scales, real_steps.x), self._tanh_actions(real_steps.u)])
         y = ((real_steps.x_next - real_steps.x) / scales.increment).astype(np.float32)
         order = rng.permutation(len(z))
         held_out, training_rows = np.split(order, [max(1, int(settings.held_out * len(z)))])
@@ -245,7 +245,7 @@ class MBPOTrainer:
         starts = real_steps.x[rng.integers(len(real_steps), size=settings.branches)]
 
         def predict(x: np.ndarray, u: np.ndarray, step: int) -> np.ndarray:
-            z = np.hstack([self._normalised(scales, x), self._tanh(u)])
+            z = np.hstack([self._normalised_observations(scales, x), self._tanh_actions(u)])
             member = elites[rng.integers(len(elites), size=len(x))]
             noise = rng.standard_normal(x.shape).astype(np.float32)
             increments = sample_next_states(learner.ensemble, member, z, noise)
@@ -282,14 +282,14 @@ class MBPOTrainer:
 
     def _batch(self, scales: ObservationScales, buffer: Buffer, size: int) -> Batch:
         """Return a buffer's steps in the actor-critic's format, padded to ``size`` rows."""
-        explorer, normalised = self.explorer, partial(self._normalised, scales)
+        explorer, observations = self.explorer, partial(self._normalised_observations, scales)
         rewards = explorer.rewards(buffer.x, buffer.u, buffer.x_next)
         columns = Batch(
-            normalised(buffer.x),
-            self._tanh(buffer.u),
+            observations(buffer.x),
+            self._tanh_actions(buffer.u),
             np.clip(rewards, -self.settings.reward_clip, self.settings.reward_clip),
-            explorer.ended(buffer.x_next),
-            normalised(buffer.x_next),
+            explorer.has_ended(buffer.x_next),
+            observations(buffer.x_next),
         )
         return Batch(*(_pad_rows(np.asarray(column, np.float32), size) for column in columns))
 

@@ -72,7 +72,7 @@ MOTION_TOLERANCE = 1e-4
 class BestPlan:
     """The best plan found for an episode from one start, under the exact law.
 
-    ``returned`` is its return; ``replayed`` is the return of an episode in which its inputs are applied
+    ``planned_return`` is its return; ``replayed_return`` is the return of an episode in which its inputs are applied
     step by step under the exact law, until its end after ``lived`` steps. ``solution`` has the
     trajectories, the certificate, the referee's verdict, and in ``others`` the results of all guesses.
     A certified plan is a local optimum, which only bounds the returns of nearby plans. Another guess
@@ -80,11 +80,11 @@ class BestPlan:
     """
 
     solution: Solution
-    replayed: float
+    replayed_return: float
     lived: int
 
     @property
-    def returned(self) -> float:
+    def planned_return(self) -> float:
         """Return of the planned trajectories, minus the solution's cost."""
         return -self.solution.cost
 
@@ -106,8 +106,8 @@ class BestPlan:
             else f"not certified ({solution.status.value})"
         )
         return (
-            f"best plan found: return {self.returned:.6g}, {status_words}; replayed under the exact law"
-            f" {self.replayed:.6g} over {self.lived} of {steps} steps; before the referee, with"
+            f"best plan found: return {self.planned_return:.6g}, {status_words}; replayed under the exact law"
+            f" {self.replayed_return:.6g} over {self.lived} of {steps} steps; before the referee, with"
             f" {-solution.referee.cost:.6g}: {solution.referee.word}"
         )
 

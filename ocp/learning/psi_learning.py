@@ -81,9 +81,9 @@ class PsiLearning(Algorithm):
 
     def iterate(self, experiment: Experiment, state: State, k: int) -> tuple[State, Row]:
         """Collect transitions, then update psi, then the policy."""
-        state = self._explored(experiment, state, k)
+        state = self._collect_transitions(experiment, state, k)
         exact_steps = experiment.take_step_count()
-        state, loss = self._identified(experiment, state)
+        state, loss = self._update_psi(experiment, state)
         changed, row = self.algorithm.iterate(experiment, state, k)
         psi_row = {"psi_loss": loss, "model_steps": experiment.take_step_count()}
         experiment.count_steps(exact_steps)
@@ -93,7 +93,7 @@ class PsiLearning(Algorithm):
         """Return the policy of the wrapped algorithm."""
         return self.algorithm.policy(experiment, state)
 
-    def _explored(self, experiment: Experiment, state: State, k: int) -> State:
+    def _collect_transitions(self, experiment: Experiment, state: State, k: int) -> State:
         """Return the state with the transitions of ``steps`` more steps of the episodes."""
         explorer, rng = experiment.cached(_explorer), experiment.rng(k, "psi transitions")
         policy = self.algorithm.policy(experiment, state)
@@ -107,7 +107,7 @@ class PsiLearning(Algorithm):
             u = experiment.inputs(policy, x)
             u += self.sigma * task.half_range * rng.standard_normal(u.shape)
             step = explorer.step(x, np.clip(u, task.lower, task.upper))
-            transitions = transitions.with_newest(Buffer.solved(step.x, step.u, step.x_next), self.capacity)
+            transitions = transitions.with_newest(Buffer.from_solved_steps(step.x, step.u, step.x_next), self.capacity)
             x, age = explorer.advance(step, age, rng)
         return {
             **state,
@@ -116,7 +116,7 @@ class PsiLearning(Algorithm):
             PSI_PREFIX + "age": age,
         }
 
-    def _identified(self, experiment: Experiment, state: State) -> tuple[State, float]:
+    def _update_psi(self, experiment: Experiment, state: State) -> tuple[State, float]:
         """Return the state after more iterations of the search for psi, and the loss per transition there."""
         transitions = Buffer(**without_prefix(TRANSITIONS_PREFIX, state))
         if not len(transitions):
@@ -129,8 +129,8 @@ class PsiLearning(Algorithm):
                 if number + 1 >= self.search.passes:
                     break
                 number += 1
-                moves = loss.sensitivity(distribution.mean, self.search.width, transitions)
-                distribution = self.search.begin(distribution.mean, moves, state[PSI_PREFIX + "start"])
+                sensitivity = loss.sensitivity(distribution.mean, self.search.width, transitions)
+                distribution = self.search.begin(distribution.mean, sensitivity, state[PSI_PREFIX + "start"])
             seeds = [experiment.seed, number]
             distribution = search_iteration(loss, transitions, self.search, distribution, seeds, self.rows)
         psi = loss.parameters(distribution.mean[None])[0, : len(experiment.physics)]

@@ -75,14 +75,14 @@ class RandomSearch(Configured):
         ``centre`` (n,), by default the mean.
         """
         n = len(mean)
-        moves = np.ones(n) if sensitivity is None else np.maximum(sensitivity, 1e-12)
-        finite = np.isfinite(moves)
-        moves = np.where(finite, moves, np.max(moves[finite], initial=1e-12))
+        effects = np.ones(n) if sensitivity is None else np.maximum(sensitivity, 1e-12)
+        finite = np.isfinite(effects)
+        effects = np.where(finite, effects, np.max(effects[finite], initial=1e-12))
         return SearchDistribution(
             mean=np.array(mean, float),
             centre=np.array(mean if centre is None else centre, float),
             sigma=np.array(self.width),
-            C=np.diag((moves.min() / moves) ** 2),
+            C=np.diag((effects.min() / effects) ** 2),
             p_sigma=np.zeros(n),
             p_c=np.zeros(n),
             count=np.array(0),
@@ -106,7 +106,7 @@ class RandomSearch(Configured):
         step = weights @ y
         # Directions of zero variance are left out of the whitened step.
         white = axes @ (np.divide(1, lengths, out=np.zeros(n), where=lengths > 0) * (axes.T @ step))
-        return self.updated(distribution, y, step, white)
+        return self.update(distribution, y, step, white)
 
     @property
     def weights(self) -> np.ndarray:
@@ -115,7 +115,7 @@ class RandomSearch(Configured):
         weights = np.log((self.candidates + 1) / 2) - np.log(np.arange(1, n_parents + 1))
         return weights / weights.sum()
 
-    def updated(
+    def update(
         self, distribution: SearchDistribution, y: np.ndarray, step: np.ndarray, white: np.ndarray
     ) -> SearchDistribution:
         """Return the distribution updated by steps ``y`` (k, n), their mean ``step`` and ``white = C^(-1/2) step``."""

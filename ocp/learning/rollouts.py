@@ -64,7 +64,7 @@ class TaskRollouts:
         ``model_params`` (np,) or (n, np) are the task's parameters, by default its own. Samples with
         an unsolved step have no finite return and are listed in ``nonfinite``.
         """
-        p = self._packed(normaliser, discount, model_params)
+        p = self._pack_parameters(normaliser, discount, model_params)
         return without_warnings(self.function, x0, theta, p, **options)
 
     def moments(
@@ -75,10 +75,12 @@ class TaskRollouts:
         **options: Any,
     ) -> RolloutMoments:
         """Return moments of the samples' returns and gradients, without storing single samples."""
-        p = self._packed(normaliser, 1.0, None)
+        p = self._pack_parameters(normaliser, 1.0, None)
         return without_warnings(self.function.moments, x0, theta, p, **options)
 
-    def _packed(self, normaliser: Normaliser | None, discount: float, model_params: np.ndarray | None) -> np.ndarray:
+    def _pack_parameters(
+        self, normaliser: Normaliser | None, discount: float, model_params: np.ndarray | None
+    ) -> np.ndarray:
         """Return the values of :attr:`parameters` as an array (np,), or (n, np) if they differ between samples."""
         task_parameters = self.task.parameters.values
         if model_params is not None:

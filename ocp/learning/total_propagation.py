@@ -226,7 +226,7 @@ class TotalPropagation(Clipping):
         finite_particles = particles.select(finite)
         score = acting_entries(experiment, steps)[:, None] * noise[:, finite] / self.sigma
         gradients, share = total_propagation(finite_particles, score)
-        gradients = self.clipped(gradients)
+        gradients = self.clip_gradients(gradients)
         gradient = gradients.mean(axis=0)
         new_state = {
             **ascend(self.optimiser, state, gradient, self.rate),

@@ -51,7 +51,7 @@ class ZOPG(Clipping):
             for signed_noise in (noise, noise.negate())
         ]
         finite = np.logical_and(*(finite_samples(experiment, state, episodes, k) for episodes in pair))
-        gradients = self.clipped(likelihood_ratio(pair, finite))
+        gradients = self.clip_gradients(likelihood_ratio(pair, finite))
         return self.take_step(experiment, state, gradients, pair[0], finite, k)
 
 
@@ -141,7 +141,7 @@ class FOPG(Clipping):
         )
         finite = finite_samples(experiment, state, episodes, k)
         assert episodes.gradient is not None
-        gradients = self.clipped(episodes.gradient[finite])
+        gradients = self.clip_gradients(episodes.gradient[finite])
         visited_episodes = episodes if sharp_rollout is None else sharp_rollout
         changed, row = self.take_step(experiment, state, gradients, visited_episodes, finite, k)
         if critic:

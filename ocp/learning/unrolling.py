@@ -291,7 +291,7 @@ class Clipping(Unrolled):
 
     clip: float | None = setting(None, "largest norm of a sample's gradient in medians, which biases the mean", above=0)
 
-    def clipped(self, gradients: np.ndarray) -> np.ndarray:
+    def clip_gradients(self, gradients: np.ndarray) -> np.ndarray:
         """Return ``gradients`` (n, n_theta) clipped to ``clip`` times their median norm."""
         if self.clip is None:
             return gradients

@@ -118,9 +118,9 @@ class Checkpoint(SavedWork):
         if self._folder is None:
             return self
         with write_errors(f"the checkpoint in {self._folder}", "another directory with --out"):
-            self._directory, self._lock_handle, others_hold = _hold_directory(self._folder, self._name)
+            self._directory, self._lock_handle, others_run = _lock_directory(self._folder, self._name)
         self._last_save = time.monotonic()
-        self.notes = self._notes(others_hold)
+        self.notes = self._notes(others_run)
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -128,7 +128,7 @@ class Checkpoint(SavedWork):
         if self._folder is None or self._directory is None:
             return
         if _is_empty(self._directory):
-            _remove_held(self._directory)
+            _remove_locked(self._directory)
         if self._lock_handle is not None:
             os.close(self._lock_handle)
         self._directory, self._lock_handle = None, None
@@ -144,12 +144,12 @@ class Checkpoint(SavedWork):
     def discard(self) -> None:
         """Remove the directory, after the study is finished."""
         if self.directory is not None and self._folder is not None:
-            _remove_held(self.directory)
+            _remove_locked(self.directory)
 
-    def _notes(self, others_hold: bool) -> list[str]:
+    def _notes(self, others_run: bool) -> list[str]:
         assert self.directory is not None and self._folder is not None
         notes = []
-        if others_hold:
+        if others_run:
             notes.append(
                 "another process runs the same computation; this one runs independently and gives the same numbers"
             )
@@ -173,9 +173,9 @@ class Checkpoint(SavedWork):
             return
 
 
-def _digests_in_name(name: str, asked: str) -> list[str]:
+def _digests_in_name(name: str, prefix: str) -> list[str]:
     """Return the digests of source and program in the name of a checkpoint's directory."""
-    return name.removeprefix(asked).partition(".")[0].split("-")
+    return name.removeprefix(prefix).partition(".")[0].split("-")
 
 
 def _is_empty(directory: Path) -> bool:
@@ -185,7 +185,7 @@ def _is_empty(directory: Path) -> bool:
         return True
 
 
-def _remove_held(directory: Path) -> None:
+def _remove_locked(directory: Path) -> None:
     """Remove a directory that this process has locked; the lock file is removed last, to keep others out."""
     # Another process may lock the directory as soon as the lock file is removed.
     with suppress(OSError):
@@ -198,7 +198,7 @@ def _remove_held(directory: Path) -> None:
         directory.rmdir()
 
 
-def _hold_directory(folder: Path, name: str) -> tuple[Path, int, bool]:
+def _lock_directory(folder: Path, name: str) -> tuple[Path, int, bool]:
     """Lock the first free directory ``name.1``, ``name.2``, ...; return it, the lock, and whether others hold one."""
     folder.mkdir(parents=True, exist_ok=True)
     existing = sorted(folder.glob(f"{name}.*"), key=lambda directory: (len(directory.name), directory.name))

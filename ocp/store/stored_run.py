@@ -74,7 +74,7 @@ class StoredRun:
     @cached_property
     def status(self) -> Status:
         """Status with which the solve ended; raises as :attr:`audit` does."""
-        return self._described(Status, "status")
+        return self._entry(Status, "status")
 
     @cached_property
     def audit(self) -> Audit:
@@ -82,22 +82,22 @@ class StoredRun:
 
         Raises :class:`~ocp.errors.DamagedRun` if entries are missing or invalid in ``meta.json``.
         """
-        return self._described(Audit, "audit")
+        return self._entry(Audit, "audit")
 
     @cached_property
     def certificate(self) -> Certificate:
         """Certificate of the solve's solution; raises as :attr:`audit` does."""
-        return self._described(Certificate, "certificate")
+        return self._entry(Certificate, "certificate")
 
     @cached_property
     def referee(self) -> RefereeReport:
         """Report of the referee on the solve's solution; raises as :attr:`audit` does."""
-        return self._described(RefereeReport, "referee")
+        return self._entry(RefereeReport, "referee")
 
     @cached_property
     def stages(self) -> list[StageRecord]:
         """Records of the homotopy stages of the solve; raises as :attr:`audit` does."""
-        return self._described(list[StageRecord], "stages")
+        return self._entry(list[StageRecord], "stages")
 
     def solution(self, problem: Problem) -> Solution:
         """Return the run's solution, of ``problem``, which must have been rebuilt at the run's parameters.
@@ -113,7 +113,7 @@ class StoredRun:
         attributes = ("status", "audit", "certificate", "referee", "stages")
         return Solution(
             data=data,
-            iterations=self._described(int, "iterations"),
+            iterations=self._entry(int, "iterations"),
             problem=problem,
             values=problem.parameters.defaults,
             gains=Gains(data["K"].values, data["k"].values) if "K" in data else None,
@@ -122,7 +122,7 @@ class StoredRun:
             **{name: record.pop(key) for name, key in ADDED.items() if key in record},
             record=record,
             **{name: getattr(self, name) for name in attributes},
-            **{name: self._described(float, name) for name in numbers},
+            **{name: self._entry(float, name) for name in numbers},
         )
 
     @property
@@ -145,7 +145,7 @@ class StoredRun:
                 f"{self.path} is a run of ocp {command}, expected a run of ocp solve{hints.get(self.kind, '')}"
             )
 
-    def _described(self, kind: Any, key: str) -> Any:
+    def _entry(self, kind: Any, key: str) -> Any:
         try:
             return from_json(kind, self.meta[key])
         except (KeyError, TypeError, ValueError, AttributeError) as error:

@@ -232,8 +232,8 @@ def make_plan(job: PlanJob, _: Report) -> dict[str, np.ndarray]:
     return {
         "states": states,
         "inputs": inputs,
-        "returned": np.array(best.returned),
-        "replayed": np.array(best.replayed),
+        "returned": np.array(best.planned_return),
+        "replayed": np.array(best.replayed_return),
         "certified": np.array(best.certified),
     }
 

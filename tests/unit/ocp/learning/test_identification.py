@@ -193,7 +193,7 @@ def test_a_buffer_keeps_the_newest_and_leaves_out_what_was_not_solved():
         column = np.array(numbers)[:, None]
         return Buffer(column, 10 * column, 100 * column)
 
-    both = rows(1, 2, 3).with_newest(rows(4, 5), most=4)
+    both = rows(1, 2, 3).with_newest(rows(4, 5), capacity=4)
     assert (both.x[:, 0] == [2, 3, 4, 5]).all() and (both.x_next[:, 0] == 100 * both.x[:, 0]).all()
     x = np.ones((2, 1))
-    assert len(Buffer.solved(x, x, np.array([[1.0], [np.nan]]))) == 1
+    assert len(Buffer.from_solved_steps(x, x, np.array([[1.0], [np.nan]]))) == 1

@@ -75,8 +75,8 @@ def test_the_best_throw_is_that_of_a_search_over_angle_and_speed():
     )
     found = best_plan(task, x0, guess_from_constant_inputs(task, 64))
     assert found.certified
-    assert found.returned == pytest.approx(-searched, rel=1e-8)
-    assert found.replayed == pytest.approx(-searched, rel=1e-8)
+    assert found.planned_return == pytest.approx(-searched, rel=1e-8)
+    assert found.replayed_return == pytest.approx(-searched, rel=1e-8)
     assert found.lived == task.horizon
 
 
@@ -111,7 +111,7 @@ def test_a_plan_without_contact_is_the_optimum(guess: list):
     task = scalar(horizon=5)
     found = best_plan(task, START, *guess)
     assert found.certified
-    assert found.returned == pytest.approx(best_inputs(task), rel=1e-7)
+    assert found.planned_return == pytest.approx(best_inputs(task), rel=1e-7)
     assert "best plan found" in found.description
     assert "bound" not in found.description
 
@@ -125,8 +125,8 @@ def test_an_episode_goes_on_until_its_last_state():
     assert states[:-1].max() == pytest.approx(cap, abs=1e-5)
     assert states[-1] > cap
     assert found.lived == 3
-    assert found.returned == pytest.approx(best_inputs(free, cap), rel=1e-4)
-    assert found.returned < best_inputs(free) - 1e-3
+    assert found.planned_return == pytest.approx(best_inputs(free, cap), rel=1e-4)
+    assert found.planned_return < best_inputs(free) - 1e-3
 
 
 def test_where_something_is_gained_at_the_end_the_last_state_counts_too():
@@ -134,7 +134,7 @@ def test_where_something_is_gained_at_the_end_the_last_state_counts_too():
     task = replace(task, final=0.1 * task.system.x, done=task.system.x > 0.6, lasts=0.6 - task.system.x)
     found = best_plan(task, START)
     assert found.solution.data["x"].values.max() <= 0.6
-    assert found.returned == pytest.approx(found.replayed, abs=1e-8)
+    assert found.planned_return == pytest.approx(found.replayed_return, abs=1e-8)
 
 
 def test_a_plan_that_was_cut_short_is_called_no_optimum():
@@ -156,8 +156,8 @@ def test_a_policy_is_where_a_search_begins():
         np.testing.assert_allclose(states[k], x, rtol=1e-9)
         x = A * x + B * u
     better = best_plan(task, START, guess_from_policy(experiment, policy))
-    assert better.returned > returned(task, states, inputs) + 1e-3
-    assert better.returned == pytest.approx(best_inputs(task), rel=1e-7)
+    assert better.planned_return > returned(task, states, inputs) + 1e-3
+    assert better.planned_return == pytest.approx(best_inputs(task), rel=1e-7)
 
 
 @pytest.mark.costly
@@ -174,7 +174,7 @@ def test_the_better_one_of_two_guesses_counts():
     worse, better = thrown(-1.2, 8.0), thrown(0.7, 2.6)
     alone = best_plan(task, x0, worse)
     both = best_plan(task, x0, worse, better)
-    assert both.returned > alone.returned + 1e-3
+    assert both.planned_return > alone.planned_return + 1e-3
     assert [attempt.chosen for attempt in both.solution.route.attempts] == [False, True]
 
 

@@ -139,7 +139,7 @@ def test_curves_tell_the_policy_before_each_iteration():
 def test_every_step_that_an_engine_simulates_is_counted(name, monkeypatch):
     """Both batches, mirrored noise and steps of gradients are counted; evaluations are not."""
     engines = []
-    rolled, stepped = EpisodeFunction.__call__, StepFunction._stepped
+    rolled, stepped = EpisodeFunction.__call__, StepFunction._evaluate
 
     def episodes(self, *given, **asked):
         found = rolled(self, *given, **asked)
@@ -154,7 +154,7 @@ def test_every_step_that_an_engine_simulates_is_counted(name, monkeypatch):
     state, told = asked.algorithm.begin(asked), []
     with monkeypatch.context() as patched:
         patched.setattr(EpisodeFunction, "__call__", episodes)
-        patched.setattr(StepFunction, "_stepped", steps)
+        patched.setattr(StepFunction, "_evaluate", steps)
         for k in range(6):
             state, _ = asked.algorithm.iterate(asked, state, k)
             told.append(asked.take_step_count())

@@ -244,10 +244,10 @@ def test_total_propagation_through_layers(hidden):
 
 def test_long_gradients_are_cut_to_the_median_length():
     gradients = np.array([[3.0, 4.0], [0.0, 1.0], [0.0, -20.0]])
-    cut = FOPG(clip=2.0).clipped(gradients)
+    cut = FOPG(clip=2.0).clip_gradients(gradients)
     assert cut == pytest.approx(np.array([[3.0, 4.0], [0.0, 1.0], [0.0, -10.0]]))
-    assert FOPG().clipped(gradients) is gradients
-    assert FOPG(clip=1.0).clipped(0 * gradients) == pytest.approx(np.zeros((3, 2)))
+    assert FOPG().clip_gradients(gradients) is gradients
+    assert FOPG(clip=1.0).clip_gradients(0 * gradients) == pytest.approx(np.zeros((3, 2)))
 
 
 @pytest.mark.parametrize("algorithm", [FOPG, ZOPG, TotalPropagation])
