@@ -59,7 +59,7 @@ def table(params: BaseModel) -> ParameterTable:
 
 
 def natural_units(params: BaseModel, problem: Problem) -> Units:
-    """Return units fit_units to the ratios of a problem's parameters to their defaults; SI if all ratios are 1.
+    """Return units fitted to the ratios of a problem's parameters to their defaults; SI if all ratios are 1.
 
     Words, structural parameters, and parameters that are zero or have changed sign are left out. See
     :func:`~ocp.programs.units.fit_units`.

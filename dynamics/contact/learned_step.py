@@ -62,12 +62,12 @@ class CasadiMap:
     def jacobian_function(self, n: int) -> ca.Function:
         """Return the function ``z (n_in, n) -> y (n_out, n), [g'(z_1) .. g'(z_n)] (n_out, n_in n)``."""
 
-        def computed(z: np.ndarray) -> list[np.ndarray]:
+        def evaluate(z: np.ndarray) -> list[np.ndarray]:
             y, jacobians = self.model_outputs(z)
             return [y.T, _side_by_side(jacobians)]
 
         output_shapes = (self.n_out, n), (self.n_out, self.n_in * n)
-        return self._function("jacobians", [(self.n_in, n)], output_shapes, computed)
+        return self._function("jacobians", [(self.n_in, n)], output_shapes, evaluate)
 
     def curvature_function(self, n: int) -> ca.Function:
         """Return the function ``z (n_in, n), weights (n_out, n) -> [H_1 .. H_n] (n_in, n_in n)``.

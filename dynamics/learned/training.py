@@ -92,7 +92,7 @@ class Training:
             )
         self._scales = data.scales
         self._network = Network(data.z.shape[1], data.y.shape[1], self.recipe, self.sigma, seed)
-        self._now = self._started(state)
+        self._now = self._initial_progress(state)
 
     @property
     def epoch(self) -> int:
@@ -140,7 +140,7 @@ class Training:
         identity = np.frombuffer(self._identity(), dtype=np.uint8)
         return {"identity": identity, **self._network.arrays(self._now)}
 
-    def _started(self, state: dict[str, np.ndarray] | None) -> Progress:
+    def _initial_progress(self, state: dict[str, np.ndarray] | None) -> Progress:
         if state is None:
             return self._network.start
         if "identity" not in state or bytes(state["identity"]) != self._identity():

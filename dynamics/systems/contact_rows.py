@@ -138,7 +138,7 @@ def contact_rows(
     nc, nl, space = len(spec.contacts), len(spec.limit_names), spec.space
     nv = q.numel() if space is None else space.velocities
 
-    def approached(argument: str, distance: Callable[[ca.SX], ca.SX], count: int) -> tuple[ca.SX, ca.SX, ca.SX]:
+    def distance_rows(argument: str, distance: Callable[[ca.SX], ca.SX], count: int) -> tuple[ca.SX, ca.SX, ca.SX]:
         """Return the distance at q, its Jacobian there, and the gap."""
         distance_now = distance(q)
         check_shape(name, argument, distance_now, (count, 1))
@@ -154,10 +154,10 @@ def contact_rows(
 
     limits, limit_phi, forces = [], ca.SX(0, 1), None
     if spec.limits is not None:
-        limit_phi, slope, gap = approached("limits(q)", spec.limits, nl)
+        limit_phi, slope, gap = distance_rows("limits(q)", spec.limits, nl)
         stops = [Signal(n, "N m s", "impulse of a joint limit") for n in spec.limit_names]
         limits = [Row("limit", gap, slope, stops)]
-    phi, J, gap = approached("distance(q)", spec.distance, nc)
+    phi, J, gap = distance_rows("distance(q)", spec.distance, nc)
     normal_row, lam = Row("normal", gap, J, list(spec.contacts)), ca.SX.sym("lam", nc + nl)
     rows, owners = [normal_row], [list(range(nc))]
     frictional, _ = spec.frictional_contacts
@@ -166,7 +166,7 @@ def contact_rows(
         check_shape(name, "sliding(q)", J_t, (tangents * nc, nv))
         tangent_rows = [J_t[nc * k : nc * (k + 1), :] for k in range(tangents)]
         lam, (contact_row, *further_rows), forces = _friction_rows(spec, normal_row, tangent_rows, step_along, h)
-        rows = [_replaced(normal_row, contact_row, frictional), *further_rows]
+        rows = [_replace_entries(normal_row, contact_row, frictional), *further_rows]
         owners += [frictional] * len(further_rows)
     rows[1:1], owners[1:1] = limits, [list(range(nc, nc + nl))] * len(limits)
     return ContactRows(
@@ -219,7 +219,7 @@ def _friction_rows(
     return lam, list(rows), ContactForces(names, normal, tangential, slip, f, edges)
 
 
-def _replaced(row: Row, replacement: Row, places: list[int]) -> Row:
+def _replace_entries(row: Row, replacement: Row, places: list[int]) -> Row:
     """Return ``row`` with its entries at the indices ``places`` taken from ``replacement``."""
     if len(places) == len(row.signals):
         return replacement

@@ -22,7 +22,7 @@ from ocp.routes.branches import Branches, polish
 from ocp.routes.complementarity import RelaxationPlan, by_strategy
 from ocp.routes.homotopy import Homotopy
 from ocp.routes.relaxations import STRATEGIES
-from ocp.routes.schedules import improved
+from ocp.routes.schedules import improve
 
 
 def violation(program: Program, x: np.ndarray, p: np.ndarray, bounds: dict[str, np.ndarray]) -> tuple[float, str]:
@@ -188,7 +188,7 @@ def _followed(
         plans = [(name, RelaxationPlan(STRATEGIES[name], 1.0, start_point)) for name in batch]
         legs = [(name, by_strategy(follower, plan, plan.strategy)) for name, plan in plans]
         for name, leg in sorted(legs, key=lambda leg: (not leg[1].finished, leg[1].result.f)):
-            result = improved(branches, leg.result) if leg.finished else leg.result
+            result = improve(branches, leg.result) if leg.finished else leg.result
             solutions.append(_judged(programs("none"), leg.nlp, result, start, name))
             if large and solutions[-1].success:
                 return solutions[-1], follower

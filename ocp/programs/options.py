@@ -99,7 +99,7 @@ def _find_option(solver: str, name: str) -> Setting:
             return documented_options[name]
         raise InputError(f"{solver} refused its options: it has no {name!r}{did_you_mean(name, documented_options)}")
     interface_options = INTERFACE.get(solver, {})
-    return interface_options[name] if name in interface_options else _probed(solver, name)
+    return interface_options[name] if name in interface_options else _probe_option(solver, name)
 
 
 @cache
@@ -110,7 +110,7 @@ def _ipopt() -> dict[str, Setting]:
 
 
 @cache
-def _probed(solver: str, name: str) -> Setting:
+def _probe_option(solver: str, name: str) -> Setting:
     """Return an option of a solver, with the type that the error states when it is set to a word."""
     y = ca.MX.sym("y", 2)
     nlp = {"x": y, "f": ca.sumsqr(y - 1), "g": y[0] + y[1]}

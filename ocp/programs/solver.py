@@ -180,16 +180,16 @@ class Solver:
             result.evaluation_s,
             {**self.options, **overrides},
         )
-        return self._ended(nlp, p, result, bool(signals))
+        return self._report(nlp, p, result, bool(signals))
 
-    def _ended(self, nlp: Program, p: np.ndarray, result: Result, signals: bool) -> Result:
-        """Pass a run's result to ``on_result`` and return it; raise KeyboardInterrupt if Ctrl-C was signals."""
-        if signals:
+    def _report(self, nlp: Program, p: np.ndarray, result: Result, is_interrupted: bool) -> Result:
+        """Pass a run's result to ``on_result`` and return it; raise KeyboardInterrupt if Ctrl-C was pressed."""
+        if is_interrupted:
             cost, g = nlp.values(result.point.x, p)
             result = replace(result, f=cost, g=g, status=Status.INTERRUPTED)
         if self.on_result is not None:
             self.on_result(nlp, result)
-        if signals:
+        if is_interrupted:
             raise KeyboardInterrupt
         return result
 

@@ -14,7 +14,7 @@ from ocp.routes.branches import Branches, polish
 from ocp.routes.homotopy import STEP_BACKS, Homotopy, HomotopyPath, RouteResult, lower
 from ocp.routes.relaxations import CentralPath, ScholtesAdaptive, Strategy
 from ocp.routes.rollouts import RolloutStarts
-from ocp.routes.schedules import MAX_FAILURES, distant_schedules, improved
+from ocp.routes.schedules import MAX_FAILURES, distant_schedules, improve
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ def cover_inputs(branches: Branches, rolls: RolloutStarts) -> list[Result]:
 
 
 def _best(branches: Branches, results: list[Result], max_failures: int = MAX_FAILURES) -> RouteResult:
-    best = improved(branches, min(results, key=lambda candidate: candidate.f), max_failures)
+    best = improve(branches, min(results, key=lambda candidate: candidate.f), max_failures)
     return RouteResult(best, branches.program, True, branches.follower.trace)
 
 

@@ -18,7 +18,7 @@ from ocp.programs.program import Program
 from ocp.programs.solver import Point, Result, Status
 from ocp.routes.branches import Branches, polish
 from ocp.routes.homotopy import Homotopy, HomotopyPath, RouteResult, lower
-from ocp.routes.schedules import acting, improved, is_apart
+from ocp.routes.schedules import acting, improve, is_apart
 from ocp.transcription.nlp import NLP
 
 _NOISE_SIZES = 0.03, 3.0
@@ -233,7 +233,7 @@ class RolloutPolish:
         followed = follower.follow(replace(path, complete=is_repeated), start)
         if not branch_results:
             return followed
-        best = improved(Branches(self.follower), min(branch_results, key=lambda latest: latest.f))
+        best = improve(Branches(self.follower), min(branch_results, key=lambda latest: latest.f))
         return RouteResult(best, self.direct, True, follower.trace)
 
     def _rolled_out(self, nlp: NLP, x: np.ndarray) -> tuple[Result, Point]:

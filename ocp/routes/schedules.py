@@ -43,7 +43,7 @@ class ScheduleMove:
         return replace(self, begins=2 * self.begins, ends=2 * self.ends)
 
 
-def improved(branches: Branches, neighbour: Result, max_failures: int = MAX_FAILURES) -> Result:
+def improve(branches: Branches, neighbour: Result, max_failures: int = MAX_FAILURES) -> Result:
     """Return the best result of exchanging branches by first-order descent and neighbouring schedules in turn."""
     best = branches.improve(neighbour)
     for _ in range(_TURNS):
@@ -74,7 +74,7 @@ def improve_schedule(branches: Branches, best: Result, max_failures: int = MAX_F
         neighbours = []
         first_moves = [promising_move] if promising_move else []
         for move in [*first_moves, *moves(active, program.chains), *np.flatnonzero(fall > 0)]:
-            changed = moved(active, program.chains, move)
+            changed = apply_move(active, program.chains, move)
             if changed is None or not fall[other := changed != active].any():
                 continue
             neighbours.append((move is promising_move, fall[other].sum() / distances[other].sum(), move, changed))
@@ -121,7 +121,7 @@ def moves(active: np.ndarray, chains: np.ndarray) -> Iterator[ScheduleMove]:
                 yield ScheduleMove(chain, run, end - begin, 0)
 
 
-def moved(active: np.ndarray, chains: np.ndarray, move: ScheduleMove | int) -> np.ndarray | None:
+def apply_move(active: np.ndarray, chains: np.ndarray, move: ScheduleMove | int) -> np.ndarray | None:
     """Return the active set (m,) after a move, or after pair ``move`` changes sides; None where no such run exists."""
     if not isinstance(move, ScheduleMove):
         changed = active.copy()

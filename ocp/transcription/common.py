@@ -118,7 +118,7 @@ class Graph:
         indices = np.concatenate([K, variables["k"].index], axis=1)
         return np.broadcast_to(indices, (self.problem.N, indices.shape[1]))
 
-    def picked(self, w: ca.SX, u: ca.SX) -> ca.Function:
+    def pick_function(self, w: ca.SX, u: ca.SX) -> ca.Function:
         """Return a function from a stage's local variables ``w`` and all parameters to x, ``u`` and the step's p."""
         return ca.Function("pick", [w, self.p], [self.problem.system.x, u, self.step.p.vector])
 
@@ -134,7 +134,7 @@ class Graph:
         relation, jacobian = closed(step.differentiable_relation, step.relation_jacobian)
         held_values = (step.held_mu[0], closed(step.held_mu[1])[0]) if step.held_mu else None
         local, p = ca.MX.sym("w", w.numel()), ca.MX.sym("p", self.p.numel())
-        solved = step.solve_inner(*self.picked(w, input_symbol if u is None else u)(local, p))
+        solved = step.solve_inner(*self.pick_function(w, input_symbol if u is None else u)(local, p))
         solve = ca.Function("contact_solve", [local, p], [solved], ["w", "p"], ["inner"])
         return Implicit(step.inner, relation, jacobian, make(solve) if make else solve, held_values)
 

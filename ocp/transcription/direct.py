@@ -224,7 +224,7 @@ class MultipleShooting:
 def _contacts(graph: Graph, stage: Stage, n: int, n_data: int) -> ca.Function:
     """Return a function from ``(x, p)`` of the NLP to lam and gap of all steps, each (n, S N)."""
     step, n_p = graph.step, graph.p.numel()
-    picked = graph.picked(stage.w, graph.problem.system.u)
+    picked = graph.pick_function(stage.w, graph.problem.system.u)
     x, full = ca.MX.sym("x", n), ca.MX.sym("p", n_p + n_data)
     source = ca.vertcat(x, full[n_p:])
     w = ca.reshape(source[stage.index.ravel().tolist()], -1, stage.copies)

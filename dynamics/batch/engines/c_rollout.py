@@ -16,7 +16,7 @@ _JOB = """\
 enum { WANT_GRADIENT = 1, WANT_SCORE = 2, WANT_MOMENTS = 4 };
 typedef struct {
   i64 horizon, parts, want, shared_x0, shared_theta, shared_p, noise, key0, key1, first;
-  const double *x0, *theta, *p, *w, *along, *pull, *sigma, *precision;
+  const double *x0, *theta, *p, *w, *linearise_along, *terminal_gradient, *sigma, *precision;
   double *cost, *gradient, *score, *last, *trail, *moments;
   double baseline;
 } job;
@@ -45,8 +45,8 @@ INLINE const char *next_stop(lines f) { return f.at + f.each < f.stop ? f.at + f
 #define FETCH(f, write) \\
   for (const char *stop = next_stop(f); f.at < stop; f.at += 64) __builtin_prefetch(f.at, write)
 INLINE int all_over(const V *x) {
-  M on = x[WEIGHT * U] > 0.0;
-  for (int j = 1; j < U; j++) on |= x[WEIGHT * U + j] > 0.0;
+  M on = x[END_ENTRY * U] > 0.0;
+  for (int j = 1; j < U; j++) on |= x[END_ENTRY * U + j] > 0.0;
   return !any(on);
 }
 /* Returns after how many steps all samples of the block are over; from there on nothing moves. */
@@ -64,7 +64,7 @@ static i64 forward(const job *q, const memory *a, i64 live, i64 next, i64 end) {
   i64 t = 0;
   for (; t < n; t++, x += NX * U, lam += NL * U, theta += theta_step, w += a->w_step) {
     if (ENDS && all_over(x)) break;
-    V *after = q->along ? a->after : x + NX * U;
+    V *after = q->linearise_along ? a->after : x + NX * U;
     FETCH(theta_lines, 0);
     FETCH(noise_lines, 0);
     choose_actions(a, t);
@@ -102,10 +102,10 @@ static void backward(const job *q, const memory *a, i64 n, i64 live, i64 row, i6
     V *out[] = {bars + j};
     terminal_adjoint(in, out);
   }
-  if (q->pull)
+  if (q->terminal_gradient)
     for (int j = 0; j < U; j++) {
       V more[NX];
-      load_rows(q->pull, NX, row + j * W, end, more, 1);
+      load_rows(q->terminal_gradient, NX, row + j * W, end, more, 1);
       for (int k = 0; k < NX; k++) bars[k * U + j] += more[k];
     }
   if (q->parts == 1) {
@@ -174,7 +174,7 @@ static void load_block(const job *q, const memory *a, i64 row, i64 end) {
   for (int j = 0; j < U; j++, row += W) {
     if (!q->shared_x0) load_rows(q->x0, NX, row, end, a->x + j, U);
     else for (int k = 0; k < NX; k++) a->x[k * U + j] = SPLAT(q->x0[k]);
-    if (q->along) load_rows(q->along, nx, row, end, a->x + j, U);
+    if (q->linearise_along) load_rows(q->linearise_along, nx, row, end, a->x + j, U);
     if (!q->shared_theta)
       load_rows(q->theta, nt, row, end, (DENSE ? (V *)a->weights : a->theta) + j, U);
     if (PS > 1) load_rows(q->p, NP, row, end, a->p + j, U);
@@ -200,7 +200,7 @@ static i64 roll_out(i64 begin, i64 end, i64 chunk, const job *q) {
   i64 values = 1 + nt * (gradient + score), w_step = q->noise ? NU * U : 0;
   i64 sizes[] = {(N + 1) * NX * U, N * NL * U, w_step ? N * w_step : NU * U,
                  DENSE ? N * NU * U : nt * (q->shared_theta ? 1 : U), NP * PS,
-                 in_place ? 0 : nt * U, score ? nt * U : 0, U, q->along ? NX * U : 0,
+                 in_place ? 0 : nt * U, score ? nt * U : 0, U, q->linearise_along ? NX * U : 0,
                  DENSE && PER_SAMPLE ? nt * U : 0, 3 * values};
   enum { PARTS = sizeof(sizes) / sizeof(sizes[0]) };
   i64 size = 0;
@@ -303,7 +303,7 @@ def rollout_source(
         "PS": "U" if per_sample_p else "1",
         "GT": tapes.n_theta if layers is None else layers.n_weights,
         "ENDS": int(tapes.end_entry is not None),
-        "WEIGHT": tapes.end_entry or 0,
+        "END_ENTRY": tapes.end_entry or 0,
         **c_dense.layer_constants(layers, per_sample_theta),
     }
     return "".join(

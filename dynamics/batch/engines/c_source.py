@@ -228,7 +228,7 @@ class _PartEmitter:
         """Return the C statements, with each constant, input or value from memory loaded before its first use."""
         lines: list[str] = []
         loaded: set[str] = set()
-        for line in self._needed():
+        for line in self._used_statements():
             for kind, i in _NAMES.findall(line):
                 if int(i) not in self.own_set and kind + i not in loaded:
                     loaded.add(kind + i)
@@ -238,7 +238,7 @@ class _PartEmitter:
             return lines
         return [_NAMES.sub(rf"\g<0>_{self.register}", line) for line in lines]
 
-    def _needed(self) -> Iterable[str]:
+    def _used_statements(self) -> Iterable[str]:
         """Yield the C statements in order, without those whose result is unused."""
         output_lines = [line for i, lines in self.stores.items() if i not in self.own_set for line in lines]
         reverse = output_lines[::-1]

@@ -224,7 +224,7 @@ def _open(path: Path, symbols: Sequence[str]) -> ctypes.CDLL | None:
 def _object(key: str, source: str, compiler: Compiler, flags: tuple[str, ...]) -> Path:
     directory = cache_directory()
     if directory is not None:
-        cached_object = _verified(directory, key)
+        cached_object = _find_verified(directory, key)
         if cached_object is not None:
             _LOG.debug("%s: taken from the cache", cached_object.name)
             return cached_object
@@ -237,7 +237,7 @@ def _object(key: str, source: str, compiler: Compiler, flags: tuple[str, ...]) -
     return _compile(key, source, compiler, flags, _private_directory())
 
 
-def _verified(directory: Path, key: str) -> Path | None:
+def _find_verified(directory: Path, key: str) -> Path | None:
     for path in sorted(directory.glob(f"{key}-*.so")):
         with contextlib.suppress(OSError):
             if hashlib.sha256(path.read_bytes()).hexdigest() == path.stem.partition("-")[2]:

@@ -102,7 +102,7 @@ class Job(ctypes.Structure):
         *(
             (name, ctypes.c_void_p)
             for name in (
-                *("x0", "theta", "p", "w", "along", "pull", "sigma", "precision"),
+                *("x0", "theta", "p", "w", "linearise_along", "terminal_gradient", "sigma", "precision"),
                 *("cost", "gradient", "score", "last", "trail", "moments"),
             )
         ),
@@ -178,8 +178,8 @@ class CompiledRolloutEngine:
         elif q.gaussian is not None:
             noise, seed_key, sigma = 2, key_of(q.gaussian.seed), q.gaussian.component_scales(nu)
         arrays = {
-            **{"x0": q.x0, "theta": q.theta, "p": q.p, "w": q.w, "along": q.linearise_along},
-            **{"pull": q.terminal_gradient, "sigma": sigma, "precision": q.precision, **results},
+            **{"x0": q.x0, "theta": q.theta, "p": q.p, "w": q.w, "linearise_along": q.linearise_along},
+            **{"terminal_gradient": q.terminal_gradient, "sigma": sigma, "precision": q.precision, **results},
         }
         job = Job(
             horizon=q.horizon,
@@ -264,7 +264,7 @@ class ChunkEngine:
         w = w.reshape(q.horizon, tapes.nu, -1)
         linearise_along = None
         if q.linearise_along is not None:
-            linearise_along = scratch.columns("along", q.linearise_along).reshape(-1, tapes.nx, m)
+            linearise_along = scratch.columns("linearise_along", q.linearise_along).reshape(-1, tapes.nx, m)
         x, lam, cost = rollout.forward(x0, theta, p, w, m, q.gradient, linearise_along)
         shape = (q.parts, theta.shape[1], m)
         gradient, score = np.empty((0, m)), np.empty((0, m))

@@ -153,7 +153,7 @@ class Chain:
             # The centripetal part of the force passes through the joint, so it has no moment.
             moment = link.inertia * alpha[name] + link.mass * _moment(r, com_acceleration)
             loads[name] = link.mass * (com_acceleration - omega[name] ** 2 * r), moment
-        return self._gathered(frames, loads) + self.armature * a
+        return self._generalised_forces(frames, loads) + self.armature * a
 
     def weight(self, q: ca.SX) -> ca.SX:
         """Force that holds the chain against gravity (nq, 1) [N m, N]."""
@@ -169,7 +169,7 @@ class Chain:
         for link in self._ordered:
             linear, r = link.mass * w[link.name][:2], frames[link.name].rotate(link.com)
             loads[link.name] = linear, link.inertia * w[link.name][2] + _moment(r, linear)
-        return self._gathered(frames, loads)
+        return self._generalised_forces(frames, loads)
 
     def potential(self, q: ca.SX) -> ca.SX:
         """Energy of gravity (zero at the origin) and of the springs [J]."""
@@ -198,7 +198,7 @@ class Chain:
             total += link.mass * velocity
         return total
 
-    def _gathered(self, frames: dict[str, _Frame], loads: dict[str, tuple[ca.SX, ca.SX]]) -> ca.SX:
+    def _generalised_forces(self, frames: dict[str, _Frame], loads: dict[str, tuple[ca.SX, ca.SX]]) -> ca.SX:
         """Return generalised forces (nq, 1) from a force on each link and its moment about the joint."""
         force = {link.name: ca.SX.zeros(2) for link in self._ordered}
         moment = {link.name: ca.SX(0) for link in self._ordered}

@@ -184,13 +184,13 @@ def _nearest_on_segments(
     d, e = pose_a.to_world(capsule_a.end) - p, pose_b.to_world(capsule_b.end) - q
     dd, ee, de, offset = ca.sumsqr(d), ca.sumsqr(e), ca.dot(d, e), p - q
 
-    def clamped(value: ca.SX) -> ca.SX:
+    def clamp(value: ca.SX) -> ca.SX:
         return ca.fmin(ca.fmax(value, 0), 1)
 
     across = ca.fmax(dd * ee - de**2, 1e-12 * dd * ee)
-    s = clamped((de * ca.dot(e, offset) - ee * ca.dot(d, offset)) / across)
-    t = clamped((de * s + ca.dot(e, offset)) / ee)
-    s = clamped((de * t - ca.dot(d, offset)) / dd)
+    s = clamp((de * ca.dot(e, offset) - ee * ca.dot(d, offset)) / across)
+    t = clamp((de * s + ca.dot(e, offset)) / ee)
+    s = clamp((de * t - ca.dot(d, offset)) / dd)
     return p + s * d, q + t * e
 
 

@@ -15,7 +15,7 @@ from ocp.routes.branches import Branches
 from ocp.routes.complementarity import RelaxationPlan, by_strategy
 from ocp.routes.homotopy import Homotopy
 from ocp.routes.relaxations import CentralPath
-from ocp.routes.schedules import ScheduleMove, improve_schedule, moved, moves, predicted_gains, runs
+from ocp.routes.schedules import ScheduleMove, apply_move, improve_schedule, moves, predicted_gains, runs
 from ocp.solve.solve import new_session, solve
 from problems import get
 from tests.benchmarks.ocp.random_draws import drawn
@@ -49,14 +49,14 @@ def test_moves_change_one_chain_and_are_undone_by_their_opposite(held: list[bool
     chains = np.arange(2 * len(held)).reshape(2, -1)
     active = np.array(held + [False] * len(held))
     for move in moves(active, chains):
-        changed = moved(active, chains, move)
+        changed = apply_move(active, chains, move)
         assert changed is not None and not changed[chains[1]].any()
         assert abs(int(changed.sum()) - int(active.sum())) <= 2
         alone = len(runs(active)) == len(runs(changed)) == 1
         inside = runs(changed) and runs(changed)[0][0] > 0 and runs(changed)[-1][1] < len(held)
         if alone and inside and runs(active)[0][0] > 0:
             back = ScheduleMove(move.chain, move.run, -move.begins, -move.ends)
-            np.testing.assert_array_equal(moved(changed, chains, back), active)
+            np.testing.assert_array_equal(apply_move(changed, chains, back), active)
 
 
 def every_branch(name: str, steps: int) -> tuple[Branches, dict[bytes, Result]]:
@@ -119,7 +119,7 @@ def test_exchange_knows_no_size_and_begins_where_multipliers_promise_most() -> N
 
 def _flipped(branches: Branches, best: Result, pair: int) -> bool:
     """Return whether the branch with one pair on its other side costs less."""
-    active = moved(branches.program.active_sets(best.point.x)[-1], branches.program.chains, pair)
+    active = apply_move(branches.program.active_sets(best.point.x)[-1], branches.program.chains, pair)
     assert active is not None
     found = branches.solve(best.point, active)
     return found.ok and found.f < best.f * (1 - 1e-5)
