@@ -52,14 +52,14 @@ def named_file(source: Path | str | None, runs: Sequence[StoredRun]) -> ProblemS
     return spec
 
 
-def edited(run: StoredRun, own: ProblemSpec | None) -> str | None:
+def edited(run: StoredRun, file_spec: ProblemSpec | None) -> str | None:
     """Return a warning if the user's file of the problem has changed since the run was stored, else None."""
-    if own is None or own.name != run.meta["problem"]:
+    if file_spec is None or file_spec.name != run.meta["problem"]:
         return None
-    if own.digest == run.meta.get("source_digest"):
+    if file_spec.digest == run.meta.get("source_digest"):
         return None
     return (
-        f"{own.path or own.name}, or what it imports, has changed since {run.path.name} was stored;"
+        f"{file_spec.path or file_spec.name}, or what it imports, has changed since {run.path.name} was stored;"
         " the current file is used"
     )
 
@@ -90,8 +90,8 @@ def law_of(
     return law, f"{changed}; the current file is used"
 
 
-def spec_of(run: StoredRun, own: ProblemSpec | None = None) -> ProblemSpec:
-    """Return the problem of a run: one that ships with the workbench, or ``own``, from a file the user named.
+def spec_of(run: StoredRun, file_spec: ProblemSpec | None = None) -> ProblemSpec:
+    """Return the problem of a run: one that ships with the workbench, or ``file_spec``, from a file the user named.
 
     The file whose path the run stores is never loaded by itself. Raises
     :class:`~ocp.errors.InputError` if neither is the problem of the run.
@@ -99,8 +99,8 @@ def spec_of(run: StoredRun, own: ProblemSpec | None = None) -> ProblemSpec:
     name = str(run.meta["problem"])
     if not _is_user_problem(run):
         return registered(name)
-    if own is not None and own.name == name:
-        return own
+    if file_spec is not None and file_spec.name == name:
+        return file_spec
     file = run.record.get("source")
     origin = f"the file {file}" if file else "a problem built in Python"
     raise InputError(
@@ -116,12 +116,12 @@ def _is_user_problem(run: StoredRun) -> bool:
     return bool(run.record.get("source")) or not ships_with_the_workbench
 
 
-def problem_of(run: StoredRun, own: ProblemSpec | None = None) -> tuple[ProblemSpec, Any, Problem]:
+def problem_of(run: StoredRun, file_spec: ProblemSpec | None = None) -> tuple[ProblemSpec, Any, Problem]:
     """Return the specification, the parameters, and the rebuilt problem of a run.
 
     Raises :class:`~ocp.errors.InputError` as :func:`spec_of` does, and if the problem cannot be built.
     """
-    problem_spec = spec_of(run, own)
+    problem_spec = spec_of(run, file_spec)
     values = known_parameters(run, problem_spec)
     problem = problem_spec.problem(values)
     return problem_spec, problem_spec.params(values), problem.most_exact if run.record.get("sharpest") else problem

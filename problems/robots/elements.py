@@ -55,19 +55,19 @@ _BULKY = {"camera", "custom", "light", "material", "skin", "statistic", "texture
 _PICTURES = _BULKY | {"color", "group", "numeric", "rgba", "size", "texcoord", "text", "tuple", "user"}
 """Elements and attributes that change only pictures."""
 _REASONS = _by_name("""
-nothing is measured here: sensor calibration; each joint has its own motor: transmission; settings
+sensors are not simulated: sensor calibration; each joint has its own motor: transmission; settings
 of another program: gazebo; its soft limits and gains act in another program: safety_controller;
 speeds are not bounded: velocity; joints have no dry friction: friction frictionloss; gravity acts
 on every body: gravcomp; contacts only slide: rolling_friction spinning_friction; contact is
 rigid: solref solimp solmix margin gap contact contact_cfm contact_erp restitution; limits are
 rigid: solreflimit solimplimit; there is no such friction: solreffriction solimpfriction; there is
-no fluid: fluidshape fluidcoef; it stays flat and touches nothing: hfield; nothing acts at sites:
-site; surfaces do not run: surfacevel; motors act at once: delay; give it to the joint: armature
+no fluid: fluidshape fluidcoef; height fields have no contacts: hfield; no force acts at sites:
+site; surfaces do not move: surfacevel; motors have no delay: delay; give it to the joint: armature
 """)
 """Mapping from an element or attribute that is not read to the reason, for notes."""
 REFUSED = _by_name("""
-it copies another file: attach; nothing bends here: composite flex flexcomp; it runs programs:
-extension plugin; of a URDF nothing is included: include; it closes a loop, and joints form trees
+it copies another file: attach; bodies are rigid: composite flex flexcomp; it loads compiled code:
+extension plugin; a URDF cannot include files here: include; it closes a loop, and joints form trees
 here: loop_joint; it reads another file: model; it makes copies: replicate
 """)
 """Mapping from an element that is not supported, and cannot be left out, to the reason; it causes an error."""
@@ -91,7 +91,7 @@ def unread(root: Element, *, urdf: bool) -> list[str]:
     table, pictures = URDF if urdf else MJCF, set[str]()
     names_by_reason: dict[tuple[str, str, str], list[str]] = {}
     for element, owners in _walk(root, table, remove=None if urdf else _BULKY):
-        tag, (kind, name) = element.tag, _named(element, owners)
+        tag, (kind, name) = element.tag, _nearest_named(element, owners)
         if tag in REFUSED and (not urdf or tag in REFUSED_OF_URDF):
             raise ValueError(f"<{tag}> is not read, as {REFUSED[tag]}; write the robot without it")
         if tag in _PICTURES:
@@ -104,13 +104,13 @@ def unread(root: Element, *, urdf: bool) -> list[str]:
                 names_by_reason.setdefault(key, []).append(named)
         elif tag == "sensor" and not urdf:
             names = [sensor.get("name", sensor.tag) for sensor in element]
-            names_by_reason.setdefault(("", tag, _why(tag)), []).extend(names)
+            names_by_reason.setdefault(("", tag, _reason_for(tag)), []).extend(names)
         else:
             inside = dict.fromkeys(child.tag for child in element.iter() if child is not element)
             name += f" ({', '.join(inside)})" if inside else ""
-            names_by_reason.setdefault(("" if kind == tag else f"{tag} of ", kind, _why(tag)), []).append(name)
-    lines = [f"{prefix}{listed(kind, names)}: {why}" for (prefix, kind, why), names in names_by_reason.items()]
-    return lines + ([f"{', '.join(sorted(pictures))}: change pictures alone"] if pictures else [])
+            names_by_reason.setdefault(("" if kind == tag else f"{tag} of ", kind, _reason_for(tag)), []).append(name)
+    lines = [f"{prefix}{listed(kind, names)}: {reason}" for (prefix, kind, reason), names in names_by_reason.items()]
+    return lines + ([f"{', '.join(sorted(pictures))}: change only pictures"] if pictures else [])
 
 
 def _unread_attributes(element: Element, read: list[str], *, urdf: bool) -> dict[str, str]:
@@ -127,10 +127,10 @@ def _sentence(attribute: str, tag: str, kind: str, name: str) -> tuple[tuple[str
     if tag in ("option", "flag"):
         return ("", "option", "settings of a simulator, or of a fluid"), attribute
     prefix = f"{attribute} of " if kind == tag else f"{attribute} of {tag} of "
-    return (prefix, kind, _why(attribute)), name
+    return (prefix, kind, _reason_for(attribute)), name
 
 
-def _why(name: str) -> str:
+def _reason_for(name: str) -> str:
     return _REASONS.get(name, "an extension of another program" if ":" in name else "not read")
 
 
@@ -151,7 +151,7 @@ def _walk(
             owners[-1].remove(element)
 
 
-def _named(element: Element, owners: tuple[Element, ...]) -> tuple[str, str]:
+def _nearest_named(element: Element, owners: tuple[Element, ...]) -> tuple[str, str]:
     """Return tag and name of the element, or of the nearest one above it that has a name."""
     for ancestor in (element, *reversed(owners)):
         if ancestor.tag in ("default", "worldbody"):

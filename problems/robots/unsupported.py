@@ -38,7 +38,7 @@ def _unsupported_elements(model: Any) -> Iterator[tuple[str, str, list[int], str
         joints = [j for j in single if has[j]]
         yield f"{feature} of ", "joint", joints, "only hinges and slides have one"
     ties = [k for k in range(model.ntendon) if k not in coupled_tendons(model)]
-    yield "", "tendon", ties, "only joints bind bodies"
+    yield "", "tendon", ties, "only joints connect bodies"
     yield "", "eq", [k for k in range(model.neq) if not model.eq_active0[k]], "it is inactive"
     keys = [k for k in range(model.nkey) if model.key(k).name != "home"]
     yield "", "key", keys, "only the keyframe named home is used"

@@ -205,7 +205,7 @@ def test_a_hostile_file_opens_nothing_else(tmp_path: Path, monkeypatch: pytest.M
     assert seen == [tmp_path / "robot.xml", tmp_path / "in/part.xml"]
     # Neither pictures nor meshes outside a URDF's folder are opened.
     (tmp_path / "robot.xml").write_text(mjcf(J + G, "<asset><texture name='t' file='/dev/zero'/></asset>"))
-    assert "texture: change pictures alone" in robots.load(tmp_path / "robot.xml").ignored
+    assert "texture: change only pictures" in robots.load(tmp_path / "robot.xml").ignored
     (tmp_path / "robot.urdf").write_text(URDF.replace('<sphere radius="0.04"/>', "<mesh filename='/etc/passwd'/>"))
     assert any("mesh of link" in told for told in robots.load(tmp_path / "robot.urdf").ignored)
     assert not any(file.is_relative_to("/etc") or file == Path("/dev/zero") for file in seen)

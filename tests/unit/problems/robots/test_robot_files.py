@@ -48,14 +48,14 @@ def test_what_is_not_used_is_told_by_name(tmp_path: Path) -> None:
     robot = robots.load(file)
     told = "\n".join(robot.ignored)
     for words in (
-        "sensor angle: nothing is measured",
+        "sensor angle: sensors are not simulated",
         "options timestep, density, limit: settings of a",
         "solref of geom ball:",
         "frictionloss of joint j:",
         "gravcomp of body a:",
         "tendon rope:",
         "actuators pull, rope: only motors",
-        "site s: nothing acts at sites",
+        "site s: no force acts at sites",
         "geom egg: it is of the kind ellipsoid, and has no contacts",
         "geom hills: it is of the kind hfield",
         "torsional and rolling",
