@@ -97,7 +97,7 @@ def _merge(left: Triple, right: Triple) -> Triple:
 
 
 # Number of samples whose chunks' moments are stored before they are merged into the total.
-STRIDE = 1 << 22
+SAMPLES_PER_STRIDE = 1 << 22
 
 
 @dataclass(frozen=True)
@@ -123,7 +123,7 @@ class SampleOptions(TypedDict, total=False):
     terminal_gradient: np.ndarray | None
 
 
-class Rolling(ABC):
+class BatchedRollouts(ABC):
     """Base of rollouts of a step under a policy over `horizon` steps, for many samples.
 
     `parameters` are those of the step, then those of the objective and of the policy.
@@ -181,11 +181,11 @@ class Rolling(ABC):
         gradient (value - baseline) * score. Raises `ValueError` as a call does.
         """
         cost_baseline, samples = self._value_sign * float(baseline), (theta, p, noise, n_samples)
-        request = self._asked(x0, samples, gradient=gradient, score=score, baseline=cost_baseline, **options)
+        request = self._make_request(x0, samples, gradient=gradient, score=score, baseline=cost_baseline, **options)
         return self._moments(request, self._value_sign)
 
     @abstractmethod
-    def _asked(self, x0: Any, samples: Samples, **options: Any) -> RolloutRequest:
+    def _make_request(self, x0: Any, samples: Samples, **options: Any) -> RolloutRequest:
         """Return the checked request to the engine for the arguments of a call."""
 
     def _makers(self) -> dict[str, Any]:
@@ -197,7 +197,7 @@ class Rolling(ABC):
             return makers
         return {"c": lambda: CompiledRolloutEngine(tapes, threads, self.block), **makers}
 
-    def _sampled(self, q: RolloutRequest, results: RolloutArrays) -> NonFinite:
+    def _fill_samples(self, q: RolloutRequest, results: RolloutArrays) -> NonFinite:
         """Fill `results`, warn of samples that are not finite, and return them."""
         n_bad = self._engine.samples(q, results) if q.n else 0
         nonfinite = results.non_finite() if n_bad else NonFinite()
@@ -209,8 +209,8 @@ class Rolling(ABC):
         """Return the moments of what was requested, with the means times `sign`."""
         total: Moments | None = None
         bad_indices: list[np.ndarray] = []
-        for begin in range(0, q.n, STRIDE):
-            end = min(begin + STRIDE, q.n)
+        for begin in range(0, q.n, SAMPLES_PER_STRIDE):
+            end = min(begin + SAMPLES_PER_STRIDE, q.n)
             stride_moments, indices = self._stride_moments(q.slice_samples(begin, end))
             bad_indices.append(begin + indices)
             total = stride_moments if total is None else total.merge_with(stride_moments)

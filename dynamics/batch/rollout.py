@@ -13,7 +13,7 @@ from dynamics.batch.engines.rollout_engines import RolloutArrays, RolloutRequest
 from dynamics.batch.graphs.objective import Costs
 from dynamics.batch.graphs.policy import RolloutPolicy
 from dynamics.batch.random import Gaussian
-from dynamics.batch.rolling import Rolling, SampleOptions, Samples
+from dynamics.batch.rolling import BatchedRollouts, SampleOptions, Samples
 from dynamics.contact import Step
 
 
@@ -27,7 +27,7 @@ class Rollouts:
     nonfinite: NonFinite
 
 
-class RolloutFunction(Rolling):
+class RolloutFunction(BatchedRollouts):
     """Cost of closed-loop rollouts through contact, and its exact gradient, for many samples.
 
         cost = sum_{t<N} stage_cost(x_t, u_t, p) + terminal_cost(x_N, p)
@@ -82,7 +82,7 @@ class RolloutFunction(Rolling):
 
         Raises `ValueError` for wrong shapes, and for a score without `Gaussian` noise.
         """
-        q = self._asked(x0, (theta, p, noise, n_samples), gradient=gradient, score=score, **options)
+        q = self._make_request(x0, (theta, p, noise, n_samples), gradient=gradient, score=score, **options)
         shape = (q.n, *self.policy.shape(self.horizon))
         cost = as_output(out and out.cost, (q.n,), "cost")
         requested = [
@@ -90,10 +90,10 @@ class RolloutFunction(Rolling):
             for name, is_requested in (("gradient", gradient), ("score", score))
         ]
         slopes, scores = (None if a is None else a.reshape(q.n, q.theta.shape[1]) for a in requested)
-        nonfinite = self._sampled(q, RolloutArrays(cost.reshape(-1, 1), slopes, scores))
+        nonfinite = self._fill_samples(q, RolloutArrays(cost.reshape(-1, 1), slopes, scores))
         return Rollouts(cost, requested[0], requested[1], nonfinite)
 
-    def _asked(self, x0: Any, samples: Samples, u_before: Any | None = None, **options: Any) -> RolloutRequest:
+    def _make_request(self, x0: Any, samples: Samples, u_before: Any | None = None, **options: Any) -> RolloutRequest:
         return self._request(self._start(x0, u_before), samples, **options)
 
     def _start(self, x0: Any, u_before: Any | None) -> np.ndarray:
@@ -139,7 +139,7 @@ class Episodes:
         return self.trail[..., :-2]
 
 
-class EpisodeFunction(Rolling):
+class EpisodeFunction(BatchedRollouts):
     """Return of episodes through contact under a policy, and its exact gradient.
 
         V(theta, w) = sum_{t<H} d^t a_t reward(x_t, u_t, x_{t+1}, p) + d^H a_H final(x_H, p)
@@ -183,13 +183,13 @@ class EpisodeFunction(Rolling):
 
         Raises `ValueError` for wrong shapes, and for a score without `Gaussian` noise.
         """
-        q = self._asked(x0, (theta, p, noise, n_samples), gradient=gradient, score=score, **options)
+        q = self._make_request(x0, (theta, p, noise, n_samples), gradient=gradient, score=score, **options)
         shape = (q.n, *self.policy.shape(self.horizon))
         nx, last = self.tapes.nx, np.empty((q.n, self.tapes.nx))
         trail = np.empty((q.n, self.horizon + 1, nx)) if states else None
         flat = None if trail is None else trail.reshape(q.n, -1)
         results = RolloutArrays.allocate(q, last=last, trail=flat)
-        nonfinite = self._sampled(q, results)
+        nonfinite = self._fill_samples(q, results)
         if results.gradient is not None:
             np.negative(results.gradient, out=results.gradient)
         return Episodes(
@@ -201,7 +201,7 @@ class EpisodeFunction(Rolling):
             nonfinite=nonfinite,
         )
 
-    def _asked(
+    def _make_request(
         self,
         x0: Any,
         samples: Samples,
