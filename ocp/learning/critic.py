@@ -9,7 +9,7 @@ import numpy as np
 from dynamics.batch import BatchFunction, DensePolicy, Episodes, Gaussian, dense_policy
 from ocp.errors import InputError
 from ocp.learning.experiment import Experiment
-from ocp.learning.protocol import Normaliser, Row, State, Trained, first_weights, policy_vjp, renormalise_policy
+from ocp.learning.protocol import Normaliser, Row, State, TrainedPolicy, first_weights, policy_vjp, renormalise_policy
 from ocp.learning.total_propagation import with_jacobians
 from ocp.learning.unrolling import adam_step
 
@@ -79,7 +79,7 @@ class Critic:
         states, alive, running = episodes.states, _live_steps(episodes), _running_samples(episodes)
         noise_samples = noise.draw(len(alive), alive.shape[1], experiment.task.system.nu)
         x, x_next = states[:, :-1][alive], states[:, 1:][alive]
-        u = experiment.inputs(Trained.from_state(state), x, noise_samples[alive])
+        u = experiment.inputs(TrainedPolicy.from_state(state), x, noise_samples[alive])
         rewards, returns_to_go = np.zeros(alive.shape), np.zeros(len(alive))
         step_rewards = experiment.cached(_rewards)(x, u, x_next, _model_parameters(experiment, state))
         rewards[alive] = step_rewards[:, 0]

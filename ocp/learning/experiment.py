@@ -20,7 +20,7 @@ from ocp.learning.rollouts import TaskRollouts
 from ocp.problem.task import Task
 
 if TYPE_CHECKING:
-    from ocp.learning.protocol import Algorithm, Trained
+    from ocp.learning.protocol import Algorithm, TrainedPolicy
 
 T = TypeVar("T")
 """Type variable of a cached object."""
@@ -91,7 +91,7 @@ class Experiment(Configured):
     episodes: int = setting(16, "episodes of each evaluation", least=1)
     budget: Budget | None = None
     model_params: np.ndarray | None = None
-    start: Trained | None = None
+    start: TrainedPolicy | None = None
     params: Mapping[str, Any] = field(default_factory=dict)
     threads: int | None = None
     _compiled: list[TaskRollouts] = field(default_factory=list, init=False)
@@ -111,7 +111,7 @@ class Experiment(Configured):
         if self.start is not None:
             self._check_start(self.start)
 
-    def _check_start(self, start: Trained) -> None:
+    def _check_start(self, start: TrainedPolicy) -> None:
         sizes = np.shape(start.theta), np.shape(start.normaliser.mean)
         expected = (self.policy.n_theta,), (len(self.task.observations),)
         if sizes != expected:
@@ -199,7 +199,7 @@ class Experiment(Configured):
         """Return the observations (n, n_o), not normalised, in states (n, nx)."""
         return self._observe(states, self.physics)
 
-    def inputs(self, trained: Trained, states: np.ndarray, noise: np.ndarray | float = 0.0) -> np.ndarray:
+    def inputs(self, trained: TrainedPolicy, states: np.ndarray, noise: np.ndarray | float = 0.0) -> np.ndarray:
         """Return the inputs (n, nu) of a policy in states (n, nx), with ``noise`` (n, nu) on its actions."""
         if isinstance(self.policy, DensePolicy):
             normaliser = trained.normaliser

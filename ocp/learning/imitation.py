@@ -12,7 +12,7 @@ from dynamics.batch import BatchFunction, DensePolicy, StepFunction, dense_polic
 from dynamics.contact import Barrier, Step
 from dynamics.systems import ContactSystem
 from ocp.errors import InputError, NotConverged
-from ocp.learning.protocol import Normaliser, Trained, backpropagate, first_weights, layer_inputs
+from ocp.learning.protocol import Normaliser, TrainedPolicy, backpropagate, first_weights, layer_inputs
 from ocp.problem.evaluation import Evaluation
 from ocp.problem.rollout import Gains
 from ocp.problem.task import Task
@@ -114,7 +114,7 @@ other on a busy machine, and whose rounding depends on their number."""
 
 def fit_actions(
     task: Task, states: np.ndarray, inputs: np.ndarray, hidden: tuple[int, ...] = (), seed: int = 0
-) -> Trained:
+) -> TrainedPolicy:
     """Fit a policy with tanh layers ``hidden`` to ``inputs`` (n, nu) in ``states`` (n, nx).
 
     It minimises the mean of ``|a(o) - a*|²``, where a is the action before tanh and
@@ -132,7 +132,7 @@ def fit_actions(
     if not hidden:
         features = np.column_stack([observations, np.ones(len(observations))])
         fitted = np.linalg.lstsq(features, target_actions)[0]
-        return Trained(np.concatenate([fitted[:-1].T.ravel(), fitted[-1]]), normaliser)
+        return TrainedPolicy(np.concatenate([fitted[:-1].T.ravel(), fitted[-1]]), normaliser)
     initial_theta = first_weights(policy.sizes, 1.0, np.random.default_rng(seed))
     fitted = minimize(
         squared_error,
@@ -142,7 +142,7 @@ def fit_actions(
         jac=True,
         options={"maxiter": MAX_LBFGS_ITERATIONS, "maxfun": 2 * MAX_LBFGS_ITERATIONS},
     )
-    return Trained(fitted.x, normaliser)
+    return TrainedPolicy(fitted.x, normaliser)
 
 
 def squared_error(

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, ClassVar
 from dynamics.settings import setting
 from ocp.errors import InputError
 from ocp.learning.experiment import Experiment
-from ocp.learning.protocol import Algorithm, Row, State, Trained
+from ocp.learning.protocol import Algorithm, Row, State, TrainedPolicy
 
 if TYPE_CHECKING:
     from ocp.learning.mbpo_training import MBPOTrainer
@@ -94,7 +94,7 @@ class MBPO(Algorithm):
         """Take steps under the exact law, fit the ensemble, and train actor and critics on its rollouts."""
         return self._trainer(experiment).iterate(state, k)
 
-    def policy(self, experiment: Experiment, state: State) -> Trained:
+    def policy(self, experiment: Experiment, state: State) -> TrainedPolicy:
         """Return the policy that applies the actor's mean action."""
         return self._trainer(experiment).policy(state)
 

@@ -27,7 +27,7 @@ from ocp.learning.mbpo_networks import (
     tree_arrays,
     tree_from_arrays,
 )
-from ocp.learning.protocol import Normaliser, Row, State, Trained
+from ocp.learning.protocol import Normaliser, Row, State, TrainedPolicy
 
 if TYPE_CHECKING:
     from ocp.learning.experiment import Experiment
@@ -143,10 +143,10 @@ class MBPOTrainer:
             "episodes.returns": np.zeros(len(x)),
         }
 
-    def policy(self, state: State) -> Trained:
+    def policy(self, state: State) -> TrainedPolicy:
         """Return the policy that applies the mean action of a state's actor."""
         agent: Agent = tree_from_arrays("agent", state, self.first_agent)
-        return Trained(mean_action_parameters(agent.networks.actor), Normaliser.from_state(state))
+        return TrainedPolicy(mean_action_parameters(agent.networks.actor), Normaliser.from_state(state))
 
     def iterate(self, state: State, k: int) -> tuple[State, Row]:
         """Run iteration ``k``; return the new state and the iteration's numbers."""

@@ -11,7 +11,7 @@ import numpy as np
 from dynamics.batch import BatchFunction, constant_policy
 from ocp.errors import InputError
 from ocp.learning.experiment import EXACT, Experiment
-from ocp.learning.protocol import Trained
+from ocp.learning.protocol import TrainedPolicy
 from ocp.learning.rollouts import TaskRollouts
 from ocp.learning.training import evaluate_from
 from ocp.problem.problem import Constraint, Guess, Problem, Scaling
@@ -28,7 +28,7 @@ from ocp.solve.solve import new_session
 from ocp.solve.starts import best_of
 
 
-def guess_from_policy(experiment: Experiment, trained: Trained) -> Guess:
+def guess_from_policy(experiment: Experiment, trained: TrainedPolicy) -> Guess:
     """Return a guess of states and inputs: a policy's episode under the exact law.
 
     After an early end the last state is repeated, with zero inputs.

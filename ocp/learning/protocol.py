@@ -220,14 +220,14 @@ gradients, ``gradient_norm`` and ``gradient_variance`` (trace of the covariance 
 The training loop adds ``env_steps``, the number of simulated steps."""
 
 
-class Trained(NamedTuple):
+class TrainedPolicy(NamedTuple):
     """A trained policy: its parameters ``theta`` (n_theta,) and its normaliser of observations."""
 
     theta: np.ndarray
     normaliser: Normaliser
 
     @classmethod
-    def from_state(cls, state: State) -> Trained:
+    def from_state(cls, state: State) -> TrainedPolicy:
         """Build the policy from an algorithm's state."""
         return cls(state["theta"], Normaliser.from_state(state))
 
@@ -270,9 +270,9 @@ class Algorithm(Configured):
         """Return the algorithm's state after iteration k, and the numbers of that iteration; keep ``state``."""
         raise NotImplementedError
 
-    def policy(self, experiment: Experiment, state: State) -> Trained:
+    def policy(self, experiment: Experiment, state: State) -> TrainedPolicy:
         """Return the policy in an algorithm's state, without exploration noise."""
-        return Trained.from_state(state)
+        return TrainedPolicy.from_state(state)
 
 
 def with_prefix(prefix: str, arrays: Mapping[str, Any]) -> State:

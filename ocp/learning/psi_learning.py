@@ -12,7 +12,7 @@ from ocp.errors import InputError
 from ocp.learning.experiment import EXACT, Experiment
 from ocp.learning.explorer import Buffer, Explorer
 from ocp.learning.identify import OneStepLoss, search_iteration
-from ocp.learning.protocol import Algorithm, Row, State, Trained, with_prefix, without_prefix
+from ocp.learning.protocol import Algorithm, Row, State, TrainedPolicy, with_prefix, without_prefix
 from ocp.learning.random_search import RandomSearch, SearchDistribution
 
 PSI_PREFIX = "psi_learning."
@@ -89,7 +89,7 @@ class PsiLearning(Algorithm):
         experiment.count_steps(exact_steps)
         return {**state, **changed}, {**row, **psi_row}
 
-    def policy(self, experiment: Experiment, state: State) -> Trained:
+    def policy(self, experiment: Experiment, state: State) -> TrainedPolicy:
         """Return the policy of the wrapped algorithm."""
         return self.algorithm.policy(experiment, state)
 

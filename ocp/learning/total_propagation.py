@@ -15,7 +15,7 @@ from dynamics.batch.graphs.step_graphs import dependence_table
 from dynamics.settings import setting
 from ocp.errors import InputError, NotConverged
 from ocp.learning.experiment import Experiment
-from ocp.learning.protocol import Row, State, Trained, policy_vjp
+from ocp.learning.protocol import Row, State, TrainedPolicy, policy_vjp
 from ocp.learning.rollouts import episode_rewards
 from ocp.learning.unrolling import Clipping, Starts, ascend, non_finite_reward_message, with_observations
 
@@ -33,7 +33,7 @@ class Particles:
     """
 
     policy: RolloutPolicy
-    trained: Trained
+    trained: TrainedPolicy
     states: np.ndarray
     alive: np.ndarray
     rewards: np.ndarray
@@ -69,7 +69,7 @@ class Particles:
         return by_theta, np.einsum("no,nox->nx", observation_gradient, self.o_by_x[t])
 
 
-def simulate_particles(experiment: Experiment, trained: Trained, x0: np.ndarray, noise: np.ndarray) -> Particles:
+def simulate_particles(experiment: Experiment, trained: TrainedPolicy, x0: np.ndarray, noise: np.ndarray) -> Particles:
     """Simulate particles ``x_{t+1} = f(x_t, u_t) + noise_t`` from x0 (n, nx) with noise (H, n, nx)."""
     model, rows = experiment.cached(_ModelStep), []
     x, alive = x0, np.ones(len(x0), dtype=bool)
@@ -131,7 +131,7 @@ class _ModelStep:
         self.final_reward = with_jacobians(task.finals, 1)
         self.ends = BatchFunction(task.ends, "numpy", 1)
 
-    def step(self, trained: Trained, x: np.ndarray, noise: np.ndarray) -> dict[str, np.ndarray]:
+    def step(self, trained: TrainedPolicy, x: np.ndarray, noise: np.ndarray) -> dict[str, np.ndarray]:
         """Return the next states ``x_next`` from ``x`` (n, nx), and the other arrays of particles at this step."""
         task, (n, nx) = self.experiment.task, x.shape
         u = self.experiment.inputs(trained, x)
@@ -212,7 +212,7 @@ class TotalPropagation(Clipping):
         starts, steps = Starts.from_state(state), self.steps(experiment)
         shape = (steps, *starts.x.shape)
         noise = experiment.rng(k, "states").standard_normal(shape)
-        particles = simulate_particles(experiment, Trained.from_state(state), starts.x, self.sigma * noise)
+        particles = simulate_particles(experiment, TrainedPolicy.from_state(state), starts.x, self.sigma * noise)
         non_finite = np.argwhere(particles.stays_finite & ~np.isfinite(particles.rewards))
         if len(non_finite):
             step, sample = non_finite[0].tolist()

@@ -18,7 +18,7 @@ from dynamics.settings import read_count
 from ocp.errors import InputError
 from ocp.learning.experiment import EXACT, Experiment
 from ocp.learning.mbpo import MBPO
-from ocp.learning.protocol import Algorithm, Row, State, Trained, with_prefix, without_prefix
+from ocp.learning.protocol import Algorithm, Row, State, TrainedPolicy, with_prefix, without_prefix
 from ocp.learning.total_propagation import TotalPropagation
 from ocp.learning.unroll_gradients import ARS, FOPG, ZOPG, AoBG
 from ocp.learning.unrolling import non_finite_reward_message
@@ -66,7 +66,7 @@ class PolicyEvaluation:
 
 def evaluate(
     experiment: Experiment,
-    trained: Trained,
+    trained: TrainedPolicy,
     law: ContactLaw,
     episodes: int = 100,
     seed: int = EVALUATION_SEED,
@@ -80,7 +80,7 @@ def evaluate(
     return evaluate_from(experiment, trained, law, x0)
 
 
-def evaluate_from(experiment: Experiment, trained: Trained, law: ContactLaw, x0: np.ndarray) -> PolicyEvaluation:
+def evaluate_from(experiment: Experiment, trained: TrainedPolicy, law: ContactLaw, x0: np.ndarray) -> PolicyEvaluation:
     """Simulate episodes of a policy from ``x0`` (n, nx), otherwise as :func:`evaluate`."""
     episodes = experiment.rollouts(experiment.task.horizon, law)(
         x0, trained.theta, trained.normaliser, n_samples=len(x0), states=True

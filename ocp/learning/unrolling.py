@@ -14,7 +14,7 @@ from dynamics.contact import ContactLaw
 from dynamics.settings import setting
 from ocp.errors import InputError, NotConverged, choose
 from ocp.learning.experiment import Experiment
-from ocp.learning.protocol import Algorithm, Normaliser, Row, State, Trained, renormalise_policy
+from ocp.learning.protocol import Algorithm, Normaliser, Row, State, TrainedPolicy, renormalise_policy
 
 Slope = Callable[[np.ndarray], tuple[float, np.ndarray]]
 """Function from parameters to a cost and its gradient, which may both be random samples."""
@@ -176,7 +176,7 @@ def finite_samples(experiment: Experiment, state: State, episodes: Episodes, k: 
             finite &= np.isfinite(samples).all(axis=1)
     for sample in np.flatnonzero(~np.isfinite(episodes.value)):
         if np.isfinite(episodes.states[sample]).all():
-            step = _step_without_reward(experiment, Trained.from_state(state), episodes.states[sample])
+            step = _step_without_reward(experiment, TrainedPolicy.from_state(state), episodes.states[sample])
             location = f"sample {sample} in iteration {k}"
             raise InputError(non_finite_reward_message(experiment, step, location))
     if not finite.any():
@@ -187,7 +187,7 @@ def finite_samples(experiment: Experiment, state: State, episodes: Episodes, k: 
     return finite
 
 
-def _step_without_reward(experiment: Experiment, policy: Trained, states: np.ndarray) -> int:
+def _step_without_reward(experiment: Experiment, policy: TrainedPolicy, states: np.ndarray) -> int:
     """Return the first step whose reward is not finite under inputs without noise, else the number of steps."""
     task, inputs = experiment.task, experiment.inputs(policy, states[:-1])
     for t, (x, next_state) in enumerate(pairwise(states)):

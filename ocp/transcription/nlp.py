@@ -146,7 +146,7 @@ class NLP(Program):
 
         Variables have their :attr:`~ocp.problem.problem.Problem.natural` units. Where these are SI, the unit
         of a row is the power of two nearest to its change (:func:`~ocp.programs.units.row_units`),
-        elsewhere it is measured (:func:`~ocp.programs.units.measured`). In shooting, whose rows may be
+        elsewhere it is measured (:func:`~ocp.programs.units.measure_scale`). In shooting, whose rows may be
         steep, the unit of a row is at most 1, and outside SI only the cost is scaled.
         """
         import scipy.sparse as sp

@@ -10,7 +10,7 @@ import xarray as xr
 from dynamics.batch import DensePolicy, StepFunction
 from dynamics.contact import Adaptive, Barrier, ContactLaw
 from ocp.learning.experiment import Experiment
-from ocp.learning.protocol import Trained
+from ocp.learning.protocol import TrainedPolicy
 from problems.studies.progress import track_items
 from problems.studies.shared.trainings import make_job
 from problems.studies.study import Claim, FinishedParts, StudyParams, claim, dataset, setting, settings_text
@@ -106,7 +106,7 @@ def _task(task: str, params: Params) -> dict[str, np.ndarray]:
     return {"variance": variance, "lost": lost, "lipschitz": lipschitz, "lipschitz_policy": of_policy}
 
 
-def _visited(experiment: Experiment, trained: Trained, params: Params, stage: int) -> np.ndarray:
+def _visited(experiment: Experiment, trained: TrainedPolicy, params: Params, stage: int) -> np.ndarray:
     """Draw states (n, nx) from episodes of the policy with noise on its actions."""
     rng = experiment.rng(stage, "visited")
     x0 = experiment.first_states(params.unrolls, rng)
@@ -124,7 +124,7 @@ def _visited(experiment: Experiment, trained: Trained, params: Params, stage: in
     return candidates[rng.integers(len(candidates), size=params.unrolls)]
 
 
-def _lipschitz(experiment: Experiment, step: StepFunction, trained: Trained, x: np.ndarray) -> float:
+def _lipschitz(experiment: Experiment, step: StepFunction, trained: TrainedPolicy, x: np.ndarray) -> float:
     """Return the largest spectral norm of the step's slopes [A B] at states x under the policy."""
     steps, by_x, by_u = step.derivatives(x, experiment.inputs(trained, x))
     is_finite = np.isfinite(steps.x_next).all(axis=1)
@@ -132,7 +132,7 @@ def _lipschitz(experiment: Experiment, step: StepFunction, trained: Trained, x: 
     return float(np.linalg.norm(step_slopes, ord=2, axis=(1, 2)).max())
 
 
-def _lipschitz_policy(experiment: Experiment, trained: Trained, x: np.ndarray) -> float:
+def _lipschitz_policy(experiment: Experiment, trained: TrainedPolicy, x: np.ndarray) -> float:
     """Return the largest spectral norm of the policy's slope at states x, by central differences."""
     assert isinstance(experiment.policy, DensePolicy)
     columns = []

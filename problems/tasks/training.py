@@ -13,7 +13,7 @@ from dynamics.contact import ContactLaw
 from ocp.errors import InputError
 from ocp.judge.contact_report import least_slip
 from ocp.learning.experiment import EXACT, Experiment
-from ocp.learning.protocol import Algorithm, Normaliser, Trained
+from ocp.learning.protocol import Algorithm, Normaliser, TrainedPolicy
 from ocp.learning.training import CHECKPOINT_KEY, evaluate, read_checkpoint, train
 from ocp.learning.unroll_gradients import FOPG
 from ocp.problem.task import Task
@@ -29,11 +29,11 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
-def policy_of(data: xr.Dataset | Mapping[str, np.ndarray]) -> Trained:
+def policy_of(data: xr.Dataset | Mapping[str, np.ndarray]) -> TrainedPolicy:
     """Return the policy of a stored run of ``ocp train``, parameters and normaliser, exactly as trained."""
     theta, mean, scale = (np.asarray(data[name]) for name in ("theta", "mean", "scale"))
     # In binary floating point the square root of a square is exact.
-    return Trained(theta, Normaliser(2.0, mean, 2.0 * scale**2))
+    return TrainedPolicy(theta, Normaliser(2.0, mean, 2.0 * scale**2))
 
 
 def with_episode(experiment: Experiment, data: xr.Dataset) -> xr.Dataset:
@@ -47,7 +47,7 @@ def with_episode(experiment: Experiment, data: xr.Dataset) -> xr.Dataset:
     return _with_units(experiment, labelled)
 
 
-def _episode(experiment: Experiment, policy: Trained) -> dict[str, Any]:
+def _episode(experiment: Experiment, policy: TrainedPolicy) -> dict[str, Any]:
     task = experiment.task
     episode = evaluate(experiment, policy, EXACT, 1)
     length = int(episode.lengths[0])
@@ -196,7 +196,7 @@ def record(experiment: Experiment) -> dict[str, Any]:
     }
 
 
-def rebuilt(run: StoredRun) -> tuple[Experiment, Trained]:
+def rebuilt(run: StoredRun) -> tuple[Experiment, TrainedPolicy]:
     """Return the experiment and the policy of a stored run of ``ocp train``, to evaluate the policy again.
 
     Raises :class:`~ocp.errors.InputError` for a run of another kind, and if the policy does not fit

@@ -14,7 +14,7 @@ from ocp.jobs.scheduling import Report
 from ocp.learning.experiment import EXACT, Budget, Experiment
 from ocp.learning.imitation import demonstrations, fit_actions
 from ocp.learning.planned import best_plan, guess_from_constant_inputs, guess_from_policy
-from ocp.learning.protocol import Trained
+from ocp.learning.protocol import TrainedPolicy
 from ocp.learning.training import evaluate_from
 from ocp.learning.unroll_gradients import FOPG
 from problems.studies.shared.trainings import Curves, interpolate_finite, make_job, side_by_side, training_curves
@@ -193,7 +193,7 @@ class Policy:
     """Learned policy of a task, with the widths of its hidden layers."""
 
     task: str
-    trained: Trained
+    trained: TrainedPolicy
     hidden: tuple[int, ...]
 
     def over(self, steps: int) -> Experiment:
@@ -256,7 +256,7 @@ def make_plans(
     return {task: [results[f"{word}-{task}-{k}"] for k in range(n)] for task in tasks}
 
 
-def fit_network(task: str, shown: list[dict[str, np.ndarray]], seed: int) -> Trained:
+def fit_network(task: str, shown: list[dict[str, np.ndarray]], seed: int) -> TrainedPolicy:
     """Fit a policy network to the demonstrations of plans ``shown``."""
     states, inputs = (np.concatenate([plan_arrays[of] for plan_arrays in shown]) for of in ("states", "inputs"))
     return fit_actions(registry.get(task), states, inputs, HIDDEN, seed)

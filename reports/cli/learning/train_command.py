@@ -13,7 +13,7 @@ from ocp import store
 from ocp.errors import InputError, interruptible
 from ocp.jobs.scheduling import Workers, map_jobs
 from ocp.learning.experiment import Experiment
-from ocp.learning.protocol import Algorithm, Trained
+from ocp.learning.protocol import Algorithm, TrainedPolicy
 from ocp.learning.training import check_training, evaluate
 from ocp.problem.resources import check_memory
 from ocp.problem.task import Task
@@ -204,7 +204,7 @@ def _print_results(
         raise next(iter(failed.values()))
 
 
-EvaluateRequest = tuple[StoredRun, Experiment, Trained, ContactLaw]
+EvaluateRequest = tuple[StoredRun, Experiment, TrainedPolicy, ContactLaw]
 
 
 def check_evaluate(options: EvaluateOptions) -> EvaluateRequest:

@@ -16,7 +16,7 @@ from ocp.learning.experiment import EXACT, Experiment
 from ocp.learning.imitation import demonstrations, fit_actions, squared_error, tracking_gains
 from ocp.learning.mbpo import MBPO
 from ocp.learning.planned import planned_problem
-from ocp.learning.protocol import Trained, first_weights
+from ocp.learning.protocol import TrainedPolicy, first_weights
 from ocp.learning.training import evaluate, train
 from ocp.learning.unroll_gradients import FOPG
 from ocp.problem.problem import Scaling
@@ -171,7 +171,7 @@ def test_learning_begins_at_the_fitted_policy(found: list[Solution]):
 def test_a_start_is_told_by_its_content(found: list[Solution]):
     task = regulated()
     policy = fit_actions(task, *demonstrations(found))
-    moved = Trained(policy.theta + 1e-12, policy.normaliser)
+    moved = TrainedPolicy(policy.theta + 1e-12, policy.normaliser)
     given = {"task": task, "algorithm": FOPG(), "threads": 1}
     told = [Experiment(**given, start=one).settings()["start"] for one in (policy, moved)]
     assert told[0] == policy.digest != told[1]

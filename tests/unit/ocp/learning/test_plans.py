@@ -19,7 +19,7 @@ from ocp.learning.planned import (
     guess_from_policy,
     planned_problem,
 )
-from ocp.learning.protocol import Normaliser, Trained
+from ocp.learning.protocol import Normaliser, TrainedPolicy
 from ocp.learning.unroll_gradients import FOPG
 from ocp.problem.evaluation import Evaluation
 from ocp.problem.task import Task
@@ -146,7 +146,7 @@ def test_a_plan_that_was_cut_short_is_called_no_optimum():
 def test_a_policy_is_where_a_search_begins():
     task = scalar(horizon=4)
     experiment = Experiment(task=task, algorithm=FOPG(), law=Exact(), threads=1)
-    policy = Trained(np.array([0.3, 0.1]), Normaliser(4.0, np.array([0.5]), np.array([1.0])))
+    policy = TrainedPolicy(np.array([0.3, 0.1]), Normaliser(4.0, np.array([0.5]), np.array([1.0])))
     problem = planned_problem(task, START)
     states, inputs = guess_from_policy(experiment, policy)(problem, problem.parameters.values)
     x = START

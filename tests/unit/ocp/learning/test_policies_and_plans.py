@@ -10,7 +10,7 @@ import xarray as xr
 
 from dynamics.batch import BatchFunction
 from ocp.learning.experiment import EXACT
-from ocp.learning.protocol import Normaliser, Trained
+from ocp.learning.protocol import Normaliser, TrainedPolicy
 from ocp.learning.training import evaluate_from
 from problems.studies.shared.trainings import interpolate_finite, side_by_side
 from problems.studies.study import FinishedParts
@@ -38,7 +38,7 @@ def test_a_policy_is_measured_over_the_first_steps_of_its_episode():
     task = registry.get("hopper")
     n_o, nu = len(task.observations), task.system.nu
     theta = 0.1 * np.random.default_rng(3).standard_normal(nu * (n_o + 1))
-    policy = Policy("hopper", Trained(theta, Normaliser.identity(n_o)), ())
+    policy = Policy("hopper", TrainedPolicy(theta, Normaliser.identity(n_o)), ())
     whole = evaluate_from(policy.over(task.horizon), policy.trained, EXACT, initial_states("hopper", 2))
     counted = [min(int(lived), STEPS) for lived in whole.lengths]
     rewards = BatchFunction(task.rewards, "numpy", 1)

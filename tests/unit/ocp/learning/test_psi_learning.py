@@ -42,9 +42,9 @@ class Told:
         return {**state, "given": state["psi"]}, {"return_mean": 0.0}
 
     def policy(self, experiment, state):
-        from ocp.learning.protocol import Normaliser, Trained
+        from ocp.learning.protocol import Normaliser, TrainedPolicy
 
-        return Trained(state["theta"], Normaliser.identity(2))
+        return TrainedPolicy(state["theta"], Normaliser.identity(2))
 
 
 def learning(algorithm: Any = None, **changed: Any) -> PsiLearning:

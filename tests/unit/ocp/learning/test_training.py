@@ -16,7 +16,7 @@ from dynamics.batch import EpisodeFunction, StepFunction
 from dynamics.contact import Barrier
 from ocp.errors import InputError, NotConverged
 from ocp.learning.experiment import EXACT, Budget
-from ocp.learning.protocol import MIN_OBSERVATION_SCALE, Normaliser, Trained
+from ocp.learning.protocol import MIN_OBSERVATION_SCALE, Normaliser, TrainedPolicy
 from ocp.learning.total_propagation import TotalPropagation
 from ocp.learning.training import EVALUATION_SEED, evaluate, train
 from ocp.learning.unroll_gradients import ARS, FOPG, ZOPG, AoBG
@@ -197,7 +197,7 @@ def test_evaluation_by_hand():
     """Returns are sums of rewards until the episode's end; measures are means over the same steps."""
     e = experiment(FOPG(), task=scalar(horizon=6, done=0.9), discount=0.5)
     theta, seen = np.array([0.3, 0.4]), Normaliser(4.0, np.array([0.2]), np.array([1.0]))
-    found = evaluate(e, Trained(theta, seen), EXACT, 5, seed=3)
+    found = evaluate(e, TrainedPolicy(theta, seen), EXACT, 5, seed=3)
     assert len(set(found.lengths)) > 1 and found.lengths.min() < 6
     for i in range(5):
         x, total, visited = found.states[i, 0, 0], 0.0, []
