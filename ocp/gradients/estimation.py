@@ -145,7 +145,10 @@ class Sampling(Configured):
     rules: Sequence[Rule] = ()
     reference: str = setting("auto", "source of the true gradient", words=REFERENCE_KINDS)
     reference_samples: int | None = setting(
-        None, "samples of a sampled reference, ten times the others'", hint="one sample has no variance", least=2
+        None,
+        "samples of a sampled reference; by default ten times those of an estimator",
+        hint="one sample has no variance",
+        least=2,
     )
 
     def __post_init__(self) -> None:

@@ -219,11 +219,9 @@ class ConfidenceTest(Configured):
     Raises :class:`~ocp.errors.InputError` for gamma <= 0, delta outside (0, 1), deviation < 0.
     """
 
-    gamma: float | None = setting(
-        None, "bound on the error; a tenth of the zeroth-order gradient if not given", above=0
-    )
+    gamma: float | None = setting(None, "bound on the error; by default a tenth of the zeroth-order gradient", above=0)
     delta: float = setting(0.05, "probability that the test fails", above=0, below=1)
-    deviation: float | None = setting(None, "bound on one sample; the largest seen if not given", least=0)
+    deviation: float | None = setting(None, "bound on one sample; by default the largest sampled norm", least=0)
     name: ClassVar[str] = "alpha"
     summary: ClassVar[str] = "both orders, weighted subject to a confidence test"
 

@@ -76,14 +76,14 @@ class Experiment(Configured):
     law: ContactLaw = field(default_factory=lambda: Adaptive("quartic"))
     hidden: tuple[int, ...] | None = setting(
         (),
-        "units of each tanh layer, as 64,64; affine, or open-loop",
+        "units of each tanh layer, such as 64,64; or affine, or open-loop",
         hint="with commas, such as 64,64, affine or open-loop",
         least=1,
         most=100_000,
     )
-    initial: float = setting(0.1, "size of the last layer's first weights", least=0)
+    initial: float = setting(0.1, "factor on the initial weights of the last layer", least=0)
     rest: tuple[float, ...] | None = None
-    normalise: bool = setting(True, "observations by their running mean and scale")
+    normalise: bool = setting(True, "normalise observations by their running mean and scale")
     discount: float = setting(1.0, "discount of later rewards", hint="1 counts all rewards alike", above=0, most=1)
     seed: int = setting(0, least=0)
     iterations: int = setting(100, least=1)

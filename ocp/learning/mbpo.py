@@ -50,7 +50,7 @@ class MBPO(Algorithm):
     random_steps: int = setting(2048, "steps of random policies in iteration 0", least=1)
     capacity: int = setting(100_000, "steps that are stored", least=1, most=10_000_000)
     members: int = setting(7, "networks of the ensemble", least=1)
-    elites: int = setting(5, "networks used, the elites", least=1)
+    elites: int = setting(5, "networks with the smallest errors, which predict the steps", least=1)
     model_units: int = setting(100, "units of a layer of the model", least=1)
     model_layers: int = setting(3, "layers of the model", least=1)
     model_rate: float = setting(1e-3, "learning rate of the model", above=0)

@@ -46,7 +46,7 @@ class PsiLearning(Algorithm):
     steps: int = setting(16, "steps of each continued episode", least=1)
     sigma: float = setting(0.1, "noise on the inputs, in half ranges", least=0)
     capacity: int = setting(2000, "transitions that are stored", least=1)
-    rows: int = setting(128, "transitions that judge an iteration of the search", least=1)
+    rows: int = setting(128, "transitions on which a search iteration compares candidates", least=1)
     search_iterations: int = setting(10, "search iterations per policy iteration", least=1)
     search: RandomSearch = field(default_factory=RandomSearch)
 

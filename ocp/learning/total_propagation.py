@@ -201,11 +201,11 @@ class TotalPropagation(Clipping):
     """
 
     name: ClassVar[str] = "total-propagation"
-    summary: ClassVar[str] = "both orders mixed at every step backwards, along noisy states"
+    summary: ClassVar[str] = "gradients of both orders, mixed at every step of the backward pass"
     contact: ClassVar[str] = "exact"
 
     sigma: float = setting(1e-2, "standard deviation of the particles' noise", "units of the state", above=0)
-    samples: int = setting(64, "unrolls an iteration", hint="a variance needs two", least=2)
+    samples: int = setting(64, "unrolls per iteration", hint="a variance needs two", least=2)
 
     def iterate(self, experiment: Experiment, state: State, k: int) -> tuple[State, Row]:
         """Simulate particles and take one step along their total-propagation gradient."""

@@ -164,7 +164,7 @@ class AoBG(Unrolled):
     summary: ClassVar[str] = "alpha-order batched gradient, first and zeroth order mixed"
     contact: ClassVar[str] = "exact"
 
-    samples: int = setting(64, "unrolls an iteration", hint="a variance needs two", least=2)
+    samples: int = setting(64, "unrolls per iteration", hint="a variance needs two", least=2)
     gamma: float = setting(1.0, "bound on the gradient's error", "return / unit of theta", above=0)
     delta: float = setting(0.05, "probability that the test fails", above=0, below=1)
 

@@ -239,11 +239,11 @@ class Unrolled(Algorithm):
     of ``rate`` by ``optimiser``, one of the rules of :func:`~ocp.learning.unrolling.ascend`.
     """
 
-    samples: int = setting(64, "unrolls an iteration", least=1)
+    samples: int = setting(64, "unrolls per iteration", least=1)
     unroll: int = setting(32, "steps of an unroll, at most an episode's", least=1)
     sigma: float = setting(0.1, "standard deviation of the noise on the actions before tanh", above=0)
     rate: float = setting(0.01, "learning rate", above=0)
-    optimiser: str = setting("adam", "rule of a step", words=tuple(OPTIMISERS))
+    optimiser: str = setting("adam", "rule for a step along the gradient", words=tuple(OPTIMISERS))
 
     def starts(self) -> int:
         """Return the number of states from which unrolls start."""
@@ -289,7 +289,9 @@ class Clipping(Unrolled):
     Clipping protects the mean from a few diverging samples, but biases it; it is off by default.
     """
 
-    clip: float | None = setting(None, "largest norm of a sample's gradient in medians, which biases the mean", above=0)
+    clip: float | None = setting(
+        None, "maximum norm of a sample's gradient, in median norms; clipping biases the mean", above=0
+    )
 
     def clip_gradients(self, gradients: np.ndarray) -> np.ndarray:
         """Return ``gradients`` (n, n_theta) clipped to ``clip`` times their median norm."""

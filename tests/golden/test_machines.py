@@ -144,7 +144,7 @@ def test_a_gait_settled_on_its_first_branch_is_not_optimal(monkeypatch: pytest.M
     """Seven pairs are biactive, and the certificate names those whose change lowers the cost."""
     guesses = NLP.active_sets
     monkeypatch.setattr(NLP, "active_sets", lambda nlp, x: guesses(nlp, x)[:1])
-    monkeypatch.setattr(complementarity, "improved", lambda _, found, vain: found)
+    monkeypatch.setattr(complementarity, "improve", lambda _, found, max_failures: found)
     session = session_of("half-cheetah")
     found = judge_outcome(session, session.solve(), 0)
     check_gait(found, 1.0)
