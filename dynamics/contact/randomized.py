@@ -52,7 +52,7 @@ class Randomized(ContactLaw):
     seed: int = setting(0, "random seed of the nodes", least=0, most=2**31 - 1)
     scheme: str = setting("sobol", "rule of the nodes", words=SCHEMES)
     noise: str = setting("input", "where the noise is added", words=("input", "state"))
-    base: ContactLaw | None = setting(None, "law that is averaged, exact if not given; its own as base.NAME")
+    base: ContactLaw | None = setting(None, "law that is averaged, exact if not given; its settings are base.NAME")
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -90,5 +90,5 @@ def require_items(name: str, kinds: type[T] | tuple[type[T], ...], values: Any) 
     checked_items = tuple(values)
     for value in checked_items:
         if not isinstance(value, kinds):
-            raise ValueError(f"{name} must be a sequence of {names}, it holds {value!r}")
+            raise ValueError(f"{name} must be a sequence of {names}, but contains {value!r}")
     return checked_items

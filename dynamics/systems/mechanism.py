@@ -134,4 +134,4 @@ def check_parts(
             if name not in owners:
                 raise ValueError(f"{name!r} is not a part; choose from {', '.join(owners)}")
         if len({owners[name] for name in pair}) == 1:
-            raise ValueError(f"{' and '.join(pair)} are on the same {kind} and never meet")
+            raise ValueError(f"{' and '.join(pair)} are on the same {kind} and never touch")

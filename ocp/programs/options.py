@@ -75,10 +75,10 @@ def check_options(solver: str, options: Mapping[str, Any]) -> dict[str, Any]:
         option = _find_option(solver, name)
         if isinstance(value, bool) and option.annotation is str:
             value = "yes" if value else "no"
-        checked[name] = option.read(value, f"{solver} refused its options: ")
+        checked[name] = option.read(value, f"{solver} rejected its options: ")
         if name in LOOSEST and checked[name] > LOOSEST[name]:
             raise InputError(
-                f"{solver} refused its options: {name} must be at most {LOOSEST[name]:g}, got"
+                f"{solver} rejected its options: {name} must be at most {LOOSEST[name]:g}, got"
                 f" {value:g}; a looser tolerance proves nothing"
             )
     return checked
@@ -97,7 +97,7 @@ def _find_option(solver: str, name: str) -> Setting:
     if documented_options := documented(solver):
         if name in documented_options:
             return documented_options[name]
-        raise InputError(f"{solver} refused its options: it has no {name!r}{did_you_mean(name, documented_options)}")
+        raise InputError(f"{solver} rejected its options: it has no {name!r}{did_you_mean(name, documented_options)}")
     interface_options = INTERFACE.get(solver, {})
     return interface_options[name] if name in interface_options else _probe_option(solver, name)
 
@@ -123,5 +123,5 @@ def _probe_option(solver: str, name: str) -> Setting:
         reason = str(error).strip().splitlines()[-1]
         if name in reason:
             reason = reason.partition(": ")[2] or reason
-            raise InputError(f"{solver} refused its options: {reason}") from error
+            raise InputError(f"{solver} rejected its options: {reason}") from error
     return _option(name, "string")

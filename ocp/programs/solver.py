@@ -132,7 +132,7 @@ class Solver:
     ``options`` are the solver's own (for IPOPT without the ``ipopt.`` prefix). ``on_result`` may be a
     function that is called with the program and the result of each run; a run that Ctrl-C ended raises
     KeyboardInterrupt after that. Raises :class:`~ocp.errors.InputError` for an unknown name, a plugin
-    that this CasADi lacks, or an option that the solver refuses.
+    that this CasADi lacks, or an option that the solver rejects.
     """
 
     def __init__(self, name: str = "ipopt", options: dict[str, Any] | None = None) -> None:
@@ -197,7 +197,7 @@ class Solver:
         """Return a failed result for a plugin's exception; raise InputError where it is about options."""
         word = str(error).strip().splitlines()[-1]
         if "option" in word or "logger" in word:
-            raise InputError(f"{self.name} refused its options {self.options}: {word}") from error
+            raise InputError(f"{self.name} rejected its options {self.options}: {word}") from error
         return Result.at(nlp, start, p, Status.FAILED, word, seconds)
 
     def _solver_function(self, nlp: Program, overrides: dict[str, Any]) -> ca.Function:
@@ -231,7 +231,7 @@ class Solver:
         except RuntimeError as error:
             line = next((s for s in str(error).splitlines() if "ption" in s), str(error).strip())
             reason = line.rpartition(".cpp:")[2].partition(": ")[2].strip() or line.strip()
-            raise InputError(f"{self.name} refused its options: {reason}") from error
+            raise InputError(f"{self.name} rejected its options: {reason}") from error
 
 
 def _check_bounds(nlp: Program, bounds: dict[str, np.ndarray]) -> None:

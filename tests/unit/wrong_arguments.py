@@ -122,7 +122,7 @@ SCENES: dict[str, Call] = {
     "post: angle must be a number": lambda: Obstacle("post", Disc(0.1), (0, 0), "x"),  # pyright: ignore
     "goal of ball: at must be two numbers": lambda: Goal("ball", at=1.0),  # pyright: ignore
     "the things of a scene must be a sequence": lambda: Scene(BALL),  # pyright: ignore
-    "it holds Disc": lambda: Scene([Disc(0.1)]),  # pyright: ignore
+    "but contains Disc": lambda: Scene([Disc(0.1)]),  # pyright: ignore
     "two things are called": lambda: Scene([BALL, BALL]),
     "did you mean 'ball'?": lambda: Scene([BALL], non_colliding=[("ball", "bal")]),
     "the friction of a scene must not be negative": lambda: Scene([BALL], friction=-0.1),
@@ -162,7 +162,7 @@ SYSTEMS: dict[str, Call] = {
     "which does not exist": lambda: Machine((LINK,), (Sphere("foot", "leg", (0, 0), 0.1),)),
     "links must be": lambda: Machine(LINK, ()),  # pyright: ignore
     "two links are named 'torso'": lambda: Machine((LINK, LINK), ()),
-    "hangs on 'hip'": lambda: Machine((Link("leg", "hip", 1.0, 0.1),), ()),
+    "has the parent 'hip'": lambda: Machine((Link("leg", "hip", 1.0, 0.1),), ()),
     "sphere 'foot': radius must be positive": lambda: Sphere("foot", "torso", (0, 0), -0.1),
     "sphere 'foot': centre must be two numbers": lambda: Sphere("foot", "torso", 0.0, 0.1),  # pyright: ignore
     "part 'foot': shape must be a": lambda: Part("foot", "torso", 0.1),  # pyright: ignore

@@ -122,7 +122,7 @@ def _path_to_root(link: Branch, by_name: dict[str, Branch]) -> list[Branch]:
     while (parent := path[-1].parent) is not None:
         if parent not in by_name:
             raise ValueError(
-                f"link {path[-1].name!r} hangs on {parent!r}, which is no link;"
+                f"link {path[-1].name!r} has the parent {parent!r}, which is not a link;"
                 f" choose its parent from {', '.join(by_name)}"
             )
         if parent in (link_on_path.name for link_on_path in path):

@@ -122,7 +122,7 @@ class Body:
             raise ValueError(f"{owner} inertia must not be negative, got {known_moments}")
         if len(known_moments) == 3 and 2 * max(known_moments) > sum(known_moments) * (1 + 1e-6):
             raise ValueError(
-                f"{owner} inertia {known_moments} belongs to no body: no moment is larger than the sum of the other two"
+                f"{owner} inertia {known_moments} is impossible: no moment is larger than the sum of the other two"
             )
 
     def _check_joint(self, owner: str) -> None:

@@ -170,7 +170,7 @@ def test_an_arm_that_folds_onto_its_own_bar_stops_there() -> None:
     ("meeting", "sentence"),
     [
         (("hand", "nose"), "'nose' is not a part; choose from hand, end, beam"),
-        (("end", "beam"), "end and beam are on the same link and never meet"),
+        (("end", "beam"), "end and beam are on the same link and never touch"),
     ],
 )
 def test_a_meeting_that_cannot_be_is_refused(meeting, sentence: str) -> None:

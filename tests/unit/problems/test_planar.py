@@ -293,7 +293,7 @@ def test_hopper_stands_upright_above_the_ground_at_q_zero() -> None:
     [
         ([Link("a", "b", 1, 1), Link("b", "a", 1, 1)], "cycle, a -> b -> a"),
         ([Link("a", "a", 1, 1)], "cycle, a -> a"),
-        ([Link("a", None, 1, 1), Link("b", "c", 1, 1)], "'b' hangs on 'c', which is no link"),
+        ([Link("a", None, 1, 1), Link("b", "c", 1, 1)], "'b' has the parent 'c', which is not a link"),
         ([Link("a", None, 1, 1), Link("a", None, 1, 1)], "two links are named 'a'"),
     ],
 )

@@ -199,7 +199,7 @@ def _in_space(point) -> tuple[float, float, float]:
     ("wrong", "sentence"),
     [
         (lambda: Body("a", None, -1.0), "mass must not be negative"),
-        (lambda: Body("a", None, 1.0, (1.0, 1.0, 3.0)), "belongs to no body"),
+        (lambda: Body("a", None, 1.0, (1.0, 1.0, 3.0)), "is impossible"),
         (lambda: Body("a", None, 1.0, axis=(1.0, 1.0, 0.0)), "use .0.707107, 0.707107, 0."),
         (lambda: Body("a", None, 1.0, joint="screw"), "joint must be one of"),  # pyright: ignore
         (lambda: Body("a", "b", 1.0, joint="free"), "floats freely"),

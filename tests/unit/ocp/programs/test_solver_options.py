@@ -89,7 +89,7 @@ def test_ipopt_takes_the_numbers_that_are_said_to_be_taken(name: str, capfd) -> 
     ],
 )
 def test_what_a_solver_cannot_take_is_refused(solver: str, option: dict[str, Any], sentence: str) -> None:
-    with pytest.raises(InputError, match=f"{solver} refused its options: .*{sentence}"):
+    with pytest.raises(InputError, match=f"{solver} rejected its options: .*{sentence}"):
         check_options(solver, option)
 
 

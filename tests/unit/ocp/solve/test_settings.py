@@ -87,7 +87,7 @@ def test_options_reach_the_solver() -> None:
     ],
 )
 def test_a_refused_option_is_wrong_usage(solver: str, settings: dict[str, object]) -> None:
-    with pytest.raises(InputError, match=rf"{solver} refused its options|the options of {solver}"):
+    with pytest.raises(InputError, match=rf"{solver} rejected its options|the options of {solver}"):
         solve(get("push-1d", N=3), Barrier(mu=1e-2), solver=solver, settings=settings)
 
 
