@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,12 +16,23 @@ from ocp.mpc.stages import Plan, StageModel
 from ocp.problem.evaluation import Evaluation
 from ocp.problem.rollout import Gains, Rollout
 
-INPUT_TRACKING = 1e-3
-"""Weight of inputs' deviations beside that of states', both in characteristic sizes."""
-
-
 LEAST_SMOOTHING = 1e-6
 """Smoothing of steps whose active set has no linearisation, as where contacts are redundant."""
+
+
+class Weights(NamedTuple):
+    """Weights of deviations from a plan by a characteristic size, in what the plan can change of its cost.
+
+    Of states over the whole horizon, of the last state, and of inputs over the whole horizon.
+    """
+
+    states: float = 0.0
+    end: float = 0.0
+    inputs: float = 0.0
+
+
+NO_WEIGHTS = Weights()
+"""No deviation costs more than in the problem."""
 
 
 class PlanRegulator:
@@ -30,8 +42,7 @@ class PlanRegulator:
     that the jump at an impact is part of the linear dynamics. With a ``smoothing`` mu, in characteristic impulses times
     gaps, the derivatives are instead those of the point of ``lam gap = mu`` with the plan's ``lam - gap``: pairs near
     contact then share both sides. The regulated cost is the problem's second-order expansion at the plan, with
-    ``tracking`` times what the plan can change of its cost for a deviation of the states by their characteristic
-    sizes, once over the horizon and once at its end, and :data:`INPUT_TRACKING` of that for the inputs.
+    :class:`Weights` of deviations added.
     """
 
     def __init__(self, evaluation: Evaluation, plan: Rollout) -> None:
@@ -66,17 +77,17 @@ class PlanRegulator:
         zero = np.zeros_like(lam)
         return LinearClosure(lam / gap_size / larger, gap / lam_size / larger, zero, zero)
 
-    def gains(self, tracking: float = 0.0, smoothing: float = 0.0) -> Gains:
+    def gains(self, weights: Weights = NO_WEIGHTS, smoothing: float = 0.0) -> Gains:
         """Return K (N, nu, nx) and k (N, nu) with ``u = K x + k``, which keeps the plan's own trajectory."""
-        lin, plan, weight = self.linearised(smoothing), self._plan, tracking * self._unit
+        lin, plan, N = self.linearised(smoothing), self._plan, len(self._plan.u)
         nx, nu = self._model.nx, self._model.nu
         hessian, (end_gradient, end_hessian) = lin.hessian.copy(), lin.end
-        of_states = weight / self._sizes.x**2
+        of_states, of_inputs = self._unit / self._sizes.x**2, self._unit / self._sizes.u**2
         states, inputs = np.arange(nx), np.arange(nx + nu, nx + 2 * nu)
-        hessian[:, states, states] += of_states / len(plan.u)
-        hessian[:, inputs, inputs] += INPUT_TRACKING * weight / self._sizes.u**2 / len(plan.u)
-        tracked = replace(lin, hessian=hessian, end=(end_gradient, end_hessian + np.diag(of_states)))
-        K = self._regulator.gains(tracked)
+        hessian[:, states, states] += weights.states * of_states / N
+        hessian[:, inputs, inputs] += weights.inputs * of_inputs / N
+        end = end_gradient, end_hessian + np.diag(weights.end * of_states)
+        K = self._regulator.gains(replace(lin, hessian=hessian, end=end))
         return Gains(K, plan.u - np.einsum("kij,kj->ki", K, plan.x[:-1]))
 
 

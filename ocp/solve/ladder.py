@@ -10,12 +10,11 @@ import logging
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from itertools import product
 from typing import Any
 
 import numpy as np
 
-from dynamics.contact import Exact, Step
+from dynamics.contact import Exact
 from ocp.errors import InputError, NotConverged, abbreviated, choose, interruptible
 from ocp.judge.disturbances import disturbed_survival
 from ocp.judge.policy_referee import policy_report
@@ -24,12 +23,13 @@ from ocp.judge.route_report import DisturbedSurvival, Ladder, Rung, StageRecord
 from ocp.judge.step_size import step_size_kind
 from ocp.problem.evaluation import Evaluation
 from ocp.problem.problem import Problem
-from ocp.problem.rollout import Gains, Rollout, StateFeedback
+from ocp.problem.rollout import Rollout, StateFeedback
 from ocp.programs.solver import Status
 from ocp.routes.relaxations import DEFAULT_STRATEGY
 from ocp.routes.session import Session
 from ocp.solution import Interrupted, Solution
 from ocp.solve.comparable_cost import comparable_cost
+from ocp.solve.followed_plan import best_gains, plan_of, with_gains, with_replay
 from ocp.solve.refinement import HALVINGS, divided_step
 from ocp.transcription import Direct
 from ocp.transcription.nlp import StageCompiler
@@ -40,12 +40,10 @@ UNTIL = {"survives": "try remedies until the plan survives the referee, at h and
 """Values of ``until`` with their meaning."""
 WORK = 20
 """Iterations that the rungs may take, as a multiple of the plan's own; those at h/2 count twice."""
+FINER_SHARE = 0.25
+"""Share of these iterations that finer steps may take before gains are tried."""
 LEAST_WORK = 2000
 """Least number of iterations that the rungs may take."""
-TRACKING = (0.0, 1.0, 100.0)
-"""Weights of deviations from the plan for which gains are tried (:class:`~ocp.mpc.plan_policies.PlanRegulator`)."""
-SMOOTHING = (0.0, 1e-3, 0.1)
-"""Smoothings of the contact for which gains are tried, in characteristic impulses times gaps."""
 PAYING_SHARE = 0.75
 """Share of a replay's excess cost that is left where halving the step pays."""
 DEARER_SHARE = 1e-3
@@ -92,7 +90,7 @@ class SurvivalLadder:
         self.policies: dict[int, StateFeedback] = {}
         self.work, self.work_factor = 0.0, 1
         self.sharpens = _has_sharper_model(session.problem)
-        self.work_limit = max(LEAST_WORK, WORK * solution.iterations)
+        self.work_limit = self.all_work = max(LEAST_WORK, WORK * solution.iterations)
         self.iterations = solution.iterations
         self._add("the plan", solution)
 
@@ -142,6 +140,7 @@ class SurvivalLadder:
 
     def _finer(self) -> None:
         """Halve the step, each plan from the last, until one survives or halving pays no longer."""
+        self.work_limit = FINER_SHARE * self.all_work
         excess = self.rungs[self._index_of(self.plans[0])].excess
         for level in range(1, HALVINGS + 1):
             if self._finer_plan(level).referee.survives:
@@ -175,12 +174,15 @@ class SurvivalLadder:
         """Try gains along each plan, the coarsest first, until one survives; finer plans are made as needed."""
         if self.first.problem.scenarios.n > 1 or self.first.gains is not None:
             raise InputError("gains follow a single plan of open-loop inputs")
+        self.work_limit = self.all_work
         if isinstance(self.session.law, Exact) and self.first is not self.plans[0]:
             self._gains_along(self.first, "gains")
         for level in range(HALVINGS + 1):
             if self.rungs[-1].survives:
                 return
             solution = self._finer_plan(level)
+            if self.rungs[-1].survives:
+                return
             if solution is self.first and not isinstance(self.session.law, Exact):
                 raise InputError("gains follow a plan under the exact law")
             along = " along the sharper plan" if solution.route.sharpest else ""
@@ -188,14 +190,9 @@ class SurvivalLadder:
 
     def _gains_along(self, solution: Solution, name: str) -> None:
         """List the best gains along a plan, by the larger of their costs at h and h/4."""
-        from ocp.mpc.plan_policies import PlanRegulator
-
         evaluation, plan = self._plan(solution)
-        regulator = PlanRegulator(evaluation, plan)
-        candidates = [regulator.gains(*weights) for weights in product(TRACKING, SMOOTHING)]
-        outcomes = [referee_replay(evaluation, gains, plan.x[:, 0]) for gains in candidates]
-        best = min(range(len(outcomes)), key=lambda i: _order_of_outcome(outcomes[i]))
-        self._add(name, with_gains(solution, candidates[best], outcomes[best]), iterations=0)
+        gains, outcome = best_gains(evaluation, plan)
+        self._add(name, with_gains(solution, gains, outcome), iterations=0)
 
     def _controller(self) -> None:
         """Plan again at every step, on the referee's plant."""
@@ -210,7 +207,7 @@ class SurvivalLadder:
         if policy.samples == policy.kept:
             raise NotConverged(f"the controller made no plan of its own: {policy.note or 'no sample was answered'}")
         report = policy_report(evaluation, plan, outcome, solution.referee)
-        answer = replace(solution, referee=report, data=_with_replay(solution, outcome.replay))
+        answer = replace(solution, referee=report, data=with_replay(solution, outcome.replay))
         self._add("a controller", answer, outcome, iterations=0)
         self.policies[len(self.rungs) - 1] = policy
 
@@ -247,7 +244,8 @@ class SurvivalLadder:
             self.progress(stage)
         self.work += stage.iterations * self.work_factor
         if self.work > self.work_limit:
-            raise WorkSpentError(f"stopped after iterations of {WORK} plain solves")
+            plain_solves = round(WORK * self.work_limit / self.all_work)
+            raise WorkSpentError(f"stopped after iterations of {plain_solves} plain solves")
 
     def _add(
         self, name: str, solution: Solution, outcome: Referee | None = None, iterations: int | None = None
@@ -316,33 +314,3 @@ def _has_sharper_model(problem: Problem) -> bool:
         return problem.most_exact is not problem
     except InputError:
         return False
-
-
-def with_gains(solution: Solution, gains: Gains, outcome: Referee) -> Solution:
-    """Return a solution whose policy are gains, with what the referee says of their replay."""
-    evaluation, plan = plan_of(solution, solution.problem.exact_step)
-    report = policy_report(evaluation, plan, outcome, solution.referee)
-    data = _with_replay(solution, outcome.replay).assign(
-        K=(("interval", "control", "state"), gains.K, {"units": "1"}),
-        k=(("interval", "control"), gains.k, {"units": "1"}),
-    )
-    return replace(solution, gains=gains, referee=report, data=data)
-
-
-def plan_of(solution: Solution, step: Step) -> tuple[Evaluation, Rollout]:
-    """Return a solution's problem at its values, and its plan, which was made with ``step``."""
-    evaluation = Evaluation(solution.problem, solution.values)
-    arrays = (solution.data[name].values for name in ("x", "u", "lam", "gap"))
-    return evaluation, Rollout.from_trajectories(evaluation, step, *arrays)
-
-
-def _with_replay(solution: Solution, replay: Rollout) -> Any:
-    """Return the solution's data with another replay by the referee."""
-    x, u = solution.data["x_referee"], solution.data["u_referee"]
-    return solution.data.assign(x_referee=(x.dims, replay.x, x.attrs), u_referee=(u.dims, replay.u, u.attrs))
-
-
-def _order_of_outcome(outcome: Referee) -> float:
-    """Return the cost by which candidates are compared: the larger one of h and h/4."""
-    costs = [outcome.cost] if outcome.refined is None else [outcome.cost, outcome.refined_cost]
-    return max(costs) if all(map(math.isfinite, costs)) else math.inf

@@ -10,7 +10,7 @@ import pytest
 from scipy.linalg import solve_discrete_are
 
 from ocp import Solution, roll_out, solve
-from ocp.mpc.plan_policies import ControllerPolicy, PlanRegulator
+from ocp.mpc.plan_policies import ControllerPolicy, PlanRegulator, Weights
 from ocp.problem.evaluation import Evaluation
 from ocp.problem.rollout import Rollout, StateFeedback, roll_on
 from problems import get
@@ -71,7 +71,7 @@ def test_gains_keep_the_trajectory_of_the_plan_whatever_they_track() -> None:
     solution = solve("ball-bounce", "exact", effort="quick")
     evaluation, plan = rolled(solution)
     regulator = PlanRegulator(evaluation, plan)
-    gains = [regulator.gains(tracking) for tracking in (0.0, 1.0, 100.0)]
+    gains = [regulator.gains(weights) for weights in (Weights(), Weights(end=100.0), Weights(1.0, 1.0, 1.0))]
     for policy in gains:
         assert isinstance(policy, StateFeedback)
         x = roll_out(solution.problem, policy, solution.values, x0=plan.x[:, 0]).x
@@ -98,7 +98,7 @@ def test_redundant_contacts_are_regulated_by_a_smoothing_of_them() -> None:
     solution = solve("push-cube", "exact", effort="quick", N=2)
     regulator = PlanRegulator(*rolled(solution))
     lin = regulator.linearised()
-    assert np.isfinite(lin.x_next.by_x).all() and np.isfinite(regulator.gains(1.0).K).all()
+    assert np.isfinite(lin.x_next.by_x).all() and np.isfinite(regulator.gains(Weights(1.0)).K).all()
 
 
 @pytest.mark.costly

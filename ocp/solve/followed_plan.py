@@ -1,0 +1,74 @@
+"""Gains that follow a solution's plan: the best of several, and the solution with them as its policy."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+from dynamics.contact import Step
+from ocp.judge.policy_referee import policy_findings, policy_report
+from ocp.judge.referee import Referee, referee_replay
+from ocp.mpc.plan_policies import PlanRegulator, Weights
+from ocp.problem.evaluation import Evaluation
+from ocp.problem.rollout import Gains, Rollout
+from ocp.solution import Solution
+
+WEIGHTS = (
+    Weights(),
+    Weights(inputs=1.0),
+    Weights(end=100.0),
+    Weights(states=1.0, end=1.0, inputs=1e-3),
+    Weights(states=100.0, end=100.0, inputs=0.1),
+)
+"""Weights of deviations from the plan for which gains are tried."""
+SMOOTHING = (0.0, 1e-2, 0.1)
+"""Smoothings of the contact for which gains are tried, in characteristic impulses times gaps."""
+
+
+def best_gains(evaluation: Evaluation, plan: Rollout) -> tuple[Gains, Referee]:
+    """Return the gains along a plan whose larger cost of h and h/4 is least, with their replay.
+
+    Smoothed contacts are tried only where no gains survive without. Raises ``numpy.linalg.LinAlgError`` where a step
+    has no linearisation.
+    """
+    regulator = PlanRegulator(evaluation, plan)
+    candidates: list[tuple[Gains, Referee]] = []
+    for smoothing in SMOOTHING:
+        for weights in WEIGHTS:
+            gains = regulator.gains(weights, smoothing)
+            candidates.append((gains, referee_replay(evaluation, gains, plan.x[:, 0])))
+        best = min(candidates, key=lambda candidate: _order_of_outcome(candidate[1]))
+        if not any(policy_findings(evaluation, plan, best[1])):
+            return best
+    return min(candidates, key=lambda candidate: _order_of_outcome(candidate[1]))
+
+
+def with_gains(solution: Solution, gains: Gains, outcome: Referee) -> Solution:
+    """Return a solution whose policy are gains, with what the referee says of their replay."""
+    evaluation, plan = plan_of(solution, solution.problem.exact_step)
+    report = policy_report(evaluation, plan, outcome, solution.referee)
+    data = with_replay(solution, outcome.replay).assign(
+        K=(("interval", "control", "state"), gains.K, {"units": "1"}),
+        k=(("interval", "control"), gains.k, {"units": "1"}),
+    )
+    return replace(solution, gains=gains, referee=report, data=data)
+
+
+def plan_of(solution: Solution, step: Step) -> tuple[Evaluation, Rollout]:
+    """Return a solution's problem at its values, and its plan, which was made with ``step``."""
+    evaluation = Evaluation(solution.problem, solution.values)
+    arrays = (solution.data[name].values for name in ("x", "u", "lam", "gap"))
+    return evaluation, Rollout.from_trajectories(evaluation, step, *arrays)
+
+
+def with_replay(solution: Solution, replay: Rollout) -> Any:
+    """Return the solution's data with another replay by the referee."""
+    x, u = solution.data["x_referee"], solution.data["u_referee"]
+    return solution.data.assign(x_referee=(x.dims, replay.x, x.attrs), u_referee=(u.dims, replay.u, u.attrs))
+
+
+def _order_of_outcome(outcome: Referee) -> float:
+    """Return the cost by which candidates are compared: the larger one of h and h/4."""
+    costs = [outcome.cost] if outcome.refined is None else [outcome.cost, outcome.refined_cost]
+    return max(costs) if all(map(math.isfinite, costs)) else math.inf
