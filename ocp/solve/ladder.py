@@ -28,8 +28,8 @@ from ocp.programs.solver import Status
 from ocp.routes.relaxations import DEFAULT_STRATEGY
 from ocp.routes.session import Session
 from ocp.solution import Interrupted, Solution
+from ocp.solve.best_gains import best_gains, plan_of, with_gains, with_replay
 from ocp.solve.comparable_cost import comparable_cost
-from ocp.solve.followed_plan import best_gains, plan_of, with_gains, with_replay
 from ocp.solve.refinement import HALVINGS, divided_step
 from ocp.transcription import Direct
 from ocp.transcription.nlp import StageCompiler
