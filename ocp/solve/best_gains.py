@@ -27,21 +27,23 @@ SMOOTHING = (0.0, 1e-2, 0.1)
 
 
 def best_gains(evaluation: Evaluation, plan: Rollout) -> tuple[Gains, Referee]:
-    """Return the gains along a plan whose larger cost of h and h/4 is least, with their replay.
+    """Return the gains along a plan that survive at the least cost, the larger one of h and h/4, with their replay.
 
-    Smoothed contacts are tried only where no gains survive without. Raises ``numpy.linalg.LinAlgError`` where a step
-    has no linearisation.
+    Smoothed contacts are tried only where no gains survive without; where none survive at all, the cheapest gains are
+    returned. Raises ``numpy.linalg.LinAlgError`` where a step has no linearisation.
     """
     regulator = PlanRegulator(evaluation, plan)
-    candidates: list[tuple[Gains, Referee]] = []
+    candidates: list[tuple[bool, float, Gains, Referee]] = []
     for smoothing in SMOOTHING:
         for weights in WEIGHTS:
             gains = regulator.gains(weights, smoothing)
-            candidates.append((gains, referee_replay(evaluation, gains, plan.x[:, 0])))
-        best = min(candidates, key=lambda candidate: _order_of_outcome(candidate[1]))
-        if not any(policy_findings(evaluation, plan, best[1])):
-            return best
-    return min(candidates, key=lambda candidate: _order_of_outcome(candidate[1]))
+            outcome = referee_replay(evaluation, gains, plan.x[:, 0])
+            fails = any(policy_findings(evaluation, plan, outcome))
+            candidates.append((fails, _order_of_outcome(outcome), gains, outcome))
+        if not all(candidate[0] for candidate in candidates):
+            break
+    best = min(candidates, key=lambda candidate: candidate[:2])
+    return best[2:]
 
 
 def with_gains(solution: Solution, gains: Gains, outcome: Referee) -> Solution:
