@@ -33,7 +33,7 @@ class Params(StudyParams):
 def eq5(x: np.ndarray, v: np.ndarray, u: np.ndarray, kappa: np.ndarray, m: float, h: float) -> np.ndarray:
     """Return the next position [m] of Suh et al. 2022, eq. 5: ``x+ = h s``, ``s = (s0 + sqrt(s0² + 4/(kappa m)))/2``.
 
-    ``s0 = x/h + v + u/m``; for s0 < 0 the same root is computed as ``2/(kappa m)/(r - s0)``.
+    ``s0 = x/h + v + u/m``. For s0 < 0, s is computed as ``2/(kappa m)/(r - s0)``, with r the square root.
     """
     s0 = x / h + v + u / m
     r = np.sqrt(s0**2 + 4 / (kappa * m))

@@ -1,4 +1,4 @@
-"""A2: a bouncing ball, by the softened equation of motion and by time stepping."""
+"""A2: a bouncing ball, simulated by the softened equation of motion and by time stepping."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ NOTES = (
 
 
 def in_log_height(mu: float, q0: float, g: float, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return height [m] and vertical velocity [m/s] at ``times`` [s], (n,), of a ball thrown level from q0 [m].
+    """Return height [m] and vertical velocity [m/s] at ``times`` [s], (n,), of a ball thrown horizontally from q0 [m].
 
     Integrates Zhang et al. 2023, eq. C.1, in ``s = ln y``: ``s' = v exp(-s)``, ``v' = mu exp(-s) - g``, mu
-    in J/kg; in y itself the minimum height, about ``q0 exp(-g q0/mu)``, would be lost to rounding.
+    in J/kg; an integration in y would lose the minimum height, about ``q0 exp(-g q0/mu)``, to rounding.
     """
     trajectory = _integrate(mu, q0, g, times[-1], times)
     return np.exp(trajectory.y[0]), trajectory.y[1]
@@ -60,7 +60,7 @@ def _integrate(mu: float, q0: float, g: float, end: float, times: Any, events: A
 
 
 def as_printed(mu: float, q0: float, g: float, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return contact force per mass [m/s²] and vertical velocity at ``times``, by Zhang et al. 2023, eq. C.1."""
+    """Return contact force per mass [m/s²] and vertical velocity at ``times`` by eq. C.1 of Zhang et al. 2023."""
 
     def slope(_: float, state: np.ndarray) -> list[float]:
         gamma, e, _ = state

@@ -113,7 +113,7 @@ def run(params: Params) -> xr.Dataset:
 
 
 def bound_sides(data: xr.Dataset, law: str) -> tuple[float, float]:
-    """Return both sides of Zhang et al. 2023, thm. 4.2, for one law, with means over runs for expectations.
+    """Return both sides of Zhang et al. 2023, thm. 4.2, for one law; means over runs replace the expectations.
 
     ``min_n E|grad J|² <= 4c/N E[J_N - J_0] + 4/N sum_n (c (2 delta b_n + eta/2 v_n) + b_n² + v_n)``
     with ``c = 1/(eta - L eta²)``, bias b_n, variance v_n, step eta, and delta the largest |theta|.

@@ -22,15 +22,15 @@ NOTES = (
 ORDERS = ("zobg", "fobg")
 """Names of the estimators that are compared."""
 _PANEL_NUS = (1e-3, 0.2)
-"""Slip tolerances of the panel over sliding velocity [m/s]."""
+"""Slip tolerances [m/s] of the curves in the panel whose horizontal axis is the sliding velocity."""
 BATCHES = (1, 3, 10, 30, 100, 300, 1000)
 """Batch sizes for which the share of zero batches is measured."""
 _RATIOS = np.geomspace(1e-4, 10, 21)
-"""Ratios nu/sigma at which theta = nu/2 is evaluated; the paper's text is about small ones."""
+"""Ratios nu/sigma at which theta = nu/2 is evaluated; the paper's text is about small ratios."""
 
 
 class Params(StudyParams):
-    """Parameters of study P3, from the authors' code except for fewer tolerances."""
+    """Parameters of study P3; values are those of the authors' code, with fewer slip tolerances."""
 
     sigma: float = setting(0.1, "m/s", "standard deviation of the noise", CODE, above=0)
     theta: float = setting(0.1, "m/s", "decision of the panel over samples", CODE)
@@ -41,7 +41,10 @@ class Params(StudyParams):
 
 
 def run(params: Params) -> xr.Dataset:
-    """Compute estimates over the number of samples, and variances over the tolerance, also for a block on a belt."""
+    """Compute running means of both gradient estimators, and their variances for every slip tolerance.
+
+    The variances are computed for Coulomb friction on its own and for a block on a belt.
+    """
     nus = params.sigma * np.geomspace(1e-4, 1, params.tolerances)
     coarse = nus[:: max(1, params.tolerances // 8)]
     widths = _stick_width() * np.geomspace(1e-3, 10, 9)
@@ -97,7 +100,11 @@ def run(params: Params) -> xr.Dataset:
 
 
 def _at_half(coulomb: SampledObjective, params: Params) -> np.ndarray:
-    """Return, at theta = nu/2, F', chance and share of nonzero samples, and largest sample outside nu, (ratios, 4)."""
+    """Return rows of four numbers at theta = nu/2, one row for each of :data:`_RATIOS`.
+
+    They are F', the probability of a nonzero first-order sample, the observed share of nonzero samples,
+    and the largest absolute sample whose noise puts the sliding velocity outside the slip tolerance.
+    """
     rows = []
     for index, nu in enumerate(params.sigma * _RATIOS):
         objective = coulomb.at({"theta": nu / 2, "nu": nu})
@@ -113,7 +120,7 @@ def _at_half(coulomb: SampledObjective, params: Params) -> np.ndarray:
 
 
 def _silent(objective: SampledObjective, params: Params) -> np.ndarray:
-    """Return the share of batches of first-order samples that are all zero, (len(BATCHES),)."""
+    """Return, for each batch size, the share of batches whose first-order samples are all zero, (len(BATCHES),)."""
     seed = np.random.SeedSequence(params.seed, spawn_key=(3000,))
     samples = objective.sample_gradients(Gaussian(params.sigma, seed), params.many).direction[:, 0]
     return np.array(
@@ -185,7 +192,7 @@ def _variance(data: xr.Dataset) -> list[Claim]:
 
 
 def _few_samples(data: xr.Dataset) -> list[Claim]:
-    """Check that few samples show neither gradient nor variance."""
+    """Check that the first-order gradient and its variance are usually zero when few samples are taken."""
     n, nu = data.attrs["n_samples"], data["nu"].values
     p = float(data["truth"]) * data.attrs["nu"] / 2
     sizes, silent = data["batch"].values, data["silent"].values
@@ -194,7 +201,7 @@ def _few_samples(data: xr.Dataset) -> list[Claim]:
     reach = f"up to {sizes[few].max()}" if few.any() else "none"
     hits = n * data["chance"].values
     empty = data["variance"].sel(order="fobg").values == 0
-    # If all samples fall within nu, they do not vary either; the claim is not about those.
+    # If all samples fall within nu, their variance is zero too; the claim does not concern that case.
     rare, often = hits < _RARE_SAMPLES, (hits > _FREQUENT_SAMPLES) & (data["chance"].values < 0.5)
     share = float(np.mean(empty[rare])) if rare.any() else np.nan
     return [
@@ -215,7 +222,7 @@ def _few_samples(data: xr.Dataset) -> list[Claim]:
 
 
 def _empirical_bias(data: xr.Dataset) -> list[Claim]:
-    """Check gradient, probability of zero samples in two readings, and empirical bias at theta = nu/2."""
+    """Check gradient, empirical bias and two statements on the probability of zero samples, all at theta = nu/2."""
     sigma, many, ratio = data.attrs["sigma"], data.attrs["many"], data["ratio"].values
     c = 1 / (np.sqrt(2 * np.pi) * sigma)
     F, p = data["half_gradient"].values, data["half_chance"].values

@@ -52,7 +52,7 @@ def run(params: Params) -> xr.Dataset:
         forms.append(objective.closed_form(params.sigma))
     boxes = params.sigma * np.array(_BOX_WIDTHS)
     edges = boxes[:, None] / 2
-    # Half of the box on each side of w = -theta; differences of the nearer tail do not cancel.
+    # The box is centred at w = -theta; a difference of upper tails, at |theta|, suffers no cancellation.
     delta = (norm.sf(np.abs(thetas) - edges, 0, params.sigma) - norm.sf(np.abs(thetas) + edges, 0, params.sigma)) / (
         2 * edges
     )

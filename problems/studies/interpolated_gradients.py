@@ -20,7 +20,7 @@ NOTES = (
 ESTIMATORS = ("zobg-mean", "fobg", "alpha-fixed", "alpha-variance", "alpha")
 """Names of the estimators that are compared."""
 CASES = ("heaviside", "coulomb", "ball-wall")
-"""Names of the objectives on which they are compared."""
+"""Names of the objectives on which the estimators are compared."""
 
 QUICK = {"n_samples": 500, "repeats": 8}
 

@@ -140,14 +140,14 @@ def jump_decisions(data: xr.Dataset, name: str, share: float = 0.1) -> np.ndarra
 
 
 def _bias(data: xr.Dataset, name: str) -> float:
-    """Return the largest error of the first-order gradient over the largest slope."""
+    """Return the largest error of the first-order gradient, divided by the largest slope."""
     slope = data[f"slope_{name}"].values
     errors = np.abs(data[f"first_{name}"].values[:, 0] - slope)
     return float(errors.max() / np.abs(slope).max())
 
 
 def _steps(data: xr.Dataset, name: str) -> float:
-    """Return the largest step of the smoothed F on its grid over its bound ``spacing range(f)/(sqrt(2 pi) sigma)``."""
+    """Return the largest step of the smoothed F on its grid, as a share of ``spacing range(f)/(sqrt(2 pi) sigma)``."""
     step = np.abs(np.diff(data[f"F_{name}"].values)).max()
     spacing = float(data[f"theta_{name}"][1] - data[f"theta_{name}"][0])
     steepest = np.ptp(data[f"f_{name}"].values) * norm.pdf(0, 0, data.attrs[f"sigma_{name}"])
@@ -155,7 +155,10 @@ def _steps(data: xr.Dataset, name: str) -> float:
 
 
 def _scatter(data: xr.Dataset, name: str) -> tuple[float, float, int]:
-    """Return, for n zeroth-order errors over their standard errors, mean times sqrt(n), root mean square, and n."""
+    """Return sqrt(n) times the mean, the root mean square, and the number n of scores at steep slopes.
+
+    A score is the error of the zeroth-order gradient divided by its standard error.
+    """
     estimate, slope = data[f"zeroth_{name}"].values, data[f"slope_{name}"].values
     # Where the slope is small, too few samples cross the jump to estimate a standard error.
     steep = np.abs(slope) > 0.3 * np.abs(slope).max()

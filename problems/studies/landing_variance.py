@@ -46,10 +46,10 @@ class Params(StudyParams):
 
 
 def run(params: Params) -> xr.Dataset:
-    """Compute the variance of both gradients, the largest over both parameters and all ends of the rollout.
+    """Compute the largest variance of each gradient over both parameters and over all lengths of the rollout.
 
     The parameters are the two velocities of the throw, given by a thrust in the first step; the
-    return R is the squared distance of (q, v) from (v0, 0, v0, 0) at the end. The likelihood-ratio
+    return R is the squared distance of the final (q, v) from (v0, 0, v0, 0). The likelihood-ratio
     gradient is that of evolution strategies: ``(R(theta + w) - R(theta - w)) w / (2 sigma²)``.
     """
     shape = (len(STEPS), len(MUS))
@@ -70,7 +70,7 @@ def run(params: Params) -> xr.Dataset:
 
 
 def _variances(params: Params, h: float, steps: int) -> np.ndarray:
-    """Return the larger variance of both parameters, (2, len(MUS)): first-order and likelihood-ratio gradient."""
+    """Return the first-order and the likelihood-ratio variance, maximum over both parameters, (2, len(MUS))."""
     problem = get("ball-bounce", h=h, g=params.g)
     step = Barrier(mu=1.0).close(problem.system)
     x, u, p = ca.SX.sym("x", 4), ca.SX.sym("u", 2), ca.SX.sym("p", len(step.p))

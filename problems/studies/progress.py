@@ -8,7 +8,7 @@ from contextvars import ContextVar
 from typing import TypeVar
 
 T = TypeVar("T")
-"""Item of a tracked loop."""
+"""Type of the items of a loop whose progress is reported."""
 Listener = Callable[[str, int, int], None]
 """Callback with the name of a loop, the number of its finished items and the number of all items."""
 _LISTENER: ContextVar[Listener | None] = ContextVar("listener", default=None)

@@ -36,7 +36,7 @@ class Params(StudyParams):
 
 
 def run(params: Params, finished: FinishedParts) -> xr.Dataset:
-    """Compute exact returns, speeds and gradient variances of every run over its iterations."""
+    """Compute exact returns, speeds and gradient variances at the iterations of every run."""
     every = max(1, params.iterations // params.judged)
     jobs = {
         f"{name}-{r}": make_job(

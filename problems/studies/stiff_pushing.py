@@ -1,4 +1,4 @@
-"""P5: pushing through a stiff spring: variance of gradients over stiffness, and the stability limit."""
+"""P5: pushing with contact as a stiff spring: variance of gradients over stiffness, and the stability limit."""
 
 from __future__ import annotations
 
@@ -31,17 +31,21 @@ NOTES = (
 )
 
 _STATE_SIGNALS = "x1 [m]; x2 [m]; v1 [m/s]; v2 [m/s]"
-"""Positions and velocities of the two bodies."""
+"""Names and units of the states: positions and velocities of the two bodies."""
 _BODY_DISTANCE = 1.0
-"""Distance [m] of the bodies' positions at which they touch."""
+"""Distance [m] between the positions of the two bodies at which they touch."""
 MUS = (1e-6, 1e-4, 1e-2)
 """Central-path parameters of the barrier laws [J]."""
 DAMPINGS = np.array([0.1, 0.9, 0.99, 0.998])
-"""Factors on the velocity in each step: 0.1 is that of the authors' sweep, 0.99 and 0.998 those of their task runs."""
+"""Factors on the velocity in each step; the authors use 0.1 for their sweep, 0.99 and 0.998 for their tasks."""
 
 
 class Params(StudyParams):
-    """Parameters of study P5, from the authors' code as far as they give the published crossing of the curves."""
+    """Parameters of study P5.
+
+    Values are those of the authors' code, except where these do not reproduce the published crossing of
+    the curves.
+    """
 
     m: float = setting(0.1, "kg", "mass of each body", CODE, above=0)
     h: float = setting(0.005, "s", "step size", CODE, above=0)
@@ -57,7 +61,7 @@ class Params(StudyParams):
 
 
 class _Pushing:
-    """Rollouts of one pushing model with the cost ``sum_t (x2 - goal)²``, and the variances of their gradients."""
+    """Rollouts of one pushing model with the cost ``sum_t (x2 - goal)²``, for the variances of its gradients."""
 
     def __init__(self, params: Params, step: Step) -> None:
         self._params, self._step = params, step
@@ -74,7 +78,7 @@ class _Pushing:
     def variances(self, p: np.ndarray) -> tuple[float, float]:
         """Return the covariance traces of the first-order gradient (FoBG) and the zeroth-order one (ZoBG).
 
-        ZoBG has the cost without noise as baseline.
+        The baseline of ZoBG is the cost without noise.
         """
         start, theta = np.array([0.0, _BODY_DISTANCE, 0.0, 0.0]), np.full((self._params.N, 1), 0.0)
         theta += self._params.u0
@@ -109,7 +113,7 @@ def _arguments(params: Params) -> tuple[float, float, float, float]:
 
 
 def _unstable(params: Params) -> float:
-    """Return the stiffness [N/m] at which the spectral radius of the step in contact passes 1; NaN if it does not."""
+    """Return the stiffness [N/m] at which the spectral radius of the step in contact exceeds 1, or NaN if none."""
     spring = Exact().close(pushing_system(1.0, *_arguments(params)))
     # The bodies overlap by 1 mm, so that the spring acts and the Jacobian is that of the closed contact.
     fine = stability_limit(params) * np.linspace(0.5, 1.5, 2001)
@@ -121,7 +125,7 @@ def _unstable(params: Params) -> float:
 
 
 def run(params: Params) -> xr.Dataset:
-    """Compute variances of both estimators over the stiffness k, and for implicit time stepping, which has none."""
+    """Compute variances of both estimators over the stiffness k, and for implicit time stepping, which needs no k."""
     k = np.geomspace(params.k_least, params.k_most, params.points)
     penalty = _sweep(params, k)
     others = [params.model_copy(update={"c": c}) for c in DAMPINGS]
@@ -157,8 +161,8 @@ def pushing_system(k: float | None, m: float, c: float, h: float, length: float)
 
     u [N] pushes body 1 towards body 2; the gap is ``x2 - x1 - length``. With a stiffness ``k``
     [N/m] contact is a penalty method under semi-implicit integration, ``f = k max(0, -gap(x))``,
-    written as ``0 <= lam ⟂ gap(x) + lam/k >= 0``, whose exact solution is that spring; lam is a
-    force [N]. With ``k`` None it is implicit time stepping, ``0 <= lam ⟂ gap(x+) >= 0``.
+    written as ``0 <= lam ⟂ gap(x) + lam/k >= 0``, whose exact solution is this force lam [N]. With ``k``
+    None contact is implicit time stepping, ``0 <= lam ⟂ gap(x+) >= 0``.
     """
     rate = h / m
     table = ParameterTable([] if k is None else [Parameter("k", k, "N/m", "stiffness")])
@@ -182,11 +186,11 @@ def pushing_system(k: float | None, m: float, c: float, h: float, length: float)
 
 
 _LIGHT_DAMPING = 0.99
-"""Factor on the velocity from which damping is light: it is slow compared with the spring's oscillation."""
+"""Factor on the velocity above which damping is slow compared with the oscillation of the spring."""
 
 
 def crossing_stiffness(k: np.ndarray, first: np.ndarray, zeroth: np.ndarray) -> float:
-    """Return the stiffness at which the first order's variance passes the zeroth order's, on log axes; NaN if none."""
+    """Return the stiffness at which the two curves of variance cross, interpolated on log axes; NaN if they do not."""
     excess = np.log(first / zeroth)
     above = np.flatnonzero(excess > 0)
     if not above.size or above[0] == 0:

@@ -22,11 +22,11 @@ from problems.spec import Citation, check_parameters
 WITHIN_NOISE = "within noise"
 """Verdict on a claim whose statistic lies too near to its threshold to decide."""
 _NOISE_MARGIN = 3.0
-"""Distance from the threshold, in standard errors, below which a claim is within noise."""
+"""Distance of a statistic from its threshold, in standard errors, below which a claim is within noise."""
 PAPER = "paper"
 """Origin of a value that the paper's text states."""
 CODE = "authors' code"
-"""Origin of a value that the authors' public code has."""
+"""Origin of a value that is taken from the authors' public code."""
 CHOICE = "our choice"
 """Origin of a value that no source states."""
 
@@ -80,8 +80,8 @@ class Claim:
     """Sentence of a paper, what was expected and measured, and whether it holds.
 
     ``source`` is the paper and the place in it; ``expected`` and ``measured`` are short texts with
-    units; ``holds`` is whether the sentence is true as it stands. Where a statistic of samples
-    decides that, ``margin`` is its distance from the threshold in standard errors; else it is None.
+    units; ``holds`` is whether the sentence is true as it stands. Where this depends on a
+    statistic of samples, ``margin`` is its distance from the threshold in standard errors; else it is None.
     """
 
     claim: str
@@ -163,7 +163,7 @@ class FigureStudy:
     ``units`` on every numeric variable and coordinate (:func:`dataset`); ``claims(data)``, which
     checks that dataset, with the parameters as attributes; and ``NOTES``, sentences on choices and
     corrections. A long study sets ``RESUMES``: its ``run(params, finished)`` loads finished parts.
-    ``QUICK`` maps parameters to sizes at which it takes at most 20 s; its claims then prove little.
+    ``QUICK`` maps parameters to values for a run of at most 20 s, too small to support the claims.
     """
 
     id: str
@@ -213,7 +213,7 @@ class FigureStudy:
         jobs: int | None = None,
         scheduler: str | None = None,
     ) -> xr.Dataset:
-        """Run the study at ``values`` and defaults for the others; return its data, with the parameters as attributes.
+        """Run the study at ``values``, other parameters at their defaults; return its data, with these as attributes.
 
         A study that resumes loads finished parts from ``checkpoint`` and stores new ones there; for
         ``jobs`` and ``scheduler`` see :class:`FinishedParts`.
@@ -266,7 +266,7 @@ def format_values(values: Iterable[float], form: str) -> str:
 def settings_text(settings: Sequence[object], marks: ArrayLike) -> str:
     """Return a text that says at which ``settings`` a claim holds: ``for all of a, b`` or ``for a, not for b``.
 
-    Numbers have four digits; ``marks`` has one truth value for each setting.
+    Numbers are written with four digits; ``marks`` has one truth value for each setting.
     """
     words = [f"{s:.4g}" if isinstance(s, int | float) else str(s) for s in settings]
     truths = np.asarray(marks, dtype=bool)
@@ -292,7 +292,7 @@ def claim_verdict(holds: bool, margin: float | None = None) -> str:
 def count_text(claims: Iterable[Claim | Mapping[str, Any]]) -> str:
     """Return a text that counts the claims that hold and those within noise: ``5 of 7 (1 within noise)``.
 
-    Claims may also be mappings, as in a run's record.
+    Claims may also be mappings, as they are stored in the record of a run.
     """
     rows = [claim if isinstance(claim, Mapping) else vars(claim) for claim in claims]
     verdicts = [claim_verdict(row["holds"], row.get("margin")) for row in rows]

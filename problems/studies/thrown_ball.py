@@ -1,4 +1,4 @@
-"""A7: throws of a ball learned by policy gradients of four kinds, and landscapes of their return."""
+"""A7: throws of a ball learned by four kinds of policy gradients, and landscapes of the return."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Params(StudyParams):
 
 
 def make_methods(params: Params) -> dict[str, tuple[Algorithm, ContactLaw]]:
-    """Return a mapping from method to its algorithm and the contact law that it learns through."""
+    """Return a mapping from method to its algorithm and the contact law through which gradients are taken."""
     n_even = params.samples + params.samples % 2
     options = {"samples": n_even, "unroll": get("ball-throw").horizon, "sigma": params.sigma, "rate": params.rate}
     first = FOPG(**options)
@@ -98,7 +98,7 @@ def run(params: Params) -> xr.Dataset:
 
 
 def parameters_of(task: Task, decision: np.ndarray) -> np.ndarray:
-    """Return the policy's parameters (..., 2) whose actions are ``decision`` (..., 2), angle [rad] and speed [m/s]."""
+    """Return policy parameters (..., 2) for which the action is ``decision`` (..., 2), angle [rad] and speed [m/s]."""
     return np.arctanh((decision - task.mid_range) / task.half_range)
 
 
@@ -127,9 +127,9 @@ def _returns(experiment: Experiment, law: ContactLaw, decisions: np.ndarray) -> 
 _SECTION_7_3 = "ABS, sec. 7.3"
 """Citation in the claims that the paper makes."""
 _GOAL_RETURN = -0.01
-"""Minimum return [m²] at which the ball counts as at the goal."""
+"""Minimum return [m²] for which the ball counts as having reached the goal."""
 _PROMINENCE = 1e-3
-"""Minimum prominence of a local maximum, over the range of values."""
+"""Minimum prominence of a local maximum, as a share of the range of values."""
 
 
 def claims(data: xr.Dataset) -> list[Claim]:

@@ -151,12 +151,12 @@ _SHARP = "mu 1e-10"
 _WIDE = "mu 0.01"
 _ADAPTIVE = "adaptive"
 _SHORTEST_FITTED = 5
-"""Shortest unroll [steps] in the fit of the growth; shorter ones may have no contact."""
+"""Shortest unroll [steps] in the fit of the growth rate; shorter unrolls may have no contact."""
 
 
 @dataclass(frozen=True)
 class Growth:
-    """Growth rate of the log variance per step of the unroll, and its 95 % interval over the policies."""
+    """Growth rate of the log variance per step of the unroll, and its 95 % interval over the stages of training."""
 
     rate: float
     low: float
@@ -176,7 +176,7 @@ class Growth:
 
 
 def variance_growth(data: xr.Dataset, task: str, law: str) -> Growth:
-    """Return the fitted growth rate: its mean over stages, plus and minus two standard errors; NaN if too few fits."""
+    """Return the growth rate as the mean of fits over stages, with two standard errors each way; NaN for too few fits."""
     variances = data["variance"].sel(task=task, law=law)
     lengths = variances["length"].values
     chosen = lengths >= _SHORTEST_FITTED
@@ -192,7 +192,7 @@ def variance_growth(data: xr.Dataset, task: str, law: str) -> Growth:
 
 
 def bound_rate(data: xr.Dataset, task: str, law: str) -> float:
-    """Return the growth per step of theorem 4.4's log bound, ``4 log(sqrt 2 L_f L_pi)``, L_f and L_pi at least 1."""
+    """Return the growth per step of log(bound) in theorem 4.4, ``4 log(sqrt 2 L_f L_pi)``, L_f and L_pi at least 1."""
     slope = data["lipschitz"].sel(task=task, law=law).max("stage")
     policy = data["lipschitz_policy"].sel(task=task).max("stage")
     return float(4 * np.log(np.sqrt(2) * np.maximum(slope, 1) * np.maximum(policy, 1)))

@@ -135,13 +135,13 @@ class ThrownBall(SampledObjective):
 SHAPES = ("rectangle", "dome")
 """Shapes of the top of the wall."""
 _DOMES = 5
-"""Number of domes in the sweep, each half as wide as the one before."""
+"""Number of domes in the sweep; each is half as wide as the previous dome."""
 _FINER_STEPS = 20
-"""Divisor of the step size for the drawn paths; at the full step they seem not to touch the wall."""
+"""Divisor of the step size for the drawn paths, which at the full step seem not to touch the wall."""
 
 
 class Params(StudyParams):
-    """Parameters of study P4, from the authors' code; the noise, which the code lacks, is our choice."""
+    """Parameters of study P4; values are those of the authors' code, except for the noise, which is our choice."""
 
     v0: float = setting(5.0, "m/s", "speed of the throw", CODE, above=0)
     g: float = setting(9.81, "m/s^2", "gravity", CODE, above=0)
@@ -165,7 +165,7 @@ def make_throw(params: Params, dome: bool, width: float | None = None) -> Thrown
 
 def _shrinking(params: Params, corner: float) -> dict:
     """Compute the empirical bias (beta, Delta, S), Suh et al. 2022, def. III.3, at the corner as the dome narrows."""
-    # The event is that the dome is missed: the slope is then at most that of the rectangle.
+    # The event is that the ball misses the dome; the slope is then at most that for the rectangle.
     width = params.width / 2.0 ** np.arange(_DOMES)
     at_flat = make_throw(params, False).at({"theta": corner})
     noise = Gaussian(params.sigma, np.random.SeedSequence(params.seed, spawn_key=(_DOMES,)))
@@ -244,7 +244,7 @@ def run(params: Params) -> xr.Dataset:
 
 
 def _chance(n: int) -> float:
-    """Return an upper limit on the mean square of n standard normal scores: five deviations above its mean 1."""
+    """Return an upper limit on the mean square of n standard normal scores: its mean 1 plus five deviations."""
     return 1 + 5 * np.sqrt(2 / max(n, 1))
 
 

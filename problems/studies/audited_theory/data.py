@@ -42,7 +42,7 @@ class Params(StudyParams):
 
 
 def _audit(params: Params, rng: np.random.Generator) -> dict:
-    """Compute slope over bound, (kind, size, bound, draw); a bound holds where this is at most one."""
+    """Compute ratios of slope to bound (kind, size, bound, draw); a bound holds where its ratio is at most one."""
     shape = (len(bounds.KINDS), len(SIZES), len(BOUNDS), params.draws)
     ratio = np.full(shape, np.nan)
     step = np.zeros(shape[:2])
@@ -88,7 +88,7 @@ def _over_domain(
 
 
 def _sweep(params: Params, rng: np.random.Generator, n: int = 4) -> dict:
-    """Compute the largest slope, the largest curvature at a kink and the printed bound over mu, (kind, mu) each."""
+    """Compute largest slope, largest curvature at a kink and printed bound for each kind and mu, (kind, mu) each."""
     slope, curvature, bound = np.empty((3, len(bounds.KINDS), len(MUS)))
     for row, kind in enumerate(bounds.KINDS):
         F = np.stack([bounds.random_p_matrix(rng, n, kind) for _ in range(params.sweep)])

@@ -22,7 +22,7 @@ def _impact_claims(data: xr.Dataset) -> list[Claim]:
     counts = data["count"].values
     constant = quiet > 0.8
     pairs = [f"({step:g} s, {count})" for step in steps for count in counts]
-    # Expected number of samples in the one step of the impact, for an average around it.
+    # Expected number of samples that fall into the time step of the impact, for an average centred there.
     expected = steps[:, None] * counts / (sigma * np.sqrt(2 * np.pi))
     rare = expected < 0.1
     least_quiet = quiet[rare].min() if rare.any() else np.nan

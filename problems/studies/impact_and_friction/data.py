@@ -21,7 +21,7 @@ def softened_box(
     """Return a box's next velocity [m/s] from rest under pushes u [N], and its derivative by u [m/(N s)], (n,) each.
 
     A barrier on both faces of |f| <= b = friction h m g, f the friction impulse, gives
-    ``v+ = r(f) = -(2 mu/h) f/(b² - f²)`` with ``m v+ = h u + f``, one root f; mu in N s m. The
+    ``v+ = r(f) = -(2 mu/h) f/(b² - f²)`` with ``m v+ = h u + f``, which has one root f; mu in N s m. The
     derivative is ``(h/m) c/(1 + c)``, ``c = -m r'(f) = (2 m mu/h) (b² + f²)/(b² - f²)²``; it
     tends to 0 in stick and to h/m in slip.
     """
@@ -52,11 +52,12 @@ def smoothed_box(
 
 @dataclass(frozen=True)
 class Cost:
-    """Cost of averaging exact slopes of the box instead of solving the softened box once, at equal bias.
+    """Number of exact solves that replace one solve of the softened box at equal bias, and related errors.
 
-    ``bias`` [m/(N s)]: root mean square over the pushes of softened less exact slope; ``sigma``
-    [N]: noise whose average has the same bias; ``single``: error of one exact solve over that bias;
-    ``needed``: number of exact solves after which the error is within a tenth of the bias.
+    ``bias`` [m/(N s)]: root mean square, over the pushes, of the softened slope minus the exact one;
+    ``sigma`` [N]: noise for which the averaged exact slope has the same bias; ``single``: error of one
+    exact solve over that bias; ``needed``: number of exact solves whose average has an error at most a
+    tenth above the bias.
     """
 
     bias: float
@@ -66,7 +67,7 @@ class Cost:
 
 
 def cost_of_averaging(u: np.ndarray, mu: float, **box: float) -> Cost:
-    """Compare barrier and randomized smoothing of the slope on a fine grid of pushes ``u`` [N] past both steps."""
+    """Compare barrier and randomized smoothing of the slope at pushes ``u`` [N], a fine grid past both jumps of it."""
     exact = np.where(np.abs(u) > box["friction"] * box["m"] * box["g"], box["h"] / box["m"], 0.0)
 
     def root_mean_square(values: np.ndarray) -> float:
@@ -77,7 +78,7 @@ def cost_of_averaging(u: np.ndarray, mu: float, **box: float) -> Cost:
     def excess(sigma: float) -> float:
         return root_mean_square(smoothed_box(u, sigma, **box)[0] - exact) - bias
 
-    # For sigma far below the grid's spacing RS is exact on it; far above its length RS slips everywhere.
+    # For sigma far below the grid's spacing RS gives the exact slope; far above its length it gives h/m everywhere.
     smallest_sigma, largest_sigma = 1e-2 * float(u[1] - u[0]), 1e6 * float(np.ptp(u))
     sigma = float(brentq(excess, smallest_sigma, largest_sigma))  # pyright: ignore[reportArgumentType]
     variance = float(np.mean(smoothed_box(u, sigma, **box)[1]))
@@ -91,9 +92,9 @@ BALL_MUS = (1e-4, 1e-3, 1e-2)
 BOX_MUS = np.array([1 / 300, 1 / 30, 1 / 3])
 """Central-path parameters of the box over h b²/m, b = friction h m g its largest friction impulse."""
 _POINTS_NEAR_IMPACT = 2000
-"""Number of positions within sigma of the impact at which randomized smoothing is evaluated."""
+"""Number of positions, at most sigma from the impact, at which randomized smoothing is evaluated."""
 FINER = (1, 10, 100)
-"""Ratios of h, the barrier's step, to the step of the exact ball that is averaged."""
+"""Ratios of the step size of the barrier law to that of the exact rollout which randomized smoothing averages."""
 
 
 class Params(StudyParams):
@@ -117,14 +118,14 @@ def _velocity(params: Params, law: ContactLaw, h: float) -> np.ndarray:
 
 
 def _impact(params: Params, rng: np.random.Generator) -> tuple[dict, dict]:
-    """Compute the derivative of v_y by q_x around the impact; q_x equals the time."""
+    """Compute the derivative of v_y with respect to q_x near the impact; q_x [m] equals the time [s]."""
     soft_laws = [*(Barrier(mu=mu) for mu in BALL_MUS), Adaptive(sigma=params.sigma)]
     soft = [np.diff(_velocity(params, law, params.h)) / params.h for law in soft_laws]
     impact = float(np.sqrt(2 * params.q0 / params.g))
     q = np.linspace(impact - 5 * params.sigma, impact + 5 * params.sigma, 201)
     averaged = np.empty((len(FINER), len(COUNTS), len(q)))
     quiet = np.empty((len(FINER), len(COUNTS)))
-    # Within one sigma of the impact the expected average is not small, so that RS should show it.
+    # At most sigma from the impact the expected average is not small, so that RS should show the impact.
     near_impact = impact + params.sigma * np.linspace(-1, 1, _POINTS_NEAR_IMPACT)
     for row, finer in enumerate(FINER):
         h = params.h / finer
@@ -154,14 +155,14 @@ def _impact(params: Params, rng: np.random.Generator) -> tuple[dict, dict]:
 def _averaged(
     rates: np.ndarray, h: float, q: np.ndarray, sigma: float, count: int, rng: np.random.Generator
 ) -> np.ndarray:
-    """Return the mean (n,) of the steps' ``rates`` at ``count`` random positions around each of ``q`` (n,)."""
+    """Return means (n,) of ``rates``, one for each step ``h``, at ``count`` random positions near each ``q``."""
     place = q[:, None] + sigma * rng.standard_normal((len(q), count))
     node = np.clip((place / h).astype(int), 0, len(rates) - 1)
     return rates[node].mean(axis=1)
 
 
 def _push(params: Params, rng: np.random.Generator) -> tuple[dict, dict]:
-    """Compute the derivative of the box's next velocity by the push, from rest."""
+    """Compute the derivative of the next velocity of a box at rest with respect to the push on it."""
     arguments = {"m": 1.0, "g": params.g, "friction": params.friction, "h": params.h_box}
     system = get("box-slide", **arguments).system
     u, x_rest = np.linspace(-10, 10, 81), np.zeros((1, 2))
@@ -172,7 +173,7 @@ def _push(params: Params, rng: np.random.Generator) -> tuple[dict, dict]:
     averaged, spread, fine = [], [], np.linspace(-13, 13, 521)
     exact_slopes = exact(x_rest, fine[:, None]).x_by_u[:, 1, 0]
     for count in COUNTS:
-        # Off the two kinks the exact derivative is one of two constants, so a look-up is exact.
+        # Except at the two kinks the exact derivative is one of two constants, so that interpolation is exact.
         push = u[:, None] + params.sigma_box * rng.standard_normal((len(u), count))
         slopes = np.interp(push, fine, exact_slopes)
         averaged.append(slopes.mean(axis=1))

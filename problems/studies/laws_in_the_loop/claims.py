@@ -14,7 +14,7 @@ from problems.studies.study import Claim, claim, settings_text
 _EQUAL_COST = 0.01
 """Relative difference of mean costs up to which they count as equal."""
 _CLOSE_COST = 0.1
-"""Relative excess of a mean cost over another up to which both count as close."""
+"""Relative excess of one mean cost over another up to which the two count as close."""
 _SETTINGS_SHARE = 0.75
 """Minimum share of the settings in which a claim must hold."""
 _OUR_CHECK = "our check"
@@ -22,7 +22,7 @@ _OUR_CHECK = "our check"
 _SHIRAI = "Linear feedback, its title; its abstract: seems not"
 """Citation in the claims on linear feedback."""
 _BARRIERS = tuple(law for law in LAWS if law.startswith("barrier"))
-"""Names of the barrier laws, in the order of falling mu."""
+"""Names of the barrier laws, from the largest mu to the smallest."""
 
 
 def claims(data: xr.Dataset) -> list[Claim]:
@@ -37,13 +37,13 @@ def _costs(data: xr.Dataset, span: str, setting: tuple[str, str]) -> dict[str, n
 
 
 def _settings_text(settings_run: list[tuple[str, str]], marks: list[bool]) -> str:
-    """Return a text that says in how many settings a claim holds, and in which it does not."""
+    """Return a text that says in how many settings a claim holds, and lists those in which it does not."""
     missed = [f"{task} on {plant}" for (task, plant), mark in zip(settings_run, marks, strict=True) if not mark]
     return f"{sum(marks)} of {len(marks)} settings" + f"; not {', '.join(missed)}" * bool(missed)
 
 
 def _cheapest(data: xr.Dataset) -> list[Claim]:
-    """Check for each plant that no smoothed law's loop is cheaper than the exact law's."""
+    """Check for each plant that no loop planned under a smoothed law costs less than the loop under the exact law."""
     results = []
     for plant in PLANTS:
         tasks = [task for task, other in run_settings(data) if other == plant]
@@ -59,13 +59,13 @@ def _cheapest(data: xr.Dataset) -> list[Claim]:
 
 
 def _exact_gain(costs: dict[str, np.ndarray]) -> Difference:
-    """Return how much the cheapest smoothed law costs above the exact one, with :data:`_EQUAL_COST` added to it."""
+    """Return the least excess of a smoothed law's cost, increased by :data:`_EQUAL_COST`, over the exact law's."""
     gains = [mean_difference((1 + _EQUAL_COST) * costs[law], costs["exact"]) for law in list(LAWS)[1:]]
     return min(gains, key=lambda gain: gain.mean)
 
 
 def _over_mu(data: xr.Dataset) -> list[Claim]:
-    """Check that costs fall with the barrier's mu, and that those of the smallest mu are close to the exact law's."""
+    """Check that costs fall as mu falls, and that costs at the smallest mu are close to those under the exact law."""
     settings_run = run_settings(data)
     means = [
         {law: float(values.mean()) for law, values in _costs(data, "run", setting).items()} for setting in settings_run
@@ -88,7 +88,7 @@ def _over_mu(data: xr.Dataset) -> list[Claim]:
 
 
 def _feedback(data: xr.Dataset) -> list[Claim]:
-    """Compare linear feedback along one plan with the plan's inputs alone and with planning again."""
+    """Compare linear feedback along one plan with the plan's inputs alone and with planning again at every sample."""
     settings_run, results = run_settings(data), []
     means = [
         {law: float(values.mean()) for law, values in _costs(data, "first horizon", setting).items()}

@@ -1,7 +1,7 @@
 """C1: closed loops of every controller on every plant of every task.
 
-A part, stored when it is finished, has the costs and ends of all seeds and the computing time of a
-sample, for one task, one controller and one plant.
+The study has one part for each task, controller and plant, which is stored when it is finished: the
+costs of all seeds, whether each run diverged, and the computing time of a sample.
 """
 
 from __future__ import annotations
@@ -39,24 +39,24 @@ LAWS: dict[str, ContactLaw] = {
     "adaptive": Adaptive(),
     "randomized": Randomized(),
 }
-"""Mapping from name to the contact law of plans; mu in N s m, adaptive and randomized at their defaults."""
+"""Mapping from name to the contact law of plans; mu in N s m, the last two laws at their default settings."""
 FOLLOWED = ("exact", "barrier 0.01")
 """Names of the laws under which one plan is made and then followed by gains or inputs."""
 FEEDBACK = tuple(f"gains, {law}" for law in FOLLOWED)
 """Names of the controllers that follow one plan by linear feedback."""
 INPUTS = tuple(f"inputs, {law}" for law in FOLLOWED)
-"""Names of the controllers that apply one plan's inputs."""
+"""Names of the controllers that apply the inputs of one plan without feedback."""
 CONTROLLERS = (*LAWS, *FEEDBACK, *INPUTS)
 """Names of all controllers, in the order of the data."""
 QUICK = {"tasks": 1, "seeds": 2}
 _MISMATCH_FACTOR = 1.3
-"""Factor on the mismatched parameter of the plant."""
+"""Factor by which the plant ``mismatch`` multiplies its parameter in :data:`TASKS`."""
 _RUN_HORIZONS = 2
-"""Length of a run, in horizons of the problem."""
+"""Length of a run, as a multiple of the problem's horizon."""
 _LARGEST_RATIO = 1000.0
 """Upper limit on the ratio of a cost to the best one; runs whose cost is NaN get this value."""
 _SURVIVAL_RATIO = 2.0
-"""Maximum ratio of a cost to the best of its seed on the model at which a loop survives."""
+"""Maximum ratio of a run's cost to the lowest cost on the model from the same seed, for the run to survive."""
 
 
 class Params(StudyParams):
@@ -93,13 +93,17 @@ class TaskLoops:
         return [plant for plant in PLANTS if not alike.get(plant)]
 
     def loop(self, name: str, plant: str) -> dict[str, np.ndarray]:
-        """Simulate a loop; return costs of one horizon and the run (seeds, 2), diverged runs, and time of a sample."""
+        """Simulate the controller ``name`` on ``plant`` for all seeds, and return a mapping from name to array.
+
+        ``cost`` (seeds, 2) has the costs of the first horizon and of the whole run, ``ended`` (seeds,) is
+        True for diverged runs, and ``ms`` is the 99th percentile of the computing time of a sample [ms].
+        """
         parameter, N = TASKS[self.name], self.problem.N
         larger = {parameter: _MISMATCH_FACTOR * self.problem.parameters.defaults[parameter]}
         disturbance = Disturbance(mismatch=larger if plant == "mismatch" else {})
         physics = plant if plant in ("referee", "h/4", "noise") else "exact"
         with warnings.catch_warnings():
-            # Candidate steps of a plan may diverge; the planner then takes another one.
+            # Candidate steps of a plan may diverge; the planner then takes another step.
             warnings.simplefilter("ignore", BatchWarning)
             closed_loop = simulate(
                 self.controller(name),
@@ -115,7 +119,7 @@ class TaskLoops:
 
 
 def initial_states(problem: Problem, params: Params) -> np.ndarray:
-    """Return initial states (seeds, nx): the problem's own and random ones around it without penetration."""
+    """Return initial states (seeds, nx) without penetration: the problem's own, then random ones around it."""
     p, system = problem.parameters.values, problem.system
     nominal = np.array(problem.limits(p)[0]).ravel()
     phi = ca.SX(0) if system.phi is None else system.phi
@@ -129,7 +133,7 @@ def initial_states(problem: Problem, params: Params) -> np.ndarray:
 
 
 def cost_at(closed_loop: ClosedLoop, N: int) -> np.ndarray:
-    """Return costs (seeds,) of the first ``N`` samples, the terminal cost of the state after them included."""
+    """Return costs (seeds,) of the first ``N`` samples, including the terminal cost of the state after them."""
     x, u, stage_costs = (closed_loop.data[name].values for name in ("x", "u", "cost"))
     problem, last = closed_loop.problem, u[:, N - 1]
     terms, p = problem.cost_terms, problem.parameters.values
@@ -170,13 +174,13 @@ def run(params: Params, finished: FinishedParts) -> xr.Dataset:
 
 
 def relative_cost(data: xr.Dataset) -> xr.DataArray:
-    """Return costs over the best controller's on the same task, plant and seed; NaN if not run."""
+    """Return ratios of costs to the lowest cost on the same task, plant and seed; NaN for what was not run."""
     ratio = data["cost"] / data["cost"].min("controller")
     return ratio.fillna(_LARGEST_RATIO).clip(max=_LARGEST_RATIO).where(data["ended"].notnull())
 
 
 def survival(data: xr.Dataset) -> xr.DataArray:
-    """Return 1 where a cost is at most twice the best of its seed on the model, else 0; NaN if not run."""
+    """Return 1 where a cost is at most twice the lowest on the model from the same seed, else 0; NaN if not run."""
     best = data["cost"].sel(plant="model", drop=True).min("controller")
     return (data["cost"] <= _SURVIVAL_RATIO * best).astype(float).where(data["ended"].notnull())
 

@@ -10,18 +10,18 @@ from problems.studies.study import Claim, claim, format_values, largest_value, s
 _MODEL_LEARNING = "Adaptive barrier smoothing, sec. 7, model learning"
 """Citation in the claims that the paper makes."""
 _PSI_TOLERANCE = 0.05
-"""Relative error up to which a parameter in psi counts as found."""
+"""Relative error up to which a parameter in psi counts as identified."""
 _COVERED_SHARE = 0.85
-"""Minimum share of the 95 % intervals that must contain the truth; they are few and not independent."""
+"""Minimum share of the 95 % intervals that must contain the true value; they are few and not independent."""
 
 
 def claims(data: xr.Dataset) -> list[Claim]:
-    """Return claims on errors of both models, on psi, and on both for data with noise and with drag."""
+    """Return claims on errors of both models and on psi, learned from exact data, data with noise, and with drag."""
     return [*_errors(data), *_found(data), *_noise(data), *_drag(data)]
 
 
 def _both(data: xr.Dataset, kind: str, where: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return errors (transitions, seeds) of psi and of networks, at the numbers of transitions used for psi."""
+    """Return errors of models with learned psi and of networks, (n, seeds) each, for all n sizes used to learn psi."""
     errors = data["errors"].sel(data=kind, where=where)
     psi, network = errors.sel(model="psi").values, errors.sel(model="network").values
     learned = ~np.isnan(psi).all(axis=1)
@@ -61,7 +61,7 @@ def _errors(data: xr.Dataset) -> list[Claim]:
 
 
 def _full(data: xr.Dataset, name: str, kind: str) -> np.ndarray:
-    """Return the variable ``name`` of psi at the full number of transitions, (seeds, parameters)."""
+    """Return the variable ``name`` of the dataset for psi learned from all transitions, (seeds, parameters)."""
     return data[name].sel(data=kind, transitions=data.attrs["data"]).values
 
 

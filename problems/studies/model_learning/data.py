@@ -47,12 +47,12 @@ class Params(StudyParams):
 
 
 def transition_counts(params: Params) -> list[int]:
-    """Return the numbers of transitions to learn from; the last, four times the full number, is for networks alone."""
+    """Return the numbers of transitions to learn from; only networks use the last, four times the full number."""
     return [params.data // 40, params.data // 10, params.data // 4, params.data, 4 * params.data]
 
 
 def run(params: Params, finished: FinishedParts) -> xr.Dataset:
-    """Learn from exact transitions of every number, and from those with noise or drag at the full number."""
+    """Learn from each number of exact transitions, and from the full number of transitions with noise or drag."""
     sizes = transition_counts(params)
     errors = np.full((len(DATA), len(MODELS), len(sizes), params.seeds, len(WHERE)), np.nan)
     shape = len(DATA), len(sizes), params.seeds, len(PSI)
@@ -113,23 +113,23 @@ LINKS = ("torso", "thigh", "leg", "foot")
 PSI = ("friction", "spring", "damping", *(f"mass_{link}" for link in LINKS), *(f"inertia_{link}" for link in LINKS))
 """Names of the hopper's parameters to learn."""
 DATA = ("exact", "noise", "drag")
-"""Kinds of transitions: exact, with noise on next states, with a drag that the model lacks."""
+"""Kinds of transitions: exact, with noise on next states, and with a drag that the learned model does not have."""
 DRAG = 50.0
-"""Drag [N s/m, N m s/rad] on the torso that the model lacks, as large as in the authors' code."""
+"""Drag on the torso [N s/m, N m s/rad] that the learned model does not have; its size is from the authors' code."""
 POOL = 1
 """Seed key of the random stream of transitions to learn from."""
 HELD = 2
 """Seed key of the random stream of held-out transitions."""
 JUDGES = 1000
-"""Maximum number of transitions from which intervals are computed."""
+"""Maximum number of transitions from which bootstrap intervals are computed."""
 
 
 @dataclass(frozen=True, eq=False)
 class TransitionData:
-    """Transitions of one kind: ``pool`` to learn from, in random order, and held-out ones, ``held``.
+    """Transitions of one kind: ``pool`` to learn from, in random order, and ``held``, held out for tests.
 
-    ``held`` has no noise. ``touched`` (n,) and ``landed`` (n,) are True where bodies touch in the
-    next states of ``held`` and of ``pool``.
+    ``held`` has no noise. The masks ``landed`` (n,) for ``pool`` and ``touched`` (n,) for ``held`` are
+    True where bodies touch in the next state.
     """
 
     task: Task
@@ -140,7 +140,7 @@ class TransitionData:
 
     @classmethod
     def of(cls, kind: str, params: Params, n: int) -> TransitionData:
-        """Draw ``n`` transitions of ``kind``, one of :data:`DATA`, and held-out ones."""
+        """Draw ``n`` transitions of ``kind``, one of :data:`DATA`, and in addition held-out transitions."""
         task = get("hopper")
         explorer = Explorer(task, values={"base_damping": DRAG} if kind == "drag" else None)
         transitions, landed = random_transitions(explorer, n, [params.seed, POOL])
@@ -156,7 +156,7 @@ class TransitionData:
         return cls(task, transitions, landed[order], held, touched)
 
     def errors(self, x_next: np.ndarray) -> np.ndarray:
-        """Return mean errors (3,) of predicted held-out next states ``x_next``: all, in flight, in contact.
+        """Return mean errors (3,) of ``x_next``, predictions of the held-out next states: all, in flight, in contact.
 
         Units are :data:`MIXED`. NaN predictions are left out.
         """
@@ -166,7 +166,7 @@ class TransitionData:
 
     @property
     def still(self) -> np.ndarray:
-        """Errors (3,) of the prediction that nothing moves."""
+        """Mean errors (3,) of the prediction that the state does not change; see :meth:`errors`."""
         return self.errors(self.held.x)
 
     @cached_property
@@ -176,7 +176,11 @@ class TransitionData:
 
 
 def by_psi(source: TransitionData, n: int, seed: int, params: Params) -> dict[str, np.ndarray]:
-    """Learn psi from the first ``n`` transitions; return errors, and psi, its intervals and path over the truth."""
+    """Learn psi from the first ``n`` transitions, and return a mapping from name to array.
+
+    ``errors`` are held-out errors; ``psi``, ``low`` and ``high``, the ends of its intervals, and ``way``,
+    its values during the search, are divided by the true values.
+    """
     transitions = source.pool[:n]
     step = Exact().close(source.task.system)
     loss = OneStepLoss(step, PSI, scale=OneStepLoss.increments(transitions))
@@ -197,7 +201,7 @@ def by_psi(source: TransitionData, n: int, seed: int, params: Params) -> dict[st
 
 
 def in_flight(source: TransitionData) -> dict[str, np.ndarray]:
-    """Return upper ends of psi's intervals over the true values, from transitions without contact."""
+    """Return the upper ends of psi's intervals from transitions without contact, divided by the true values."""
     flying = source.pool[np.flatnonzero(~source.landed)[:JUDGES]]
     scale = OneStepLoss.increments(source.pool)
     loss = OneStepLoss(Exact().close(source.task.system), PSI, scale=scale)

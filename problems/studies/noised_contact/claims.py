@@ -8,13 +8,13 @@ import xarray as xr
 from problems.studies.study import Claim, claim, format_values, largest_value, settings_text
 
 _MATCH_SHARE = 1 / 2
-"""Ratio of an error to the effect or distance that it is compared with, below which a match is good."""
+"""Ratio of a distance of two maps to its reference (an effect of the noise, or sigma) below which they match."""
 _SETS_SHARE = 0.8
 """Minimum share of the data sets for which a claim must hold."""
 
 
 def claims(data: xr.Dataset) -> list[Claim]:
-    """Return claims on the pusher with dense and sparse data, and on the block."""
+    """Return claims on the pusher and on the block between walls, each learned from dense and from sparse data."""
     return [*_dense(data), *_sparse(data), *_penetrating(data), *_support(data), *_rollouts(data)]
 
 
@@ -23,10 +23,10 @@ def _rms(errors: np.ndarray) -> np.ndarray:
 
 
 def _dense(data: xr.Dataset) -> list[Claim]:
-    """Compare sampled values, average and networks with f_sigma, in the middle and at the upper end of the data."""
+    """Compare samples of f_sigma, g_sigma and networks with f_sigma, in the middle and at the upper end of the data."""
     sigma, u, widths = data.attrs["sigma"], data["u"].values, list(data["width"].values)
     score = ((data["sampled"] - data["true_dots"]) / data["sampled_error"]).values
-    # Far below the kink all draws are zero and have no standard error.
+    # Far below the kink all samples are zero, so that their standard error is zero too.
     score = score[np.abs(data["sampled_error"].values) > 1e-6]
     square = data["score_square"].mean("set").values
     rms, error = data["dense_rms"].values, data["dense_error"].values
@@ -67,7 +67,7 @@ def _dense(data: xr.Dataset) -> list[Claim]:
 
 
 def _sparse(data: xr.Dataset) -> list[Claim]:
-    """Check the pusher with sparse data, between the first and the last datum."""
+    """Check models of the pusher learned from sparse data, between the first and the last datum."""
     sparse_data, u, widths = data.sel(regime="sparse"), data["u"].values, data["width"].values
     commands = data["pusher_data_sparse"].values
     within = (u >= max(commands.min(), 0.0)) & (u <= commands.max())
@@ -101,7 +101,7 @@ def _sparse(data: xr.Dataset) -> list[Claim]:
 
 
 def _penetrating(data: xr.Dataset) -> list[Claim]:
-    """Check the block with dense data, from states beyond the walls."""
+    """Check models of the block learned from dense data, one step from states beyond the walls."""
     dense_data, x, sigma = data.sel(regime="dense"), data["x"].values, data.attrs["sigma"]
     inside, widths = data["least_inside"].values, list(data["width"].values)
     outside = np.abs(x) > 1
@@ -136,7 +136,7 @@ def _penetrating(data: xr.Dataset) -> list[Claim]:
 
 
 def _support(data: xr.Dataset) -> list[Claim]:
-    """Check the block with sparse data, from states beyond the ends of the data."""
+    """Check models of the block learned from sparse data, one step from states beyond the ends of the data."""
     x, sigma = data["x"].values, data.attrs["sigma"]
     sparse_data, states = data.sel(regime="sparse"), data["block_data_sparse"].values
     low, high = states.min(), states.max()

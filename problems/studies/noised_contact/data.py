@@ -26,9 +26,9 @@ SPARSE_REACH = 0.5
 STEPS = 12
 """Number of steps of a rollout."""
 _TRAINING_ROWS = 2000
-"""Number of rows that a network gets; few data are repeated, so that a minibatch averages over noise."""
+"""Number of rows up to which a small data set is repeated for training, so that a minibatch averages over noise."""
 _ROWS_TRAINED_ON = 1600
-"""Number of rows to train on; the others choose the best epoch, since the last weights still fluctuate."""
+"""Number of rows to train on; the other rows select the best epoch, since the weights fluctuate to the end."""
 
 
 class Params(StudyParams):
@@ -48,7 +48,7 @@ QUICK = {"dense": 200, "draws": 100, "networks": 1, "units": 32, "epochs": 200}
 
 
 def run(params: Params) -> xr.Dataset:
-    """Compute the curves of fig. 1, rollouts, and sampling errors over many sets of data."""
+    """Compute the curves of fig. 1, rollouts, and the errors of g_sigma for many random data sets."""
     pusher, walls, sigma = LinePusher(params.rho), Walls(), params.sigma
     rng = np.random.default_rng([params.seed, 0])
     u, x = np.linspace(-1.4, 1.4, 421), np.linspace(-2, 2, 401)
@@ -99,7 +99,11 @@ def _learned(
     f: Callable[[np.ndarray], np.ndarray],
     params: Params,
 ) -> dict[str, Any]:
-    """Compute g_sigma and networks h_sigma of a map f at ``places`` (k,), and rms distances over noised data."""
+    """Return variables of the dataset for the map ``f``: g_sigma and networks h_sigma, evaluated at ``places`` (k,).
+
+    They include the data, rms values of h_sigma - g_sigma and g_sigma - f, weighted by the density of
+    the noised data, and for the block rollouts from :data:`STARTS`.
+    """
     g = np.empty((len(REGIMES), len(places)))
     h = np.empty((len(REGIMES), params.networks, len(places)))
     rms, effect = np.empty(h.shape[:2]), np.empty(len(REGIMES))
@@ -159,14 +163,14 @@ SETS = 20
 WIDTHS = np.array([0.05, 0.1, 0.2])
 """Standard deviations sigma [m] of the noise, for data in [-1, 1] m."""
 DEPTHS = np.array([0.0, 0.05, 0.1, 0.2, 0.5, 1.0, 10.0])
-"""Penetrations [m] of the states that the average should move inside."""
+"""Penetrations [m] of the states from which g_sigma should return to between the walls in one step."""
 
 
 def sample_sets(pusher: LinePusher, sparse: int, dense: int, seed: int) -> dict[str, Any]:
-    """Compute errors of g_sigma over their standard errors, its slopes, and where it moves penetrating states.
+    """Compute, for many random data sets, errors and slopes of g_sigma and its next states after penetration.
 
-    A weighted mean of random data has the standard error ``|w (y - g)|/sum w``; errors over it have
-    variance 1 if g_sigma differs from f_sigma by the random choice of data alone.
+    A weighted mean of random data has the standard error ``|w (y - g)|/sum w``. Errors divided by it
+    have variance 1 if g_sigma differs from f_sigma only because the data are random.
     """
     shape = (len(WIDTHS), SETS)
     square, bias, error, at_end, steepest, flattest, inside = np.empty((7, *shape))
@@ -179,7 +183,7 @@ def sample_sets(pusher: LinePusher, sparse: int, dense: int, seed: int) -> dict[
             u, few = rng.uniform(-1, 1, dense), rng.uniform(-1, 1, sparse)
             g, deviation = _with_error(u, pusher.step(u), sigma, middle)
             errors = g - true
-            # Where the pusher does not touch the block, f and every error are 0.
+            # Where the pusher does not touch the block, f and the errors are 0.
             has_error = deviation > 1e-3 * sigma
             square[row, i] = np.mean((errors / deviation)[has_error] ** 2)
             bias[row, i], error[row, i] = np.sqrt(np.mean(errors**2)), np.sqrt(np.mean(deviation**2))

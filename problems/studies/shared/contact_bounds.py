@@ -35,16 +35,16 @@ GROWTH_NOISE = 0.1
 
 
 CONSTANTS = ((0.0, 0.0), (-0.5, 0.0), (-1.0, 0.0), (0.0, 0.5))
-"""Pairs of the constants (c1, c2) of eq. 5.1 at which thm. 5.4 is tested; the paper leaves them open."""
+"""Pairs of constants (c1, c2) in eq. 5.1 for which thm. 5.4 is tested; the paper does not state their values."""
 
 
 def smoothing_pairs(rng: np.random.Generator, n: int) -> dict[str, np.ndarray]:
     """Return errors of softened single contacts at n random compliances F, noise scales and gaps z, (n,) each.
 
-    ``barrier``, ``gaussian``: lam of the law less E S_0(z + w) by quadrature; ``mass``: integral of
-    the density in prop. 5.2 as printed; ``misfit``: largest error of eq. 5.1 at its best c1, c2 over
-    |z| <= 3 scales, over scale/F; ``bias``, ``tail``: slope error of the corrected adaptive law and
-    its closed form, times F.
+    ``barrier``, ``gaussian``: lam of the law minus E S_0(z + w) by quadrature; ``mass``: integral of
+    the density in prop. 5.2 as printed; ``misfit``: largest error of eq. 5.1 at its best c1, c2 for
+    |z| <= 3 scales, divided by scale/F; ``bias``: slope error of the corrected adaptive law times F;
+    ``tail``: closed form of ``bias``.
     """
     F, scale = 10 ** rng.uniform(-1, 1, (2, n))
     z = scale * rng.uniform(-2, 2, n)
@@ -65,7 +65,7 @@ def smoothing_pairs(rng: np.random.Generator, n: int) -> dict[str, np.ndarray]:
 
 
 def _misfit(F: float, scale: float) -> float:
-    """Return the misfit of eq. 5.1 over scale/F: the smaller one for its sigma read as deviation and as variance."""
+    """Return the misfit of eq. 5.1 divided by scale/F, the minimum for sigma as standard deviation and as variance."""
     z = scale * np.linspace(-3, 3, 121)
     true = gaussian_contact(z, F, scale).lam
     return F / scale * min(affine_misfit(printed_kappa(z, s), true, z) for s in (scale, scale**2))
@@ -74,10 +74,10 @@ def _misfit(F: float, scale: float) -> float:
 def theorem_5_4(rng: np.random.Generator, n: int) -> dict[str, np.ndarray]:
     """Return slope errors of the contact softened by eq. 5.1 as printed, and the bound of thm. 5.4.
 
-    ``bias`` and ``bound`` (len(CONSTANTS), n) are those at n random (F, sigma, z) and every pair of
-    :data:`CONSTANTS`, for C = D = 1 and E = 0. The softened solution is the nonnegative root of
-    ``lam (z + F lam) = kappa (z + F kappa)``, differentiated totally; where there is none (mu < 0)
-    the bias is infinite.
+    The slope errors ``bias`` and the bounds ``bound``, (len(CONSTANTS), n) each, are for n random
+    (F, sigma, z) and every pair of :data:`CONSTANTS`, with C = D = 1 and E = 0. The softened solution is
+    the nonnegative root of ``lam (z + F lam) = mu``, ``mu = kappa (z + F kappa)``, and its slope the total
+    derivative by z; where there is no root (mu < 0) the error is infinite.
     """
     F, sigma = 10 ** rng.uniform(-1, 1, (2, n))
     z = sigma * rng.uniform(-2, 2, n)
@@ -109,10 +109,10 @@ def _printed_mass(F: np.ndarray, mu: np.ndarray) -> np.ndarray:
 
 
 def empirical_bias_pairs(rng: np.random.Generator, n: int) -> dict[str, np.ndarray]:
-    """Draw n discrete random vectors; return their variance and its bounds by lemma III.4, printed and sharp, (n,).
+    """Return variances of n random discrete distributions, and their bounds by lemma III.4, printed and sharp, (n,).
 
-    The lemma's event is every outcome but one, whose probability is beta; Delta is the distance of
-    the mean on the event from the mean.
+    The event of the lemma contains all outcomes except one of probability beta; Delta is the distance
+    of the mean over the event from the mean over all outcomes.
     """
     rows = []
     for _ in range(n):
@@ -148,12 +148,12 @@ def compare_orders(seed: int, n: int) -> dict[str, float]:
 
 
 def variance_growth(seed: int, n: int, horizons: np.ndarray, gains: np.ndarray) -> np.ndarray:
-    """Return variances of first-order gradients, (len(gains), len(horizons)), of ``x+ = a x + b u``, its wall far off.
+    """Return variances (len(gains), len(horizons)) of first-order gradients of ``x+ = a x + b u``, far from its wall.
 
-    a = b = L/sqrt(2), so that the dynamics' Lipschitz constant in (x, u) is the gain L; the policy
-    ``u = x + theta + s w`` has the constant sqrt(1 + s²) in (x, w), s = :data:`GROWTH_NOISE` and w
-    standard normal; the terminal cost sqrt(s² + x²) has the constant 1. From the start x = 0 the
-    noise decides the sign of the final x, and so of the gradient.
+    With a = b = L/sqrt(2), the Lipschitz constant of the dynamics in (x, u) is the gain L. The policy
+    ``u = x + theta + s w`` has the Lipschitz constant sqrt(1 + s²) in (x, w), where s is
+    :data:`GROWTH_NOISE` and w standard normal; that of the terminal cost sqrt(s² + x²) is 1. From the
+    start x = 0 the noise determines the sign of the final x, and thus that of the gradient.
     """
     variances = np.empty((len(gains), len(horizons)))
     for row, gain in enumerate(gains):
@@ -186,9 +186,10 @@ KINDS = ("symmetric", "P-matrix")
 
 
 def random_p_matrix(rng: np.random.Generator, n: int, kind: str) -> np.ndarray:
-    """Draw a P-matrix (n, n): symmetric positive definite, or that plus a skew part, with rows and columns rescaled.
+    """Draw a random P-matrix (n, n) of one of the :data:`KINDS`.
 
-    Positive scalings of rows and columns preserve the P property, but not definiteness.
+    A symmetric one is positive definite. The other kind adds a skew part to such a matrix and rescales
+    rows and columns by positive factors, which preserves the P property but not definiteness.
     """
     G = rng.standard_normal((n, n))
     symmetric = G @ G.T / n + 0.1 * np.eye(n)
@@ -242,11 +243,11 @@ def spectral_norms(matrices: np.ndarray) -> np.ndarray:
 
 
 def theorem_4_5(reach: np.ndarray, F: np.ndarray, mu: np.ndarray, sign: int) -> np.ndarray:
-    """Return the bound (k,) of thm. 4.5 on the slope, l(mu) *equal* to its lower bound, C = D = I, A = B = E = 0.
+    """Return the bound (k,) of thm. 4.5 on the slope, with l(mu) *equal* to its lower bound, C = D = I, A = B = E = 0.
 
     ``n² |I|_F² l``, ``l = e/mu + 1/|F| + sign e sqrt(1/mu² + 2/(e mu |F|))``,
     ``e = reach²/(2 |F|²)`` with ``reach`` (k,) the largest |z| of the domain on which the slope is
-    bounded; the theorem is printed with ``sign`` +1, the correct derivation gives -1.
+    bounded. The printed theorem has ``sign`` +1, the corrected one -1.
     """
     n, size = F.shape[1], np.linalg.norm(F, axis=(1, 2))
     e = reach**2 / (2 * size**2)

@@ -26,11 +26,12 @@ def both_orders(objective: SampledObjective, sigma: float, n: int, seed: int, st
 def sweep_decision(
     objective: SampledObjective, theta: np.ndarray, sigma: float, n: int, seed: int
 ) -> dict[str, np.ndarray]:
-    """Return the smoothed objective and gradient estimates at ``theta`` (k,), the decision that noise is added to.
+    """Return the smoothed objective and gradient estimates at decisions ``theta`` (k,), to which noise is added.
 
     ``F`` and ``slope`` (k,) are the smoothed objective and its derivative by quadrature over +-6
-    sigma, ``F' = E[f w]/sigma²``; ``first`` and ``zeroth`` (k, 2) mean and standard error of both
-    estimators of :func:`both_orders`; ``first_variance`` and ``zeroth_variance`` (k,) of one sample.
+    sigma, ``F' = E[f w]/sigma²``; ``first`` and ``zeroth`` (k, 2) are mean and standard error
+    of the estimators of :func:`both_orders`, ``first_variance`` and ``zeroth_variance`` (k,) the variances
+    of one sample.
     """
     w = np.linspace(-6, 6, _QUADRATURE_NODES) * sigma
     weight = norm.pdf(w, 0, sigma)
@@ -40,7 +41,7 @@ def sweep_decision(
         at_decision = objective.at({objective.decision[0].name: float(decision)})
         cost = at_decision.costs(w[:, None])
         middle = at_decision.nominal_cost()
-        # Independent streams for every point, so that errors show as scatter, not as an offset.
+        # Every point has its own random stream, so that errors appear as scatter, not as an offset.
         found = [sampled.moments for sampled in both_orders(at_decision, sigma, n, seed, index)]
         rows.append(
             [

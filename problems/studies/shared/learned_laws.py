@@ -12,7 +12,7 @@ from problems.registry import spec
 
 
 def draw_transitions(name: str, n: int, seed: int) -> Transitions:
-    """Draw n exact transitions of the problem called ``name`` at its defaults, in the problem's own region."""
+    """Draw n exact transitions of the problem ``name`` at its defaults, from its region (:mod:`problems.regions`)."""
     problem_spec = spec(name)
     problem = problem_spec.problem()
     return collect_transitions(problem.exact_step, region_of(problem_spec, problem_spec.params({}), problem), n, seed)
@@ -25,6 +25,6 @@ def average_law(data: Transitions, sigma: float, seed: int, trust: float = 0.0) 
 
 
 def network_law(data: Transitions, sigma: float, seed: int, epochs: int, batch: int = Recipe.batch) -> Mlp:
-    """Train a network on inputs with noise sigma, or clean ones for 0; return the law of its best epoch."""
+    """Train a network on inputs with noise sigma (0: without noise), and return the law of its best epoch."""
     model = train_network(data.samples(), sigma, seed, epochs=epochs, patience=epochs, batch=batch)
     return Mlp(model)

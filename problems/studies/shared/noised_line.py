@@ -50,7 +50,7 @@ class LinePusher:
     def noised(self, u: ArrayLike, sigma: float, low: float, high: float) -> np.ndarray:
         """Return g_sigma(u) [m]: the mean of f over a Gaussian around u, truncated to [low, high].
 
-        It averages data uniform on [low, high], low <= c <= high; Suh et al. 2023, eq. 7.
+        This is g_sigma for data uniform on [low, high], where low <= c <= high; Suh et al. 2023, eq. 7.
         """
         u = np.asarray(u)
         ends = [(end - u) / sigma for end in (low, self.c, high)]
@@ -82,11 +82,12 @@ class Walls:
         return 1 + (near_wall - far_wall * ratio) / mass - ((1 - ratio) / mass) ** 2
 
     def _relative_to_walls(self, x: ArrayLike, sigma: float) -> tuple[np.ndarray, ...]:
-        """Return the sign of x from the middle, the ratio of the walls' densities, mass, and distances over sigma.
+        """Return the sign of x from the middle, the ratio of the densities at the walls, the mass, and both distances.
 
-        The mass is the probability between the walls over the density at the nearer one.
+        Densities are those of N(x, sigma²). The mass is the probability between the walls divided by the
+        density at the nearer wall; distances are those of x from the walls in units of sigma.
         """
-        # Relative to the nearer wall's density nothing underflows, however far outside x is.
+        # Relative to the density at the nearer wall nothing underflows, at any distance of x from the walls.
         from_middle = np.asarray(x) - 0.5 * (self.low + self.high)
         half_width, distance = 0.5 * (self.high - self.low), np.abs(from_middle)
         near_wall, far_wall = (distance - half_width) / sigma, (distance + half_width) / sigma

@@ -1,4 +1,4 @@
-"""Contact steps evaluated at many points, and one contact over its gap."""
+"""Contact steps evaluated at many points, and the solution of a single contact as a function of its gap."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class SampledStep:
     def __init__(self, step: Step) -> None:
         self._step = step
         # The path solver of several contacts has hundreds of iterations, most of them skipped by
-        # CasADi's conditionals: to unroll and compile them would take minutes.
+        # CasADi's conditionals; unrolling and compiling them would take minutes.
         backend = "auto" if step.system.nlam <= 1 else "casadi"
         self._solve = BatchFunction(step.solve, backend)
         x, u, p, lam = step.system.x, step.system.u, step.p.vector, step.lam
@@ -60,10 +60,10 @@ class SampledStep:
     def __call__(
         self, x: ArrayLike, u: ArrayLike, values: Mapping[str, ArrayLike] | None = None, **law: ArrayLike
     ) -> StepValues:
-        """Evaluate the step at ``x`` (n, nx) and ``u`` (n, nu); one row serves all points.
+        """Evaluate the step at ``x`` (n, nx) and ``u`` (n, nu); a single row is used for all points.
 
-        ``values`` replace parameters of the system and ``law`` those of the law, each by a number
-        or by one for each point; see :meth:`dynamics.systems.ParameterTable.pack`.
+        ``values`` are parameters of the system and ``law`` those of the law: numbers, or arrays (n,)
+        of one number for each point; see :meth:`dynamics.systems.ParameterTable.pack`.
         """
         system = self._step.system
         states, inputs, p = self._rows(x, u, self._step.p.pack(values, **law))
@@ -87,7 +87,7 @@ class SampledStep:
     def roll_out(self, x: ArrayLike, u: ArrayLike, steps: int) -> tuple[np.ndarray, np.ndarray]:
         """Return states (n, steps + 1, nx) and lam (n, steps, nlam) from ``x`` under the constant input ``u``.
 
-        ``x`` and ``u`` are as for a call.
+        ``x`` and ``u`` have the shapes of :meth:`__call__`.
         """
         states, inputs, p = self._rows(x, u, self._step.p.values)
         n = len(states)
@@ -146,7 +146,7 @@ def scalar_contact(law: ContactLaw, z: ArrayLike, F: ArrayLike, **law_values: Ar
 
 @lru_cache(maxsize=8)
 def _built(law: ContactLaw) -> tuple[BatchFunction, BatchFunction, ParameterTable]:
-    """Return the step of ``law``, a function of (z, u, p), its derivatives, of (z, u, p, lam), and its parameters."""
+    """Return the step of ``law`` (a function of z, u, p), its derivatives (of z, u, p, lam), and its parameters."""
     table = ParameterTable([Parameter("F", 1.0, "m/(N s)")])
     compliance = table["F"]
     system = lcs(
@@ -188,14 +188,14 @@ def printed_kappa(z: np.ndarray, sigma: float | np.ndarray) -> np.ndarray:
     """Return kappa by eq. 5.1 of Zhang et al. 2023 as printed, for c1 = c2 = 0.
 
     ``z erf(z) + exp(-z²/(2 sigma))/sqrt(pi)``, erf(y) = int_y^inf exp(-s²/sigma²)/(sqrt(2 pi)
-    sigma) ds. F is missing, and so is a factor 1/2 in the exponent of erf.
+    sigma) ds. The printed formula lacks F, and a factor 1/2 in the exponent of erf.
     """
     tail = norm.sf(z * np.sqrt(2) / sigma) / np.sqrt(2)
     return z * tail + np.exp(-(z**2) / (2 * sigma)) / np.sqrt(np.pi)
 
 
 def ordinary_kappa(z: np.ndarray, sigma: float | np.ndarray) -> np.ndarray:
-    """Return kappa by eq. 5.1 of Zhang et al. 2023 with the ordinary error function for its erf, c1 = c2 = 0."""
+    """Return kappa by eq. 5.1 of Zhang et al. 2023 with the ordinary error function as erf, c1 = c2 = 0."""
     return z * erf(z) + np.exp(-(z**2) / (2 * sigma)) / np.sqrt(np.pi)
 
 

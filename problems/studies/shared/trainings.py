@@ -19,11 +19,11 @@ from problems.tasks.registry import default_settings, make_algorithm
 from problems.tasks.training import TrainingJob, run_training
 
 Curves = dict[str, np.ndarray]
-"""Mapping from name to array of one training run."""
+"""Arrays of one training run, as a mapping from name to array."""
 
 
 def make_job(task: str, algorithm: str, law: ContactLaw, seed: int, **changed: Any) -> TrainingJob:
-    """Build the job of one training run at the task's default settings, except those in ``changed``."""
+    """Build the job of one training run; ``changed`` are settings that differ from the task's defaults."""
     cls = choose("algorithm", algorithm, ALGORITHMS)
     values = {**default_settings(registry.spec(task), algorithm, cls), **changed}
     chosen, options = make_algorithm(cls, values)
@@ -106,7 +106,7 @@ def mean_difference(runs: np.ndarray, other_runs: np.ndarray, paired: bool = Tru
 
 
 def smallest_margin(gains: Iterable[Difference]) -> float:
-    """Return the smallest margin of ``gains``, that of the claim that all of them are positive."""
+    """Return the smallest margin of ``gains``, which is the margin of the claim that all gains are positive."""
     return min(gain.margin for gain in gains)
 
 
@@ -120,5 +120,5 @@ def claim_gains(
 
 
 def mean_height(curve: np.ndarray) -> np.ndarray:
-    """Return the mean height of curves (..., iterations): the area under each over its length."""
+    """Return the mean height of each curve (..., iterations): the area under it divided by its length."""
     return (curve[..., 1:] + curve[..., :-1]).mean(axis=-1) / 2

@@ -1,7 +1,8 @@
 """N3: plans under every contact law, and their cost under the exact one.
 
-A part, stored when it is finished, has the costs of plan and replay, whether the plan survives,
-iterations, and seconds of learning and solving, for one problem, one law and one seed.
+The study has one part for each problem, law and seed, which is stored when it is finished: the costs
+of plan and replay, whether the plan survives the referee, the number of iterations, and the times of
+learning and solving [s].
 """
 
 from __future__ import annotations
@@ -24,12 +25,12 @@ from problems.studies.shared.learned_laws import average_law, draw_transitions, 
 from problems.studies.study import FinishedParts, StudyParams, dataset, setting
 
 PROBLEMS = ("push-1d", "push-disc", "planar-push", "planar-hand")
-"""Names of the problems that are planned."""
+"""Names of the problems for which plans are computed."""
 QUICK = {"seeds": 1, "data": 1000, "epochs": 1, "samples": 2}
 SHARES = (0.001, 0.01, 0.1, 1.0)
-"""Weights of trust, that is of the data's log-density in the cost, as shares of a step's cost at rest."""
+"""Weights of the data's log-density in the cost (trust), as shares of the cost of one step of standing still."""
 TRUSTED = 0.001
-"""Weight of trust in the law ``trusting ewda``; its replays cost the least."""
+"""Weight of trust in the law ``trusting ewda``: the weight whose replays cost the least."""
 
 
 class Params(StudyParams):
@@ -63,7 +64,7 @@ class TaskData:
         return self._data
 
     def law(self, name: str) -> ContactLaw:
-        """Return the contact law ``name``; ``trusting ewda`` has no entry, its plans come from :meth:`trusting`."""
+        """Return the contact law ``name``, except for ``trusting ewda``, whose plans are those of :meth:`trusting`."""
         params, seed = self.params, self.seed
         makers: dict[str, Callable[[], ContactLaw]] = {
             "exact": Exact,
@@ -96,7 +97,7 @@ class TaskData:
         return _plan_row(solution, learned_s - began_s, time.process_time() - learned_s)
 
     def trusting(self, share: float) -> dict[str, np.ndarray]:
-        """Plan with trust of weight ``share``, warm-started by the plan without; return what :meth:`planned` does."""
+        """Plan with trust of weight ``share``, warm-started from the plan without; return as :meth:`planned` does."""
         _loaded()
         if self._bare is None:
             self._bare = solve(self.problem, self.law("ewda"), Direct())
@@ -159,7 +160,7 @@ def run(params: Params, finished: FinishedParts) -> xr.Dataset:
 
 
 def _labelled(dims: tuple[str, ...], rows: np.ndarray, prefix: str) -> dict[str, Any]:
-    """Return variables of a dataset from rows of :func:`_plan_row`."""
+    """Return variables of a dataset, with ``prefix`` before their names, from rows made by :func:`_plan_row`."""
     columns = {
         "cost": ((*dims, "motion"), rows[..., :2], "1", "cost of the plan and of its replay"),
         "survives": (dims, rows[..., 2], "1", "whether the referee lets the plan survive, 1 or 0"),
@@ -177,7 +178,7 @@ def _plan_row(solution: Solution, learning: float, solving: float) -> dict[str, 
 
 @cache
 def _loaded() -> None:
-    """Load all modules that a solve needs, so that no law's time includes the imports."""
+    """Load all modules that a solve needs, so that the measured times include no imports."""
     solve(get("push-1d", N=2), Exact(), Direct())
 
 
@@ -192,11 +193,11 @@ DRAWN = ("randomized", *LEARNED)
 WITHIN = 0.1
 """Relative excess of a replay's cost over the exact optimum up to which a plan counts as close to it."""
 TENFOLD = 10.0
-"""Ratio of the gentle barrier's mu to the barrier's, and of that to the sharp barrier's."""
+"""Ratio of the mu of ``gentle barrier`` to that of ``barrier``, and of that to the mu of ``sharp barrier``."""
 
 
 def law_texts(settings: Mapping[str, Any]) -> dict[str, str]:
-    """Return a mapping from law to a text of it with its settings, from the study's parameters."""
+    """Return a mapping from law to a text that states its settings, given the parameters of the study."""
     mu, width, wide = settings["mu"], settings["width"], settings["wide"]
     texts = (
         "exact",
@@ -213,12 +214,12 @@ def law_texts(settings: Mapping[str, Any]) -> dict[str, str]:
 
 
 def excess_cost(data: xr.Dataset) -> xr.DataArray:
-    """Return the cost of exact replays over that of the exact law's plan, less one, (problem, law, seed)."""
+    """Return the relative excess of an exact replay's cost over the cost of the exact plan, (problem, law, seed)."""
     best = data["cost"].sel(law="exact", motion="exact replay")
     return data["cost"].sel(motion="exact replay") / best - 1
 
 
 def replay_gap(cost: xr.DataArray) -> xr.DataArray:
-    """Return the replay's cost less the plan's, over the plan's."""
+    """Return the relative excess of the replay's cost over the plan's."""
     plan, replay = cost.sel(motion="plan"), cost.sel(motion="exact replay")
     return (replay - plan) / abs(plan)

@@ -1,8 +1,8 @@
 """N2: pushing and turning from a start without contact, through exact, smoothed and learned dynamics.
 
-Parts, each stored when it is finished: plans of input sequences by IPOPT under four contact laws;
-gains learned by Adam through the five dynamics of the paper, over seeds; the same gains by IPOPT;
-and gains through learned dynamics, over the width of noise and the number of data.
+The study has these parts, each stored when it is finished: plans of inputs by IPOPT under four contact
+laws; feedback gains learned by Adam through the five dynamics of the paper, for several seeds; gains
+computed by IPOPT; and gains through learned dynamics for several widths of noise and amounts of data.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from problems.studies.start_without_contact.dynamics import DYNAMICS, EVERY, by_
 from problems.studies.study import CODE, FinishedParts, StudyParams, dataset, setting
 
 SWEPT = ("g_sigma", "h_sigma")
-"""Names of the learned dynamics whose width of noise and number of data are varied."""
+"""Names of the learned dynamics for which the width of the noise and the number of data are varied."""
 WIDTHS = (0.05, 0.1, 0.2, 0.4)
 """Widths of the noise on the data, in units of the data's scales."""
 LAST = 5
@@ -48,7 +48,7 @@ class Params(StudyParams):
 
 
 class _TaskData:
-    """Source of transitions and laws of one problem; the last transitions drawn are kept."""
+    """Source of transitions and contact laws of one problem; it stores the last transitions drawn."""
 
     def __init__(self, name: str, params: Params) -> None:
         self.problem, self.params, self.name = get(name), params, name
@@ -61,7 +61,7 @@ class _TaskData:
         return self._data[n, seed]
 
     def law(self, kind: str, sigma: float, n: int, seed: int) -> ContactLaw:
-        """Return the law of the dynamics ``kind``; a learned one is of n transitions with noise ``sigma``."""
+        """Return the law of the dynamics ``kind``, learned from n transitions with noise ``sigma`` if it is learned."""
         params, step = self.params, self.problem.exact_step
         data = self.data(n, seed)
         return make_law(kind, data, sigma, params.epochs, seed, step, params.draws)
@@ -91,7 +91,7 @@ def _amounts(params: Params) -> list[int]:
 
 
 def _learned(params: Params, finished: FinishedParts, sources: dict[str, _TaskData]) -> dict[str, Any]:
-    """Collect Adam's costs over iterations and seeds, the object's final cost, and IPOPT's gains."""
+    """Collect the costs of Adam's gains over iterations and seeds, the object's final cost, and results of IPOPT."""
     records, nodes = params.steps // EVERY + 1, 21
     shape = len(PROBLEMS), len(DYNAMICS)
     learned = np.full((*shape, params.seeds, records, 2), np.nan)
@@ -147,7 +147,7 @@ def _ipopt(source: _TaskData, kind: str) -> Callable[[], dict[str, np.ndarray]]:
 
 
 def _swept(params: Params, finished: FinishedParts, sources: dict[str, _TaskData]) -> dict[str, Any]:
-    """Collect the final exact cost of the learned dynamics over width of noise and amount of data."""
+    """Collect final exact costs of gains learned through learned dynamics, over width of noise and amount of data."""
     amounts = _amounts(params)
     final = np.full((len(PROBLEMS), len(SWEPT), len(WIDTHS), len(amounts)), np.nan)
     task_data = list(sources.values())
@@ -179,9 +179,9 @@ def law_of(name: str, params: Params) -> ContactLaw:
 
 
 def plan_problem(problem: Problem, law: ContactLaw) -> Solution:
-    """Plan by single shooting from the problem's guess, in which everything stands still.
+    """Plan by single shooting from the problem's guess, which stands still.
 
-    The exact law is solved without homotopy, which would start under another law.
+    The exact law is solved without homotopy, since a homotopy would start under another law.
     """
     settings = {"homotopy": False} if isinstance(law, Exact) else {}
     return solve(problem, law, SingleShooting(), settings=settings)
@@ -196,7 +196,7 @@ def object_cost(name: str, x: np.ndarray) -> float:
 
 
 def object_costs(name: str, solution: Solution) -> tuple[float, float, float]:
-    """Return the object's part of the cost at rest, of the plan, and of its replay under the exact law."""
+    """Return the object's part of three costs: of standing still, the plan, and its replay under the exact law."""
     planned, replay = solution.data["x"].values[0], solution.data["x_replay"].values[0]
     start = np.broadcast_to(planned[0], planned.shape)
     return object_cost(name, start), object_cost(name, planned), object_cost(name, replay)
@@ -222,7 +222,7 @@ def plan_problems(params: Params) -> dict[str, Any]:
 
 
 def label_plans(plans: dict[str, np.ndarray]) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return variables and coordinates of a dataset from :func:`plan_problems`."""
+    """Return variables and coordinates of a dataset from ``plans``, the result of :func:`plan_problems`."""
     dimensions = ("problem", "law")
     return {
         "cost": ((*dimensions, "of"), plans["cost"], "1", "cost of the object"),

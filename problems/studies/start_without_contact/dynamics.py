@@ -32,8 +32,8 @@ DYNAMICS = ("f", "f_sigma", "g_sigma", "h", "h_sigma")
 class Bundle:
     """Averages of ``f(z + w)`` and ``f'(z + w)``, w ~ N(0, diag(width)²), over ``samples`` draws for each query z.
 
-    Every evaluation has new draws, each with its mirror image, so that a slope is a random estimate
-    of that of f_sigma (the paper's eq. 7). Draws whose step is not solved are left out.
+    Every evaluation draws anew, w together with -w, so that a slope is a random estimate of the slope of
+    f_sigma (the paper's eq. 7). Draws at which the step has no solution are left out.
     """
 
     step: Step
@@ -60,7 +60,7 @@ class Bundle:
         return np.nanmean(steps.x_next.reshape(shape), axis=1), np.nanmean(slopes, axis=1)
 
     def curvatures(self, z: np.ndarray, weights: np.ndarray) -> np.ndarray:
-        """Raise ``NotImplementedError``: the exact step's second derivatives are zero except at its kinks."""
+        """Raise ``NotImplementedError``, since second derivatives of the exact step are zero except at its kinks."""
         raise NotImplementedError("bundled gradients cannot be differentiated again; use Adam")
 
 
@@ -78,7 +78,7 @@ class Bundled(ContactLaw):
         return ParameterTable()
 
     def target(self, system: ContactSystem, z: ca.SX, F: ca.SX, p: ParameterTable) -> ca.SX:
-        """Return an empty vector, since every draw has solved its contact pairs."""
+        """Return an empty vector, since the contacts are solved within every draw."""
         return ca.SX(0, 1)
 
     def close_at_nodes(self, system: ContactSystem, law: Closure, p: ParameterTable, nodes: tuple[Branch, ...]) -> Step:
@@ -106,8 +106,8 @@ EVERY = 10
 def descend_gains(problem: Problem, law: ContactLaw, rate: float, iterations: int) -> dict[str, np.ndarray]:
     """Minimise the cost of Suh et al. 2023, eq. 14, over the gains K_t and k_t by Adam.
 
-    K starts at 0, k at the actuator's start. Returns the costs on the model and under the exact law
-    at every tenth iteration, and the states (N+1, nx) of the last of these policies under the exact law.
+    K starts at 0, k at the start position of the actuator. Return the costs on the model and under the
+    exact law at every tenth iteration, and states (N+1, nx) of the last policy under the exact law.
     """
     exact = RolloutObjective(problem, Exact(), Feedback())
     # For one rollout at a time interpreted graphs are faster than compiled arrays of one sample.
@@ -123,22 +123,22 @@ def descend_gains(problem: Problem, law: ContactLaw, rate: float, iterations: in
 
 
 def gains_of(problem: Problem, theta: np.ndarray) -> Gains:
-    """Return the gains K (N, nu, nx) and k (N, nu) from ``theta``, which lists K's and k's rows step by step."""
+    """Return the gains K (N, nu, nx) and k (N, nu) from ``theta``, which lists the rows of K and k for each step."""
     nx, nu = problem.system.nx, problem.system.nu
     rows = theta.reshape(problem.N, nu * nx + nu)
     return Gains(rows[:, : nu * nx].reshape(-1, nu, nx), rows[:, nu * nx :])
 
 
 def replay_gains(problem: Problem, gains: Gains) -> np.ndarray:
-    """Return states (N+1, nx) of a policy under the exact law."""
+    """Return the states (N+1, nx) of a rollout with the given gains under the exact law."""
     return roll_on(Evaluation(problem, problem.parameters.defaults), gains)[0].x[0]
 
 
 def by_ipopt(problem: Problem, law: ContactLaw) -> dict[str, np.ndarray]:
     """Return the costs of IPOPT's gains, on the model and under the exact law, and its number of iterations.
 
-    The exact law is solved without homotopy, which would start under another law. Costs are NaN if
-    IPOPT does not converge.
+    The exact law is solved without homotopy, since a homotopy would start under another law. Costs are
+    NaN if IPOPT does not converge.
     """
     settings = {"homotopy": False} if isinstance(law, Exact) else {}
     method = Direct() if isinstance(law, LearnedLaw) else SingleShooting()

@@ -8,17 +8,17 @@ import xarray as xr
 from problems.studies.study import Claim, claim, format_values, settings_text
 
 _END_DISTANCE = 2.0
-"""Distance from an end of the data, over sigma, within which g_sigma differs from f_sigma."""
+"""Distance from an end of the data, in units of sigma, below which g_sigma differs from f_sigma."""
 _FEW_NEIGHBOURS = 10.0
-"""Effective neighbours below which data are too sparse to average."""
+"""Number of effective neighbours below which data are too sparse to average."""
 _USUAL_SIGMA = 0.2
 """Usual ratio of the noise's to the data's standard deviation."""
 _MANY_NEIGHBOURS = 400.0
-"""Effective neighbours from which their number in one draw of data deviates by at most 5 %."""
+"""Number of effective neighbours above which random draws of the data change it by at most 5 %."""
 
 
 def claims(data: xr.Dataset) -> list[Claim]:
-    """Return claims on lemmas, walls, rollouts, networks, ends and dimensions."""
+    """Return claims on the lemmas, walls, rollouts, networks, ends of the data and the number of dimensions."""
     return [*_lemmas(data), *_walls(data), *_rollouts(data), *_networks(data), *_ends(data), *_neighbours(data)]
 
 

@@ -73,19 +73,19 @@ def run(params: Params) -> xr.Dataset:
 
 
 PAIRS = np.array([32, 128, 512, 2048])
-"""Numbers of noised pairs that networks are trained on."""
+"""Numbers of noised input-output pairs on which networks are trained."""
 UNITS = np.array([2, 4, 16])
 """Numbers of units in each of a network's two layers."""
 _COMMANDS = 200
-"""Number of commands that networks learn from."""
+"""Number of commands in the data for the networks."""
 _NETWORK_QUERIES = 2000
 """Number of points at which networks are compared with g_sigma."""
 
 
 def train_networks(rho: float, sigma: float, epochs: int, repeats: int, seed: int) -> dict[str, Any]:
-    """Compute the root mean square of h_sigma - g_sigma over noised data of the same 200 commands.
+    """Compute the root mean square of h_sigma - g_sigma over the noised data, for networks of several sizes.
 
-    Every network is trained on its own draw of noised pairs, with all of them in each step.
+    Every network is trained on its own draw of noise on the same 200 commands, all pairs in one batch.
     """
     pusher, rng = LinePusher(rho), np.random.default_rng([seed, 4])
     u = rng.uniform(-1, 1, _COMMANDS)
@@ -114,7 +114,7 @@ SPREADS = np.array([0.1, 0.2, 0.4])
 PROBLEMS = ("planar-push", "planar-hand")
 """Names of the problems whose effective neighbours are counted."""
 DRAWN = ("ranges alone", "half in the tube")
-"""Names of the regions that transitions are drawn from."""
+"""Names of the regions from which transitions are drawn: uniform ranges, or half around the line to the goal."""
 _NEIGHBOUR_QUERIES = 100
 """Number of points whose effective neighbours are counted."""
 
@@ -122,8 +122,8 @@ _NEIGHBOUR_QUERIES = 100
 def effective_neighbours(z: np.ndarray, scales: Normalisation, sigma: float, queries: np.ndarray) -> np.ndarray:
     """Return the effective neighbours ``(sum w)²/sum w²`` (k,) of data z (n, d) at ``queries`` (k, d).
 
-    w² are the weights of width sigma/sqrt(2), so that both sums are densities, as in the
-    denominator of lemma 3: ``(sqrt(4 pi) sigma)^d n p_sigma²/p_(sigma/sqrt(2))``.
+    The squares w² are Gaussian weights of width sigma/sqrt(2), so that both sums can be written as
+    densities, as in the denominator of lemma 3: ``(sqrt(4 pi) sigma)^d n p_sigma²/p_(sigma/sqrt(2))``.
     """
     names = tuple(Signal(f"z{i}", "1") for i in range(z.shape[1]))
     wide, narrow = (
@@ -135,9 +135,9 @@ def effective_neighbours(z: np.ndarray, scales: Normalisation, sigma: float, que
 
 
 def uniform_cloud(n: int, seed: int) -> dict[str, Any]:
-    """Compute median effective neighbours near the middle of n points, uniform in each coordinate with deviation 1.
+    """Compute median effective neighbours near the middle of n uniform points with standard deviation 1 per axis.
 
-    If they are many, their number is ``n (2 sqrt(pi) sigma/length)^d``, the quotient of the integrals.
+    A large number is close to ``n (2 sqrt(pi) sigma/length)^d``, for which integrals replace the sums.
     """
     rng = np.random.default_rng([seed, 5])
     half_width, largest_dimension = np.sqrt(3.0), int(DIMENSIONS[-1])

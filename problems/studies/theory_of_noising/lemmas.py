@@ -13,19 +13,19 @@ from dynamics.systems.parameters import Signal
 from problems.studies.shared.noised_line import LinePusher, Walls, average_of, model_values
 
 WIDTHS = np.array([0.05, 0.1, 0.2])
-"""Noise deviations sigma [m], from a fortieth to a tenth of the length of the data."""
+"""Standard deviations sigma of the noise [m], from a fortieth to a tenth of the length of the data."""
 SPACINGS = np.array([1.0, 0.5, 0.25, 0.125])
-"""Distances of neighbouring data over sigma."""
+"""Distances between neighbouring data, in units of sigma."""
 COMMANDS = np.array([0.25, 0.556, 0.99])
-"""Slopes rho of a pushed block's step, from heavy blocks to light ones; the second is the authors'."""
+"""Slopes rho of the step of a pushed block, from a heavy block to a light one; the authors use the second."""
 PLACES = np.array([0.0, 0.5])
-"""Positions of the kink between two data, over their spacing, at which the sum has the largest errors."""
+"""Positions of the kink between two data, in units of their spacing, at which the error of the sum is largest."""
 CASES = ("3 data", "10 data", "100 data", "a ramp", "a bell")
 """Names of the data sets and densities on which risks are compared."""
 CHANGES = np.array([-0.1, -0.07, -0.04, -0.01, 0.01, 0.04, 0.07, 0.1])
-"""Root mean squares of the perturbations [m], with signs."""
+"""Root mean squares of the perturbations of g_sigma [m]; a negative sign reverses the perturbation."""
 CANDIDATES = ("f", "f_sigma", "nearest")
-"""Names of the other maps whose noised risks are computed."""
+"""Names of the maps whose noised risks are compared with that of g_sigma."""
 DIMENSIONS = (1, 2, 5, 11)
 """Numbers of dimensions in which the score is checked."""
 SPREADS = np.array([0.1, 0.3, 1.0])
@@ -35,9 +35,9 @@ _PERTURBATIONS = 40
 
 
 def uniform_data() -> dict[str, Any]:
-    """Check lemma 1: compute errors of g_sigma from f_sigma over ``rho sigma``, for data spaced D apart.
+    """Check lemma 1: compute ``|g_sigma - f_sigma|/(rho sigma)`` for evenly spaced data at distances D.
 
-    By the Euler-Maclaurin formula such a sum differs from its integral by ``D² B2(t)/2`` times the
+    By the Euler-Maclaurin formula the sum in g_sigma differs from its integral by ``D² B2(t)/2`` times the
     jump of the derivative, here ``rho pdf(0)/sigma``, if the kink lies t D behind a datum.
     """
     places = np.linspace(-4, 4, 161)
@@ -63,7 +63,7 @@ def uniform_data() -> dict[str, Any]:
 
 
 def noised_risks(rho: float, seed: int) -> dict[str, Any]:
-    """Check lemmas 2 and 3: compute how far noised risks of perturbed g_sigma and other maps exceed that of g_sigma.
+    """Check lemmas 2 and 3: compute by how much other maps, or perturbations of g_sigma, increase the noised risk.
 
     The expectation over the noise is a trapezoidal sum, exact to rounding for smooth integrands.
     """
@@ -108,10 +108,10 @@ def noised_risks(rho: float, seed: int) -> dict[str, Any]:
 
 
 def _distribution(case: str, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Return values of x in [-1, 1] m and their probabilities: data, or quadrature nodes of a density."""
+    """Return values of x in [-1, 1] m and their probabilities, for equally likely data or quadrature of a density."""
     if "data" in case:
         n = int(case.split()[0])
-        # One datum lies in each of n equal parts, so that the pusher is in contact at some of them.
+        # One datum lies in each of n equal parts of the interval, so that the pusher is in contact at some data.
         return 2 * (np.arange(n) + rng.uniform(size=n)) / n - 1, np.full(n, 1 / n)
     node, weight = np.polynomial.legendre.leggauss(100)
     # The interval is split at the kink of f.
@@ -128,8 +128,8 @@ def _risk(joint: np.ndarray, y: np.ndarray, map_values: np.ndarray) -> float:
 def score_error(seed: int, n: int = 300, queries: int = 50) -> dict[str, Any]:
     """Check ``g(z) = z + sigma² grad log p_sigma(z)`` for f(x) = x, by differences of log p.
 
-    Central differences of fourth order with a step of 1e-3 sigma have errors of about 1e-11, and as
-    much from rounding.
+    The truncation errors of central differences of fourth order with a step of 1e-3 sigma are about
+    1e-11, as are the rounding errors.
     """
     rng, step = np.random.default_rng([seed, 2]), 1e-3
     errors = np.empty((len(DIMENSIONS), len(SPREADS)))
@@ -148,11 +148,11 @@ def score_error(seed: int, n: int = 300, queries: int = 50) -> dict[str, Any]:
 
 
 DEPTHS = np.array([0.0, 0.1, 0.3, 1, 2, 3, 5, 10, 20, 50, 100, 1000])
-"""Penetrations of a wall over sigma."""
+"""Penetrations into a wall, in units of sigma."""
 DISTANCES = np.linspace(0, 6, 121)
-"""Distances over sigma from an end of the data towards their middle."""
+"""Distances from an end of the data towards their middle, in units of sigma."""
 ENDS = ("upper", "lower")
-"""Names of the ends of uniform data."""
+"""Names of the two ends of the interval of uniform data."""
 GAPS = np.array([0.5, 2.0, 8.0])
 """Distances between the walls [m]."""
 SAMPLES = np.array([10, 100, 1000, 10000])
@@ -196,7 +196,7 @@ def _midpoint(block: Walls, x: np.ndarray, g: np.ndarray, sigma: float, spacing:
 
 
 def _outside() -> dict[str, Any]:
-    """Compute how far inside the walls g_sigma moves penetrating states, and its slope at these."""
+    """Compute, for penetrating states, the distance of g_sigma from the wall to the inside, and its slope."""
     inside, slope = np.empty((2, len(GAPS), len(WIDTHS), len(DEPTHS)))
     for row, gap in enumerate(GAPS):
         block = Walls(-gap / 2, gap / 2)
@@ -230,7 +230,10 @@ def _fixed_points() -> dict[str, Any]:
 
 
 def climb_density(sigma: float, seed: int) -> dict[str, Any]:
-    """Compute where rollouts of g_sigma of random states end, and the least growth of log density in a step."""
+    """Compute where rollouts of g_sigma end, and the smallest increase of the log density in a step.
+
+    The data of g_sigma are random states between the walls; log p_sigma is their noised log density.
+    """
     x = np.linspace(-1, 1, _STATES)
     attractors, climb, centre = np.empty((3, len(SAMPLES)))
     for i, n in enumerate(SAMPLES):

@@ -11,7 +11,7 @@ from problems.studies.study import Claim, claim, settings_text
 from problems.studies.trained_policies.data import MODEL_BASED, NETWORK, SHOWN, STEPS
 
 _EQUAL_RETURN = 1e-2
-"""Relative difference up to which the returns of a plan and of its replay are equal."""
+"""Relative difference up to which the returns of a plan and of its replay count as equal."""
 _FIGURE_4 = "ABS, sec. 7.3, fig. 4"
 """Citation in the claims that the paper makes."""
 _OURS = "FOPG-ABS"
@@ -70,7 +70,7 @@ def _untrained(task_data: xr.Dataset) -> str:
 
 
 def _of_plans(task: str, task_data: xr.Dataset) -> list[Claim]:
-    """Check whether learning starts better from plans, and whether any policy exceeds them."""
+    """Check whether learning from a fit to plans is faster, and whether any policy has a higher return than plans."""
     areas = [mean_height(task_data["by_steps"].sel(algorithm=name).values) for name in (SHOWN, NETWORK)]
     gain = mean_difference(*areas, paired=False)
     best = task_data["replayed"].max("guess")

@@ -38,7 +38,7 @@ EPISODES = 16
 
 @dataclass(frozen=True)
 class Method:
-    """Algorithm, contact law that it learns through, and hidden layers of its policy, none for an affine one."""
+    """Algorithm, contact law through which it learns, and widths of the policy's hidden layers (empty: affine)."""
 
     algorithm: str
     law: ContactLaw
@@ -56,7 +56,7 @@ NETWORK = "FOPG-ABS, network"
 SHOWN = "the same, from plans"
 """Name of the method whose network starts from a fit to plans."""
 MODEL_BASED = "MBPO"
-"""Name of the method that runs a number of iterations instead of the budget of steps: its updates take too long."""
+"""Name of the method that runs for a number of iterations, since its updates take too long for the step budget."""
 METHODS = {
     "FOPG-ABS": Method("fopg", _ABS_LAW),
     "FOPG": Method("fopg", _SHARP_LAW),
@@ -72,7 +72,7 @@ METHODS = {
 
 
 class Params(StudyParams):
-    """Parameters of study A4; the paper states the number of seeds alone."""
+    """Parameters of study A4; the paper states only the number of seeds."""
 
     runs: int = setting(5, "1", "seeds of each algorithm and task", least=2)
     kilosteps: int = setting(200, "1", "thousand simulated steps of each run", least=1)
@@ -82,7 +82,7 @@ class Params(StudyParams):
 
 
 def run(params: Params, finished: FinishedParts) -> xr.Dataset:
-    """Compute returns over simulated steps and wall time, best policies' returns and speeds, and returns of plans."""
+    """Compute returns over simulated steps and wall time, returns and speeds of best policies, and returns of plans."""
     plans_shown = make_plans(TASKS, params.plans, finished)
     jobs = {
         f"{task}-{name}-{r}": _job(task, METHODS[name], params, r, plans_shown[task])
@@ -136,7 +136,7 @@ def _against_plans(
     jobs: Mapping[str, TrainingJob],
     trainings: Mapping[str, Curves],
 ) -> dict[str, Any]:
-    """Compute the returns of both kinds of plans, and of every policy over as many steps."""
+    """Compute returns of plans from both kinds of guesses, and of every policy over as many steps as a plan has."""
     n = params.plans
     policies = {key: Policy(job.task, policy_of(trainings[key]), job.options["hidden"]) for key, job in jobs.items()}
     reached = {key: policy.returns(n) for key, policy in policies.items()}
@@ -183,7 +183,7 @@ STEPS = 20
 _DEMONSTRATIONS = 8
 """Number of noisy copies of each state of a plan in the demonstrations."""
 _DEMONSTRATION_SPREAD = 0.02
-"""Standard deviation of the noise on the copies, in characteristic sizes of the states."""
+"""Standard deviation of the noise on the copies, in units of the characteristic sizes of the states."""
 _START_SEED = 31
 """Random seed of the states that plans start from."""
 
@@ -202,14 +202,14 @@ class Policy:
         return Experiment(task=task, algorithm=FOPG(), hidden=self.hidden, threads=1)
 
     def returns(self, n: int) -> np.ndarray:
-        """Compute exact returns (n,) over as many steps as a plan has, from the plans' first ``n`` starts."""
+        """Compute exact returns (n,) over as many steps as a plan has, from the plans' first ``n`` start states."""
         episodes = evaluate_from(self.over(STEPS), self.trained, EXACT, initial_states(self.task, n))
         return episodes.returns
 
 
 @dataclass(frozen=True)
 class PlanJob:
-    """Job of planning from the ``number``-th start; the guess has constant inputs or is the motion of ``near``."""
+    """Job of one plan from start state ``number``; the guess has constant inputs or is the motion of ``near``."""
 
     task: str
     number: int
@@ -219,8 +219,8 @@ class PlanJob:
 def make_plan(job: PlanJob, _: Report) -> dict[str, np.ndarray]:
     """Plan from one start, as a :data:`~ocp.jobs.scheduling.Function` of the job, and return arrays.
 
-    ``states`` and ``inputs`` are demonstrations of the plan, ``returned`` its return, ``replayed``
-    that of its inputs under the exact law, and ``certified`` whether the plan is certified.
+    ``states`` and ``inputs`` are demonstrations of the plan, ``returned`` is its return, ``replayed`` the
+    return of its inputs under the exact law, and ``certified`` whether the plan is certified.
     """
     task = registry.get(job.task, horizon=STEPS)
     x0 = initial_states(job.task, job.number + 1)[job.number]
@@ -247,7 +247,7 @@ def initial_states(task: str, n: int) -> np.ndarray:
 def make_plans(
     tasks: tuple[str, ...], n: int, finished: FinishedParts, best: Mapping[str, Policy] | None = None
 ) -> dict[str, list[dict[str, np.ndarray]]]:
-    """Compute ``n`` plans of each task in parallel, from guesses with constant inputs or ``best`` policies."""
+    """Compute ``n`` plans of each task in parallel, from guesses with constant inputs or ``best`` policies' motions."""
     word = "plan" if best is None else "near"
     jobs = {
         f"{word}-{task}-{k}": PlanJob(task, k, None if best is None else best[task]) for task in tasks for k in range(n)
