@@ -176,7 +176,7 @@ class Growth:
 
 
 def variance_growth(data: xr.Dataset, task: str, law: str) -> Growth:
-    """Return the growth rate as the mean of fits over stages, with two standard errors each way; NaN for too few fits."""
+    """Return the mean growth rate of fits over stages, with two standard errors on each side; NaN for too few fits."""
     variances = data["variance"].sel(task=task, law=law)
     lengths = variances["length"].values
     chosen = lengths >= _SHORTEST_FITTED
