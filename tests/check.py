@@ -1,7 +1,7 @@
 """``python -m tests.check FILE``: check one file in seconds.
 
-Checks the style and types of the file, and runs tests that import its module, first those that
-import few others; ``make test`` runs the rest.
+Checks the style and types of the file, and runs tests that import its module, in order of the number of modules
+that they import; ``make test`` runs the rest.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ import grimp
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("dynamics", "ocp", "problems", "reports")
 GENERATOR = "docs.generator"
-"""Package that writes the site: it imports the others, and none imports it."""
+"""Package that writes the documentation; it imports the other packages, and none of them imports it."""
 MOST = 3
-"""Maximum number of test files to run; else a module that everything imports would run the whole suite."""
+"""Maximum number of test files to run, since the whole suite may import the file's module."""
 
 
 def module_of(file: Path) -> str:
@@ -29,7 +29,7 @@ def module_of(file: Path) -> str:
 
 
 def imported(file: Path) -> set[str]:
-    """Return the modules of this repository that a file imports, each name's defining module included."""
+    """Return the modules of this repository that a file imports, including those that define the imported names."""
     found: set[str] = set()
     for node in ast.walk(ast.parse(file.read_text())):
         if isinstance(node, ast.Import):
@@ -41,7 +41,7 @@ def imported(file: Path) -> set[str]:
 
 @cache
 def _home(module: str, name: str) -> str:
-    """Return the module that defines ``name``, imported from ``module``: that one, a submodule, or one it imports."""
+    """Return the module that defines ``name``: ``module``, a submodule of it, or one from which it imports the name."""
     folder = ROOT / module.replace(".", "/")
     if (folder / f"{name}.py").is_file() or (folder / name).is_dir():
         return f"{module}.{name}"
@@ -56,8 +56,8 @@ def _home(module: str, name: str) -> str:
 def tests_of(file: Path) -> list[Path]:
     """Return the test files that check a file, first those that import the fewest modules.
 
-    They import its module; if none does, they import its package or a module that imports it, and
-    so on.
+    They import the file's module; if no test does, they import its package or a module that imports it, and so
+    on.
     """
     if ROOT / "tests" in file.parents:
         return [file]

@@ -33,8 +33,8 @@ _X86_V3 = ("X86_V3", "AVX2", "FMA3", "F16C", *_X86_V4)
 class Processor:
     """Processor to emulate: flags of /proc/cpuinfo that it ``needs``, and how libraries are limited to it.
 
-    ``glibc`` and ``numpy`` are features to switch off; the others are names of the processor, ``march``
-    the compiler's, "" for this computer's own.
+    ``glibc`` and ``numpy`` are features to switch off. ``openblas``, ``xla`` and ``march`` are the names of the
+    processor in OpenBLAS, XLA and the compiler; an empty ``march`` keeps this computer's own.
     """
 
     needs: tuple[str, ...]
@@ -99,7 +99,7 @@ def variables(name: str, folder: Path) -> dict[str, str]:
 
 
 def act(name: str, command: Sequence[str]) -> int:
-    """Run a command as on a processor and return its exit code; print the settings."""
+    """Run a command as on the processor ``name`` and return its exit code; print the settings."""
     with tempfile.TemporaryDirectory() as folder:
         made = variables(name, Path(folder))
         settings = " ".join(f"{k}={v!r}" for k, v in made.items() if k != "PATH")

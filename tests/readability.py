@@ -111,7 +111,7 @@ def read_node(node: ast.AST, path: Path, readings: Readings) -> None:
 
 
 def read_constants(tree: ast.Module, lines: list[str], path: Path, readings: Readings) -> None:
-    """Read the module's constants: a comment above or beside one describes it, or a docstring below."""
+    """Count a module's constants that have neither a docstring below nor a comment above or on the same line."""
     for node, follower in zip(tree.body, [*tree.body[1:], None], strict=False):
         if not isinstance(node, ast.Assign | ast.AnnAssign):
             continue

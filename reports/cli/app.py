@@ -38,7 +38,7 @@ def execute(options: Options) -> int:
 
 @contextmanager
 def _damage_reported(runs: Sequence[str]) -> Iterator[None]:
-    """Raise DamagedRun for an error that inconsistent content of the named runs causes in the block."""
+    """Raise DamagedRun in place of an error in the block that inconsistent content of the named runs has caused."""
     try:
         yield
     except (ArithmeticError, AssertionError, AttributeError, LookupError, RuntimeError, TypeError, ValueError) as error:
@@ -120,7 +120,7 @@ class StrictCommand(TyperCommand):
         formatter.write(self.declared.epilog())
 
     def make_parser(self, ctx: Any) -> Any:
-        """Return a parser that reads numbers like settings, such as 1e5 for an integer, and rejects malformed words."""
+        """Return a parser that reads numbers as settings are read (1e5 as an integer), and rejects malformed words."""
         parser = super().make_parser(ctx)
         parse = parser.parse_args
 
@@ -194,7 +194,7 @@ class CommandGroup(TyperGroup):
         return self.commands.get(cmd_name)
 
     def resolve_command(self, ctx: Any, args: list[str]) -> tuple[Any, Any, list[str]]:
-        """Return name, parser and arguments of the command that the first two words name, or else the first word."""
+        """Return name, parser and arguments of the command named by the first two words or, failing that, the first."""
         two = " ".join(args[:2])
         if len(args) > 1 and two in COMMANDS:
             args = [two, *args[2:]]
@@ -262,7 +262,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             command = typer.main.get_command(app)
             code = command.main(args=words, prog_name="ocp", standalone_mode=False)
             interrupt.raise_if_interrupted()
-            # Flushed here, where a failure can still be reported.
+            # Flush here, where a failure to write can still be reported.
             sys.stdout.flush()
     except BaseException as error:
         if isinstance(error, KeyboardInterrupt) or interrupt.was_interrupted():
@@ -276,7 +276,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             print(f"error: {message}", file=sys.stderr)
         return code
     finally:
-        # In its own process stdout stays redirected, since libraries print even at the end.
+        # Without ``arguments`` the process ends next, and stdout stays redirected, since libraries print at exit.
         if arguments is not None:
             streams.restore_stdout()
     return code if isinstance(code, int) else 0

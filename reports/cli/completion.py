@@ -19,7 +19,7 @@ _NAMED = {
     "world": "ocp.simulators:SIMULATORS",
     "figures": "problems.studies:STUDIES",
 }
-"""Mapping from a field to ``module:table``; the table's names complete it, and are imported only for completion."""
+"""Mapping from an option to ``module:table``, whose keys complete the option; only completion imports the module."""
 
 
 def field_completion(name: str) -> Callable[[typer.Context, str], list[str]] | None:
@@ -87,4 +87,4 @@ _WORDS: dict[str, Callable[[dict[str, Any]], Words]] = {
     "decision_run": _runs,
     "subject": lambda options: [*_problems(options), *_runs(options)],
 }
-"""Mapping from each other field to a function from the options typed so far to its completions."""
+"""Mapping from each other option to a function that returns its completions, given the options typed so far."""

@@ -114,9 +114,10 @@ class EstimateRequest:
 
     @property
     def decisive(self) -> dict[str, Any]:
-        """Values that must be the same for a stopped study to be resumed; ``content`` covers the user's files.
+        """Values that must be unchanged for a stopped study to resume; ``content`` is a digest of the user's files.
 
-        A digest of the decision replaces the run of ``--at``, since ``@last`` may name another run each time.
+        The run that ``--at`` names is replaced by a digest of its decision, since ``@last`` may name a
+        different run each time.
         """
         decision = hashlib.sha256(self.objective.theta.tobytes()).hexdigest()
         return {**self.record, "source": None, "at": None, "decision": decision}
@@ -250,7 +251,7 @@ def _stored_decision(options: EstimateOptions, spec: ProblemSpec, parameter_text
 def _check_same(
     run: StoredRun, options: EstimateOptions, spec: ProblemSpec, parameter_texts: Mapping[str, Any]
 ) -> None:
-    """Raise InputError unless a run solves this problem with the same parameters, the swept one aside."""
+    """Raise InputError unless a run solves this problem with the same parameters, except for the swept one."""
     complaint = f"--at {options.decision_run}: the run is of"
     if run.meta["problem"] != spec.name:
         raise InputError(f"{complaint} {run.meta['problem']}, not of {spec.name}; give a run of {spec.name}")

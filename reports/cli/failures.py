@@ -65,7 +65,7 @@ def _hidden_package() -> str:
 
 
 def _usage(error: Any, message: str) -> str:
-    """Return the parser's message, with the nearest name in the form of our own messages: (did you mean X?)."""
+    """Return the parser's message, in which the nearest name is suggested as in our own messages: (did you mean X?)."""
     option_names = getattr(error, "possibilities", None)
     if not option_names:
         return re.sub(r"\. Did you mean ('[^']+').*", r" (did you mean \1?)", message)

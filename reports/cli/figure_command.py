@@ -39,7 +39,7 @@ FigureRequest = list["tuple[FigureStudy, dict[str, Any]] | StoredRun"]
 
 
 def check(options: FigureOptions) -> FigureRequest:
-    """Return, in the order of the arguments, studies with all their parameters and stored runs."""
+    """Return the studies, each with all its parameters, and the stored runs, in the order of the arguments."""
     named = options.figures or []
     if options.every == bool(named):
         raise InputError(f"give figures or --all; available: {', '.join(studies.ids())}")
@@ -160,8 +160,9 @@ def _write_bare_figure(run: StoredRun, options: FigureOptions) -> Path:
 def _explain_errors(study: FigureStudy, params: dict[str, Any]) -> Iterator[None]:
     """Turn an error of a study at parameters other than its defaults into an InputError that names them.
 
-    At its defaults an error is a defect. Elsewhere a study may have no result, since ranges are checked
-    parameter by parameter: a ball may, for example, land outside the observed interval.
+    At the default parameters an error is a defect of the program. At other parameters a study may have no
+    result, since the range of each parameter is checked on its own: a ball may, for example, land outside the
+    observed interval.
     """
     defaults = study.params({}).model_dump()
     chosen = [f"{name}={value}" for name, value in params.items() if name != "seed" and value != defaults[name]]

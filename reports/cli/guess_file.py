@@ -17,7 +17,7 @@ from reports.cli.options.shared import StoreOptions
 
 
 def read_guess(options: StoreOptions, guess: str) -> GuessLike:
-    """Return the guess that ``--guess`` names: the sketch in a .json or .toml file, else the data of a solve."""
+    """Return the guess that ``--guess`` names: the sketch in a .json or .toml file, or the data of a stored solve."""
     if Path(guess).suffix in READERS:
         return read_sketch(expand_path(guess))
     stored_run = options.stored(guess)

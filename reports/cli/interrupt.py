@@ -32,8 +32,8 @@ _DEFERRED = threading.Event()
 def watch_interrupts() -> Iterator[None]:
     """Record a Ctrl-C within the block; a second one ends the process at once.
 
-    IPOPT's callback catches Python's KeyboardInterrupt and reports a failed solve, after which a
-    homotopy would continue; :func:`raise_if_interrupted`, called between solves, raises it again.
+    IPOPT's callback catches Python's KeyboardInterrupt and reports a failed solve, after which a homotopy would
+    continue. Therefore :func:`raise_if_interrupted`, called between solves, raises KeyboardInterrupt again.
     """
     _PRESSED.clear()
     _ANSWERED.clear()
@@ -51,7 +51,7 @@ def watch_interrupts() -> Iterator[None]:
 
 @contextmanager
 def defer_interrupts() -> Iterator[None]:
-    """Only record a first Ctrl-C in the block; the next call of :func:`raise_if_interrupted` raises it."""
+    """Record a first Ctrl-C in the block without an exception, which :func:`raise_if_interrupted` then raises."""
     _DEFERRED.set()
     try:
         yield

@@ -104,7 +104,7 @@ def _disturbance(options: MpcOptions, spec: ProblemSpec, problem: Problem, steps
         for name, text in parse_assignments("--mismatch", options.mismatch).items()
     }
     check_mismatch(problem, mismatch)
-    # Parameters of the plant have the ranges of the problem's.
+    # The plant's parameters have the same ranges as the problem's parameters.
     spec.params({**parse_assignments("-p", options.params), **mismatch})
     pushes = _pushes(options.push or (), states, steps)
     return Disturbance(state_noise, input_noise, mismatch, options.delay, pushes)
@@ -124,7 +124,7 @@ def _deviation(flag: str, words: Sequence[str] | None) -> float | dict[str, floa
 
 
 def _pushes(words: Iterable[str], states: list[str], steps: int) -> dict[int, np.ndarray]:
-    """Return a mapping from a sample to the change of the state (nx,) before it."""
+    """Return a mapping from the index of a sample to the change of the state (nx,) just before this sample."""
     push_at: dict[int, np.ndarray] = {}
     for word in words:
         sample, sign, change = word.partition(":")
@@ -148,7 +148,7 @@ def run(options: MpcOptions, case: LoopCase) -> int:
             case.problem, case.law, options.phase, None, options.iterations, options.trust, options.deadline
         )
         interrupt.raise_if_interrupted()
-        # Raised within a sample, KeyboardInterrupt could become an error of compiled code.
+        # A KeyboardInterrupt that is raised within a sample could become an error of compiled code.
         with interrupt.defer_interrupts():
             loop = simulate(
                 controller,

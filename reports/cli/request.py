@@ -130,7 +130,7 @@ def read_names(options: SolverOptions) -> tuple[ProblemSpec, dict[str, Any]]:
 
 
 def case_of(spec: ProblemSpec, arguments: dict[str, Any]) -> Case:
-    """Return a description from which any process builds the problem; it has the absolute path of a problem file."""
+    """Return a description from which any process can build the problem, with the absolute path of a problem file."""
     # Imported only here, since one solve in this process needs no jobs.
     from ocp.jobs.case import Case
 

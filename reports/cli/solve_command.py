@@ -142,7 +142,7 @@ def _cost_slopes(solution: Solution, name: str) -> dict[str, Any]:
 
 
 def _solved(options: SolveOptions, request: Request, start: Solution | None) -> Solution:
-    """Return the solution; after Ctrl-C its best iterate, or store the best of several starts and raise."""
+    """Return the solution; after Ctrl-C return the best iterate, or store the best of several starts and raise."""
     rank = cast("Rank", options.rank)
     with console.progress(options.output.progress, f"{request.spec.name}: building") as report:
 
@@ -186,7 +186,7 @@ def _solved(options: SolveOptions, request: Request, start: Solution | None) -> 
 
 def print_solution(output: Output, solution: Solution) -> None:
     """Print the homotopy table, the audit, contacts and, for a failure, the worst constraints."""
-    # Elsewhere the stages were printed as lines during the solve.
+    # If stderr is no terminal, the stages were printed as lines during the solve.
     if solution.stages and output.console.is_terminal and output.progress:
         output.note(console.stage_table(solution.stages, solution.cost))
     if note := console.stage_note(solution.stages, solution.cost):
@@ -299,10 +299,10 @@ def run_replay(options: ReplayOptions, request: ReplayRequest) -> int:
 def replay_document(stored: StoredRun, rolled: Replay) -> dict[str, Any]:
     """Return the JSON document of ``ocp replay``.
 
-    ``cost`` under the law, ``planned_cost``, ``state_gap`` max |x - x_replay|, ``penetration`` [m]
-    by true signed distance, ``between`` the deepest penetration between nodes, ``broken`` the
-    constraints that the replay violates, ``final_state`` (scenario, state), ``inputs`` "open-loop"
-    or "feedback".
+    Among its keys, ``cost`` is the cost under the law of the replay, ``state_gap`` is max |x - x_replay|,
+    ``penetration`` [m] is measured by the true signed distance, ``between`` is the deepest penetration between
+    nodes, ``broken`` lists the constraints that the replay violates, ``final_state`` has shape (scenario,
+    state), and ``inputs`` is "open-loop" or "feedback".
     """
     copied = ("inputs", "cost", "planned_cost", "state_gap", "penetration")
     return {

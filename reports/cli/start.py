@@ -19,7 +19,7 @@ def main() -> None:
     from reports.cli.app import main as run
 
     code = run()
-    # Python runs no signal handlers while it shuts down, so that work is done here and the process ended.
+    # Python runs no signal handlers while it shuts down, so exit functions run here, and os._exit ends the process.
     __import__("atexit")._run_exitfuncs()
     try:
         sys.stdout.flush()

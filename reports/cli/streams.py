@@ -124,7 +124,7 @@ ERROR_HANDLER = "centralpath-signs"
 
 
 def to_ascii(text: str) -> str:
-    """Return ``text`` in ASCII: known signs by name, letters without accents, the rest as ``?``."""
+    """Return ``text`` in ASCII: known signs as in :data:`SIGNS`, letters without accents, the rest as ``?``."""
     bare = (unicodedata.normalize("NFKD", sign).encode("ascii", "ignore") for sign in text)
     return "".join(SIGNS.get(sign) or letters.decode() or "?" for sign, letters in zip(text, bare, strict=True))
 
@@ -223,13 +223,13 @@ _LOG_FORMAT = "{relativeCreated:9.0f} ms  {name}: {message}"
 
 
 _VERDICT_STYLES = {"survives": "green", "certified": "yellow", "failed": "red"}
-"""Mapping from a grade to the colour of its verdict: certified and surviving, only certified, neither."""
+"""Mapping from the grade of a verdict to its colour on a terminal."""
 
 
 class Output:
-    """Streams of a command: results go to stdout, or with ``--json`` only JSON; the rest to stderr.
+    """Output of a command: results go to stdout, with ``--json`` only the JSON document; all else goes to stderr.
 
-    If progress is ``logged``, no bar and no table shows it.
+    If progress is ``logged``, it is not shown in a bar or table as well.
     """
 
     def __init__(self, as_json: bool, quiet: bool, logged: bool = False) -> None:

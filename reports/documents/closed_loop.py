@@ -12,7 +12,7 @@ from reports.tables.closed_loop import loop_notes, loop_rows
 from reports.tables.console import number
 
 _GRADE_OF_STATUS = {"done": "survives", "warnings": "certified", "stopped": "certified"}
-"""Mapping from the status of a closed loop to its grade; with any other status it has failed."""
+"""Mapping from the status of a closed loop to its grade; any other status has the grade ``failed``."""
 _LEADING_KEYS = ("phase", "plant")
 """Settings of a closed loop that the page lists with its request."""
 

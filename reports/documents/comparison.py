@@ -30,7 +30,7 @@ from reports.tables.listings import event_rows
 _LABEL_KEYS = ("problem", "contact", "method", "policy", "solver", "strategy")
 """Keys of a request that labels begin with, in this order."""
 _SETTING_GROUPS = ("params", "contact_settings", "policy_settings", "solver_options")
-"""Keys of a request that hold several settings."""
+"""Keys of a request whose values are dictionaries of settings."""
 _NOT_COMPARED = ("source", "versions", "citation", "audit_s", "law_parameters", "jit", "learned_at", "certify", "rate")
 """Keys of a run's record that labels leave out."""
 
@@ -75,9 +75,9 @@ def describe_runs(views: Sequence[RunView]) -> tuple[list[str], list[str], bool]
 def run_labels(runs: Sequence[StoredRun]) -> list[str]:
     """Return a label for each run: the values in which the runs differ, problem and law first.
 
-    Runs of different problems are labelled by problem and law, and by further values only where
-    these are the same. A setting of one law, such as mu, labels only the runs with that law.
-    Identical requests are labelled by their hashes.
+    Runs of different problems are labelled by problem and law, and by further values only if another run has
+    the same problem and law. A setting of one law, such as mu, labels only the runs with that law. Identical
+    requests are labelled by their hashes.
     """
     all_requests = [_flat(run) for run in runs]
     leading_keys = _LABEL_KEYS[:2] if len({request.get("problem") for request in all_requests}) > 1 else ()
@@ -108,7 +108,7 @@ def _flat(run: StoredRun) -> dict[str, Any]:
 
 
 def _differs(key: str, request: Mapping[str, Any], requests: Sequence[Mapping[str, Any]]) -> bool:
-    """Return whether other runs differ in a value; a setting of a law is compared only between runs with that law."""
+    """Return whether another request has a different value; settings of a law are compared only for the same law."""
     others = [other for other in requests if other is not request]
     if key == "strategy" or key.startswith("contact."):
         others = [other for other in others if other.get("contact") == request.get("contact")]

@@ -108,7 +108,7 @@ _TEXT_HEIGHT_PT = 717.0
 
 
 def _with_full_pages(root: Path, template: str, content: dict[str, Any]) -> bytes:
-    """Return the PDF with the largest figures that fill half of the last page, if any do, else unscaled ones.
+    """Return the PDF at the largest scale of figures that fills half of the last page, or unscaled if no scale does.
 
     Raises ``typst.TypstError`` for content that does not compile.
     """

@@ -80,7 +80,7 @@ def solve_page(view: RunView, cones: bool = False, signals: str | None = None) -
 
 
 def _motion(view: RunView, cones: bool) -> tuple[dict[str, Figure | None], str]:
-    """Return the strobe, or one for each drawn scenario, and the caption of the arrows."""
+    """Return figures, a strobe or rows with a strobe for each drawn scenario, and the caption of their arrows."""
     if view.scenarios == 1 or view.picture is None:
         return {"strobe": strobe(view, cones)}, ""
     picked = picked_scenarios(view.pictured)
@@ -101,7 +101,7 @@ def _stages(view: RunView) -> list[list[str]]:
 
 
 def _starts(view: RunView) -> list[str]:
-    """Return the columns of the table of starts, those for which any start has a value."""
+    """Return the columns of the table of starts in which at least one start has a value."""
     others = view.run.meta["others"]
     return [key for key in _START_KEYS if any(key in other for other in others)]
 

@@ -35,7 +35,7 @@ def training_page(views: list[RunView]) -> Page:
 
 
 def training_content(views: Sequence[RunView]) -> tuple[dict[str, Any], dict[str, Figure], list[StoredRun]]:
-    """Return verdicts and table as content of a page, figures, and the first run of each group.
+    """Return the page's content (verdicts and a table), its figures, and the first run of each group.
 
     Raises :class:`~ocp.errors.InputError` for runs on several tasks.
     """
@@ -79,7 +79,7 @@ def _key_numbers(run: StoredRun) -> list[list[str]]:
 
 
 def _learned(group: SeedGroup) -> list[list[str]]:
-    """Return rows on physical parameters learned with the group's best policy, with the task's values."""
+    """Return rows on physical parameters learned with the group's best policy, next to the task's values."""
     view = RunView.of(group.best)
     if view.problem is None or "psi" not in view.run.data:
         return []

@@ -13,9 +13,9 @@ from reports.drawing.view import RunView
 
 
 def plan_shapes(view: RunView, sample: int, node: int, body: Sequence[Shape]) -> list[Shape]:
-    """Return the shapes at a node of a sample's plan (seed 0), except those that ``body`` shares.
+    """Return the shapes at a node of a sample's plan (seed 0), except shapes that are also in ``body``.
 
-    The list is empty if the problem has no drawing, or the sample no plan.
+    The list is empty if the problem has no drawing, or the sample has no plan.
     """
     spec, plan = view.spec, view.array("plan")
     if not isinstance(spec, ProblemSpec) or spec.draw is None or plan is None:
@@ -27,6 +27,6 @@ def plan_shapes(view: RunView, sample: int, node: int, body: Sequence[Shape]) ->
 
 
 def with_ghosts(view: RunView, times: np.ndarray, shapes: Sequence[list[Shape]]) -> list[list[Shape]]:
-    """Return the shapes of each frame at ``times`` [s], after those of the last state of its sample's plan."""
+    """Return the shapes of each frame at ``times`` [s], preceded by shapes at the last state of the sample's plan."""
     samples = np.searchsorted(view.time, times + 1e-9 * view.time[-1], side="right") - 1
     return [[*plan_shapes(view, int(sample), -1, body), *body] for sample, body in zip(samples, shapes, strict=False)]

@@ -50,8 +50,8 @@ _REACH = 4.0
 def bounds(shapes: Iterable[Shape]) -> np.ndarray:
     """Return the smallest box around shapes [m]: ((x_low, y_low), (x_high, y_high)), shape (2, 2).
 
-    A half plane counts as the point that defines it, and a line drawn on a floor not at all. Without
-    shapes the box is ((inf, inf), (-inf, -inf)).
+    A half plane counts as the point that defines it; a line drawn on a floor does not count. Without shapes the
+    box is ((inf, inf), (-inf, -inf)).
     """
     points = [point for shape in shapes for point in _corners(shape)]
     if not points:
@@ -142,7 +142,7 @@ def half_plane_path(shape: Wall, middle: np.ndarray, reach: float) -> Path:
 
 
 def width(shape: Shape) -> float:
-    """Return the line width of a shape [pt]; lines on a floor are as thin as edges."""
+    """Return the line width of a shape [pt]; lines on a floor are as thin as edges of bodies."""
     return EDGE_PT if is_opaque(shape) else BAR_PT.get(type(shape), EDGE_PT)
 
 
@@ -157,7 +157,7 @@ def is_opaque(shape: Shape) -> bool:
 
 
 def shape_colors(shape: Shape, strength: float = 1.0) -> tuple[Rgba, Rgba]:
-    """Return the colours of a body's inside and edge, twice the same for a bar; ``strength`` scales the darkness."""
+    """Return the colours of a body's inside and edge, which are equal for a bar; ``strength`` scales the darkness."""
     ink, shade = to_rgba(color(shape.role))[:3], getattr(shape, "shade", 0.0)
     if not is_opaque(shape):
         return (*ink, FILLED * strength), (*ink, strength)
@@ -177,7 +177,8 @@ T = TypeVar("T", bound=Hashable)
 def constant_shapes(frames: Sequence[Sequence[T]], hiding: Sequence[bool]) -> list[T]:
     """Return the shapes that are in every frame, to be drawn once below the rest.
 
-    Shapes that hide others, marked in ``hiding`` for the first frame, count only if all frames begin with them.
+    ``hiding`` marks the shapes of the first frame that hide others. Such a shape is returned only if all frames
+    are equal up to this shape.
     """
     n_leading = len([*takewhile(lambda same_place: len(set(same_place)) == 1, zip(*frames, strict=False))])
     common = set.intersection(*map(set, frames))
@@ -292,9 +293,9 @@ def view_around(box: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def make_cameras(plays: Sequence[Sequence[list[Shape]]]) -> list[Camera]:
     """Return a camera for each of several motions, from the shapes in each frame.
 
-    All show the same window: the whole first motion, and the others up to a distance of its size from
-    it. If this window is over five times as long as high and as the bodies, each camera follows its own
-    motion instead.
+    All show the same window. It contains the whole first motion, and is extended to contain the others, on each
+    side by at most the longer side of the first motion. If this window is over five times as long as it is high
+    and as the bodies are, each camera follows its own motion instead.
     """
     boxes = [
         np.array([bounds(shape for shape in shapes if not isinstance(shape, Wall)) for shapes in play])

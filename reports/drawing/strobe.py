@@ -23,9 +23,9 @@ from reports.drawing.view import RunView
 LEAST = 0.02
 """Fraction of the largest force below which forces are not drawn."""
 _ARROW_OF_LONG_SIDE = 0.18
-"""Longest arrow, as a share of the longer side of the view."""
+"""Length of the longest arrow, as a share of the longer side of the view."""
 _ARROW_OF_SHORT_SIDE = 0.4
-"""Longest arrow, as a share of the shorter side of the view."""
+"""Length of the longest arrow, as a share of the shorter side of the view."""
 _CONE_ARROWS = 0.7
 """Length of a drawn friction cone, as a share of the longest arrow."""
 
@@ -96,9 +96,10 @@ def arrow_caption(largest: float, unit: str, rough: bool) -> str:
 
 
 def acting_contacts(view: RunView) -> tuple[dict[str, np.ndarray], dict[int, str]]:
-    """Return a mapping from suffix, "" or "_replay", to sizes (N, points) of forces, and the acting contacts.
+    """Return sizes of contact forces and names of acting contacts, as two mappings.
 
-    The latter map columns to names, for contacts with a visible force in the plan or in its replay.
+    The first maps a suffix, "" for the plan or "_replay", to sizes (N, points). The second maps their columns
+    to names, for contacts with a visible force in the plan or in its replay.
     """
     forces_by_suffix = {suffix: forces_of(view, suffix) for suffix in ("", "_replay")}
     sizes = {key: np.hypot(forces.normal, forces.friction) for key, forces in forces_by_suffix.items() if forces}
@@ -136,8 +137,8 @@ def draw_contacts(
 ) -> list[Artist]:
     """Draw the forces ``pushes``, normal and friction (points,), and friction cones; return the artists.
 
-    The ``largest`` force has the :func:`longest_arrow`; very small forces are left out. ``cones`` is the
-    opacity of the cones relative to the usual one, 0 for none.
+    A force of size ``largest`` has the longest arrow (:func:`longest_arrow`); very small forces are left out.
+    ``cones`` is the opacity of the cones relative to the usual one, 0 for none.
     """
     longest = longest_arrow(np.ptp([axis.get_xlim(), axis.get_ylim()], axis=1))
     artists = list[Artist]()
@@ -212,10 +213,10 @@ def picked_scenarios(count: int) -> list[int]:
 
 
 def strobe_rows(titled_views: Sequence[tuple[str, RunView]], cones: bool = False) -> tuple[list[Figure], str]:
-    """Return strobes of scenario 0 side by side under titles, one figure per row, and the caption of arrows.
+    """Return one figure per row of titled strobes of scenario 0, and a caption that states the scale of the arrows.
 
-    Views without a picture are left out. Views of the same problem share their limits and the scale of
-    their arrows, which the caption states; with several problems each view has its own.
+    Views that cannot be drawn are omitted. Strobes of the same problem share the limits of their axes and the
+    scale of their arrows; with several problems each strobe has its own.
     """
     titled_views = [(title, view) for title, view in titled_views if view.picture is not None]
     if not titled_views:
@@ -264,7 +265,7 @@ def _one_view(axes: Sequence[Axes]) -> None:
 def draw_strobe(axis: Axes, view: RunView, cones: bool = False, largest: float | None = None) -> None:
     """Draw the strobe of scenario 0 with its forces into existing axes.
 
-    The longest arrow is that of a force of size ``largest``, by default the largest force of the run.
+    The longest arrow shows a force of size ``largest``, by default the largest force of the run.
     """
     picture = view.picture
     assert picture is not None
@@ -290,9 +291,9 @@ def _strongest(forces: Forces) -> int | None:
 
 
 def draw_motion(axis: Axes, plays: list[list[Shape]], strongest: int | None = None) -> np.ndarray:
-    """Draw the shapes at several nodes of a motion, early ones faint; return these nodes.
+    """Draw the shapes at several nodes of a motion, with early ones faint; return these nodes.
 
-    ``plays`` holds the shapes at every node. If more than two are drawn, the node ``strongest`` is among them.
+    ``plays`` holds the shapes at every node. If more than two nodes are drawn, ``strongest`` is among them.
     """
     chosen = _instants(plays)
     if strongest is not None and len(chosen) > 2:
@@ -312,7 +313,7 @@ def draw_motion(axis: Axes, plays: list[list[Shape]], strongest: int | None = No
 
 
 def _instants(plays: list[list[Shape]]) -> np.ndarray:
-    """Return the nodes of a strobe, evenly spaced, and fewer if bodies hardly move."""
+    """Return the nodes of a strobe, which are evenly spaced, and fewer if bodies hardly move."""
     fixed = set.intersection(*(set(shapes) for shapes in plays))
     boxes = np.array([bounds(s for s in shapes if s not in fixed) for shapes in plays])
     count = _FEWEST_INSTANTS

@@ -78,7 +78,7 @@ class RunView:
 
     @property
     def pictured(self) -> int:
-        """Number of scenarios that can be drawn; 1 for an unknown problem, as a run stores the drawing of only one."""
+        """Number of scenarios that can be drawn; 1 for an unknown problem, as a run stores one scenario's drawing."""
         return self.scenarios if self.spec is not None else 1
 
     def signals(self, kind: str) -> list[Signal]:
@@ -201,7 +201,7 @@ def _read(motion: dict[str, Any]) -> tuple[list[list[Shape]], list[list[ContactF
 def _between(frames: list[list[T]], place: float) -> list[T]:
     """Return shapes interpolated between two nodes, or those of the nearer node if they do not correspond.
 
-    They do not if their kinds change, and in a picture of space, where their order changes.
+    Shapes do not correspond if their kinds change, or in a picture of space, where their order may change.
     """
     frame_before, frame_after = frames[int(place)], frames[min(int(place) + 1, len(frames) - 1)]
     changes = [type(shape) for shape in frame_before] != [type(shape) for shape in frame_after]

@@ -225,7 +225,7 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return world.observed(self._x), reward, terminated, truncated, info
 
     def render(self) -> tuple[np.ndarray, ...]:  # pyright: ignore[reportIncompatibleMethodOverride]
-        """Return an image (height, width, 3) of every state, or a strobe of an action of several steps."""
+        """Return an image (height, width, 3) of every state, or strobes of the last action if it took several steps."""
         check_renders(self.render_mode, self._trail)
         seconds = self.world.seconds / self.world.hold * self._t
         recent_states = self._trail[-self.world.hold :]

@@ -47,7 +47,7 @@ class Renderer:
             return np.array(canvas.buffer_rgba())[:, :, :3].copy()
 
     def _view(self, shapes: list[Shape]) -> Camera:
-        """Return a window sized by the bodies of the first image, reaching down to the ground."""
+        """Return a window whose size depends on the bodies of the first image, and which reaches down to the ground."""
         bodies = [shape for shape in shapes if not isinstance(shape, Wall)]
         (x_low, y_low), (x_high, y_high) = bounds(bodies)
         if self._size is None:

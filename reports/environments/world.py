@@ -126,7 +126,7 @@ class World:
         return StepResult(trail, t, reward, terminated, is_full_length & ~terminated, unsolved, measures)
 
     def alone(self, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Solve the step at each state separately, with further starts if the first fails; a :data:`Solver`."""
+        """Solve the step at each state separately, with further initial guesses if one fails; a :data:`Solver`."""
         x_next_rows, solved = np.empty_like(x), np.zeros(len(x), bool)
         for i in range(len(x)):
             x_next, _, _, error = self.step.solve(x[i], u[i], self.p)
@@ -135,7 +135,7 @@ class World:
         return x_next_rows, solved
 
     def together(self, **engine: Any) -> Solver:
-        """Return a solver of all states at once; states that the engine cannot solve are solved alone."""
+        """Return a solver of all states at once; states that the engine cannot solve are solved by :meth:`alone`."""
         steps = StepFunction(self.step, **engine)
 
         def solved_together(x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -28,7 +28,7 @@ _TIMELINE = 12
 
 
 def snapshot_figure(view: RunView) -> Figure | None:
-    """Draw seed 0 at a few samples, over middle and end of the plan at each; None without a drawing."""
+    """Draw seed 0 at a few samples, over the middle and end of the sample's plan; return None without a drawing."""
     picture = view.picture
     if picture is None:
         return None

@@ -87,9 +87,9 @@ def same_instants(views: Sequence[RunView]) -> bool:
 
 
 def overlay_rows(views: list[RunView]) -> tuple[list[Row], list[str]]:
-    """Return panels of every state, input and multiplier of all runs, with differences from run A below.
+    """Return rows of panels of every state, input and multiplier of all runs, with differences from run A below.
 
-    Multipliers that are zero throughout in every run are left out; the second value has their names.
+    Multipliers that are zero throughout in every run are left out; their names are returned as well.
     """
     tracks_of_runs = [{(t.heading, t.name): t for t in tracks(view)} for view in views]
     idle_names = set.intersection(
@@ -274,7 +274,7 @@ def point_key(view: RunView) -> Figure:
 
 
 def _mark(figure: Figure, events: list[dict]) -> None:
-    """Draw a line at every event, numbered as in the table; a tick where a bound becomes active."""
+    """Draw a line at every event, numbered as in the table of events; where a bound becomes active, only a tick."""
     top, count = figure.axes[0], 0
     for event in events:
         value = event["value"]

@@ -59,8 +59,8 @@ Row = list[Cell]
 def lay_out_rows(groups: Mapping[str, Sequence[Panel]], columns: int = PANEL_COLUMNS) -> list[Row]:
     """Return the rows of a layout of ``groups``, which maps headings to panels.
 
-    A group begins in the last row of the group before if that saves a row, else in a new row. Its
-    heading is repeated over each of its rows, since a page may end between them.
+    A group begins in the last row of the previous group if that saves a row, else in a new row. Its heading is
+    repeated over each of its rows, since a page may end between them.
     """
     rows: list[Row] = []
     for heading, panels in groups.items():

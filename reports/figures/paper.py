@@ -199,10 +199,10 @@ def bare_figure(run: StoredRun, ending: str, panel: str | None = None, file_spec
 
 
 def render_figure(figure: Figure, ending: str, panel: str | None = None) -> bytes:
-    """Return a drawn figure, or one of its panels, as bytes of a file, the same each time.
+    """Return a drawn figure, or one of its panels, as bytes of a file, which are the same each time.
 
-    A figure of several panels is two columns wide, and each panel has its letter; a single panel is one
-    column wide. ``figure`` is changed, and must not be used again.
+    A figure of several panels is two columns wide, and each panel has its letter; a single panel is one column
+    wide. ``figure`` is changed, and must not be used again.
 
     Raises :class:`~ocp.errors.InputError` for an unknown ``ending`` or panel.
     """
@@ -236,9 +236,9 @@ def panel_axes(figure: Figure) -> list[Axes]:
 
 
 def _isolate_panel(figure: Figure, axis: Axes) -> Bbox:
-    """Hide all axes but ``axis``, make it a column wide, and return the box that it covers [inch].
+    """Hide all axes but ``axis``, make it as wide as a column, and return the box that it covers [inch].
 
-    A panel wider than :data:`_WIDE_PANEL` of the figure is made two columns wide.
+    A panel whose share of the figure's width is above :data:`_WIDE_PANEL` is made two columns wide.
     """
     canvas, key = FigureCanvasAgg(figure), _lend_key(axis)
     figure.draw_without_rendering()
@@ -247,7 +247,7 @@ def _isolate_panel(figure: Figure, axis: Axes) -> Bbox:
         if other is not axis:
             _lend_labels(other, axis)
             other.set_visible(False)
-    # Fonts keep their size and only axes change theirs, so the layout settles after a few rounds.
+    # Fonts keep their size when the figure is resized, so the layout settles only after a few rounds.
     for _ in range(_LAYOUT_ROUNDS):
         figure.draw_without_rendering()
         if key is not None:
@@ -272,7 +272,7 @@ def _covered(axis: Axes, canvas: FigureCanvasAgg) -> Bbox:
 
 
 def _lend_labels(other: Axes, axis: Axes) -> None:
-    """Copy to ``axis`` the labels that only a neighbour with the same limits has."""
+    """Copy to ``axis`` the labels that it lacks from ``other``, if the two are aligned and have the same limits."""
     axis_box, other_box = axis.get_position(), other.get_position()
     if axis.get_shared_x_axes().joined(axis, other) or (
         np.allclose((axis_box.x0, axis_box.x1), (other_box.x0, other_box.x1), atol=_ALIGNED)

@@ -88,7 +88,7 @@ def _widen_log_axes(axis: Axes) -> None:
 
 
 def pair_groups(view: RunView) -> dict[str, list[int]]:
-    """Return a mapping from titles to indices of pairs with one style: pairs of one kind, or single pairs."""
+    """Return a mapping from titles to indices of pairs drawn in one style: all pairs of a kind, or single pairs."""
     signals = view.signals("contacts")
     pairs = view.problem.system.pairs if view.problem is not None else ()
     if len({pair.kind for pair in pairs}) < 2:
@@ -120,9 +120,9 @@ def _central_path(axis: Axes, mu: np.ndarray, gap: np.ndarray) -> None:
 class ContactTrace:
     """One contact over the steps of all scenarios, arrays (S, N).
 
-    ``normal`` is its impulse or force, ``replay`` that of the replay or None, ``gap`` its gap or None if
-    unknown; ``active`` comes from :func:`ocp.judge.contact_report.active_contacts`. ``friction`` holds
-    friction, its bound, and flags of slip and of degeneracy, or is empty without friction.
+    ``normal`` is the normal impulse or force, ``replay`` the same in the replay (None without a replay),
+    ``gap`` the gap, None if unknown; ``active`` comes from :func:`ocp.judge.contact_report.active_contacts`.
+    ``friction`` holds friction, its bound, and flags of slip and of degeneracy, or is empty without friction.
     ``multipliers`` are the names of the multipliers that the trace shows.
     """
 
@@ -204,10 +204,10 @@ _DEGENERATE_STYLE: dict[str, Any] = {"color": INK, "marker": "v", "markersize": 
 def rows_of_contacts(view: RunView) -> tuple[list[Row], int]:
     """Return panels of impulse and gap over time for every contact that pushes, and the number of columns.
 
-    For a contact with friction a panel also shows its friction impulse, in the band of +-friction times
-    the normal impulse. Steps at which the contact sticks or slips are shaded in two colours, the darker
-    the more scenarios do so; steps without strict complementarity are marked. A replay that differs is
-    dashed.
+    For a contact with friction a panel also shows the friction impulse, in the band between plus and minus the
+    friction coefficient times the normal impulse. Steps at which the contact sticks or slips are shaded in two
+    colours, the darker the more scenarios do so; steps without strict complementarity are marked. If the replay
+    differs from the plan, it is drawn dashed.
     """
     contacts = contacts_of(view)
     largest_normal = max((float(contact.normal.max()) for contact in contacts), default=0.0)

@@ -260,7 +260,7 @@ def estimate_caption(run: StoredRun) -> str:
 
 
 def estimator_style(name: str) -> tuple[str, str]:
-    """Return colour and mark of an estimator; unknown names share those after the last known one."""
+    """Return colour and mark of an estimator; all unknown names share one pair, after that of the last known name."""
     place = _NAMES.index(name) if name in _NAMES else len(_NAMES)
     return CYCLE[place % len(CYCLE)], _ESTIMATOR_MARKERS[place % len(_ESTIMATOR_MARKERS)]
 
@@ -279,7 +279,7 @@ def estimate_figure(run: StoredRun) -> Figure:
 
 
 def _show_all(axis: Axes, interval_ends: np.ndarray, reference: np.ndarray) -> None:
-    """Fit the axis to all intervals, with a symmetric log scale if some would flatten the rest."""
+    """Fit the axis to all intervals, on a symmetric log scale if long intervals would make the others invisible."""
     ends = interval_ends[np.isfinite(interval_ends)]
     if not ends.size:
         return
@@ -287,7 +287,7 @@ def _show_all(axis: Axes, interval_ends: np.ndarray, reference: np.ndarray) -> N
     margin = 0.05 * (high - low) or 1.0
     largest_reference = float(np.nanmax(np.abs(reference), initial=0.0)) if reference.size else 0.0
     if largest_reference > 0 and max(-low, high) > _LOG_RATIO * largest_reference:
-        # At a power of ten the ticks next to zero stay clear of it.
+        # If the threshold is a power of ten, the labels of ticks next to zero do not overlap the label at zero.
         axis.set_yscale("symlog", linthresh=10 ** np.ceil(np.log10(3 * largest_reference)))
     axis.set_ylim(low - margin, high + margin)
 

@@ -22,7 +22,7 @@ SAME = 1e-4
 NEGLIGIBLE = 1e-6
 """Share of the largest value below which a value is negligible in a figure."""
 _IDLE = 1e-9
-"""Share of the largest multiplier, slip aside, below which a multiplier counts as zero throughout."""
+"""Share of the largest multiplier, slips excepted, below which a multiplier counts as zero throughout."""
 _BEYOND = 3.0
 """Largest value of a replay that a panel shows, as a multiple of the plan's largest magnitude."""
 _STATE_HEADINGS = {"m": "Positions", "rad": "Angles", "m/s": "Velocities", "rad/s": "Angular velocities", "s": "Times"}
@@ -37,8 +37,8 @@ _PAIR_HEADINGS = {"normal": "Normal", "friction": "Friction", "slip": "Slip", "l
 class Track:
     """One component of states, inputs or multipliers over time, under the heading of its quantity.
 
-    ``plan`` and ``replay``, its replay under the exact law, are (S, N+1) at the nodes, or (S, N)
-    held over the steps; ``replay`` is None if there was no replay.
+    ``plan`` and ``replay`` are its values in the plan and in the replay under the exact law, (S, N+1) at the
+    nodes or (S, N) held over the steps; ``replay`` is None if there was no replay.
     """
 
     heading: str
@@ -99,7 +99,7 @@ def mean_multiplier(view: RunView, values: np.ndarray, index: int) -> np.ndarray
 
 
 def idle_multipliers(all_tracks: list[Track]) -> list[str]:
-    """Return names of multipliers that are zero throughout, relative to the largest push."""
+    """Return names of multipliers that are zero throughout, relative to the largest impulse or force."""
     multipliers = [track for track in all_tracks if track.is_multiplier]
     pushes = [track.size for track in multipliers if not track.heading.startswith("Slip")]
     largest_push = max(pushes, default=0.0)
@@ -107,7 +107,7 @@ def idle_multipliers(all_tracks: list[Track]) -> list[str]:
 
 
 def replay_deviation(all_tracks: list[Track]) -> float:
-    """Return the largest deviation of the replay, as a share of the range of its state or input; 0 without one."""
+    """Return the largest deviation of the replay, as a share of the range of a state or input; 0 without a replay."""
     shares = [
         largest_size(track.difference) / track.span
         for track in all_tracks
@@ -131,8 +131,8 @@ def replay_differs(all_tracks: Sequence[Track]) -> bool:
 def plan_rows(view: RunView, omitted: Collection[str] = (), signals: Collection[str] = ()) -> list[Row]:
     """Return rows of panels, one per component, except multipliers ``omitted`` or zero throughout.
 
-    If ``signals`` are named, only they have panels. If plan and replay differ, the band between them is
-    shaded and their difference is drawn below, on one scale in each group.
+    If ``signals`` is not empty, only these components have panels. If plan and replay differ, the band between
+    them is shaded and their difference is drawn below, on one scale in each group.
     """
     all_tracks, time = tracks(view), view.time
     idle_names = {*idle_multipliers(all_tracks), *omitted}

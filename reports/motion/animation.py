@@ -146,9 +146,9 @@ def _motion(view: RunView, suffix: str, title: str, times: np.ndarray) -> Motion
 
 
 def _sampled(forces: Forces, nodes: np.ndarray, times: np.ndarray) -> Forces:
-    """Return forces at frames: those of the step before the nearest node, zero before the first step.
+    """Return forces at frames: the forces of the step before the nearest node, zero before the first step.
 
-    If steps are shorter than frames, they are the mean over the steps since the last frame.
+    If steps are shorter than frames, the forces are means over the steps since the last frame.
     """
     nearest = np.abs(times[:, None] - nodes).argmin(axis=1)
     count = max(1, round((times[1] - times[0]) / (nodes[1] - nodes[0])))
@@ -161,7 +161,7 @@ def _sampled(forces: Forces, nodes: np.ndarray, times: np.ndarray) -> Forces:
 
 
 def is_periodic(view: RunView) -> bool:
-    """Return whether the problem's motion ends as it began."""
+    """Return whether the problem requires some states to be the same at the end of a motion as at its start."""
     start = view.problem.start if isinstance(view.problem, Problem) else None
     return start is not None and bool(start.periodic)
 
@@ -169,8 +169,8 @@ def is_periodic(view: RunView) -> bool:
 def repeated(view: RunView, count: int) -> RunView:
     """Return ``count`` strides of a periodic run, each starting where the last one ended.
 
-    Every stride adds its increment to the states (zero for periodic ones) and its duration to the
-    time; impulses repeat.
+    From one stride to the next, states increase by their change over a stride (zero for periodic states), and
+    times by its duration; impulses repeat.
     """
     data = view.run.data.reset_coords()
     nodes = data[[name for name in data if "node" in data[name].dims]]

@@ -142,9 +142,10 @@ _CHART_ROOM = 0.06
 """Space above and below curves, as a share of their range."""
 
 Chart = dict[str, Any]
-"""Chart with ``title``, ``label``, ``range`` [low, high], ``wide``, and ``curves`` of ``name values color dash``.
+"""Chart with ``title``, ``label``, ``range`` [low, high], ``wide``, and ``curves``.
 
-``values`` belong to the nodes (N+1,), or to the steps between them (N,); costs have an ``end``.
+A curve has ``name``, ``values``, ``color`` and ``dash``. Its values belong to the nodes (N+1,), or to the steps
+between them (N,); a curve of costs also has ``end``, the total cost.
 """
 
 
@@ -162,7 +163,7 @@ def player_charts(animation: Animation) -> list[Chart]:
 
 
 def _forces(view: RunView, motion: Motion) -> Chart | None:
-    """Return a motion's chart of forces of contacts that act in plan or replay; None if there are none."""
+    """Return a chart of a motion's forces, for contacts that act in plan or replay; None without such contacts."""
     sizes, acting = acting_contacts(view)
     force_sizes, forces = sizes.get(motion.suffix), motion.forces
     if force_sizes is None or forces is None or not acting:
@@ -214,8 +215,9 @@ def _costs(view: RunView, motions: Sequence[Motion]) -> Chart | None:
 def cumulative_cost(view: RunView, suffix: str) -> tuple[np.ndarray, float] | None:
     """Return the sum of stage costs before each node (N+1,), and the total with the terminal cost.
 
-    They are those of scenario 0 at the stored parameters; for a task, rewards and, after a full episode,
-    its final reward. None for an unknown problem, and without the arrays that the cost needs.
+    The costs are those of scenario 0 at the stored parameters. For a task they are rewards, and the total
+    includes the final reward only after a full episode. Returns None for an unknown problem, and if the run
+    lacks arrays that the cost needs.
     """
     problem, x, u = view.problem, view.array(f"x{suffix}"), view.array(f"u{suffix}")
     if view.run.kind == "closed-loop":

@@ -27,7 +27,7 @@ HEAD = 5.0, 2.0
 
 
 class MotionArtist:
-    """Artist of one motion on ``axis`` with its camera; the force ``largest`` has the longest arrow."""
+    """Artist of one motion on ``axis`` with its camera; a force of size ``largest`` has the longest arrow."""
 
     def __init__(self, axis: Axes, motion: Motion, camera: Camera, largest: float, cones: bool) -> None:
         self.axis, self._motion, self._camera = axis, motion, camera

@@ -135,7 +135,7 @@ class StageLines:
 
 
 class StageFilter:
-    """Filter and counter of the stages that tables show: all but neighbours that did not lower the cost."""
+    """Filter and counter of stages that tables show: all but neighbouring contact schedules with no lower cost."""
 
     def __init__(self) -> None:
         self.lowest, self.number = float("inf"), 0
@@ -151,10 +151,10 @@ class StageFilter:
 
 
 def shown_stages(stages: Sequence[StageRecord], cost: float | None) -> tuple[list[tuple[int, StageRecord]], bool]:
-    """Return the stages that tables show, with numbers, and whether the last one is the answer.
+    """Return the stages that tables show, with their numbers, and whether the last one is the answer.
 
-    The answer is the iterate of the last accepted stage whose cost equals ``cost``. Stages after it are
-    left out. If no stage has this cost, all of them are shown.
+    The answer is the iterate of the last accepted stage whose cost equals ``cost``. Stages after it are left
+    out. If no stage has this cost, all of them are shown.
     """
     stage_filter = StageFilter()
     numbered_stages = [(stage_filter.number, stage) for stage in stages if stage_filter.take(stage)]
@@ -194,9 +194,9 @@ def _line(*cells: str) -> str:
 def live(quiet: bool, every_s: float, delay: bool = False) -> Iterator[Callable[..., None]]:
     """Yield ``show(line, now=False, picture=None)``, which reports progress on stderr.
 
-    On a terminal the ``line``, or ``picture()``, is updated in place ten times a second at most;
-    elsewhere lines are printed, at most one per ``every_s`` seconds, and always where ``now``.
-    An empty ``line`` prints nothing elsewhere. With ``delay`` the first line comes after one such interval.
+    On a terminal the ``line``, or ``picture()``, is updated in place ten times a second at most; elsewhere a
+    line is printed if it is not empty, at most once per ``every_s`` seconds unless ``now`` is true. With
+    ``delay`` the first report comes only after one such interval.
     """
     console = Console(stderr=True, highlight=False)
     screen = Live(console=console, transient=True, auto_refresh=False)
@@ -274,7 +274,7 @@ def judged_rows(certificate: Certificate, referee: RefereeReport) -> list[tuple[
 
 
 def distance_rows(referee: RefereeReport) -> list[tuple[str, str, str]]:
-    """Return rows (name, value, place) on the deepest penetration between nodes and the largest distance with force."""
+    """Return rows (name, value, place) on the deepest penetration between nodes and the largest gap with a force."""
     named_distances = (
         ("penetration between nodes", referee.between),
         ("distance where force acts", referee.force_distance),

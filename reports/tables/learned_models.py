@@ -60,7 +60,7 @@ def model_document(dataset: xr.Dataset) -> dict[str, Any]:
     sigma, scale = float(attributes["sigma"]), dataset["z_scale"].values
     names, units = ([str(n) for n in dataset[key].values] for key in ("z", "z_unit"))
     has_fit = "data_rows" in attributes
-    # The ranges are unknown where the file lacks them.
+    # Without a fit the file lacks the ranges of the data.
     unknown = np.full(len(names), np.nan)
     ends = [dataset[name].values if has_fit else unknown for name in ("z_least", "z_most")]
     shift, nx = dataset["z_shift"].values, dataset.sizes["state"]
@@ -87,7 +87,7 @@ def model_document(dataset: xr.Dataset) -> dict[str, Any]:
 
 
 def _fit(dataset: xr.Dataset, names: list[str], units: list[str]) -> dict[str, Any]:
-    """Return errors on held-out rows, absolute and relative to the states' scales, and predictions off the data."""
+    """Return errors on held-out rows, absolute and relative to the states' scales, and predictions away from data."""
     from dynamics.learned.fit import Fit
 
     fit = Fit.from_dataset(dataset)
@@ -143,7 +143,7 @@ def origin_lines(document: Mapping[str, Any]) -> list[str]:
 
 
 def _collection_lines(document: Mapping[str, Any]) -> list[str]:
-    """Return a list of one line on how collected data were sampled, an empty one for imported data."""
+    """Return a list with one line on how collected data were sampled; the list is empty for imported data."""
     if document.get("in_tube") is None:
         return []
     tube = f"{document['in_tube']} in the tube around the task"
@@ -151,7 +151,7 @@ def _collection_lines(document: Mapping[str, Any]) -> list[str]:
 
 
 def document_tables(document: Mapping[str, Any]) -> list[Group]:
-    """Return the table of ranges and scales; for a fitted model also its errors, and its predictions off the data."""
+    """Return the table of ranges and scales; for a fitted model also of errors, and of predictions away from data."""
     fitted = document.get("fit") is not None
     model_tables = [fit_table(document), outside_table(document)] if fitted else []
     return [coordinate_table(document), *model_tables]

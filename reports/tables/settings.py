@@ -148,7 +148,8 @@ def changed_defaults(group: SettingGroup) -> SettingGroup:
 def find_groups(word: str) -> list[SettingGroup]:
     """Return the groups of a kind, the group called ``word``, or all settings with that name.
 
-    A ``*.py`` file is that of a user's law. Raises :class:`~ocp.errors.InputError` for an unknown name.
+    The name of a ``*.py`` file stands for the contact law in it. Raises :class:`~ocp.errors.InputError` for an
+    unknown name.
     """
     if word.endswith(".py"):
         return [law_group(word)]

@@ -1,4 +1,4 @@
-"""Tables of the remedies for a plan that does not survive, and of what an answer survives."""
+"""Tables of remedies tried for a plan that does not survive, and of disturbances that the answer survives."""
 
 from __future__ import annotations
 

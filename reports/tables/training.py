@@ -110,7 +110,7 @@ def algorithm_of(run: StoredRun) -> str:
 
 
 def _label(request: Mapping[str, Any], firsts: Sequence[Mapping[str, Any]]) -> str:
-    """Return a label: algorithm, law where groups differ in it, and other settings in which groups differ."""
+    """Return a label with the algorithm, and with the law and other settings if groups differ in them."""
     laws = {other["contact"] for other in firsts}
     name = f"{request['algorithm']} {request['contact']}" if len(laws) > 1 else request["algorithm"]
     shared_pair = [request["algorithm"], request["contact"]]
@@ -215,8 +215,8 @@ _SHARE_TITLES = {"fallen": "episodes ended", "lost": "episodes lost", "unsolved"
 def evaluation_summary(task: Task, evaluation: PolicyEvaluation) -> dict[str, Any]:
     """Return mean, 95 % confidence interval, minimum and maximum of return, length and measures.
 
-    ``fallen`` is the share of episodes that the task ended before its horizon, ``lost`` the share that
-    ended where the contact found no solution, ``unsolved`` the share of steps without a solution.
+    ``fallen`` is the share of episodes that the task ended before its horizon, ``lost`` the share that ended
+    because the contact law had no solution, ``unsolved`` the share of steps without a solution.
     """
     lost = {int(sample) for sample in np.asarray(evaluation.unsolved).reshape(-1, 2)[:, 0]}
     ended_early = [n for n, length in enumerate(evaluation.lengths) if length < task.horizon and n not in lost]

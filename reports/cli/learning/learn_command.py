@@ -50,7 +50,7 @@ class CollectRequest:
 
 
 def check_collect(options: CollectOptions) -> CollectRequest:
-    """Build the problem, find its region, and check the memory needed and the output file."""
+    """Build the problem, determine the region to sample, and check the needed memory and the output file."""
     if options.problem in objective_names():
         raise InputError(f"{options.problem} is an objective without dynamics and has no transitions")
     problem_spec = spec(options.problem)
@@ -117,7 +117,7 @@ _COPIES = 6
 
 @dataclass(frozen=True)
 class LearnRequest:
-    """The data, the training settings of a network (None for an average), and a checkpoint per seed."""
+    """Checked request of ``ocp learn``: data, settings of a network (None for an average), a checkpoint per seed."""
 
     data: Transitions
     recipe: Recipe | None
@@ -148,7 +148,7 @@ def check(options: LearnOptions) -> LearnRequest:
     recipe = _recipe(options, data, hidden) if network else None
     key = {"data": data.hash, "sigma": options.noise, "hidden": hidden, "epochs": options.epochs}
     place = atomic.replaceable_path(options.file)
-    # Checkpoints lie next to the file; a device or a FIFO has none.
+    # Checkpoints are stored next to the file, but not for a device or a FIFO.
     root = place.parent if network and place is not None else None
     seeds = range(options.seed, options.seed + options.seeds)
     return LearnRequest(data, recipe, [Checkpoint(root, "", {**key, "seed": seed}) for seed in seeds])
@@ -288,7 +288,7 @@ def _with_fit(data: Transitions, model: Any, held_out: Any, noise: float, seed: 
 
 
 def _average_model(options: LearnOptions, data: Transitions) -> xr.Dataset:
-    """Return the weighted-average model of all rows but the held-out ones, with its errors on those."""
+    """Return the weighted-average model of all rows that are not held out, with its errors on the held-out rows."""
     training_rows, held_out = split_rows(len(data), HELD_OUT, options.seed)
     z, y = data.z[training_rows], data.x_next[training_rows]
     scales, sigma = data.normalisation, options.noise

@@ -40,9 +40,9 @@ from reports.tables.training import (
 from reports.tables.training_progress import show_trainings
 
 _OWN_LAW = {"adaptive": {"law": "quartic"}}
-"""Mapping from a law to its default settings in training, those of adaptive barrier smoothing (eq. C.2)."""
+"""Mapping from a law to its default settings in training, from eq. C.2 of the paper on adaptive barrier smoothing."""
 _ENDED = 0
-"""Number of the checkpoint's point that stores the path of the finished run."""
+"""Index of the entry of a checkpoint that stores the path of the finished run."""
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,7 @@ def _jobs(options: TrainOptions, spec: TaskSpec, task: Task) -> tuple[list[Train
 
 
 def _law(options: TrainOptions, algorithm: Algorithm, task: Task) -> ContactLaw:
-    """Return the contact law of ``--contact``, by default that of the algorithm."""
+    """Return the contact law that ``--contact`` names, by default the algorithm's own law."""
     name = algorithm.contact if options.contact == "own" else options.contact
     settings = parse_assignments("-c", options.law_settings) or _OWN_LAW.get(name, {})
     return make_law(name, settings, task.system)
@@ -159,7 +159,7 @@ def _run_jobs(
 
 
 def _stored_before(request: TrainRequest) -> dict[int, Path]:
-    """Return a mapping from index of a job to the run that an earlier, stopped call of the command stored."""
+    """Return a mapping from the index of each job that an earlier, stopped call finished to the path of its run."""
     path_at = {}
     for place, checkpoint in enumerate(request.checkpoints):
         rows = checkpoint.rows(_ENDED)
@@ -219,7 +219,7 @@ def check_evaluate(options: EvaluateOptions) -> EvaluateRequest:
 
 
 def run_evaluate(options: EvaluateOptions, request: EvaluateRequest) -> int:
-    """Evaluate a run_training policy: returns, lengths, measures, and violations in its episodes."""
+    """Evaluate a trained policy: returns, lengths, measures, and violations in its episodes."""
     stored_run, experiment, policy, law = request
     evaluation = evaluate(experiment, policy, law, options.episodes, options.seed)
     content: dict[str, Any] = {

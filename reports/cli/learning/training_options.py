@@ -31,8 +31,8 @@ Chosen = list[tuple[Algorithm, dict[str, Any]]]
 def algorithms(names: str, setting_texts: Mapping[str, str], spec: TaskSpec) -> Chosen:
     """Return the algorithms in ``names``, separated by commas, with their settings for the task of ``spec``.
 
-    The setting ``name=value`` applies to all algorithms that have it, ``ars.name=value`` to one;
-    defaults are those of the task, then those of the algorithm.
+    The setting ``name=value`` applies to all algorithms that have it, ``ars.name=value`` only to ``ars``.
+    Defaults are taken from the task or, if it has none, from the algorithm.
 
     Raises :class:`~ocp.errors.InputError` for an unknown algorithm or setting, and for a bad value.
     """
@@ -104,7 +104,7 @@ PSI_SETTINGS = {
     "psi.NAME": "initial value of a learned parameter",
     "psi.n_envs": "episodes continued in every iteration; psi.steps of each",
 }
-"""Settings of learned parameters in the help; others are fields of PsiLearning and of its random search."""
+"""Settings of learned parameters that only the help describes; others are fields of PsiLearning and RandomSearch."""
 
 
 @dataclass(frozen=True)
@@ -117,7 +117,7 @@ class LearnedParameters:
     search_settings: dict[str, Any] = field(default_factory=dict)
 
     def wrap(self, algorithm: Algorithm) -> Algorithm:
-        """Return the algorithm, wrapped to learn the parameters as well if there are any."""
+        """Return the algorithm or, if there are parameters to learn, a wrapper of it that learns them as well."""
         if not self.names:
             return algorithm
         search = RandomSearch(**self.search_settings)
@@ -125,7 +125,7 @@ class LearnedParameters:
 
 
 def learned_parameters(setting_texts: Mapping[str, str], physical: Sequence[str]) -> LearnedParameters:
-    """Return the parameters that settings of psi choose; ``physical`` are the names of the task's parameters.
+    """Return the parameters to learn, chosen by settings of psi; ``physical`` are the names of the task's parameters.
 
     Raises :class:`~ocp.errors.InputError` for unknown names and bad values.
     """

@@ -25,7 +25,7 @@ NOISE = 0.2
 class CollectOptions(JobsOptions):
     """Sample transitions: draw inputs and penetration-free states, and take one step of the exact law.
 
-    Half are drawn in the problem's region, half in a tube around the path from start to goal.
+    Half of the states are drawn in the problem's region, half near the line from start to goal.
     """
 
     code: ClassVar = "reports.cli.learning.learn_command:collect"

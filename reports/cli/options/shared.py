@@ -27,7 +27,7 @@ LAW_HELP = "Contact law: a name of ocp settings laws, or path/to/file.py."
 def option(default: Any, *flags: str, **typer_options: Any) -> Any:
     """Declare a field as an option with keywords of ``typer.Option``; the default ``MISSING`` makes it required.
 
-    Its flag is ``--name``, unless ``flags`` contain another long one.
+    The flag is ``--`` followed by the field's name, unless ``flags`` contains another long flag.
     """
     metadata = {"make": typer.Option, "flags": flags, **typer_options}
     return field(default=default, metadata=metadata)
@@ -56,11 +56,10 @@ def decode_utf8(word: str) -> str:
 class Options:
     """Base class of the options of a command; ``explicit`` names those given on the command line.
 
-    ``code`` is the module of the command, with ``check(options)``, which raises
-    :class:`~ocp.errors.InputError` or a related error before any work, and
-    ``run(options, checked)``, which returns the exit code; ``"module:name"`` has ``check_name``
-    and ``run_name``. The help shows the class's docstring, ``examples``, written without ``ocp``, and
-    ``epilog()``.
+    ``code`` names the module of the command. Its function ``check(options)`` raises
+    :class:`~ocp.errors.InputError` or a related error before any work, and ``run(options, checked)`` returns
+    the exit code. If ``code`` is ``"module:name"``, these functions are called ``check_name`` and ``run_name``.
+    The help shows the class's docstring, ``examples``, written without ``ocp``, and ``epilog()``.
     """
 
     code: ClassVar[str]
@@ -105,7 +104,7 @@ class StoreOptions(Options):
     out: Path = option(Path("runs"), envvar="OCP_RUNS", help="Directory of the run store.")
 
     def stored(self, run: str) -> StoredRun:
-        """Return the run that a text names; raises as ``store.find_run`` and ``store.load`` do."""
+        """Return the run that a text names; raises the errors of ``store.find_run`` and ``store.load``."""
         from ocp import store
 
         return store.load(store.find_run(run, self.out))
@@ -118,14 +117,14 @@ class RunOptions(StoreOptions):
 
 
 class SourceOptions(StoreOptions):
-    """Option for the file that defines a run's problem; a file that the run names is never loaded unasked."""
+    """Option for the file that defines a run's problem; a file that only the run names is never loaded."""
 
     source: str | None = option(None, "--source", metavar="FILE", help="File that defines the problem of the run.")
 
     def problem_from_source(self, runs: Sequence[StoredRun]) -> ProblemSpec | None:
-        """Return the problem that ``--source`` defines, None without it; warn if it has changed since a run.
+        """Return the problem in the file of ``--source`` (None without it); warn if the file has changed since a run.
 
-        Raises :class:`~ocp.errors.InputError` if it cannot be read, or is not the runs' problem.
+        Raises :class:`~ocp.errors.InputError` if the file cannot be read, or does not define the runs' problem.
         """
         from problems.plugin import edited, named_file
 

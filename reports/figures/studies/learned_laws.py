@@ -143,7 +143,7 @@ def _costs(axis: Axes, data: xr.Dataset) -> None:
     "left: replayed over planned cost, right: replayed cost over the cost of standing still."
 )
 def n3(data: xr.Dataset) -> Figure:
-    """Draw study N3: the table of excess costs, and the effect of trust in the data below it."""
+    """Draw study N3: the table of excess costs, and below it the effect of the weight of trust in the data."""
     figure = Figure(figsize=(WIDTH, 7.6))
     subfigures: Any = figure.subfigures(2, 1, height_ratios=(2.5, 1))
     table, trust = subfigures

@@ -140,7 +140,7 @@ _WALL_M = 1.0
     "dense data, as cobwebs: up to the map, across to the diagonal, and again."
 )
 def n1(data: xr.Dataset) -> Figure:
-    """Draw study N1: scenes, maps learned from sparse and dense data, and rollouts; pusher left, block right."""
+    """Draw study N1: scenes, maps learned from sparse and dense data, and rollouts, of a pusher and of a block."""
     figure = Figure(figsize=(WIDTH, 7.7))
     rows = figure.subplots(4, 2, height_ratios=(0.42, 1, 1, 1))
     _pusher_scene(rows[0, 0])
@@ -247,7 +247,7 @@ def _cobweb(axis: Axes, data: xr.Dataset, name: str) -> None:
     values, color = (data["block_g"], BLUE) if average else (data["block_h"][0], VERMILLION)
     axis.plot(data["x"], values, color=color)
     for path in data["rollout"].sel(map=name).values:
-        # From each state vertically to the map's value, then horizontally to the diagonal, the next state.
+        # The line goes vertically from a state to the map's value, then horizontally to the diagonal: the next state.
         corners = np.repeat(path, 2)
         axis.plot(corners[:-1], np.append(path[0], corners[2:]), color=INK, linewidth=0.8)
         axis.plot(path[0], path[0], "o", color=INK, markersize=3)

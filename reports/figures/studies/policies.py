@@ -79,7 +79,7 @@ def a4(data: xr.Dataset) -> Figure:
 
 
 def shares(axes: Axes, data: xr.Dataset) -> None:
-    """Draw each run's share of the best plan's return, one line per algorithm, with the median as a stroke."""
+    """Draw each run's share of the best plan's return, one line per algorithm, with the median as a short stroke."""
     best = data["replayed"].max("guess").mean("start")
     shares_of_best = (data["reached"].mean("start") / best).transpose("algorithm", "run").values
     for k, run_shares in enumerate(shares_of_best):

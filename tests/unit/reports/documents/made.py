@@ -28,7 +28,7 @@ def run(
     kinds: list[str] | None = None,
     h: float = 0.1,
 ) -> RunView:
-    """Return a run with states (S, N+1), inputs and multipliers (S, N), mappings from ``"name [unit]"`` to arrays.
+    """Return a run with states (S, N+1), inputs and multipliers (S, N), given as dicts ``{"name [unit]": array}``.
 
     ``replay`` has the arrays ``x``, ``u`` or ``lam`` of the replay if they are different.
     """

@@ -97,7 +97,7 @@ def test_the_headline_is_the_weakest_verdict() -> None:
 
 
 def test_a_wide_interval_is_not_called_unbiased() -> None:
-    """Neither the page nor the stored and printed sentence calls it so."""
+    """Neither the page nor the stored and printed sentence calls such an estimate unbiased."""
     rows = [[row("zobg"), row("fobg", wide=True)], [row("zobg"), row("fobg")]]
     assert summarise_verdicts(rows) == f"zobg: {GOOD}; fobg: {TOO_WIDE} at 1 of 2, {GOOD} at 1 of 2."
 

@@ -19,7 +19,7 @@ PAGE = """#import "common.typ": *
 
 
 def set_page(root: Path, count: int) -> dict[str, Any]:
-    """Set a document of ``count`` figures, each 18 % of a page high; return where it ends, and its scale."""
+    """Set a document of ``count`` figures, each 18 % of a page high; return the position of its end, and its scale."""
     for file in pdf._TEMPLATES.glob("*.typ"):
         shutil.copy(file, root)
     blocks = PAGE.format(count=count).replace("1.8 * scale", "scale() / 100% * 130pt")

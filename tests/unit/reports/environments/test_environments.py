@@ -67,7 +67,7 @@ def test_gymnasiums_check_passes_for_the_half_cheetah():
 
 
 def by_hand(env: TaskEnv, seed: int, actions: np.ndarray) -> list[tuple[np.ndarray, float]]:
-    """Return states and rewards of an episode by the task's functions and the law's step."""
+    """Return states and rewards of an episode, computed with the task's functions and the law's step."""
     task, step, p = env.world.task, env.world.step, env.world.p
     x = task.reset(1, np.random.default_rng(np.random.PCG64(np.random.SeedSequence(seed))))[0]
     told = []
@@ -293,7 +293,7 @@ def test_a_step_without_solution_ends_its_episode_and_says_so(kind: str, monkeyp
 
 
 class Forgetful(StepFunction):
-    """Step function that loses rows 0 and 1."""
+    """Step function that reports rows 0 and 1 as not solved."""
 
     def __call__(self, x, u, p=None):
         found = super().__call__(x, u, p)

@@ -21,7 +21,7 @@ COLORS = ("#ff0000", "#00ff00", "#0000ff", "#ff00ff")
 
 
 def four(**shared) -> Figure:
-    """Return a figure of four panels, each with a line of its own colour, and a legend of all above."""
+    """Return a figure of four panels, each with a line of its own colour, and a legend of all lines above them."""
     figure = Figure(figsize=(6.5, 4.0))
     for axis, color in zip(figure.subplots(2, 2, **shared).ravel(), COLORS, strict=True):
         axis.plot([0, 1], [0, 1], color=color, linewidth=3, label=color)
@@ -38,7 +38,7 @@ def pixels(content: bytes) -> np.ndarray:
 
 
 def pure(picture: np.ndarray) -> set[str]:
-    """Return those of the lines' colours that are in a picture."""
+    """Return the colours of those lines that a picture shows."""
     flat = picture.reshape(-1, 3)
     return {
         c for c in COLORS if (np.abs(flat - [int(c[k : k + 2], 16) for k in (1, 3, 5)]) < 9).all(axis=1).sum() > 200

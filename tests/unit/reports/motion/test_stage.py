@@ -87,7 +87,7 @@ def test_a_picture_is_what_drawing_everything_anew_gives() -> None:
     canvas = FigureCanvasAgg(whole.figure)
     canvas.draw()
     at_once = np.asarray(canvas.buffer_rgba()).astype(int)
-    # Grid lines and spines lie over the ground there, and under it in a film.
+    # A figure drawn at once has grid lines and spines over the ground, an animation under it.
     assert np.mean(np.abs(at_once - pictures[3]).max(axis=-1) > 40) < 0.01
 
 

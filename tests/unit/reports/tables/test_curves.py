@@ -1,4 +1,4 @@
-"""Curves of letters in the terminal, live lines, and figures over seeds."""
+"""Curves drawn with characters in the terminal, live lines, and figures over seeds."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The numbers of a judgement agree with a library's, and its sentence with the numbers."""
+"""The numbers of a judgement agree with those of a library, and its sentence agrees with the numbers."""
 
 from __future__ import annotations
 
