@@ -15,7 +15,7 @@ DEFAULT_BLOCK = 32
 def bind_arguments(positional: Sequence[Any], named: Mapping[str, Any], names: Sequence[str], owner: str) -> list[Any]:
     """Return the arguments, given either all by position or all by name, in the order of `names`.
 
-    Raises `TypeError` that names missing, unknown and surplus inputs.
+    Raises `TypeError` whose message lists missing, unknown and surplus inputs.
     """
     if positional and named:
         raise TypeError(f"{owner} takes its inputs by position or by name, not both at once")
@@ -75,8 +75,8 @@ def as_doubles(value: Any, name: str, owner: str) -> np.ndarray:
 def common_length(rows: Mapping[str, np.ndarray], owner: str, lengths: Mapping[str, int] | None = None) -> int:
     """Return the number of samples that all inputs agree on; inputs of length 1 are shared.
 
-    `lengths` are further numbers of samples that must agree, even where they are 1. Raises `ValueError`
-    that lists all lengths where they disagree along axis 0.
+    `lengths` maps further names to numbers of samples that must agree too, and that are not shared where they
+    are 1. Where the numbers of samples disagree, raises `ValueError` that lists all of them.
     """
     known_lengths = {name: len(a) for name, a in rows.items() if len(a) != 1} | dict(lengths or {})
     if len(set(known_lengths.values())) > 1:
@@ -86,7 +86,7 @@ def common_length(rows: Mapping[str, np.ndarray], owner: str, lengths: Mapping[s
 
 
 def as_output(value: np.ndarray | None, shape: tuple[int, ...], name: str) -> np.ndarray:
-    """Return the array to write to: a new one for None, else the caller's after a check of type and shape."""
+    """Return the output array: a new one where `value` is None, else `value` after a check of its type and shape."""
     if value is None:
         return np.empty(shape)
     if value.shape != shape or value.dtype != np.float64 or not value.flags.c_contiguous:
@@ -98,7 +98,7 @@ def as_output(value: np.ndarray | None, shape: tuple[int, ...], name: str) -> np
 
 
 class BatchWarning(UserWarning):
-    """Warning that a batched evaluation uses another backend, or that samples are not finite."""
+    """Warning that a backend was unavailable and another one is used, or that results of samples are not finite."""
 
 
 @dataclass(frozen=True)
@@ -120,7 +120,7 @@ class NonFinite:
 
 
 def non_finite_rows(arrays: list[np.ndarray]) -> NonFinite:
-    """Return the rows (axis 0) in which any of the arrays, all of one length, has a value that is not finite."""
+    """Return the rows (axis 0) that contain a NaN or an infinity in any of the arrays, which have equal lengths."""
     bad = np.zeros(len(arrays[0]), dtype=bool)
     for array in arrays:
         bad |= ~np.isfinite(array.reshape(len(array), -1)).all(axis=1)

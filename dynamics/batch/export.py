@@ -131,12 +131,12 @@ def export_step(
     about: Sequence[str] = (),
     policy: TabulatedPolicy | None = None,
 ) -> tuple[str, str]:
-    """Return the C file and its header: `<name>_step`, `<name>_derivatives`, with a policy `<name>_policy`.
+    """Return a C file and its header, with `<name>_step`, `<name>_derivatives`, and `<name>_policy` for a policy.
 
-    The C file begins with its header, and may be included together with it. `values` (np,) are
-    those of the parameters `step.p`; `name` is converted to a C identifier, and the file begins with
-    the lines `about` as a comment. The derivatives go through the contact by the implicit function
-    theorem, with mu constant where the law's gradient is frozen.
+    The C file begins with a copy of its header; a program may include both files. `values` (np,) are those of
+    the parameters `step.p`; `name` is converted to a C identifier, and the file begins with the lines `about`
+    as a comment. The derivatives go through the contact by the implicit function theorem, with mu constant
+    where the law's gradient is frozen.
 
     Raises `ValueError` where sizes do not fit.
     """

@@ -6,10 +6,10 @@ maps a counter of four 32-bit words under a key of two words to four random word
     key     = SeedSequence(seed).generate_state(2)
     counter = (low word of the sample's index, high word, number of the quadruple, 0)
 
-so every sample has its own stream, whatever else is computed: the first n samples of a larger run
-are the same samples. Box and Muller's transform makes two normals of each pair of words: 32 random
-bits for the radius, 32 for the angle. No normal therefore exceeds 6.76 in size; exact ones exceed it
-with probability 1 / 7e10, so tails beyond that need another generator.
+so every sample has its own stream, whatever else is computed: the first n samples of a larger run are the same
+samples. Box and Muller's transform makes two normals of each pair of words: 32 random bits for the radius, 32
+for the angle. The absolute value of a number is therefore at most 6.76. An exact normal number exceeds this
+with probability 1 / 7e10; studies of tails beyond it need another generator.
 """
 
 from __future__ import annotations

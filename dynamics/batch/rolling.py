@@ -104,9 +104,9 @@ SAMPLES_PER_STRIDE = 1 << 22
 class RolloutMoments:
     """Moments over samples of the cost, or of an episode's return, and of its gradient estimates.
 
-    `gradient` has the moments of d value / d theta, `zeroth` those of (value - baseline) * score, in
-    the policy's shape; each is None where it was not requested. All leave out the samples with a NaN
-    or an infinity, which `nonfinite` lists.
+    `gradient` has the moments of d value / d theta, `zeroth` those of (value - baseline) * score, in the
+    policy's shape; each is None where it was not requested. Samples with a NaN or an infinity, which
+    `nonfinite` lists, are left out of all moments.
     """
 
     value: Moments
@@ -158,7 +158,7 @@ class BatchedRollouts(ABC):
 
     @property
     def acting(self) -> tuple[np.ndarray, np.ndarray]:
-        """Masks of the entries of noise w_t (horizon, nu), and of theta, in its shape, that can affect the cost."""
+        """Masks of the entries of the noise w_t (horizon, nu) and of theta (theta's shape) that can affect the cost."""
         noise = self.tapes.cost_dependence.masks(self.horizon)[0]
         return noise, self.policy.acting_parameters(noise)
 
@@ -177,8 +177,8 @@ class BatchedRollouts(ABC):
     ) -> RolloutMoments:
         """Return mean and second moment over the samples, computed without storing the samples.
 
-        Arguments as for a call; with `score`, `zeroth` has the moments of the zeroth-order
-        gradient (value - baseline) * score. Raises `ValueError` as a call does.
+        The arguments are those of a call; with `score`, `zeroth` has the moments of the zeroth-order gradient
+        (value - baseline) * score. Raises `ValueError` as a call does.
         """
         cost_baseline, samples = self._value_sign * float(baseline), (theta, p, noise, n_samples)
         request = self._make_request(x0, samples, gradient=gradient, score=score, baseline=cost_baseline, **options)
@@ -206,7 +206,7 @@ class BatchedRollouts(ABC):
         return nonfinite
 
     def _moments(self, q: RolloutRequest, sign: float = 1.0) -> RolloutMoments:
-        """Return the moments of what was requested, with the means times `sign`."""
+        """Return the moments of the requested results, with their means multiplied by `sign`."""
         total: Moments | None = None
         bad_indices: list[np.ndarray] = []
         for begin in range(0, q.n, SAMPLES_PER_STRIDE):
@@ -239,7 +239,7 @@ class BatchedRollouts(ABC):
         return merge_chunks(table[:, 0], table[:, 1:split], table[:, split:]), indices
 
     def _find_bad(self, q: RolloutRequest, counts: np.ndarray, chunk: int) -> np.ndarray:
-        """Return the indices of samples that are not finite, by rolling out again the chunks that lack samples."""
+        """Return the indices of samples that are not finite, by a second rollout of chunks whose count is too small."""
         bad_indices = []
         for i, count in enumerate(counts):
             begin, end = i * chunk, min((i + 1) * chunk, q.n)

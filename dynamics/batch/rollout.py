@@ -172,14 +172,14 @@ class EpisodeFunction(BatchedRollouts):
     ) -> Episodes:
         """Compute the return of each sample, and on request its gradient by theta, its score and its states.
 
-        Shapes are those of `RolloutFunction`. The score, `sum_t a_t D_theta law(x_t)' w_t / sigma^2`,
-        counts the steps before the end, and the noise that can affect the return. With `linearise_along`,
-        episodes of the same samples whose states were requested, every step starts at *their* state,
-        and the gradient is chained along them: where they were simulated under the exact law and this
-        function's step is smoothed, only the gradient is smoothed (algorithm 2 of adaptive barrier
-        smoothing). `terminal_gradient` (n, nx) is the gradient of a further terminal reward with respect
-        to the last state, such as a critic's discounted value, and zero for episodes that ended before;
-        `gradient` then includes it.
+        Shapes are those of `RolloutFunction`. The score, `sum_t a_t D_theta law(x_t)' w_t / sigma^2`, includes
+        only steps before the end, and only noise that can affect the return. `linearise_along` are episodes of
+        the same samples whose states were requested: every step then starts at the state of these episodes, and
+        the gradient is chained along these states. Where the episodes were simulated under the exact law and
+        this function's step is smoothed, only the gradient is smoothed (algorithm 2 of adaptive barrier
+        smoothing). `terminal_gradient` (n, nx) is the gradient of a further terminal reward with respect to the
+        last state, such as a critic's discounted value, and zero for episodes that ended before; `gradient`
+        then includes it.
 
         Raises `ValueError` for wrong shapes, and for a score without `Gaussian` noise.
         """

@@ -1,4 +1,4 @@
-"""The adaptive contact law, whose mu falls with the distance to contact, known before the step is solved."""
+"""The adaptive contact law, whose mu is a function of the distance to contact and known before a step is solved."""
 
 from __future__ import annotations
 
@@ -55,9 +55,9 @@ class Adaptive(ContactLaw):
     an inactive contact mu is 1e-10. ``law="quartic-per-contact"`` uses |z| of each contact.
     ``law=f``: any function ``f(z, F) -> mu`` of CasADi expressions.
 
-    ``gradient="total"`` differentiates mu as well; ``"frozen"`` treats it as a constant, as in
-    algorithm 2 of the paper. The direction is then not the gradient of the rollout, and a direct
-    transcription rejects the law.
+    ``gradient="total"`` differentiates mu as well; ``"frozen"`` treats it as a constant, as in algorithm 2 of
+    adaptive barrier smoothing. The result is then not the gradient of the rollout, and a direct transcription
+    rejects the law.
     """
 
     name: ClassVar[str] = "adaptive"

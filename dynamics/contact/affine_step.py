@@ -14,8 +14,8 @@ from dynamics.contact.step import Step
 class AffineStep(Step):
     """Time step ``x_next = a + B lam``, ``gap = z + F lam``, with lam alone as the inner unknown.
 
-    a (nx, 1), B (nx, n), z (n, 1), F (n, n) block diagonal with blocks (nlam, nlam), in (x, u, p).
-    The exact law is written on the active set ``D = lam > gap``: ``D gap + (1 - D) lam = 0``.
+    a (nx, 1), B (nx, n), z (n, 1) and F (n, n), block diagonal with blocks (nlam, nlam), are expressions in
+    (x, u, p). The exact law is written on the active set ``D = lam > gap``: ``D gap + (1 - D) lam = 0``.
     """
 
     @cached_property
@@ -77,7 +77,7 @@ class AffineStep(Step):
 
     @cached_property
     def relation_jacobian(self) -> ca.SX:
-        """Derivative of the contact relation by lam: ``diag(gap) + diag(lam) F``, exact law ``I - D + D F``."""
+        """Derivative of the contact relation by lam: ``diag(gap) + diag(lam) F``; for the exact law ``I - D + D F``."""
         if not self.exact:
             return ca.diag(self.gap_expr) + ca.diag(self.lam) @ self.F
         active = ca.diag(self.lam > self.gap_expr)

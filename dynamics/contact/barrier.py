@@ -27,8 +27,8 @@ class Barrier(ContactLaw):
     equals randomized smoothing of the exact law with heavy-tailed noise, Student's t with two degrees
     of freedom and scale ``sqrt(2 F mu)``; its tail is the force at a distance.
 
-    Raises ``ValueError`` where both are given, where one is not positive and finite, and, when it
-    closes a system, where that has no conversion for kappa.
+    Raises ``ValueError`` where both are given or one is not positive and finite; :meth:`close` also raises it
+    for a system without a conversion for kappa.
     """
 
     name: ClassVar[str] = "barrier"

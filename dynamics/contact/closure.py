@@ -22,7 +22,7 @@ class Branch:
 
 @dataclass(frozen=True)
 class Schedule:
-    """A homotopy to the exact law: the name of a smoothing parameter, its first value ``wide``, and its factor.
+    """A homotopy to the exact law: a smoothing parameter's name, its first value ``wide``, and its factor per stage.
 
     ``is_mu`` says that the parameter is the central-path parameter itself.
     """
@@ -53,13 +53,13 @@ class Closure(ABC):
         return False
 
     def schedule(self, impulse: float, gap: float) -> Schedule | None:
-        """Return the homotopy from this law down to the exact one; None where no parameter tends to zero there.
+        """Return the homotopy from this law to the exact one; None where no parameter of the law tends to zero.
 
-        ``impulse`` and ``gap`` are characteristic sizes of a pair's two members, in their units.
+        ``impulse`` and ``gap`` are characteristic magnitudes of a pair's lam and gap, in their units.
         """
         return None
 
     def nodes(self, system: ContactSystem, p: ParameterTable) -> list[Branch]:
-        """Return the disturbances at which the contact is solved, with weights; by default one that is zero."""
+        """Return the disturbances at which the contact is solved, with weights; by default no disturbance, weight 1."""
         zero_x, zero_u = ca.SX.zeros(system.nx), ca.SX.zeros(system.nu)
         return [Branch(1.0, zero_x, zero_u)]

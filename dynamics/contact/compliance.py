@@ -100,11 +100,11 @@ _SWITCHES = frozenset(
 
 
 def _representative_pairs(system: ContactSystem, P: ca.SX, Q: ca.SX) -> tuple[list[int], ca.DM, ca.DM]:
-    """Return representative pairs, and all pairs' signs relative to them, P's (n_reduced, n), Q's (n, n_reduced).
+    """Return the indices of representative pairs, ``P_signs`` (n_reduced, n) and ``Q_signs`` (n, n_reduced).
 
-    A pair is represented by another where columns of P and rows of Q are equal up to their sign at random points.
-    Where formulas switch, as at the faces of a box, two contacts may agree in one region only, so that there
-    only pairs of the same contact represent each other.
+    A pair is represented by another where their columns of P and rows of Q are equal up to sign at random
+    points. Where formulas switch, as at the faces of a box, two contacts may agree in one region only; only
+    pairs of the same contact then represent each other.
     """
     symbols = ca.vertcat(system.x, system.u, system.parameters.vector, system.x_next, system.lam)
     rng, probe = np.random.default_rng(0), ca.Function("probe", [symbols], [P.T, Q])

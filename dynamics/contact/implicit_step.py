@@ -18,8 +18,8 @@ _REFINEMENTS = 2
 class ImplicitStep(Step):
     """Time step whose unknowns are lam and the next states of all branches, ``inner = (states, lam)``.
 
-    Derivatives are taken of residual and gap without substituting ``x_next = a + B lam``, which would
-    make their graphs larger. The exact law is the end of the central path.
+    Derivatives are taken of residual and gap without substituting ``x_next = a + B lam``, which would make
+    their graphs larger. The solution under the exact law is the end of the central path.
     """
 
     @cached_property

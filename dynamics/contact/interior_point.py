@@ -49,17 +49,17 @@ def exact_scalar_solution(z: ca.SX, F: ca.SX) -> ca.SX:
 def advance_pair(lam: ca.SX, s: ca.SX, gap: ca.SX, F: Compliance, mu: ca.SX, per_mu: ca.SX) -> tuple[ca.SX, ca.SX]:
     """Return ``lam, s`` after one iteration on the scaled problem, as expressions.
 
-    All (n, 1); ``gap`` is ``z + F lam`` at lam, ``per_mu`` 1/mu; lam, s > 0, and ``s = gap`` holds
-    only in the limit. This is algorithm 3 of adaptive barrier smoothing, Mehrotra's affine predictor
-    and centring with a fraction to the boundary, with five changes. The affine step aims at the given
-    mu and the target is never less, so that the path ends *at* mu. The second-order correction is
-    used only where the step stays about as long and the violation is lower (otherwise one problem in
-    ten cycles). The centring is limited and steps near the end are damped (otherwise strongly
-    coupled contacts stall or circle there). Products far below their target are raised (otherwise
-    rare problems jam at the boundary). The products' target has a lower limit proportional to the
-    defect of ``s = gap``, so that both decrease together.
+    All arguments but F are (n, 1); ``gap`` is ``z + F lam`` at lam, ``per_mu`` is 1/mu; lam, s > 0, and
+    ``s = gap`` holds only in the limit. This is algorithm 3 of adaptive barrier smoothing, Mehrotra's affine
+    predictor and centring with a fraction to the boundary, with five changes. The affine step aims at the given
+    mu and the target is never less, so that the path ends *at* mu. The second-order correction is used only
+    where the step stays about as long and the violation is lower (otherwise one problem in ten cycles). The
+    centring is limited and steps near the end are damped (otherwise strongly coupled contacts stall or circle
+    there). Products far below their target are raised (otherwise rare problems jam at the boundary). The
+    products' target has a lower limit proportional to the defect of ``s = gap``, so that both decrease
+    together.
 
-    A direction has ``lam ds + s dlam = target - lam s``, so that ``dlam ds`` alone determines the
+    A direction satisfies ``lam ds + s dlam = target - lam s``, so that ``dlam ds`` alone determines the
     products after a step.
     """
     n, product = lam.numel(), lam * s
@@ -108,13 +108,16 @@ def advance_pair(lam: ca.SX, s: ca.SX, gap: ca.SX, F: Compliance, mu: ca.SX, per
 
 
 def _step_length(step: tuple[ca.SX, ca.SX], inverses: tuple[ca.SX, ca.SX], fraction: ca.SX | float) -> ca.SX:
-    """Return the length, at most 1, of a step ``fraction`` of the way to lam = 0 or s = 0; ``inverses``: 1/lam, 1/s."""
+    """Return the largest factor <= 1 of a step that covers at most ``fraction`` of the distance to lam = 0 or s = 0.
+
+    ``inverses`` are 1/lam and 1/s.
+    """
     decrease = -ca.vertcat(step[0] * inverses[0], step[1] * inverses[1])
     return 1 / ca.fmax(1, ca.mmax(decrease) / fraction)
 
 
 def _lift(lam: ca.SX, s: ca.SX, smallest_product: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Raise lam or s, whichever is smaller, where lam s is too small; a change of the larger would spoil s = gap."""
+    """Raise lam or s, whichever is smaller, where lam s is too small; changing the larger one would violate s = gap."""
     lam_is_smaller = lam < s
     lift_lam = ca.logic_and(lam_is_smaller, lam * s < smallest_product)
     lift_s = ca.logic_and(ca.logic_not(lam_is_smaller), lam * s < smallest_product)

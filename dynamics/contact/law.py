@@ -16,12 +16,12 @@ from dynamics.systems import LAW_PREFIX, ContactSystem, Parameter, ParameterTabl
 
 
 def by_mu(parameter: str, impulse: float, gap: float) -> Schedule:
-    """Return the homotopy along a central-path parameter, from the product of characteristic impulse and gap."""
+    """Return the homotopy along a central-path parameter; its first value is the characteristic impulse times gap."""
     return Schedule(LAW_PREFIX + parameter, impulse * gap, 0.2, parameter == "mu")
 
 
 def by_sigma(gap: float) -> Schedule:
-    """Return the homotopy along the width of the noise, in small steps, as Gaussian noise has a thin tail."""
+    """Return the homotopy along the width of the noise; its steps are small, since Gaussian noise has a thin tail."""
     return Schedule(LAW_PREFIX + "sigma", 3 * gap, 0.55)
 
 

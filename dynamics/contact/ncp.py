@@ -6,10 +6,10 @@ Fischer and Burmeister,
 
 ``phi(lam, s) = lam + s - sqrt(lam² + s² + 2 mu)``
 
-(Kanzow, doi 10.1137/S1052623493262862), whose iterates lam and s need not be positive. The method of
-Levenberg and Marquardt minimises ``|phi(lam, gap(lam))|²`` at the given mu, and starts again elsewhere
-where it gets stuck. Such steps have several solutions; the impulses of the starts increase, so that
-solutions that throw light bodies around are found last.
+(Kanzow, doi 10.1137/S1052623493262862), whose iterates lam and s need not be positive. The method of Levenberg
+and Marquardt minimises ``|phi(lam, gap(lam))|²`` at the given mu, and is started again at another point where
+it gets stuck. Such steps have several solutions; the impulses of the starts increase, so that solutions that
+throw light bodies around are found last.
 """
 
 from __future__ import annotations
@@ -49,9 +49,9 @@ _POLISH_ERROR = 1e-6
 def ncp_solver(system: ContactSystem, exact: bool = False) -> ca.Function:
     """Return the solver ``(x, u, p, mu) -> (x_next, lam, gap, error)`` of one step of a system.
 
-    ``p`` are the system's parameters; ``mu``, ``lam``, ``gap``, ``error`` are (nlam, 1), error each
-    pair's scaled violation, at most 1e-10 where the step was solved. With ``exact`` mu is ignored and
-    the point at :data:`~dynamics.contact.path.MU_EXACT` returned.
+    ``p`` are the system's parameters; ``mu``, ``lam``, ``gap``, ``error`` are (nlam, 1). ``error`` is each
+    pair's scaled violation, at most 1e-10 where the step was solved. With ``exact`` mu is ignored, and the
+    point of the path at :data:`~dynamics.contact.path.MU_EXACT` is returned.
     """
     names = ["x", "u", "p", "mu"], ["x_next", "lam", "gap", "error"]
     step_symbols, mu = [system.x, system.u, system.parameters.vector], ca.SX.sym("mu", system.nlam)
@@ -86,7 +86,10 @@ def _recovery_function(path: Path, followed: ca.Function) -> ca.Function:
 
 
 def _attempt(path: Path, followed: ca.Function) -> ca.Function:
-    """Return the function ``(best, data) -> best`` that tries one start; best is a pair, its error, an index."""
+    """Return the function ``(best, data) -> best`` that tries one start.
+
+    ``best`` is the pair with the lowest error so far, this error, and the number of the next start.
+    """
     n, size = path.n, path.size
     earlier, data = ca.MX.sym("best", size + 2), ca.MX.sym("data", path.data.numel())
     descent = _repeat(_damped_step(path), _LOG2_ITERATIONS, lambda point: point[n] < _MAX_DAMPING)
@@ -99,7 +102,7 @@ def _attempt(path: Path, followed: ca.Function) -> ca.Function:
 
 
 def _start_function(path: Path) -> ca.Function:
-    """Return the function ``(k, data) -> (lam, damping)``, (n + 1, 1), of start number k and its damping.
+    """Return the function ``(k, data) -> (lam, damping)`` (n + 1, 1): start number k, and the first damping.
 
     The first start has almost no impulse, as for a body in the air; the exponents of the others are a
     Kronecker sequence, which fills the cube evenly for any number of starts.
@@ -115,7 +118,10 @@ def _start_function(path: Path) -> ca.Function:
 
 
 def _damped_step(path: Path) -> ca.Function:
-    """Return the function ``(point, data) -> point`` of one iteration; point is (lam, damping), infinite at a root."""
+    """Return the function ``(point, data) -> point`` of one iteration.
+
+    ``point`` is (lam, damping); the damping is infinite at a root.
+    """
     n = path.n
     point = ca.SX.sym("point", n + 1)
     lam, damping = point[:n], point[n]
@@ -135,7 +141,7 @@ def _damped_step(path: Path) -> ca.Function:
 
 
 def _pair_function(path: Path) -> ca.Function:
-    """Return the function ``(lam, data) -> (pair, error)`` of the pair at lam and the relative residual of phi."""
+    """Return the function ``(lam, data) -> (pair, error)``: the pair at lam, and the relative residual of phi there."""
     lam, mu = ca.SX.sym("lam", path.n), path.data_parts["mu"]
     gap, _ = path.true_gap_at(lam)
     # Near a root the larger member of a pair is accurate, the smaller one is not.

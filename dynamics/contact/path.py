@@ -41,7 +41,7 @@ class CurvedGap:
         return rows * scale / c, ca.diag(scale) @ (by_lam + by_w) @ ca.diag(D)
 
     def opening_data(self, C: ca.SX | None = None) -> ca.SX:
-        """Return a column of data for :meth:`gaps_along`, by default of :meth:`gap_at`, an expression in (x, u, p)."""
+        """Return the column ``opening`` of :meth:`gaps_along`, or without C that of :meth:`gap_at`, from (x, u, p)."""
         C = ca.densify(self._system.reduced.B) if C is None else C
         return ca.vertcat(self._system.reduced.a[self._states], ca.vec(C[self._states, :].nz[:]), self._step_symbols)
 
@@ -64,7 +64,7 @@ class CurvedGap:
 
 
 MU_EXACT = 1e-12
-"""mu in scaled units at the end of the path under the exact law, whose solution is there or on its active set."""
+"""mu in scaled units at the end of the path under the exact law: the solution is this end, or on its active set."""
 MU_LEAST = 1e-14
 """Minimum mu in scaled units; the path solver raises smaller values, which are lost in rounding, to it."""
 MU_LINEAR = 1e-4
@@ -83,9 +83,9 @@ _CURVED_SHARE = 1e-6
 # Minimum of a pair's compliance, relative to the largest; smaller ones are replaced by the largest.
 _MIN_COMPLIANCE_SHARE = 1e-12
 MAX_ERROR = 1e-7
-"""Scaled violation at the end of a path above which that is not a solution."""
+"""Scaled violation above which the end of a path is not a solution."""
 TRUE_GAP = 2.0
-"""Phase, the last entry of a pair, while the path is that of the true gap; it is 1 for the linearised gap."""
+"""Phase, the last entry of a pair, on the path of the true gap; the phase is 1 on that of the linearised gap."""
 ARRIVED = 3.0
 """Phase, the last entry of a pair, at the end of its path."""
 DIVERGED = 4.0
@@ -115,7 +115,7 @@ class Path:
 
     @classmethod
     def of_system(cls, system: ContactSystem, exact: bool) -> Path:
-        """Return the path of a system's step with any gaps; see :meth:`opening_data_of`."""
+        """Return the path of one step of ``system``, whose gaps may be curved; see :meth:`opening_data_of`."""
         return cls(system.reduced.F.sparsity(), exact, system)
 
     @property
@@ -196,7 +196,11 @@ class Path:
         return ca.Function(f"path_{n}", [pair, self.data], [ca.if_else(is_moving, new_pair, resting_pair)])
 
     def gap_at(self, lam: ca.SX, on_true_gap: ca.SX) -> tuple[ca.SX, Compliance]:
-        """Return the scaled gap at lam and its compliance, of the true gap or of the one linearised at the start."""
+        """Return the scaled gap at lam and its compliance.
+
+        They are those of the true gap where ``on_true_gap``, else of the gap linearised at the start of the
+        step.
+        """
         entries = self.data_parts
         z, F = ca.SX(entries["z"]), ca.SX(self.pattern, entries["entries"])
         if self.curved:
@@ -267,9 +271,9 @@ def scale_factors(
     c is such that a curved gap, ``true_gap`` at lam = 0, is at most a million in scaled units, since its
     linear model may be zero.
 
-    A pair without compliance, such as a slip pair, is scaled by the pairs that it is coupled with, and a
-    table pair as the other table pairs of the body. Without ``pairs`` F must be a P-matrix; a negative
-    F_ii then gives NaN.
+    A pair without compliance, such as a slip pair, is scaled by the pairs to which it is coupled, and a table
+    pair like the other table pairs of its body. Without ``pairs`` F must be a P-matrix; a negative F_ii then
+    gives NaN.
     """
     n = z.numel()
     sizes = _sizes(F, pairs) if pairs else {i: F[i, i] for i in range(n)}

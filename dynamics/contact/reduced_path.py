@@ -13,10 +13,10 @@ from dynamics.systems.elimination import solve_without_pivoting
 
 
 def path_of(system: ContactSystem, exact: bool) -> Path:
-    """Return the path of a system's step with any gaps; see :meth:`Path.opening_data_of`.
+    """Return the path of one step of ``system``, whose gaps may be curved; see :meth:`Path.opening_data_of`.
 
-    It is a :class:`ReducedPath` where inertia changes with the state, as in a machine, and there are
-    more pairs than coordinates that they act on.
+    The path is a :class:`ReducedPath` where inertia changes with the state, as in a machine, and the pairs
+    outnumber the coordinates that they act on.
     """
     if system.has_variable_inertia:
         coordinates = PushedCoordinates(system)
@@ -93,7 +93,7 @@ class ReducedPath(Path):
         return LowRankCompliance(E, T, P, self.coordinates.P_signs, Q, self.coordinates.Q_signs)
 
     def gap_at(self, lam: ca.SX, on_true_gap: ca.SX) -> tuple[ca.SX, LowRankCompliance]:
-        """Return the scaled gap at lam and its compliance, of the true gap or of the one linearised at the start."""
+        """Return the scaled gap at lam and its compliance, see :meth:`Path.gap_at`."""
         entries = self.data_parts
         start = self.compliance_at_start(entries["entries"])
         if not self.curved:
@@ -114,7 +114,7 @@ class ReducedPath(Path):
 
 
 def _select_nonzeros(condition: ca.SX, chosen: ca.SX, default: ca.SX) -> ca.SX:
-    """Return ``if_else`` of two matrices for the nonzeros of ``default`` only."""
+    """Return ``if_else(condition, chosen, default)`` of two matrices, at the nonzeros of ``default`` only."""
     pattern = default.sparsity()
     chosen = ca.project(chosen, pattern)
     return ca.SX(pattern, ca.if_else(condition, chosen.nz[:], default.nz[:])) if default.nnz() else default

@@ -1,7 +1,7 @@
-"""Starting points of a step's interior-point path: the impulses of the step before, or many others.
+"""Starting points of a step's interior-point path: the impulses of the previous step, and many others.
 
-They start on the true gap, with s the gap at the start's impulses, raised where it is small; start
-number 0 alone is the path of the linearised gap from ones.
+From these points the path follows the true gap; s is the gap at the point's impulses, raised where it is small.
+Only the path from start number 0, where all unknowns are one, first follows the linearised gap.
 """
 
 from __future__ import annotations
@@ -12,8 +12,9 @@ import numpy as np
 from dynamics.contact.path import Path
 
 COUNT = 128
-"""Number of starts besides that from the step before."""
-# Minimum of lam and s from the step before, in scaled units, so that both can increase and decrease.
+"""Number of starts in addition to that at the impulses of the previous step."""
+# Minimum of lam and s at the start from the previous step, in scaled units, so that both can increase and
+# decrease.
 _MIN_PAIR_ENTRY = 1e-2
 # Number of first starts with almost no impulse, as for bodies in the air. The exponents of the others
 # are equal for all pairs, or a Kronecker sequence, which fills the cube evenly for any number of starts.
@@ -24,12 +25,12 @@ MIN_EXPONENT = -4.0
 """Smallest impulse of the other starts, as a power of ten in scaled units."""
 # Number of powers of ten from the smallest to the largest impulse.
 _EXPONENT_SPAN = 5.0
-# Minimum scaled gaps of the starts, alternating.
+# Minimum scaled gaps of the starts, which the starts use in turn.
 _GAP_LIFTS = (1e-3, 1e-1, 1.0)
 
 
 def warm_start(path: Path) -> ca.Function:
-    """Return the function ``(lam, data) -> pair`` that starts at the impulses lam (n, 1) [N s] of the step before."""
+    """Return the function ``(lam, data) -> pair`` of the start at the previous step's impulses lam (n, 1) [N s]."""
     lam_before = ca.SX.sym("before", path.n)
     lam = ca.fmax(lam_before / (path.data_parts["c"] * path.data_parts["D"]), _MIN_PAIR_ENTRY)
     gap, _ = path.gap_at(lam, ca.SX(1))

@@ -136,7 +136,7 @@ class Step(ABC):
         return self.eliminate_states(self.gap_expr)
 
     def at(self, node: Branch, expressions: list[ca.SX]) -> list[ca.SX]:
-        """Return expressions in the system's (x, u), evaluated at the disturbed state and input of a branch."""
+        """Return ``expressions`` in the system's (x, u), evaluated at the disturbed state and input of a branch."""
         system = self.system
         disturbed = [system.x + node.noise_x, system.u + node.noise_u]
         return ca.substitute(expressions, [system.x, system.u], disturbed)
@@ -184,8 +184,8 @@ class Step(ABC):
     def solve(self) -> ca.Function:
         """Function from ``(x, u, p)`` to ``(x_next, lam, gap, error)``, without derivatives.
 
-        ``error`` (n, 1) is each contact's scaled violation of ``lam gap = mu``; above 1e-7 the step was
-        not solved from any start, and about 1e-10 or less is a solution.
+        ``error`` (n, 1) is each contact's scaled violation of ``lam gap = mu``: about 1e-10 or less at a
+        solution, above 1e-7 where the step was not solved from any start.
         """
         arguments = self._symbols()
         _, *outputs = self.solution(*arguments)

@@ -29,11 +29,11 @@ STATES_PER_DRAW = 200_000
 
 
 def collect_transitions(step: Step, region: Region, n: int, seed: int) -> Transitions:
-    """Draw n transitions of ``step``, the first half in the region's ranges, the rest in its tube.
+    """Draw n transitions of ``step``, the first half from states in the region's ranges, the rest from its tube.
 
-    States with penetration are rejected (:func:`nonpenetrating_filter`). A step that is not solved is
-    replaced by another, and ``unsolved`` in the provenance counts them. The same seed gives the same
-    data for any number of threads and of workers that draw pieces.
+    States with penetration are rejected (:func:`nonpenetrating_filter`). A step that is not solved is replaced
+    by another; ``unsolved`` in the provenance is the number of these. The same seed gives the same data for any
+    number of threads, and of workers that draw pieces.
 
     Raises ``ValueError`` where the region does not fit the system or almost all its states are
     rejected, and as :meth:`Transitions.from_arrays` does.
@@ -44,7 +44,11 @@ def collect_transitions(step: Step, region: Region, n: int, seed: int) -> Transi
 
 @dataclass(frozen=True)
 class Piece:
-    """Part of a collection: numbers of rows to draw in the ranges and in the tube, and its random stream."""
+    """Part of a data collection: how many states to draw from the region's ranges, and how many from its tube.
+
+    ``stream`` is the part's random stream; for the ranges and the tube see
+    :class:`~dynamics.learned.region.Region`.
+    """
 
     in_ranges: int
     in_tube: int
@@ -53,7 +57,7 @@ class Piece:
 
 @dataclass(frozen=True)
 class Drawn:
-    """Transitions of a piece, as x, u and x_next of both halves, and the number of steps that were not solved."""
+    """Arrays x, u and x_next of a piece from the ranges and from the tube, and its number of unsolved steps."""
 
     in_ranges: Rows
     in_tube: Rows
@@ -61,7 +65,7 @@ class Drawn:
 
 
 def split_pieces(n: int, seed: int) -> list[Piece]:
-    """Split n transitions into pieces with independent random streams; a single piece uses the seed's own."""
+    """Split n transitions into pieces with independent random streams; a single piece uses that of the seed itself."""
     count = max(1, -(-n // PIECE_ROWS))
     root = np.random.SeedSequence(seed)
     streams = [root] if count == 1 else root.spawn(count)
@@ -90,7 +94,7 @@ def merge_pieces(
     seed: int,
     provenance: Mapping[str, Any] | None = None,
 ) -> Transitions:
-    """Concatenate pieces in order, all rows in the ranges before those in the tube."""
+    """Concatenate pieces in order: first the rows of all pieces from the ranges, then those from the tube."""
     rows = [*(piece.in_ranges for piece in drawn_pieces), *(piece.in_tube for piece in drawn_pieces)]
     x, u, x_next = (np.concatenate(column) for column in zip(*rows, strict=True))
     full_provenance = {
@@ -117,7 +121,7 @@ class _Source:
         self._states, self._inputs = ([signal.name for signal in signals] for signals in (system.states, system.inputs))
 
     def draw_rows(self, rng: np.random.Generator, n_rows: int, draw_states: DrawStates, place: str) -> Rows:
-        """Return ``n_rows`` rows of x, u and x_next, with states from ``draw_states``; ``place`` is for messages."""
+        """Return ``n_rows`` rows of x, u and x_next at states from ``draw_states``, which errors call ``place``."""
         n_kept, batches = 0, [self._rows(draw_states(rng, 1, self._states)[:0], rng)]
         n_drawn = 0
         while n_kept < n_rows:

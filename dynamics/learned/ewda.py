@@ -43,8 +43,8 @@ class EwdaModel:
     or ``auto`` for the faster available one; `threads` is the number of threads of ``c``, None for
     every CPU. Results of one backend do not depend on the threads or on other queries.
 
-    Raises ``ValueError`` for sigma or data that are not finite, sigma not above 0, and shapes that
-    do not fit each other; calls raise it for a query that is not finite.
+    Raises ``ValueError`` for sigma or data that are not finite, sigma not above 0, and shapes that do not fit
+    each other; a call raises it for a query that is not finite.
     """
 
     kind: ClassVar[str] = EWDA

@@ -265,7 +265,7 @@ def chunk_rows(rows: np.ndarray, chunk: int, filling: float) -> np.ndarray:
 
 
 def bounding_boxes(rows: np.ndarray, chunk: int, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return minimum and maximum coordinates (m, count) of every chunk; boxes past the last repeat it.
+    """Return minimum and maximum coordinates (m, count) of every chunk; the last chunk's are repeated up to ``count``.
 
     ``rows`` (n, m) are in the order of the chunks.
     """

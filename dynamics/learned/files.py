@@ -27,12 +27,12 @@ _HDF_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 
 
 def read_model(path: Path) -> Any:
-    """Return the model in a netCDF file; raise ``ValueError`` where it is missing, damaged or contains no model."""
+    """Return the model in a netCDF file; raise ``ValueError`` for a missing or damaged file or one without a model."""
     return model_of(read_dataset(path), path)
 
 
 def transitions_of(dataset: xr.Dataset, path: Path) -> Transitions:
-    """Return the transitions in the dataset of the file ``path``; raise ``ValueError`` where it contains none."""
+    """Return the transitions in ``dataset``, read from the file ``path``; raise ``ValueError`` where there are none."""
     kind = dataset.attrs["kind"]
     if kind != TRANSITIONS:
         raise ValueError(
@@ -42,7 +42,7 @@ def transitions_of(dataset: xr.Dataset, path: Path) -> Transitions:
 
 
 def model_of(dataset: xr.Dataset, path: Path) -> Any:
-    """Return the model in the dataset of the file ``path``; raise ``ValueError`` where it contains none."""
+    """Return the model in ``dataset``, read from the file ``path``; raise ``ValueError`` where there is none."""
     kind = dataset.attrs["kind"]
     if kind == TRANSITIONS:
         raise ValueError(f"{path} holds transitions, not a model; learn one from them: ocp learn")
@@ -60,7 +60,7 @@ def _from_dataset(kind: Any, dataset: xr.Dataset, path: Path) -> Any:
 
 
 def read_dataset(path: Path) -> xr.Dataset:
-    """Return the dataset in a file of transitions or of a model, after a comparison of its checksum.
+    """Return the dataset in a file of transitions or of a model, after a check of its checksum.
 
     Raises ``ValueError`` where the file is missing, truncated or changed, or of another kind.
     """
@@ -117,9 +117,9 @@ def read_table(
 ) -> Transitions:
     """Read transitions from a table, one per row, with columns for states, inputs, and ``<state>_next``.
 
-    A column's name may end with its unit, ``ox [m]``. ``columns`` maps names of signals to names of
-    columns where they differ. ``signals`` are the expected states and inputs; without them a column
-    that has a ``_next`` is a state, and the others, or with ``columns`` only those, are inputs.
+    A column's name may end with its unit, ``ox [m]``. ``columns`` maps names of signals to names of columns
+    where they differ. ``signals`` are the expected states and inputs; without ``signals`` a column with a
+    ``_next`` column is a state, and the other columns, or only those in ``columns`` if given, are inputs.
 
     Raises ``ValueError`` for a file that cannot be read, columns that are missing or not numeric,
     units other than the expected ones, and as :meth:`Transitions.from_arrays` does.

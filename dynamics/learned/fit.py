@@ -23,18 +23,17 @@ N_RAYS = 256
 class Fit:
     """Errors of a learned model g, per coordinate of y and along rays that leave the data.
 
-    ``clean`` and ``noised`` (ny,): root mean square of ``g(z) - y`` and of ``g(z + w) - y``, w of
-    width ``sigma`` in normalised units of z, relative to the standard deviation of y in the data;
-    times ``y_scale`` they are in the coordinates' units. ``noised`` has a lower bound for every model,
-    the spread of the y whose z noise can move to the same point.
+    ``clean`` and ``noised`` (ny,): root mean square of ``g(z) - y`` and of ``g(z + w) - y``, w of width
+    ``sigma`` in normalised units of z, relative to the standard deviation of y in the data; times ``y_scale``
+    they are in the coordinates' units. ``noised`` has a lower bound for every model, since noise can move
+    samples with different y to the same z.
 
-    Rays start at the sample farthest out in a random direction of normalised z and follow it, so
-    that ``distances`` (k,) are the distances to the data's convex hull, and to the nearest sample.
-    No y is known there. ``displacement`` (k,) is the root mean square over rays and coordinates of
-    ``g - y`` relative to y's scale, with y of the sample where the ray starts: it tends to 0 where the
-    model returns the nearest sample, and grows like the distance where it extrapolates.
-    ``outside`` (k,) is the fraction of rays on which a coordinate of g is outside the range of the
-    data's y; it is 0 for averages of the data.
+    A ray starts at the sample farthest out in a random direction of normalised z and follows this direction, so
+    that ``distances`` (k,) are the distances to the data's convex hull, and to the nearest sample. No y is
+    known on the rays. ``displacement`` (k,) is the root mean square over rays and coordinates of ``g - y``
+    relative to y's scale, with y of the sample where the ray starts: it tends to 0 where the model returns the
+    nearest sample, and grows like the distance where it extrapolates. ``outside`` (k,) is the fraction of rays
+    on which a coordinate of g is outside the range of the data's y; it is 0 for averages of the data.
     """
 
     sigma: float
@@ -74,7 +73,7 @@ ALONG_RAYS = ("displacement", "outside")
 
 
 def measure_fit(learned: LearnedMap, data: Samples, held_out: np.ndarray, sigma: float, seed: int = 0) -> Fit:
-    """Compare a model with the rows ``held_out`` of the data, and evaluate it on rays out of all the data.
+    """Compare a model with the rows ``held_out`` of the data, and evaluate it on rays that leave the whole data set.
 
     Raises ``ValueError`` where no row is held out, or where sizes of model and data differ.
     """

@@ -66,7 +66,7 @@ class LearnedLaw(ContactLaw):
         return type(self)(**{**self.settings(), "model": self._stated, **values})
 
     def parameters(self, system: ContactSystem) -> ParameterTable:
-        """Return no parameters; raise ``ValueError`` where the model has other states or inputs."""
+        """Return an empty table; raise ``ValueError`` unless the model has the states and inputs of ``system``."""
         for kind, trained_signals, system_signals in (
             ("states", self.model.origin.y, system.states),
             ("inputs", self.model.origin.inputs, system.inputs),
@@ -80,7 +80,7 @@ class LearnedLaw(ContactLaw):
         return ParameterTable()
 
     def learned_at(self, system: ContactSystem, values: Mapping[str, float]) -> dict[str, tuple[float, float]]:
-        """Return the parameters of the motion that differ from those of the training data, as (then, now) by name."""
+        """Return a dict from the motion parameters that differ from those of the training data to (then, now)."""
         motion_symbols = {str(symbol) for symbol in ca.symvar(ca.vertcat(system.residual, system.gap))}
         training_parameters = self.model.origin.parameters
         return {
@@ -120,7 +120,7 @@ class Ewda(LearnedLaw):
         return {**super().settings(), "trust": self.trust}
 
     def parameters(self, system: ContactSystem) -> ParameterTable:
-        """Return the parameter ``contact.trust``; raise ``ValueError`` where states or inputs differ."""
+        """Return the parameter ``contact.trust``; raise ``ValueError`` as :meth:`LearnedLaw.parameters` does."""
         meaning = "weight of -log p of the data in the stage cost"
         weight = Parameter(LAW_PREFIX + "trust", self.trust, "1", meaning)
         return super().parameters(system) + ParameterTable([weight])

@@ -31,8 +31,8 @@ class MlpModel:
     derivative; the second one jumps at s = 0, where the left limit is used.
     ``sigma`` is the width of the noise in training, in normalised units of z; 0 for clean data.
 
-    Far from the data y grows linearly. The result for a query that is not finite is not finite or the
-    limit there; it does not affect the other queries.
+    Far from the data y grows linearly. For a query that is not finite, the result is the limit of y or is not
+    finite; the other queries are not affected.
     """
 
     kind: ClassVar[str] = MLP

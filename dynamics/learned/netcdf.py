@@ -17,7 +17,7 @@ import numpy as np
 _BASE_CPU_S = 1
 """Limit of the CPU time [s] of reading a small file."""
 _BYTES_PER_CPU_S = 20_000_000
-"""Number of bytes of a file for which the limit is one second of CPU time larger."""
+"""Number of bytes of a file that increase the limit of CPU time by one second."""
 
 
 def check_readable(content: bytes) -> None:

@@ -1,4 +1,4 @@
-"""Regions from which transitions are drawn: ranges of states and inputs, and a tube around the task."""
+"""Regions from which transitions are drawn: ranges of states and inputs, and a tube from start to goal."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ Ranges = Mapping[str, tuple[float, float]]
 
 @dataclass(frozen=True)
 class Region:
-    """Ranges of states and inputs by name, in the system's units, and a tube for half of the data.
+    """Ranges of states and inputs by name, in the system's units, and a tube of states for half of the data.
 
-    ``around`` maps inputs whose range is relative to a state to that state, such as commanded to
-    actuated positions: ``{"ux": "ax"}``. The tube is the straight line from ``start`` to ``goal``
-    (nx,) with Gaussian noise of width ``spread`` (nx,), not limited to the ranges.
+    ``around`` maps an input whose range is relative to a state to that state, such as a commanded position to
+    the actuated one: ``{"ux": "ax"}``. The tube is the straight line from ``start`` to ``goal`` (nx,) with
+    Gaussian noise of width ``spread`` (nx,), not limited to the ranges.
     """
 
     states: Ranges

@@ -57,18 +57,18 @@ class Epoch:
 
 
 class Training:
-    """Minimisation of ``E |h(z + sigma w) - y|²`` by Adam, w ~ N(0, I) new in every minibatch.
+    """Training run that minimises ``E |h(z + sigma w) - y|²`` by Adam, with new w ~ N(0, I) in every minibatch.
 
-    It is eq. 3 of "How does noising data affect learned contact dynamics?" (Suh et al.).
-    z and y are normalised; noise is added to z only. The network predicts the next state as in the
-    paper, so that the minimiser is g_sigma itself. A prediction of the increment, added to the noised
-    state x~, would be another law: ``x~ + E[y - x | x~]`` contains the noise and does not lead back to
-    the data.
+    It is eq. 3 of "How does noising data affect learned contact dynamics?" (Suh et al.). z and y are
+    normalised; noise is added to z only. The network predicts the next state as in the paper, so that the
+    minimiser is the smoothed step ``g_sigma(z~) = E[y | z~]`` itself, z~ the noised z. A network for the
+    increment, added to the noised state x~, would be another law: ``x~ + E[y - x | x~]`` contains the noise and
+    does not return to the data.
 
-    Training is in float32; the same seed, data and recipe give the same bits on one computer with the
-    same settings of JAX and number of processors, which determines the order of sums. With ``state``
-    of an earlier training the result has the bits of an uninterrupted run; an interrupted epoch is
-    repeated.
+    Training is in float32; the same seed, data and recipe give the same bits on one computer with the same
+    settings of JAX and number of processors, which determines the order of sums. With the ``state`` of an
+    earlier training it continues that training, and the result has the bits of an uninterrupted run; an
+    interrupted epoch is repeated.
 
     Raises ``ValueError`` for a negative sigma, too few rows, a constant column, a state of another
     training, and where the extra ``learn`` is not installed.

@@ -168,7 +168,7 @@ def check_finite(arrays: Sequence[np.ndarray], names: Sequence[str]) -> None:
 
 
 def split_rows(n: int, fraction: float, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """Split n rows at random; return the sorted indices of the rest and of the ``fraction`` held out.
+    """Split n rows at random; return the sorted indices of the rows for training and of the ``fraction`` held out.
 
     The same n, fraction and seed always give the same rows.
     """
@@ -257,7 +257,7 @@ class Transitions:
         return digest.hexdigest()
 
     def check_signals(self, states: Sequence[Signal], inputs: Sequence[Signal], owner: str) -> None:
-        """Raise ``ValueError`` unless names and units equal those given, in order; ``owner`` has them."""
+        """Raise ``ValueError`` unless names and units are those of ``owner``'s ``states`` and ``inputs``, in order."""
         expected_signals = [[(s.name, s.unit) for s in group] for group in (states, inputs)]
         for role, data_signals, expected in zip(
             ("states", "inputs"), (self.states, self.inputs), expected_signals, strict=True
@@ -283,8 +283,8 @@ class Transitions:
     def dataset(self) -> xr.Dataset:
         """Return the transitions as labelled arrays: ``x``, ``u`` and ``x_next`` over sample and state or input.
 
-        Coordinates, units and the scales of z have the same names as in a model's dataset; an
-        attribute has the provenance as JSON.
+        Coordinates, units and the scales of z have the same names as in a model's dataset; an attribute
+        contains the provenance as JSON.
         """
         import xarray as xr
 

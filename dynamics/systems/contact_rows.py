@@ -37,7 +37,7 @@ def limit_distances(limits: Sequence[tuple[int, Any, Any]], q: ca.SX) -> ca.SX:
 
 @dataclass(frozen=True, eq=False)
 class Space:
-    """Maps that contacts in space need besides those in the plane; ``sliding`` then gives 2 nc rows, for two tangents.
+    """Maps that contacts in space need and those in the plane do not; ``sliding`` gives 2 nc rows, for two tangents.
 
     Rows multiply the velocities v, of which there are ``velocities`` (nv) and which need not be
     dq/dt: ``pressing`` maps q to J_n (nc, nv), ``tangent`` maps q to the derivative of dq/dt with
@@ -70,7 +70,7 @@ class Space:
 class ContactSpec:
     """The nc contacts of a mechanism, and the nl limits of its joints; ``space`` is None in the plane.
 
-    The other fields are those arguments of :func:`~dynamics.systems.timestepping.time_stepping`.
+    The other fields are arguments of the same names of :func:`~dynamics.systems.timestepping.time_stepping`.
     """
 
     contacts: tuple[Signal, ...]
@@ -91,7 +91,7 @@ class ContactSpec:
         return [i for i in range(nc) if not f[i].is_zero()], f
 
     def referee_model(self, curved: bool, build: Callable[[ContactSpec], ContactSystem]) -> RefereeModel:
-        """Return the most exact model of the system from ``build``; ``curved``: some distance is not affine in q."""
+        """Return the most exact model, made by ``build``; ``curved`` says that some distance is not affine in q."""
         notes = [TRUE_GAPS] if self.linearised and curved else []
         true = replace(self, linearised=False)
         if self.cone == "edges" and self.friction is not None and self.sliding is not None:
@@ -128,10 +128,10 @@ def contact_rows(
 ) -> ContactRows:
     """Return the pairs of ``spec`` for a step of h from q to q_next.
 
-    ``step_along(J)`` is the displacement of the step along the rows J. The pairs are the normal
-    ones, those of limits, then those of the friction cone. A contact whose friction is the number
-    zero has only its normal pair. Where friction is a parameter whose value is zero, the contact has
-    all pairs, but those of friction ignore its slip and exert no impulse.
+    ``step_along(J)`` is the displacement of the step along the rows J. The pairs are in this order: normal
+    pairs, pairs of limits, pairs of the friction cone. A contact whose friction is the number zero has only its
+    normal pair. Where friction is a parameter whose value is zero, the contact has all pairs, but those of
+    friction ignore its slip and exert no impulse.
 
     Raises ``ValueError`` where a dimension does not fit.
     """

@@ -62,7 +62,7 @@ def solve_in_order(A: ca.SX, b: ca.SX, order: list[int], refinements: int) -> ca
     """Solve ``A y = b`` with rows and columns eliminated in this ``order``, then refine the solution.
 
     An order that keeps A sparse may give pivots that are small relative to their rows. Each of the
-    ``refinements`` multiplies by A and solves again, and recovers digits that such pivots lose.
+    ``refinements`` adds the solution for ``b - A y``, which recovers digits lost to such pivots.
     """
     ordered, factors = A[order, order], LUFactors(A[order, order])
     y = factors.solve(b[order, :])

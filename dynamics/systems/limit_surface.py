@@ -16,9 +16,9 @@ from dynamics.systems.parameters import Signal
 class LimitSurface:
     """Friction of the body ``name`` on a table; its coordinates x, y (and angle) start at the index ``first``.
 
-    The friction wrench w = (f_x, f_y, m) stays within the ellipsoid ``|g| <= 1``, ``g = (f_x, f_y, m /
-    reach) / force`` (Goyal, Ruina and Papadopoulos, doi 10.1016/0043-1648(91)90104-3; Lynch, doi
-    10.1109/70.508439), and the body slides along its normal where w lies on it::
+    The friction wrench w = (f_x, f_y, m) stays within the ellipsoid ``|g| <= 1``, ``g = (f_x, f_y, m / reach) /
+    force`` (Goyal, Ruina and Papadopoulos, doi 10.1016/0043-1648(91)90104-3; Lynch, doi 10.1109/70.508439), and
+    the body slides along the ellipsoid's normal at w where w lies on its surface::
 
         (dx, dy, reach dangle) = s g,   0 <= s ⟂ h force (1 - |g|²) / 2 >= 0
 

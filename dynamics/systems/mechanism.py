@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from dynamics.systems.system import ContactSystem
 
 WORLD = "world"
-"""Name of the link or body that parts which never move belong to."""
+"""Name of the link or body to which parts that never move belong."""
 
 
 class PlacedShape(NamedTuple):
@@ -71,7 +71,7 @@ class Multibody(ABC):
     def contacts(self, q: ca.SX, spheres: Collection[str] | None = None) -> Mapping[str, Contact | SpatialContact]:
         """Return a mapping from names to contacts at the pose ``q`` (nq, 1).
 
-        In the plane ``spheres`` are the names of those that may touch the ground, by default all.
+        In the plane ``spheres`` are the names of the spheres that may touch the ground, by default all.
         """
 
     @abstractmethod
@@ -84,7 +84,11 @@ class Multibody(ABC):
         friction: ca.SX | float | None,
         **options: Any,
     ) -> ContactSystem:
-        """Return one step of ``h`` [s]; ``friction`` is its coefficient or None, ``options`` :class:`StepOptions`."""
+        """Return one step of ``h`` [s].
+
+        ``friction`` is Coulomb's coefficient, None without friction; ``options`` are those of
+        :class:`StepOptions`.
+        """
 
     def meeting_shapes(self) -> Iterator[tuple[tuple[str, str], PlacedShape, PlacedShape]]:
         """Yield each collision pair and its two shapes; a shape fixed to the world comes second."""
@@ -98,8 +102,8 @@ class Multibody(ABC):
 class Mechanism:
     """The ``machine`` that a system was built from, and settings of its step.
 
-    One unit of input is ``scale`` times a joint's gear; ``spheres`` may touch the ground, all where
-    None. ``gyroscopic`` is how the step integrates velocity forces in the plane.
+    One unit of input is ``scale`` times a joint's gear; ``spheres`` names those that may touch the ground, None
+    for all. ``gyroscopic`` says how the step integrates Coriolis and centrifugal forces in the plane.
     """
 
     machine: Multibody
@@ -117,7 +121,7 @@ def check_parts(
 ) -> None:
     """Raise ``ValueError`` for links or bodies that form no tree, and for invalid names of parts or pairs.
 
-    ``moving`` and ``parts`` are pairs (name, link or body); only the latter may be on the world.
+    ``moving`` and ``parts`` are pairs (name, link or body); only ``parts`` may be fixed to the world.
     """
     names = [member.name for member in root_first(members)]
     if WORLD in names:

@@ -21,11 +21,11 @@ Kind = Literal["normal", "friction", "slip", "limit", "table"]
 class Pair:
     """One complementarity pair ``lam ⟂ gap``: its kind, and the index of its contact or limit.
 
-    ``normal``: an impulse along the normal (or along an edge of the friction cone) against a
-    distance. ``friction``: an impulse along the tangent against the slip in its direction.
-    ``slip``: the slip against the margin of the friction cone. ``limit``: the impulse of a joint
-    limit against the distance from it. ``table``: distances that a body slides on a table against
-    the margin of friction there; all pairs of one body have the same index.
+    In these kinds lam is complementary to gap: ``normal``, an impulse along the normal (or along an edge of the
+    friction cone) and a distance; ``friction``, an impulse along the tangent and the slip in its direction;
+    ``slip``, the slip and the margin of the friction cone; ``limit``, the impulse of a joint limit and the
+    distance from it; ``table``, a distance that a body slides on a table and the margin of friction there. All
+    table pairs of one body have the same index.
     """
 
     kind: Kind
@@ -90,11 +90,12 @@ _MAX_ENUMERATED_CONTACTS = 10
 def has_open_multipliers(pairs: tuple[Pair, ...], contact: ca.Function, parameters: np.ndarray) -> bool:
     """Whether multipliers may be non-unique, so that F is not a P-matrix.
 
-    ``contact`` maps (x, u, p) to F (n, n) and z (n, 1), the gap being ``z + F lam``. Multipliers may
-    be non-unique with friction, and with edges of a friction cone, which close together. For other
-    contacts they may be where a set of them has a singular block of F, at random states and default
-    parameters, unless a combination ``n' gap = n' z`` of its gaps, independent of lam, is a nonzero
-    constant, such as the distance between two walls: such a set never closes all at once.
+    ``contact`` maps (x, u, p) to F (n, n) and z (n, 1), the gap being ``z + F lam``. Multipliers may be
+    non-unique with friction, and with edges of a friction cone, which close at the same time. Those of other
+    contacts may be non-unique where a set of contacts has a singular block of F at random states and default
+    parameters, unless a combination ``n' gap = n' z`` of the set's gaps, independent of lam, is a nonzero
+    constant, such as the distance between two walls: the contacts of such a set are never closed at the same
+    time.
     """
     owners = [pair.contact for pair in pairs if pair.kind == "normal"]
     if any(pair.kind == "friction" for pair in pairs) or len(set(owners)) < len(owners):
@@ -119,7 +120,7 @@ def _probes(contact: ca.Function, parameters: np.ndarray) -> list[tuple[np.ndarr
 
 
 def _may_close_at_once(probes: list[tuple[np.ndarray, np.ndarray]], rows: list[int]) -> bool:
-    """Whether the block of F at these ``rows`` is singular and their gaps may close together."""
+    """Whether the block of F at these ``rows`` is singular and the gaps of all rows may close at the same time."""
     gap_sizes = []
     for F, z in probes:
         left_vectors, size, _ = np.linalg.svd(F[np.ix_(rows, rows)])
@@ -145,8 +146,8 @@ _REST_TOLERANCE = 1e-9
 class RefereeModel:
     """The most exact model of a system; ``note`` states what it improves.
 
-    ``build`` returns it, with the same x, u, x_next and parameters but its own lam and gap, so that
-    states and inputs can be replayed. It is None where no model more exact than the system is known.
+    ``build`` returns it, with the same x, u, x_next and parameters but its own lam and gap, so that states and
+    inputs can be replayed. ``build`` is None where no model more exact than the system is known.
     """
 
     note: str = ITSELF
@@ -154,11 +155,11 @@ class RefereeModel:
 
 
 def by_true_distance(system: ContactSystem) -> RefereeModel | None:
-    """Return the most exact model of a system written without a builder; None without geometry.
+    """Return the most exact model of a system that no builder made; None for a system without distances ``phi``.
 
-    Where the gaps are those of frictionless contacts, one for each distance ``phi`` [m], and equal
-    phi for bodies at rest, they are taken for expansions of phi and replaced by the true distances
-    of the next state. Gaps with a law of restitution or a spring are left unchanged.
+    Where all pairs are frictionless contacts, one for each distance ``phi`` [m], and the gaps of bodies at rest
+    equal phi, the gaps are assumed to be expansions of phi and are replaced by the true distances phi of the
+    next state. Other gaps, such as those of a spring or a law of restitution, are unchanged.
     """
     phi = system.phi
     if phi is None:

@@ -60,13 +60,12 @@ class ContactSystem:
     Where the Jacobian of ``residual`` with respect to ``x_next`` depends on the state, it must have
     positive leading minors, as a mass matrix has.
 
-    ``referee_model`` is the most exact model known of the system, see :attr:`most_exact`.
-    ``refinable``: h is only a step size, and ``h / 4`` gives the same system with finer steps.
-    ``mass`` M (nq, nq), in quasi-dynamics that of the unactuated coordinates, and ``stiffness`` K of
-    the actuators must be positive definite; they are expressions in x and the parameters, or None.
-    ``scene``: whether the system is a scene of bodies, pushers and obstacles with true gaps, for which
-    the default route may search over pushes (:mod:`ocp.search.push_search`).
-    ``machine`` is the machine that the system was built from, or None.
+    ``referee_model`` is the most exact model known of the system, see :attr:`most_exact`. ``refinable`` says
+    that h is only a step size, so that ``h / 4`` gives the same system with finer steps. ``mass`` M (nq, nq),
+    in quasi-dynamics that of the unactuated coordinates, and ``stiffness`` K of the actuators must be positive
+    definite; they are expressions in x and the parameters, or None. ``scene`` says whether the system is a
+    scene of bodies, pushers and obstacles with true gaps, for which the default route may search over pushes
+    (:mod:`ocp.search.push_search`). ``machine`` is the machine that the system was built from, or None.
 
     ``rotating_entries`` are the indices into x of quaternions, and of origins that rotate about a
     centre of mass: their rows of the residual are ``x_next[i] - f`` with f an expression in (x, u)

@@ -1,7 +1,7 @@
 """C source of a CasADi function with CasADi's interface; a long one is cut into short C functions.
 
-CasADi writes one C function with one statement per operation, for which gcc needs minutes where there
-are tens of thousands.
+CasADi itself writes one C function with one statement per operation; gcc needs minutes to compile one with tens
+of thousands of statements.
 """
 
 from __future__ import annotations
@@ -42,6 +42,6 @@ def external_source(function: ca.Function) -> str:
         "outputs": ", ".join(f"res[{k}] ? res[{k}] : unused" for k in n_out),
     }
     before_body, _, after_head = text.partition("static int casadi_f0(")
-    # gcc's second level takes 1.5 times as long, and its code is no faster.
+    # Compilation with gcc's optimisation level 2 takes 1.5 times as long, and the code is no faster.
     sections = before_body, "#pragma GCC optimize 1\n", scalar_prelude(kernel), "\n", kernel, body
     return "".join((*sections, after_head.partition("\n}\n")[2]))

@@ -19,11 +19,12 @@ THREAD_CHUNK = 1024
 # SIMD registers of samples that a kernel works on at once: a graph unrolled over time is one chain of
 # dependent operations, and several such chains keep the processor busy.
 ABREAST = 4
-# The same for long graphs, whose compilation would take too long.
+# Number of these registers for long graphs, whose compilation would take too long with more.
 ABREAST_IN_LONG_GRAPHS = 2
 # Number of operations above which a graph counts as long.
 LONG_GRAPH = 2500
-# Operations of one C function; its text is `ABREAST` times as long, so this is less than elsewhere.
+# Maximum number of operations of one C function. It is smaller than elsewhere, since each operation becomes
+# `ABREAST` statements.
 PART = 500
 
 _DRIVER = """\
@@ -82,7 +83,7 @@ i64 run(i64 *next, i64 n, i64 chunk, const double *const *a, const i64 *shared,
 
 
 class CompiledEngine:
-    """Engine that evaluates a kernel over samples with the function `run` of C code, see :func:`batch_driver`.
+    """Engine that evaluates a kernel for many samples by the compiled C function `run`, see :func:`batch_driver`.
 
     `evaluate(inputs, outputs, n)` takes arrays `(n, nnz)` or `(1, nnz)`, fills `outputs`, and
     returns the number of samples that are not finite. The constructor raises `CompilerError`.
@@ -119,7 +120,10 @@ def batch_source(tape: Tape, block: int, machine: Compiler) -> str:
 
 
 def batch_driver(input_sizes: Sequence[int], output_sizes: Sequence[int]) -> str:
-    """Return the C text of `run`; the text before it defines `A`, `U` and `kernel(in, out)`, with entries `U` apart."""
+    """Return the C text of `run`, which must follow the definitions of `A`, `U` and `kernel(in, out)`.
+
+    Consecutive entries of the kernel's inputs and outputs are `U` registers apart.
+    """
     return _DRIVER % {
         "input_sizes": ", ".join(map(str, (*input_sizes, 0))),
         "output_sizes": ", ".join(map(str, (*output_sizes, 0))),

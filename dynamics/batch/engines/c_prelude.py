@@ -1,4 +1,4 @@
-"""The fixed part of the emitted C code: types of vectors or doubles, their functions, transfers of rows.
+"""The fixed part of the emitted C code: types of vectors or doubles, their functions, and copies of rows.
 
 A `V` is one SIMD register of `W` doubles, one sample per lane. Every operation acts on all lanes
 alike, and the last register of a batch is padded with copies of the last row, so that a sample's

@@ -47,11 +47,10 @@ INLINE void philox(i64 sample, i64 quadruple, const Q *keys, Q *words) {
 }
 """
 
-# C code of Box and Muller's transform. 32 random bits below an exponent are a number in [1, 2) or
-# [4, 8), from which a constant is subtracted exactly. For the logarithm u = 2^e m with m within a
-# factor sqrt(2) of 1, and ln m = 2 artanh s with s = (m - 1)/(m + 1). Adding 1.5 * 2^52 rounds to the
-# nearest integer, in the low bits: the angle in quarter turns is exactly a quadrant and a remainder
-# within pi/4.
+# C code of Box and Muller's transform. 32 random bits below an exponent are a number in [1, 2) or [4, 8), from
+# which a constant is subtracted exactly. The logarithm of u = 2^e m is e ln 2 + ln m, where m is within a
+# factor sqrt(2) of 1 and ln m = 2 artanh s with s = (m - 1)/(m + 1). Adding 1.5 * 2^52 rounds to the nearest
+# integer, in the low bits: the angle in quarter turns is exactly a quadrant and a remainder within pi/4.
 _NORMALS = """\
 INLINE V mantissa(Q word, unsigned long long exponent) {
   return (V)(((word << 32) >> 12) | exponent);

@@ -32,8 +32,8 @@ typedef struct {
 } memory;
 """
 
-# C code of the forward and adjoint sweeps. Entry k of an array for register j of a block is at index
-# k U + j; ts is 1 in place of U where all samples share theta, PS likewise for p.
+# C code of the forward and adjoint sweeps. Entry k of an array for register j of a block is at index k U + j.
+# The stride ts of theta's entries is U, or 1 where all samples share theta; PS is the same for p.
 _SWEEPS = """\
 typedef struct { const char *at, *stop; i64 each; } lines;
 INLINE lines lines_of(const double *a, i64 size, i64 row, i64 end, i64 turns) {
@@ -286,8 +286,8 @@ def rollout_source(
 ) -> str:
     """Return the C text of a rollout on this machine, for blocks of about `block` samples.
 
-    With `per_sample_p` parameters p differ between samples; else they may stay in registers. `per_sample_theta` is
-    the same for the weights of dense layers.
+    With `per_sample_p` the parameters p differ between samples; otherwise all samples share them, so that they
+    may stay in registers. `per_sample_theta` says the same of the weights of dense layers.
     """
     functions, layers = c_steps.forward_graphs(tapes, warm=True), tapes.layers
     for name in ("adjoint", "score", "terminal", "terminal_adjoint"):

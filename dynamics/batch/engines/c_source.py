@@ -61,11 +61,11 @@ def c_double(value: float) -> str:
 class RegisterLayout:
     """Memory layout of a kernel's inputs and outputs, for a kernel that works on several registers at once.
 
-    Entry j of an array for register r is at index `j * stride + r`, or at `j` where the stride is 1
-    and all registers share the entry. Strides are C expressions, "1" by default; they may contain
-    `ts`, which is then the kernel's last argument. The kernel works on `abreast` registers at once,
-    since one long chain of dependent operations leaves a processor idle. With `loose` minimum and
-    maximum depend on the processor where an operand is NaN.
+    Entry j of an array for register r is at index `j * stride + r`, or at `j` where the stride is 1 and all
+    registers share the entry. Strides are C expressions, "1" by default; they may contain `ts`, which is then
+    the kernel's last argument. The kernel works on `abreast` registers at once, since one long chain of
+    dependent operations leaves a processor idle. With `loose` the result of a minimum or maximum of a NaN
+    depends on the processor.
     """
 
     inputs: tuple[str, ...] = ()
@@ -141,7 +141,7 @@ class _TapeParts:
         return int(exponent.value) if is_small_integer else None
 
     def constant_reciprocal(self, operation: Operation) -> float | None:
-        """Return the reciprocal of a division's divisor where that is a constant within `MODERATE`, else None."""
+        """Return the reciprocal of a division's divisor, None unless that is a constant in the range `MODERATE`."""
         divisor = self.tape.operations[operation.args[1]]
         moderate = divisor.op == ca.OP_CONST and MODERATE[0] < abs(divisor.value) < MODERATE[1]
         return 1.0 / divisor.value if moderate else None
@@ -211,7 +211,7 @@ class _KernelEmitter:
 
 
 class _PartEmitter:
-    """Writer of the C statements of one part of a tape, for one of the registers abreast."""
+    """Writer of the C statements of one part of a tape, for one of the registers that a kernel works on at once."""
 
     def __init__(self, parts: _TapeParts, p: int, layout: RegisterLayout, register: int) -> None:
         self.parts, self.tape, self.layout, self.register = parts, parts.tape, layout, register
@@ -315,13 +315,13 @@ class _PartEmitter:
         return " * ".join([f"v{base}"] * count) if count else f"vpow(v{base}, v{exponent})"
 
     def _quotient(self, operation: Operation) -> str:
-        """Return the C expression of a division, or for a constant divisor of the product with its reciprocal."""
+        """Return the C expression of a division; with a constant divisor this is a product with the reciprocal."""
         a, b = operation.args
         reciprocal = self.parts.constant_reciprocal(operation)
         return f"v{a} / v{b}" if reciprocal is None else f"v{a} * {c_double(reciprocal)}"
 
     def _selection(self, operation: Operation) -> str:
-        """Return the C expression of CasADi's if_else as one selection, "" for other operations."""
+        """Return the C expression of CasADi's if_else as one conditional selection, "" for other operations."""
         choice = selection_of(self.tape, operation)
         return "pick(m{}, v{}, v{})".format(*choice) if choice else ""
 

@@ -191,7 +191,7 @@ def step_source(tapes: RolloutTapes, block: int, machine: Compiler) -> str:
 
 
 def side_by_side(functions: Mapping[str, ca.Function], block: int, machine: Compiler) -> tuple[int, int, int]:
-    """Return the number of operations of all graphs, of registers in a kernel, and of registers in a block."""
+    """Return three counts: operations in all graphs, registers per call of a kernel, and registers per block."""
     length = sum(fn.n_instructions() for fn in functions.values())
     abreast = 2 if MAX_UNROLLED_OPERATIONS < length <= MAX_ABREAST_OPERATIONS else 1
     return length, abreast, abreast * max(1, block // (abreast * machine.width))
@@ -200,7 +200,7 @@ def side_by_side(functions: Mapping[str, ca.Function], block: int, machine: Comp
 def forward_graphs(tapes: RolloutTapes, warm: bool = False) -> dict[str, ca.Function]:
     """Return the graphs of the forward step, as a dict from the kernel's name to the function.
 
-    ``warm`` includes the warm start from the step before.
+    The graph of the warm start from the previous step is included only with ``warm``.
 
     Raises `UnsupportedOperation` for a learned step.
     """
@@ -227,9 +227,10 @@ def step_kernels(
 
 
 def _path_abreast(tapes: RolloutTapes, abreast: int) -> int:
-    """Return the number of registers in the path's kernels, one where Newton's method comes first.
+    """Return the number of registers that the path's kernels work on at once.
 
-    The path is then rarely needed, and its text is half as long."""
+    It is one where Newton's method comes first: the path is then rarely needed, and its text is half as long.
+    """
     loop = tapes.forward
     return 1 if isinstance(loop, InnerLoop) and loop.newton else abreast
 
@@ -248,10 +249,10 @@ def step_constants(tapes: RolloutTapes, abreast: int, more: Mapping[str, object]
 
 
 def one_step(tapes: RolloutTapes, with_ts: bool, warm: bool = False) -> str:
-    """Return the C text of `one_step: (x, theta, w, p) -> (x_next, lam, cost)`, to follow its kernels.
+    """Return the C text of `one_step: (x, theta, w, p) -> (x_next, lam, cost)`, to be placed after its kernels.
 
-    `with_ts` says that the kernels have `ts` as their last argument. With `warm` there is one more
-    argument, `lam` of the step before, or a null pointer.
+    `with_ts` says that the kernels have `ts` as their last argument. With `warm` the function has one more
+    argument, `lam` of the previous step, or a null pointer.
     """
     loop = tapes.forward
     if not isinstance(loop, InnerLoop):

@@ -27,7 +27,7 @@ class ChunkSolver:
         self._kernels = {name: make(graph) for name, graph in loop.graphs().items()}
 
     def __call__(self, arguments: list[Array], lam_before: Array | None) -> Array:
-        """Return the multipliers (branches * n, m) [N s]; `lam_before` are those of the step before, if any."""
+        """Return the multipliers (branches * n, m) [N s]; `lam_before` are those of the previous step, if any."""
         loop, m = self.loop, arguments[0].shape[-1]
         lam, data = (np.empty((loop.branches * size, m)) for size in (loop.n, loop.n_data))
         self._kernels["opening"].run(arguments, [lam, data])
@@ -176,9 +176,9 @@ class ChunkRollout:
     ) -> tuple[Array, Array, Array]:
         """Return states `(N + 1, nx, m)`, multipliers `(N, nlam, m)` and costs `(m,)`.
 
-        The next call overwrites them. `x0` (nx, m), `theta` (N or 1, n_theta, m), `p` (np, m) and `w`
-        (N, nu, m) may each have 1 in place of m, where all samples share them. ``slopes`` is needed for
-        a later adjoint sweep. Step t starts at entry t of ``linearise_along`` (N + 1, nx, m), where given.
+        The next call overwrites these arrays. `x0` (nx, m), `theta` (N or 1, n_theta, m), `p` (np, m) and `w`
+        (N, nu, m) may each have 1 in place of m, where all samples share them. ``slopes`` is needed for a later
+        adjoint sweep. Step t starts at entry t of ``linearise_along`` (N + 1, nx, m), where given.
         """
         x = self.scratch.array("x", len(w) + 1, self.tapes.nx, m)
         x_next_unused = self.scratch.array("after", self.tapes.nx, m)

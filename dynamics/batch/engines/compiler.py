@@ -1,11 +1,11 @@
 """The system's C compiler, and the cache of compiled objects.
 
-The user's cache directory contains objects named `<key>-<sha256>.so`. The key is a hash of the
-source, the compiler's version, the flags and the CPU's instruction set; the second part is the
-checksum of the object itself. One atomic rename creates a file, so processes may race; an object
-whose bytes do not match its name is deleted and compiled again before anything is loaded. The cache
-may be emptied at any time: :func:`clear_cache` leaves the folders of running compilations, and an
-object that vanishes before it is loaded is compiled again in a private folder.
+The user's cache directory contains objects named `<key>-<sha256>.so`. The key is a hash of the source, the
+compiler's version, the flags and the CPU's instruction set; the second part is the checksum of the object
+itself. A file is created by one atomic rename, so that several processes may use the cache at once. An object
+whose bytes do not match its name is deleted and compiled again before anything is loaded. The cache may be
+emptied at any time: :func:`clear_cache` does not delete the folders of running compilations, and an object that
+vanishes before it is loaded is compiled again in a private folder.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from pathlib import Path
 _LOG = logging.getLogger(__name__)
 # Names of compilers; the first that is on the search path is used.
 CANDIDATES = ("cc", "gcc", "clang")
-# Compiler flags. None lets the compiler assume that NaN or infinity do not occur, reorder a sum, or
+# Compiler flags. None of them lets the compiler assume that NaN or infinity do not occur, reorder a sum, or
 # choose where to contract a*b+c; the emitted source uses explicit fused operations.
 FLAGS = (
     *("-std=c11", "-O2", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math"),
@@ -83,7 +83,7 @@ class Compiler:
 def find_compiler() -> Compiler:
     """Return the first compiler that runs among `cc`, `gcc`, `clang` on the search path.
 
-    Raises `CompilerError` when there is none; where none runs, with the error of the first.
+    Raises `CompilerError` when none is found; when none of those found runs, with the error of the first.
     """
     errors: list[CompilerError] = []
     for path in filter(None, map(shutil.which, CANDIDATES)):
@@ -118,7 +118,7 @@ def _probe(path: str, _changed: int) -> Compiler:
 
 
 def _simd(defined: set[str]) -> tuple[str, int, str]:
-    """Return instruction set, doubles per register, and the vector math library's prefix of function names for it."""
+    """Return the instruction set, its doubles per register, and its prefix in the vector math library's names."""
     if {"__AVX512F__", "__AVX512DQ__"} <= defined:
         return "AVX-512", 8, "_ZGVeN8"
     if "__AVX2__" in defined:
@@ -185,7 +185,7 @@ _MIN_FREE_BYTES = 1 << 24
 def load_library(source: str, symbols: Sequence[str] = ()) -> ctypes.CDLL:
     """Compile C source to a shared object with the functions ``symbols``, or find it in the cache, and load it.
 
-    Raises `CompilerError` with the last line of the compiler or the loader where one fails.
+    Where the compiler or the loader fails, raises `CompilerError` with the last line of its output.
     """
     compiler = find_compiler()
     flags = (*FLAGS, *compiler.native)
@@ -215,7 +215,8 @@ def _open(path: Path, symbols: Sequence[str]) -> ctypes.CDLL | None:
     except (OSError, AttributeError) as error:
         if not path.exists():
             return None
-        # The file's key depends on source and compiler alone: if it stayed, it would be found again.
+        # The file's name depends on source and compiler alone, so that the next call would find this file
+        # again.
         path.unlink(missing_ok=True)
         raise CompilerError(f"the compiled object does not load: {error}") from error
     return library
@@ -306,7 +307,7 @@ def compiler_identity() -> str:
 def compiler_info() -> dict[str, object]:
     """Describe the compiler, its vector library, and the cache, for `ocp doctor`.
 
-    Keys `compiler version instruction_set width vector_math cache objects bytes`. Without a compiler
+    The keys are `compiler version instruction_set width vector_math cache objects bytes`. Without a compiler
     `compiler` is None and `problem` is the cause; `cache` is None where it is unusable.
     """
     directory = cache_directory()
@@ -331,9 +332,10 @@ def compiler_info() -> dict[str, object]:
 
 
 def clear_cache() -> int:
-    """Empty the cache of compiled objects; return the number of objects.
+    """Delete all compiled objects in the cache and return their number.
 
-    Build folders that are older than any compilation, left by killed processes, are removed too.
+    Folders of compilations that killed processes left are deleted too, after twice the time limit of a
+    compilation.
     """
     directory = cache_directory()
     if directory is None:

@@ -30,9 +30,9 @@ _reported_reasons: set[str] = set()
 def choose_backend(backend: str, makers: Mapping[str, Callable[[], EngineT]], owner: str) -> tuple[str, EngineT]:
     """Build the named backend, or for `auto` the first of `makers` that can be built; return its name and engine.
 
-    `auto` skips a backend that cannot be built; a `BatchWarning` gives the reason and the
-    replacement, once for each reason in a process.
-    Raises `ValueError` for an unknown name, and the backend's own error when it was named.
+    `auto` skips a backend that cannot be built; a `BatchWarning` gives the reason and the replacement, once for
+    each reason in a process. Raises `ValueError` for an unknown name, and the error of a backend that was
+    requested by name and cannot be built.
     """
     if backend != "auto":
         if backend not in makers:
@@ -111,7 +111,7 @@ _CALLS: dict[int, Callable[..., Array]] = {
 
 
 class NumpyKernel:
-    """Evaluates a tape for many samples in NumPy, as a generated Python function with one line per operation.
+    """Kernel that evaluates a tape in NumPy, by a generated Python function with one line per operation.
 
     `run(inputs, outputs)` takes one array `(nnz, m)` per input and fills one `(nnz, m)` per output:
     samples last, so that every operation is one contiguous pass. An input of shape `(nnz, 1)`
@@ -176,7 +176,7 @@ class NumpyKernel:
 
 
 class CasadiKernel:
-    """Evaluates any CasADi function for many samples with `Function.map`, on up to `threads` threads.
+    """Kernel that evaluates any CasADi function with `Function.map`, on up to `threads` threads.
 
     It is the reference for the other kernels.
     """
@@ -231,6 +231,6 @@ class ChunkedEngine:
 
 
 def chunk_length(n_rows: int, block: int) -> int:
-    """Return the number of samples of a chunk, a multiple of `block`, so that `n_rows` live rows stay in cache."""
+    """Return the samples per chunk, a multiple of `block`, for which `n_rows` rows of values stay in the cache."""
     samples = min(4096, max(256, CACHE_BYTES // (8 * max(n_rows, 1))))
     return block * max(1, samples // block)

@@ -63,8 +63,8 @@ def on_threads(threads: int, work: Callable[[], ResultT]) -> list[ResultT]:
 def run_chunks(run: Callable[..., int], n: int, chunk: int, threads: int, *arguments: Any) -> int:
     """Call the C function `run(next, n, chunk, *arguments)` on up to `threads` threads.
 
-    The threads take chunks of `range(n)` from the counter `next`, without the interpreter. Returns
-    the sum of their results; raises `MemoryError` where one is negative.
+    The threads take chunks of `range(n)` from the counter `next`, without the interpreter lock. Returns the sum
+    of the threads' results; raises `MemoryError` where a result is negative.
     """
     begin = ctypes.c_int64(0)
 
@@ -99,7 +99,7 @@ _TILE = 256
 
 
 class Scratch(threading.local):
-    """Work arrays by name, separate for each thread; new memory would cost a page fault every 4 KiB.
+    """Named work arrays of each thread, which are reused, since new memory costs a page fault every 4 KiB.
 
     A second request for a name returns the same memory.
     """

@@ -25,10 +25,10 @@ Array = np.ndarray
 class RolloutRequest:
     """One evaluation of n rollouts; arrays have n rows, or one row shared by all.
 
-    `x0` (., nx), `theta` (., parts * n_theta), `p` (., np); `w` (n, horizon * nu) is given noise,
-    `gaussian` noise to be drawn, both None for none. `precision` (horizon, nu) is 1 / sigma^2, the
-    factor of each noise in the score, and 0 where the noise does not affect the cost; `baseline` is
-    subtracted from the cost before it multiplies the score, in moments. `linearise_along`
+    `x0` (., nx), `theta` (., parts * n_theta), `p` (., np); `w` (n, horizon * nu) is the noise itself,
+    `gaussian` describes noise to be drawn; both are None without noise. `precision` (horizon, nu) is
+    1 / sigma^2, the factor of each noise in the score, and 0 where the noise does not affect the cost;
+    `baseline` is subtracted from the cost before the cost multiplies the score, in moments. `linearise_along`
     (n, (horizon + 1) * nx) are the states at which the steps start, None for the rollout's own;
     `terminal_gradient` (n, nx) is added to the derivative of the cost with respect to the last state.
     """
@@ -207,8 +207,8 @@ _SHORT_GRAPH_CHUNK = 16384
 class ChunkEngine:
     """Engine of rollouts whose loops run in Python, over chunks of samples.
 
-    An operation on a chunk must take longer than its call from Python, so that threads run in
-    parallel, but the arrays of a long graph must stay in cache.
+    Chunks are so large that an operation takes longer than its call from Python, so that threads run in
+    parallel, and so small that the arrays of a long graph stay in the cache.
     """
 
     def __init__(self, tapes: RolloutTapes, threads: int, make: Callable[[ca.Function], Kernel]) -> None:

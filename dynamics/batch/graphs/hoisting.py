@@ -57,7 +57,7 @@ class _Pool:
         self._known: dict[tuple[int, tuple[int, ...], str], int] = {}
 
     def add_operation(self, operation: Operation, args: tuple[int, ...]) -> int:
-        """Add an operation on members `args` of the pool, a parameter or a constant; return its index."""
+        """Add a parameter, a constant or an operation on the pool's members `args`; return the member's index."""
         key = (operation.op, args, operation.value.hex())
         if key not in self._known:
             self._known[key] = len(self.expressions)
@@ -165,9 +165,10 @@ _COSTLY = {
 def carry_costly_values(forward: ca.Function, adjoint: ca.Function) -> tuple[ca.Function, ca.Function]:
     """Append to `lam` the divisions, roots and similar values that both functions compute.
 
-    `forward: (x, theta, w, p) -> (x_next, lam, cost)`, `adjoint: (x, theta, w, p, lam, xbar) ->
-    (...)`. In the returned functions lam is longer by those values of the forward step, which the
-    adjoint reads from it: a division takes as long as ten products, a stored number one load.
+    `forward: (x, theta, w, p) -> (x_next, lam, cost)`, `adjoint: (x, theta, w, p, lam, xbar) -> (...)`. In the
+    returned functions `lam` ends with these values. The forward step stores them there, and the adjoint reads
+    them instead of computing them again, since a division takes as long as ten products and reading a stored
+    number only one load.
     """
     forward_graph, adjoint_graph = (_Graph(share_reciprocals(tape_of(f))) for f in (forward, adjoint))
     same_in_forward = adjoint_graph.match_values(forward_graph, lam_input=4)
@@ -198,7 +199,7 @@ class _Graph:
         self.tape = tape
 
     def first_met(self, ends: set[int]) -> list[int]:
-        """Return the members of ``ends`` that a search from the outputs down reaches before other members."""
+        """Return the members of ``ends`` that the outputs depend on without another member in between."""
         visited: set[int] = set()
         first_met, pending = [], [i for row in self.tape.outputs for i in row]
         while pending:
@@ -215,7 +216,8 @@ class _Graph:
     def match_values(self, other: _Graph, lam_input: int) -> dict[int, int]:
         """Return a mapping from values of this tape to equal values of ``other``.
 
-        Both have the same inputs except ``lam_input``, which is output 1 of ``other``."""
+        Both tapes have the same inputs, except that input ``lam_input`` of this tape is output 1 of ``other``.
+        """
         index_by_key = {other._key(op, op.args): i for i, op in enumerate(other.tape.operations)}
         matches: dict[int, int] = {}
         for i, operation in enumerate(self.tape.operations):

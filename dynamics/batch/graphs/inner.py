@@ -32,11 +32,12 @@ NEWTON_ITERATIONS = 12
 # Step size relative to lam at which Newton's method ends: the error after a step is of the order of
 # its square over sqrt(mu), and mu is at least 1e-14.
 _NEWTON_TOLERANCE = 1e-11
-# Maximum number of iterations from the step before; ten mostly suffice, and longer paths mostly fail.
+# Maximum number of iterations of a path that starts from the solution of the previous step; ten mostly suffice,
+# and longer paths mostly fail.
 _WARM_ITERATIONS = 16
-# Maximum number of iterations from ones.
+# Maximum number of iterations of a path that starts from ones.
 _COLD_ITERATIONS = 24
-# Maximum number of iterations from each other start.
+# Maximum number of iterations of a path from each of the other starts.
 _SEARCH_ITERATIONS = 40
 
 
@@ -50,7 +51,7 @@ class InnerLoop:
     - `opening: (x, theta, w, p) -> (lam, data)`, first guess and data of all branches in order
     - `path: (pair, data) -> pair`, one iteration along the path, which starts at ones
     - `path_solution: (pair, data) -> lam` [N s], the unscaled multipliers at the end of the path, infinite
-      where that is not a solution, so that the sample is reported as not finite
+      where the end is not a solution, so that the sample is reported as not finite
     - `closing: (x, theta, w, p, lam) -> (x_next, lam, cost)`
 
     Either Newton's method comes before a path of at most `max_iterations` iterations,
@@ -58,12 +59,12 @@ class InnerLoop:
     - `newton: (lam, data) -> (lam, open)`, one iteration, with open 1 until it has converged
     - `newton_solution: (lam, data) -> lam` [N s], the unscaled multipliers at the end of Newton's method
 
-    or there are other starts: the path has `max_warm_iterations` iterations from `warm`, or `max_iterations` from ones,
-    and where it does not converge `max_other_iterations` from each of `starts` others, until one leads to a
-    solution.
+    or the path is tried from several starts: at most `max_warm_iterations` iterations from `warm`, or
+    `max_iterations` from ones; if these do not converge, at most `max_other_iterations` from each of `starts`
+    other starts, until a solution is found.
 
-    - `warm: (lam_before, data) -> pair`, from the multipliers [N s] of the step before
-    - `other_start: (k, data) -> pair`, start number k
+    - `warm: (lam_before, data) -> pair`, the start at the multipliers [N s] of the previous step
+    - `other_start: (k, data) -> pair`, the other start number k
     """
 
     with_p: ClassVar[tuple[str, ...]] = ("opening", "closing")
@@ -121,7 +122,7 @@ def solver_fields(path: Path) -> dict[str, Any]:
 
 
 def _from_starts(path: Path) -> dict[str, Any]:
-    """Return the fields of an `InnerLoop` for a path alone, where multipliers may not be unique."""
+    """Return the fields of an `InnerLoop` that has no Newton's method, since multipliers may not be unique."""
     iteration_limits = {
         "max_iterations": _COLD_ITERATIONS,
         "max_warm_iterations": _WARM_ITERATIONS,

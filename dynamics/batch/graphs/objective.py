@@ -51,7 +51,7 @@ class Objective(ABC):
     def carry_cotangent(self, bars: ca.SX, xbar: ca.SX) -> ca.SX:
         """Return the cotangent of state and carried variables before a step.
 
-        `bars` is that of a step of an unfinished rollout, `xbar` the cotangent after the step.
+        `bars` is this cotangent for a rollout that has not ended, `xbar` is the cotangent after the step.
         """
         return bars
 
@@ -64,8 +64,8 @@ class Objective(ABC):
 class Costs(Objective):
     """Sum of costs `sum_{t<N} stage(x_t, u_t, p) + final(x_N, p)`.
 
-    A stage cost may have two more arguments: after u_t the change u_t - u_{t-1}, which adds the
-    previous input to the state, and before p the contact impulses ``lam`` (nlam, 1), by that name.
+    A stage cost may have two more arguments: after u_t the change u_t - u_{t-1}, for which the previous input
+    is added to the state; and before p the contact impulses (nlam, 1), if that argument is called ``lam``.
     """
 
     stage: ca.Function
@@ -188,7 +188,7 @@ class Episode(Objective):
         return self.carried[0] > 0
 
     def carry_cotangent(self, bars: ca.SX, xbar: ca.SX) -> ca.SX:
-        """Return the cotangents before a step: once the episode is over, `xbar`; always zero for `carried`."""
+        """Return the cotangent before a step: zero for `carried`, and `xbar` for the state once the episode is over."""
         n = bars.numel() - self.carried.numel()
         state_bars = [ca.if_else(self.is_alive, bars[k], xbar[k]) for k in range(n)]
         return ca.vertcat(*state_bars, ca.SX.zeros(self.carried.numel()))

@@ -43,7 +43,7 @@ class RolloutPolicy:
 
     @cached_property
     def parameters(self) -> ParameterTable:
-        """Parameters p of the policy in addition to the step's, without gradients; none here."""
+        """Parameters that the policy adds to the p of the step, without gradients; an empty table by default."""
         return ParameterTable()
 
     def total(self, horizon: int) -> int:
@@ -51,7 +51,7 @@ class RolloutPolicy:
         return self.n_theta * (horizon if self.per_step else 1)
 
     def acting_parameters(self, noise: np.ndarray) -> np.ndarray:
-        """Return a mask, in theta's shape, of parameters that affect an action in the mask `noise` (horizon, n_a)."""
+        """Return a mask, of theta's shape, of parameters that affect an action marked in `noise` (horizon, n_a)."""
         x, theta = (ca.SX.sym("a", self.law.numel_in(k)) for k in range(2))
         reaches = noise @ dependence_table(expand_function(self.law)(x, theta), theta)
         return reaches if self.per_step else np.any(reaches, axis=0, keepdims=True)[0]
@@ -68,9 +68,9 @@ class DensePolicy(RolloutPolicy):
         o = (observe(x, p) - mean) / scale
         a = W_L tanh(... tanh(W_1 o + b_1) ...) + b_L + w,    u = actuate(a)
 
-    `sizes` are the lengths of o, of the hidden layers and of a; theta holds W_1 row by row, b_1,
-    W_2, and so on. `law` has the mean action as its parameter, which loops over the layers compute, so
-    that no graph grows with the sizes. Raises `ValueError` for sizes that are not positive integers.
+    `sizes` are the lengths of o, of the hidden layers and of a; theta holds W_1 row by row, b_1, W_2, and so
+    on. `law` takes the mean action in place of theta. Loops over the layers compute the mean action, so that no
+    graph grows with the sizes. Raises `ValueError` for sizes that are not positive integers.
     """
 
     observe: ca.Function
@@ -87,7 +87,7 @@ class DensePolicy(RolloutPolicy):
         return layer_slices(self.sizes)[-1][1].stop
 
     def acting_parameters(self, noise: np.ndarray) -> np.ndarray:
-        """Return a mask (n_theta,) of all entries but the last layer's for actions that `noise` excludes."""
+        """Return a mask (n_theta,), false for the last layer's entries of actions that `noise` never marks."""
         reaches = np.full(self.n_theta, noise.any())
         weights, offsets = self.layers(reaches)[-1]
         offsets[:] = noise.any(axis=0)
@@ -139,7 +139,7 @@ def constant_policy(nx: int, lower: Any, upper: Any) -> RolloutPolicy:
 def dense_policy(observe: ca.Function, hidden: Sequence[int], lower: Any, upper: Any) -> DensePolicy:
     """Return a network with hidden layers of these sizes, u = squash(a); without any, a is affine in o.
 
-    `observe: (x, p) -> o`, p as in `Episode`; see `squash_function`.
+    `observe: (x, p) -> o` takes p as the functions of `Episode` do; for `squash` see `squash_function`.
     """
     squash = squash_function(lower, upper)
     return DensePolicy(

@@ -153,7 +153,7 @@ class ClosedStep:
         return ca.vertcat(*noise)
 
     def _observation_graphs(self) -> dict[str, tuple[ca.Function, int]]:
-        """Return the graphs of normalised observations, each with the position of p; empty for other policies."""
+        """Return the graphs of normalised observations, each with the position of p; empty without dense layers."""
         policy = self.policy
         if not isinstance(policy, DensePolicy):
             return {}
@@ -266,7 +266,7 @@ class ClosedStep:
     def _adjoint_of_model(self, step: LearnedStep, xbar: ca.SX) -> ca.Function:
         """Return the adjoint as the gradient of ``l + xbar' x_next + b' z``.
 
-        b is the derivative with respect to the model's inputs z, held constant.
+        b is the derivative of ``l + xbar' x_next`` with respect to the model's inputs z; it is held constant.
         """
         value = self.stage_cost + ca.dot(xbar, self.x_next)
         value, queries, query_bar = self._substitute_policy(value, step.queries, step.query_gradient(value))
@@ -277,7 +277,10 @@ class ClosedStep:
         return self._adjoint_function(step.model_outputs, xbar, bars)
 
     def _adjoint_of_relation(self, xbar: ca.SX) -> ca.Function:
-        """Return the adjoint as the gradient of ``l + xbar' x_next - v' R(inner)``, v from the transposed relation."""
+        """Return the adjoint as the gradient of ``l + xbar' x_next - v' R(inner)``.
+
+        v solves the transposed linear system of the relation R, and is held constant.
+        """
         step, inner = self.step, self.step.inner
         relation = step.differentiable_relation
         x_next, cost = self.objective.step_outcome(step, step.x_next_expr)

@@ -35,7 +35,7 @@ class CostDependence:
     gates: np.ndarray
 
     def masks(self, horizon: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return masks of w_t (horizon, nu) and x_{t+1} (horizon, nx) that affect the cost of a rollout."""
+        """Return masks of the entries of w_t (horizon, nu) and x_{t+1} (horizon, nx) that affect a rollout's cost."""
         noise_reaches, state_reaches = [], [self.at_end]
         for _ in range(horizon):
             reaches_cost = np.append(state_reaches[-1], True)
@@ -115,19 +115,19 @@ class RolloutTapes:
     Here x is the system's state followed by the `n_carried` variables that the objective adds to it;
     `nx` counts both.
 
-    - `forward: (x, theta, w, p) -> (x_next, lam, cost)`, or an `InnerLoop` where there is no
-      closed form for lam
+    - `forward: (x, theta, w, p) -> (x_next, lam, cost)`, or an `InnerLoop` where there is no closed form for
+      lam
     - `adjoint: (x, theta, w, p, lam, xbar) -> (xbar_before, thetabar)`
-    - `score: (x, theta, w) -> thetabar`, the product D_theta law(x, theta)' w, without the noise that
-      has no effect in state x, see `cost_dependence`
+    - `score: (x, theta, w) -> thetabar`, the product D_theta law(x, theta)' w, without the components of w that
+      do not affect the cost in state x, see `cost_dependence`
     - `terminal: (x, p) -> cost` and `terminal_adjoint: (x, p) -> xbar`
 
     Where entry `end_entry` of x is zero the rollout has ended, and x does not change any more.
 
-    With `layers` theta is the mean action, the output of the layers.
+    With `layers`, the argument theta is the mean action, the output of the layers.
 
-    In all graphs p are the `np` values of `derived: parameters -> p`, the expressions in the
-    parameters alone that the graphs need.
+    In all graphs p stands for the `np` values that `derived: parameters -> p` computes: subexpressions of the
+    graphs that depend on the parameters only.
     """
 
     nx: int

@@ -160,7 +160,7 @@ class Chain:
         return self.inverse_dynamics(q, ca.SX(self.nq, 1), ca.SX(self.nq, 1))
 
     def link_velocities(self, q: ca.SX, v: ca.SX) -> dict[str, ca.SX]:
-        """Return per link the velocity of its centre of mass and its angular velocity, ``w = J(q) v`` (3, 1)."""
+        """Return, for each link, its centre of mass's velocity and its angular velocity, ``w = J(q) v`` (3, 1)."""
         return {link.name: ca.vertcat(velocity, spin) for link, spin, velocity in self._centres(q, v)}
 
     def link_momenta(self, q: ca.SX, w: dict[str, ca.SX]) -> ca.SX:

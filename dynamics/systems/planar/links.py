@@ -27,8 +27,8 @@ class Link:
     """A rigid link and the joint to its parent; every number may be a CasADi symbol.
 
     World axes are x forward and z up, angles are about +y:
-    ``R(a)(x, z) = (x cos a + z sin a, -x sin a + z cos a)``. The link's frame has its origin in
-    the joint, and the angle ``a = a_parent + offset + q`` (hinge; slide without the ``q``).
+    ``R(a)(x, z) = (x cos a + z sin a, -x sin a + z cos a)``. The link's frame has its origin in the joint, and
+    the angle ``a = a_parent + offset + q``, without ``q`` for a slide.
 
     ``mass`` [kg], ``inertia`` about the centre of mass [kg m²], ``com`` its position in the
     link's frame [m], ``anchor`` the joint in the parent's frame [m] (the world's where ``parent`` is

@@ -161,9 +161,9 @@ class Machine(Multibody):
 class PlanarStepOptions(StepOptions, total=False):
     """Settings of a step in the plane, in addition to those of :class:`StepOptions`.
 
-    ``spheres`` are the names of those that may touch the ground, by default all. With ``free_step`` h
-    is a symbol and the last state. ``gyroscopic`` is whether Coriolis and centrifugal forces are explicit,
-    or implicit without gain of energy (:func:`~dynamics.systems.planar.flight.gyroscopic_impulse`).
+    ``spheres`` are the names of the spheres that may touch the ground, by default all. With ``free_step`` h is
+    a symbol and the last state. ``gyroscopic`` is whether Coriolis and centrifugal forces are explicit, or
+    implicit without gain of energy (:func:`~dynamics.systems.planar.flight.gyroscopic_impulse`).
     """
 
     spheres: Collection[str] | None
@@ -261,9 +261,9 @@ class _PlanarStep:
 def with_implicit_forces(system: ContactSystem) -> ContactSystem:
     """Return the system with velocity forces that gain no energy, as simulations use them.
 
-    They are :func:`~dynamics.systems.planar.flight.gyroscopic_impulse` in place of ``-h C(q, v) v``, also in the most
-    exact model of the system. A system is returned unchanged where it is not a planar machine's, where
-    x does not begin with q and v, and where its forces are implicit already.
+    The impulse :func:`~dynamics.systems.planar.flight.gyroscopic_impulse` replaces ``-h C(q, v) v``, also in
+    the most exact model of the system. A system is returned unchanged where it was not built from a planar
+    machine, where x does not begin with q and v, or where its velocity forces are implicit already.
     """
     mechanism = system.machine
     if mechanism is None or mechanism.gyroscopic == "implicit" or not isinstance(mechanism.machine, Machine):

@@ -22,7 +22,7 @@ _GAUSS_WEIGHTS = _GAUSS[1] / 2
 class Area(NamedTuple):
     """Area [m²], first moment (2, 1) [m³] and polar second moment [m⁴] of a shape about the origin.
 
-    Those of a union are the sums of those of its parts.
+    The values of a union are the sums of its parts' values.
     """
 
     area: ca.SX

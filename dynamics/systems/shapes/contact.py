@@ -30,13 +30,13 @@ class Contact:
 
     @classmethod
     def between(cls, shape_a: Shape, pose_a: Pose, shape_b: Shape, pose_b: Pose) -> Contact:
-        """Return the contact of two convex shapes at the corner, of either core, that is nearest to the other.
+        """Return the contact of two convex shapes, at that corner of either core which is nearest to the other shape.
 
-        The distance is exact where the cores are apart or one contains a corner of the other, but not
-        where they cross without that. Where neither rotates relative to the other, it is the distance
-        from a fixed convex set, once differentiable outside. Where they rotate, it has kinks as one
-        side comes to lie on another; then make each corner a separate contact, see
-        :func:`~dynamics.systems.shapes.polygon.vertex_pairs`.
+        The distance is exact where the cores are apart or one contains a corner of the other, but not where
+        they cross and neither contains a corner of the other. For shapes that do not rotate relative to each
+        other it is the distance from a fixed convex set, once differentiable outside that set. For shapes that
+        rotate it has kinks at poses where two sides lie flush on each other; then make each corner a separate
+        contact, see :func:`~dynamics.systems.shapes.polygon.vertex_pairs`.
 
         Raises ``ValueError`` for two half-planes.
         """
@@ -137,7 +137,7 @@ class FrictionSpec:
 
     @property
     def directions(self) -> list[tuple[str, ca.SX, ca.SX]]:
-        """Number (empty in the plane), rows and distance slid of each tangential direction."""
+        """Number as text (empty in the plane), rows, and distance slid, for each tangential direction."""
         numbers = [""] if len(self.J_t) == 1 else [str(k) for k in range(1, len(self.J_t) + 1)]
         return list(zip(numbers, self.J_t, self.slip, strict=True))
 

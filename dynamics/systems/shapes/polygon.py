@@ -12,7 +12,7 @@ import numpy as np
 from dynamics.systems.checks import parse_point, require_items, require_not_negative
 from dynamics.systems.shapes.planar import Box, Disc, HalfPlane, Point, Pose, Scalar, Shape, as_column
 
-# Share of a polygon's size below which lengths and turns count as zero.
+# Fraction of a polygon's size below which lengths and turns count as zero.
 _FLAT_TOLERANCE = 1e-9
 
 
@@ -25,8 +25,8 @@ class Polygon(Shape):
     may run either way round; symbolic ones must run from the first axis of the plane to the second,
     counterclockwise in (x, y).
 
-    Raises ``ValueError`` for vertices without area, with crossing sides, or not convex, and for a
-    radius that leaves nothing of a side.
+    Raises ``ValueError`` for vertices without area, with crossing sides, or not convex, and for a radius so
+    large that a side vanishes.
     """
 
     vertices: Sequence[Point]
@@ -173,18 +173,18 @@ def convex_parts(shape: Shape | Union) -> tuple[Shape, ...]:
 def vertex_pairs(shape_a: Shape | Union, shape_b: Shape | Union) -> list[tuple[Shape, Shape]]:
     """Return the contacts of two bodies that may rotate: each corner of one with each part of the other.
 
-    The distance of two disjoint convex shapes is ``d = max t`` subject to ``t <= phi_i``, phi_i the
-    distance of corner i of one core from the other shape. Each constraint is a separate contact,
-    ``lam_i phi_i = mu``: the central path of the contact smooths this program, and each ``phi_i`` is
-    once differentiable outside the cores. The n impulses of two shapes add up to ``mu sum 1/phi_i``,
-    between ``mu/d`` and ``n mu/d``; shapes pressed together by an impulse F stay between ``mu/F`` and
-    ``n mu/F`` apart, and both go to zero with mu. Two sides that lie on each other touch at the two
-    ends of their common segment. A disc has one contact with each part.
+    The distance of two disjoint convex shapes is ``d = max t`` subject to ``t <= phi_i``, phi_i the distance of
+    corner i of one core from the other shape. Each constraint is a separate contact, ``lam_i phi_i = mu``: the
+    central path of the contact smooths this program, and each ``phi_i`` is once differentiable outside the
+    cores. The n impulses of two shapes add up to ``mu sum 1/phi_i``, between ``mu/d`` and ``n mu/d``; shapes
+    pressed together by an impulse F stay between ``mu/F`` and ``n mu/F`` apart. All these bounds go to zero
+    with mu. Two sides that lie on each other touch at the two ends of their common segment. A disc has one
+    contact with each part.
 
-    The minimum of ``phi_i`` is the distance of disjoint or touching shapes, and minus the penetration
-    depth where a corner is inside a side. Where two sharp corners overlap it is larger than minus the
-    depth. Shapes that cross without a corner inside the other count as disjoint. Two corners that meet
-    exactly have two impulses.
+    The minimum of ``phi_i`` is the distance of disjoint or touching shapes, and minus the penetration depth
+    where a corner is inside a side. Where two sharp corners overlap it is larger than minus the depth. Shapes
+    that cross without a corner inside the other count as disjoint. Two corners at the same point have two
+    impulses.
     """
     pairs = []
     for part_a in convex_parts(shape_a):
@@ -198,7 +198,7 @@ def vertex_pairs(shape_a: Shape | Union, shape_b: Shape | Union) -> list[tuple[S
 
 
 def _outer(shape: Shape, body: Shape | Union) -> list[Point]:
-    """Return the corners of a part that are corners of the whole; the first of the parts that share one has it."""
+    """Return the corners of the part ``shape`` that are corners of ``body``; shared ones count for the first part."""
     members = convex_parts(body)
     if len(members) == 1 or not isinstance(shape, Polygon):
         return list(shape.corners)
@@ -214,7 +214,8 @@ def _outer(shape: Shape, body: Shape | Union) -> list[Point]:
 def _angle(member: Shape, place: Point) -> float:
     """Return the angle [rad] that ``member`` fills around ``place``.
 
-    For a member that is no polygon it is 0; with symbolic sides, 1e-3 at its own corners and 0 elsewhere.
+    The angle is 0 for a member that is not a polygon. For a polygon with symbolic sides it is 1e-3 at the
+    polygon's corners and 0 elsewhere.
     """
     if not isinstance(member, Polygon):
         return 0.0

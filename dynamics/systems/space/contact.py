@@ -18,7 +18,7 @@ JointAxes = list[tuple[int, ca.SX, ca.SX, ca.SX]]
 _FLAT = 1e-3
 """Sine of the angle between a cylinder's axis and a plane's normal around which its lowest point is smoothed."""
 _DOWN = -0.7
-"""The z component of a normal up to which its tangents are built with the opposite pole."""
+"""z component of a normal below which its tangents are those of the mirrored basis."""
 
 
 class SpatialPose(NamedTuple):
@@ -207,7 +207,7 @@ def _distance_to_round(shape: Sphere | Capsule, pose: SpatialPose, point: ca.SX)
 
 
 def _distance_to_box(box: Box, pose: SpatialPose, point: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Return the signed distance of a point from a box, inside from the nearest side, and the normal."""
+    """Return the signed distance of a point from a box (inside, from the nearest side), and the outward normal."""
     R = pose.R @ ca.sparsify(rotation.matrix(ca.SX(ca.vertcat(*box.quaternion))))
     local = R.T @ (point - pose.to_world(box.centre))
     side = ca.if_else(local >= 0, 1, -1)
@@ -222,7 +222,7 @@ def _distance_to_box(box: Box, pose: SpatialPose, point: ca.SX) -> tuple[ca.SX, 
 
 
 def _distance_to_cylinder(cylinder: Cylinder, pose: SpatialPose, point: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Return signed distance and normal as for a box, in the plane of distance from the axis and height along it."""
+    """Return the signed distance and normal of a point as for a box, in the coordinates radius and height."""
     start, end = pose.to_world(cylinder.start), pose.to_world(cylinder.end)
     axis, middle = end - start, (start + end) / 2
     half_length = ca.norm_2(axis) / 2
@@ -238,7 +238,10 @@ def _distance_to_cylinder(cylinder: Cylinder, pose: SpatialPose, point: ca.SX) -
 
 
 def _distance_to_faces(d: ca.SX, face: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Return the signed distance and normal of a point at distances d from perpendicular faces, ``face`` inside."""
+    """Return the signed distance and normal of a point at distances d from perpendicular faces.
+
+    ``face`` is the normal of a point inside.
+    """
     outer, outside = ca.fmax(d, 0), ca.mmax(d) > 0
     # Inside the root's argument is 1, as its slope at 0 would be infinite.
     outer_distance = ca.sqrt(ca.if_else(outside, ca.sumsqr(outer), 1))

@@ -46,23 +46,22 @@ class ContactPair:
 class SpatialStep:
     """Implicit time stepping in space with plastic impacts and Coulomb friction along two tangents.
 
-    ``M(q) (v+ - v) = h (B u - C(q, v) v+ - g(q) - D v+ - K (p + h v+ - r)) + J_n' gamma
-    + J_t' beta + J_l' nu`` and ``q+ = q (+) h v+``, which rotates quaternions exactly and keeps their unit
-    length; p are the positions of hinges and slides, r the rest positions of springs or the commands
-    of servos. Velocity forces are linear in v+ and generate no energy where M is constant. For a free
-    body ``v+ - v`` is the change of velocity of its centre of mass, with v taken at the previous pose
-    ``q (-) h v``, so that momentum is conserved. The pairs are those of
-    :func:`~dynamics.systems.timestepping.time_stepping`, except that the friction cone is a pyramid
-    inscribed in Coulomb's, with 4 or 8 ``edges``:
+    ``M(q) (v+ - v) = h (B u - C(q, v) v+ - g(q) - D v+ - K (p + h v+ - r)) + J_n' gamma + J_t' beta + J_l' nu``
+    and ``q+ = q (+) h v+``, which rotates quaternions exactly and keeps their unit length; p are the positions
+    of hinges and slides, r the rest positions of springs or the commands of servos. Velocity forces are linear
+    in v+ and generate no energy where M is constant. For a free body ``v+ - v`` is the change of velocity of
+    its centre of mass, with v taken at the previous pose ``q (-) h v``, so that momentum is conserved. The
+    pairs are those of :func:`~dynamics.systems.timestepping.time_stepping`, except that the friction cone is a
+    pyramid inscribed in Coulomb's cone, with 4 or 8 ``edges``:
 
     ``0 <= beta_k ⟂ psi + h d_k' J_t v+ >= 0``  and  ``0 <= psi ⟂ f gamma - sum beta_k >= 0``.
 
     Where all contacts can slide only along their first tangent, or all only along their second, the
     pyramid has two edges, along this tangent.
 
-    The state is (q, v), multipliers are impulses [N s]. Without ``inertial`` the step is independent of
-    v and quasi-dynamic: ``M v+`` replaces ``M (v+ - v) + h C v+``, and servos have no inertia.
-    Stewart and Trinkle, as there; Anitescu and Potra, doi 10.1023/A:1008292328909.
+    The state is (q, v), multipliers are impulses [N s]. Without ``inertial`` the step is independent of v and
+    quasi-dynamic: ``M v+`` replaces ``M (v+ - v) + h C v+``, and servos have no inertia. Sources: Stewart and
+    Trinkle, as for ``time_stepping``; Anitescu and Potra, doi 10.1023/A:1008292328909.
 
     ``touches`` maps a pose to its contacts. The equations of ``coupled`` hold at the end of the step.
 

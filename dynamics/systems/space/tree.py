@@ -99,7 +99,7 @@ class Tree:
         return sum((ca.SX(body.mass) for body in self._ordered), ca.SX(0))
 
     def per_velocity(self, value: Callable[[Body], Number | None]) -> ca.SX:
-        """Return ``value`` of the body of each velocity (nv, 1), zero where it is None."""
+        """Return, for each velocity, ``value`` of the body whose joint it belongs to (nv, 1), zero where it is None."""
         values = (value(body) for body in self.bodies.values() for _ in range(VELOCITIES[body.joint]))
         return ca.sparsify(ca.vertcat(ca.SX(0, 1), *(ca.SX(0 if entry is None else entry) for entry in values)))
 
