@@ -92,7 +92,7 @@ def commands(file: Path) -> list[list[str]]:
 
 
 def main(name: str) -> int:
-    """Run all checks of a file and print those that failed; return the exit code."""
+    """Run all checks of a file and print the checks that failed; return the exit code."""
     bin_folder = Path(sys.executable).parent
     file = Path(name).resolve()
     failed = [

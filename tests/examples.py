@@ -11,6 +11,6 @@ AT_MOST = 25
 
 
 def settings(max_examples: int, **others: object) -> hypothesis.settings:
-    """Return Hypothesis' settings, with ``max_examples`` under EXAMPLES=all and else at most :data:`AT_MOST`."""
+    """Return Hypothesis' settings with ``max_examples``, limited to :data:`AT_MOST` unless EXAMPLES=all is set."""
     count = max_examples if EVERY else min(max_examples, AT_MOST)
     return hypothesis.settings(max_examples=count, **others)  # pyright: ignore[reportArgumentType]

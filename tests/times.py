@@ -1,4 +1,4 @@
-"""``python -m tests.times``: measure the tests, and print those whose markers do not fit their cost.
+"""``python -m tests.times``: measure the tests, and print the tests whose markers do not fit their cost.
 
 The cost of a test is the processor time of the test, its fixtures and its child processes. ``make test`` allows
 :data:`CASE` for one case and :data:`TEST` for all cases of one test; more expensive ones need a marker of
@@ -34,7 +34,7 @@ ALWAYS = (
     "tests/unit/ocp/judge/test_sensitivity.py::test_sensitivities_are_the_limit_of_re_solves[cart-walls-mp-exact]",
     "tests/unit/test_words.py::test_a_word_has_one_meaning",
 )
-"""Tests that run at any cost: complete uses of the program, and those that alone caught a deliberate fault."""
+"""Tests that run at any cost: complete uses of the program, and tests that alone caught a deliberate fault."""
 TIMES, ALL = "TEST_TIMES", "ALL_TESTS"
 """Environment variables: the file for the time of each test; if the second is set, no test is marked slow."""
 MARKERS = ("costly", "costly_cases", "cheap_cases", "one_case_in")

@@ -83,7 +83,7 @@ def click_command(name: str, options: type[Options]) -> Any:
 
 
 def _parameter(field: Field[Any], hint: Any) -> Parameter:
-    """Return a field of options as a typer parameter; its flag is ``--name`` unless the field declares a long one."""
+    """Return a typer parameter for a field of options; its flag is ``--name`` unless the field declares a long flag."""
     metadata, flags = dict(field.metadata), field.metadata["flags"]
     parameter_class = metadata.pop("make")
     del metadata["flags"]

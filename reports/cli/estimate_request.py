@@ -181,7 +181,7 @@ class EstimateRequest:
 def objective_case(
     spec: ObjectiveSpec | ProblemSpec, parameter_texts: Mapping[str, Any], options: EstimateOptions
 ) -> ObjectiveCase:
-    """Return a description from which any process can build the objective; raises InputError for unused options."""
+    """Return a case from which any process can build the objective; raises InputError for options without effect."""
     engine: dict[str, Any] = {"backend": options.backend, "threads": options.threads}
     policy_settings, path = _policy_settings(options), getattr(spec, "path", None)
     name = spec.name if path is None else str(path)

@@ -95,7 +95,7 @@ class FigureJob:
 
 
 def study_data(job: FigureJob, report: Callable[[Any], None]) -> xr.Dataset:
-    """Return the data of a study, computed in one process; a :data:`~ocp.jobs.scheduling.Function`."""
+    """Return the data of a study, computed in one process; a job function (:data:`~ocp.jobs.scheduling.Function`)."""
     study = studies.get(job.study)
     with Checkpoint(job.out if study.resumes else None, study.id, job.params) as checkpoint:
         return study.data(job.params, checkpoint, jobs=1)

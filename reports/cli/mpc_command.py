@@ -111,7 +111,7 @@ def _disturbance(options: MpcOptions, spec: ProblemSpec, problem: Problem, steps
 
 
 def _deviation(flag: str, words: Sequence[str] | None) -> float | dict[str, float]:
-    """Return one standard deviation for all signals, or a mapping from signal names to theirs."""
+    """Return one standard deviation for all signals, or a mapping from signal names to standard deviations."""
     words = list(words or ())
     if len(words) == 1 and "=" not in words[0]:
         return read_value(flag, words[0], float)

@@ -55,7 +55,7 @@ EXAMPLES = {
 }
 """Mapping from each kind of output to an example of its file's name."""
 _FIXED_SUFFIX = ("PDF", "C file", "transitions", "model")
-"""Kinds of output whose files have one suffix, that of their example."""
+"""Kinds of output whose files must have the suffix of their example."""
 
 
 def check_outputs(out: Path, pdf: Path | None) -> None:

@@ -38,7 +38,7 @@ def check(options: RunsOptions) -> RunsRequest:
 
 
 def parse_date(text: str) -> datetime:
-    """Return the date of an age such as ``2h``, or of a date or time in ISO form, UTC unless it has a zone.
+    """Return the date of an age such as ``2h``, or of a date or time in ISO form, in UTC unless it has a zone.
 
     Raises :class:`~ocp.errors.InputError` for anything else.
     """

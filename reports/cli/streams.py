@@ -43,9 +43,9 @@ _saved: list[_Saved] = []
 def redirect_stdout() -> None:
     """Redirect stdout to stderr, until :func:`restore_stdout`; only the JSON document goes to stdout.
 
-    Solvers, compilers and a user's file may print, compiled code directly to descriptor 1, and in part
-    only as the process ends. Therefore the descriptor itself is redirected to stderr, and the document
-    is written to a copy of the original.
+    Solvers, compilers and a user's file may print. Compiled code prints directly to descriptor 1, in part only
+    as the process ends. Therefore the descriptor itself is redirected to stderr, and the document is written to
+    a copy of the original.
     """
     stdout = sys.stdout
     if _saved or stdout is None:
@@ -160,7 +160,7 @@ def discard_buffers() -> None:
 
 
 PACKAGES = ("dynamics", "ocp", "problems", "reports")
-"""Packages whose warnings and logs are printed; not imported from ocp.distribution, since ``--help`` loads no ocp."""
+"""Packages whose warnings and logs are printed; repeated from ocp.distribution, which ``--help`` does not import."""
 
 
 @contextmanager
@@ -292,7 +292,7 @@ class Output:
     def finish(self, run: StoredRun, content: dict[str, Any], pdf: Path | None, file_spec: Any = None) -> None:
         """Print the path of a run, write its report to ``pdf`` unless None, and print the JSON document.
 
-        ``file_spec`` is the spec of the solved problem, with which the report draws it.
+        ``file_spec`` is the spec of the solved problem, with which the report draws the solution.
         """
         self.say(f"run: {run.path}")
         if pdf is not None:

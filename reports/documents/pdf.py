@@ -34,10 +34,9 @@ def write_pdf(
 ) -> None:
     """Write a report of one run, or of several solves, trainings or closed loops.
 
-    ``cones`` draws friction cones; ``file_spec`` is the problem of a user's file; ``signals`` names the
-    signals of a solve that are drawn, None draws all.
-    Raises :class:`~ocp.errors.InputError` if the file cannot be written, if runs cannot be compared, or
-    if a problem's typst equations do not compile.
+    ``cones`` draws friction cones; ``file_spec`` is the problem of a user's file; ``signals`` names the signals
+    of a solve that are drawn (all if None). Raises :class:`~ocp.errors.InputError` if the file cannot be
+    written, if runs cannot be compared, or if a problem's typst equations do not compile.
     """
     atomic.write_file(path, render_pdf(runs, cones, file_spec, signals), "the PDF")
 

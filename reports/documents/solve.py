@@ -28,7 +28,8 @@ _ENDS = 12
 def solve_page(view: RunView, cones: bool = False, signals: str | None = None) -> Page:
     """Return content and figures of the page on one solve; ``cones`` draws friction cones.
 
-    ``signals`` chooses the signals drawn over time (:func:`reports.figures.trajectories.select_signals`), None all.
+    ``signals`` chooses the signals drawn over time (:func:`reports.figures.trajectories.select_signals`); None
+    chooses all.
     """
     stored, all_tracks = view.run, trajectories.tracks(view)
     is_solved = stored.status is Status.SOLVED

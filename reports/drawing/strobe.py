@@ -1,4 +1,4 @@
-"""Strobes of a motion, with contact forces as arrows and friction cones."""
+"""Stroboscopic drawings (strobes) of a motion, with contact forces as arrows and friction cones."""
 
 from __future__ import annotations
 
@@ -59,8 +59,8 @@ class Forces:
 def forces_of(view: RunView, suffix: str = "") -> Forces | None:
     """Return the forces of the plan, or of its replay (suffix ``"_replay"``); None without multipliers.
 
-    They come from the stored ``normal_impulse`` and ``friction_impulse``, or else from the system's map of
-    multipliers to forces; without both, every multiplier counts as a normal impulse.
+    The forces are the stored ``normal_impulse`` and ``friction_impulse``. If these are missing, the system's
+    map from multipliers to forces is used; if it is unknown, every multiplier counts as a normal impulse.
     """
     lam = view.array(f"lam{suffix}")
     if lam is None:
@@ -213,10 +213,11 @@ def picked_scenarios(count: int) -> list[int]:
 
 
 def strobe_rows(titled_views: Sequence[tuple[str, RunView]], cones: bool = False) -> tuple[list[Figure], str]:
-    """Return one figure per row of titled strobes of scenario 0, and a caption that states the scale of the arrows.
+    """Return one figure per row of titled stroboscopic drawings, and a caption that states the scale of their arrows.
 
-    Views that cannot be drawn are omitted. Strobes of the same problem share the limits of their axes and the
-    scale of their arrows; with several problems each strobe has its own.
+    Each drawing shows scenario 0 of a view; views that cannot be drawn are omitted. Drawings of the same
+    problem share the limits of their axes and the scale of their arrows; with several problems each has its
+    own.
     """
     titled_views = [(title, view) for title, view in titled_views if view.picture is not None]
     if not titled_views:

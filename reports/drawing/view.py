@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 def task_of(run: StoredRun) -> tuple[TaskSpec, Any, Task]:
-    """Return spec, parameters and task of a training run; raises as :func:`~problems.plugin.problem_of` does."""
+    """Return spec, parameters and task of a training run; raises the errors of :func:`~problems.plugin.problem_of`."""
     from problems.tasks import registry
 
     task_spec = registry.spec(str(run.meta["problem"]))
@@ -199,7 +199,7 @@ def _read(motion: dict[str, Any]) -> tuple[list[list[Shape]], list[list[ContactF
 
 
 def _between(frames: list[list[T]], place: float) -> list[T]:
-    """Return shapes interpolated between two nodes, or those of the nearer node if they do not correspond.
+    """Return shapes interpolated between two nodes, or the shapes of the nearer node if they do not correspond.
 
     Shapes do not correspond if their kinds change, or in a picture of space, where their order may change.
     """

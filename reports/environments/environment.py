@@ -133,10 +133,10 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     """``num_envs`` episodes of a task under a contact law, solved at once by the batch engine.
 
     After a reset with ``seed``, the i-th episode is that of a
-    :class:`~reports.environments.environment.TaskEnv` reset with ``seed + i`` and given the same actions.
-    An episode that has ended restarts at the next step, which ignores its action
-    (``AutoresetMode.NEXT_STEP``). ``backend`` and ``threads`` are those of
-    :class:`dynamics.batch.StepFunction`; results do not depend on ``threads``. Raises as ``TaskEnv`` does.
+    :class:`~reports.environments.environment.TaskEnv` reset with ``seed + i`` and given the same actions. An
+    episode that has ended restarts at the next step, which ignores its action (``AutoresetMode.NEXT_STEP``).
+    ``backend`` and ``threads`` are those of :class:`dynamics.batch.StepFunction`; results do not depend on
+    ``threads``. Raises the errors of ``TaskEnv``.
     """
 
     metadata: dict[str, Any] = _VECTOR_METADATA

@@ -30,8 +30,8 @@ class StepResult:
     """Result of one action in n episodes; every array has n rows.
 
     ``trail`` holds the states (n, nx) before the action and after each of its steps. ``unsolved`` marks
-    episodes that a step without solution ended; they stay at the state before that step. ``measures``
-    (n, k) are those of the last step.
+    episodes that a step without solution ended; these stay at the state before the step. ``measures`` (n, k)
+    are the task's measures in the last step.
     """
 
     trail: list[np.ndarray]
@@ -126,7 +126,7 @@ class World:
         return StepResult(trail, t, reward, terminated, is_full_length & ~terminated, unsolved, measures)
 
     def alone(self, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Solve the step at each state separately, with further initial guesses if one fails; a :data:`Solver`."""
+        """Solve the step at each state separately, with further initial guesses if one fails (as a :data:`Solver`)."""
         x_next_rows, solved = np.empty_like(x), np.zeros(len(x), bool)
         for i in range(len(x)):
             x_next, _, _, error = self.step.solve(x[i], u[i], self.p)

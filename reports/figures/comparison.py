@@ -197,7 +197,7 @@ def _costs(axis: Axes, points: list[dict[str, Any]], value: np.ndarray, succeede
 
 
 def chosen_points(view: RunView) -> list[int]:
-    """Return the indices of the points of a path to draw, evenly spaced, with both ends."""
+    """Return the indices of the points of a path to draw, evenly spaced and including both ends."""
     count = view.run.data.sizes["point"]
     return sorted({int(i) for i in np.linspace(0, count - 1, min(_MAX_POINTS, count)).round()})
 
@@ -217,7 +217,7 @@ def _titled_points(view: RunView) -> list[tuple[int, str]]:
 
 
 def motion_rows(view: RunView) -> list[Row]:
-    """Return panels of every state, input and multiplier at points along the path, light to dark."""
+    """Return panels of every state, input and multiplier, with curves from light to dark for points along the path."""
     if view.array("x") is None:
         return []
     shaded_views = [(view.at_point(point), color) for point, color in _shades(view)]

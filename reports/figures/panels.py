@@ -37,7 +37,7 @@ Drawing = Callable[[Axes], None]
 
 @dataclass(frozen=True)
 class Panel:
-    """One small picture: its title with unit, a function that draws it, and one that draws a strip below it."""
+    """One small picture: its title with unit, a function that draws it, and a function that draws a strip below."""
 
     title: str
     main: Drawing

@@ -260,7 +260,7 @@ def estimate_caption(run: StoredRun) -> str:
 
 
 def estimator_style(name: str) -> tuple[str, str]:
-    """Return colour and mark of an estimator; all unknown names share one pair, after that of the last known name."""
+    """Return colour and mark of an estimator; all unknown names share one pair."""
     place = _NAMES.index(name) if name in _NAMES else len(_NAMES)
     return CYCLE[place % len(CYCLE)], _ESTIMATOR_MARKERS[place % len(_ESTIMATOR_MARKERS)]
 

@@ -24,10 +24,10 @@ _SAME = 2e-4
 
 @dataclass(frozen=True)
 class Motion:
-    """States (n, nx), shapes and contacts of n frames, and the forces during each (n, points).
+    """States (n, nx), shapes and contacts of n frames, and the contact forces (n, points) during each frame.
 
-    A replay that diverges to non-finite states has fewer frames than the animation has times.
-    ``suffix`` ends the names of the motion's arrays in the run.
+    A replay that diverges to non-finite states has fewer frames than the animation has times. ``suffix`` ends
+    the names of the motion's arrays in the run.
     """
 
     title: str

@@ -42,7 +42,7 @@ def player_page(animation: Animation) -> str:
         verdict=html.escape(verdict.splitlines()[0] if verdict else ""),
         style=sources["css"].strip(),
         script=sources["js"].strip(),
-        # No name may end the HTML element that holds the data, or begin another.
+        # No name in the data may end the HTML element that contains the data, or begin another element.
         film=film.replace("<", "\\u003c"),
     )
 
@@ -50,10 +50,10 @@ def player_page(animation: Animation) -> str:
 def player_data(animation: Animation) -> dict[str, Any]:
     """Return the data that the page's script draws.
 
-    Each frame in ``motions`` has shapes ``[kind, numbers...]``: an index into ``kinds`` (name and role),
-    and the fields of the shape in :mod:`problems.drawing` except the role, with all corners in one list
-    ``x, y, ...``; and ``arrows`` ``[x, y, force x, force y, normal x, normal y, friction]``. ``charts``
-    are those of :func:`~reports.motion.player.player_charts` over ``nodes`` [s].
+    Each frame in ``motions`` has lists of shapes and arrows. A shape is ``[kind, numbers...]``: the index of
+    its name and role in ``kinds``, and its fields in :mod:`problems.drawing` except the role, with all corners
+    in one list ``x, y, ...``. An arrow is ``[x, y, force x, force y, normal x, normal y, friction]``.
+    ``charts`` are those of :func:`~reports.motion.player.player_charts` over ``nodes`` [s].
     """
     size = animation.cameras[0].size
     digits = max(0, _DIGITS - math.floor(math.log10(float(size.max()))))
@@ -150,7 +150,7 @@ between them (N,); a curve of costs also has ``end``, the total cost.
 
 
 def player_charts(animation: Animation) -> list[Chart]:
-    """Return charts of the forces of each motion, all on one scale, and one of the motions' costs."""
+    """Return charts of the forces of each motion, all on one scale, and a chart of the motions' costs."""
     view = animation.view
     all_charts = [forces for motion in animation.motions if (forces := _forces(view, motion))]
     curve_values = [curve["values"] for chart in all_charts for curve in chart["curves"]]

@@ -24,9 +24,9 @@ def contact_table(audit: Audit) -> Group:
 
 
 def contact_columns(audit: Audit) -> tuple[list[str], list[list[str]]]:
-    """Return column titles, with ``>`` before those of numbers, and a row per contact that pushes.
+    """Return column titles, with ``>`` before titles of numbers, and a row per contact that pushes.
 
-    Columns of sliding appear only with friction, that of distant steps only if there are any.
+    Columns on sliding appear only with friction, the column of distant steps only if there are such steps.
     """
     has_friction, has_distant = math.isfinite(audit.cone_violation), _far(audit)
     columns = {
@@ -58,7 +58,7 @@ def contact_columns(audit: Audit) -> tuple[list[str], list[list[str]]]:
 
 
 def contact_notes(audit: Audit) -> list[str]:
-    """Return sentences that define active and distant contacts, and count those that never push."""
+    """Return sentences that define active and distant contacts, and count the contacts that never push."""
     idle = [contact for contact in audit.contacts if not (contact.steps or contact.distant)]
     notes = [_ACTIVE_NOTE, *([_DISTANT_NOTE] if _far(audit) else [])]
     if idle:

@@ -1,4 +1,4 @@
-"""Tables of specs, stored runs, sweeps and estimates, and the progress of the last two."""
+"""Tables of specs, stored runs, sweeps and estimates, and the progress of sweeps and estimates."""
 
 from __future__ import annotations
 
@@ -167,7 +167,7 @@ def _parts(row: Row) -> Iterator[str]:
 MAX_ROWS = 200
 """Maximum number of points that a table shows."""
 POINT_HEADS = ("cost", "exact", "referee", "iter", "s", "verdict")
-"""Headings of a sweep's table of points, after those of the swept quantities."""
+"""Headings of a sweep's table of points, after the headings of the swept quantities."""
 
 
 def point_rows(rows: Sequence[Mapping[str, Any]], dims: Sequence[str]) -> list[list[str]]:
@@ -185,7 +185,7 @@ def point_rows(rows: Sequence[Mapping[str, Any]], dims: Sequence[str]) -> list[l
 
 
 def point_table(rows: Sequence[Mapping[str, Any]], dims: Sequence[str]) -> Table:
-    """Return a table of the points of a sweep, with a caption that counts those left out."""
+    """Return a table of the points of a sweep, with a caption that counts the points left out."""
     heads = [f">{name}" for name in (*(dim.removeprefix("contact.") for dim in dims), *POINT_HEADS[:-1])]
     table = table_of(*heads, POINT_HEADS[-1], rows=point_rows(rows, dims))
     if len(rows) > MAX_ROWS:

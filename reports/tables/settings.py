@@ -37,7 +37,7 @@ class SettingRow:
 
 
 def setting_rows(cls: type) -> list[SettingRow]:
-    """Return the settings of a class that users can set, which are those with a declared meaning."""
+    """Return the settings of a class that have a declared meaning; only these can be set by users."""
     return [setting_row(setting) for setting in settings_of(cls).values() if setting.meaning]
 
 

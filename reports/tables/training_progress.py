@@ -21,7 +21,7 @@ _ROW_COLUMNS = 6
 _PLOT_SIZE = (56, 6)
 """Width and height of the curve of a single training run [characters]."""
 _SPARKLINE_WIDTH = 20
-"""Width of the curve of one of several training runs [characters]."""
+"""Width of a run's curve if several training runs are shown [characters]."""
 _ELSEWHERE = (
     "iteration",
     "wall_s",

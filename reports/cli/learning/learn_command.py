@@ -240,7 +240,7 @@ class NetworkJob:
 
 
 def train_network(job: NetworkJob, report: Report) -> Learned:
-    """Return a trained network; a :data:`~ocp.jobs.scheduling.Function` that reports every epoch.
+    """Return a trained network and report every epoch; a job function (:data:`~ocp.jobs.scheduling.Function`).
 
     Raises :class:`~ocp.errors.InputError` for data that a network cannot learn from.
     """

@@ -54,7 +54,7 @@ def decode_utf8(word: str) -> str:
 @dataclass(frozen=True, kw_only=True)
 @dataclass_transform(kw_only_default=True, frozen_default=True, field_specifiers=(option, assignment, argument, field))
 class Options:
-    """Base class of the options of a command; ``explicit`` names those given on the command line.
+    """Base class of the options of a command; ``explicit`` names the options given on the command line.
 
     ``code`` names the module of the command. Its function ``check(options)`` raises
     :class:`~ocp.errors.InputError` or a related error before any work, and ``run(options, checked)`` returns

@@ -143,7 +143,7 @@ VIEWED = np.zeros(2), np.array([2.0, 1.0]), 0.01
     ids=["disc", "segment", "spring", "mark", "goal", "half plane"],
 )
 def test_a_stroke_spans_its_shape(shape, low, high) -> None:
-    """A point on paper is 1 cm here, so that marks of 4.5 pt and crosses of 11 pt are as many cm wide."""
+    """A point on paper is 1 cm here, so that marks of 4.5 pt and crosses of 11 pt are 4.5 cm and 11 cm wide."""
     stroke: Stroke = shape_stroke(shape, *VIEWED)
     extent = stroke.path.get_extents()
     np.testing.assert_allclose([extent.min, extent.max], [low, high], atol=1e-9)
