@@ -2,7 +2,7 @@
 
 The packages' names are common words. ``python -m ocp`` puts the working directory first on the
 path, where a user's ``problems.py`` would hide the package: importing this module removes that
-entry. For a script beside such a file, the error of the first failed import says so.
+entry. For a script beside such a file, the error of the first failed import names the file.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def version() -> str:
 def shadowing(names: tuple[str, ...] = PACKAGES, folder: Path | None = None) -> str:
     """Return a sentence on the module that hides the first hidden package of ``names``, "" if none is hidden.
 
-    With a ``folder``, modules are searched as by a script in that folder.
+    With a ``folder``, modules are searched in the order in which a script in that folder finds them.
     """
     for name in names:
         loaded = sys.modules.get(name)

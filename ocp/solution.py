@@ -242,8 +242,8 @@ class Solution(Judgement):
 class Interrupted(KeyboardInterrupt):
     """Interruption of a solve by Ctrl-C; ``solution`` is the best so far.
 
-    Of several starts that is the best finished one; if none has finished, the best point of the
-    first, with status :attr:`~ocp.programs.solver.Status.INTERRUPTED`.
+    With several starts it is the best finished solution; if none has finished, it is the best point of
+    the first start, with status :attr:`~ocp.programs.solver.Status.INTERRUPTED`.
     """
 
     def __init__(self, solution: Solution) -> None:

@@ -25,10 +25,11 @@ MAX_LISTED_EVENTS = 3
 class Event:
     """One event of a continuation at ``value``.
 
-    ``kind`` is "contact" (strict complementarity is lost at one pair), "degenerate" (at several at
-    once, which are not listed: their order is within rounding), "bound" (at a bound or constraint),
-    "fold" (the reduced KKT matrix is singular, the curve turns) or "switch" (another stationary
-    point is cheaper, or this one ends). ``contact`` and ``steps`` locate it, ``change`` describes it.
+    ``kind`` is "contact" (strict complementarity is lost at one pair), "degenerate" (it is lost at
+    several pairs at once, which are not listed since rounding decides their order), "bound" (it is lost
+    at a bound or constraint), "fold" (the reduced KKT matrix is singular, the curve turns) or "switch"
+    (another stationary point is cheaper, or the curve ends). ``contact`` and ``steps`` locate the event,
+    ``change`` describes it.
     """
 
     kind: str
@@ -56,7 +57,7 @@ def degenerate_event(value: float, cost: float) -> Event:
 
 
 def merge_simultaneous(events: list[Event], span: float | None) -> list[Event]:
-    """Return events with simultaneous ones of pairs merged into a degenerate one, and those of a bound's steps joined.
+    """Merge simultaneous events of pairs into a degenerate one, and those of one bound at several steps into one.
 
     Simultaneous means within 1e-6 of ``span``, or of the value if ``span`` is None (a log scale).
     """
@@ -85,7 +86,7 @@ def _event_identity(event: Event) -> tuple[str, str, str]:
 
 
 def describe_events(events: list[Event], parameter: str) -> str:
-    """Return a sentence on events, at most three of each kind, of bounds their number alone; "" without events."""
+    """Return a sentence on at most three events of each kind, for bounds on their number alone; "" without events."""
     sentences = []
     for kind, words in EVENT_NAMES.items():
         events_of_kind = [event for event in events if event.kind == kind]

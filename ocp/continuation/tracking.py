@@ -39,7 +39,7 @@ MIN_COST_GAIN = 1e-6
 
 @dataclass(frozen=True)
 class Stop:
-    """A point on the path around a fold, and the events since the last one."""
+    """A point on the path around a fold, and the events since the previous point."""
 
     value: float
     outcome: RouteResult
@@ -49,10 +49,11 @@ class Stop:
 class Tracker:
     """Tracker of a solved point of a session along the parameter ``name``.
 
-    ``events`` are those of the last move, ``fruitless_iterations`` those that led to no point. ``curve`` is
-    None if the point has none (contacts undecided, a kink of shooting under the exact law).
-    ``meets_kink`` is true if the active set of a program without pairs changes ahead, which the solver
-    must pass; ``at_end`` if the curve ends at the tracker's point.
+    ``events`` are those of the last move, ``fruitless_iterations`` the iterations that led to no point.
+    ``curve`` is None if no smooth curve passes through the point (contacts undecided, or a kink of
+    shooting under the exact law). ``meets_kink`` is true if the active set of a program without pairs
+    changes on the way, which only the solver can pass; ``at_end`` is true if the curve ends at the
+    tracker's point.
     """
 
     def __init__(self, session: Session, name: str, span: float, log: bool) -> None:
@@ -274,9 +275,9 @@ class Tracker:
         return Event("switch", high, cost, f"another point {ending}")
 
     def turn_folds(self, forward: float, first: float, goal: float) -> Iterator[Stop]:
-        """Yield stops around folds, by pseudo-arclength, until the curve goes ``forward`` again.
+        """Yield stops around folds, by pseudo-arclength, until the parameter moves ``forward`` (1 or -1) again.
 
-        It ends early, with ``past_fold`` false, where the active set changes, the parameter is back at
+        The stops end early, with ``past_fold`` false, where the active set changes, the parameter is back at
         ``first``, or no fold comes before ``goal``. The tracker is then at the last stop.
         """
         assert self.curve is not None

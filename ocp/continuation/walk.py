@@ -144,7 +144,7 @@ def continue_over(
 
 @dataclass
 class _Walk:
-    """A running continuation: ``at`` is the share of the range covered, ``outcome`` the last accepted one."""
+    """A running continuation: ``at`` is the share of the range covered, ``outcome`` the last accepted outcome."""
 
     session: Session
     tracker: Tracker
@@ -239,7 +239,7 @@ class _Walk:
         return True
 
     def _solve_and_add(self, value: float, small: bool = True, ended: bool = False) -> bool:
-        """Solve at a value and return whether a point was added; jumps, and steps with pairs, must be small."""
+        """Solve at a value and return whether a point was added; jumps, and any step with pairs, must be ``small``."""
         tracker, curve = self.tracker, self.tracker.curve
         if curve is not None and curve.pairs.size and not small:
             return False
@@ -285,7 +285,7 @@ class _Walk:
         return True
 
     def _just_beyond(self, value: float) -> float:
-        """Return a value just beyond an event's, limited to the last one requested."""
+        """Return a value of the parameter just beyond that of an event, limited to the end of the range."""
         start, end, _ = self.request
         reach = math.copysign(value, end - start) if self.tracker.log else end - start
         beyond = value + 0.5 * LOCATION_TOLERANCE * reach

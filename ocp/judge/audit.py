@@ -143,7 +143,7 @@ def task_gradient(evaluation: Evaluation, replay: Rollout) -> float:
     It is the largest entry of ``B_k' nu_{k+1} + D_k' dl/dlam``, where ``nu_k = dl/dx + A_k' nu_{k+1} + C_k' dl/dlam``
     along the exact replay, over the sum of ``|dl/dx|`` and ``|dl/dlam|``; A, B, C, D are the derivatives of the next
     state and of lam with respect to x and u. The contact part depends on impulses and on states that inputs move
-    through contact alone: an arm that returns to rest makes no progress with the object. NaN without such a part.
+    through contact alone, since an arm's own motion makes no progress with the object. NaN without such a part.
     """
     steered, touched = steered_and_touched(evaluation.problem.system)
     mask = np.where(touched & ~steered, 1.0, 0.0)

@@ -71,9 +71,10 @@ class ContactChange:
 class Certificate:
     """First-order optimality of a point, recomputed from derivatives and independent of the solver.
 
-    ``stationarity``: "B" where no first-order move, with any change of contact, lowers the cost;
-    "KKT" the same without complementarity; "not" where one does; "undecided" where the linear
-    programs were not solved. ``reason`` says why, or why moves that lower the cost were not made.
+    ``stationarity`` is "B" where no first-order move, with any change of contact, lowers the cost;
+    "KKT" where this holds for a problem without complementarity; "not" where some move lowers the
+    cost; "undecided" where the linear programs were not solved. ``reason`` says why they were not
+    solved, or why moves that lower the cost were not made.
     ``kind`` is the strongest of S, M, C, W whose signs the multipliers at biactive pairs have
     (Scheel and Scholtes 2000), "" without pairs.
 
@@ -84,10 +85,10 @@ class Certificate:
     :meth:`~ocp.programs.program.Program.typical_change`. It depends on no constant term of the
     cost, and grows neither with a sum over many steps nor with one steep entry. ``slope`` is the
     scaled 1-norm of the cost's gradient, the decrease per radius without constraints. ``gain`` is
-    the decrease along the direction within a hundredth of the sizes, with the Lagrangian's
-    curvature. ``kkt_residual`` is the largest entry of the Lagrangian's projected gradient, over
-    IPOPT's scale of the multipliers. ``negative_curvature`` counts the Lagrangian's negative
-    eigenvalues on the null space of the active constraints, -1 where that was not computed.
+    the decrease along the descent direction within a hundredth of the characteristic sizes, with the
+    Lagrangian's curvature included. ``kkt_residual`` is the largest entry of the Lagrangian's projected
+    gradient, divided by IPOPT's scale of the multipliers. ``negative_curvature`` is the number of negative
+    eigenvalues of the Lagrangian's Hessian on the null space of the active constraints, -1 if not computed.
     """
 
     stationarity: Stationarity
@@ -191,7 +192,7 @@ def tolerance_of(model: LinearModel) -> float:
 def _judge(
     model: LinearModel, multipliers: np.ndarray | None, hessian: sp.csr_matrix
 ) -> tuple[Stationarity, bool, Descent, float]:
-    """Return :func:`_search`'s result and the gain of its direction; "B" also where the gain is noise."""
+    """Return the result of :func:`_search`, but "B" where the gain along its direction is noise, and that gain."""
     verdict, strong, descent = _search(model, multipliers, tolerance_of(model))
     gain = _gain(descent, hessian) if verdict == "not" else 0.0
     if verdict == "not" and gain <= _NOISE * model.typical_change:
@@ -202,7 +203,7 @@ def _judge(
 def _steep_factors(model: LinearModel, hessian: sp.csr_matrix) -> np.ndarray:
     """Return factors (n,) that reduce the sizes of variables by which the cost changes far more than is typical.
 
-    By its curvature, and by the rounding of the linear program, one such variable hides the gain by all others.
+    The curvature of one such variable, and the rounding of the linear program, would hide the gain by all others.
     """
     change = np.abs(model.cost) + np.abs(hessian.diagonal()) / 2
     steep = change > max(_STEEP * model.typical_change, 1e-300)
@@ -213,8 +214,8 @@ def _steep_factors(model: LinearModel, hessian: sp.csr_matrix) -> np.ndarray:
 def _search(model: LinearModel, multipliers: np.ndarray | None, tolerance: float) -> tuple[Stationarity, bool, Descent]:
     """Return stationarity, whether it is strong, and the descent direction, from shrinking trust regions.
 
-    It is "B" as soon as one region has no descent, and strong if there is none even where both members of near
-    pairs may grow.
+    Stationarity is "B" as soon as one region has no descent direction, and strong if there is none even when both
+    members of near pairs may grow.
     """
     descent = Descent(0.0)
     for y in _candidates(model, multipliers):
@@ -233,7 +234,7 @@ def _search(model: LinearModel, multipliers: np.ndarray | None, tolerance: float
 
 
 def _candidates(model: LinearModel, multipliers: np.ndarray | None) -> Iterator[np.ndarray]:
-    """Yield multipliers that may prove stationarity, where the solver gave some: its own, then those that fit best."""
+    """Yield multipliers that may prove stationarity: the solver's, if any, and then those of the least-squares fit."""
     if multipliers is not None:
         yield multipliers
         yield fit_multipliers(model)
@@ -306,7 +307,7 @@ def _curvature(model: LinearModel, hessian: sp.csr_matrix) -> int:
 
 
 def _moves(nlp: Program, model: LinearModel, descent: Descent) -> list[ContactChange]:
-    """Return the contacts whose pairs open or close along the direction, successive steps joined."""
+    """Return the contact changes along the direction; equal changes at successive steps are merged."""
     if not descent.near.size:
         return []
     was_active = model.members[0, descent.near] > model.members[1, descent.near]

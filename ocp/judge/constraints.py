@@ -17,8 +17,8 @@ from ocp.transcription.common import constraint_names
 CONSTRAINT_SHARE = 0.01
 """Largest violation of a constraint by a replay, as a share of the characteristic size of what is bounded.
 
-It is a tenth of what states may differ by. At the solver's tolerance no plan along a bound would survive
-another contact law, however close its replay; a share of the size rejects noticeable violations only.
+It is a tenth of the share by which states may differ. With the solver's tolerance as the limit, no plan that
+runs along a bound would survive another contact law, even if its replay differed only by rounding.
 """
 _TRAVEL_FACTOR = 10.0
 """Multiple of a state's range of motion that its size for judging may not exceed."""
@@ -71,9 +71,9 @@ class Broken:
 def tolerance_sizes(problem: Problem, x: np.ndarray) -> np.ndarray:
     """Return characteristic sizes of the states (nx,) for judging against a plan x (S, N+1, nx).
 
-    These are the problem's sizes, limited to ten times the largest range of a state of the same
-    unit, but no less than a thousandth of the problem's: sizes for metres are too large to judge
-    motions of millimetres.
+    These are the problem's sizes, limited to ten times the largest range of motion of any state of the
+    same unit, but at least a thousandth of the problem's sizes. The limit matters where a plan moves
+    by millimetres and the problem's sizes are metres.
     """
     sizes = problem.scales.x
     return np.clip(_TRAVEL_FACTOR * travelled_ranges(problem, x), _LEAST_SIZE * sizes, sizes)
@@ -94,7 +94,7 @@ def travelled_ranges(problem: Problem, x: np.ndarray) -> np.ndarray:
 def broken_constraints(evaluation: Evaluation, rollout: Rollout, sizes: np.ndarray | None = None) -> list[Broken]:
     """Return the constraints that trajectories violate, each component at its worst step, the worst first.
 
-    Checked are bounds of states and inputs, path and terminal constraints, and the periodicity of
+    These include bounds of states and inputs, path and terminal constraints, and the periodicity of
     an optimised start. NaN counts as no violation; a failed replay is reported separately.
     ``sizes`` (nx,) are those of the states, by default the problem's.
     """
@@ -174,7 +174,7 @@ def _constraints_off(
     lam: np.ndarray,
     x_sizes: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the violations of constraints, (S, steps, n), and the sizes of changes of their expressions."""
+    """Return the violations of constraints, and the first-order changes by :func:`row_sizes`, (S, steps, n) each."""
     problem = evaluation.problem
     expressions = ca.vertcat(*(c.expression for c in constraints))
     lower = ca.vertcat(*(c.lower for c in constraints))
@@ -190,8 +190,8 @@ def _constraints_off(
 def row_sizes(problem: Problem, expressions: ca.SX, x_sizes: np.ndarray) -> ca.SX:
     """Return the first-order changes (n, 1) of expressions as signals move by their sizes.
 
-    ``x_sizes`` (nx,) are the sizes of the states. Of each of x, u, x_next and lam the largest change
-    by one entry counts; the four are added up.
+    ``x_sizes`` (nx,) are the sizes of the states. The largest change by a single entry is taken for
+    each of x, u, x_next and lam, and these four changes are summed.
     """
     system, scales = problem.system, problem.scales
     impulses = np.full(system.nlam, scales.impulse)

@@ -47,15 +47,15 @@ class ContactSummary:
 
 @dataclass(frozen=True)
 class ContactReport:
-    """Forces, energy and momentum of a trajectory; arrays (S, N, points), NaN where a system has none.
+    """Forces, energy and momentum of a trajectory; arrays (S, N, points), NaN where a system has no such quantity.
 
-    ``normal``, ``tangential`` impulses [N s], ``slip`` [m/s] (in space their lengths), ``bound`` the
-    largest possible tangential impulse, friction times normal [N s]; ``active``, ``slipping``,
-    ``degenerate`` whether the contact is active (:func:`active_contacts`), whether it slips then, and
-    whether its complementarity is not strict. Largest over all contacts and steps:
-    ``cone_violation`` max(0, |tangential| - friction normal) [N s]; ``dissipation_residual``
-    friction normal |slip| + tangential slip [J], zero where friction dissipates as much as it can;
-    ``energy_gain`` [J] the largest rise of energy in a step beyond the work done;
+    ``normal`` and ``tangential`` are impulses [N s] and ``slip`` is a velocity [m/s] (in space, lengths of
+    vectors). ``bound`` is the largest possible tangential impulse, friction times normal [N s]. ``active``,
+    ``slipping`` and ``degenerate`` say whether the contact is active (:func:`active_contacts`), whether it
+    slips while active, and whether its complementarity is not strict. The following are largest values over
+    all contacts and steps: ``cone_violation`` max(0, |tangential| - friction normal) [N s];
+    ``dissipation_residual`` friction normal |slip| + tangential slip [J], zero where friction dissipates as
+    much as it can; ``energy_gain`` [J], the rise of energy in a step beyond the work done; and
     ``momentum_residual`` [N s]. ``dissipated`` [J] is the energy that contact dissipates in all steps.
     """
 
@@ -76,7 +76,7 @@ class ContactReport:
 
 
 def contact_report(evaluation: Evaluation, step: Step, rollout: Rollout | Trajectories) -> ContactReport:
-    """Return forces, slip, energy and momentum of trajectories of a closed step.
+    """Return forces, slip, energy and momentum of trajectories of ``step``.
 
     Multipliers of a law with branches are averaged with the branches' weights. The contacts are
     those of the step's system, which may differ from the problem's.
@@ -171,7 +171,7 @@ def _summaries(
     degenerate: np.ndarray,
     distant: np.ndarray,
 ) -> list[ContactSummary]:
-    """Return contacts' summaries of forces [N], slid distances [m] and masks, (S, N, points); [] without forces."""
+    """Summarise every contact by its forces [N], distances slid [m] and masks, (S, N, points); [] without forces."""
     if np.isnan(force).all():
         return []
     return [
@@ -216,9 +216,9 @@ def least_slip(step: Step, lam: np.ndarray, gap: np.ndarray) -> tuple[np.ndarray
     """Return lam and gap (..., n) with the smallest slip psi of every contact that the motion allows.
 
     In ``0 <= beta± ⟂ psi ± h J_t v+ >= 0`` and ``0 <= psi ⟂ f gamma - beta+ - beta- >= 0`` any psi
-    of at least ``|h J_t v+|`` is a solution where gamma = 0. Under the exact law it is lowered to
-    that by the smallest friction gap of its contact; no product lam gap grows. A smoothed law
-    determines psi, and a learned one has none.
+    of at least ``|h J_t v+|`` is a solution where gamma = 0. Under the exact law psi is lowered to
+    this value, by the smallest friction gap of its contact; no product lam gap grows. Under a
+    smoothed law psi is determined, and a learned law has none; both are returned unchanged.
     """
     lam, gap = lam.copy(), gap.copy()
     if not step.exact or step.n < step.system.nlam:

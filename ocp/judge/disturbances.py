@@ -1,8 +1,8 @@
 """Survival of inputs and policies under noise, other parameters and delay, counted over seeded draws.
 
-A draw survives as a replay at a quarter of the step does (:func:`ocp.judge.referee.outcome_findings`): under the
-sharpest contact, at h/4 or at h where the step size is part of the model, it costs at most 10 % more than the plan,
-and keeps constraints and bodies apart to a tenth of their sizes.
+A draw is replayed under the sharpest contact, at h/4 or, where the step size is part of the model, at h. It survives
+where it costs at most 10 % more than the plan, and violates constraints and penetrates bodies by at most a tenth of
+their sizes (:func:`ocp.judge.referee.outcome_findings`).
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from ocp.problem.problem import Problem
 from ocp.problem.rollout import Gains, Rollout, StateFeedback, roll_on
 
 DRAWS = 20
-"""Draws of every disturbance."""
+"""Number of draws of every disturbance."""
 NOISE_SHARE = 0.01
 """Standard deviation of the noise on the measured state, in characteristic sizes."""
 FRICTION_SPREAD = 0.2
@@ -34,9 +34,9 @@ _MASS_UNITS = ("kg", "kg m^2")
 
 @dataclass
 class DisturbedPolicy:
-    """A policy that reads the state with ``noise`` (N, nx), and whose answers come a step late where ``delayed``.
+    """Policy that reads the state with ``noise`` (N, nx) added; if ``delayed``, its inputs are applied a step late.
 
-    ``waiting`` is the input of the first step then.
+    ``waiting`` is the input that a delayed policy applies next, at first the input before the plan.
     """
 
     policy: StateFeedback
@@ -55,7 +55,7 @@ class DisturbedPolicy:
 
 @dataclass(frozen=True)
 class Draw:
-    """Parameter values by name, noise on the measured state (N, nx), and whether inputs come a step late."""
+    """Dict of parameter values, noise on the measured state (N, nx), and whether inputs are applied a step late."""
 
     values: dict[str, float]
     noise: np.ndarray
@@ -71,9 +71,9 @@ def disturbed_survival(
 ) -> list[DisturbedSurvival]:
     """Count the draws that inputs (S, N, nu), or a policy, survive; one row for every disturbance.
 
-    ``plan`` is what costs and sizes are compared with, and its first states are those of the draws. ``factors`` are
-    divisors of the step size that get a row too, such as 16. Noise is left out for inputs, which read no state, and so
-    are friction and masses of a problem without such parameters.
+    Costs and states are compared with those of ``plan``, and draws start at its first states. ``factors`` are divisors
+    of the step size, such as 16, each of which gets a row too. There is no row for noise where inputs are replayed,
+    which read no state, nor for friction or masses where the problem has no such parameters.
     """
     rows = []
     for factor in factors if step_size_kind(evaluation.problem.system).kind != "fixed" else ():
@@ -94,7 +94,7 @@ def _counted(name: str, replays: list[Rollout], evaluation: Evaluation, plan: Ro
 
 
 def _draws(evaluation: Evaluation, reads_state: bool, seed: int) -> dict[str, list[Draw]]:
-    """Return the draws by disturbance, each from a stream of its own."""
+    """Return a dict from disturbances to their draws; each draw has a random stream of its own."""
     problem, values = evaluation.problem, evaluation.values
     streams = np.random.SeedSequence(seed).spawn(3)
     rngs = [[np.random.default_rng(stream) for stream in streams_of.spawn(DRAWS)] for streams_of in streams]
@@ -122,7 +122,7 @@ def _spread(values: dict[str, float], names: list[str], spread: float, rng: np.r
 
 
 def measured_sizes(problem: Problem) -> np.ndarray:
-    """Return characteristic sizes (nx,) of the states, zero of those that carry no noise: h and quaternions."""
+    """Return characteristic sizes (nx,) of the states, zero for a step size and quaternions, which get no noise."""
     sizes, step_size = problem.scales.x.copy(), step_size_kind(problem.system)
     sizes[list(problem.system.rotating_entries)] = 0.0
     if step_size.kind == "state":
@@ -149,7 +149,7 @@ def mass_parameters(problem: Problem) -> list[str]:
 
 
 def _rolled(evaluation: Evaluation, plan: Rollout, inputs: np.ndarray | StateFeedback, draw: Draw) -> Rollout:
-    """Roll a draw out under the sharpest contact, at h/4 where h only discretises."""
+    """Return the rollout of a draw under the sharpest contact, at h/4, or at h where h cannot be refined."""
     problem = evaluation.problem
     drawn = Evaluation(problem, draw.values)
     parts = [_replayed(drawn, start[None], policy) for start, policy in _policies(plan, inputs, draw, drawn)]
@@ -160,7 +160,7 @@ def _rolled(evaluation: Evaluation, plan: Rollout, inputs: np.ndarray | StateFee
 def _policies(
     plan: Rollout, inputs: np.ndarray | StateFeedback, draw: Draw, drawn: Evaluation
 ) -> Iterator[tuple[np.ndarray, StateFeedback]]:
-    """Yield start and disturbed policy of every scenario; inputs are a policy without gains."""
+    """Yield the first state and the disturbed policy of every scenario; inputs become a policy with zero gains."""
     S, N, nu = plan.u.shape
     for s in range(S):
         policy = inputs

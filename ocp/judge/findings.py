@@ -145,7 +145,7 @@ def make_finding(code: str, joint: str = "", **numbers: Any) -> Finding:
 
 
 def join_findings(findings: Iterable[Finding], joint: str = "; ", first: str = "") -> list[Finding]:
-    """Return findings as parts of one line: ``first`` is the text before the first, ``joint`` that before others."""
+    """Return findings as parts of one line: ``first`` is the text before the first one, ``joint`` before the others."""
     return [finding.joined(joint if index else first) for index, finding in enumerate(findings)]
 
 

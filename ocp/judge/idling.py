@@ -21,7 +21,7 @@ from ocp.problem.rollout import Rollout, roll_on
 CONTENT = 1e-4
 """Share of the cost's span up to which its gradient counts as zero, so that standing still is optimal."""
 STILL = 0.05
-"""Largest motion in a horizon, as a share of states' sizes, under an input that counts as holding them still."""
+"""Largest motion of states over the horizon, as a share of their sizes, under an input that holds them still."""
 _UNMOVED_SHARE = 0.01
 """Largest motion of a state, as a share of its characteristic size, that counts as none."""
 _STEEP_SHARE = 0.01
@@ -45,9 +45,10 @@ def cost_span(evaluation: Evaluation, plan: Rollout) -> float:
 def idle_cost(evaluation: Evaluation, step: Step, plan: Rollout) -> float:
     """Return the cost of doing nothing from the plan's start, the lowest of three.
 
-    The input before the first is held, under the law; or it is held with its forces zero; or the states stay, where
-    one of the plan's inputs can hold them and the cost has a slope in them; that input adds no cost.
-    NaN where none of these is possible and satisfies the constraints.
+    They are the costs of holding the input that acts before the first step, of holding it with its forces set to zero,
+    and of staying at the initial states. The last one counts where one of the plan's inputs can hold the states and
+    the cost depends on them; it contains no cost of that input.
+    NaN where none of the three is possible and satisfies the constraints.
     """
     u_before = evaluation.limits.u_before
     falling = np.where([signal.unit in _FORCE_UNITS for signal in step.system.inputs], 0.0, u_before)

@@ -41,23 +41,23 @@ _BISECTIONS = 60
 _JUMP_SHARE = 1e-9
 """Share of the values on the sides of a switch that a difference between them must exceed to be a jump."""
 _ROUNDING_SHARE = 1e-12
-"""Share of the values at the ends of a line that a jump must exceed in addition."""
+"""Share of the values at the ends of a line that is added to the tolerance on a jump, for rounding."""
 _ASIDE_SHARE = 1e-6
-"""Distance from a switch, as a share of the line, at which the values farther aside are evaluated."""
+"""Distance from a switch, as a share of the line, of the points whose values are compared with those at the switch."""
 _POLE_RATIO = 1e4
-"""Ratio of the value at a switch to that farther aside above which the switch is a pole."""
+"""Ratio of the value at a switch to the one at :data:`_ASIDE_SHARE` from it above which the switch is a pole."""
 _UNKNOWN_SHARE = 1e-3
-"""Share of the values at a line's ends that a difference farther aside must exceed where a switch's values are NaN."""
+"""Share of the values at a line's ends above which a difference is a jump where values at the switch are NaN."""
 _ZERO_SHARE = 1e-12
-"""Share of the line below which coordinates are rounded to zero, to meet ``x == 0`` exactly."""
+"""Share of the line below which coordinates are rounded to zero, so that ``x == 0`` holds exactly."""
 
 
 @dataclass(frozen=True)
 class Domain:
-    """Box ``lower <= z <= upper`` in which variables move, and their ``sizes``, (n,) each.
+    """Box ``lower <= z <= upper`` of variables of characteristic ``sizes``, (n,) each, that is searched for jumps.
 
-    Half of the lines are drawn around ``centre`` (n,), the others around zero. Where ``slack(z)``
-    has an entry below zero a constraint is violated, and a jump does not count.
+    The search follows random lines; half of them are drawn around ``centre`` (n,), the others around
+    zero. A point at which ``slack(z)`` has a negative entry violates a constraint; jumps there do not count.
     """
 
     sizes: np.ndarray
@@ -87,8 +87,8 @@ class Domain:
 def jump_findings(problem: Problem) -> tuple[Finding, ...]:
     """Return findings on operations at which a problem jumps, and on functions that cannot be inspected.
 
-    Friction impulses are zero, and their gaps left out: the basis of the tangents may jump, which
-    changes no physics. The slip gaps, which contain the coefficient of friction, are inspected.
+    Friction impulses are set to zero and friction gaps are left out, since the basis of the tangents
+    may jump without an effect on the physics. Slip gaps, which contain the friction, are inspected.
     """
     system, p = problem.system, problem.parameters
     x, u, du, lam, _ = problem.symbols
@@ -104,7 +104,7 @@ def jump_findings(problem: Problem) -> tuple[Finding, ...]:
 
 
 def _domain(problem: Problem, moving: ca.SX, most_lam: np.ndarray) -> Domain:
-    """Return the domain of ``x, u, du, x_next, lam``, by bounds, signed distances and path inequalities."""
+    """Return the domain of ``x, u, du, x_next, lam``; bounds, distances, inequalities and ``most_lam`` limit it."""
     system, sizes, p = problem.system, problem.scales, problem.parameters
     x0, u0, u_low, u_high, x_low, x_high = (np.array(value).ravel() for value in problem.limits(p.values))
     none, slack = np.zeros(system.nlam), list[ca.SX]()
@@ -125,7 +125,7 @@ def _domain(problem: Problem, moving: ca.SX, most_lam: np.ndarray) -> Domain:
 
 
 def jump_findings_of(expressions: Mapping[str, ca.SX], moving: ca.SX, domain: Domain) -> tuple[Finding, ...]:
-    """Return findings on the jumps of named ``expressions`` in ``moving`` (n, 1) alone."""
+    """Return findings on the jumps of ``expressions``, a dict from names, that depend on ``moving`` (n, 1) alone."""
 
     def located(find: Callable[[ca.SX], Iterable[str]]) -> list[str]:
         return [f"{node} in {name}" for name, expression in expressions.items() for node in find(expression)]
@@ -142,10 +142,10 @@ def jump_findings_of(expressions: Mapping[str, ca.SX], moving: ca.SX, domain: Do
 def jumping_operations(expression: ca.SX, moving: ca.SX, domain: Domain) -> list[str]:
     """Return the names of the operations at which ``expression`` (k, 1) jumps as ``moving`` (n, 1) moves.
 
-    It may use no other symbols. On straight lines through the domain bisection locates where an
-    operation of the graph switches, or a divisor or an absolute value changes sign; the values on
-    the two sides are compared. A continuous ``if_else``, such as Huber's loss, does not jump, nor
-    does ``sqrt(x**2)``, a switch that no line crosses, or a pole.
+    The expression may contain no other symbols. On straight lines through the domain, bisection locates
+    points where an operation of the graph switches, or a divisor or an absolute value changes sign; the
+    values on the two sides are compared. A continuous ``if_else``, such as Huber's loss, is no jump,
+    nor are ``sqrt(x**2)`` and poles. Switches that no line crosses are not detected.
     """
     values = ca.Function("values", [moving], [ca.densify(expression)])
     names: list[str] = []
@@ -196,7 +196,7 @@ def _at(function: ca.Function, points: np.ndarray, output: int = 0) -> np.ndarra
 
 
 def _jumps_at(side: ca.Function, values: ca.Function, domain: Domain) -> bool:
-    """Return whether values differ on the two sides of a switch, or exactly on it from both sides."""
+    """Return whether ``values`` differ between the two sides of a switch, or the one on the switch from both sides."""
     low, high = domain.ends
     side_low, side_high = _at(side, low), _at(side, high)
     crossing = np.flatnonzero(np.isfinite(side_low + side_high) & (side_low != side_high))[:_LINES_PER_SWITCH]

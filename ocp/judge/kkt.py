@@ -30,13 +30,13 @@ _BIACTIVE_MEMBER = 1e-6
 
 @dataclass(frozen=True)
 class Held:
-    """Active set: the ends at which ``x`` (n,) and ``g`` (m,) are held, -1 the lower, 1 the upper, 0 none."""
+    """Active set: entries -1, 1 and 0 for ``x`` (n,) and ``g`` (m,) held at the lower, the upper, and no bound."""
 
     x: np.ndarray
     g: np.ndarray
 
     def toggle_end(self, end: int) -> Held:
-        """Return the active set with one end of :meth:`KKTCurve.margins` held if it is free, freed if it is held."""
+        """Return the active set in which ``end``, an index into :meth:`KKTCurve.margins`, is held if it was free."""
         x, g = self.x.copy(), self.g.copy()
         signs, index = (x, end) if end < 2 * x.size else (g, end - 2 * x.size)
         sign, index = (-1, index) if index < signs.size else (1, index - signs.size)
@@ -44,7 +44,7 @@ class Held:
         return Held(x, g)
 
     def holds_end(self, end: int) -> bool:
-        """Return whether an end of :meth:`KKTCurve.margins` is held."""
+        """Return whether ``end``, an index into :meth:`KKTCurve.margins`, is held."""
         toggled = self.toggle_end(end)
         return np.abs(toggled.x).sum() + np.abs(toggled.g).sum() < (np.abs(self.x).sum() + np.abs(self.g).sum())
 
@@ -52,11 +52,11 @@ class Held:
 class KKTCurve:
     """Stationary points of a program along the parameter ``name``, with its active set held fixed.
 
-    Coordinates v are the free variables in characteristic sizes, multipliers of the held rows in
-    those of cost and rows, and the parameter over ``unit``. :meth:`equations` are the Lagrangian's
-    gradient at free variables and the held rows; held variables follow their bounds. Derivatives
-    with respect to the parameter are central differences over 1e-5 units, of a smooth function
-    exact to about 1e-10.
+    Coordinates v are the free variables in characteristic sizes, the multipliers of the held rows in
+    the scales of cost and rows, and the parameter divided by ``unit``. :meth:`equations` are the
+    Lagrangian's gradient at free variables and the held rows; held variables follow their bounds.
+    Derivatives with respect to the parameter are central differences over 1e-5 units, which are exact
+    to about 1e-10 for smooth functions.
     """
 
     def __init__(
@@ -162,9 +162,9 @@ class KKTCurve:
         return negative_curvature(*self._second(x, y, self.problem_data(v[-1])[0]))
 
     def solve(self, v: np.ndarray, border: np.ndarray, right: np.ndarray) -> np.ndarray:
-        """Return the solution with the KKT matrix bordered by the row ``border``; NaN where that is singular.
+        """Solve with the KKT matrix bordered by the row ``border``; the result is NaN where the matrix is singular.
 
-        The matrix is regularised by 1e-12. With the border it is regular at a simple fold, where the square one is not.
+        The matrix is regularised by 1e-12. At a simple fold the bordered matrix is regular, the square one singular.
         """
         import scipy.sparse as sp
         import scipy.sparse.linalg as sla
@@ -199,7 +199,8 @@ class KKTCurve:
     def corrected_point(self, v: np.ndarray, tau: float) -> np.ndarray | None:
         """Return the point of the curve at ``tau``, predicted along the tangent from v and then corrected.
 
-        None where that does not converge, or the correction exceeds half the prediction: a jump to another curve.
+        None where Newton's method does not converge, or where the correction exceeds half the prediction, which
+        indicates a jump to another curve.
         """
         ahead = (tau - v[-1]) * self.tangent(v)
         if not np.all(np.isfinite(ahead)):

@@ -31,11 +31,11 @@ class LinearModel:
 
     ``minimise cost' d`` subject to ``row_lower <= rows d <= row_upper``, ``lower <= d <= upper``
     and ``0 <= l + d_l ⟂ g + d_g >= 0`` for the pairs at positions ``pairs`` (2, m). Slacks are
-    those at the point, zero where a constraint is active; an equation becomes ``rows d = 0``
-    whatever its residual, which the audit judges.
+    those at the point, zero where a constraint is active; an equation becomes ``rows d = 0`` even
+    where it has a residual, which the audit judges.
 
-    ``cost`` (n,) is the gradient times the sizes, ``rows`` (m_g, n) the Jacobian so scaled, with
-    its largest entry in every row brought to 1; ``row_scale`` (m_g,) are the factors.
+    ``cost`` (n,) is the gradient times the sizes, ``rows`` (m_g, n) the Jacobian times the sizes, with
+    every row multiplied by a factor ``row_scale`` (m_g,) that brings its largest entry to 1.
     ``typical_change`` is that of the cost (:meth:`~ocp.programs.program.Program.typical_change`).
     """
 
@@ -138,7 +138,7 @@ class LinearModel:
         return self.cost + self.rows.T @ (multipliers / self.row_scale)
 
     def box(self, radius: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return the bounds of ``d / radius`` in the trust region; smaller members of pairs that are not near are 0."""
+        """Return the bounds of ``d / radius`` in the trust region; a smaller member stays 0 unless its pair is near."""
         lower = np.maximum(self.lower / radius, -1.0)
         upper = np.minimum(self.upper / radius, 1.0)
         decided = ~self.near(radius)
@@ -170,10 +170,11 @@ class LinearModel:
         """Return the steepest feasible direction with ``|d_i| <= radius``.
 
         Without ``branching`` both members of near pairs may grow (the relaxed problem, a linear program).
-        With it one member of each stays zero, by one binary per pair; the direction decreases the cost by
-        more than ``cut`` per radius, at least half as steeply as any, or with ``first`` is the first one
-        that does. With a ``cut`` of minus infinity any direction will do; the step is zero where there is
-        none. The search ends after :data:`NODES` nodes.
+        With it one member of each near pair stays zero, which one binary variable per pair selects. The
+        direction then decreases the cost by more than ``cut`` per radius, and at least half as steeply as
+        the steepest one; with ``first`` it is the first that the search finds. A ``cut`` of minus infinity
+        accepts every direction. The step is zero where no direction exists. The search ends after
+        :data:`NODES` nodes.
         """
         near_pairs = np.flatnonzero(self.near(radius)) if branching else np.zeros(0, dtype=int)
         n = self.cost.size

@@ -39,7 +39,7 @@ class TrajectoryEvaluator:
 
 
 class DenseFunction:
-    """Function that evaluates expressions at many points at once, as dense matrices, from their nonzeros."""
+    """Function that evaluates the nonzeros of expressions at many points at once, and returns dense matrices."""
 
     def __init__(self, symbols: list[ca.SX], expressions: list[ca.SX]) -> None:
         outputs = [ca.sparsify(expression) for expression in expressions]
@@ -48,7 +48,7 @@ class DenseFunction:
         self._batch = BatchFunction(ca.Function("dense", symbols, nonzeros), backend="numpy")
 
     def __call__(self, *arguments: np.ndarray) -> list[np.ndarray]:
-        """Return a matrix (n, ., .) per expression; each argument has n points (n, .), or one for all (.,)."""
+        """Return an array (n, rows, columns) per expression; arguments are (n, size), or (size,) for all points."""
         # Diverging states are expected; their values are NaN.
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", BatchWarning)
@@ -85,11 +85,11 @@ class Worst:
 
 @dataclass(frozen=True)
 class Physics:
-    """Measures of a trajectory that should be zero [m] (for a joint limit in its unit), None without geometry.
+    """Errors of contact in a trajectory, ideally zero, [m] or the unit of a joint limit; None without geometry.
 
-    ``penetration`` max(0, -phi) at the nodes; ``between`` the same along straight lines in the
-    coordinates from node to node; ``force_distance`` the largest phi(x_next) at which a normal
-    impulse above :data:`ACTIVE` of the characteristic one acts. NaN is ignored.
+    ``penetration`` is max(0, -phi) at the nodes; ``between`` is the same along straight lines in the
+    coordinates from node to node; ``force_distance`` is the largest phi(x_next) at which a normal
+    impulse above :data:`ACTIVE` characteristic impulses acts. NaN is ignored.
     """
 
     penetration: Worst | None
@@ -98,7 +98,7 @@ class Physics:
 
 
 def measure(evaluation: Evaluation, step: Step, rollout: Rollout) -> Physics:
-    """Return the penetration and the distance of forces of trajectories of a closed step."""
+    """Return the penetration of trajectories of ``step``, and the distance at which contact forces act in them."""
     problem, x = evaluation.problem, rollout.x
     phi, names = evaluation.signed_distances(x), problem.system.distance_names
     if phi is None:

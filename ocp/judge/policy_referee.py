@@ -1,4 +1,4 @@
-"""What the referee says of a policy: its outcome counts, at h and at h/4, not the states of the plan it follows."""
+"""Referee's report on a policy, by the outcome of its replays at h and at h/4; it need not reach the plan's states."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from ocp.problem.rollout import Rollout
 
 
 def policy_findings(evaluation: Evaluation, plan: Rollout, outcome: Referee) -> tuple[list[Finding], list[Finding]]:
-    """Return why a policy does not survive, at h and at h/4; nothing where it does.
+    """Return the findings that say why a policy does not survive, at h and at h/4, each empty where it does.
 
-    Each replay must cost at most 10 % more than ``plan``, and keep constraints and bodies apart to a tenth of their
-    sizes (:func:`~ocp.judge.referee.outcome_findings`). States may differ from those of the plan.
+    Each replay must cost at most 10 % more than ``plan``, and violate constraints and penetrate bodies by at most a
+    tenth of their sizes (:func:`~ocp.judge.referee.outcome_findings`). States may differ from those of the plan.
     """
     if outcome.failed is not None:
         findings = [make_finding("step-not-solved", step=outcome.failed.brief)]

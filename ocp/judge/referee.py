@@ -46,11 +46,11 @@ _LEAST_GAP = 1e-4
 class Referee:
     """Replay of a plan under the most exact contact model of its system, at the same h, and its cost.
 
-    ``replay`` is NaN after a step that was not solved, which ``failed`` then names, and so is
-    ``cost``. ``refined`` is the replay at h/4, inputs or policy held over four steps, at the
-    problem's nodes, over which its cost is summed; where it is None, or ended early,
-    ``refined_note`` says why. ``note`` names features that the referee's model has and the
-    problem's lacks; None for a system without geometry, whose own model is replayed.
+    Where a step was not solved, ``failed`` describes that step, and ``cost`` and the rest of
+    ``replay`` are NaN. ``refined`` is the replay at h/4, in which every input is held over four steps;
+    it has the problem's nodes, over which its cost is summed. Where ``refined`` is None, or ended
+    early, ``refined_note`` says why. ``note`` names features that the referee's model has and the
+    problem's model lacks; it is None for a system without geometry, whose own model is replayed.
     """
 
     replay: Rollout
@@ -80,10 +80,10 @@ def referee_replay(evaluation: Evaluation, inputs: np.ndarray | StateFeedback, x
 def refined_replay(
     evaluation: Evaluation, inputs: np.ndarray | StateFeedback, x0: np.ndarray, factor: int = REFINEMENT
 ) -> tuple[Rollout | None, str]:
-    """Return the replay at h / ``factor`` under the referee's model, at the problem's nodes, and a reason.
+    """Return the replay at h / ``factor`` under the referee's model, at the problem's nodes, and a note.
 
-    The reason says why the replay ended early, "" if it did not. Where h cannot be refined the
-    replay is None, and the reason says why.
+    The note says why the replay ended early, "" if it did not. Where h cannot be refined, the
+    replay is None and the note says why.
     """
     problem = evaluation.problem
     step_size = step_size_kind(problem.system)
@@ -106,14 +106,14 @@ def refined_replay(
 class RefereeReport:
     """Outcome of a plan under the referee's contact model, as runs store it.
 
-    ``cost`` and ``gap``, the largest difference of a state from the plan, are those of its replay;
-    ``survives_at_h`` is None without geometry, and ``reasons`` are clauses that say why it is
-    False. ``survives`` requires the replay at h/4 to hold too where h only discretises;
-    ``refined_reasons`` say why it does not. ``note`` names features that the referee's model has
-    and the problem's lacks. ``refined_cost`` is the cost at h/4, NaN with the reason in
-    ``refined_note``. Of plan and replay: the largest penetration at nodes (``penetration``) and
-    between them (``between``), and the largest true distance at which a normal force acts
-    (``force_distance``), all [m]. ``broken`` are the constraints that the replay violates.
+    ``cost`` is the cost of the replay, and ``gap`` the largest difference of its states from the plan.
+    ``survives_at_h`` is None without geometry, and ``reasons`` are clauses that say why it is False.
+    ``survives`` requires the replay at h/4, where h can be refined, to succeed too; ``refined_reasons``
+    say why it does not. ``note`` names features that the referee's model has and the problem's model
+    lacks. ``refined_cost`` is the cost at h/4, or NaN for the reason in ``refined_note``. The largest
+    penetration at nodes (``penetration``) and between them (``between``), and the largest true distance
+    at which a normal force acts (``force_distance``), all [m], are those of the plan; ``replay_penetration``
+    and ``replay_between`` are those of the replay. ``broken`` are the constraints that the replay violates.
     ``nonuniqueness`` describes a step of the plan at which the model's contact has another
     solution, "" where none was found, and ``branch_cost`` is the cost of the plan's inputs with it.
     ``findings`` and ``refined_findings`` are the reasons with their codes and numbers.
@@ -300,7 +300,7 @@ def quarter_step_findings(evaluation: Evaluation, plan: Rollout, outcome: Refere
 
 
 def outcome_findings(evaluation: Evaluation, plan: Rollout, replay: Rollout) -> list[Finding]:
-    """Return why a replay, at any step size, is no success by its outcome: cost, constraints and bodies.
+    """Return the findings that say why a replay, at any step size, fails by its cost, constraints or penetration.
 
     The limits are those of :func:`quarter_step_findings`. ``evaluation`` is that of the plan.
     """

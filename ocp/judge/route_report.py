@@ -29,7 +29,7 @@ class StageRecord:
 class Attempt:
     """One of several attempts of a solve: its index ``start``, status, costs, and whether it was ``chosen``.
 
-    ``route`` names the route that gave it, after ``seconds`` in the solver.
+    ``route`` names the route that was used, and ``seconds`` is the time in the solver.
     """
 
     start: int
@@ -86,7 +86,7 @@ class SearchReport:
 class Level:
     """A plan at step size ``h`` [s] and N steps, and its cost when the referee replays it at h/2.
 
-    ``agreed`` says whether the two differ by at most :data:`ocp.solve.refinement.AGREED`.
+    ``agreed`` says whether the two costs differ by at most :data:`ocp.solve.refinement.AGREED`.
     """
 
     h: float
@@ -99,7 +99,7 @@ class Level:
 
 @dataclass(frozen=True)
 class Refinement:
-    """Levels of a step size that was halved; ``stopped`` says why it ended without agreement, or ""."""
+    """Levels of a refinement that halves the step size; ``stopped`` says why it ended without agreement, or is ""."""
 
     levels: list[Level]
     stopped: str = ""
@@ -107,13 +107,13 @@ class Refinement:
 
 @dataclass(frozen=True)
 class Rung:
-    """One remedy for a plan that does not survive, and what the referee makes of it.
+    """One remedy for a plan that does not survive, and the referee's result for it.
 
-    ``planned`` is the cost of its own plan of N steps of ``h`` [s], whose solve ended with ``status``. ``cost`` and
-    ``refined_cost`` are what its inputs or its policy cost under the sharpest contact at h and at h/4, NaN where a
-    replay ended; a cost that is a sum over nodes, and no integral, is summed over those of the first plan, so that
-    rungs compare. ``survives`` is None for a rung that was
-    not tried, with the reason in ``note``, which also says where a rung is dearer at its own step size.
+    ``planned`` is the cost of the remedy's plan of N steps of ``h`` [s], whose solve ended with ``status``. ``cost``
+    and ``refined_cost`` are the costs of its inputs or its policy under the sharpest contact at h and at h/4, NaN where
+    a replay ended early. A cost that is a sum over nodes, not an integral, is summed over the nodes of the first plan,
+    so that rungs are comparable. ``survives`` is None for a rung that was not tried; ``note`` gives the reason, or
+    says that a rung costs more at its own step size.
     """
 
     name: str
@@ -140,7 +140,7 @@ class Rung:
 
 @dataclass(frozen=True)
 class DisturbedSurvival:
-    """Draws of one ``disturbance`` that an answer survives, and the median and the largest cost of all."""
+    """Number of draws of one ``disturbance`` that an answer survives, and median and largest cost over all draws."""
 
     disturbance: str
     survived: int
@@ -153,8 +153,9 @@ class DisturbedSurvival:
 class Ladder:
     """Remedies that were tried until a plan survived; the first is the plan itself.
 
-    The answer is number ``chosen``. ``stopped`` says why the search for one ended early, or "". ``disturbed`` counts
-    what the answer survives beside the sharpest contact (:mod:`ocp.judge.disturbances`).
+    ``chosen`` is the index of the rung that gives the answer. ``stopped`` says why the search for a surviving plan
+    ended early, or is "". ``disturbed`` counts the disturbances that the answer survives, which are tried in addition
+    to the sharpest contact (:mod:`ocp.judge.disturbances`).
     """
 
     rungs: list[Rung]
@@ -173,13 +174,13 @@ class RouteReport:
     """Route to an answer: ``name`` of the route that gave it, and what else was tried.
 
     ``attempts`` are the starts, where there were several. ``started_from`` is the content hash of
-    the solution that the solve started from, None without one; ``resumed`` says whether the solver
-    converged from there, or else solved cold with its trajectories as the guess. ``swept`` marks a
-    problem that limits penetration between nodes too, ``sharpest`` one under the sharpest contact of its system
-    (:attr:`ocp.problem.problem.Problem.most_exact`). ``search``, ``refinement`` and ``ladder`` are None
-    where there was none. ``failures`` are the errors in which other attempts ended.
-    ``idle_attempts`` counts attempts with a certified end where standing still is the best of them,
-    0 elsewhere. ``audit_s`` [s] is the time of the three judges.
+    the solution that the solve started from, None without one; ``resumed`` is False where the solver
+    did not converge from that solution, and solved cold with its trajectories as the guess. ``swept``
+    marks a problem that limits penetration between nodes too, ``sharpest`` a problem that was solved under
+    the sharpest contact of its system (:attr:`ocp.problem.problem.Problem.most_exact`). ``search``,
+    ``refinement`` and ``ladder`` are None where there was none. ``failures`` are the errors that ended
+    other attempts. ``idle_attempts`` is the number of certified attempts where the best of them stands
+    still, and 0 otherwise. ``audit_s`` [s] is the time of audit, certificate and referee.
     """
 
     name: str = ""

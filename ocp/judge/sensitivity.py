@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 _NOT_STRICT = 1e-7
 """Slack or multiplier, in characteristic sizes, below which an end is not strictly held or free."""
 _STAYS_ZERO = 1e-6
-"""Change per unit of the parameter below which such a slack or multiplier counts as staying zero."""
+"""Change of a zero slack or multiplier, per unit of the parameter, below which it counts as staying zero."""
 _SINGULAR_MATRIX = 1e-8
 """Norm of the KKT matrix times a unit vector below which the matrix is singular."""
 _COST_ROUNDING = 1e-12
@@ -119,7 +119,8 @@ def _check_strict(curve: KKTCurve, v: np.ndarray, t: np.ndarray) -> None:
     """Raise InputError where an end is neither strictly held nor strictly free.
 
     An end whose slack and multiplier are zero, and stay so to first order along the tangent, is
-    allowed: held or free the derivative is the same, if a pair's held member has a multiplier.
+    allowed: the derivative is the same whether the end is held or free, provided that the held
+    member of a pair has a multiplier above zero.
     """
     step = _PARAMETER_STEP * t
     margins = curve.margins(v)

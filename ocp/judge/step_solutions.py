@@ -1,9 +1,9 @@
 """Search for steps of a plan whose contact has another solution, mode by mode.
 
-A contact is open, sticks or slides. A choice for every contact makes equations of its pairs: the
-gap of an active pair is zero, lam of any other one is. A solution of these equations with ``lam >=
-0`` and ``gap >= 0`` solves the step. Where the step is affine, every isolated solution is one of
-them; where gaps are curved, Newton's method starts at the plan's own end of the step.
+A contact is open, sticks or slides. A choice of one of these modes for every contact turns its pairs into
+equations: the gap of an active pair is zero, lam of an inactive pair is zero. A solution of these equations
+with ``lam >= 0`` and ``gap >= 0`` solves the step. Where the step is affine, every isolated solution is
+found in this way; where gaps are curved, Newton's method starts at the plan's own end of the step.
 """
 
 from __future__ import annotations
@@ -32,14 +32,14 @@ MODES = 128
 _NEWTON_ITERATIONS = 12
 """Maximum number of Newton iterations on one set of active pairs."""
 _SOLVED = 1e-9
-"""Change and violation, in characteristic sizes, below which a set is solved."""
+"""Change and violation, in characteristic sizes, below which the equations of a set of active pairs are solved."""
 _PAIR_REGULARISATION = 1e-13
 """Regularisation of the equations of active pairs, in characteristic sizes."""
 _LOST = 1e6
 """Change, in characteristic sizes, above which an iteration is abandoned."""
 LINEAR_VIOLATION = {True: 1e-6, False: 1.0}
-"""Violation of a set's first linear model, in characteristic sizes, up to which Newton's method continues
-from it: for affine steps (True), and for others."""
+"""Violation after the first Newton step on a set of active pairs, in characteristic sizes, up to which Newton's method
+continues: for affine steps (True), and for others (False)."""
 _BATCH_STEPS = 32
 """Number of steps whose sets are solved together."""
 
@@ -48,9 +48,9 @@ _BATCH_STEPS = 32
 class Nonuniqueness:
     """Step of a plan from whose state and input the model's exact contact has several solutions.
 
-    The plan's own end obeys the exact relation, and so do the others, ``x_next`` (m, nx) with
-    ``lam`` (m, nlam). ``replayed`` says that the exact step ends at the first of these; ``steps``
-    counts the plan's steps that have other ends.
+    The end of the step in the plan obeys the exact relation, and so do the other ends, ``x_next``
+    (m, nx) with ``lam`` (m, nlam). ``replayed`` says that the solver of the exact step returns the
+    first of these other ends; ``steps`` counts the plan's steps that have other ends.
     """
 
     step: int
@@ -64,9 +64,10 @@ class Nonuniqueness:
 def find_nonuniqueness(evaluation: Evaluation, plan: Rollout) -> Nonuniqueness | None:
     """Return a step of a plan at which the model's exact contact has another solution, or None.
 
-    It is the first step at which a replay ends elsewhere; without one, the first with another end
-    among those of :class:`StepSolutions`. Each step is solved from the plan's own state and input,
-    so that earlier differences have no effect. None also where the plan obeys another law or has branches.
+    It is the first step whose replay ends at another state than the plan's; if there is none, it is the
+    first step for which :class:`StepSolutions` finds another end. Each step is solved from the plan's own
+    state and input, so that earlier differences have no effect. The result is also None where the plan
+    obeys another law or has branches.
     """
     step, (x, u, lam) = evaluation.problem.exact_step, (plan.x, plan.u, plan.lam)
     if lam.shape[2] != step.n or not step.n:
@@ -118,7 +119,7 @@ def differing_contacts(problem: Problem, first: np.ndarray, second: np.ndarray) 
 
 
 class StepSolutions:
-    """Solutions of the exact step of a problem's system, from given states and inputs.
+    """Solver that finds the solutions of the exact step of a problem's system, from given states and inputs.
 
     Contacts and limits whose gap is below the characteristic one at the plan's end of the step are
     tried in every mode, the nearest first, as long as there are at most :data:`MODES` combinations.
@@ -202,7 +203,7 @@ class StepSolutions:
         return step_index[is_solution], x_next[is_solution], lam[is_solution]
 
     def _let_slide(self, lam: np.ndarray, gap: np.ndarray) -> None:
-        """Raise the slip of open contacts, in place, to that of the motion, which their sets do not determine."""
+        """Raise, in place, the slip of contacts without friction, undetermined by their sets, to that of the motion."""
         for slip, sides in self._slips:
             extra_slip = np.where(lam[:, sides].any(axis=1), 0.0, -gap[:, sides].min(axis=1).clip(max=0))
             lam[:, slip] += extra_slip

@@ -38,7 +38,7 @@ _LEAST_FALLS = 4
 _BEFORE_FLAT = 0.9
 """Share of the distance to where the cost is flat at which the remaining fall is measured."""
 _ROUNDED_FALL = 1e-5
-"""Share of the fall up to which the rest is lost by rounding, as in exponentials; where a hinge ends, more remains."""
+"""Share of the fall up to which the remaining fall is rounding, as of an exponential; before a kink more remains."""
 _DISTANT_START = 10.0
 """Distance of the answer, in characteristic sizes, above which rays from the start are tried too."""
 _RUN_AWAY = 1e6
@@ -65,8 +65,9 @@ def describe_endless_ray(rays: Iterable[Ray], best: float, least: float = 0.0) -
 def describe_fall(cost: Callable[[float], float], reach: float, best: float, least: float) -> str:
     """Return how ``cost(t)`` falls: without end, towards a value that no point attains, or "" for neither.
 
-    Without end: about as much or more in each of the last three decades. Not attained: it never
-    rises, but falls by less and less, as ``exp(-t)`` does. Either ends no higher than ``best``.
+    It falls without end where it falls by about as much or more in each of the last three decades of
+    ``t``. It falls towards a value where it never rises but falls by less and less, as ``exp(-t)`` does.
+    In both cases it must end no higher than ``best``; changes up to ``least`` count as none.
     """
     times = np.concatenate([[0.0], _NEAR_DISTANCES, max(reach, 1.0) * _FAR_DISTANCES])
     # Most rays end here: the cost is higher far away.
@@ -99,7 +100,7 @@ def unbounded_inputs(evaluation: Evaluation, step: Step, plan: Rollout) -> str:
 
 
 def _cost_of_inputs(evaluation: Evaluation) -> Callable[[np.ndarray], float] | None:
-    """Return the function from inputs (N, nu) to their own cost, None where a state or impulse can lower the cost."""
+    """Return the function from inputs (N, nu) to the cost of inputs alone; None where other costs can be negative."""
     problem = evaluation.problem
     system, p = problem.system, problem.parameters
     du = ca.SX.sym("du", system.nu) if problem.du is None else problem.du
@@ -125,10 +126,11 @@ def runaway_inputs(problem: Problem, u: np.ndarray) -> str:
 def _input_rays(
     evaluation: Evaluation, step: Step, plan: Rollout, least: Callable[[np.ndarray], float] | None
 ) -> Iterator[Ray]:
-    """Yield rays of inputs without bounds: each alone, each two, and all as in the plan, over the whole horizon.
+    """Yield rays that move inputs without bounds over the whole horizon.
 
-    They are rolled out under the law, from the plan and, where that is distant, from the guess. A ray is
-    left out where the inputs' own cost, by ``least``, exceeds the plan's.
+    A ray moves one input, two inputs at once, or all of them in proportion to the plan. Rays begin at the
+    plan and, where the plan is far from zero, at the guess too; their inputs are rolled out under the law.
+    A ray is left out where ``least``, a lower bound on the cost of inputs, exceeds the plan's cost.
     """
     problem, limits = evaluation.problem, evaluation.limits
     sizes, low, high = problem.scales.u, np.isfinite(limits.u_lower), np.isfinite(limits.u_upper)
@@ -185,7 +187,7 @@ def unbounded_variables(
 
 
 def _rays(program: Program, x: np.ndarray, p: np.ndarray, bounds: dict[str, np.ndarray]) -> Iterator[Ray]:
-    """Yield rays down the cost's gradient, away from zero, and along each variable of a small program."""
+    """Yield rays along the cost's negative gradient, away from zero, and along each variable of a small program."""
     model = LinearModel.at(program, x, p, bounds)
     directions = [-model.cost, x / model.sizes] if model.finite else []
     if x.size <= _MOST_SINGLES and model.finite:
@@ -198,10 +200,11 @@ def _rays(program: Program, x: np.ndarray, p: np.ndarray, bounds: dict[str, np.n
 
 
 def recession_direction(model: LinearModel, wanted: np.ndarray) -> np.ndarray:
-    """Return the direction (n,) nearest to ``wanted`` that meets no bound or row, with largest entry 1, or zeros.
+    """Return the direction (n,) nearest to ``wanted`` along which no bound or row is ever reached.
 
-    The smaller member of every pair stays zero, of equal ones that which ``wanted`` opens less;
-    rows and bounds that would be met are held.
+    Its largest entry is 1; it is zero where there is no such direction. The smaller member of every pair
+    stays zero; if both are equal, the member that ``wanted`` increases less. Rows and bounds that the
+    direction would reach are kept constant along it.
     """
     import scipy.sparse as sp
     import scipy.sparse.linalg as sla

@@ -92,7 +92,7 @@ class MPCC:
 
 
 def sized(name: str, what: str, value: float | Sequence[float] | np.ndarray, n: int) -> np.ndarray:
-    """Return numbers as a vector (n,), one number repeated; raise :class:`InputError` for other sizes."""
+    """Return numbers as a vector (n,), a single number repeated; raise :class:`InputError` for another size."""
     numbers = np.asarray(value, dtype=float).ravel()
     if numbers.size not in (1, n):
         raise InputError(f"{name}: {what} has {numbers.size} entries, expected {n}")
@@ -179,7 +179,7 @@ class MPCCProgram(Program):
         self._differentiate(penalised, closure, ca.vertcat(self.mpcc.p, penalty, t))
 
     def _differentiate(self, penalised: ca.SX, closure: ca.SX, p: ca.SX) -> None:
-        """Set the program's functions: derivatives of the penalty and the closure rows are added to the problem's."""
+        """Set the program's functions, from the problem's derivatives and those of the penalty and the closure rows."""
         base, x = self.lifted, self.lifted.x
         lam_closure = ca.SX.sym("lam_closure", closure.numel())
         f, g = base.f + penalised, ca.vertcat(base.g, closure)
@@ -268,7 +268,7 @@ class MPCCProgram(Program):
         return PairName("pair", self.mpcc.pair(index))
 
     def extended(self, x: np.ndarray) -> np.ndarray:
-        """Return ``x`` (n_x,) with the slack variables appended, at their values there and at least zero."""
+        """Return ``x`` (n_x,) with the slack variables appended: the sides of pairs at x, but at least zero."""
         extended_x = np.zeros(self.n)
         extended_x[: x.size] = x
         for positions, value in zip(self.pairs, self.lifted.sides(x, self.given), strict=True):

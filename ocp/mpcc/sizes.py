@@ -29,7 +29,8 @@ def variable_sizes(program: Program, start: np.ndarray, p: np.ndarray) -> np.nda
     the smallest step that satisfies a row violated at the start, else the smallest that changes a row
     as much as other variables do, else the step that changes the cost as much as the steepest does.
     The step of rows, up to 1, is also the minimum of every size, so that a start which is zero or
-    optimal up to rounding makes no variable small. Only a bound that holds a steep variable does.
+    optimal up to rounding makes no variable small. Small sizes arise only where a bound holds a
+    variable in which the cost is steep.
     """
     bounds = program.bounds({PENALTY: 0.0, RELAXATION: 0.0})
     slope, g, jacobian = program.first_derivatives(start, p)
@@ -61,7 +62,7 @@ def variable_sizes(program: Program, start: np.ndarray, p: np.ndarray) -> np.nda
 
 
 def _steep_limits(slope: np.ndarray, sizes: np.ndarray, start: np.ndarray, bounds: dict[str, np.ndarray]) -> np.ndarray:
-    """Return steps (n,) that change the cost by the median, of steep variables that a bound holds; NaN for others."""
+    """Return (n,), for steep variables that a bound holds, the step that changes the cost by the median; else NaN."""
     change = np.abs(slope) * np.where(sizes > 0, sizes, 1.0)
     is_held = np.where(slope > 0, start <= bounds["lbx"], start >= bounds["ubx"])
     others = change[~is_held & (change > 0)]

@@ -26,7 +26,7 @@ from ocp.routes.schedules import improve
 
 
 def violation(program: Program, x: np.ndarray, p: np.ndarray, bounds: dict[str, np.ndarray]) -> tuple[float, str]:
-    """Return the largest violation of a bound or constraint at x, in natural units, and the name of it."""
+    """Return the largest violation at x, in natural units, and the name of the bound or constraint that is violated."""
     _, g = program.values(x, p)
     worst, name, units = 0.0, "nothing", program.natural
     layouts = (("bound on", program.variables, x, "x", units.x), ("constraint", program.constraints, g, "g", units.g))
@@ -173,7 +173,7 @@ def _jump_findings(mpcc: MPCC, p: np.ndarray, x: np.ndarray) -> tuple[str, ...]:
 def _followed(
     mpcc: MPCC, start: np.ndarray, parameter_values: np.ndarray, strategies: Sequence[str] | None, solver: Solver
 ) -> tuple[MPCCSolution, Homotopy]:
-    """Return the best solution of all strategies from ``start`` (n,), improved cheapest first, and the follower."""
+    """Return the best solution of all strategies from ``start`` (n,), each improved, and the follower of the paths."""
     programs = programs_of(mpcc, parameter_values, start)
 
     def start_point(program: MPCCProgram) -> Point:

@@ -14,8 +14,8 @@ from ocp.problem.problem import Problem
 def batch_rollouts(problem: Problem, step: Step, policy: RolloutPolicy, **engine: Any) -> RolloutFunction:
     """Return the function from policy parameters to costs of the problem's rollouts under ``step``.
 
-    ``engine`` are options of :class:`~dynamics.batch.RolloutFunction`; ``p`` of a call contains the values of
-    ``step.p``.
+    ``engine`` are options of :class:`~dynamics.batch.RolloutFunction`; the function's argument ``p`` contains the
+    values of ``step.p``.
 
     Raises ``UnsupportedOperation`` for costs that no engine can evaluate.
     """

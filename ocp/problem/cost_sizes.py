@@ -1,4 +1,4 @@
-"""Constant part of a cost, which no plan can change, size of the rest, and parameters that are its weights."""
+"""Constant part of a cost, which no plan can change; size of the other part; parameters that are weights of a cost."""
 
 from __future__ import annotations
 

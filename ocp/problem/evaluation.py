@@ -90,7 +90,7 @@ class Evaluation:
         return self.constant_cost + self.problem.N * max(stage, 0.0) + max(terminal, 0.0)
 
     def step_values(self, step: Step, own: bool = True) -> np.ndarray:
-        """Return the values of a step's parameters; for those of its law that ``values`` lacks, the law's settings.
+        """Return the values of a step's parameters; those of its law that ``values`` lacks are the law's settings.
 
         Without ``own`` the law's settings are always used.
         """
@@ -122,8 +122,8 @@ class Evaluation:
     def cost_share(self, change: float, cost: float) -> float:
         """Return a ``change`` as a share of the part of ``cost`` that a plan can change.
 
-        That is the cost less :attr:`least_cost`, so that a constant in the cost changes no verdict; it is at least
-        :data:`LEAST_COST` characteristic costs.
+        That part is the cost minus :attr:`least_cost`, so that a constant in the cost changes no verdict; it is at
+        least :data:`LEAST_COST` characteristic costs.
         """
         changeable = abs(cost - self.least_cost)
         return change / max(changeable, LEAST_COST * self.problem.scales.cost)

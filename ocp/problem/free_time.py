@@ -91,7 +91,7 @@ def with_free_step(problem: Any, step: FreeStep) -> dict[str, Any]:
 
 
 def _stretched(system: ContactSystem, with_h: Callable[[Any], Any], h: ca.SX, h_next: ca.SX) -> ContactSystem:
-    """Return the system with the state h in place of its parameter, and ``h_next = h`` as its last equation."""
+    """Return the system with a state h in place of the parameter h, and ``h_next = h`` as its last equation."""
 
     def each(instance: Any) -> Any:
         changed = {
@@ -123,7 +123,7 @@ def _stretched(system: ContactSystem, with_h: Callable[[Any], Any], h: ca.SX, h_
 
 
 def _stretched_guess(guess: Callable[..., Any]) -> Callable[..., Any]:
-    """Return the guess with the start's step size as last state, where its states lack that."""
+    """Return a guess function that appends the start's step size as last state where ``guess`` does not return it."""
 
     def stretched(problem: Any, p: np.ndarray) -> Any:
         states, inputs = guess(problem, p)

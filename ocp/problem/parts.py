@@ -54,11 +54,11 @@ def _numbers(values: Any) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Constraint:
-    """Constraint ``lower <= expression <= upper``, with the expression in (x, u, p), or in (x, p) at the end.
+    """Constraint ``lower <= expression <= upper`` on an expression in (x, u, p), or (x, p) if it is terminal.
 
     A single bound holds for every entry.
 
-    Raises :class:`~ocp.errors.InputError` where one of them is not a column.
+    Raises :class:`~ocp.errors.InputError` where the expression or a bound is not a column.
     """
 
     name: str

@@ -172,7 +172,7 @@ class Problem:
 
     @cached_property
     def most_exact(self) -> Problem:
-        """The same problem under the sharpest contact that its system has; itself where that is the model.
+        """The same problem under the sharpest contact that its system has; unchanged where it already uses that.
 
         Raises :class:`~ocp.errors.InputError` where cost or path constraints depend on impulses that the sharpest
         contact divides in another way.
@@ -296,10 +296,10 @@ class Problem:
 
     @cached_property
     def pair_units(self) -> np.ndarray:
-        """Units (nlam,) of the pairs' gaps, over the natural one; those of multipliers are the inverse.
+        """Units (nlam,) of the pairs' gaps, as multiples of the natural unit; multipliers have the inverse units.
 
         They are powers of two: 1 unless the change of a gap, as states move by their sizes, is far
-        from the characteristic gap, as where distances are computed in nanometres.
+        from the characteristic gap, for example where distances are computed in nanometres.
         """
         changes = gap_changes(self, self.scales.x)
         return solver_unit(np.nan_to_num(changes * GAP_SHARE / self.scales.gap), ORDINARY_ROWS)

@@ -1,7 +1,7 @@
 """Estimates of a task's memory and time: tasks that do not fit are refused, long ones announced.
 
-Bytes were measured in float64 for IPOPT with MUMPS; they distinguish a hundred megabytes from a
-hundred gigabytes.
+Bytes were measured in float64 for IPOPT with MUMPS. The estimates are coarse, but tell a hundred
+megabytes from a hundred gigabytes.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ BYTES_PER_SQUARE = 90.0
 (half-cheetah) by direct transcription; by 178 kB for 18 (push-disc with feedback, 20 to 120
 scenarios). Single shooting takes more."""
 SECONDS_PER_BYTE = 5e-10
-"""Seconds of an iteration per byte of the solve's memory, to distinguish a minute from an hour."""
+"""Seconds of an iteration per byte of the solve's memory, precise enough to tell a minute from an hour."""
 SOLVE_ITERATIONS = 200
 """Assumed number of iterations of a solve in estimates of time."""
 STAGE_ITERATIONS = 2
@@ -36,7 +36,7 @@ STAGE_ITERATIONS = 2
 FOLLOWED = 0.1
 """Time of one point of a parameter continuation, as a share of the time of a solve."""
 BYTES_PER_POINT = 1e5
-"""Bytes kept of a solved point in addition to its trajectories, mostly labels."""
+"""Bytes of memory of a solved point in addition to its trajectories, mostly for labels."""
 _ARRAYS = 4
 """Number of copies of large arrays that are in memory at once."""
 STUDY = 2e6
@@ -107,7 +107,7 @@ def solve_seconds(
 def points_memory(problem: Problem, count: float, longer: float = 1.0) -> float:
     """Return the bytes of ``count`` solved points: plan, replay and referee's replay of each.
 
-    The longest has ``longer`` times the steps and scenarios of ``problem``.
+    The longest of them has ``longer`` times the steps and scenarios of ``problem``.
     """
     numbers = problem.N * problem.scenarios.n * stage_size(problem) * longer
     return count * (BYTES_PER_POINT + _ARRAYS * 8.0 * numbers)

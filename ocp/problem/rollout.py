@@ -63,7 +63,7 @@ class Rollout:
     def from_trajectories(
         cls, evaluation: Evaluation, step: Step, x: np.ndarray, u: np.ndarray, lam: np.ndarray, gap: np.ndarray
     ) -> Rollout:
-        """Return trajectories of a closed step as a rollout, with the problem's impulses and costs."""
+        """Return trajectories of ``step`` as a rollout, with the problem's impulses and costs."""
         impulses = problem_impulses(evaluation, step, x, u, lam)
         return cls(x, u, lam, gap, impulses, evaluation.trajectory_costs(x, u, impulses))
 
@@ -112,12 +112,11 @@ def roll_out(
 ) -> Rollout:
     """Return the rollout of ``inputs`` (S or 1, N, nu), or gains, under the law ``contact``, by default the exact one.
 
-    ``values`` is a dict from parameters to values; a law uses its own settings, a closed step the law's
-    parameters in ``values``. ``x0`` (S, nx) are initial states, by default the problem's scenarios;
-    inputs from gains are clipped to the bounds on u, as an actuator would.
+    ``values`` is a dict from parameters to values. A law is used with its own settings, a step with the
+    parameters of its law in ``values``. ``x0`` (S, nx) are initial states, by default the problem's
+    scenarios. Inputs from gains are clipped to the bounds on u, as an actuator would clip them.
 
-    Raises :class:`~ocp.errors.NotConverged`, naming contact, step and scenario, where the step's
-    path could not be followed to its end.
+    Raises :class:`~ocp.errors.NotConverged`, naming contact, step and scenario, where a step was not solved.
     """
     rolled, unsolved = roll_on(Evaluation(problem, values), inputs, contact, x0)
     if unsolved is not None:
@@ -133,11 +132,11 @@ def roll_on(
     substeps: int = 1,
     first: int = 0,
 ) -> tuple[Rollout, Unsolved | None]:
-    """Return the rollout of :func:`roll_out`, and the first step that was not solved instead of raising.
+    """Return the rollout of :func:`roll_out`, and the first step that was not solved, without raising an error.
 
-    A closed step may be that of another system with the same states, inputs and parameters as the
-    problem's, such as its ``most_exact``. A scenario whose step was not solved is NaN from the next
-    node on, and so is its cost; the first such step is returned, None where there is none.
+    A step may belong to another system with the same states, inputs and parameters as the problem's
+    system, such as its ``most_exact``. A scenario whose step was not solved is NaN from the next node
+    on, and so is its cost. The second result is None where every step was solved.
 
     With ``substeps`` every input, or the policy's input at a node, is held over that many steps; the
     rollout has the states at the problem's nodes, and between two nodes the sum of lam and the last gap.
@@ -204,8 +203,8 @@ def _roll_inputs(
     """Return the results of inputs u (S, K, nu), each held for ``count`` steps, from states x (S, nx).
 
     For each input these are the state after its steps (S, K, nx), the sum of lam and the last gap
-    (S, K, n), and the largest error of its steps (S, K, n). The error is infinite where a state is
-    NaN: a single contact, solved in closed form, has no error of its own.
+    (S, K, n), and the largest error of its steps (S, K, n). The error is set to infinity where a state
+    is NaN, since the closed-form solution of a single contact reports none.
     """
     S, K = u.shape[:2]
     rolled = step.solve.map(S).mapaccum(K * count)

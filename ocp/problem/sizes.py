@@ -26,16 +26,17 @@ DIFFERENCE_ROUNDING = 1e-12
 def derive_sizes(problem: Problem, x: np.ndarray | None = None) -> Scales:
     """Return the characteristic sizes of a problem, in SI, derived at its own parameter values.
 
-    Those of states are ``x`` (nx,) if that is given.
+    If ``x`` (nx,) is given, these are the sizes of the states.
 
     A state's size is the largest of: how far the guess and its exact rollout move it from x0, and
     how far away the goal is, by one Newton step on each cost and on each terminal constraint that
-    x0 violates. States of one unit share the largest. The size of a velocity is at least that of its
-    position over the horizon; a position without size has what its velocity covers. Where nothing
-    moves, the change that moves gaps as much as other states do counts, then bounds, then x0. An
-    input's size is half the width of its bounds, or what moves a state by its size within the
-    horizon, or else one Newton step of the stage cost. An impulse's size changes a state by its size;
-    a gap's is :data:`GAP_SHARE` of its change as states move by theirs.
+    x0 violates. States of one unit share the largest size. The size of a velocity is at least the size
+    of its position over the horizon; a position without size gets the distance that its velocity
+    covers. A state that still has no size gets the change that moves gaps as much as other states do,
+    or else the distance to its bounds, or else x0. An input's size is half the width of its bounds, or
+    the input that moves a state by its size within the horizon, or else one Newton step of the stage
+    cost. An impulse's size changes a state by the state's size; a gap's size is :data:`GAP_SHARE` of
+    its change as states move by their sizes.
     """
     data = _Data(problem)
     x = data.state_sizes() if x is None else x
@@ -72,8 +73,8 @@ def doubtful_sizes(problem: Problem) -> list[str]:
 def gap_changes(problem: Problem, x_sizes: np.ndarray) -> np.ndarray:
     """Return the first-order change (nlam,) of each gap as states move by ``x_sizes``.
 
-    It is the larger one of those with the state and with the next state, at x0; NaN for pairs whose
-    gap is neither the distance of a contact nor that to a joint limit.
+    It is the larger of the changes by the state and by the next state, at x0; NaN for pairs whose gap
+    is neither the distance of a contact nor the distance to a joint limit.
     """
     return _Data(problem).gap_changes(x_sizes)
 
@@ -236,19 +237,19 @@ class _Data:
         return np.abs(change)
 
     def _units(self) -> list[np.ndarray]:
-        """Return a mask (nx,) of the states of each unit."""
+        """Return a list with one mask (nx,) for every unit, which selects the states of that unit."""
         units = np.array([signal.unit for signal in self.system.states])
         return [units == unit for unit in dict.fromkeys(units)]
 
     def _by_unit(self, sizes: np.ndarray) -> np.ndarray:
-        """Return sizes (nx,) in which every state has the largest of its unit."""
+        """Return sizes (nx,) in which every state has the largest of the ``sizes`` of its unit."""
         shared = np.zeros_like(sizes)
         for rows in self._units():
             shared[rows] = sizes[rows].max()
         return shared
 
     def _linked(self, sizes: np.ndarray) -> np.ndarray:
-        """Return sizes (nx,) of which velocities cover positions in the horizon; positions of size 0 get one."""
+        """Return sizes (nx,) in which velocities cover positions in the horizon, and no moving position has size 0."""
         linked = sizes.copy()
         for i, of_position in enumerate(self.dimensions):
             for j, of_velocity in enumerate(self.dimensions):

@@ -154,7 +154,7 @@ def _numbers(place: str, value: Any) -> np.ndarray:
 
 
 def _completed(evaluation: Evaluation, marks: np.ndarray, guess: np.ndarray) -> np.ndarray:
-    """Return states (N+1, nx): marks interpolated from the start on, the last one held, and others that match them."""
+    """Return states (N+1, nx): marks, interpolated from the start and held after the last, and states that fit them."""
     states, is_marked = np.array(guess, dtype=float), ~np.isnan(marks)
     is_marked[0] |= is_marked.any(axis=0)
     values, steps = np.where(np.isnan(marks), guess, marks), np.arange(len(marks))

@@ -43,7 +43,7 @@ def summary(problem: Any) -> str:
 
 
 def _within(values: Iterable[str]) -> str:
-    """Return the values on one line; of more than fit, the first ones and the number of all."""
+    """Return the values on one line; if they do not fit, the first ones and the total number."""
     values, shown_values = list(values), list[str]()
     for value in values:
         if len(", ".join([*shown_values, value])) > _WIDTH - 30:

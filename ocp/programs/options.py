@@ -18,7 +18,7 @@ LOOSEST = {
     **dict.fromkeys(("constr_viol_tol", "acceptable_constr_viol_tol", "compl_inf_tol"), 1e-6),
     **dict.fromkeys(("feas_tol", "slack_tol", "primal_tolerance"), 1e-6),
 }
-"""Maximum tolerances: for constraints that of the audit, for optimality that of the certificate."""
+"""Maximum tolerances that a user may set: for constraints the audit's, for optimality the certificate's."""
 _UNO = {
     **dict.fromkeys(("primal_tolerance", "dual_tolerance", "time_limit"), "real"),
     **dict.fromkeys(("loose_primal_tolerance", "loose_dual_tolerance"), "real"),
@@ -55,7 +55,7 @@ INTERFACE: dict[str, dict[str, Setting]] = {
 
 
 def documented(solver: str) -> dict[str, Setting]:
-    """Return the known options of a solver: those that IPOPT documents, or the names of Uno's.
+    """Return the known options of a solver: those that IPOPT documents, or those of Uno by their names alone.
 
     It is empty for fatrop and SLEQP, whose options are probed.
     """

@@ -43,10 +43,10 @@ class PairName:
 class Program(ABC):
     """``min f(x, p)`` subject to ``g_lower <= g(x, p) <= g_upper``, bounds, ``0 <= G ⟂ H >= 0``.
 
-    G and H are entries of x at the indices ``pairs`` (2, m). ``reformulation`` is how the pairs are
-    constraints: "product", rows ``G H - mu`` of the block "contact"; "none", no rows, for fixed active
-    sets or a penalty on G H; "fischer-burmeister", ``G + H - sqrt(G² + H² + 2 t)``; "lin-fukushima",
-    ``G H - t²``, with ``(G + t)(H + t) - t²`` in the block "separation"; t is ``relaxation``.
+    G and H are entries of x at the indices ``pairs`` (2, m). ``reformulation`` says which rows the pairs
+    have in the block "contact": "product", ``G H - mu``; "none", no rows, for fixed active sets or a
+    penalty on G H; "fischer-burmeister", ``G + H - sqrt(G² + H² + 2 t)``; "lin-fukushima", ``G H - t²``,
+    with ``(G + t)(H + t) - t²`` in the block "separation"; t is the parameter ``relaxation``.
 
     ``f_g`` maps (x, p) to (f, g); ``gradient`` to (f, df/dx); ``jacobian`` to (g, dg/dx);
     ``hessian`` maps (x, p, lam_f, lam_g) to the upper triangle of the Lagrangian's Hessian. x is
@@ -171,7 +171,7 @@ class Program(ABC):
         return sp.csr_matrix(sp.diags(sizes) @ (upper + sp.triu(upper, 1).T) @ sp.diags(sizes))
 
     def active_sets(self, x: np.ndarray) -> list[np.ndarray]:
-        """Return guesses, masks (m,), of the pairs whose second member is zero near x."""
+        """Return guesses of the active set near x, each a mask (m,) of the pairs whose second member is zero."""
         first, second = x[self.pairs] / self.sizes(x)[self.pairs]
         return [first > second]
 

@@ -143,7 +143,7 @@ class Solver:
         self.on_result: Callable[[Program, Result], None] | None = None
 
     def run(self, nlp: Program, start: Point, p: np.ndarray, bounds: dict[str, np.ndarray], **overrides: Any) -> Result:
-        """Solve ``nlp`` from ``start``; IPOPT uses its multipliers where ``warm_start_init_point`` is set."""
+        """Solve ``nlp`` from ``start``; IPOPT uses the start's multipliers where ``warm_start_init_point`` is set."""
         function = self._solver_function(nlp, overrides)
         _check_bounds(nlp, bounds)
         scaled = Scaled(nlp)

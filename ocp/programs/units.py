@@ -1,7 +1,7 @@
 """Units of mass, length, time and cost that fit the numbers of a problem.
 
-A problem's characteristic sizes are stated at its default parameters. At others, for example those of
-the same problem in other units, they are multiplied by natural units fitted to the parameters' changes.
+A problem's characteristic sizes are stated at its default parameters. At other parameters, for example
+where they are given in other units, the sizes are multiplied by natural units fitted to the changes.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ DIMENSIONS = {
     **dict.fromkeys(("km", "cm", "mm", "um", "nm", "ft", "in"), (0, 1, 0)),
     **dict.fromkeys(("ms", "us"), (0, 0, 1)),
 }
-"""Exponents of kg, m and s in the units that others are products of. A problem uses one unit of each kind."""
+"""Exponents of kg, m and s in basic units, of which other units are products. A problem uses one unit of each kind."""
 SMOOTHING = 1e-3
 """Logarithm of a ratio below which its absolute value is smoothed."""
 REWEIGHTINGS = 60
@@ -36,7 +36,7 @@ REWEIGHTINGS = 60
 SLIGHT_CHANGE = 0.05
 """Logarithm of a ratio below which a parameter counts as unchanged."""
 COST_UNIT_VOTE = 0.75
-"""Weight of the equation "the cost keeps its unit", so that a change of one weight of two is no change of unit."""
+"""Weight of the equation "the cost keeps its unit", so that changing one of two weights does not change the unit."""
 
 
 def dimension(unit: str) -> np.ndarray | None:
@@ -65,7 +65,7 @@ class Units:
     cost: float = 1.0
 
     def of(self, unit: str) -> float:
-        """Return the natural unit of this kind as a multiple of ``unit``; 1 for an unknown one."""
+        """Return the natural unit with the dimension of ``unit``, as a multiple of it; 1 for an unknown unit."""
         exponents = dimension(unit)
         if exponents is None:
             return 1.0
@@ -82,11 +82,12 @@ SI = Units()
 
 
 def fit_units(changes: Iterable[tuple[str, float, bool]]) -> Units:
-    """Return natural units fitted to (unit, ratio to the default, whether it weights the cost) of parameters.
+    """Return natural units fitted to ``changes``.
 
-    ``min over c of sum_i |log ratio_i - e_i' c|``, e_i the exponents of the unit (and that of the
-    cost, 1 for a weight), smoothed at 1e-3 and solved by reweighted least squares, then by least
-    squares over the parameters that it fits. A change of units is fitted exactly even where a few
+    Each change is a parameter's unit, the ratio of its value to the default, and whether it weights the
+    cost. The fit is ``min over c of sum_i |log ratio_i - e_i' c|`` with the exponents e_i of the unit
+    (and of the cost, 1 for a weight), smoothed at 1e-3 and solved by reweighted least squares, then by
+    least squares over the parameters that fit. A change of units is fitted exactly even where a few
     parameters changed in addition. Units that all differ by less than 5 % from SI are SI.
     """
     known_changes = [(dimension(unit), weighs, ratio) for unit, ratio, weighs in changes if ratio > 0]
@@ -177,7 +178,7 @@ def _measure_pass(
 
 
 def _medians(group: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
-    """Return the median of the values in each of ``count`` groups, the upper of two; 1 for an empty group."""
+    """Return the median of the values in each of ``count`` groups, the larger of two middle ones; 1 if it is empty."""
     order = np.lexsort((values, group))
     sizes = np.bincount(group, minlength=count)
     middle = np.cumsum(sizes) - sizes + sizes // 2

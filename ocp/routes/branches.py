@@ -23,7 +23,7 @@ NEIGHBOUR = "neighbour"
 MAX_BRANCH_ITERATIONS = 300
 """Iteration limit of one branch."""
 SECOND_GUESS_FACTOR = 2
-"""Iteration limit of a second guess of the active set, as a multiple of the first's."""
+"""Iteration limit of a second guess of the active set, as a multiple of the iterations that the first guess took."""
 MIN_SECOND_GUESS = 64
 """Minimum iteration limit of a second guess of the active set."""
 MAX_SIDE_CHANGES = 8
@@ -84,12 +84,13 @@ class Branches:
     def solve_branch(self, start: Point, iteration_limit: int = MAX_BRANCH_ITERATIONS) -> Result | None:
         """Solve the branch nearest to a point, then neighbouring branches while these cost less.
 
-        A pair near (0, 0) is on the side of its larger member in characteristic sizes; if its
-        multiplier indicates the other side, it is moved there and the program is solved again. For
-        several guesses of the active set the cheapest result is returned, None without any.
+        In a pair near (0, 0) the member that is smaller in characteristic sizes is held at zero; if the
+        multiplier indicates that the cost falls as it grows, the other member is held instead and the
+        program is solved again. Of several guesses of the active set the cheapest result is returned,
+        None where no guess is solved.
 
-        The last guess is tried first. Once one is solved, the iteration limit of others is twice its
-        longest branch, since a branch without a feasible point nearby does not converge.
+        The last guess is tried first. Once a guess is solved, the iteration limit of the others is twice
+        that of its longest branch, since a branch without a feasible point nearby does not converge.
         """
         results: list[Result] = []
         for active in reversed(self.program.active_sets(start.x)):

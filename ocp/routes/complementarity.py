@@ -19,12 +19,12 @@ from ocp.routes.schedules import MAX_FAILURES, distant_schedules, improve
 
 @dataclass(frozen=True)
 class RelaxationPlan:
-    """The strategy that relaxes the pairs, its first ``mu`` in natural units, its start, and further attempts.
+    """Plan of a relaxation: its strategy, the first ``mu`` in natural units, the start, and further attempts.
 
-    ``fallback`` is the strategy to use where no branch is solved. ``rolls`` roll out inputs, and the
-    branches of these rollouts are solved (:mod:`~ocp.routes.schedules`): a few after a path that was
-    easy to follow, else many, and then ``alternatives`` are followed from the same start. Where
-    few inputs act, rollouts cover their whole range instead. The cheapest of all results is taken.
+    ``fallback`` is the strategy to use where no branch is solved. ``rolls`` makes rollouts of inputs,
+    whose branches are solved too (:mod:`~ocp.routes.schedules`): a few after a path that was easy to
+    follow, many after a hard one, for which ``alternatives`` are also followed from the same start.
+    Where few inputs act, rollouts cover their whole range instead. The cheapest of all results is taken.
     """
 
     strategy: Strategy

@@ -104,11 +104,11 @@ class Trace:
 
 @dataclass(frozen=True)
 class RouteResult:
-    """Outcome of a route: the result and its NLP, the table, and whether it reached its end.
+    """Outcome of a route: the result and its NLP, the table of stages, and whether the route reached its end.
 
-    ``nlp`` is the :class:`~ocp.programs.program.Program` in whose variables the result is.
-    ``on_branch`` is the same plan in the complementarity problem's variables, None without one.
-    ``route`` is the name of the route in :mod:`ocp.routes.table`, if it was one.
+    ``nlp`` is the :class:`~ocp.programs.program.Program` in whose variables the result is given.
+    ``on_branch`` is the same plan in the complementarity problem's variables, None if it was not solved.
+    ``route`` is the name of the route in :mod:`ocp.routes.table`, "" for other outcomes.
     """
 
     result: Result
@@ -279,7 +279,7 @@ COST_GAIN = 1e-7
 
 
 def lower(candidate: Result, incumbent: Result, margin: float = COST_GAIN) -> bool:
-    """Whether the candidate's cost is lower than the incumbent's by more than ``margin``, a share of it."""
+    """Whether the candidate's cost is below the incumbent's by more than the share ``margin`` of the incumbent's."""
     return candidate.f < incumbent.f - margin * abs(incumbent.f)
 
 

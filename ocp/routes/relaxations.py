@@ -38,7 +38,7 @@ T_LOOSE = 1e-4
 
 
 class Strategy(Protocol):
-    """A strategy: paths that are followed one after the other, from ``mu``, characteristic impulse times gap."""
+    """Strategy of a relaxation: paths to follow one after the other, from ``mu``, characteristic impulse times gap."""
 
     def paths(self, mu: float) -> list[HomotopyPath]:
         """Return the paths, easiest first."""
@@ -60,10 +60,10 @@ def relaxed(t: float, options: dict[str, Any]) -> HomotopyStage:
 class CentralPath:
     """Strategy ``lam gap = t`` with t falling fast, in inexact stages, until the active set is identified.
 
-    Every stage is a point on the central path, so that all contacts have forces in the first ones; the
-    polish makes the end exact. Where it cannot, :meth:`extend` continues the path. With ``start_below``
-    the first stage is ``lam gap <= t``, which halves its iterations from a cold start on systems with
-    many contacts.
+    Every stage is a point on the central path, so that all contacts have forces in the first stages;
+    polishing makes the last point exact. Where this fails, :meth:`extend` continues the path. With
+    ``start_below`` the first stage is ``lam gap <= t``, which halves its iterations from a cold start on
+    systems with many contacts.
 
     Below the path IPOPT's barrier acts on every product of every step, while a cost is mostly terminal
     or a mean. Beyond sixty ``steps`` the barrier is reduced in proportion to their inverse, or it would
@@ -272,8 +272,8 @@ def from_exact(
     The path from a wide law may end in a worse minimum with another contact schedule; the exact solution
     is then the better start. Pairs are moved onto the central path of the law's mu. The solver starts
     with a low, then with a high barrier parameter, since a high one leaves the neighbourhood of a small
-    cost. So would the usual push off the bounds by a hundredth of a unit, which moves small impulses
-    above the path. Returns None where neither converges.
+    cost. The usual push off the bounds, by a hundredth of a unit, is reduced, since it would also leave
+    it by moving small impulses above the path. Returns None where neither converges.
     """
     x = x.copy()
     if program.pairs.size:

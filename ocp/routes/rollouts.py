@@ -29,7 +29,7 @@ _NEIGHBOURHOOD_RADII = 2.0, 0.7, 0.25
 
 @dataclass(frozen=True)
 class RolloutStarts:
-    """Starting points of a program, made by rolling out inputs from the initial state of a ``guess``."""
+    """Generator of starting points of a program: rollouts of inputs from the initial state of a ``guess``."""
 
     evaluation: Evaluation
     step: Step
@@ -43,10 +43,11 @@ class RolloutStarts:
     def around(self, program: Program, plan_points: Sequence[Point], count: int) -> list[Point]:
         """Return rolled-out plans around the guess and ``plan_points``, the cheapest first, one for each schedule.
 
-        There are ``count`` around each: itself, and others that add to every input a constant and two
-        cosines of up to one period over the horizon, since noise of single steps averages out. Their
-        size is log-uniform from 0.03 to 3 characteristic units, seed 0; inputs are clipped to their
-        bounds. Inputs that do not act are unchanged: their cost would hide that of the motion.
+        There are ``count`` plans around each: the plan itself, and others that add to every input a
+        constant and two cosines of up to one period over the horizon, since noise of single steps averages
+        out. The size of these terms is log-uniform from 0.03 to 3 characteristic units, seed 0; inputs are
+        clipped to their bounds. Inputs that do not act stay as they are, since their cost would hide that
+        of the motion.
         """
         sizes, N = self.problem.scales, self.problem.N
         rng, (log_smallest, log_largest) = np.random.default_rng(0), np.log(_NOISE_SIZES)
@@ -62,10 +63,10 @@ class RolloutStarts:
     def sample_range(self, program: Program, count: int, centres: int, n_neighbours: int) -> list[Point]:
         """Return rolled-out plans whose acting inputs cover their range, the cheapest first, one for each schedule.
 
-        First ``count`` plans over the range, then ``n_neighbours`` around each of ``centres`` plans, the
-        cheapest of distinct schedules, three times with shrinking radii, since a valley may be narrower
-        than the distance of two plans. Without a bound the range ends three characteristic units from
-        the guess.
+        First ``count`` plans over the range are rolled out, then ``n_neighbours`` plans around each of the
+        ``centres`` cheapest plans of distinct schedules. The second part is done three times with shrinking
+        radii, since a valley of the cost may be narrower than the distance of two plans. Without a bound
+        the range ends three characteristic units from the guess.
         """
         u, half_range = self.guess[1], _NOISE_SIZES[1] * self.problem.scales.u
         lower, upper = self._bounds
@@ -174,11 +175,11 @@ def pack_rollout(nlp: Program, plan: Rollout, gains: Gains | None) -> np.ndarray
 
 @dataclass(frozen=True)
 class RolloutPolish:
-    """Polish of plans: they are rolled out in ``target``, and their branches solved in ``direct``.
+    """Polisher of plans, which rolls them out in ``target`` and solves their branches in ``direct``.
 
     A smoothed optimum differs from the exact one by the order of the square root of the last mu. Hence
-    the rolled-out point is written into ``direct``, its contacts are fixed and the rest is solved by
-    ``follower`` (:func:`~ocp.routes.branches.polish`).
+    the rolled-out point is written into ``direct``, its contacts are fixed, and ``follower`` solves for
+    the other variables (:func:`~ocp.routes.branches.polish`).
     """
 
     target: NLP
@@ -189,10 +190,10 @@ class RolloutPolish:
     def polish(self, source: NLP, plan: Result) -> tuple[Result, Result | None]:
         """Roll out a plan of ``source`` under the exact ``step``, solve its branch; return (rollout, branch result).
 
-        The rollout is that of the branch result's inputs where these cost no more; otherwise it is that
-        of the plan, and the branch result is None. Contacts of the branch result are exactly open or
-        closed, those of a rollout only to the step solver's tolerance. A plan that was solved in
-        ``direct`` is on a branch already.
+        The rollout uses the branch result's inputs where these cost no more than the plan's; otherwise it
+        uses the plan's inputs, and the branch result is None. Contacts of the branch result are exactly
+        open or closed, those of a rollout only to the step solver's tolerance. A plan that was solved in
+        ``direct`` is already on a branch.
         """
         rolled_out, direct_point = self._rolled_out(source, plan.point.x)
         if source is self.direct and plan.ok:

@@ -30,7 +30,7 @@ MAX_FAILURES = 20
 
 @dataclass(frozen=True)
 class ScheduleMove:
-    """Move of contact number ``run`` of a chain of pairs: it begins and ends so many steps later."""
+    """Move of contact number ``run`` of a chain of pairs, by ``begins`` steps at its begin and ``ends`` at its end."""
 
     chain: int
     run: int
@@ -60,10 +60,10 @@ def improve_schedule(branches: Branches, best: Result, max_failures: int = MAX_F
     """Exchange a schedule for a neighbour that costs less, until none does, and return the best result.
 
     On a time grid every instant of a contact is a separate local minimum: the pairs of adjacent steps
-    are far from (0, 0), so that no first-order descent leads there, whatever the trust region. Hence
-    single pairs change sides, runs of active pairs are moved by a step, and the branch is solved again:
-    first twice the last successful move, then moves in the order of the gains that multipliers predict
-    (:func:`predicted_gains`), until ``max_failures`` in a row do not cost less.
+    are far from (0, 0), so that no first-order descent shifts a contact, whatever the trust region. Hence
+    single pairs change sides, or runs of active pairs are moved by a step, and the branch is solved again.
+    The first move tried is twice the last successful one; others follow in the order of the gains that
+    multipliers predict (:func:`predicted_gains`), until ``max_failures`` in a row do not reduce the cost.
     """
     program, trace = branches.program, branches.follower.trace
     iteration_limit = trace.iterations + min(SEARCH_ITERATIONS, SEARCH_WORK // max(program.pairs.shape[1], 1))
@@ -148,7 +148,7 @@ def runs(held: np.ndarray) -> list[tuple[int, int]]:
 _MAX_DISTANT_BRANCHES = 8
 """Maximum number of branches solved for distant schedules."""
 _DISTANT_ITERATIONS = 128
-"""Iteration limit of such a branch, which has a feasible point nearby or often none."""
+"""Iteration limit of the branch of a distant schedule, which has a feasible point nearby or often none at all."""
 _MIN_SCHEDULE_DISTANCE = 0.125
 """Distance of two schedules (:func:`apart`) above which they are distinct."""
 _FEASIBLE = 1e-6
@@ -160,9 +160,10 @@ def distant_schedules(
 ) -> list[Result]:
     """Return results on the branches of the cheapest feasible ``points``, one for each distinct schedule.
 
-    A contact event some steps earlier or later, or an additional one, gives another local minimum, often
-    one that no exchange of neighbours reaches. A point must cost less than ``cost_limit``; where that is
-    infinite, infeasible points follow the others, so that ``max_branches`` branches are solved if possible.
+    A contact event some steps earlier or later, or an additional event, gives another local minimum, which
+    often no exchange of neighbouring schedules reaches. A point must cost less than ``cost_limit``; where
+    this limit is infinite, infeasible points are tried after the feasible ones, so that ``max_branches``
+    branches are solved if possible.
     """
     program, solved_schedules, polished = branches.program, [], []
     for point in _usable_points(branches, points, cost_limit):

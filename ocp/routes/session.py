@@ -30,7 +30,7 @@ from ocp.transcription.nlp import NLP, StageCompiler
 logger = logging.getLogger(__name__)
 
 Effort = Literal["quick", "normal", "thorough"]
-"""Work beyond the usual route: none, samples while they improve, or samples under two laws and other routes."""
+"""Work in addition to the usual route: none; sampled plans; or sampled plans under two laws, and other routes."""
 DEFAULT_EFFORT: Effort = "normal"
 """Effort of a single solve; those of a sweep are quick."""
 
@@ -205,8 +205,8 @@ class Session:
     def first_point(self, nlp: NLP, guess: InitialGuess | None = None) -> Point:
         """Return a starting point of the NLP from guessed trajectories, with multipliers and gaps.
 
-        Multipliers and gaps start on the central path of the homotopy's first mu, each gap at its
-        contact-free value where that is open.
+        Multipliers and gaps start on the central path of the homotopy's first mu. Each gap is the one
+        without contact forces where this is positive.
         """
         X, U = guess if guess is not None else self.evaluation.initial_guess
         blocks: dict[str, np.ndarray] = {"x0": X[None, :1], "x": X[None, 1:], "u": U[None]}

@@ -56,7 +56,7 @@ class Start:
 
 
 class Route(ABC):
-    """A route that solves a session's problem by reduction to another: ``accepts``, ``apply``, ``invert``."""
+    """Route that solves a session's problem by reduction to another problem, and converts the result back."""
 
     name: ClassVar[str]
 

@@ -25,7 +25,7 @@ _NEAR = 8
 
 
 class NearSteps:
-    """Steps ``x_next = step(x, u)`` under the exact law, from states (S, nx) and inputs (S, nu).
+    """Solver of steps ``x_next = step(x, u)`` under the exact law, from states (S, nx) and inputs (S, nu).
 
     Impulses act only at the :data:`_NEAR` contacts nearest in each state, and between bodies and
     tables. Their pairs ``0 <= lam ⟂ gap(x_next, lam) >= 0`` are linearised at the last x_next and

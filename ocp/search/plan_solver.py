@@ -1,4 +1,4 @@
-"""Answers near rollouts: a plan is solved with its contacts fixed (on its branch), then on neighbouring branches."""
+"""Solutions near rollouts: a plan is solved on its branch, with its contacts fixed, then on neighbouring branches."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from ocp.solution import Solution
 ITERATIONS = 100
 """Maximum number of solver iterations on a plan's branch."""
 REPLAYS = 3
-"""Maximum number of branches solved for a plan, each after the first from the replay of the last."""
+"""Maximum number of branches solved for a plan; each after the first is solved from the replay of the previous one."""
 SAME_STATES = 1e-3
 """Largest difference of states, in characteristic sizes, at which a replay agrees with its plan."""
 
@@ -40,8 +40,8 @@ class PlanSolver:
     """Solver of a session's problem near given rollouts.
 
     ``roll_out`` maps inputs (N, nu) to their rollout, or to None where a step is not solved.
-    ``route`` names the outcomes. Under the exact law only plans that cost less than ``cost_limit`` are judged;
-    ``tried`` lists all plans.
+    ``route`` is the name of the route in reports. Under the exact law only plans that cost less than ``cost_limit``
+    are judged; ``tried`` lists all plans.
     """
 
     session: Session
@@ -95,7 +95,7 @@ class PlanSolver:
     def _settle(self, branches: Branches, plan: Rollout) -> tuple[Result | None, float]:
         """Return the answer on a plan's branch and the largest difference of its replay's states, in their sizes.
 
-        Where they differ, the replay's branch is solved instead. The answer is None where the first has none.
+        Where states differ, the replay's branch is solved next. The answer is None where the first branch has none.
         """
         settled, program = None, branches.program
         for _ in range(REPLAYS):

@@ -1,4 +1,4 @@
-"""Search by a tree over pushes, which needs no guess; each plan is solved on its own branch."""
+"""Search by a tree over pushes, which needs no guess; each plan is then solved with its contacts fixed."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class PushSearch(Search):
     def replacements(self) -> Iterable[Solution]:
         """Yield answers that replace the usual route where the search is chosen, and in scenes of many corners.
 
-        Relaxations of so many pairs take minutes, and end in the nearest local minimum.
+        In such scenes relaxations of the many pairs take minutes, and end in the nearest local minimum.
         """
         return self._answers(None) if self._goes_first else ()
 
@@ -62,9 +62,10 @@ class PushSearch(Search):
     def _answers(self, answer: Solution | None) -> Iterator[Solution]:
         """Yield the usual route's answer to the swept problem, then the answers of pushes.
 
-        The route starts at ``answer``. It is left out where ``answer`` passes through nothing, and without one in a
-        scene of many corners. Pushes are left out where a swept answer from ``answer`` does not fall short. Under a
-        law other than the exact one, or another method, their plans are guesses of the law's own route.
+        The route starts at ``answer``. It is left out where ``answer`` does not penetrate bodies between nodes, and,
+        without an ``answer``, in a scene of many corners. Pushes are left out where the solution that starts at
+        ``answer`` does not fall short. Under a law other than the exact one, or with another method, the plans of
+        pushes are guesses for the law's own route.
         """
         swept, few = as_swept(self.session), self.session.problem.system.nlam <= _MANY
         moving = answer is not None and answer.status is not Status.NO_PROGRESS and penetrates_between_nodes(answer)

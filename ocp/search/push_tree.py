@@ -25,7 +25,7 @@ _ROUNDS, _BEAM = 4, 8
 _TOUCHES, _PUSHES = 12, 4
 """Maximum number of points of a contact touched from a state, and number of pushes at each."""
 _STOPS, _ALONG = 40, 12
-"""Number of random stops that paths may pass, and of checks for collision along the line between two."""
+"""Number of random stops that paths may include, and of checks for collision along the line between two stops."""
 _REACH = 3.0
 """Longest push, and half the width of the region where points to touch are drawn, in characteristic sizes."""
 _NEWTON = 6
@@ -36,7 +36,7 @@ _CLEAR, _TOUCHED = 0.02, 1e-3
 
 @dataclass(frozen=True)
 class Node:
-    """First k steps of a plan: states (k+1, nx), inputs (k, nu), cost, and the cost if all then stands still."""
+    """First k steps of a plan: states (k+1, nx), inputs (k, nu), cost, and the cost if nothing moves after them."""
 
     x: np.ndarray
     u: np.ndarray
@@ -109,7 +109,7 @@ class TouchSearch:
         return Node(x0[None], np.zeros((0, u_before.size)), 0.0, resting)
 
     def rounds(self, rounds: int = _ROUNDS) -> Iterator[list[Node]]:
-        """Yield after every round the best plans so far, the cheapest first with their last inputs held."""
+        """Yield after every round the best plans so far, in the order of their costs if nothing moves after them."""
         beam = [self.first()]
         pushed_nodes = list(beam)
         for _ in range(rounds):
@@ -147,7 +147,7 @@ class TouchSearch:
         return self.problem.system.nu
 
     def _ways(self, x: np.ndarray, before: np.ndarray) -> list[np.ndarray]:
-        """Return polylines (n, nu) of commands: around the bodies to a point on one, and into it."""
+        """Return polylines (n, nu) of commanded positions: each leads to a point on a body, and then pushes it."""
         polylines = []
         for contact, coordinates in self._pressed:
             points = self._touching(x, contact, coordinates)
@@ -176,7 +176,7 @@ class TouchSearch:
         return np.clip(point + length * polyline, *self._bounds)
 
     def _touching(self, x: np.ndarray, contact: int, own: np.ndarray) -> np.ndarray:
-        """Return positions (n, nu) of the pushers where ``contact`` touches, by Newton's method from random ones."""
+        """Return pusher positions (n, nu) at which ``contact`` closes, by Newton's method from random guesses."""
         sizes, nu = self.problem.scales, self._nu
         touch_states = np.repeat(x[None], 4 * _TOUCHES, axis=0)
         sampled_places = self.rng.uniform(-_REACH, _REACH, (len(touch_states), len(own)))
@@ -201,7 +201,7 @@ class TouchSearch:
             states[:, places] -= (gap / size)[:, None] * slope
 
     def _paths(self, x: np.ndarray, coordinates: np.ndarray, goals: np.ndarray) -> list[list[np.ndarray] | None]:
-        """Return a pusher's shortest collision-free path from x to each goal, by random stops; None without one."""
+        """Return a pusher's shortest collision-free path via random stops to each goal; None if there is no path."""
         nu, sizes = self._nu, self.problem.scales
         middle = np.vstack([x[-nu:], goals])
         low, high = middle.min(axis=0), middle.max(axis=0)

@@ -36,7 +36,7 @@ class Search(ABC):
 
     @abstractmethod
     def wanted(self, solution: Solution) -> bool:
-        """Return whether to search after the best ``solution`` so far."""
+        """Return whether to search further when ``solution`` is the best one so far."""
 
     @abstractmethod
     def solutions(self, answer: Solution) -> Iterator[Solution]:

@@ -37,10 +37,10 @@ class Mjcf(NamedTuple):
 def write_mjcf(mechanism: Mechanism, number: _Number, friction: Mapping[str, float]) -> Mjcf:
     """Return a machine as MJCF; ``friction`` maps contacts to coefficients, other contacts are frictionless.
 
-    ``number`` evaluates its entries. Links of the plane rotate about +y, as in the machine; their
-    discs become spheres, their boxes are deep, and a ``free`` one has two slides and a hinge. A
-    massless body that only carries another one is merged into that one, which has the joints of
-    both. MuJoCo has the pairs that may touch in the machine; parts in no pair are left out.
+    ``number`` evaluates the machine's entries. Links of the plane rotate about +y, as in the machine;
+    their discs become spheres, their boxes get a depth, and a ``free`` link has two slides and a hinge.
+    A massless body that only carries another body is merged into it, which then has the joints of
+    both. Only pairs that may touch in the machine collide; parts in no pair are left out.
 
     Raises :class:`~ocp.errors.InputError` for a shape that MuJoCo lacks, and for couplings, which
     it softens.

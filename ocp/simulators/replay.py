@@ -28,9 +28,9 @@ STEP_BAND_S = (5e-4, 2e-3)
 class ExternalReplay:
     """Replay of a plan or policy in another simulator.
 
-    ``cost`` is the mean over scenarios there, NaN if the motion diverges, ``planned_cost`` the
-    plan's; ``keeps`` is true if they agree within 20 %. ``band`` is the smallest and the largest cost
-    over hard and soft contact and short and long steps.
+    ``cost`` is the mean over scenarios in the simulator, NaN if the motion diverges, and
+    ``planned_cost`` the plan's cost; ``keeps`` is true if the two agree within 20 %. ``band`` is the
+    smallest and the largest cost over hard and soft contact and short and long steps.
     """
 
     world: str
@@ -41,7 +41,7 @@ class ExternalReplay:
 
     @property
     def sentence(self) -> str:
-        """Sentence on the costs in the simulator, and whether the plan keeps its cost."""
+        """Sentence that compares the cost in the simulator with the plan's, with its range over contact settings."""
         if not np.isfinite(self.cost):
             return "In MuJoCo: the motion diverges."
         word, (low, high) = "keeps" if self.keeps else "does not keep", self.band

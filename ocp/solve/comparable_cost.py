@@ -1,4 +1,4 @@
-"""Cost of a plan of finer steps, compared with one of coarser steps."""
+"""Cost of a plan with finer steps that can be compared with the cost of a plan with coarser steps."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from ocp.solution import Solution
 
 
 def comparable_cost(coarse: Solution, problem: Problem, finer: Rollout) -> float:
-    """Return what a rollout of ``problem`` costs beside ``coarse``, which has a divisor of its steps.
+    """Return the cost of a rollout of ``problem`` for comparison with ``coarse``, whose N divides that of ``problem``.
 
-    That is its own cost where the stage cost depends on the step size, as an integral does. Elsewhere the cost is a
-    sum over nodes, and grows with their number: then it is summed over the nodes of ``coarse``, with the impulses
-    between two of them added up. NaN where the cost depends on impulses that ``problem`` has not.
+    It is the rollout's cost where the stage cost depends on the step size, as an integral does. Otherwise the cost is a
+    sum over nodes, which grows with their number: it is then summed over the nodes of ``coarse``, with the impulses
+    between two nodes added up. NaN where the cost depends on impulses and the contacts of the problems differ.
     """
     target = coarse.problem
     factor = problem.N // target.N

@@ -21,9 +21,9 @@ GuessLike = Solution | xr.Dataset | tuple[ArrayLike, ArrayLike] | Sketch | Mappi
 
 
 def given_guess(guess: GuessLike, problem: Problem, values: dict[str, float]) -> UserGuess:
-    """Return a caller's guess as states (N+1, nx) and inputs (N, nu); of a dataset with scenarios the first one's.
+    """Return a caller's guess as states (N+1, nx) and inputs (N, nu); a dataset with scenarios gives its first one.
 
-    Of a run of another problem, states and inputs with the problem's names are used (:func:`shared_guess`).
+    A run of another problem gives the states and inputs that have the problem's names (:func:`shared_guess`).
 
     Raises :class:`~ocp.errors.InputError` for other shapes, values that are not finite, and a sketch that does not fit.
     """

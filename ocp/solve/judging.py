@@ -125,7 +125,7 @@ def status_of(
         return Status.DIVERGED
     if not is_feasible(outcome.nlp, audit):
         return Status.INEXACT if result.ok else result.status
-    # A force at a distance moves bodies that stay where they are in the exact replay: that is smoothing, no dead end.
+    # A force at a distance moves bodies that do not move in the exact replay: the cause is smoothing, not idling.
     # Where standing still violates constraints that the plan satisfies, the plan is better.
     stands_still = audit.state_gap <= STILL * outcome.nlp.problem.scales.x.max() and np.isfinite(idle)
     blind = audit.active_steps == 0 and audit.task_gradient < _NO_TASK_GRADIENT and stands_still

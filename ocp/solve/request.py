@@ -55,7 +55,7 @@ def resolve_problem(
 def rebuilder(problem: ProblemLike) -> Callable[[Problem, dict[str, Any]], Problem]:
     """Return a function ``(problem, values) -> Problem`` that rebuilds the problem with other parameter values.
 
-    Of a problem object only N and recorded settings change; a named one is built again from its parameters.
+    Of a problem object only N and the recorded settings change; a named problem is built again from its parameters.
     """
 
     def build(built: Problem, changed_values: dict[str, Any]) -> Problem:

@@ -179,9 +179,9 @@ def climb_from(
 def solve_from(
     session: Session, start: Solution, seed: int = 0, progress: Callable[[StageRecord], None] | None = None
 ) -> Solution:
-    """Solve a session from the solution ``start``; the route says which it was, and whether the solver converged.
+    """Solve a session from the solution ``start``; the route records its hash, and whether the solver converged.
 
-    Where it did not, its trajectories are the guess of a usual solve. Raises as
+    Where the solver did not converge, the trajectories of ``start`` are the guess of a usual solve. Raises as
     :func:`~ocp.solve.warm_start.carry` does, and :class:`~ocp.solution.Interrupted` with the best point
     where Ctrl-C ends the solve.
     """

@@ -50,8 +50,8 @@ def solve_session(
 ) -> Solution:
     """Return the best solution of a session, from one or several guesses and from searches.
 
-    A search over pushes replaces the guesses where the search is chosen or the scene has many corners, and
-    yields an answer; it follows them where their answer falls short
+    Where a search over pushes is requested, or the scene has many corners, its answers replace those from
+    the guesses, if it finds any. Otherwise it is run after the guesses, where their answer falls short
     (:meth:`ocp.search.push_search.PushSearch.wanted`).
 
     Raises :class:`~ocp.solution.Interrupted` where Ctrl-C ends it, with the best answer so far, or during
@@ -106,7 +106,7 @@ def search_further(
 
 
 def can_exceed_route(session: Session) -> bool:
-    """Return whether searches can add to the usual route: complementarity of one exact law is part of the NLP."""
+    """Return whether searches can add to the usual route, whose NLP must contain the exact law without branches."""
     return session.complementary and session.step.branches == 1
 
 
@@ -169,8 +169,8 @@ def best_of(session: Session, solutions: list[Solution], rank_by: Rank = "planne
 def accept_standing_still(session: Session, solutions: list[Solution]) -> list[Solution]:
     """Return the solutions, with status SOLVED where standing still is the best answer.
 
-    It is where it is certified, costs no more than any feasible end, and several solves that follow a smoothing
-    had certified ends, which ``route.idle_attempts`` counts.
+    It is the best answer where it is certified, costs no more than any feasible solution, and several solves
+    that follow a smoothing ended certified; ``route.idle_attempts`` counts these solves.
     """
     certified_solutions = [
         solution for solution in solutions if solution.status in _FEASIBLE and solution.certificate.certified
@@ -191,8 +191,8 @@ def best_solution(solutions: Sequence[Solution], by: Rank = "planned") -> Soluti
     """Return the best solution: a feasible one of the lowest cost, as ``by`` defines the cost.
 
     Under the exact law the planned cost is that of the exact replay. Among costs that differ by less than
-    :data:`CERTIFIED_SHARE` a certified answer is preferred, among equal ones one that survives the referee.
-    In a scene, answers that survive it at the plan's step come before all others.
+    :data:`CERTIFIED_SHARE` a certified answer is preferred, and among equally good answers one that survives
+    the referee. In a scene, answers that survive the referee at the plan's step size come before all others.
     """
     least = min(map(_order_of_end, solutions))
     feasible = [solution for solution in solutions if _order_of_end(solution) == least]

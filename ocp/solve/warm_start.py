@@ -114,9 +114,9 @@ def carry(solution: Solution | StoredPlan, nlp: NLP, values: dict[str, float]) -
     """Return a solution as variables and multipliers of ``nlp`` at parameter ``values``.
 
     With equal numbers of steps values are copied step by step. Otherwise trajectories are interpolated
-    in time, and impulses scaled with the step; beyond the old end the last state and input are held, with
-    their contact solved for. So are contacts of another law. Where the law smooths, each pair is moved to
-    its central path, with the larger member kept.
+    in time, and impulses scaled with the step; beyond the old end the last state and input are held, and
+    the contacts there are solved for. Contacts are also solved for where the law is another one. Where
+    the law smooths, each pair is moved to its central path, and its larger member is kept.
 
     Raises :class:`~ocp.errors.InputError` for a solution of another problem, with other states or
     inputs, or that is not finite.

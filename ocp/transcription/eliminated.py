@@ -54,7 +54,7 @@ class EliminatedUnknowns(ABC):
 
 @dataclass(eq=False)
 class Implicit(EliminatedUnknowns):
-    """Unknowns that solve ``relation(inner, w, p) = 0``; ``held`` is a symbol in it and its value, or None.
+    """Unknowns that solve ``relation(inner, w, p) = 0``; ``held`` is a symbol in the relation and its value, or None.
 
     All derivatives come from the implicit function theorem, with the held symbol as a constant.
     """
@@ -130,7 +130,7 @@ class ModelOutputs(EliminatedUnknowns):
         """Return ``[I; Y]' grad² L [I; Y] + sum_b (dz_b/dw)' H_b dz_b/dw + grad²(a' z)``.
 
         H_b is the model's second derivative contracted with dL/dinner. a is dL/dinner times the
-        model's Jacobian, held constant: the last term is that of queries z not affine in w.
+        model's Jacobian, held constant; the last term vanishes where the queries z are affine in w.
         """
         basis = ca.vertcat(ca.SX.eye(w.numel()), self.sensitivity(w))
         total = basis.T @ ca.hessian(lagrangian, ca.vertcat(w, self.inner))[0] @ basis

@@ -175,7 +175,7 @@ class NLP(Program):
         return replace(measured_scale, f=measured_scale.f * cost)
 
     def _variable_units(self) -> np.ndarray:
-        """Return units of the variables (n,); outside SI gaps have 1, since theirs are measured with the rows."""
+        """Return units of the variables (n,); outside SI gaps have 1, and get their units when rows are measured."""
         problem = self.problem
         natural, units = problem.natural, problem.scaling.units
         if units.plain:

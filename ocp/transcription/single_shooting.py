@@ -57,7 +57,7 @@ class SingleShooting:
 
 
 class _First(NamedTuple):
-    """First derivatives: gradient and constraint Jacobian, and of all stages Y, Jacobians J and cost gradients."""
+    """First derivatives: gradient and constraint Jacobian of the NLP, and Y, Jacobian J and cost gradient per stage."""
 
     gradient: ca.MX
     jacobian: ca.MX

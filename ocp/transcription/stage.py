@@ -46,7 +46,7 @@ class Stage:
         return self._function("values", self.arguments, [self.cost, self.constraints])
 
     def first(self) -> tuple[ca.Function, ca.Sparsity]:
-        """Return ``(w, p, eliminated) -> (cost, constraints, gradient, Jacobian nonzeros)`` and the pattern."""
+        """Return ``(w, p, eliminated) -> (cost, constraints, gradient, Jacobian nonzeros)`` and its pattern."""
         gradient = self._total(self.cost).T
         jacobian = self._total(self.constraints)
         outputs = [self.cost, self.constraints, ca.densify(gradient), _nonzeros(jacobian)]
@@ -74,7 +74,7 @@ class Stage:
     def second(self) -> tuple[ca.Function, ca.Sparsity]:
         """Return the function ``(w, p, eliminated, s, m, curvatures) -> Hessian nonzeros`` and the Hessian's pattern.
 
-        It is the upper triangle for ``s cost + m' c``; ``curvatures`` only where ``eliminated`` has them.
+        It is the upper triangle for ``s cost + m' c``; ``curvatures`` is an argument only where ``eliminated`` has it.
         """
         lagrangian, s, m = self._lagrangian()
         arguments = [*self.arguments, s, m]
@@ -87,7 +87,7 @@ class Stage:
         return self._function("second", arguments, [_nonzeros(hessian)]), hessian.sparsity()
 
     def curvature_values(self, arguments: list[ca.MX], copies: int) -> list[ca.MX]:
-        """Return the last argument of :meth:`second` in a list, empty without one; ``arguments`` are those before."""
+        """Return the argument ``curvatures`` of :meth:`second` in a list, from the others; empty where it has none."""
         if self.eliminated is None or not self.eliminated.curvatures.numel():
             return []
         lagrangian, s, m = self._lagrangian()
