@@ -19,11 +19,15 @@ from dynamics.contact import Step
 
 @dataclass(frozen=True)
 class Rollouts:
-    """Results of n rollouts: `cost` (n,); `gradient` and `score` (n, *policy.shape), None where not requested."""
+    """Results of n rollouts: `cost` (n,), and where requested `gradient` and `score` (n, *policy.shape) and `states`.
+
+    `states` (n, horizon + 1, nx) start with the initial ones.
+    """
 
     cost: np.ndarray
     gradient: np.ndarray | None
     score: np.ndarray | None
+    states: np.ndarray | None
     nonfinite: NonFinite
 
 
@@ -68,6 +72,7 @@ class RolloutFunction(BatchedRollouts):
         *,
         gradient: bool = True,
         score: bool = False,
+        states: bool = False,
         out: Rollouts | None = None,
         **options: Unpack[SampleOptions],
     ) -> Rollouts:
@@ -90,8 +95,11 @@ class RolloutFunction(BatchedRollouts):
             for name, is_requested in (("gradient", gradient), ("score", score))
         ]
         slopes, scores = (None if a is None else a.reshape(q.n, q.theta.shape[1]) for a in requested)
-        nonfinite = self._fill_samples(q, RolloutArrays(cost.reshape(-1, 1), slopes, scores))
-        return Rollouts(cost, requested[0], requested[1], nonfinite)
+        nx, n_before = self.tapes.nx, self.tapes.n_carried
+        trail = np.empty((q.n, (self.horizon + 1) * nx)) if states else None
+        nonfinite = self._fill_samples(q, RolloutArrays(cost.reshape(-1, 1), slopes, scores, trail=trail))
+        visited = None if trail is None else trail.reshape(q.n, -1, nx)[..., : nx - n_before]
+        return Rollouts(cost, requested[0], requested[1], visited, nonfinite)
 
     def _make_request(self, x0: Any, samples: Samples, u_before: Any | None = None, **options: Any) -> RolloutRequest:
         return self._request(self._start(x0, u_before), samples, **options)

@@ -111,7 +111,7 @@ def _cost_of_inputs(evaluation: Evaluation) -> Callable[[np.ndarray], float] | N
         return None
     stage_cost = ca.Function("cost_of_inputs", [system.u, du], [of_inputs])
     u_before = evaluation.limits.u_before
-    return lambda u: float(np.sum(stage_cost(u.T, np.diff(u, axis=0, prepend=u_before[None]).T)))
+    return lambda u: float(ca.sum2(stage_cost(u.T, np.diff(u, axis=0, prepend=u_before[None]).T)))
 
 
 def runaway_inputs(problem: Problem, u: np.ndarray) -> str:

@@ -16,15 +16,14 @@ from functools import partial
 from itertools import product
 from typing import Literal, get_args
 
-import casadi as ca
 import numpy as np
 
 from dynamics.batch import BatchWarning, RolloutFunction, open_loop
 from dynamics.contact import Barrier, ContactLaw, Exact, Step
 from ocp.problem.batch_rollouts import batch_rollouts
 from ocp.problem.evaluation import Evaluation
-from ocp.problem.parts import Constraint
 from ocp.problem.problem import Problem
+from ocp.search.penalties import TransitionPenalty, penalized
 
 ROUNDS = 40
 """Number of rounds of a run, after which the distribution is narrow."""
@@ -50,8 +49,6 @@ UNBOUNDED_REACH = 3.0
 """Initial standard deviation of an input without bounds, in characteristic sizes."""
 BARRIER_DECADES = 4
 """Decades by which a run under the barrier law reduces mu, starting at the characteristic impulse times gap."""
-PENALTY_WEIGHT = 100.0
-"""Cost of violating a constraint of states by its characteristic size, in characteristic costs."""
 
 MU = "contact.mu"
 """Name of the barrier law's parameter mu."""
@@ -163,6 +160,7 @@ class InputSampler:
         affordable = pair_steps / (pairs**2 * problem.N * 2 * STAGE_ROUNDS * len(self.runs))
         self.samples = int(np.clip(affordable, MIN_SAMPLES, MAX_SAMPLES))
         self.rolled_steps = self.failures = 0
+        self._transitions = TransitionPenalty.of_problem(evaluation)
         self._functions: dict[str, tuple[Step, RolloutFunction]] = {}
 
     def stages(self) -> Iterator[list[SampledPlan]]:
@@ -221,10 +219,14 @@ class InputSampler:
                 n_samples=len(inputs),
                 u_before=self.evaluation.limits.u_before if self.problem.uses_du else None,
                 gradient=False,
+                states=self._transitions is not None,
             )
         finite = np.isfinite(rollouts.cost)
         self.failures += int(np.sum(~finite))
-        return np.where(finite, rollouts.cost, np.inf)
+        costs = np.where(finite, rollouts.cost, np.inf)
+        if self._transitions is not None and rollouts.states is not None:
+            costs[finite] += self._transitions(rollouts.states[finite], clipped[finite])
+        return costs
 
 
 @contextmanager
@@ -242,35 +244,3 @@ def _cheaper_half(runs: list[SamplingRun]) -> list[SamplingRun]:
         same = sorted((run for run in runs if run.law.name == law), key=lambda run: run.best_cost)
         chosen |= {id(run) for run in same[: -(-len(same) // 2)]}
     return [run for run in runs if id(run) in chosen]
-
-
-def penalized(problem: Problem) -> Problem:
-    """Return the problem with violations of state bounds and constraints as costs.
-
-    Rollouts have no constraints. Those on the next state or on impulses are left to the solver.
-    """
-    system = problem.system
-    bounds = Constraint("bounds", system.x, problem.x_lower, problem.x_upper)
-    known = ca.vertcat(system.x, system.u, problem.parameters.vector)
-    path = [c for c in problem.path if set(map(str, ca.symvar(c.expression))) <= set(map(str, ca.symvar(known)))]
-    weight = PENALTY_WEIGHT * problem.scales.cost
-    stage = sum((_violation(c, problem) for c in (bounds, *path)), ca.SX(0))
-    terminal = sum((_violation(c, problem) for c in (bounds, *problem.terminal)), ca.SX(0))
-    return replace(
-        problem,
-        stage_cost=problem.stage_cost + weight * stage,
-        terminal_cost=problem.terminal_cost + weight * terminal,
-        path=(),
-        terminal=(),
-        swept=False,
-    )
-
-
-def _violation(constraint: Constraint, problem: Problem) -> ca.SX:
-    """Return the sum of violations, each divided by its change as states and inputs move by their sizes."""
-    x, u, expression = problem.system.x, problem.system.u, constraint.expression
-    sizes = (
-        ca.fabs(ca.jacobian(expression, x)) @ problem.scales.x + ca.fabs(ca.jacobian(expression, u)) @ problem.scales.u
-    )
-    excess = ca.fmax(constraint.lower - expression, 0) + ca.fmax(expression - constraint.upper, 0)
-    return ca.sum1(excess / ca.fmax(sizes, 1e-12))
