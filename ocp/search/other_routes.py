@@ -17,13 +17,13 @@ from ocp.routes.branches import polish
 from ocp.routes.homotopy import Homotopy, RouteResult, translate
 from ocp.routes.relaxations import MU_LAST
 from ocp.search.plan_solver import PlanSolver, exact_rollout, is_less
-from ocp.search.search import Search, can_roll_out
-from ocp.search.shortfalls import cost_to_beat, is_poor, replay_cost
+from ocp.search.search import SAMPLED, Search, can_roll_out
+from ocp.search.shortfalls import FEW_PAIRS, cost_to_beat, is_poor, replay_cost
 from ocp.solution import Solution
 from ocp.transcription import Direct
 
-SEARCHED = ("guess", "sampling")
-"""Names of routes that are searches: at normal effort no other routes are followed after their answers."""
+SEARCHED = ("guess", SAMPLED)
+"""Route names of answers that searches gave."""
 
 
 @dataclass
@@ -79,9 +79,14 @@ class RouteSearch(Search):
     thorough: bool = True
 
     def wanted(self, solution: Solution) -> bool:
-        """Return whether to follow other routes: at thorough effort, or where the usual one gave a poor answer."""
-        led_nowhere = is_poor(solution) or solution.status is Status.NO_PROGRESS
-        led_nowhere = led_nowhere and solution.route.name not in SEARCHED
+        """Return whether to follow other routes.
+
+        At thorough effort, where the usual one gave a poor answer, and where samples gave a better one with few pairs.
+        """
+        if solution.route.name in SEARCHED:
+            led_nowhere = solution.route.name == SAMPLED and self.session.problem.system.nlam <= FEW_PAIRS
+        else:
+            led_nowhere = is_poor(solution) or solution.status is Status.NO_PROGRESS
         return self.session.complementary and (self.thorough or led_nowhere)
 
     def solutions(self, answer: Solution) -> Iterator[Solution]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from dataclasses import dataclass
 from functools import partial
 
@@ -13,20 +13,23 @@ from ocp.judge.route_report import SearchedPlan, SearchReport
 from ocp.problem.rollout import Rollout
 from ocp.routes.homotopy import StageRecord
 from ocp.routes.schedules import acting, is_apart
+from ocp.routes.session import as_swept
 from ocp.search.plan_solver import PlanSolver, exact_rollout, is_less
-from ocp.search.sampling import ROUNDS, THOROUGH_PAIR_STEPS, InputSampler, SampledPlan
-from ocp.search.search import Search, can_roll_out
-from ocp.search.shortfalls import cost_to_beat, is_poor, replay_cost
+from ocp.search.sampling import ROUNDS, InputSampler, SampledPlan
+from ocp.search.search import SAMPLED, Search, can_roll_out
+from ocp.search.shortfalls import FEW_PAIRS, is_poor, replay_cost
 from ocp.solution import Solution
 
-NORMAL_PAIR_STEPS = 5e6
-"""Budget of all sampling runs at normal effort: steps rolled out times the square of the contact pairs."""
+PAYING_SHARE = 0.05
+"""Share of what a plan can change by which sampling must lower the cost for a second generation."""
 NORMAL_FAILING_SHARE = 0.4
 """Share of samples with a failing step above which sampling ends, at normal effort."""
 THOROUGH_CANDIDATES = 6
 """Maximum number of sampled plans that are solved locally at thorough effort, each with another contact schedule."""
 NORMAL_CANDIDATES = 3
 """Maximum number of sampled plans that are solved locally at normal effort."""
+BOTH_LAWS = (Exact(), Barrier(mu=1.0))
+"""Laws of all samples at thorough effort, and of a second generation."""
 THOROUGH_ROUNDS_AROUND = 120
 """Rounds of the sampling run around an answer at thorough effort."""
 PASSES_AROUND = 3
@@ -44,7 +47,8 @@ class SampleSearch(Search):
     """Search for plans by sampled inputs, see :class:`~ocp.search.sampling.InputSampler`.
 
     ``thorough`` effort samples under two laws in all rounds; normal effort samples under the exact law, and ends where
-    samples no longer catch up with an answer that is certified and does not idle.
+    samples no longer catch up with an answer that is certified and does not idle. Where the first generation pays, and
+    pairs are few, a second one is drawn under both laws.
     """
 
     thorough: bool = True
@@ -58,25 +62,52 @@ class SampleSearch(Search):
         return can_roll_out(session) and (self.thorough or light or is_poor(solution))
 
     def solutions(self, answer: Solution) -> Iterator[Solution]:
-        """Yield answers on the branches of the cheapest sampled plans, one of each contact schedule."""
-        laws = (Exact(), Barrier(mu=1.0)) if self.thorough else (Exact(),)
-        pair_steps = THOROUGH_PAIR_STEPS if self.thorough or is_poor(answer) else NORMAL_PAIR_STEPS
-        failing_share = 1.0 if self.thorough else NORMAL_FAILING_SHARE
-        sampler = InputSampler(self.session.evaluation, self.seed, laws, pair_steps, failing_share)
-        plans = self._distinct(self._rollouts(sampler, self._sampled(sampler, answer)), answer)
-        roll_out, best, solved = partial(exact_rollout, self.session), answer, list[SearchedPlan]()
+        """Yield answers on the branches of the cheapest sampled plans, one of each contact schedule.
+
+        In a scene nothing may pass through anything between two nodes, neither in samples nor in answers.
+        """
+        laws = BOTH_LAWS if self.thorough else (Exact(),)
+        sampler = InputSampler(self.session.evaluation, self.seed, laws, 1.0 if self.thorough else NORMAL_FAILING_SHARE)
+        solved = list[SearchedPlan]()
+        best = yield from self._generation(sampler, answer, solved)
+        if self._pays(answer, best):
+            yield from self._generation(sampler.next_generation(BOTH_LAWS), best, solved)
+
+    def _pays(self, answer: Solution, best: Solution) -> bool:
+        """Return whether a second generation is worth its time after the first one's best answer."""
+        gain = replay_cost(answer) - replay_cost(best)
+        share = 1.0 if np.isinf(gain) else self.session.evaluation.cost_share(gain, replay_cost(best))
+        return best is not answer and self.session.problem.system.nlam <= FEW_PAIRS and share > PAYING_SHARE
+
+    def _generation(
+        self, sampler: InputSampler, answer: Solution, solved: list[SearchedPlan]
+    ) -> Generator[Solution, None, Solution]:
+        """Yield answers near the cheapest plans of one sampler, and return the best; list the plans in ``solved``."""
+        system = self.session.problem.system
+        session = as_swept(self.session) if system.scene and system.phi is not None else self.session
+        plans = self._distinct(self._rollouts(sampler, self._sampled(sampler, answer)), sampler, answer)
+        roll_out, best = partial(exact_rollout, session), answer
+        least = self._penalized_cost(sampler, best)
         for _ in range(1 + PASSES_AROUND):
-            limit = cost_to_beat(best)
-            solver = PlanSolver(self.session, roll_out, self.judge, "sampling", self.seed, self.progress, limit, solved)
+            limit = least if best.certificate.certified else np.inf
+            solver = PlanSolver(session, roll_out, self.judge, SAMPLED, self.seed, self.progress, limit, solved)
             steps = sampler.rolled_steps
             self.report = SearchReport(self.seed, steps // self.session.problem.N, steps, solved)
             before = best
             for _, solution in solver.solve(plans):
-                yield solution
-                best = min(best, solution, key=replay_cost)
+                yield solution.with_route(swept=session.problem.swept)
+                cost = self._penalized_cost(sampler, solution)
+                if cost < least:
+                    best, least = solution, cost
             if best is before:
-                return
-            plans = self._rollouts(sampler, self._around(sampler, best))
+                break
+            plans = [rollout for _, rollout in self._rollouts(sampler, self._around(sampler, best))]
+        return best
+
+    @staticmethod
+    def _penalized_cost(sampler: InputSampler, solution: Solution) -> float:
+        """Return the cost of an answer's exact rollout with penalties, infinite where its replay failed."""
+        return sampler.exact_cost(solution.data["u"].values[0]) if np.isfinite(replay_cost(solution)) else np.inf
 
     def _sampled(self, sampler: InputSampler, answer: Solution) -> list[SampledPlan]:
         """Return the cheapest plan of each run, and a better one near the answer where sampling finds one."""
@@ -98,23 +129,26 @@ class SampleSearch(Search):
         """Return the plan that sampling every input around an answer gives; empty where it is not cheaper."""
         rounds = THOROUGH_ROUNDS_AROUND if self.thorough else ROUNDS
         plan = sampler.around(answer.data["u"].values[0], rounds)
-        return [plan] if is_less(plan.cost, replay_cost(answer)) else []
+        return [plan] if is_less(plan.cost, self._penalized_cost(sampler, answer)) else []
 
-    def _rollouts(self, sampler: InputSampler, plans: list[SampledPlan]) -> list[Rollout]:
-        """Return the exact rollouts of sampled plans in order of cost with penalties, without those that fail."""
+    def _rollouts(self, sampler: InputSampler, plans: list[SampledPlan]) -> list[tuple[float, Rollout]]:
+        """Return the exact rollouts of sampled plans that succeed, with penalized costs, the cheapest first."""
         costs = [sampler.exact_cost(plan.inputs) for plan in plans]
-        rollouts = (exact_rollout(self.session, plans[i].inputs) for i in np.argsort(costs, kind="stable"))
-        return [rollout for rollout in rollouts if rollout is not None]
+        rollouts = ((costs[i], exact_rollout(self.session, plans[i].inputs)) for i in np.argsort(costs, kind="stable"))
+        return [(cost, rollout) for cost, rollout in rollouts if rollout is not None]
 
-    def _distinct(self, rollouts: list[Rollout], answer: Solution) -> list[Rollout]:
+    def _distinct(
+        self, rollouts: list[tuple[float, Rollout]], sampler: InputSampler, answer: Solution
+    ) -> list[Rollout]:
         """Return the first promising rollouts with contact schedules unlike each other and a cheaper answer's."""
-        session, cost, certified = self.session, replay_cost(answer), answer.certificate.certified
+        session, certified = self.session, answer.certificate.certified
+        cost = self._penalized_cost(sampler, answer)
         limit = THOROUGH_CANDIDATES if self.thorough else NORMAL_CANDIDATES
         sizes = session.problem.scales
         answered = acting(answer.data["lam"].values[0], answer.data["gap"].values[0], sizes)
         chosen, schedules = list[Rollout](), list[np.ndarray]()
-        for rollout in rollouts:
-            excess, schedule = rollout.cost - cost, acting(rollout.lam[0], rollout.gap[0], sizes)
+        for rollout_cost, rollout in rollouts:
+            excess, schedule = rollout_cost - cost, acting(rollout.lam[0], rollout.gap[0], sizes)
             promising = not certified or self.thorough or excess < 0
             promising = promising or session.evaluation.cost_share(excess, cost) < PROMISING
             others = [*schedules, answered] if certified and excess > 0 else schedules

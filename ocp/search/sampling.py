@@ -33,7 +33,7 @@ MIN_SAMPLES = 64
 """Minimum number of samples in a round, enough to fit a distribution to."""
 STAGE_ROUNDS = 10
 """Number of rounds of a stage, after which the costlier half of the runs ends."""
-THOROUGH_PAIR_STEPS = 1e8
+PAIR_STEPS = 1e8
 """Budget of all runs: steps rolled out times the square of the contact pairs, with which a step's work grows."""
 ELITE_SHARE = 0.1
 """Share of a round's samples that the next distribution is fitted to."""
@@ -122,10 +122,10 @@ class InputSampler:
     """Runs of the cross-entropy method on the inputs of a problem for which :func:`can_sample` is true.
 
     All ``runs`` start; after every stage of :data:`STAGE_ROUNDS` rounds the costlier half under each law ends.
-    Violated bounds of states and constraints on states and inputs cost :data:`PENALTY_WEIGHT`. The budget
-    ``pair_steps`` (:data:`THOROUGH_PAIR_STEPS`) determines the ``samples`` of a round; ``rolled_steps`` counts the
-    steps rolled out so far. Sampling ends where more than ``failing_share`` of the first run's samples have a step
-    without solution, since such steps are slow. Plans depend on ``seed`` but not on the number of threads.
+    Violated bounds and constraints cost as :mod:`ocp.search.penalties` says. The budget :data:`PAIR_STEPS` determines
+    the ``samples`` of a round; ``rolled_steps`` counts the steps rolled out so far. Sampling ends where more than
+    ``failing_share`` of the first run's samples have a step without solution, since such steps are slow. Plans depend
+    on ``seed`` but not on the number of threads.
     """
 
     def __init__(
@@ -133,8 +133,8 @@ class InputSampler:
         evaluation: Evaluation,
         seed: int = 0,
         laws: Sequence[ContactLaw] = (Exact(), Barrier(mu=1.0)),
-        pair_steps: float = THOROUGH_PAIR_STEPS,
         failing_share: float = 1.0,
+        generation: int = 0,
     ) -> None:
         problem, limits = evaluation.problem, evaluation.limits
         self.problem, self.evaluation, self.failing_share = penalized(problem), evaluation, failing_share
@@ -149,7 +149,9 @@ class InputSampler:
         n_knots = sorted({min(n, problem.N) for n in KNOTS})
         choices = [*product(laws, get_args(Basis), n_knots, beginnings)]
         self.runs: list[SamplingRun] = []
-        *streams, self._last_stream = np.random.SeedSequence(seed).spawn(len(choices) + 1)
+        *streams, self._last_stream = np.random.SeedSequence([seed, generation] if generation else seed).spawn(
+            len(choices) + 1
+        )
         for (law, basis, knots, beginning), stream in zip(choices, streams, strict=True):
             mean, deviation = (np.tile(row, (knots, 1)) for row in beginnings[beginning])
             name = f"{law.name} law, {knots} {basis} pieces from the {beginning}"
@@ -157,11 +159,18 @@ class InputSampler:
             self.runs.append(SamplingRun(law, weights, mean, deviation, np.random.default_rng(stream), name, mean))
         pairs = max(problem.system.nlam, 2)
         # With halving, all stages together run at most twice the rounds of the first.
-        affordable = pair_steps / (pairs**2 * problem.N * 2 * STAGE_ROUNDS * len(self.runs))
+        affordable = PAIR_STEPS / (pairs**2 * problem.N * 2 * STAGE_ROUNDS * len(self.runs))
         self.samples = int(np.clip(affordable, MIN_SAMPLES, MAX_SAMPLES))
         self.rolled_steps = self.failures = 0
         self._transitions = TransitionPenalty.of_problem(evaluation)
         self._functions: dict[str, tuple[Step, RolloutFunction]] = {}
+        self._seed, self._generation = seed, generation
+
+    def next_generation(self, laws: Sequence[ContactLaw]) -> InputSampler:
+        """Return a sampler under ``laws`` with other random numbers, which shares compiled functions and counts on."""
+        other = InputSampler(self.evaluation, self._seed, laws, self.failing_share, self._generation + 1)
+        other._functions, other.rolled_steps = self._functions, self.rolled_steps
+        return other
 
     def stages(self) -> Iterator[list[SampledPlan]]:
         """Yield after every stage the cheapest plan of each run that has one of finite cost."""

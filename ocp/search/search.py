@@ -13,6 +13,8 @@ from ocp.routes.session import Session
 from ocp.search.sampling import can_sample
 from ocp.solution import Solution
 
+SAMPLED = "sampling"
+"""Route name of answers near sampled plans."""
 Judge = Callable[[Session, RouteResult, int], Solution]
 """Function from a session, the outcome of its solve and the seed to a judged solution."""
 

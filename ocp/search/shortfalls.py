@@ -8,6 +8,8 @@ from ocp.judge.referee import PENETRATION_SHARE
 from ocp.problem.evaluation import Evaluation
 from ocp.solution import Solution
 
+FEW_PAIRS = 20
+"""Number of contact pairs up to which searches go on after one of them found a better answer."""
 IDLE_SHARE = 0.9
 """Share of the cost of standing still above which an answer idles."""
 
