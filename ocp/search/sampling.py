@@ -29,7 +29,7 @@ ROUNDS = 40
 """Number of rounds of a run, after which the distribution is narrow."""
 MAX_SAMPLES = 1000
 """Maximum number of samples in a round."""
-MIN_SAMPLES = 64
+MIN_SAMPLES = 96
 """Minimum number of samples in a round, enough to fit a distribution to."""
 STAGE_ROUNDS = 10
 """Number of rounds of a stage, after which the costlier half of the runs ends."""
@@ -146,8 +146,15 @@ class InputSampler:
             reach = np.where(bounded, (self.upper - self.lower) / 2, UNBOUNDED_REACH * size)
         self.reach = reach
         beginnings = {"bounds": (centre, reach), "guess": (guess, np.minimum(size, reach))}
-        n_knots = sorted({min(n, problem.N) for n in KNOTS})
-        choices = [*product(laws, get_args(Basis), n_knots, beginnings)]
+        # With halving, all stages together run at most twice the rounds of the first.
+        affordable = PAIR_STEPS / (max(problem.system.nlam, 2) ** 2 * problem.N * 2 * STAGE_ROUNDS)
+        for knots in (KNOTS, KNOTS[:-1]):
+            n_knots = sorted({min(n, problem.N) for n in knots})
+            choices = [*product(laws, get_args(Basis), n_knots, beginnings)]
+            self.samples = int(np.clip(affordable / len(choices), MIN_SAMPLES, MAX_SAMPLES))
+            # Where the budget does not allow all bases, more samples of fewer find more.
+            if self.samples > MIN_SAMPLES:
+                break
         self.runs: list[SamplingRun] = []
         *streams, self._last_stream = np.random.SeedSequence([seed, generation] if generation else seed).spawn(
             len(choices) + 1
@@ -157,10 +164,6 @@ class InputSampler:
             name = f"{law.name} law, {knots} {basis} pieces from the {beginning}"
             weights = input_basis(basis, problem.N, knots)
             self.runs.append(SamplingRun(law, weights, mean, deviation, np.random.default_rng(stream), name, mean))
-        pairs = max(problem.system.nlam, 2)
-        # With halving, all stages together run at most twice the rounds of the first.
-        affordable = PAIR_STEPS / (pairs**2 * problem.N * 2 * STAGE_ROUNDS * len(self.runs))
-        self.samples = int(np.clip(affordable, MIN_SAMPLES, MAX_SAMPLES))
         self.rolled_steps = self.failures = 0
         self._transitions = TransitionPenalty.of_problem(evaluation)
         self._functions: dict[str, tuple[Step, RolloutFunction]] = {}
