@@ -41,8 +41,8 @@ SMOOTHING = 0.2
 """Weight of the old mean and deviation in the new ones."""
 AROUND_SHARE = 0.1
 """Standard deviation of every input around an answer, as a share of half the width of its bounds."""
-AROUND_SAMPLES = 4
-"""Samples of a round around an answer, as a multiple of those of other runs, since every input is drawn."""
+SMOOTH_SHARE = 0.3
+"""Standard deviation of smooth changes of an answer's inputs, as a share of half the range between bounds."""
 KNOTS = (5, 8, 16)
 """Numbers of knots of the bases of input sequences."""
 UNBOUNDED_REACH = 3.0
@@ -92,8 +92,13 @@ class SamplingRun:
     generator: np.random.Generator
     name: str
     best: np.ndarray
+    offset: np.ndarray | float = 0.0
     best_cost: float = np.inf
     rounds: int = 0
+
+    def inputs(self, z: np.ndarray) -> np.ndarray:
+        """Return the inputs (..., N, nu) of samples (..., K, nu), before they are clipped."""
+        return self.offset + self.weights @ z
 
     @property
     def narrows(self) -> bool:
@@ -109,7 +114,7 @@ class SamplingRun:
         for _ in range(rounds):
             z = self.mean + self.deviation * self.generator.standard_normal((samples, *self.mean.shape))
             z[0], z[1] = self.best, self.mean
-            costs = costs_of(self.weights @ z, self.rounds / (ROUNDS - 1))
+            costs = costs_of(self.inputs(z), self.rounds / (ROUNDS - 1))
             order = np.argsort(costs, kind="stable")[:elites]
             if costs[order[0]] < self.best_cost or self.narrows:
                 self.best, self.best_cost = z[order[0]], float(costs[order[0]])
@@ -188,16 +193,26 @@ class InputSampler:
             running = _cheaper_half(running)
 
     def around(self, inputs: np.ndarray, rounds: int) -> SampledPlan:
-        """Return the cheapest plan of a run around inputs (N, nu), each sampled separately, under the exact law."""
-        deviation = np.tile(AROUND_SHARE * self.reach, (len(inputs), 1))
-        generator = np.random.default_rng(self._last_stream)
-        name = "exact law, every input, around the answer"
-        run = SamplingRun(Exact(), np.eye(len(inputs)), inputs, deviation, generator, name, inputs)
-        run.advance(partial(self._costs, *self._function(run.law)), AROUND_SAMPLES * self.samples, rounds)
-        return self._plan(run)
+        """Return the cheapest plan of runs around inputs (N, nu), each alone and by smooth changes, under the exact law."""
+        N = len(inputs)
+        changes = [("every input", np.eye(N), AROUND_SHARE, 2)]
+        changes += [
+            (f"{knots} linear pieces", input_basis("linear", N, knots), SMOOTH_SHARE, 1)
+            for knots in KNOTS[1:]
+            if knots < N
+        ]
+        plans = list[SampledPlan]()
+        for (words, weights, share, factor), stream in zip(changes, self._last_stream.spawn(len(changes)), strict=True):
+            deviation = np.tile(share * self.reach, (weights.shape[1], 1))
+            mean = np.zeros_like(deviation)
+            name, generator = f"exact law, {words}, around the answer", np.random.default_rng(stream)
+            run = SamplingRun(Exact(), weights, mean, deviation, generator, name, mean, inputs)
+            run.advance(partial(self._costs, *self._function(run.law)), factor * self.samples, rounds)
+            plans.append(self._plan(run))
+        return min(plans, key=lambda plan: plan.cost)
 
     def _plan(self, run: SamplingRun) -> SampledPlan:
-        return SampledPlan(np.clip(run.weights @ run.best, self.lower, self.upper), run.best_cost, run.name)
+        return SampledPlan(np.clip(run.inputs(run.best), self.lower, self.upper), run.best_cost, run.name)
 
     def exact_cost(self, inputs: np.ndarray) -> float:
         """Return the cost of inputs (N, nu) under the exact law, with penalties."""
