@@ -193,7 +193,7 @@ class InputSampler:
             running = _cheaper_half(running)
 
     def around(self, inputs: np.ndarray, rounds: int) -> SampledPlan:
-        """Return the cheapest plan of runs around inputs (N, nu), each alone and by smooth changes, under the exact law."""
+        """Return the cheapest plan of runs around inputs (N, nu), each alone and smoothly, by the exact law."""
         N = len(inputs)
         changes = [("every input", np.eye(N), AROUND_SHARE, 2)]
         changes += [
