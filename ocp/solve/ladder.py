@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from dynamics.contact import Exact
-from ocp.errors import InputError, NotConverged, abbreviated, choose, interruptible
+from ocp.errors import InputError, NotConverged, abbreviated, interruptible
 from ocp.judge.disturbances import disturbed_survival
 from ocp.judge.policy_referee import policy_report
 from ocp.judge.referee import Referee, referee_replay
@@ -36,8 +36,6 @@ from ocp.transcription.nlp import StageCompiler
 
 logger = logging.getLogger(__name__)
 
-UNTIL = {"survives": "try remedies until the plan survives the referee, at h and at h/4"}
-"""Values of ``until`` with their meaning."""
 WORK = 20
 """Iterations that the rungs may take, as a multiple of the plan's own; those at h/2 count twice."""
 FINER_SHARE = 0.25
@@ -55,15 +53,6 @@ SolveFrom = Callable[[Session, Solution, int, "Callable[[StageRecord], None] | N
 
 class WorkSpentError(NotConverged):
     """The iterations of all rungs are spent."""
-
-
-def check_until(until: str | None, session: Session) -> None:
-    """Raise :class:`~ocp.errors.InputError` for another ``until``, and for a system that has no referee."""
-    if until is None:
-        return
-    choose("until", until, UNTIL)
-    if session.problem.system.referee_note is None:
-        raise InputError(f"until survives needs a referee, and {session.problem.name} has no geometry; leave it out")
 
 
 class SurvivalLadder:

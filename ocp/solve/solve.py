@@ -17,10 +17,9 @@ from ocp.routes.session import DEFAULT_EFFORT, Effort, Session, as_swept
 from ocp.solution import Solution
 from ocp.solve.guesses import GuessLike, given_guess
 from ocp.solve.judging import judge_outcome, keep_best_on_interrupt
-from ocp.solve.ladder import SurvivalLadder, check_until
 from ocp.solve.refinement import divided_step, refine_step_size
 from ocp.solve.request import ProblemLike, Settings, check_setting_names, rebuilder, resolve_problem
-from ocp.solve.starts import Rank, can_exceed_route, check_starts, solve_session
+from ocp.solve.starts import Rank, can_exceed_route, check_starts, check_until, solve_session
 from ocp.solve.warm_start import carried_guess, carry
 from ocp.transcription import METHODS, Method
 from ocp.transcription.factories import DEFAULT_LAW, make_law, policy_of, split_policy_settings
@@ -169,6 +168,9 @@ def climb_from(
     progress: Callable[[StageRecord], None] | None = None,
 ) -> Solution:
     """Try remedies until a session's solution survives, see :class:`~ocp.solve.ladder.SurvivalLadder`."""
+    # Only here: policies and the controller are not loaded for other solves.
+    from ocp.solve.ladder import SurvivalLadder
+
     if solution.problem is not session.problem:  # It was refined.
         values = solution.values
         session = replace(session, problem=solution.problem)

@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
 Rank = Literal["planned", "exact", "referee"]
 """Cost by which answers are ranked: under the law, replayed under the exact law, or replayed by the referee."""
+UNTIL = {"survives": "try remedies until the plan survives the referee, at h and at h/4"}
+"""Values of ``until`` with their meaning."""
 WAYS = 4
 """Number of guesses to solve from before standing still is accepted as the best answer."""
 CERTIFIED_SHARE = 0.01
@@ -39,6 +41,15 @@ def check_starts(n_starts: int, seed: int = 0, rank_by: str = "planned") -> None
         raise InputError(f"n_starts must be from 1 to 10000, got {n_starts}")
     validated("seed", seed, Index)
     choose("rank", rank_by, dict.fromkeys(get_args(Rank)))
+
+
+def check_until(until: str | None, session: Session) -> None:
+    """Raise :class:`~ocp.errors.InputError` for another ``until``, and for a system that has no referee."""
+    if until is None:
+        return
+    choose("until", until, UNTIL)
+    if session.problem.system.referee_note is None:
+        raise InputError(f"until survives needs a referee, and {session.problem.name} has no geometry; leave it out")
 
 
 def solve_session(

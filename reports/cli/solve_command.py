@@ -17,11 +17,10 @@ from ocp.routes.homotopy import StageRecord
 from ocp.routes.session import Effort
 from ocp.simulators import SIMULATORS
 from ocp.solution import Interrupted, Replay, Solution
-from ocp.solve.ladder import check_until
 from ocp.solve.refinement import divided_step
 from ocp.solve.request import rebuilder
 from ocp.solve.solve import begin_at, climb_from, refine_from, solve_from
-from ocp.solve.starts import Rank, solve_session
+from ocp.solve.starts import Rank, check_until, solve_session
 from ocp.store import atomic
 from ocp.store.route_record import record_of
 from ocp.store.stored_run import StoredRun
