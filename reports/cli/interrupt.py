@@ -51,7 +51,7 @@ def watch_interrupts() -> Iterator[None]:
 
 @contextmanager
 def defer_interrupts() -> Iterator[None]:
-    """Record a first Ctrl-C in the block without an exception, which :func:`raise_if_interrupted` then raises."""
+    """Record a first Ctrl-C in the block; only :func:`raise_if_interrupted` then raises KeyboardInterrupt."""
     _DEFERRED.set()
     try:
         yield

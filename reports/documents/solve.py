@@ -29,7 +29,7 @@ def solve_page(view: RunView, cones: bool = False, signals: str | None = None) -
     """Return content and figures of the page on one solve; ``cones`` draws friction cones.
 
     ``signals`` chooses the signals drawn over time (:func:`reports.figures.trajectories.select_signals`); None
-    chooses all.
+    stands for all.
     """
     stored, all_tracks = view.run, trajectories.tracks(view)
     is_solved = stored.status is Status.SOLVED
@@ -81,7 +81,7 @@ def solve_page(view: RunView, cones: bool = False, signals: str | None = None) -
 
 
 def _motion(view: RunView, cones: bool) -> tuple[dict[str, Figure | None], str]:
-    """Return figures, a strobe or rows with a strobe for each drawn scenario, and the caption of their arrows."""
+    """Return the figures of the motion, one strobe or rows with a strobe per drawn scenario, and their caption."""
     if view.scenarios == 1 or view.picture is None:
         return {"strobe": strobe(view, cones)}, ""
     picked = picked_scenarios(view.pictured)

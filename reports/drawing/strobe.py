@@ -256,7 +256,7 @@ def strobe_rows(titled_views: Sequence[tuple[str, RunView]], cones: bool = False
 
 
 def _one_view(axes: Sequence[Axes]) -> None:
-    """Give all axes the limits that contain the limits of each."""
+    """Set the limits of all axes to the smallest range that contains the limits of each."""
     limits = np.array([[axis.get_xlim(), axis.get_ylim()] for axis in axes])
     low, high = limits[..., 0].min(axis=0), limits[..., 1].max(axis=0)
     for axis in axes:

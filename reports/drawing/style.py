@@ -88,7 +88,7 @@ def house_style() -> Iterator[None]:
 
 
 def show_literally(figure: Figure) -> Figure:
-    """Make the texts of a figure literal, as users' names such as ``x$a_{$`` are not mathematics; return it.
+    """Make the texts of a figure literal, as names such as ``x$a_{$`` are not mathematics; return the figure.
 
     Numbers at ticks remain mathematics. The figure must not have been drawn before.
     """

@@ -143,7 +143,7 @@ T = TypeVar("T", Shape, ContactFrame)
 class RunPicture:
     """Drawing of scenario 0 at any times [s], of the plan or, with a suffix, of its replay.
 
-    ``shapes`` and ``contacts`` map a suffix and times to one list per time, empty if nothing is known.
+    ``shapes`` and ``contacts`` map a suffix and times to one list per time, which is empty if nothing is known.
     ``axes`` are the labels of the axes; ``framed`` is whether the problem has contact frames.
     """
 

@@ -147,7 +147,8 @@ _MAX_POINTS = 6
 def curve_figure(view: RunView) -> Figure:
     """Draw costs, complementarity and iterations over the parameter, with events marked.
 
-    Complementarity below :data:`~reports.figures.run.FLOOR` is not drawn, and its panel is left out if all is.
+    Complementarity below :data:`~reports.figures.run.FLOOR` is not drawn; the panel is left out if no value is
+    above.
     """
     points = view.run.meta["points"]
     value = _column(points, "value")

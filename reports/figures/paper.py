@@ -187,8 +187,8 @@ def format_of(file: Path) -> str:
 def bare_figure(run: StoredRun, ending: str, panel: str | None = None, file_spec: ProblemSpec | None = None) -> bytes:
     """Return the figure of a stored study or solve, or only its panel ``"a"``, ``"b"``, ..., as bytes of a file.
 
-    ``file_spec`` is the problem of a user's file.
-    Raises :class:`~ocp.errors.InputError` for a run of another kind, and as :func:`render_figure` does.
+    ``file_spec`` is the problem of a user's file. Raises :class:`~ocp.errors.InputError` for a run of another
+    kind, and if :func:`render_figure` does.
     """
     with house_style():
         if run.kind == "figure":

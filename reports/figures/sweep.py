@@ -72,7 +72,7 @@ def _outliers(data: xr.Dataset) -> np.ndarray:
 
 
 def replayed_ratio(data: xr.Dataset) -> xr.DataArray:
-    """Return the cost under the referee, or else the exact law, over the planned cost; NaN at failed points."""
+    """Return replayed cost (of the referee, else under the exact law) over planned cost; NaN at failed points."""
     replayed_cost = data["referee_cost"].where(np.isfinite(data["referee_cost"]), data["exact_cost"])
     return (replayed_cost / data["cost"]).where(data["success"] == 1)
 

@@ -67,7 +67,7 @@ class Canvas:
     def picture(self, frame: int) -> np.ndarray:
         """Return the RGBA image of a frame, a contiguous array (height, width, 4) of uint8.
 
-        The next call overwrites it.
+        The next call overwrites the image.
         """
         self._canvas.restore_region(self._still)
         for scene in self.scenes:
@@ -105,7 +105,7 @@ _ROOM = 1 << 20
 
 
 def check_format(file: Path, fps: int = 25) -> None:
-    """Raise InputError for an unknown ending, an MP4 without ffmpeg, or too fast a GIF."""
+    """Raise InputError for an unknown ending, an MP4 without ffmpeg, or a GIF with too many frames per second."""
     if file.suffix not in MOVIE_FORMATS:
         raise InputError(
             f"an animation must end in {', '.join(MOVIE_FORMATS[:-1])} or {MOVIE_FORMATS[-1]}, got"
@@ -128,7 +128,7 @@ def write_animation(animation: Animation, file: Path, report: Callable[[int], No
 
     ``report`` is called with the number of finished frames.
 
-    Raises :class:`~ocp.errors.InputError` as :func:`check_format` does, and if ffmpeg fails.
+    Raises :class:`~ocp.errors.InputError` if :func:`check_format` does, and if ffmpeg fails.
     """
     check_format(file, animation.fps)
     with atomic.replace_file(file) as draft:

@@ -8,9 +8,9 @@ from ocp.judge.route_report import Ladder
 from reports.tables.console import number, table_of
 
 RUNG_HEADS = ("remedy", ">N", ">its plan", ">at h", ">at h/4", "survives", "note")
-"""Columns of the table of remedies."""
+"""Headings of the columns of the table of remedies."""
 DISTURBANCE_HEADS = ("disturbance", ">survives", ">median cost", ">largest cost")
-"""Columns of the table of disturbances."""
+"""Headings of the columns of the table of disturbances."""
 
 
 def rung_rows(ladder: Ladder) -> list[list[str]]:

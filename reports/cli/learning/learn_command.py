@@ -163,7 +163,7 @@ def _recipe(options: LearnOptions, data: Transitions, hidden: tuple[int, ...]) -
 
 
 def _read_data(options: LearnOptions) -> Transitions:
-    """Return the transitions in the file; if ``--problem`` is given, check that they have its states and inputs."""
+    """Return the transitions in the file; with ``--problem``, check that they have the problem's states and inputs."""
     problem = None if options.problem is None else spec(options.problem)
     system = None if problem is None else problem.problem().system
     signals = None if system is None else (system.states, system.inputs)

@@ -49,9 +49,9 @@ class RmOptions(StoreOptions):
 class RunsExportOptions(RunOptions):
     """Write the arrays of a stored run to a file for other programs.
 
-    CSV has one row per scenario and node of a solve, per point, scenario and node of a
-    continuation, per point and estimator of an estimate, per iteration of a training; its header
-    has the units. NPZ has every array by name, and the run's description as JSON in meta.
+    A CSV file has one row per scenario and node of a solve, per point, scenario and node of a continuation, per
+    point and estimator of an estimate, or per iteration of a training; its header has the units. An NPZ file
+    has every array under its name, and the run's description as JSON in meta.
     """
 
     code: ClassVar = "reports.cli.runs_command:export"

@@ -107,7 +107,7 @@ def test_twelve_contacts_have_twelve_colours_that_stay_apart() -> None:
 
 
 def test_lines_stay_apart_in_grey_print() -> None:
-    """Lines differ by eight steps of CIE lightness, of which two are visible, or by their style."""
+    """Lines differ by eight steps of CIE lightness, where two steps are visible, or by their style."""
     for first, second in itertools.combinations(map(line_of, range(12)), 2):
         apart = abs(lab(first["color"])[0] - lab(second["color"])[0])
         assert apart >= 8 or first["linestyle"] != second["linestyle"], (first, second)
