@@ -1,12 +1,12 @@
 """Shapes in the picture of a problem, as plain data that the package ``reports`` draws.
 
-Lengths are in metres, angles in radians. Shapes are immutable and can be compared, so that one that
-is equal at several instants (a wall, a goal) can be drawn once. ``role`` is ``"object"``,
+Lengths are in metres, angles in radians. Shapes are immutable and can be compared, so that a
+shape that does not change with time (a wall, a goal) can be drawn once. ``role`` is ``"object"``,
 ``"actuator"``, ``"environment"`` or ``"goal"``.
 
 In a picture in perspective (:mod:`problems.machines.perspective`), a shape hides those before it in
-the list. Its ``shade`` says how dark it is, up to 1 for the full colour of the role; shapes of
-shade 0 are transparent. Shaded segments are lines on a floor.
+the list. Its ``shade`` is its darkness, up to 1 for the full colour of the role; shapes of shade 0 are
+transparent. Shaded segments are lines on a floor.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ class Outline:
     shade: Shade = 0.0
 
     def __post_init__(self) -> None:
-        # The corners of a stored run are lists, which cannot be hashed.
+        # Corners that are read from a stored run are lists, which cannot be hashed.
         object.__setattr__(self, "corners", tuple((x, y) for x, y in self.corners))
 
 
@@ -166,13 +166,13 @@ class ContactFrame:
         return self.ny, -self.nx
 
     def force(self, normal: float, friction: float) -> tuple[float, float]:
-        """Return the force on the object from its parts along the normal and the tangent, in their unit."""
+        """Return the force (x, y) on the object from its components along normal and tangent, in the same unit."""
         tx, ty = self.tangent
         return normal * self.nx + friction * tx, normal * self.ny + friction * ty
 
 
 def solid(shape: shapes.Shape, x: float, y: float, angle: float, role: str = "object") -> Shape:
-    """Return the drawing of ``shape`` (of numbers, not of symbols) on a body at (x, y) [m].
+    """Return the drawing of ``shape``, whose sizes must be numbers, on a body at (x, y) [m].
 
     ``angle`` [rad] is clockwise, as in :class:`~dynamics.systems.shapes.Pose`.
     """

@@ -62,7 +62,7 @@ def check_file(path: Path) -> None:
 
 
 class _SourceLoader(SourceFileLoader):
-    """Loader that ignores cached bytecode, which Python matches to the source by whole seconds and size only."""
+    """Loader that ignores cached bytecode, since Python compares only the source's size and time in whole seconds."""
 
     def get_code(self, fullname: str) -> CodeType:
         content = self.get_data(self.path)
@@ -71,7 +71,7 @@ class _SourceLoader(SourceFileLoader):
 
 @contextmanager
 def _no_bytecode() -> Iterator[None]:
-    """Keep Python from writing bytecode of the modules that a user's file imports; see :class:`_SourceLoader`."""
+    """Prevent Python from writing bytecode of the modules that a user's file imports; see :class:`_SourceLoader`."""
     setting, sys.dont_write_bytecode = sys.dont_write_bytecode, True
     try:
         yield
@@ -84,7 +84,7 @@ _contents: dict[str, tuple[str, str]] = {}
 
 
 def _forget_others(path: Path) -> None:
-    """Drop all loaded modules of the file's folder if one of them has changed or came from another folder."""
+    """Remove the user's modules that ``path`` imports from ``sys.modules`` if one has changed or moved elsewhere."""
     modules = folder_modules(path)
     now = {name: (str(file), file_digest(file)) for name, file in modules.items()}
     loaded = {name: file for name in now if (file := _loaded_from(name))}
@@ -95,9 +95,9 @@ def _forget_others(path: Path) -> None:
 
 
 def _loaded_from(name: str) -> str:
-    """Return the file of a loaded module from a user's folder; "" for all other names.
+    """Return the file of the loaded module ``name`` if it is from a user's folder, else "".
 
-    Standard and installed modules are never dropped, since the whole program uses them.
+    Standard and installed modules always give "", since the whole program uses them.
     """
     file = getattr(sys.modules.get(name), "__file__", None)
     if file is None or name in sys.stdlib_module_names or "site-packages" in Path(file).parts:
@@ -108,7 +108,7 @@ def _loaded_from(name: str) -> str:
 def check(spec: ProblemSpec) -> None:
     """Build the problem at its defaults and evaluate every part of it once.
 
-    Raises :class:`~ocp.errors.InputError` that names the part whose dimension or value does not fit.
+    Raises :class:`~ocp.errors.InputError` that names the part whose dimension or value is wrong.
     """
     problem = spec.problem()
     p = problem.parameters.values
@@ -235,7 +235,7 @@ def read_law(module: ModuleType, file: Path, digest: str) -> type[ContactLaw]:
 
     Its functions are wrapped so that they raise only :class:`~ocp.errors.InputError`.
 
-    Raises :class:`~ocp.errors.InputError` if there is no law or more than one, or if it lacks a part.
+    Raises :class:`~ocp.errors.InputError` if there is no law, if there are several, or if a part of the law is missing.
     """
     from dynamics.laws import LAWS
 

@@ -17,8 +17,9 @@ from ocp.programs.units import SI, Units, fit_units
 class Parameters(BaseModel):
     """Base class of a problem's parameters: immutable and finite; unknown names are rejected.
 
-    A ``float`` field becomes a symbol that a study may vary; an ``int`` field, or one made by
-    :func:`structure`, shapes the problem (horizon, number of scenarios, seed) and stays a number.
+    A ``float`` field becomes a symbol that a study may vary. An ``int`` field, or a field made by
+    :func:`structure`, sets the structure of the problem (horizon, number of scenarios, seed) and stays a
+    number.
     """
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True)
@@ -30,7 +31,7 @@ def quantity(default: float, unit: str, meaning: str, **limits: Unpack[Range]) -
 
 
 def structure(default: float, meaning: str, *, unit: str = "1", **limits: Unpack[Range]) -> Any:
-    """Declare a number >= 0 that shapes the problem, such as its horizon, and is never a symbol."""
+    """Declare a number >= 0 that sets the problem's structure, such as its horizon, and is never a symbol."""
     return declare(default, meaning, unit, {"least": 0, **limits}, structural=True)
 
 
@@ -45,12 +46,12 @@ def choice(words: tuple[str, ...], meaning: str) -> Any:
 
 
 def is_structural(parameter: Setting) -> bool:
-    """Return whether the parameter shapes the problem instead of becoming a symbol."""
+    """Return whether the parameter sets the problem's structure instead of becoming a symbol."""
     return parameter.annotation is not float or bool(parameter.extra("structural", False))
 
 
 def table(params: BaseModel) -> ParameterTable:
-    """Return the parameters that are not structural as fresh symbols, with their values as defaults."""
+    """Return a table of new symbols for the parameters that are not structural, with their values as defaults."""
     return ParameterTable(
         Parameter(name, float(getattr(params, name)), about.unit, about.meaning)
         for name, about in settings_of(type(params)).items()
@@ -59,7 +60,7 @@ def table(params: BaseModel) -> ParameterTable:
 
 
 def natural_units(params: BaseModel, problem: Problem) -> Units:
-    """Return units fitted to the ratios of a problem's parameters to their defaults; SI if all ratios are 1.
+    """Return units that fit the ratios of a problem's parameters to their defaults, SI units if all ratios are 1.
 
     Words, structural parameters, and parameters that are zero or have changed sign are left out. See
     :func:`~ocp.programs.units.fit_units`.
@@ -72,17 +73,17 @@ def natural_units(params: BaseModel, problem: Problem) -> Units:
     }
     if all(ratio == 1 for ratio in ratios.values()):
         return SI
-    # A single weight cannot be distinguished from the unit of the cost.
+    # The effect of a single weight equals that of another unit of the cost.
     weights = cost_weights(problem)
     weights = weights if len(weights) > 1 else set()
     return fit_units((symbols[name].unit, ratio, name in weights) for name, ratio in ratios.items())
 
 
 def friction_of(p: ParameterTable) -> tuple[ParameterTable, ca.SX | None]:
-    """Return the parameters and Coulomb's coefficient; if it is zero, the other parameters and None.
+    """Return the parameters and Coulomb's coefficient; without friction, the other parameters and None.
 
-    A central path needs a friction cone with an interior, so that a system without friction has no
-    friction pairs, and no parameter ``friction`` to vary.
+    A central path needs a friction cone with an interior. Therefore a system whose coefficient is zero has
+    no friction pairs, and no parameter ``friction`` that could be varied.
     """
     if p.get("friction").value > 0:
         return p, p["friction"]

@@ -20,9 +20,9 @@ from problems.spec import ProblemSpec, Spec
 
 
 def source(name: str) -> ProblemSpec:
-    """Return the problem called ``name``, or the one that the file ``name`` defines.
+    """Return the problem called ``name``, or the problem that the file ``name`` defines.
 
-    Raises :class:`~ocp.errors.InputError` if ``name`` is neither, or is an objective.
+    Raises :class:`~ocp.errors.InputError` if there is no such problem or file, or if it is an objective.
     """
     if name in objective_names():
         raise InputError(
@@ -35,7 +35,7 @@ def source(name: str) -> ProblemSpec:
 def named_file(source: Path | str | None, runs: Sequence[StoredRun]) -> ProblemSpec | None:
     """Return the problem in the user's file ``source`` from which ``runs`` came; None if ``source`` is None.
 
-    Raises :class:`~ocp.errors.InputError` if the file cannot be read, or defines a problem of none of them.
+    Raises :class:`~ocp.errors.InputError` if the file cannot be read, or if none of the runs came from its problem.
     """
     if source is None:
         return None
@@ -67,11 +67,12 @@ def edited(run: StoredRun, file_spec: ProblemSpec | None) -> str | None:
 def law_of(
     run: StoredRun, contact: str | None, settings: Mapping[str, Any], system: ContactSystem
 ) -> tuple[ContactLaw, str | None]:
-    """Return the law called ``contact`` (None: the run's law), and a warning if its file has changed, else None.
+    """Return the law called ``contact``, and a warning if its file has changed since the run, else None.
 
-    Without ``settings``, the run's own law has the settings stored in the run.
+    With ``contact`` None it is the law of the run, with the settings stored in the run unless there are
+    ``settings``.
 
-    Raises :class:`~ocp.errors.InputError` if the law comes from a user's file that is not named.
+    Raises :class:`~ocp.errors.InputError` if the law is from a user's file and no file is named.
     """
     record, digest = run.record, run.record.get("contact_digest")
     name = str(record.get("contact")) if contact is None else contact
@@ -91,10 +92,10 @@ def law_of(
 
 
 def spec_of(run: StoredRun, file_spec: ProblemSpec | None = None) -> ProblemSpec:
-    """Return the problem of a run: one that ships with the workbench, or ``file_spec``, from a file the user named.
+    """Return the specification of a run's problem: a problem of the workbench, or ``file_spec``, from a user's file.
 
-    The file whose path the run stores is never loaded by itself. Raises
-    :class:`~ocp.errors.InputError` if neither is the problem of the run.
+    The file whose path is stored in the run is never loaded without being named. Raises
+    :class:`~ocp.errors.InputError` if the run's problem is neither of the workbench nor ``file_spec``.
     """
     name = str(run.meta["problem"])
     if not _is_user_problem(run):

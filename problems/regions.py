@@ -19,7 +19,7 @@ from problems import registry
 from problems.spec import ProblemSpec
 
 TUBE_SPREAD = 0.3
-"""Standard deviation of sampled states about the line from start to goal, in characteristic sizes of the states."""
+"""Standard deviation of states sampled around the line from start to goal, in the states' characteristic sizes."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ def collect_piece(job: CollectJob, report: Report) -> Drawn:
 def region_of(spec: ProblemSpec, params: Any, problem: Problem) -> Region:
     """Return the region that the problem's file declares, else :func:`around_task`.
 
-    Raises :class:`~ocp.errors.InputError` for a user's ``region`` that raises or does not fit.
+    Raises :class:`~ocp.errors.InputError` for a user's ``region`` that raises or does not fit the problem.
     """
     owner = spec.path or spec.name
     region = around_task(problem) if spec.region is None else spec.region(params)
@@ -66,9 +66,10 @@ def around_task(problem: Problem) -> Region:
     """Return a region of states around start, goal and guess, widened by their scales, and of inputs in their bounds.
 
     The goal is the minimum of the terminal cost, taken as quadratic at the start; coordinates that
-    the cost leaves free keep their start values. Inputs without bounds have the guess's range,
-    widened by their scale; states stay in their bounds. A state that no step changes, such as a step
-    size to be chosen, has the range of its start, and between start and goal its value at the start.
+    the cost leaves free keep their start values. Inputs without bounds have the range of the
+    guess, widened by their scales; states stay within their bounds. A state that no step changes, such as
+    a step size to be optimised, has the range of its initial value, and its value at the start on the line
+    from start to goal.
     """
     p, sizes, system = problem.parameters.values, problem.scales, problem.system
     x0, _, *bounds = (np.array(value).ravel() for value in problem.limits(p))

@@ -57,7 +57,7 @@ PROBLEM_MODULES = {
 ROBOT_FILES = (".urdf", ".xacro", ".sdf", ".xml", ".mjcf")
 """File extensions of robot descriptions."""
 READING_ATTEMPTS = 3
-"""Maximum number of attempts to read a file that changes meanwhile, for example because it writes its own data."""
+"""Maximum number of attempts to read a file that changes while it is read, for example by writing its own data."""
 
 
 def names() -> list[str]:
@@ -66,9 +66,9 @@ def names() -> list[str]:
 
 
 def spec(name: str) -> ProblemSpec:
-    """Return the problem called ``name``, or the one that the file ``name`` (``*.py``) defines.
+    """Return the problem called ``name``, or the problem that the file ``name`` (``*.py``) defines.
 
-    Raises :class:`~ocp.errors.InputError` for a name that is neither.
+    Raises :class:`~ocp.errors.InputError` if there is no such problem or file.
     """
     return load(name) if name.endswith(".py") else registered(name)
 
@@ -93,7 +93,7 @@ def _require_known(name: str, known_names: list[str]) -> None:
 
 
 def refuse_robot_file(name: str) -> None:
-    """Raise :class:`~ocp.errors.InputError` if ``name`` is a robot's description, which defines no problem."""
+    """Raise :class:`~ocp.errors.InputError` if ``name`` is the file of a robot, which defines no problem."""
     if name.lower().endswith(ROBOT_FILES):
         raise InputError(
             f"{name}: a robot's file defines no problem; ocp new NAME --robot FILE"
@@ -124,8 +124,8 @@ def load(path: str | Path) -> ProblemSpec:
     and ``build(params) -> Problem``, and may define ``equations``, ``draw``, ``frames``, ``axes``,
     ``golden``, ``citation`` and ``region``, as the modules of :mod:`problems.library` do.
 
-    Raises :class:`~ocp.errors.InputError` if there is no such file, if it raises (with the line), if
-    a name is missing or has the wrong type, or if the problem's dimensions do not fit.
+    Raises :class:`~ocp.errors.InputError` if there is no such file, if it raises (the message has the
+    line), if a name is missing or has the wrong type, or if the problem's dimensions are inconsistent.
     """
     file = expand_path(path).resolve()
     check_file(file)
@@ -160,7 +160,7 @@ def _imported(file: Path) -> tuple[ModuleType, str]:
     """Import a file; return its module, and the digest of the file and all that it depends on."""
     earlier_digest, tries = source_digest(file), 1
     module = import_file(file)
-    # If the file changed during the import, it is not known which text the module was made from.
+    # If the file changed during the import, it is unknown which version was imported.
     while (digest := source_digest(file)) != earlier_digest and tries < READING_ATTEMPTS:
         earlier_digest, tries = digest, tries + 1
         module = import_file(file)
@@ -215,7 +215,7 @@ class ObjectiveSpec(Spec):
 
     @property
     def golden(self) -> dict[str, Any]:
-        """Known optima, which are none: an objective is sampled and not solved."""
+        """Empty mapping of known optima, since an objective is sampled and not solved."""
         return {}
 
 

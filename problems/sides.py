@@ -31,9 +31,9 @@ class SidePushing:
         (x', y') = R(theta) sum_i w_i n_i / (friction m g)
         theta' = (m + sum_i w_i (c_i x n_i)) / (reach friction m g)
 
-    with n_i the inner normal, c_i the middle and L_i the length of side i; ``reach`` [m] is a
-    characteristic length times a factor, the other numbers are ``parameters``. A step is one of
-    Euler's explicit method, of length h.
+    with n_i the inner normal, c_i the middle and L_i the length of side i. ``reach`` [m] is a
+    characteristic length times a factor; the other numbers are among ``parameters``. Steps of length h
+    are by Euler's explicit method.
     """
 
     name: str
@@ -90,7 +90,7 @@ class SidePushing:
 
     @cached_property
     def on_the_side(self) -> Constraint:
-        """Constraint that the force acts between the ends of the side that pushes."""
+        """Constraint that the pushing force acts between the ends of its side."""
         system = self.system
         largest_moment = sum((system.lam[i] * half_length for i, (*_, half_length) in enumerate(self._sides)), ca.SX(0))
         m = system.u[len(self.corners)]
@@ -108,7 +108,7 @@ def outline(corners: Sequence[tuple[float, float]], pose: np.ndarray, role: str)
 
 
 def side_frames(corners: Sequence[tuple[float, float]], pose: np.ndarray) -> list[ContactFrame]:
-    """Return a frame at the middle of every side; the moment m says where the force acts."""
+    """Return a contact frame at the middle of every side; the point at which the force acts depends on the moment m."""
     contact_frames = []
     for x1, y1, x2, y2 in _sides_at(corners, pose):
         length = math.hypot(x2 - x1, y2 - y1)

@@ -24,10 +24,10 @@ from ocp.store.provenance import file_digest
 def source_digest(path: Path) -> str:
     """Return the SHA-256, in hex, of a file and all files that it depends on, independent of the folder's path.
 
-    These are the modules that it imports, directly or through others and also inside functions,
-    unless they are installed or this program's own, and the files that a string in any of them
-    names in its folder (``np.load(HERE / "table.npy")``). Code that runs only as a program
-    (``if __name__ == "__main__"``) is ignored.
+    The file depends on the modules that it imports, directly or through other modules and also inside
+    functions, except installed modules and those of this program. It also depends on data files in its
+    folder that are named by a string in one of these modules (``np.load(HERE / "table.npy")``).
+    Code that runs only as a program (``if __name__ == "__main__"``) is ignored.
 
     Raises :class:`~ocp.errors.InputError` where a file cannot be read.
     """
@@ -51,14 +51,14 @@ _folders: list[str] = []
 
 
 def search_path(folder: Path) -> list[str]:
-    """Return the search path of modules for a file in ``folder``, without the folders of other users' files."""
+    """Return the module search path for a file in ``folder``, without the folders of users' files elsewhere."""
     return [*(place for place in sys.path if place not in _folders), str(folder)]
 
 
 def open_to_imports(folder: Path) -> None:
     """Add ``folder`` to ``sys.path`` for the whole process, so that imports inside functions work too.
 
-    It comes after all installed packages, so that its modules hide none of them.
+    It is added after all installed packages, so that modules in it hide no installed package.
     """
     places, others = search_path(folder), [other for other in _folders if other != str(folder)]
     _folders[:] = [str(folder), *others]
@@ -142,7 +142,7 @@ def _nodes(tree: ast.AST) -> Iterator[ast.AST]:
 
 
 def _imported(node: ast.AST, package: str) -> Iterator[str]:
-    """Yield full names of modules that a node may import; the last part of one may be an attribute instead."""
+    """Yield full names of modules that a node may import; the last part of a name may be an attribute instead."""
     if isinstance(node, ast.Import):
         yield from (alias.name for alias in node.names)
     elif isinstance(node, ast.ImportFrom):

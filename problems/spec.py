@@ -40,13 +40,13 @@ class Citation:
 class Golden:
     """Best known cost of a problem at its default parameters, under the contact law ``law``.
 
-    Solving with ``settings`` from guess ``start`` (0 is the problem's own, k the k-th perturbed one
-    of seed 0, see :mod:`ocp.problem.rollout`) ends at ``cost``, within the relative ``tolerance``,
+    Solving with ``settings`` from guess ``start`` (0 is the problem's own guess, k the k-th perturbed
+    guess with seed 0, see :mod:`ocp.problem.rollout`) ends at ``cost``, within the relative ``tolerance``,
     with the ``stationarity`` and ``kind`` of certificate (:mod:`ocp.judge.certificate`). ``tried``
-    is the number of solves, over strategies and guesses; no certified one ended at a lower cost.
+    is the number of solves, over strategies and guesses; no certified solve ended at a lower cost.
 
     ``independent`` names a confirmation from outside the workbench, "" if there is none; ``note``
-    describes other minima, and where the default settings end if elsewhere.
+    describes other minima, and the result of the default settings if it differs.
     """
 
     cost: Number
@@ -68,7 +68,7 @@ class Golden:
 
     @property
     def remarks(self) -> str:
-        """Remarks in one line: options of ``ocp solve`` besides its defaults, the confirmation, and the note."""
+        """Remarks in one line: options of ``ocp solve`` that are not defaults, the confirmation, and the note."""
         options = [f"-s {name}={value}" for name, value in self.settings.items()]
         options += [f"--starts {self.start + 1}"] if self.start else []
         how = f"found with {' '.join(options)}" if options else ""
@@ -129,9 +129,9 @@ class ProblemSpec(Spec):
     def problem(self, values: Mapping[str, Any] | None = None) -> Problem:
         """Build the problem at ``values``, the rest at their defaults.
 
-        Raises :class:`~ocp.errors.InputError` for a bad parameter, and for a user's ``build`` that
-        raises or returns no problem, one whose dimensions do not fit, or one without physical
-        meaning, for example without mass.
+        Raises :class:`~ocp.errors.InputError` for a bad parameter, and if a user's ``build`` raises
+        or returns no problem, a problem of inconsistent dimensions, or one without physical meaning,
+        for example without mass.
         """
         params = self.params(values or {})
         problem = self.build(params)
@@ -171,7 +171,7 @@ class UserProblemRecord:
         """Return title, equations, parameters, and the drawings at the states (n, nx) of each motion.
 
         The format is :class:`ocp.store.meta.OwnProblem`. Drawings of a motion end before its first state
-        that is not finite; ``undrawn`` says why there are no drawings, "" if there are.
+        that is not finite. ``undrawn`` is the reason why there are no drawings, "" if there are drawings.
         """
         spec = self.spec
         record = {
@@ -263,7 +263,7 @@ def spec_from_module(kind: type[S], module: ModuleType, **more: Any) -> S:
     """Return the specification whose fields are the names that ``module`` defines, and ``more``.
 
     Each line of the text ``equations`` is one equation; a line that begins with a space continues
-    the line before.
+    the previous line.
     """
     names = (field.name for field in fields(kind) if field.name not in more)
     values = {name: getattr(module, name) for name in names if hasattr(module, name)}

@@ -1,4 +1,4 @@
-"""Calls of code in a user's file: errors become one sentence, and changes to the process are undone."""
+"""Calls of code in a user's file: each error is reported in one sentence, changes to the process are undone."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def _folder() -> str | None:
 
 
 def _was_pressed(error: BaseException, path: Path) -> bool:
-    """Return whether a KeyboardInterrupt came from Ctrl-C; always True with Python's handler, which leaves no frame."""
+    """Return whether a KeyboardInterrupt came from Ctrl-C and not from the user's code."""
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         return True
     frames = traceback.extract_tb(error.__traceback__)
@@ -107,7 +107,7 @@ def where(error: BaseException, path: Path) -> str:
 
 
 def reason(error: BaseException) -> str:
-    """Return the line of an error's message that gives the reason; CasADi writes it below the location."""
+    """Return the line of an error's message that states the reason; in CasADi's messages it follows the location."""
     try:
         text = str(error)
     except Exception:

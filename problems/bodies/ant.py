@@ -30,7 +30,7 @@ BALL = 0.25
 TUBE = 0.08
 """Radius of the legs [m]."""
 LEGS = {"1": (1, 1), "2": (-1, 1), "3": (-1, -1), "4": (1, -1)}
-"""Mapping from the file's number of a leg to the signs of its direction along x and y."""
+"""Mapping from a leg's number in ant.xml to the signs of its direction along x and y."""
 ANKLES = {"1": (30.0, 70.0), "2": (-70.0, -30.0), "3": (-70.0, -30.0), "4": (30.0, 70.0)}
 """Limits of the ankles [degrees], which turn about (-1, 1, 0) in legs 1 and 3, (1, 1, 0) in legs 2 and 4."""
 MOTOR: dict[str, Any] = {"damping": 1.0, "armature": 1.0, "gear": 150.0}
@@ -57,7 +57,7 @@ def _six_entries(inertia: np.ndarray) -> tuple[float, ...]:
 
 
 def _limb(name: str, parent: str, position: Any, end: Any, axis: Any, limits: tuple[float, float]) -> Body:
-    """Return a capsule with a hinge at ``position`` in the parent, whose other end is ``end`` [m] in its own frame."""
+    """Return a capsule from a hinge at ``position`` in the parent's frame to ``end`` in its own frame [m]."""
     mass, centre, inertia = _tube(end)
     x, y, z = map(float, centre)
     return Body(name, parent, mass, _six_entries(inertia), (x, y, z), position, axis=axis, limits=limits, **MOTOR)
@@ -115,7 +115,7 @@ class Params(GaitParams):
 
 
 def build(params: Params) -> Problem:
-    """Return the problem with steps (ant.1), (ant.2), contacts (ant.3), friction (ant.4), cost (ant.5).
+    """Return the problem with the steps (ant.1) and (ant.2), contacts (ant.3), friction (ant.4) and cost (ant.5).
 
     The state is (q, v); lam are impulses [N s]."""
     scaling = Scaling(impulse=0.1, gap=0.1, x=0.1, u=0.1)
@@ -123,7 +123,7 @@ def build(params: Params) -> Problem:
 
 
 def _walk(share: np.ndarray) -> np.ndarray:
-    """Return joint angles (n, 8) [rad] at shares (n,) of the path: hips swing, diagonal legs together."""
+    """Return joint angles (n, 8) [rad] at shares (n,) of the path: hips swing, diagonal legs in phase."""
     joints = np.zeros((len(share), 8))
     for k, (x, y) in enumerate(LEGS.values()):
         joints[:, 2 * k] = 0.3 * np.sin(4 * np.pi * share) * x * y

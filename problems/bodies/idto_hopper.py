@@ -75,7 +75,7 @@ class Params(Parameters):
 def _machine(
     m: Number = 1.0, m_leg: Number = 0.2, m_foot: Number = 0.1, stiffness: Number = 0.0, damping: Number = 0.0
 ) -> PublishedMachine:
-    """Return the hopper of torso, leg and foot, whose toe, at -0.15 m, points in the direction of motion."""
+    """Return the hopper of torso, leg and foot; its toe, at x = -0.15 m, points in the direction of motion."""
     joint = partial(Link, spring=stiffness, damping=damping, gear=1.0)
     return PublishedMachine(
         (
@@ -102,7 +102,7 @@ def build(params: Params) -> Problem:
 
     The state is (q, v, nominal), where the nominal position is (idto-hopper.4); lam are impulses
     [N s]. Contact is rigid, whereas the source has stiff springs, so the robot starts 3 mm higher, on
-    the ground. The source's plant has PD control: ``stiffness`` 100 and ``damping`` 5 give the same, if
+    the ground. The source's plant has PD control, which ``stiffness`` 100 and ``damping`` 5 reproduce if
     ``stiffness`` times the commanded angle is added to u.
     """
     p, friction = friction_of(table(params))

@@ -29,9 +29,10 @@ def simulation(
 
     All spheres can touch the ground, and h is the environment's 0.05 s. The start is the machine's
     pose, lifted by 0.25 m, with uniform noise from ``seed`` of up to 0.005 for ``hopper`` and 0.1 for
-    ``half-cheetah`` in every coordinate and velocity. With ``gyroscopic="implicit"`` velocity forces
-    add no energy and no motion overflows (:func:`~dynamics.systems.planar.flight.gyroscopic_impulse`);
-    the problem itself has explicit ones. ``params`` can set any parameter, including these.
+    ``half-cheetah`` in every coordinate and velocity. With ``gyroscopic="implicit"``, velocity-dependent
+    forces add no energy and no motion overflows
+    (:func:`~dynamics.systems.planar.flight.gyroscopic_impulse`); in the problem these forces are explicit.
+    ``params`` can set any parameter, including these.
 
     Raises :class:`~ocp.errors.InputError` for an unknown machine, another value of ``gyroscopic``, or a
     bad parameter.
@@ -70,7 +71,7 @@ def simulate(
 
     Raises :class:`~ocp.errors.InputError` if the inputs have another shape, and
     :class:`~ocp.errors.NotConverged` if a step has no solution or none was found, with a message
-    that says which.
+    that says which of the two.
     """
     problem, x0 = simulation(name, steps, seed, gyroscopic, **params)
     plan = np.zeros((steps, problem.system.nu)) if inputs is None else np.asarray(inputs, float)

@@ -65,14 +65,14 @@ class Params(Parameters):
 def build(params: Params) -> Problem:
     """Return the problem with time steps (ball-throw.2) and restitution (ball-throw.3); lam is an impulse [N s].
 
-    In free flight the nodes lie on a parabola, since the velocity of a step is the one in its
-    middle. The contact keeps the next node above ``-R(s)``, where s is the height one node before
-    the present one: two steps in contact, with heights a > c one node before, end at ``-R(a)`` and
+    In free flight the nodes lie on a parabola, since the velocity of a step is the velocity at its
+    middle. The contact keeps the next node above ``-R(s)``, where s is the height at the node before
+    the present one: two steps in contact, with heights a > c at these earlier nodes, end at ``-R(a)`` and
     ``-R(c)``. ``R(s) = e s`` is the published scheme, in which the velocity after a bounce is e times
-    that before, wherever the impact is between two nodes. But gravity acts in between too, so that
-    the velocity is a sawtooth over the place of the impact: its slope has the wrong sign for every
+    the velocity before it, wherever the impact is between two nodes. Since gravity also acts in between,
+    the velocity is a sawtooth function of the place of the impact: its slope has the wrong sign for every
     h, and each tooth is a local minimum. The quadratic term of R reflects the parabola instead of
-    its tangent, which leaves a delay of two steps. The node in between is at most e h V below the floor.
+    its tangent, and leaves a delay of two steps. The node in between is at most e h V below the floor.
 
     Source: Paoli and Schatzman, SIAM J. Numer. Anal. 40(2), 702-733, 2002 (paoli2002numerical).
     """
@@ -83,7 +83,7 @@ def build(params: Params) -> Problem:
     goal = ca.vertcat(*(p[f"goal_{key}"] for key in ("x", "z", "vx", "vz")))
     error = system.x[:4] - goal
     thrown = p["w_speed"] * speed**2
-    # Inputs after the throw have no effect; ten times its weight keeps them determined.
+    # Inputs after the throw have no effect; a cost with ten times the weight makes them unique.
     idle = 10 * p["w_speed"] * (speed**2 + (p["speed_max"] * theta) ** 2)
     return pose_problem(
         params,

@@ -34,8 +34,8 @@ def cost(params: Params, theta: ca.SX, p: ParameterTable) -> ca.SX:
     """Return the block's impulse as a share of the largest, after steps implicit in the sliding velocity.
 
     The steps are stable for every nu: within the tolerance ``v+ = (v + c b)/(1 + c)`` with
-    ``c = 2 h F/(m nu)``, otherwise friction is at its limit. A block as fast as the belt no
-    longer slides: for nu = 0 the impulse of N steps is ``clip(m b, +-N h F)``, of slope at most m.
+    ``c = 2 h F/(m nu)``, otherwise friction is at its limit. A block as fast as the belt does not
+    slide: for nu = 0 the impulse of N steps is ``clip(m b, +-N h F)``, of slope at most m.
     """
     v = ca.SX(0)
     kick = p["h"] * p["friction_force"] / p["m"]

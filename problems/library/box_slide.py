@@ -41,7 +41,7 @@ class Params(Parameters):
 
 
 def build(params: Params) -> Problem:
-    """Return the problem of the box in Zhang et al. (2023), fig. 6b: (box-slide.1) with the pairs (box-slide.2).
+    """Return the problem of the box in Zhang et al. (2023), fig. 6b: steps (box-slide.1), friction (box-slide.2).
 
     The floor's normal force is m g. The smoothed step from rest is ``v+ = -(2 mu/h) f/(b² - f²)``.
     A push below friction m g does not move a box at rest, so the exact law's gradient is zero there.

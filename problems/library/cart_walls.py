@@ -65,8 +65,8 @@ class Params(Parameters):
 def build(params: Params) -> Problem:
     """Return the problem with implicit Euler steps (cart-walls.1) about upright; u and lam are forces [N].
 
-    There is no signed distance to audit: the walls are compliant, so the tip may enter them. Only
-    the gap, which includes the deflection of the wall's spring, must not be negative.
+    The system has no signed distance to audit, since the walls are compliant and the tip may enter them.
+    Only the gap, which includes the deflection of the wall's spring, must not be negative.
     """
     p = table(params)
     system = _system(p)
@@ -103,7 +103,7 @@ def _system(p: ParameterTable) -> ContactSystem:
         contacts=signals("right [N] force of the right wall; left [N] force of the left wall"),
         h=p["h"],
         parameters=p,
-        # The gap of a spring is exact already.
+        # The gap of a spring is exact, so that the referee needs no other gap.
         referee_model=RefereeModel(),
         refinable=True,
     )

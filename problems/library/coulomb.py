@@ -42,9 +42,10 @@ def closed_form(values: dict[str, float], sigma: float) -> ClosedForm:
     """Return the exact mean F and its gradient, and means and variances of the gradient's estimators.
 
     With ``G(y) = y Phi(y/sigma) + sigma phi(y/sigma)``: ``F = (2/nu) (G(theta + nu/2) -
-    G(theta - nu/2)) - 1`` and ``F' = (2/nu) p``, p the probability that the derivative, 2/nu, is
-    not zero; so one sample of the first-order gradient has the variance ``(4/nu^2) p (1 - p)``. The
-    paper's closed form of F and its gradient at nu/2 are wrong (half of these); it states 1 - p for p.
+    G(theta - nu/2)) - 1`` and ``F' = (2/nu) p``, p the probability that the derivative is 2/nu
+    and not zero; so one sample of the first-order gradient has the variance ``(4/nu^2) p (1 - p)``. The
+    paper's closed form of F and its gradient at nu/2 are half of the correct values, and it states 1 - p
+    instead of p.
     """
     from scipy.stats import norm
 
@@ -68,8 +69,8 @@ def closed_form(values: dict[str, float], sigma: float) -> ClosedForm:
 def zobg_variance(theta: float, nu: float, sigma: float, baseline: float) -> float:
     """Return the variance of one zeroth-order sample ``(f - b) w/sigma^2`` with a constant baseline b.
 
-    It is ``E[(f - b)^2 w^2]/sigma^4 - F'^2``, in closed form where ``f = +-1``, and by Gauss's rule over
-    the linear part, which is exact to rounding and does not cancel for small nu.
+    It is ``E[(f - b)^2 w^2]/sigma^4 - F'^2``, in closed form where ``f = +-1``, and by Gauss's rule on
+    the linear part; the rule is exact to rounding and suffers no cancellation for small nu.
     """
     from scipy.stats import norm
 

@@ -35,9 +35,9 @@ def closed_form(values: dict[str, float], sigma: float) -> ClosedForm:
     """Return the exact mean F and its gradient, and means and variances of the gradient's estimators.
 
     With ``t = theta/sigma`` and ``A = Phi(t) - t phi(t)``: ``F = Phi(t)``, ``F' = phi(t)/sigma``,
-    one zeroth-order sample has the variance ``(A - phi(t)^2)/sigma^2``; a first-order one is always
-    zero. Suh et al. (2022), ex. III.2, write ``erf(-theta; sigma^2)`` for the tail Phi(t), and call the
-    mean of the Dirac impulse zero; only that of the derivative almost everywhere is.
+    one zeroth-order sample has the variance ``(A - phi(t)^2)/sigma^2``; a first-order sample is always
+    zero. Suh et al. (2022), ex. III.2, write ``erf(-theta; sigma^2)`` for the tail Phi(t), and state that
+    the mean of the Dirac impulse is zero; in fact only the mean of the pointwise derivative is zero.
     """
     from scipy.stats import norm
 

@@ -59,7 +59,7 @@ class Params(Parameters):
 
 
 def build(params: Params) -> Problem:
-    """Return the problem of body (hopper-1d.1) and foot (hopper-1d.2), with stops of the leg (hopper-1d.4).
+    """Return the problem with steps of body (hopper-1d.1) and foot (hopper-1d.2), and stops of the leg (hopper-1d.4).
 
     lam are impulses [N s]. In flight the leg's force is not determined, since it does not affect the
     centre of mass, on which the cost depends.

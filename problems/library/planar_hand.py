@@ -48,7 +48,7 @@ golden = {
 _DISCS = ((0.0, 1 / 3, 2 / 3, 1.0), (0.5, 1.0))
 """Positions of the published discs along link 1 and link 2, as shares of the link's length."""
 _RIGHT = ((0.0, math.pi / 2), (0.0, 2.4))
-"""Limits [rad] of the right arm's joints; the left arm's are mirrored."""
+"""Limits [rad] of the two joints of the right arm; the limits of the left arm are mirrored."""
 
 
 Numbers = ParameterTable | Mapping[str, float]
@@ -163,10 +163,10 @@ def _touches(q: ca.SX, p: Numbers, discs: bool = False) -> dict[str, shapes.Cont
 
 
 def build(params: Params) -> Problem:
-    """Return the problem with quasi-dynamic steps (planar-hand.3) of Suh et al. (2023), eq. 13.
+    """Return the problem whose quasi-dynamic steps (planar-hand.3) are those of Suh et al. (2023), eq. 13.
 
     u are the commanded joint angles [rad], lam the impulses [N s] along the two edges of each friction
-    cone. Without friction there is one impulse per contact, and no parameter ``friction``.
+    cone. A problem without friction has one impulse per contact and no parameter ``friction``.
     """
     p, friction = friction_of(table(params))
     discs = params.links == "discs"

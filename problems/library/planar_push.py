@@ -96,10 +96,10 @@ def _touch(q: ca.SX, side: ca.SX, r: ca.SX) -> shapes.Contact:
 
 
 def build(params: Params) -> Problem:
-    """Return the problem with quasi-dynamic steps (planar-push.2) of Suh et al. (2023), eq. 13.
+    """Return the problem whose quasi-dynamic steps (planar-push.2) are those of Suh et al. (2023), eq. 13.
 
     u is the commanded position of the pusher [m], lam the impulses [N s] along the two edges of the
-    friction cone. Without friction there is one impulse, and no parameter ``friction``.
+    friction cone. A problem without friction has one impulse and no parameter ``friction``.
     """
     p, friction = friction_of(table(params))
 

@@ -57,7 +57,7 @@ class Params(Parameters):
 
 
 def build(params: Params) -> Problem:
-    """Return the problem with steps (push-1d.1) of Suh et al. (2023), sec. IV-B; position u [m], impulse lam [N s]."""
+    """Return the problem with steps (push-1d.1) of Suh et al. (2023), sec. IV-B; u is in m, lam in N s."""
     p = table(params)
     system = quasi_dynamic(
         name,

@@ -116,11 +116,11 @@ def turn_between(one: ca.SX, other: ca.SX) -> ca.SX:
 
 
 def build(params: Params) -> Problem:
-    """Return the problem with steps (push-cube.2) to (push-cube.4), contact (push-cube.5), (push-cube.6) and
-    cost (push-cube.10) of the error (push-cube.8).
+    """Return the problem with the steps (push-cube.2) to (push-cube.4).
 
-    The gap is the true distance, the state is (q, v). Inputs are commanded positions [m], which a
-    fingertip without contact reaches in one step; lam is in N s.
+    The contact is (push-cube.5) and (push-cube.6), the cost (push-cube.10), its error (push-cube.8). The
+    gap is the true distance, the state is (q, v). Inputs are commanded positions [m], which a fingertip
+    without contact reaches in one step; lam is in N s.
     """
     p = table(params)
     corners = ca.repmat(p["friction"], 8)
@@ -182,7 +182,7 @@ def with_goal(shown: SpatialMachine, body: str, place: ca.SX, turn: ca.SX) -> Sp
 
 
 def seen_with_goal(shown: SpatialMachine, camera: PinholeCamera, state: np.ndarray, tips: set[str]) -> list[Shape]:
-    """Draw a machine whose fingertips are the bodies ``tips``; its goal is transparent."""
+    """Draw a machine with fingertips, the bodies ``tips``, and with a transparent goal."""
     visible = [
         replace(shape, shade=0.0) if shape.role == "goal" and isinstance(shape, Circle | Outline) else shape
         for shape in spatial_shapes(shown, camera, state, tips, {"goal"})

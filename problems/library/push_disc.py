@@ -66,7 +66,7 @@ class Params(Parameters):
 
 
 def build(params: Params) -> Problem:
-    """Return the problem of Suh et al. (2023), eq. 13: steps (push-disc.1), gap (push-disc.2) linearised at q.
+    """Return the problem with steps (push-disc.1) of Suh et al. (2023), eq. 13; the gap (push-disc.2) is linearised.
 
     u is the commanded position of the pusher [m], lam an impulse [N s].
     """

@@ -32,7 +32,7 @@ golden = {
         tried=40,
         note="with FMA the same solve ends in the neighbouring local minimum 0.8620344554",
         # The relative difference of minima whose contact schedules differ by one step is 1e-5 to 1e-4;
-        # the last bit of a sine decides between two that differ by 4.2e-5, on processors with FMA.
+        # the last bit of a sine decides between two minima that differ by 4.2e-5, on processors with FMA.
         tolerance=5e-5,
     )
 }

@@ -1,4 +1,4 @@
-"""A pole on a cart between soft walls over a short horizon; the terminal cost is the regulator's cost to go."""
+"""A pole on a cart between soft walls over a short horizon; the terminal cost is a linear regulator's cost-to-go."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ _DOUBLINGS = 14
 
 
 class Params(Parameters):
-    """Parameters of ``soft-walls``, with the source's values, except for N, which is 5 there."""
+    """Parameters of ``soft-walls`` with the source's values, except for N, which is 5 in the source."""
 
     mc: float = quantity(0.978, "kg", "mass of the cart", above=0)
     mp: float = quantity(0.411, "kg", "mass of the pole", above=0)
@@ -63,10 +63,10 @@ class Params(Parameters):
 
 
 def build(params: Params) -> Problem:
-    """Return the problem with explicit Euler steps (soft-walls.1), (soft-walls.2) about upright; u, lam in N.
+    """Return the problem with explicit Euler steps (soft-walls.1), (soft-walls.2) about upright; u, lam are forces [N].
 
     The walls' forces (soft-walls.3) depend on the state at the start of a step, so that the input
-    changes them a step later. Without walls the optimum of (soft-walls.4) is the regulator's for any N.
+    affects them one step later. Without walls the optimum of (soft-walls.4) is that of the regulator for any N.
     """
     p = table(params)
     h, mc, mp, lp, lc = (p[key] for key in ("h", "mc", "mp", "lp", "lc"))
@@ -95,7 +95,7 @@ def build(params: Params) -> Problem:
     x, Q = system.x, ca.diag(ca.vertcat(p["w_p"], p["w_theta"], p["w_dp"], p["w_dtheta"]))
     return pose_problem(
         params,
-        # The gap of a spring is exact already.
+        # The gap of a spring is exact, so that the referee needs no other gap.
         replace(system, gap_unit="m", referee_model=RefereeModel(), refinable=True),
         stage_cost=ca.bilin(Q, x) + p["w_u"] * system.u**2,
         terminal_cost=ca.bilin(cost_to_go(A, B, Q, p["w_u"]), x),

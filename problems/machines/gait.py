@@ -21,7 +21,7 @@ min sum_(k=0)^(N-1) h (w_u norm(u_k)^2 + w_v norm(v_k)^2)
   + w_"joints" norm(theta_N - theta_"end")^2 + w_"rest" norm(v_N)^2
 p, e "place and quaternion of the trunk," theta "the joints"
 """
-"""Equations of the problems that :func:`gait` builds, in typst's mathematics."""
+"""Equations of the problems that :func:`gait` builds, in the mathematical notation of typst."""
 
 
 class GaitParams(Parameters):
@@ -52,10 +52,11 @@ def gait(
     swing: Callable[[np.ndarray], np.ndarray],
     scaling: Scaling,
 ) -> Problem:
-    """Build the problem of moving from the pose ``start`` to ``stands``, shifted and turned by the parameters.
+    """Build the problem of moving from the pose ``start`` to the pose ``stands``, shifted and turned.
 
-    The first seven entries of a pose q are position and quaternion of the trunk. ``swing`` maps shares
-    of the path (n,) to the angles (n, joints) that a gait of one metre adds to the guess's joints.
+    Shift and turn are parameters. The first seven entries of a pose q are position and quaternion of the
+    trunk. ``swing`` maps shares (n,) of the path to angles (n, joints), which are added to the joints
+    of the guess, scaled down for a path below 1 m.
     """
     p = table(params)
     system = machine.system(name, p, h=p["h"], friction=p["friction"], edges=int(params.edges))
@@ -77,7 +78,7 @@ def gait(
 
 
 def _end(stands: np.ndarray, distance: ca.SX | float, rise: ca.SX | float, turn: ca.SX | float) -> ca.SX:
-    """Return the pose q at the end: ``stands``, shifted along x and z [m], with the heading ``turn`` [rad]."""
+    """Return the goal pose q: ``stands``, shifted by ``distance`` along x and ``rise`` along z, turned by ``turn``."""
     end = ca.SX(stands)
     end[0] += distance
     end[2] += rise
@@ -86,7 +87,7 @@ def _end(stands: np.ndarray, distance: ca.SX | float, rise: ca.SX | float, turn:
 
 
 def _straight(start: np.ndarray, stands: np.ndarray, swing: Callable[[np.ndarray], np.ndarray]) -> Guess:
-    """Return a guess on the straight line from start to end, with ``swing`` times min(1, |distance|) in the joints."""
+    """Return a guess on the straight line from start to goal; its joints add ``swing`` times min(1, |distance|)."""
 
     def guess(problem: Problem, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         share, values = np.linspace(0, 1, problem.N + 1), problem.parameters.unpack(p)

@@ -37,14 +37,14 @@ class PublishedMachine(Machine):
     def reset(self, seed: int = 0) -> np.ndarray:
         """Return a start state (q, v) of the environment, (2 nq,): the pose lifted, plus noise.
 
-        The noise is uniform in [-noise, noise], in m, rad, m/s and rad/s alike.
+        The noise of every entry is uniform in [-noise, noise], whether in m, rad, m/s or rad/s.
         """
         start = np.concatenate([self.pose, np.zeros(len(self.pose))])
         start[1] += self.lift
         return start + np.random.default_rng(seed).uniform(-self.noise, self.noise, len(start))
 
     def check_start(self, q: Sequence[float], spheres: Collection[str]) -> None:
-        """Check that at the pose ``q`` (nq,) none of ``spheres`` is in the ground and no joint past a limit.
+        """Check that at the pose ``q`` (nq,) none of ``spheres`` is in the ground and every joint is within its limits.
 
         Raises ``ValueError`` that names the sphere or the joint, and says how to correct the start.
         """

@@ -27,11 +27,11 @@ OVERLAP = 2e-3
 HALF_FLOOR = 0.7
 """Half the side of the visible floor, in distances from eye to target."""
 FLOOR_SHIFT = 0.3
-"""Shift of the middle of a floor from the target, away from the eye, in distances from eye to target."""
+"""Shift of the middle of a floor from the target away from the eye, as a multiple of the eye's distance."""
 LIGHT = np.array([-0.5, 0.75, -0.45])
 """Direction to the light in axes of the camera: from the upper left."""
 DARK_FACE = 0.65
-"""Shade of a face opposite to the light."""
+"""Shade of a face that is turned away from the light."""
 BRIGHT_FACE = 0.12
 """Shade of a face turned to the light."""
 ROUND_SHADE = 0.35
@@ -50,7 +50,7 @@ CUBE_SIDES = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 
 
 @dataclass(frozen=True)
 class PinholeCamera:
-    """A pinhole camera at ``eye`` that looks at ``target`` [m]; a metre there is ``focal`` long in the picture."""
+    """A pinhole camera at ``eye`` that looks at ``target`` [m]; one metre at the target is drawn ``focal`` long."""
 
     eye: Point3
     target: Point3 = (0.0, 0.0, 0.0)
@@ -60,7 +60,10 @@ class PinholeCamera:
     def around(
         cls, target: Point3, size: float, azimuth: float = -math.pi / 3, elevation: float = 0.35
     ) -> PinholeCamera:
-        """Return a camera that shows ``size`` [m] around ``target``; azimuth, from x about z, and elevation in rad."""
+        """Return a camera that shows ``size`` [m] around ``target``.
+
+        ``azimuth`` [rad] is the angle about z from the x axis to the camera, ``elevation`` [rad] its height.
+        """
         (x, y, z), away, flat = target, EYE_DISTANCE * size, EYE_DISTANCE * size * math.cos(elevation)
         ahead, aside = flat * math.cos(azimuth), flat * math.sin(azimuth)
         return cls((x + ahead, y + aside, z + away * math.sin(elevation)), target)
@@ -83,7 +86,7 @@ class PinholeCamera:
         return self.focal * self.distance / np.maximum(depth, NEAREST_DEPTH * self.distance)
 
     def project(self, points: Array) -> tuple[Array, Array]:
-        """Return the positions (n, 2) of points (n, 3) in the picture, ``scale * (right, up)``, and depths (n,) [m]."""
+        """Return positions in the picture (n, 2), ``scale * (right, up)``, and depths (n,) [m] of points (n, 3) [m]."""
         in_camera = (points - np.array(self.eye)) @ self.axes.T
         return in_camera[:, :2] * self.scale(in_camera[:, 2])[:, None], in_camera[:, 2]
 
@@ -92,7 +95,7 @@ class PinholeCamera:
 class _Body:
     """A solid: all points within ``radius`` of the hull of ``points``.
 
-    A face has corners (n, 3), an outer normal (3,), and whether it faces the eye.
+    Each of its ``faces`` is a tuple of corners (n, 3), outer normal (3,), and whether the face is turned to the eye.
     """
 
     role: str
@@ -102,7 +105,7 @@ class _Body:
 
 
 def solids_seen(camera: PinholeCamera, solids: Iterable[Solid]) -> list[Shape]:
-    """Return drawings of planes, as grids of lines, and then of the other solids from back to front."""
+    """Return drawings of the planes, as grids of lines, followed by drawings of the other solids from back to front."""
     lines, bodies = list[Shape](), list[_Body]()
     for shape, R, p, role in solids:
         if isinstance(shape, shapes.Plane):
@@ -122,12 +125,12 @@ def solids_seen(camera: PinholeCamera, solids: Iterable[Solid]) -> list[Shape]:
 def frame_seen(camera: PinholeCamera, point: Array, normal: Array, friction: float) -> ContactFrame:
     """Return the frame of a contact at ``point`` (3,) with unit ``normal`` (3,), as the camera sees it.
 
-    The friction cone looks wider the more it points to the camera; if the eye is inside, friction is 0.
+    The drawn friction cone is wider the more it points to the camera; it has friction 0 if the eye is inside it.
     """
     ((x, y),), depth = camera.project(point[None])
     right, up, forward = camera.axes @ normal
     scale, away = camera.scale(depth)[0], forward / depth[0]
-    # sin(half) = sin(atan(friction)) / sin(angle), between normal and line of sight.
+    # The drawn half angle: sin(half) = sin(atan(friction)) / sin(angle between normal and line of sight).
     cosine = (point - camera.eye) @ normal / np.linalg.norm(point - camera.eye)
     square = 1 - (1 + friction**2) * float(cosine) ** 2
     wide = friction / math.sqrt(square) if square > 0 else 0.0
@@ -155,7 +158,7 @@ def _parts(shape: shapes.Shape) -> tuple[Array, float, Sequence[Sequence[int]]]:
 
 
 def _across(normal: Array) -> Array:
-    """Return two unit vectors (2, 3) that form a right-handed frame with ``normal``; x and y if it is z."""
+    """Return two unit vectors (2, 3) that form a right-handed frame with ``normal``; they are x and y for z."""
     up = np.cross(normal, np.eye(3)[int(abs(normal[0]) > 0.9 * np.linalg.norm(normal))])
     return np.array([np.cross(up, normal) / np.linalg.norm(normal), up]) / np.linalg.norm(up)
 
@@ -175,7 +178,7 @@ def _grid(camera: PinholeCamera, origin: Array, normal: Array, role: str) -> Ite
 
 
 def _from_back(camera: PinholeCamera, bodies: list[_Body]) -> Iterator[_Body]:
-    """Yield the deepest body first; a body on the camera's side of another's face comes after that one."""
+    """Yield bodies from back to front: by depth, but a body in front of a face of another comes after the other."""
     shows = np.zeros((len(bodies), len(bodies)), dtype=bool)
     for i, body in enumerate(bodies):
         for corners, normal, faces_eye in body.faces:
@@ -190,7 +193,7 @@ def _from_back(camera: PinholeCamera, bodies: list[_Body]) -> Iterator[_Body]:
 
 
 def _seen(camera: PinholeCamera, body: _Body) -> Iterator[Shape]:
-    """Yield the shapes of a body: its outline, except for boxes, and the faces turned to the camera."""
+    """Yield the shapes that draw a body: its outline, unless it is a box, and the faces turned to the camera."""
     from scipy.spatial import ConvexHull
 
     places, depth = camera.project(body.points)
@@ -203,7 +206,7 @@ def _seen(camera: PinholeCamera, body: _Body) -> Iterator[Shape]:
     elif len(body.faces) != len(CUBE_SIDES):
         circle = CIRCLE if body.radius else CIRCLE[:1]
         cloud = (places[:, None] + radii[:, None, None] * circle).reshape(-1, 2)
-        # Joggled (QJ), so that points on one line have a hull too.
+        # The option QJ moves points slightly, so that points on one line have a hull.
         hull = ConvexHull(cloud, qhull_options="QJ").vertices
         yield Outline(tuple(cloud[hull].tolist()), 0.0, body.role, ROUND_SHADE)
     for corners, normal, _ in (face for face in body.faces if face[2]):

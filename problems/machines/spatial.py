@@ -23,7 +23,7 @@ def spatial_shapes(
     actuators: Collection[str] = (),
     goals: Collection[str] = (),
 ) -> list[Shape]:
-    """Draw all parts at ``state`` (q, v, ...); those on the bodies ``actuators`` or ``goals`` have that role."""
+    """Draw all parts at ``state`` (q, v, ...); parts of bodies in ``actuators`` or ``goals`` have that role."""
     poses = np.array(_poses(machine)(_of_unit_length(machine, state))).T
     solids: list[Solid] = []
     for part, pose in zip(machine.parts, poses, strict=True):
@@ -42,7 +42,7 @@ def spatial_frames(
 
 
 def _of_unit_length(machine: SpatialMachine, state: np.ndarray) -> np.ndarray:
-    """Return q of a state, with quaternions normalised, since animations interpolate states."""
+    """Return q of ``state`` with unit quaternions, which the interpolated states of an animation lack."""
     tree = machine.tree()
     q, turning = np.array(state[: tree.nq], dtype=float), tree.quaternion_entries
     for four in (turning[k : k + 4] for k in range(0, len(turning), 4)):

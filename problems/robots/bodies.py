@@ -14,7 +14,7 @@ from dynamics.systems.space.body import Joint
 from problems.robots.inertias import Moments, combined
 
 ROUNDED_TO_ZERO = 1e-12
-"""Size of an entry, as a share of the vector's size, below which it counts as zero."""
+"""Size of a vector's entry, as a share of the size of the vector, below which the entry counts as zero."""
 JOINTS: tuple[Joint, ...] = ("free", "ball", "slide", "hinge")
 """Kinds of joints, in the order of MuJoCo's numbers for them."""
 
@@ -28,7 +28,7 @@ class BodyFrame:
     turn: Rotation = field(default_factory=Rotation.identity)
 
     def compose(self, place: np.ndarray, quaternion: np.ndarray) -> BodyFrame:
-        """Return the frame with the given origin and quaternion (w, x, y, z) relative to this one."""
+        """Return the frame whose origin ``place`` [m] and ``quaternion`` (w, x, y, z) are relative to this frame."""
         turn = self.turn * Rotation.from_quat(quaternion, scalar_first=True)
         return BodyFrame(self.body, self.place + self.turn.apply(place), turn)
 
@@ -37,7 +37,7 @@ class BodyFrame:
 class Actuator:
     """An actuator with the range of its input: a motor with ``gear``, or a servo with the stiffness ``servo``.
 
-    ``damper`` names a velocity servo of input 0 whose damping is part of ``damping``, "" if there is none.
+    ``damper`` names the joint's velocity servo, whose input is 0 and which adds to ``damping``; "" if none.
     """
 
     name: str
@@ -49,17 +49,18 @@ class Actuator:
 
 
 def exact(values: Sequence[float] | np.ndarray, size: float = 1.0) -> Any:
-    """Return ``values``, of magnitude ``size``, as a tuple in which rounding errors about 0 and ±1 are removed."""
+    """Return ``values``, of magnitude ``size``, as a tuple; values within rounding errors of 0 and ±1 are exact."""
     without_zeros = (0.0 if abs(value) < ROUNDED_TO_ZERO * size else float(value) for value in values)
     return tuple(float(round(x)) if abs(abs(x) - 1) < ROUNDED_TO_ZERO else x for x in without_zeros)
 
 
 def bodies(model: Any, actuators: Mapping[int, Actuator]) -> tuple[tuple[Body, ...], list[BodyFrame]]:
-    """Return bodies in the order of q, and the frame of each body of the file in one of them.
+    """Return the robot's bodies, in the order of q, and for each body of the file its frame in one of these bodies.
 
-    Bodies that are fixed to a body become part of it. A body with several joints becomes a chain, all
-    but the last without mass and named after their joints. The origin of a body's frame is its joint;
-    its axes are those of the file's body for a free or ball joint, else the parent's at q = 0.
+    Bodies of the file without joints become part of their parent. A body with several joints becomes a
+    chain of bodies, of which all but the last have no mass and the names of their joints. The frame of
+    a body has its origin at its joint. Its axes are those of the file's body for a free or ball joint,
+    and those of the parent at q = 0 for other joints.
     """
     poses, chain, last = [BodyFrame(WORLD)], list[Body](), dict[int, int]()
     names = {model.body(b).name for b in range(model.nbody)}
@@ -119,7 +120,7 @@ def _jointed(model: Any, j: int, name: str, pose: BodyFrame, actuator: Actuator 
 
 
 def _inertia(model: Any, body: int, poses: Sequence[BodyFrame]) -> dict[str, Any]:
-    """Return mass, inertia and centre of a body and all that is welded to it, in the frame of :func:`bodies`."""
+    """Return mass, inertia and centre of a body with all bodies welded to it, in its frame of :func:`bodies`."""
     solids = list[Moments]()
     for b in np.flatnonzero(model.body_weldid == body).tolist():
         frame = poses[b].compose(model.body_ipos[b], model.body_iquat[b])
@@ -133,9 +134,9 @@ def _inertia(model: Any, body: int, poses: Sequence[BodyFrame]) -> dict[str, Any
 def actuators_of(model: Any, followers: Container[int] = ()) -> dict[int, Actuator]:
     """Return a mapping from the number of a joint to its motor or servo.
 
-    A velocity servo in addition to a position servo only adds damping. In a file without actuators,
-    joints with bounded torque get motors, except ``followers``. Raises ``ValueError`` for a joint with
-    any other two actuators.
+    If a joint has a position servo and a velocity servo, the latter only adds damping. In a file without
+    actuators, joints with bounded torque get motors, except ``followers``. Raises ``ValueError`` for a
+    joint with any other pair of actuators.
     """
     actuators: dict[int, Actuator] = {}
     for k in range(model.nu):
@@ -160,10 +161,10 @@ def actuators_of(model: Any, followers: Container[int] = ()) -> dict[int, Actuat
 
 
 def actuator_of(model: Any, k: int) -> Actuator | None:
-    """Return actuator ``k`` if it is a motor, or a servo, of a hinge or slide; None for others."""
+    """Return actuator ``k`` of the file if it is a motor or a servo of a hinge or slide, else None."""
     joint, bias = int(model.actuator_trnid[k][0]), int(model.actuator_biastype[k])
     odd = model.actuator_gaintype[k] or model.actuator_dyntype[k] or bias > 1
-    # Other transmissions have the numbers of tendons, sites or bodies instead of a joint's.
+    # Other transmissions refer to tendons, sites or bodies, not to joints.
     if odd or model.actuator_trntype[k] > 1 or JOINTS[model.jnt_type[joint]] in ("free", "ball"):
         return None
     gain, gear = float(model.actuator_gainprm[k][0]), float(model.actuator_gear[k][0])

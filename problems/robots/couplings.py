@@ -12,7 +12,7 @@ EQUALITY_KINDS = ("connect", "weld", "joint", "tendon")
 EQUALITIES_DISABLED = 1 << 1
 """Bit of MuJoCo's ``disableflags`` that disables equality constraints."""
 Equation = tuple[dict[int, float], float]
-"""Mapping from the number of a joint to its coefficient, the dependent joint first, and the value of the sum."""
+"""Linear equation of joints: mapping from joint number to coefficient, the dependent joint first, and the sum."""
 
 
 def equations(model: Any, mimics: Iterable[Mimic]) -> list[Equation]:
@@ -57,7 +57,7 @@ def _active(model: Any) -> Iterator[int]:
 
 
 def _length(model: Any, kind: int, number: int) -> tuple[Mapping[int, float], float]:
-    """Return the coefficient of each joint in a joint or fixed tendon, and its length at the joints' references."""
+    """Return the coefficient of every joint in a coordinate (a joint, or a fixed tendon), and its reference value."""
     if number < 0:
         return {}, 0.0
     if kind == 2:

@@ -18,7 +18,7 @@ def _by_name(text: str) -> dict[str, str]:
 
 
 ALL = "*"
-"""Word in a table for all attributes of an element."""
+"""Word that stands for all attributes of an element in a table."""
 _POSE = "pos quat axisangle xyaxes zaxis euler"
 """Attributes of MJCF that place an element."""
 _ACTUATOR = """name class joint jointinparent tendon site body refsite cranksite slidersite gear
@@ -51,7 +51,7 @@ intvelocity: *; damper: *; cylinder: *; muscle: *; adhesion: *; dcmotor: *
 )
 """Mapping from an MJCF element to its attributes that are read; for those without effect see ``unsupported``."""
 _BULKY = {"camera", "custom", "light", "material", "skin", "statistic", "texture", "visual"}
-"""Elements of MJCF that are removed before compiling, since some name files."""
+"""Elements of MJCF that are removed before compilation, since some of them refer to files."""
 _PICTURES = _BULKY | {"color", "group", "numeric", "rgba", "size", "texcoord", "text", "tuple", "user"}
 """Elements and attributes that change only pictures."""
 _REASONS = _by_name("""
@@ -70,7 +70,7 @@ it copies another file: attach; bodies are rigid: composite flex flexcomp; it lo
 extension plugin; a URDF cannot include files here: include; it closes a loop, and joints form trees
 here: loop_joint; it reads another file: model; it makes copies: replicate
 """)
-"""Mapping from an element that is not supported, and cannot be left out, to the reason; it causes an error."""
+"""Mapping from an element that causes an error, since it is unsupported and cannot be ignored, to the reason."""
 REFUSED_OF_URDF = {"include", "loop_joint"}
 """Elements of :data:`REFUSED` that cause an error in a URDF; others have no effect there."""
 
@@ -85,7 +85,7 @@ def listed(what: str, names: Iterable[str]) -> str:
 def unread(root: Element, *, urdf: bool) -> list[str]:
     """Return sentences that name everything in a file that is not read, one for each reason.
 
-    Unread elements are removed from a URDF; from an MJCF file only those in ``_BULKY``.
+    From a URDF all unread elements are removed, from an MJCF file only the elements in ``_BULKY``.
     Raises ``ValueError`` for an element in :data:`REFUSED`.
     """
     table, pictures = URDF if urdf else MJCF, set[str]()
@@ -114,7 +114,7 @@ def unread(root: Element, *, urdf: bool) -> list[str]:
 
 
 def _unread_attributes(element: Element, read: list[str], *, urdf: bool) -> dict[str, str]:
-    """Return the attributes that are not read; remove them in a URDF, or if they have a namespace."""
+    """Return an element's attributes that are not read; remove them in a URDF, or if they have a namespace."""
     unread = {k: v for k, v in element.attrib.items() if k not in read and read != [ALL]}
     for name in unread:
         if urdf or ":" in name:
@@ -123,7 +123,10 @@ def _unread_attributes(element: Element, read: list[str], *, urdf: bool) -> dict
 
 
 def _sentence(attribute: str, tag: str, kind: str, name: str) -> tuple[tuple[str, str, str], str]:
-    """Return prefix, kind of element and reason of a sentence about an attribute, and the name in it."""
+    """Return the key of a sentence about an attribute, and the name that it lists.
+
+    The key (prefix, kind of element, reason) is equal for attributes that share a sentence.
+    """
     if tag in ("option", "flag"):
         return ("", "option", "settings of a simulator, or of a fluid"), attribute
     prefix = f"{attribute} of " if kind == tag else f"{attribute} of {tag} of "
@@ -139,7 +142,7 @@ def _walk(
 ) -> Iterator[tuple[Element, tuple[Element, ...]]]:
     """Yield all elements that are read, and the topmost unread ones, each with its ancestors.
 
-    Unread elements with a tag in ``remove`` are removed from the tree, all if it is None.
+    Unread elements are removed from the tree if ``remove`` is None or contains their tag.
     """
     stack: list[tuple[Element, tuple[Element, ...]]] = [(root, ())]
     while stack:
@@ -152,7 +155,7 @@ def _walk(
 
 
 def _nearest_named(element: Element, owners: tuple[Element, ...]) -> tuple[str, str]:
-    """Return tag and name of the element, or of the nearest one above it that has a name."""
+    """Return tag and name of the element, or of its nearest ancestor with a name if it has none."""
     for ancestor in (element, *reversed(owners)):
         if ancestor.tag in ("default", "worldbody"):
             return ("body", "world") if ancestor.tag == "worldbody" else (ancestor.tag, ancestor.get("class", "main"))

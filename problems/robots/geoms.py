@@ -1,4 +1,4 @@
-"""Conversion of the geoms of a compiled file to parts in space, and the pairs of them that may touch."""
+"""Conversion of the geoms of a compiled file to parts in space, and the pairs of geoms that may touch."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ MOST_CORNERS = 32
 MOST_PAIRS = 10_000
 """Maximum number of pairs of geoms that may touch."""
 PAIRS_NAMED = 3
-"""Maximum number of pairs that are named in a sentence about pairs left out."""
+"""Maximum number of pairs of geoms that are named in a sentence about ignored pairs."""
 CONTACT_DISABLED = 1 << 4
 """Bit of MuJoCo's ``disableflags`` that disables contact."""
 PARENT_FILTER_DISABLED = 1 << 10
@@ -47,8 +47,8 @@ class CollisionModel:
     """A machine with its parts and contacts.
 
     ``distances`` maps q (nq, 1) to the signed distance of every contact (nc, 1) [m], ``friction`` the
-    name of a contact to Coulomb's coefficient. ``grounds`` are indices of contacts with level ground,
-    ``geoms`` numbers of geoms that may touch, ``ignored`` sentences about those left out.
+    name of a contact to Coulomb's coefficient. ``grounds`` are the indices of contacts with level
+    ground, ``geoms`` the numbers of geoms that may touch, ``ignored`` sentences about ignored geoms and pairs.
     """
 
     machine: SpatialMachine
@@ -60,7 +60,7 @@ class CollisionModel:
 
 
 def collision_model(model: Any, machine: SpatialMachine, poses: Sequence[BodyFrame]) -> CollisionModel:
-    """Add to a machine all geoms whose shape is supported, and the pairs that may touch and can meet.
+    """Add to a machine all geoms of supported shapes, and those pairs of geoms that may touch and can reach each other.
 
     Raises ``ValueError`` for too many pairs, and for two contacts of the same name.
     """
@@ -81,7 +81,7 @@ def collision_model(model: Any, machine: SpatialMachine, poses: Sequence[BodyFra
     for (a, b), coefficient in pairs.items():
         if a not in parts or b not in parts:
             continue
-        # A part of the world comes last.
+        # In a pair with a part of the world, that part comes second.
         first, second = (parts[g] for g in ((b, a) if parts[a].body == WORLD else (a, b)))
         pair = first.name, second.name
         try:
@@ -134,9 +134,9 @@ def _parts(model: Any, poses: Sequence[BodyFrame], geoms: list[int], ignored: li
 
 
 def _shape(model: Any, g: int, kind: str, pose: BodyFrame) -> tuple[Shape, str]:
-    """Return the shape of a geom in the frame of its body, and a note on what is left out, "" for nothing.
+    """Return the shape of a geom in the frame of its body, and a note on what the shape leaves out ("": nothing).
 
-    Raises ``ValueError`` with the reason if there is no such shape.
+    Raises ``ValueError`` with the reason if the geom's shape is not supported.
     """
     size, middle = model.geom_size[g], exact(pose.place)
     R, radius = pose.turn.as_matrix(), float(size[0])
@@ -158,7 +158,7 @@ def _shape(model: Any, g: int, kind: str, pose: BodyFrame) -> tuple[Shape, str]:
 
 
 def _hull(model: Any, g: int, pose: BodyFrame) -> tuple[Hull, str]:
-    """Return the hull of the corners that MuJoCo keeps of a mesh, and a note on how far it is inside the mesh."""
+    """Return the hull of the mesh's corners that MuJoCo keeps, and a note on how far it lies inside the mesh."""
     mesh = int(model.geom_dataid[g])
     first, many = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
     corners = model.mesh_vert[first : first + many].astype(float)
@@ -177,8 +177,8 @@ def _hull(model: Any, g: int, pose: BodyFrame) -> tuple[Hull, str]:
 def pairs_of(model: Any) -> dict[tuple[int, int], float]:
     """Return a mapping from pairs of geoms that may touch to Coulomb's coefficient, 0 without friction.
 
-    Pairs are those that the file names, and those that contype and conaffinity allow, unless their
-    bodies are excluded, fixed to each other, or parent and child.
+    These are the pairs that the file lists, and the pairs that contype and conaffinity allow, unless the
+    two bodies are excluded, fixed to each other, or parent and child.
     """
     if model.opt.disableflags & CONTACT_DISABLED:
         return {}
@@ -207,7 +207,7 @@ def pairs_of(model: Any) -> dict[tuple[int, int], float]:
 
 
 def _friction(model: Any, a: int, b: int) -> float:
-    """Return the friction coefficient of the geom with the higher priority; of equals, the larger coefficient."""
+    """Return the friction coefficient of the geom of higher priority, or the larger one if priorities are equal."""
     ranks = model.geom_priority[[a, b]]
     deciding = [a, b] if ranks[0] == ranks[1] else [a if ranks[0] > ranks[1] else b]
     return float(model.geom_friction[deciding][:, 0].max()) if model.geom_condim[deciding].max() > 1 else 0.0

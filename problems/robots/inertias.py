@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 INERTIA_TOLERANCE = 1e-6
 """Maximum relative difference [1] of an inertia, to allow for its decomposition by the compiler."""
 _ADJUSTMENTS = ("boundmass", "boundinertia", "balanceinertia", "settotalmass")
-"""Settings of a file with which, if they are positive, MuJoCo changes masses and inertias."""
+"""Settings of a file that make MuJoCo change masses and inertias if they are positive."""
 
 Moments = tuple[float, np.ndarray, np.ndarray]
 """Mass [kg], centre (3,) [m] and inertia about it (3, 3) [kg m²] in the axes of the body."""
@@ -23,8 +23,9 @@ Moments = tuple[float, np.ndarray, np.ndarray]
 def check_inertias(model: Any, spec: Any, urdf: Element | None) -> None:
     """Raise ``ValueError`` if a body of ``model`` has another mass, centre or inertia than in the file.
 
-    The file's numbers are those of ``<inertial>``, from the URDF or from ``spec`` before compilation,
-    with ``R I R'`` for a frame turned by R; without it they are the closed forms for solid geoms.
+    The expected numbers are those of ``<inertial>``, from the URDF or from ``spec`` before compilation,
+    with ``R I R'`` for a frame turned by R. For a body without ``<inertial>`` they are computed from its
+    solid geoms in closed form.
     Bodies with meshes or shells and no ``<inertial>``, bodies whose frame MuJoCo aligns, and files
     that let MuJoCo adjust inertias are not checked.
     """
@@ -106,7 +107,7 @@ def _of_geoms(model: Any, body: Any, groups: Any) -> Moments | None:
 
 
 def combined(solids: Sequence[Moments]) -> Moments:
-    """Return mass, centre and inertia of several solids as one; without mass the centre is the origin."""
+    """Return mass, centre and inertia of several solids together; the centre is the origin if the mass is zero."""
     total = sum(mass for mass, *_ in solids)
     centre = sum((mass * place for mass, place, _ in solids), np.zeros(3)) / (total or 1)
     inertia = np.zeros((3, 3))
@@ -117,7 +118,7 @@ def combined(solids: Sequence[Moments]) -> Moments:
 
 
 def _solid(kind: str, a: float, b: float, c: float) -> tuple[float, list[float]] | None:
-    """Return volume [m³] and moments of inertia per mass (3,) [m²] of a solid by MuJoCo's sizes; None if unknown."""
+    """Return volume [m³] and moments of inertia per mass (3,) [m²] of a solid from MuJoCo's sizes; None if unknown."""
     if kind == "sphere":
         kind, b, c = "ellipsoid", a, a
     if kind in ("ellipsoid", "box"):

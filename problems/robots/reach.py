@@ -1,4 +1,4 @@
-"""Test of whether two geoms of a compiled file can meet at any angles within the joints' limits."""
+"""Test of whether two geoms of a compiled file can touch in any pose within the joints' limits."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ PARALLEL_TOLERANCE = 1e-9
 
 
 def never_collide(model: Any, data: Any, above: list[list[int]], one: int, other: int) -> bool:
-    """Return True if two geoms can never meet, False if they can or if it is not known.
+    """Return True if two geoms can never touch, False if they can or if this is not known.
 
     ``above`` is the result of :func:`joints_above`; ``data`` is overwritten. The ranges of the joints
-    between the geoms are divided into pieces. The geoms never meet if, in the middle of every piece,
-    they are further apart than the joints can move them within the piece, or if they move beside
-    each other in parallel planes.
+    between the geoms are divided into pieces. The geoms never touch if, at the middle of every piece,
+    their distance exceeds the motion that the joints can cause within the piece, or if they move in
+    parallel planes some distance apart.
     """
     mujoco, geoms = import_module("mujoco"), (one, other)
     chains = [above[model.geom_bodyid[g]] for g in geoms]
@@ -44,7 +44,7 @@ def never_collide(model: Any, data: Any, above: list[list[int]], one: int, other
         reach = 0.0
         for g, chain in zip(geoms, chains, strict=True):
             radius = 0.0
-            # From the last joint to the first, each joint also moves by what the previous ones have added.
+            # From the last joint to the first: each joint also moves the motion of the joints before it.
             for j in chain:
                 arm = math.dist(data.xanchor[j], data.geom_xpos[g]) + model.geom_rbound[g]
                 radius += widths[j] * (1 if model.jnt_type[j] == 2 else arm + radius)
@@ -55,7 +55,7 @@ def never_collide(model: Any, data: Any, above: list[list[int]], one: int, other
 
 
 def _beside(model: Any, data: Any, joints: list[int], geoms: tuple[int, int]) -> bool:
-    """Return whether all hinges between two geoms are parallel, and boxes around these apart along the axis."""
+    """Return whether all hinges between two geoms are parallel, and the geoms are separate along the hinges' axis."""
     data.qpos[:] = model.qpos0
     import_module("mujoco").mj_kinematics(model, data)
     hinges = [j for j in joints if model.jnt_type[j] == 3]
@@ -74,7 +74,7 @@ def _beside(model: Any, data: Any, joints: list[int], geoms: tuple[int, int]) ->
 
 
 def joints_above(model: Any) -> list[list[int]]:
-    """Return for each body the list of the joints that move it, its own first."""
+    """Return, for each body, the list of the joints that move it, from its own joints to those of the root."""
     moving: list[list[int]] = [[]]
     for body in range(1, model.nbody):
         joints = np.flatnonzero(model.jnt_bodyid == body)[::-1].tolist()
@@ -83,7 +83,7 @@ def joints_above(model: Any) -> list[list[int]]:
 
 
 def _range(model: Any, j: int) -> tuple[float, float]:
-    """Return the range of a hinge or slide; without limits a whole turn for a hinge, and infinite for others."""
+    """Return a joint's range; without limits it is a whole turn for a hinge and infinite for other joints."""
     if model.jnt_limited[j] and model.jnt_type[j] > 1:
         return tuple(model.jnt_range[j].tolist())
     return (-math.pi, math.pi) if model.jnt_type[j] == 3 else (-math.inf, math.inf)

@@ -28,20 +28,20 @@ from problems.robots.source import Source, read_source
 from problems.robots.unsupported import unsupported_features
 
 _SLIDE = 2
-"""MuJoCo's number for a slide; that for a hinge is the next."""
+"""MuJoCo's number for a slide joint; a hinge has the next number."""
 FINITE_FIELDS = ("body_mass", "body_inertia", "body_ipos", "geom_size", "dof_armature")
 """Arrays of a compiled model that must be finite."""
 _TILT = 1e-5
-"""Tolerance [1] for the unit axes of the joints of a planar robot, and of one drawn from the side."""
+"""Tolerance [1] on entries of joint axes, to decide whether a robot moves in one plane."""
 
 
 def load(path: str | Path, *, floating: bool = False, planar: bool = False, folder: str | Path | None = None) -> Robot:
     """Read a robot from a URDF or MJCF file, all of whose numbers are in SI units.
 
-    Bodies without joints become part of their parent. A URDF robot has the ground z = 0, and a motor at
-    each joint with an ``effort``, which is the unit of the input; its root is fixed to the world unless
-    it is ``floating``, or ``planar``: free in the vertical plane in which its joints move. No file
-    outside ``folder``, by default the file's own, is opened.
+    Bodies without joints become part of their parent. A robot from a URDF gets the ground z = 0, and a
+    motor at each joint with an ``effort``, which is the torque or force of one unit of input. Its root
+    is fixed to the world, unless the robot is ``floating``, or ``planar``: free in the vertical plane in
+    which its joints move. No file outside ``folder``, by default the folder of the file, is opened.
 
     Raises :class:`~ocp.errors.InputError` if MuJoCo is not installed, or if the file is not a robot or
     has parts that :class:`~dynamics.systems.space.Body` cannot express.
@@ -98,8 +98,8 @@ def load(path: str | Path, *, floating: bool = False, planar: bool = False, fold
 def _complete(spec: Any, source: Source) -> list[str]:
     """Add ground and friction to a URDF, and names to all elements; limit the corners of meshes' hulls.
 
-    Return the names of links of a URDF that have a joint and no <inertial>, whose mass is that of
-    their shapes; other links without <inertial> have no mass.
+    Return the names of the links of a URDF that have a joint and no <inertial>: their mass is computed
+    from their shapes. Links without joint and <inertial> have no mass.
     """
     spec.compiler.fusestatic = False
     estimated = [body for body in spec.bodies[1:] if source.urdf and not body.explicitinertial]
@@ -109,7 +109,7 @@ def _complete(spec: Any, source: Source) -> list[str]:
     if source.urdf:
         plane = import_module("mujoco").mjtGeom.mjGEOM_PLANE
         spec.worldbody.add_geom(name="ground", type=plane, size=[0, 0, 1])
-    # The geom of higher priority decides: one with a stated friction, and of two the smaller.
+    # MuJoCo uses the friction of the geom of higher priority: a stated one, and the smaller of two.
     ranked = sorted(source.friction.items(), key=lambda item: -item[1])
     for priority, (link, friction) in enumerate(ranked, 1):
         body = spec.body(link)
@@ -127,9 +127,9 @@ def _complete(spec: Any, source: Source) -> list[str]:
 
 
 def _plane_axis(model: Any, file: Path) -> np.ndarray:
-    """Return the horizontal unit vector (3,) about which all hinges turn, y if there are none.
+    """Return the horizontal unit vector (3,) about which all hinges turn, y for a robot without hinges.
 
-    Raises :class:`~ocp.errors.InputError` if a joint moves out of the plane normal to it.
+    Raises :class:`~ocp.errors.InputError` if a joint moves the robot out of the plane normal to it.
     """
     mujoco = import_module("mujoco")
     data = mujoco.MjData(model)
@@ -180,7 +180,7 @@ def _check(model: Any) -> None:
 
 
 def _reason(message: str) -> str:
-    """Return the first line of the compiler's message as a reason, with the element that it names."""
+    """Return the reason in the first line of the compiler's message, with the element that the message names."""
     lines = [line.strip() for line in message.splitlines() if line.strip()]
     text = lines[0].replace("XML ", "").replace("Error: ", "").replace("engine error: ", "")
     named = [line.split("'")[1] for line in lines if line.startswith("Element name '")]

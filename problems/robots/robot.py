@@ -26,9 +26,9 @@ class Robot:
     names of the file's joints, one for every entry of q, ``actuators`` the motors and servos in the
     order of inputs. ``home`` (nq,) is q of the file's keyframe ``home``, or else the joints'
     references. ``friction`` maps the name of a contact to Coulomb's coefficient, in the order of the
-    machine's contacts; ``grounds`` are indices of those with level ground. ``camera`` shows all of the
-    robot. ``ignored`` are sentences about everything in the file that has no effect, ``notes`` about
-    everything that could be read differently.
+    machine's contacts; ``grounds`` are the indices of contacts with level ground. ``camera`` shows
+    the whole robot. ``ignored`` are sentences about parts of the file that have no effect, ``notes``
+    sentences about parts that could be interpreted differently.
     """
 
     path: Path
@@ -90,7 +90,7 @@ class Robot:
         return ties.close(tree, goal) if ties else goal
 
     def held(self, pose: np.ndarray) -> np.ndarray:
-        """Return inputs (nu,) that command a pose: its positions for servos, and 0 for motors."""
+        """Return inputs (nu,) that hold ``pose``: the joints' positions for servos, and 0 for motors."""
         tree = self.machine.tree()
         return np.array(
             [pose[tree.q_of[name]][0] if tree.bodies[name].servo is not None else 0.0 for name in tree.actuated]
@@ -98,7 +98,7 @@ class Robot:
 
     @cached_property
     def _root_translations(self) -> dict[str, tuple[int, float]]:
-        """Mapping from a world axis to index in q, and sign, of the coordinate that moves the root freely along it."""
+        """Mapping from a world axis along which the root moves freely to the coordinate's index in q and its sign."""
         tree, slides, above = self.machine.tree(), {}, None
         for body in self.machine.bodies:
             if body.joint == "free":
@@ -123,7 +123,7 @@ class Robot:
         return spatial_frames(self.machine, self.camera, state, friction)
 
     def document(self) -> dict[str, Any]:
-        """Return all that was read, and what was not, as plain data: bodies, coordinates, motors, contacts, notes."""
+        """Return the robot as plain data: bodies, coordinates, motors, contacts, notes, ignored parts of the file."""
         tree = self.machine.tree()
         gaps, home = np.array(self.distances(self.home)).ravel().tolist(), self.home.tolist()
         return {

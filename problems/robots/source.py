@@ -25,13 +25,13 @@ MOST_JOINTS = 100
 MOST_GEOMS = 1000
 """Maximum number of geoms of a robot."""
 LARGEST_NUMBER = 1e50
-"""Largest number that is read; products of several such numbers stay finite."""
+"""Largest number that is accepted in a file; products of several such numbers stay finite."""
 TEXT_ATTRIBUTES = {"name", "class", "childclass", "model", "text", "data"}
 """Attributes whose numbers are not checked: names and texts."""
 INFINITE_ATTRIBUTES = {"lower", "upper", "effort", "velocity", "range", "ctrlrange", "forcerange", "actuatorfrcrange"}
 """Attributes that may be infinite."""
 OWNING_ELEMENTS = {"body", "worldbody", "frame"}
-"""Elements of MJCF whose direct joints and geoms are part of the robot."""
+"""Elements of MJCF whose child elements ``joint`` and ``geom`` are part of the robot."""
 FOLDER_ATTRIBUTES = ("assetdir", "meshdir", "texturedir")
 """Attributes of ``<compiler>`` that name the folders of all files, of meshes, and of textures."""
 MESH_SUFFIXES = {".stl", ".obj", ".msh"}
@@ -40,7 +40,7 @@ MESH_SUFFIXES = {".stl", ".obj", ".msh"}
 
 @dataclass(frozen=True)
 class Source:
-    """A robot's file as one text, with the contents of its meshes, and with what was taken out of the text."""
+    """A robot's file as one text, with the contents of its meshes, and the data that were removed from the text."""
 
     text: str
     urdf: bool
@@ -51,7 +51,7 @@ class Source:
 
 
 def read_source(file: Path, folder: Path | None = None) -> Source:
-    """Read a URDF or MJCF file with all that it includes from ``folder``, by default the file's own.
+    """Read a URDF or MJCF file with all that it includes from ``folder``, by default that of the file.
 
     The result's ``friction`` maps each link of a URDF that states Coulomb's coefficient to its value.
 
@@ -73,7 +73,7 @@ def read_source(file: Path, folder: Path | None = None) -> Source:
         raise InputError(f"{file}: <{kind}> is neither a URDF (<robot>) nor an MJCF (<mujoco>) file{hint}")
     robot_folder = RobotFolder(file, (folder or file.parent).resolve())
     urdf, read_files = root.tag == "robot", {file.resolve()}
-    # One at a time, since an included file may include others.
+    # Includes are replaced one at a time, since an included file may include others.
     while not urdf and (pair := next(children(root, {"include"}), None)):
         parent, child = pair
         name = child.get("file", "")
@@ -105,7 +105,7 @@ def read_source(file: Path, folder: Path | None = None) -> Source:
 
 
 def _parsed(file: Path, size: int) -> tuple[Element, int]:
-    """Return the root of a file, and the ``size`` of the files read before plus its own [bytes]."""
+    """Return the root element of a file, and the total size [bytes] of it and the files read before (``size``)."""
     if not file.is_file():
         kind = "is not a regular file" if file.exists() else "there is no such file"
         raise InputError(f"{file}: {kind}; expected a robot as URDF or MJCF")
@@ -142,7 +142,7 @@ class RobotFolder:
     folder: Path
 
     def resolve(self, name: str, tag: str) -> Path:
-        """Return the absolute path of a file that is named relative to the robot's file, with links resolved.
+        """Return the absolute path, without symbolic links, of a file whose ``name`` is relative to the robot's file.
 
         Raises :class:`~ocp.errors.InputError` for a path outside the folder.
         """
@@ -207,7 +207,7 @@ def _check(root: Element, robot_folder: RobotFolder) -> None:
 
 
 def _out_of_range(name: str, value: str) -> str:
-    """Return why a number of an attribute is rejected, as a part of a sentence; "" if none is."""
+    """Return, as part of a sentence, why a number in an attribute is rejected; "" if all its numbers are valid."""
     for word in value.split():
         try:
             number = float(word)
@@ -227,15 +227,15 @@ def _strip_mjcf(root: Element) -> None:
     for element in root.iter():
         element.attrib.pop("material", None)
     for field in root.iter("hfield"):
-        # A height field stays flat, and has no contacts.
+        # Without its file a height field is flat; it has no contacts.
         field.attrib.pop("file", None)
         field.attrib |= {"nrow": "2", "ncol": "2"}
 
 
 def _take_meshes(root: Element, robot_folder: RobotFolder, ignored: list[str]) -> dict[str, bytes]:
-    """Rename all meshes in ``root`` to names without a folder; return a mapping from these to the contents.
+    """Replace the file names of all meshes in ``root`` by names without a folder; return a mapping to their contents.
 
-    Meshes of a URDF that are outside the folder, or of another format, are removed.
+    From a URDF, meshes outside the robot's folder or of an unsupported format are removed.
     """
     urdf, folder = root.tag == "robot", ""
     assets, lost = dict[str, bytes](), dict[str, None]()
@@ -247,7 +247,7 @@ def _take_meshes(root: Element, robot_folder: RobotFolder, ignored: list[str]) -
     bases = [base for base in robot_folder.file.resolve().parents if base.is_relative_to(robot_folder.folder)]
     for mesh in [element for element in root.iter("mesh") if element.get(key)]:
         name = mesh.attrib[key]
-        # The first folders of the name may be those of a package, or of another computer.
+        # The name may begin with the folders of a package, or of another computer.
         path_parts = Path(name.rpartition("://")[2].lstrip("/") if urdf else name).parts
         places = [str(base / Path(folder, *path_parts[k:])) for base in bases for k in range(len(path_parts))]
         content = next(filter(None, map(robot_folder.existing, places)), None)

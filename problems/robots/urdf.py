@@ -16,7 +16,7 @@ from problems.robots.elements import listed
 FRICTION_TAGS = {"lateral_friction", "mu", "mu1", "mu2"}
 """Elements of a URDF that state a coefficient of friction."""
 FRICTION_HOLDERS = {"contact", "gazebo", "surface", "friction", "ode"}
-"""Elements of a URDF that may contain those of friction."""
+"""Elements of a URDF that may contain elements in :data:`FRICTION_TAGS`."""
 MOMENTS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 """Attributes of a link's inertia: moments, then products."""
 DUMMY_MASS_KG = 1e-3
@@ -44,7 +44,7 @@ def children(root: Element, tags: set[str]) -> Iterator[tuple[Element, Element]]
 
 
 def declare_world(root: Element) -> None:
-    """Add the link ``world`` to a URDF whose joints name it as parent without declaring it."""
+    """Add the link ``world`` to a URDF if it is the parent of a joint and not declared."""
     links = {link.get("name") for link in root.iterfind("link")}
     parents = {parent.get("link") for parent in root.iterfind("joint/parent")}
     if "world" in parents - links:
@@ -52,7 +52,7 @@ def declare_world(root: Element) -> None:
 
 
 def take_friction(root: Element, file: Path, notes: list[str]) -> dict[str, float]:
-    """Remove friction from the links of a URDF; return a mapping from link to coefficient, of several the smallest.
+    """Remove friction from the links of a URDF; return a mapping from link to its smallest friction coefficient.
 
     Raises :class:`~ocp.errors.InputError` for a coefficient that depends on the direction, or is negative.
     """
@@ -77,7 +77,7 @@ def take_friction(root: Element, file: Path, notes: list[str]) -> dict[str, floa
     for name, values in stated.items():
         if len(values) > 1:
             notes.append(f"friction {max(values):g} of link {name}: the smaller {min(values):g} is used")
-    # Elements that contained only friction have been read completely.
+    # Elements that contained nothing but friction are now empty.
     while empty := [pair for pair in children(root, FRICTION_HOLDERS) if _is_empty(pair[1])]:
         for parent, child in empty:
             parent.remove(child)
@@ -89,9 +89,9 @@ def _is_empty(element: Element) -> bool:
 
 
 def take_mimics(root: Element, file: Path) -> list[Mimic]:
-    """Remove ``<mimic>`` from the joints of a URDF, and return which joints follow another.
+    """Remove ``<mimic>`` from the joints of a URDF, and return the joints that follow another joint.
 
-    A joint that follows a fixed one stays at its offset; fixed joints follow none.
+    A joint that follows a fixed joint stays at its offset; ``<mimic>`` of a fixed joint has no effect.
     """
     mimics = list[Mimic]()
     kinds = {joint.get("name"): joint.get("type") for joint in root.iterfind("joint")}
@@ -113,7 +113,7 @@ def take_mimics(root: Element, file: Path) -> list[Mimic]:
 
 
 def clean(root: Element) -> list[str]:
-    """Remove products of inertia that no body can have, and infinite limits; return sentences about them."""
+    """Remove impossible products of inertia and infinite limits from a URDF; return sentences about the changes."""
     sentences = []
     odd = [link.get("name", "") for link in root.iter("link") if _zero_products(link)]
     if odd:

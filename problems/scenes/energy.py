@@ -22,7 +22,7 @@ def energy_balance(scene: Scene, masses: ca.SX, weight: ca.SX, h: Scalar) -> Bal
     """Return the function for the balance of a scene with ``masses`` (nq, 1) under ``weight`` (nq, 1) [N, N m].
 
     Energy is ``1/2 v' M v - weight' q``. The momentum ``sum m v`` changes by weight, motors,
-    obstacles and rails; of the forces on a pusher only the component along its rail counts.
+    obstacles and rails; for a pusher on a rail only force components along the rail count.
     """
 
     def balance(q: ca.SX, v: ca.SX, u: ca.SX, v_next: ca.SX, normal: ca.SX, friction: ca.SX) -> EnergyBalance:

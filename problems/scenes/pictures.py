@@ -71,7 +71,7 @@ def _all_shapes(scene: Scene, poses: list[PlanarPose]) -> list[Shape]:
 
 
 def _shapes(thing: Thing, pose: PlanarPose, role: str) -> list[Shape]:
-    """Return the shapes of a thing, and, for a disc that turns, a radius that is upright at angle zero."""
+    """Return the shapes of a thing, and for a disc that turns also a radius, which points upwards at angle zero."""
     shapes = [solid(shape, *pose, role) for shape in convex_parts(thing.shape)]
     if not (thing.turns and isinstance(disc := shapes[0], Circle)):
         return shapes

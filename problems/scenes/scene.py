@@ -30,8 +30,8 @@ class Scene:
     Two things can touch if one of them moves, except the pairs of names in ``non_colliding``. The y
     axis points up if there is gravity; angles are anticlockwise.
 
-    ``friction`` is Coulomb's coefficient of all contacts, or a mapping from pairs of names to it, in
-    which missing pairs are frictionless. All numbers may be symbols of a problem's parameters.
+    ``friction`` is Coulomb's coefficient of all contacts, or a mapping from pairs of names to the pair's
+    coefficient; pairs not in it are frictionless. All numbers may be symbols of a problem's parameters.
 
     Coordinates ``q`` are those of the bodies and then of the pushers, in the order of ``things``.
     Raises :class:`~ocp.errors.InputError` for invalid things and for unknown or duplicate names.
@@ -138,9 +138,9 @@ class Scene:
     ) -> ContactSystem:
         """Return the contact system of bodies without momentum, and pushers that springs pull to commanded positions.
 
-        The state is q, the input the commanded coordinates of the pushers [m]; gaps are the true
-        ones at the next state unless ``linearised``. ``load`` [m/s²] times its mass is a force
-        on every body. Bodies with a ``table`` are pressed to it by ``gravity`` [m/s²], and slide
+        The state is q, the input the commanded coordinates of the pushers [m]. Gaps are true
+        distances at the next state unless ``linearised``. Every body is loaded by the force
+        ``load`` [m/s²] times its mass. Bodies with a ``table`` are pressed to it by ``gravity`` [m/s²], and slide
         quasi-statically unless ``inertial`` (:class:`~dynamics.systems.limit_surface.LimitSurface`).
         See :func:`~dynamics.systems.timestepping.quasi_dynamic`.
 

@@ -74,8 +74,8 @@ class Body(Thing):
     """A thing that moves freely, with coordinates x, y [m], and an angle [rad] if it has an ``inertia``.
 
     ``mass`` [kg]; ``inertia`` [kg m²] about the origin of its frame, which is its centre of mass,
-    None for a body that never turns. ``table`` is Coulomb's coefficient with a table that the body
-    lies on, None if it glides freely; ``reach`` [m] is the mean distance of the pressure under it
+    None for a body that never turns. ``table`` is Coulomb's coefficient with a table on which the body
+    lies, None for a body that glides freely; ``reach`` [m] is the mean distance of the pressure under it
     from its centre of mass, by default for a pressure that is uniform over its shape.
     """
 
@@ -117,7 +117,7 @@ class Body(Thing):
         return cls(name, shape, at, angle, mass, mass * area.gyration, table)
 
     def limit_surface(self, first: int, gravity: Scalar, inertial: bool) -> LimitSurface | None:
-        """Return the body's friction with its table, None without one; ``first`` is the index of its x."""
+        """Return the body's friction with its table, None without a table; ``first`` is the index of its x in q."""
         if self.table is None:
             return None
         reach = (mean_distance(self.shape) if self.reach is None else self.reach) if self.turns else None
@@ -223,8 +223,8 @@ class Touch:
 def contact_pairs(things: Sequence[Thing], non_colliding: Collection[frozenset[str]]) -> list[Touch]:
     """Return all contacts of two things of which one moves, except the pairs of names in ``non_colliding``.
 
-    If one of the two can turn, every corner is a contact of its own, ``<one> on <other> <number>``,
-    see :func:`~dynamics.systems.shapes.polygon.vertex_pairs`.
+    If one of the two can turn, every corner has a separate contact ``<one> on <other> <number>``, see
+    :func:`~dynamics.systems.shapes.polygon.vertex_pairs`.
     """
     pairs_that_touch = []
     for first, second in combinations(things, 2):

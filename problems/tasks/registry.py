@@ -26,9 +26,9 @@ class TaskSpec(Spec):
 
     ``build(params)`` returns the :class:`~ocp.problem.task.Task`, ``draw(params, state)`` the shapes at
     one state (nx,), ``frames(params, state)`` the point and direction of each contact; ``axes`` are
-    labels of the drawing. ``decisions`` is the number of inputs that matter in an episode (1 for a
-    throw), None for one per step. ``observation_bounds`` maps names of observations to their finite
-    ranges. ``training`` maps an algorithm's name to its settings for this task, and ``"all"`` to those
+    labels of the drawing. ``decisions`` is the number of steps whose input has an effect (1 for a
+    throw), None for all steps. ``observation_bounds`` maps names of observations to their finite
+    ranges. ``training`` maps an algorithm's name to its settings for this task, and ``"all"`` to settings
     of every algorithm; other settings keep their defaults. ``learner`` is the default algorithm.
     """
 

@@ -65,7 +65,7 @@ def machine_task_fields(
 
 
 def all_below(x: ca.SX, bound: float) -> ca.SX:
-    """Return 1 if the size of every entry of ``x`` is below ``bound``, else 0, also if an entry is NaN.
+    """Return 1 if the absolute value of every entry of ``x`` is below ``bound``, else 0; for NaN, 0.
 
     Any comparison with NaN is false, so the entries are tested for being within the bound.
     """

@@ -1,4 +1,4 @@
-"""Jobs that train a policy on a named task in any process, and the data that a run stores of them."""
+"""Jobs that train a policy on a named task in any process, and the data of a training that a run stores."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def _with_units(experiment: Experiment, data: xr.Dataset) -> xr.Dataset:
 
 
 SAME_TRAINING = ("task", "algorithm", "seed")
-"""Settings that must agree with a job's for an unfinished training to be reported to the user."""
+"""Settings that an unfinished training must share with a job to be reported when the job starts."""
 KIND = "train"
 """Kind of a stored run that contains a trained policy."""
 
@@ -126,7 +126,7 @@ class TrainingJob:
         return f"{f'{beside} with psi' if beside else self.algorithm.name} seed {self.seed}"
 
     def experiment(self, task: Task | None = None) -> Experiment:
-        """Build the experiment, on ``task`` if that is built already; raises :class:`~ocp.errors.InputError`."""
+        """Build the experiment, on ``task`` if it is built already; raises :class:`~ocp.errors.InputError`."""
         spec = registry.spec(self.task)
         params = spec.params(self.params)
         task = task or spec.build(params)
@@ -171,7 +171,7 @@ def unfinished(job: TrainingJob, experiment: Experiment, checkpoint: Checkpoint)
 
 
 def run_training(job: TrainingJob, tell: Callable[[dict[str, float]], None]) -> xr.Dataset:
-    """Run a job from its checkpoint on, and return the data to store; a :data:`~ocp.jobs.scheduling.Function`.
+    """Run a job, continuing from its checkpoint, and return the data to store; a :data:`~ocp.jobs.scheduling.Function`.
 
     ``tell`` is called with the numbers of every iteration.
     """
@@ -200,7 +200,7 @@ def rebuilt(run: StoredRun) -> tuple[Experiment, TrainedPolicy]:
     """Return the experiment and the policy of a stored run of ``ocp train``, to evaluate the policy again.
 
     Raises :class:`~ocp.errors.InputError` for a run of another kind, and if the policy does not fit
-    the task of that name.
+    the named task.
     """
     if run.kind != KIND:
         raise InputError(f"{run.path} is a run of ocp {run.kind}, which holds no policy; give one of ocp train")

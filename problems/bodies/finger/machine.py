@@ -18,7 +18,7 @@ M(q) (v^+ - v) = h (u - b(q, v) - D v^+) + J_n^top gamma + J_t^top (beta^+ - bet
   0 <= beta^plus.minus perp psi plus.minus h J_t v^+ >= 0, quad
   0 <= psi perp f gamma - beta^+ - beta^- >= 0
 """
-"""Equations of the finger and the disc, in typst's mathematics."""
+"""Equations of the finger and the disc, in the mathematical notation of typst."""
 LINK_RADIUS = 0.03
 """Radius of the links in the picture [m]."""
 
@@ -44,8 +44,8 @@ class FingerParams(Parameters):
 def finger_system(name: str, p: ParameterTable) -> ContactSystem:
     """Return the contact system of shoulder, elbow and disc, with torques [N m] at the finger's joints.
 
-    The state is (q, v), with angles clockwise from straight up. The centre of the fingertip is ``r``
-    before the end of the second link; no other part of the finger has contacts. The disc is balanced
+    The state is (q, v), with angles clockwise from straight up. The centre of the fingertip is at
+    the distance ``r`` from the end of the second link; no other part of the finger has contacts. The disc is balanced
     on its pin.
     """
     p, friction = friction_of(p)
@@ -67,7 +67,7 @@ def finger_system(name: str, p: ParameterTable) -> ContactSystem:
 
 
 def finger_shapes(params: FingerParams, state: np.ndarray, goal: float) -> list[Shape]:
-    """Draw links, tip, and the disc with one radius at its angle and one at the angle ``goal`` [rad]."""
+    """Draw links, tip, and the disc with one radius at its angle and another at the angle ``goal`` [rad]."""
     (x, z), elbow, tip = (params.x, params.z), *_elbow_and_tip(params, state)
     disc = Circle(x, z, params.R)
 

@@ -13,7 +13,7 @@ from problems.machines.machine import PublishedMachine
 SPHERE_RADIUS = 0.046
 """Radius of all spheres [m]."""
 
-# Columns: name, parent, mass, inertia, centre of mass and tip relative to the joint along z, anchor,
+# Columns: name, parent, mass, inertia, centre of mass and tip (z relative to the joint), anchor,
 # offset, limits, spring, gear.
 _LEGS = (
     ("bthigh", "torso", 1.5352, 0.01525, -0.145, -0.290, (-0.5, 0.0), -0.658, (-0.52, 1.05), 240.0, 120.0),
@@ -30,8 +30,8 @@ def half_cheetah(
 ) -> PublishedMachine:
     """Return the half-cheetah of Zhang et al. (2023), sec. 7: 9 coordinates, 6 motors, 14.000 kg.
 
-    ``spring_scale`` multiplies the springs of the six joints (60 to 240 N m/rad), ``damping``
-    [N m s/rad] acts in each. ``base_damping`` acts on x, z and angle of the torso [N s/m,
+    ``spring_scale`` multiplies the stiffnesses of the six joints (60 to 240 N m/rad), ``damping``
+    [N m s/rad] acts in each joint. ``base_damping`` acts on x, z and angle of the torso [N s/m,
     N m s/rad]; the source has none. One unit of input is 30 to 120 N m; inputs are meant to be in
     [-1, 1], which the source does not enforce. At ``pose`` both feet touch the ground.
     """

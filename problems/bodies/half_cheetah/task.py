@@ -28,7 +28,7 @@ q_0 = q_"standing" + (0, 0.25 "m", 0, dots) + 0.1 xi, quad v_0 = 0.1 xi', quad
 "seen: all but" x; quad abs(u) <= 1 "(the source means it and does not enforce it)"
 """
 LARGEST_STATE = float(np.finfo(float).max)
-"""Size of a state's entry above which an episode ends: the largest finite float."""
+"""Absolute value of an entry of the state above which an episode ends: the largest finite float."""
 
 
 class CheetahDynamics(Parameters):

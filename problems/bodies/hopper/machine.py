@@ -18,10 +18,10 @@ def hopper(
 ) -> PublishedMachine:
     """Return the hopper of Zhang et al. (2023), sec. 7: 6 coordinates, 3 motors, 15.265 kg.
 
-    ``spring`` [N m/rad] and ``damping`` [N m s/rad] act in the three joints; ``limits`` are those of
-    the source's later version, since the first has none. ``base_damping`` acts on x, z and angle of
+    ``spring`` [N m/rad] and ``damping`` [N m s/rad] act in the three joints; ``limits`` are the joint
+    limits of the source's later version, since its first version has none. ``base_damping`` acts on x, z and angle of
     the torso [N s/m, N m s/rad]; the source's parser sets it to 50, which is not physical. One unit
-    of input is 200 N m. Thigh and leg have a sphere at their upper ends only.
+    of input is 200 N m. Thigh and leg have spheres only at their upper ends.
     """
     joint = {"spring": spring, "damping": damping, "gear": 200.0}
     knee = (0.0, pi * 150 / 180) if limits else None

@@ -21,7 +21,7 @@ citation = Citation("zhang2023adaptive", "Adaptive barrier smoothing, sec. 7; re
 axes, frames = problem.axes, problem.frames
 learner = "ars"
 training = {
-    # A hundredth of the largest torque tilts the torso so far in a few steps that the episode ends.
+    # Within a few steps, a hundredth of the largest torque tilts the torso so far that the episode ends.
     "all": {"rest": (0.0, 1.21, *[0.0] * 10), "sigma": 3e-3, "rate": 1e-3},
     "ars": {
         "directions": 32,
@@ -47,11 +47,11 @@ q_0 = q_"upright" + (0, 0.25 "m", 0, dots) + 0.005 xi, quad v_0 = 0.005 xi', qua
 LOWEST_TORSO = 0.7
 """Height of the torso at which an episode ends [m]."""
 STEEPEST_PITCH = 0.2
-"""Angle of the torso, to either side, at which an episode ends [rad]."""
+"""Angle of the torso, forward or backward, at which an episode ends [rad]."""
 LARGEST_STATE = 100.0
-"""Size of a state's entry at which an episode ends [m, rad, m/s, rad/s]."""
+"""Absolute value of an entry of the state at which an episode ends [m, rad, m/s, rad/s]."""
 FASTEST_SEEN = 10.0
-"""Size to which observed velocities are clipped [m/s, rad/s]."""
+"""Absolute value to which observed velocities are clipped [m/s, rad/s]."""
 observation_bounds = {signal.name: (-FASTEST_SEEN, FASTEST_SEEN) for signal in problem.MACHINE.tree().velocities}
 
 
@@ -77,8 +77,8 @@ class Params(with_weights(HopperDynamics, problem.MACHINE)):
 def build(params: Params) -> Task:
     """Build the task; the state is (q, v), and the reward [1] is the speed in m/s plus 0.1 minus a cost of the inputs.
 
-    The source has no bounds on the inputs; ours are one unit, 200 N m. A state that is not finite also
-    ends the episode.
+    Inputs are bounded by one unit, 200 N m, whereas the source has no bounds. A state that is not finite
+    also ends the episode.
     """
     system, common = machine_task_fields(name, params, hopper, "spring", problem.SPHERES[params.spheres])
     x, u, nq = system.x, system.u, system.nx // 2
