@@ -1,4 +1,4 @@
-"""Serialisable description of an objective, from which any process can build it."""
+"""Description of an objective by names and numbers, which can be sent to other processes and built there."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from ocp.transcription.factories import law_digest, make_law, policy_of
 SIGMA_SHARE = 0.1
 """Default standard deviation of the noise on a problem's inputs, as a share of their characteristic size."""
 SIGMA_RATIO = 1e9
-"""Maximum ratio of the noise to the default noise, or its inverse; beyond it rounding errors dominate."""
+"""Maximum ratio between the noise and the default noise, in both directions; beyond it rounding errors dominate."""
 
 
 @dataclass(frozen=True)
 class NamedObjective:
     """An objective with the values of all its parameters and its default noise ``sigma``.
 
-    The limits of :meth:`check_sigma` are relative to the noise ``usual``.
+    ``usual`` is the standard deviation to which the limits of :meth:`check_sigma` are relative.
     """
 
     objective: SampledObjective
@@ -52,8 +52,9 @@ class NamedObjective:
 class ObjectiveCase:
     """Description of an objective by names and numbers, from which any process can build it.
 
-    ``at`` maps parameters and components of the decision to values that are set after the build.
-    ``content`` is the digest of the user's files, those of the problem and of a learned law.
+    ``theta`` is the decision. ``at`` maps names of parameters and of components of the decision to values that
+    are set after the build. ``content`` is the digest of the user's files that define the problem and a learned
+    law.
     """
 
     problem: str
@@ -70,7 +71,7 @@ class ObjectiveCase:
     def build(self, spec: Any = None) -> NamedObjective:
         """Build the objective from the problem's ``spec``, which is looked up by name if not passed.
 
-        The default noise for rollouts is a tenth of the inputs' largest characteristic size.
+        The default noise on the inputs of rollouts is a tenth of the inputs' largest characteristic size.
 
         Raises :class:`~ocp.errors.InputError` for a law that cannot close the system, for a policy
         setting other than ``stationary``, and for a decision that needs more memory than there is;

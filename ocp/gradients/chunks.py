@@ -1,4 +1,4 @@
-"""Moments of samples in chunks, which are bitwise the same in whichever process a chunk is computed."""
+"""Moments of samples in chunks; a chunk has bitwise the same moments in whichever process it is computed."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Contributions = Callable[[Gaussian, int], np.ndarray]
 
 
 class Sampler(NamedTuple):
-    """Sampler of an estimator: ``single`` returns samples, ``bulk`` the moments of many, or None if unsupported."""
+    """Sampler of an estimator: ``single`` returns samples, ``bulk`` moments of many samples, or None if unsupported."""
 
     single: Contributions
     bulk: Callable[[Gaussian, int], Bulk | None] = lambda noise, m: None
@@ -31,7 +31,7 @@ class Sampler(NamedTuple):
 class Chunk:
     """Moments (d,) of the finite samples in a chunk of ``size`` samples.
 
-    ``nonfinite`` are the indices of the other samples, counted from 0 in the chunk; ``largest`` is the
+    ``nonfinite`` are the indices of the non-finite samples within the chunk, from 0; ``largest`` is the
     largest norm of a sample, or 0 if moments were computed in bulk.
     """
 
@@ -55,7 +55,7 @@ class Chunk:
 
 
 def iterate_chunks(sampler: Sampler, noise: Gaussian, first: int, last: int) -> Iterator[Chunk]:
-    """Compute the samples from ``first`` to ``last`` and yield their chunks in order."""
+    """Compute the samples ``first`` to ``last - 1`` of the noise, and yield their chunks in order."""
     while first < last:
         remaining_noise, size = noise.skip_samples(first), min(BULK, last - first)
         if bulk_sums := sampler.bulk(remaining_noise, size):
@@ -67,7 +67,7 @@ def iterate_chunks(sampler: Sampler, noise: Gaussian, first: int, last: int) -> 
 
 
 def cost_sampler(objective: SampledObjective) -> Sampler:
-    """Return a sampler of an objective's costs, d = 1."""
+    """Return a sampler of an objective's costs, as samples with one component (d = 1)."""
     return Sampler(
         lambda noise, m: objective.sample_scores(noise, m).cost[:, None],
         lambda noise, m: objective.moments(noise, m, "cost"),

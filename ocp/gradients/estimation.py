@@ -39,18 +39,19 @@ from ocp.gradients.verdict import (
 JUMP_STREAM = 4
 """Index of the random stream that :func:`find_sharpest_change` uses."""
 ALPHA_ORDERS = ("zobg-mean", "fobg")
-"""Names of the two estimators, on independent streams, between which the alpha estimators interpolate."""
+"""Names of the two estimators, with independent noise, between which the alpha estimators interpolate."""
 REFERENCE_FACTOR = 10
-"""Default number of samples for the reference, as a multiple of that for an estimator."""
+"""Default number of samples for the reference, as a multiple of the number for an estimator."""
 
 
 @dataclass(frozen=True)
 class Estimate:
     """Estimate of an objective's gradient (d,) by one estimator, with its verdict.
 
-    ``moments`` (d,) are those of single samples, ``evaluations`` is the number of rollouts. ``known`` is the
-    reference that it is judged against, or None; ``choice`` is the weight of an interpolated estimate, ``bias`` the
-    empirical bias of a sampled one, and ``nonfinite`` the indices of samples that were left out.
+    ``moments`` (d,) are mean and variance of single samples, and ``evaluations`` is the number of rollouts.
+    ``known`` is the reference with which the estimate was compared, or None. ``choice`` is the weight of an
+    interpolated estimate, ``bias`` the empirical bias of a sampled estimate, and ``nonfinite`` are the indices
+    of the samples that were left out.
     """
 
     estimator: str
@@ -85,7 +86,7 @@ class Estimate:
         return self.mean - half_width, self.mean + half_width
 
     def row(self) -> dict[str, Any]:
-        """Return the estimate as a JSON object; vectors are numbers for one component, else lists."""
+        """Return the estimate as a JSON object; a vector is a number if it has one component, else a list."""
         reference, variance = self.known, self.variance
         return {
             "estimator": self.estimator,
@@ -120,16 +121,16 @@ def number_or_list(values: np.ndarray) -> float | list[float]:
 
 
 MIN_SIGMA = 1e-150
-"""Minimum sigma, and inverse of the maximum: its square must neither underflow nor overflow."""
+"""Minimum sigma, and inverse of the maximum sigma, so that its square neither underflows nor overflows."""
 
 
 @dataclass(frozen=True)
 class Sampling(Configured):
     """Settings of an estimation: names of estimators, number of samples of each, noise and seed.
 
-    ``rules`` are the rules for the weights of alpha estimators with other than their default settings.
+    ``rules`` replace the default rules by which alpha estimators choose their weights.
 
-    Raises :class:`~ocp.errors.InputError` for an unknown or repeated estimator and a setting out of range.
+    Raises :class:`~ocp.errors.InputError` for an unknown or repeated estimator and for a setting out of range.
     """
 
     estimators: Sequence[str] = ("zobg", "fobg", "alpha")
@@ -190,8 +191,8 @@ def estimate_gradient(
     """Estimate ``grad F(theta)``, where F is the mean of V(theta, w) over ``w ~ N(0, sigma^2 I)``.
 
     Return a mapping from names to :class:`Estimate`. Names are ``zobg``, ``zobg-zero-noise``, ``zobg-mean``,
-    ``zobg-antithetic``, ``fobg``, ``es``, ``alpha``, ``alpha-variance`` and ``alpha-fixed``. Sample i is the same
-    for any number of samples with the same seed. ``settings`` are those of :class:`Sampling`.
+    ``zobg-antithetic``, ``fobg``, ``es``, ``alpha``, ``alpha-variance`` and ``alpha-fixed``. With the same
+    seed, sample i is the same for any number of samples. ``settings`` are those of :class:`Sampling`.
 
     Raises :class:`~ocp.errors.InputError` for settings that :class:`Sampling` rejects, and if too
     few samples were finite.
@@ -211,8 +212,8 @@ def run_sampling(
 ) -> dict[str, Estimate]:
     """Estimate the gradient of one objective as set by ``sampling``, with random streams derived from ``seed``.
 
-    ``checkpoint`` is the storage of unfinished sums and the prefix of their keys; ``workers`` compute chunks
-    in other processes.
+    ``checkpoint`` is the storage of unfinished sums and the prefix of their keys. ``workers``, if given,
+    computes the chunks in other processes.
     """
 
     def checkpoint_key(name: str) -> CheckpointKey:
@@ -248,7 +249,7 @@ def run_sampling(
 
 
 class _Judge:
-    """Construction of estimates with verdicts from the estimators' runs."""
+    """Builder that turns the runs of estimators into estimates with verdicts."""
 
     def __init__(
         self,
@@ -263,7 +264,7 @@ class _Judge:
         pathwise = name == "fobg"
         mean = None if self._reference is None or not pathwise else self._reference.gradient
         bias = empirical_bias(run.first_samples, mean)
-        # Evolution strategies smooth over parameters; the reference is theirs only if the noise is added to those.
+        # Evolution strategies put noise on theta, so the reference applies only if the objective does so too.
         noise_on_decision = len(self._objective.theta) == self._objective.n_noise
         reference = self._reference if name != "es" or noise_on_decision else None
         verdict = self._verdict(reference, run.moments, bias if pathwise else None)
@@ -304,7 +305,7 @@ def _evidence(zeroth: EstimatorRun, first: EstimatorRun) -> Evidence:
 def interpolate(alpha: float, zeroth: Moments, first: Moments) -> Moments:
     """Return the moments of ``alpha first + (1 - alpha) zeroth`` for independent samples of both.
 
-    alpha is taken as a constant; its choice from the same samples biases the result slightly.
+    alpha is treated as a constant. If it was chosen from the same samples, the result is slightly biased.
     """
     n = min(zeroth.n, first.n)
     mean = alpha * first.mean + (1 - alpha) * zeroth.mean

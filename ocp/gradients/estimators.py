@@ -20,8 +20,9 @@ from ocp.gradients.objective import Bulk, SampledObjective
 class Estimator(ABC):
     """Base class of estimators of ``grad F(theta)``, where F is the mean of V(theta, w), ``w ~ N(0, sigma^2 I)``.
 
-    ``stream`` is the index of its random stream: estimators with the same stream use the same noise,
-    those with different streams independent noise. ``evaluations`` is the number of rollouts per sample.
+    ``stream`` is the index of the estimator's random stream. Estimators with the same stream use the same
+    noise, and estimators with different streams use independent noise. ``evaluations`` is the number of
+    rollouts per sample.
     """
 
     name: str
@@ -34,7 +35,7 @@ class Estimator(ABC):
         """Return a sampler of the estimator; ``n`` is the total number of samples."""
 
     def with_baseline(self, objective: SampledObjective, mean_cost: Callable[[], float]) -> Estimator:
-        """Return the estimator with its baseline computed; ``mean_cost()`` returns the mean over all samples."""
+        """Return the estimator with its baseline computed; ``mean_cost()`` returns the mean cost over all samples."""
         return self
 
 
@@ -42,10 +43,10 @@ class Estimator(ABC):
 class ZeroOrder(Estimator):
     """Zeroth-order batched gradient (ZoBG), the likelihood-ratio gradient, with a baseline b.
 
-    A sample is ``(V(theta, w) - b) s`` with the score s (Suh, Simchowitz, Zhang et al. 2022, def. II.1).
-    b is 0 (``none``), the cost without noise (``zero-noise``), or the mean cost of the other n - 1
-    samples (``mean``, which is unbiased). ``antithetic`` averages the samples at w and -w, with the cost
-    without noise as b, which matters only under feedback, where the score is not odd in w.
+    A sample is ``(V(theta, w) - b) s`` with the score s (Suh, Simchowitz, Zhang et al. 2022, def. II.1). b is 0
+    (``none``), the cost without noise (``zero-noise``), or the mean cost of the other n - 1 samples (``mean``,
+    which is unbiased). ``antithetic`` averages the samples at w and -w, and uses the cost without noise as b.
+    This b has an effect only under feedback, because otherwise the score is odd in w.
     """
 
     name: str
@@ -64,7 +65,7 @@ class ZeroOrder(Estimator):
     def make_sampler(self, objective: SampledObjective, noise: Gaussian, n: int) -> Sampler:
         """Return a sampler of ``(V - b) s`` with cost V, baseline b and score s; b is computed if not yet known.
 
-        Raises :class:`~ocp.errors.InputError` for a single sample if the baseline is the mean of the others.
+        Raises :class:`~ocp.errors.InputError` if n is 1 and the baseline is the mean of the other samples.
         """
         factor = 1.0
         if self.baseline == "mean":
@@ -113,11 +114,11 @@ class FirstOrder(Estimator):
 
 @dataclass(frozen=True)
 class EvolutionStrategies(Estimator):
-    """Evolution strategies: likelihood ratio in the space of parameters (Zhang, Jin and Wang 2023, sec. 7.2).
+    """Evolution strategies: likelihood ratio with noise on the parameters (Zhang, Jin and Wang 2023, sec. 7.2).
 
-    A sample is ``(V(theta + sigma e) - V(theta - sigma e)) e / (2 sigma)`` without other noise. If noise
-    is added to the decision itself or to open-loop inputs, this is the antithetic ZoBG; for feedback
-    it smooths over gains and therefore estimates another gradient.
+    A sample is ``(V(theta + sigma e) - V(theta - sigma e)) e / (2 sigma)``, without noise on the inputs. For
+    open-loop inputs and for objectives without dynamics this equals the antithetic ZoBG. For feedback the cost
+    is smoothed over the gains instead of the inputs, so the gradient of a different function is estimated.
     """
 
     name: str = "es"
@@ -157,9 +158,9 @@ SAMPLED: dict[str, Estimator] = {
 class Evidence:
     """Statistics of two estimates, each a mean of ``n`` samples, from which the weight alpha is chosen.
 
-    ``d`` is the number of components; ``first_variance`` and ``zeroth_variance`` are traces of the
-    covariance of one sample; ``distance`` is the norm of the difference of the means, ``gradient_size``
-    that of the zeroth-order mean; ``deviation`` bounds the distance of a zeroth-order sample from its mean.
+    ``d`` is the number of components. ``first_variance`` and ``zeroth_variance`` are traces of the covariance
+    of one sample. ``distance`` is the norm of the difference of the two means, and ``gradient_size`` the norm
+    of the zeroth-order mean. ``deviation`` bounds the distance of a zeroth-order sample from its mean.
     """
 
     n: int
@@ -175,7 +176,7 @@ class Evidence:
 class Choice:
     """The chosen weight alpha in [0, 1] of the *first-order* estimate, and the reason.
 
-    ``epsilon`` and ``gamma`` are those of the confidence test, NaN for rules without a test.
+    ``epsilon`` and ``gamma`` are the two bounds in :class:`ConfidenceTest`, and NaN for other rules.
     """
 
     alpha: float
@@ -188,17 +189,18 @@ def inverse_variance(first_variance: float, zeroth_variance: float) -> float:
     """Return the first-order weight ``alpha* = s0^2 / (s0^2 + s1^2)``, which minimises the variance.
 
     The variance is ``alpha^2 s1^2 + (1 - alpha)^2 s0^2``; alpha* is 1 if both variances are 0. In Suh,
-    Simchowitz, Zhang et al. (2022), eq. 6, it is 1 - alpha.
+    Simchowitz, Zhang et al. (2022), eq. 6, alpha is the weight of the zeroth order instead.
     """
     total = first_variance + zeroth_variance
     return zeroth_variance / total if total > 0 else 1.0
 
 
 def bernstein_distance(n: int, d: int, variance: float, deviation: float, delta: float) -> float:
-    """Return a bound on the distance of the mean of n samples from its expectation, of probability 1 - delta.
+    """Return a bound on the distance of the mean of n samples from its expectation; it holds with probability 1 -
+    delta.
 
-    It is ``sqrt(2 s^2 l / n) + 2 L l / (3 n)`` with ``l = ln((d + 1)/delta)``, the vector Bernstein
-    inequality solved for the distance. ``variance`` s^2 is the trace of one sample's covariance, and
+    The bound is ``sqrt(2 s^2 l / n) + 2 L l / (3 n)`` with ``l = ln((d + 1)/delta)``, which is the vector
+    Bernstein inequality solved for the distance. ``variance`` s^2 is the trace of one sample's covariance, and
     ``deviation`` L bounds the distance of one sample from the mean.
     """
     log = math.log((d + 1) / delta)
@@ -207,16 +209,16 @@ def bernstein_distance(n: int, d: int, variance: float, deviation: float, delta:
 
 @dataclass(frozen=True)
 class ConfidenceTest(Configured):
-    """Weight alpha of the first order, of least variance subject to ``alpha B + epsilon <= gamma``.
+    """Rule for the first-order weight alpha: minimum variance subject to ``alpha B + epsilon <= gamma``.
 
-    B is the distance between the two estimates, and epsilon bounds the error of the zeroth order with
-    failure probability ``delta``, so that the error of the interpolated gradient is below ``gamma`` with
-    probability 1 - delta. This is the rule of Suh, Simchowitz, Zhang and Tedrake (ICML 2022), also used
-    in Suh, Simchowitz, Zhang et al. (2022), sec. IV-C. With ``gamma`` None it is a tenth of the
-    zeroth-order gradient's norm; with ``deviation`` None it is the largest in the samples, since
-    Gaussian noise is unbounded. Their public code uses 0.95 for the failure probability; here it is 0.05.
+    B is the distance between the two estimates, and epsilon bounds the error of the zeroth order with failure
+    probability ``delta``, so that the error of the interpolated gradient is below ``gamma`` with probability 1
+    - delta. This is the rule of Suh, Simchowitz, Zhang and Tedrake (ICML 2022), also used in Suh, Simchowitz,
+    Zhang et al. (2022), sec. IV-C. If ``gamma`` is None, a tenth of the zeroth-order gradient's norm is used.
+    If ``deviation`` is None, the largest deviation among the samples is used, since Gaussian noise is
+    unbounded. The default failure probability is 0.05; the authors' public code uses 0.95.
 
-    Raises :class:`~ocp.errors.InputError` for gamma <= 0, delta outside (0, 1), deviation < 0.
+    Raises :class:`~ocp.errors.InputError` if gamma <= 0, delta is outside (0, 1), or deviation < 0.
     """
 
     gamma: float | None = setting(None, "bound on the error; by default a tenth of the zeroth-order gradient", above=0)
@@ -226,7 +228,7 @@ class ConfidenceTest(Configured):
     summary: ClassVar[str] = "both orders, weighted subject to a confidence test"
 
     def choose_weight(self, evidence: Evidence) -> Choice:
-        """Choose alpha: 0 if the zeroth order alone is too uncertain, else alpha*, or less if the test demands it."""
+        """Choose alpha: 0 if even the zeroth order is too uncertain, else alpha*, reduced to satisfy the test."""
         deviation = evidence.deviation if self.deviation is None else self.deviation
         epsilon = bernstein_distance(evidence.n, evidence.d, evidence.zeroth_variance, deviation, self.delta)
         gamma = 0.1 * evidence.gradient_size if self.gamma is None else self.gamma
@@ -240,10 +242,10 @@ class ConfidenceTest(Configured):
 
 @dataclass(frozen=True)
 class InverseVariance:
-    """Weight of least variance by the empirical variances, without a test of the two estimates' distance.
+    """Rule for the weight of minimum variance, from empirical variances and without a test for bias.
 
-    It is wrong where the first-order estimate is biased and has a small variance (Suh, Simchowitz, Zhang
-    et al. 2022, sec. IV-C).
+    The weight is too large if the first-order estimate is biased and has a small variance (Suh, Simchowitz,
+    Zhang et al. 2022, sec. IV-C).
     """
 
     name: ClassVar[str] = "alpha-variance"
@@ -256,7 +258,7 @@ class InverseVariance:
 
 @dataclass(frozen=True)
 class FixedWeight(Configured):
-    """A constant weight alpha of the first order; raises :class:`~ocp.errors.InputError` outside [0, 1]."""
+    """Rule with a constant weight alpha of the first order; raises :class:`~ocp.errors.InputError` outside [0, 1]."""
 
     alpha: float = setting(0.5, "weight of the first order", least=0, most=1)
     name: ClassVar[str] = "alpha-fixed"

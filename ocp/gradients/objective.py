@@ -25,7 +25,7 @@ Bulk = tuple[Moments, np.ndarray]
 
 @dataclass(frozen=True)
 class CostSamples:
-    """Costs (n,) of n samples, and in ``direction`` (n, d) their scores or gradients."""
+    """Costs (n,) of n samples, with the samples' scores or gradients in ``direction`` (n, d)."""
 
     cost: np.ndarray
     direction: np.ndarray
@@ -35,9 +35,9 @@ class CostSamples:
 class ClosedForm:
     """Closed-form value and gradient of a smoothed objective, and moments of its estimators.
 
-    ``objective`` is F = E f, ``gradient`` (d,) its gradient; ``zobg_variance`` and ``fobg_variance``
-    (d,) are variances of single samples (ZoBG without baseline); ``fobg_mean`` (d,) is the mean of the
-    first-order estimate, which differs from ``gradient`` if f jumps.
+    ``objective`` is the value F = E f, and ``gradient`` (d,) the gradient of F. ``zobg_variance`` and
+    ``fobg_variance`` (d,) are the variances of one sample of ZoBG (without baseline) and FoBG. ``fobg_mean``
+    (d,) is the expectation of FoBG, which differs from ``gradient`` if f jumps.
     """
 
     objective: float
@@ -50,8 +50,9 @@ class ClosedForm:
 class SampledObjective(ABC):
     """Base class of costs ``V(theta, w)`` whose mean over ``w ~ N(0, sigma^2 I)`` is to be differentiated.
 
-    ``decision`` are the names and units of the d components of ``theta`` (d,); ``parameters`` maps all
-    other parameters that a sweep may change to their values; ``n_noise`` is the number of components of w.
+    ``decision`` contains the names and units of the d components of ``theta`` (d,). ``parameters`` maps the
+    names of all other parameters that a sweep may change to their values. ``n_noise`` is the number of
+    components of w.
     """
 
     name: str
@@ -63,7 +64,7 @@ class SampledObjective(ABC):
     def at(self, values: Mapping[str, float]) -> Self:
         """Return a copy with other values of parameters or of components of the decision.
 
-        Nothing is built or compiled again. Raises :class:`~ocp.errors.InputError` for an unknown name and
+        The copy shares all compiled functions. Raises :class:`~ocp.errors.InputError` for an unknown name and
         for a value that is not finite.
         """
         names = [*(signal.name for signal in self.decision), *self.parameters]
@@ -90,28 +91,28 @@ class SampledObjective(ABC):
 
     @abstractmethod
     def sample_scores(self, noise: Gaussian, n: int) -> CostSamples:
-        """Return the costs (n,) and scores (n, d) of n samples.
+        """Return the costs (n,) and scores (n, d) of n samples of the noise.
 
-        The score is the gradient in theta of the log-density of the noise,
-        ``sum_t D_theta pi(x_t)' w_t / sigma^2`` (Suh, Simchowitz, Zhang et al. 2022, def. II.1). It includes
-        only components of the noise that affect the cost, since others would only add variance.
+        The score is the gradient in theta of the log-density of the noise, ``sum_t D_theta pi(x_t)' w_t /
+        sigma^2`` (Suh, Simchowitz, Zhang et al. 2022, def. II.1). Components of the noise that do not affect
+        the cost are left out, since they would only add variance.
         """
 
     @abstractmethod
     def sample_gradients(self, noise: Gaussian, n: int) -> CostSamples:
-        """Return the costs (n,) of n samples and their gradients (n, d) in theta."""
+        """Return the costs (n,) of n samples, and the gradients (n, d) of the costs with respect to theta."""
 
     def sample_perturbed(self, noise: Gaussian, n: int) -> CostSamples:
-        """Return the costs (n,) at ``theta + w`` without other noise, and the scores ``w / sigma^2`` (n, d).
+        """Return the costs (n,) at ``theta + w`` without noise on the inputs, and the scores ``w / sigma^2`` (n, d).
 
-        If the noise is added to the decision, this is the same as :meth:`sample_scores`.
+        For an objective without dynamics this is the same as :meth:`sample_scores`.
         """
         return self.sample_scores(noise, n)
 
     def moments(self, noise: Gaussian, n: int, order: Order, baseline: float = 0.0) -> Bulk | None:
-        """Return the moments over n samples of the cost, of (cost - baseline) score, or of the gradient.
+        """Return moments over n samples of the cost, of (cost - baseline) * score, or of the gradient.
 
-        Return None if the objective has no faster method than single samples.
+        The result is None if the objective can compute moments only from single samples.
         """
         return None
 
@@ -127,9 +128,9 @@ class SampledObjective(ABC):
 class StaticObjective(SampledObjective):
     """Objective ``f(theta + w)`` without dynamics, given as a CasADi expression.
 
-    ``cost`` is an expression in ``theta`` (d, 1) and the parameters. ``closed_form(values, sigma)``
-    returns its closed form, where ``values`` maps the decision's components and parameters to numbers.
-    ``engine`` are arguments of :class:`~dynamics.batch.BatchFunction`.
+    ``cost`` is an expression in ``theta`` (d, 1) and the parameters. ``closed_form(values, sigma)`` returns the
+    closed form of the smoothed objective, where ``values`` maps names of the decision's components and of
+    parameters to numbers. ``engine`` are further arguments of :class:`~dynamics.batch.BatchFunction`.
 
     Raises :class:`~ocp.errors.InputError` if dimensions do not match.
     """
@@ -164,7 +165,7 @@ class StaticObjective(SampledObjective):
         return without_warnings(self._cost, self.theta + noise, self.values)[:, 0]
 
     def sample_scores(self, noise: Gaussian, n: int) -> CostSamples:
-        """Return the costs (n,), and scores w / sigma^2 (n, d), 0 for components that do not affect the cost."""
+        """Return the costs (n,) and the scores w / sigma^2 (n, d), 0 for components that do not affect the cost."""
         w = noise.draw(n, 1, self.n_noise)[:, 0]
         return CostSamples(self.costs(w), self._acts * w / noise.component_scales(self.n_noise) ** 2)
 

@@ -1,4 +1,4 @@
-"""Objective that is the cost of a problem's rollouts, as a function of inputs or gains."""
+"""Objective that consists of a problem's cost along rollouts, as a function of inputs or feedback gains."""
 
 from __future__ import annotations
 
@@ -22,13 +22,14 @@ class RolloutObjective(SampledObjective):
 
         V(theta, w) = sum_k l(x_k, u_k, du_k) + l_N(x_N),   u_k = pi(x_k, theta) + w_k
 
-    (Suh, Simchowitz, Zhang et al. 2022, eq. 1). ``theta`` are the inputs of all steps, or the gains of every step
-    as rows of K and then k (of one step if the feedback is stationary); its default is the problem's initial guess,
-    with K = 0. Inputs are not clipped to their bounds, since the estimators' theory is for the unclipped policy.
-    With several scenarios sample i starts in scenario i modulo their number, so that the mean over samples is also
-    one over scenarios. ``parameters`` are those of the problem and of the law, such as ``contact.mu``.
+    (Suh, Simchowitz, Zhang et al. 2022, eq. 1). ``theta`` contains the inputs of all steps or, for feedback,
+    the rows of K followed by k for every step (for a single step if the feedback is stationary). Its default is
+    the problem's initial guess, with K = 0. Inputs are not clipped to their bounds, since the estimators'
+    theory assumes an unclipped policy. With several scenarios, sample i starts in scenario i modulo their
+    number, so that the mean over samples is also a mean over scenarios. ``parameters`` are those of the problem
+    and of the law, such as ``contact.mu``.
 
-    Raises ``ValueError`` where the law cannot close the system.
+    Raises ``ValueError`` if the law cannot close the system.
     """
 
     def __init__(
@@ -52,7 +53,7 @@ class RolloutObjective(SampledObjective):
         self.decision = _decision(problem, policy, shape)
 
     def costs(self, noise: np.ndarray) -> np.ndarray:
-        """Return the costs (n,) at the noise (n, N nu), which is ordered by steps."""
+        """Return the costs (n,) at the noise (n, N nu), whose first nu columns are for step 0, the next for step 1."""
         n, system = len(noise), self.problem.system
         noise_per_step = np.ascontiguousarray(noise.reshape(n, self.problem.N, system.nu))
         return self._roll_out(n, 0, noise=noise_per_step, gradient=False).cost
@@ -62,7 +63,7 @@ class RolloutObjective(SampledObjective):
         return float(self.costs(np.zeros((self.problem.scenarios.n, self.n_noise))).mean())
 
     def cost_and_gradient(self, theta: np.ndarray) -> tuple[float, np.ndarray]:
-        """Return the mean cost over the scenarios without noise at ``theta``, and its gradient."""
+        """Return the mean cost over the scenarios at ``theta`` without noise, and its gradient."""
         shaped = theta.reshape(self._policy.shape(self.problem.N))
         rollouts = self._roll_out(self.problem.scenarios.n, 0, theta=shaped)
         gradient = rollouts.gradient.reshape(len(rollouts.cost), -1)
@@ -79,7 +80,7 @@ class RolloutObjective(SampledObjective):
         return CostSamples(rollouts.cost, rollouts.gradient.reshape(n, -1))
 
     def sample_perturbed(self, noise: Gaussian, n: int) -> CostSamples:
-        """Return the costs (n,) of policies with perturbed parameters and no other noise, and their scores (n, d)."""
+        """Return the costs (n,) of policies with noise on parameters instead of inputs, and the scores (n, d)."""
         d = len(self.theta)
         disturbance = noise.draw(n, 1, d)[:, 0]
         theta = (self.theta + disturbance).reshape(n, *self._policy.shape(self.problem.N))
@@ -88,7 +89,7 @@ class RolloutObjective(SampledObjective):
         return CostSamples(rollouts.cost, acts * disturbance / noise.component_scales(d) ** 2)
 
     def moments(self, noise: Gaussian, n: int, order: Order, baseline: float = 0.0) -> Bulk | None:
-        """Return moments over n samples, computed in the compiled function that simulates and draws the noise."""
+        """Return moments over n samples, accumulated by the compiled function that draws the noise and simulates."""
         sums = without_warnings(
             self._forward.moments,
             **self._arguments(n, noise.first),

@@ -1,4 +1,4 @@
-"""Runs of a gradient estimator over its samples, and reference gradients against which they are judged."""
+"""Sampling of a gradient estimator in chunks, and reference gradients with which estimates are compared."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ocp.gradients.objective import SampledObjective, StaticObjective
 from ocp.store.checkpoint import UNSAVED, SavedWork
 
 _MAX_STORED_VALUES = 1 << 20
-"""Number of values (samples times components) above which only moments are stored, not single samples."""
+"""Number of values (samples times components) from which on only moments are stored, not single samples."""
 CheckpointKey = tuple[SavedWork, str]
 """Storage of unfinished sums, and the key under which they are saved."""
 NOT_SAVED: CheckpointKey = (UNSAVED, "")
@@ -26,15 +26,14 @@ Progress = Callable[[int], None]
 
 
 ChunkSource = Callable[[Estimator | None, Gaussian, int, int, int], Iterator[Chunk]]
-"""Function ``(estimator, noise, first, last, n)`` that yields chunks of samples ``first`` to ``last`` of n in order.
-
-Without an estimator the samples are costs."""
+"""Function ``(estimator, noise, first, last, n)`` that yields, in order, chunks of the samples ``first`` to ``last
+- 1`` of n. If the estimator is None, the samples are costs."""
 
 
 def local_chunks(
     objective: SampledObjective, estimator: Estimator | None, noise: Gaussian, first: int, last: int, n: int
 ) -> Iterator[Chunk]:
-    """Compute chunks in this process; with the objective bound it is a :data:`ChunkSource`."""
+    """Compute chunks in this process (a :data:`ChunkSource` if the first argument is bound)."""
     sampler = cost_sampler(objective) if estimator is None else estimator.make_sampler(objective, noise, n)
     return iterate_chunks(sampler, noise, first, last)
 
@@ -62,7 +61,7 @@ def run_estimator(
     checkpoint: CheckpointKey = NOT_SAVED,
     workers: ChunkSource | None = None,
 ) -> EstimatorRun:
-    """Draw ``n`` samples of an estimator and merge the moments of chunks in order (Welford, Chan).
+    """Draw ``n`` samples of an estimator, and merge the moments of chunks in order by the formulas of Welford and Chan.
 
     Chunks do not depend on threads, block size or ``workers``, so the result is bitwise reproducible.
     With ``checkpoint`` the sums are saved at intervals, and a later call resumes from them.
@@ -88,7 +87,7 @@ def _advance(
     n: int,
     workers: ChunkSource | None,
 ) -> Iterator[int]:
-    """Add the remaining samples to ``sums``, first singly, then as moments of chunks; yield each batch's size."""
+    """Add the remaining samples to ``sums``, first singly, then as moments of chunks; yield the size of each batch."""
 
     chunks = workers or partial(local_chunks, objective)
     estimator = estimator.with_baseline(objective, lambda: mean_of_chunks(chunks(None, noise, 0, n, n)))
@@ -154,7 +153,7 @@ class _Sums:
 REFERENCE_STREAM = 3
 """Index of the random stream from which a sampled reference is drawn."""
 REFERENCE_KINDS = ("auto", "closed-form", "quadrature", "zobg", "none")
-"""Kinds of reference gradients; ``auto`` is the first of the following that the objective has."""
+"""Kinds of reference gradients; ``auto`` stands for the first of the other kinds that the objective has."""
 _QUADRATURE_POINTS = 1 << 21
 """Number of points of the midpoint rule for a reference by quadrature."""
 _QUADRATURE_REACH = 9.0
@@ -165,8 +164,8 @@ _QUADRATURE_REACH = 9.0
 class ReferenceGradient:
     """Reference gradient (d,) of a smoothed objective, its standard error (d,), and its source in words.
 
-    The error is 0 for a closed form, the numerical error for a quadrature, and the standard
-    deviation of the mean for ``n_samples`` samples.
+    ``standard_error`` is 0 for a closed form, the numerical error for a quadrature, and the standard deviation
+    of the mean for a sampled reference of ``n_samples`` samples.
     """
 
     gradient: np.ndarray
@@ -187,8 +186,8 @@ def reference_gradient(
 ) -> ReferenceGradient | None:
     """Return a reference gradient of the smoothed objective, or None for the kind ``none``.
 
-    ``auto`` is the first kind that the objective has. ``zobg`` draws ``n_samples`` antithetic ZoBG
-    pairs from a separate random stream.
+    ``auto`` selects the first kind that the objective has. ``zobg`` is the mean of ``n_samples`` antithetic
+    ZoBG pairs from a separate random stream.
 
     Raises :class:`~ocp.errors.InputError` if the objective has no reference of that ``kind``.
     """
@@ -233,10 +232,10 @@ def child_seed(seed: np.random.SeedSequence, number: int) -> np.random.SeedSeque
 def quadrature(objective: SampledObjective, sigma: float) -> ReferenceGradient:
     """Return ``grad F = E[f(theta + w) w]/sigma^2`` by the midpoint rule from -9 to 9 sigma.
 
-    Its error is the larger of two: the difference from the rule with half as many points, and the
-    effect of the largest jump between two points, its height times their distance.
+    Its error is the larger of two estimates: the difference from the rule with half as many points, and the
+    largest difference between neighbouring terms of the sum, which bounds the effect of a jump.
 
-    Raises :class:`~ocp.errors.InputError` unless the decision is a single number with noise added to it.
+    Raises :class:`~ocp.errors.InputError` unless the objective has no dynamics and its decision is a single number.
     """
     reference_kind(objective, sigma, "quadrature")
 

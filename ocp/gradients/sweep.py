@@ -26,9 +26,9 @@ if TYPE_CHECKING:
 Build = Callable[[dict[str, float]], SampledObjective]
 """Function that builds an objective at other values of structural parameters, such as the horizon."""
 _MIN_TIMED_NUMBERS = 3e9
-"""Number of random numbers from which a study's run time is predicted by timing a few samples."""
+"""Number of random numbers above which a sweep's run time is predicted, by timing a few samples."""
 _PROBE_SAMPLES = 1 << 11
-"""Number of samples that are timed to predict a study's run time."""
+"""Number of samples that are timed to predict a sweep's run time."""
 SAMPLING_AXES = ("sigma", "samples")
 """Names of sweep axes that change the sampling instead of the objective."""
 
@@ -36,9 +36,9 @@ SAMPLING_AXES = ("sigma", "samples")
 def read_sweep(text: str) -> Axis:
     """Parse a sweep axis: values of a parameter, of one of :data:`SAMPLING_AXES`, or of a decision's component.
 
-    ``problem.sigma`` is the problem's parameter ``sigma``, ``sigma`` that of the sampling.
+    ``problem.sigma`` is the problem's parameter ``sigma``, and ``sigma`` the noise of the sampling.
 
-    Raises :class:`~ocp.errors.InputError` as :func:`~ocp.validation.parse_axis_option` does.
+    Raises the errors of :func:`~ocp.validation.parse_axis_option`.
     """
     axis = parse_axis_option("--sweep", text)
     if axis.name != "samples":
@@ -51,7 +51,7 @@ def read_sweep(text: str) -> Axis:
 
 @dataclass(frozen=True)
 class SweepProgress:
-    """Progress of a study: numbers of samples and of points, finished and in total, and of resumed points."""
+    """Progress of a sweep: ``done`` of ``total`` samples and ``points`` of ``all_points`` points, some ``resumed``."""
 
     done: int
     total: int
@@ -61,11 +61,11 @@ class SweepProgress:
 
 
 class SweepRun:
-    """Gradient estimates at the points of a sweep: :meth:`run` computes them, ``rows`` are the finished ones.
+    """Sweep of gradient estimates: :meth:`run` computes the points, and ``rows`` contains the finished points.
 
-    The random streams of point i are ``SeedSequence(seed, spawn_key=(i,))``, so that points are
-    independent of each other and of interruptions. ``workers`` is a function from a point's swept
-    value, as a mapping from its name, to workers that sample its objective.
+    The random streams of point i are ``SeedSequence(seed, spawn_key=(i,))``, so that results are independent of
+    other points and of interruptions. ``workers`` is a function from a mapping of the swept parameter to its
+    value at a point, to workers that sample the objective at that point.
     """
 
     def __init__(
@@ -85,7 +85,7 @@ class SweepRun:
 
     @property
     def widest_objective(self) -> SampledObjective:
-        """Objective whose decision has the most components of all points."""
+        """Objective of the point whose decision has the most components."""
         return max((task[0] for task in self._tasks), key=lambda objective: len(objective.decision))
 
     @property
@@ -160,7 +160,7 @@ def _point_tasks(
 
 
 def _seconds_per_sample(objective: SampledObjective, sampling: Sampling) -> float:
-    """Return the time per sample [s], measured on the second of two batches, since the first compiles."""
+    """Return the time per sample [s], measured on the second of two batches, since the first includes compilation."""
     noise = Gaussian(sampling.sigma, np.random.SeedSequence(sampling.seed))
     start = 0.0
     for _ in range(2):
@@ -226,7 +226,7 @@ def sweep_dataset(
 
 
 def summarise_verdicts(rows: Sequence[Sequence[dict[str, Any]]]) -> str:
-    """Return a sentence with each estimator's verdicts and the number of points for each verdict."""
+    """Return a sentence that lists each estimator's verdicts, with the number of points for each."""
     sentences = []
     for j, row in enumerate(rows[0]):
         words = [short_verdict(point[j]) for point in rows]

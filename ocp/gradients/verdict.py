@@ -19,11 +19,11 @@ class EmpiricalBias:
     """Empirical bias (beta, Delta, S) of samples z (n, d), as in Suh, Simchowitz, Zhang et al. (2022), def. III.3.
 
     On an event of probability ``1 - beta`` the samples are within ``S`` of their conditional mean, which
-    differs from the mean of z by ``Delta``. ``beta_upper`` is the 95 % upper bound on beta, given the
-    share of the n samples outside the event. ``variance`` is the trace of the samples' covariance.
-    Lower bounds on it are ``bound``, ``max(0, (1 - beta) Delta - beta |E z|)^2 / beta`` (lemma III.4),
-    and ``sharp``, the tighter ``(1 - beta)/beta Delta^2``, which does not change if z is shifted; both
-    use ``beta_upper`` if no sample is outside.
+    differs from the mean of z by ``Delta``. ``beta_upper`` is the 95 % upper bound on beta, given the share of
+    the n samples outside the event. ``variance`` is the trace of the samples' covariance. It has two lower
+    bounds: ``bound`` is ``max(0, (1 - beta) Delta - beta |E z|)^2 / beta`` (lemma III.4), and ``sharp`` is the
+    tighter ``(1 - beta)/beta Delta^2``, which does not change if z is shifted. Both use ``beta_upper`` if no
+    sample is outside the event.
     """
 
     beta: float
@@ -39,7 +39,7 @@ def empirical_bias(samples: np.ndarray, mean: np.ndarray | None = None) -> Empir
     """Return the empirical bias that explains the most variance of ``samples`` (n, d).
 
     Events are balls around the componentwise median. The ball with the largest bound ``(1 - beta)/beta Delta^2`` is
-    chosen; it may contain all samples. ``mean`` (d,) is E z if it is known, by default the samples' mean.
+    chosen; it may contain all samples. ``mean`` (d,) is the known expectation E z (default: the samples' mean).
 
     Raises :class:`~ocp.errors.InputError` for fewer than two samples.
     """
@@ -86,7 +86,7 @@ def _probability_bound(outside: int, n: int) -> float:
 class Jump:
     """Sharpest change of a cost between samples: a change by ``size`` over the distance ``width``.
 
-    ``discontinuous`` is true if the change remained when the distance was halved down to rounding.
+    ``discontinuous`` is true if the change remained while the distance was halved down to rounding errors.
     """
 
     size: float
@@ -113,9 +113,10 @@ def find_sharpest_change(objective: SampledObjective, noise: Gaussian) -> Jump:
     """Search for a discontinuity of the cost along lines between samples.
 
     Lines go from zero noise to 64 samples and are divided into 64 segments. On each line the segment with the
-    largest change of the cost is halved repeatedly, each time keeping the half with the larger change. The change
-    of a continuous cost, however steep, vanishes; that of a discontinuous one remains. The samples are those of
-    16384 with the largest residuals of a linear fit of the cost, so that rarely crossed jumps are found.
+    largest change of the cost is halved repeatedly, each time keeping the half with the larger change. If the
+    cost is continuous, however steep, its change vanishes; at a discontinuity it remains. The 64 samples are
+    those of 16384 that have the largest residuals of a linear fit of the cost, so that rarely crossed jumps are
+    found.
     """
     noise_samples = noise.draw(_LINE_CANDIDATES, 1, objective.n_noise)[:, 0]
     end = noise_samples[_least_linear(noise_samples, objective.costs(noise_samples))]
@@ -170,16 +171,16 @@ WORST_FIRST = (
 )
 """Short verdicts in order, from the worst to the best."""
 NEGLIGIBLE = 1e-4
-"""Maximum error that does not count as bias, as a share of the gradient's largest component."""
+"""Error of a component up to which it does not count as bias, as a share of the gradient's largest component."""
 CONFIDENCE = 0.999
 """Probability that an unbiased estimate is judged unbiased in all components together."""
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """Verdict on a gradient estimate, its explanation in a sentence, and the error's norm.
+    """Verdict ``word`` on a gradient estimate, with an explaining ``sentence`` and the norm ``error`` of the error.
 
-    ``largest_z`` is the largest component of the error in standard errors; ``wide`` is true if the
+    ``largest_z`` is the largest component of the error, in standard errors. ``wide`` is true if the confidence
     interval is wider than the gradient itself, so that the verdict is not informative.
     """
 
@@ -203,18 +204,19 @@ def judge_estimate(
     jump: Jump | None = None,
     bias: EmpiricalBias | None = None,
 ) -> Verdict:
-    """Judge an estimate's moments against ``reference``, whose own error widens the interval.
+    """Judge an estimate by its ``moments``, compared with ``reference``; the error of the reference widens the
+    interval.
 
-    An estimate outside the interval is *biased* if the cost jumps, or if no search for jumps was made;
-    more samples will not help. It is *empirically biased at this sample size* if the cost is continuous:
-    then its expectation is correct (Suh, Simchowitz, Zhang et al. 2022, lemma III.1), but the samples
-    that determine it are too rare to have been drawn.
+    An estimate whose interval does not contain the reference is *biased* if the cost jumps, or if ``jump`` is
+    None; more samples will not help. It is *empirically biased at this sample size* if the cost is continuous:
+    then its expectation is correct (Suh, Simchowitz, Zhang et al. 2022, lemma III.1), but the samples that
+    determine it are too rare to have been drawn.
     """
     if reference is None:
         return Verdict("no reference", "There is no reference gradient.", np.nan, np.nan)
     error_vector = moments.mean - reference.gradient
     width = np.hypot(moments.standard_error, reference.standard_error)
-    # The tolerance is relative to the gradient, also for one of 1e-80, unless the gradient is zero.
+    # The tolerance is relative to the gradient, even for a gradient of 1e-80, unless the gradient is zero.
     slack = NEGLIGIBLE * np.abs(reference.gradient).max(initial=0) or 1e-15
     z = np.where(np.abs(error_vector) <= slack, 0.0, np.abs(error_vector) / np.maximum(width, 1e-300))
     error, worst, limit = float(np.linalg.norm(error_vector)), float(z.max()), joint_quantile(len(error_vector))

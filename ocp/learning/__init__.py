@@ -1,1 +1,1 @@
-"""Learning of policies, and of the physical parameters and models that they are learned with."""
+"""Algorithms that learn policies, and that learn or identify the models on which policies are trained."""

@@ -1,4 +1,4 @@
-"""Value function for states in which an unroll ends before its episode, learned from the unrolls."""
+"""Learned value function that estimates the return after an unroll which stops before its episode ends."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from ocp.learning.unrolling import adam_step
 
 @dataclass(frozen=True, kw_only=True)
 class Critic:
-    """Value function ``V(x) = N(o(x)) / (1 - d)`` with discount d: the future return over an infinite horizon.
+    """Value function ``V(x) = N(o(x)) / (1 - d)`` with discount d, an estimate of the return from x on.
 
-    N is a network of two tanh layers of ``units`` on normalised observations; it is 0 initially and its
-    output has the size of one reward. After every iteration ``(V - y)²`` is reduced by ``steps`` steps
-    of Adam with rate ``rate``, each on ``batch`` of the visited states (see :meth:`targets`).
-    Its entries in an algorithm's state are named ``critic.*``. Methods take the algorithm's state,
-    which also contains the policy, the normaliser and, if they are learned, the parameters psi.
+    N is a network with two tanh layers of ``units`` units on normalised observations. Its output is 0 initially
+    and has the magnitude of a single reward. After every iteration ``(V - y)²`` is reduced by ``steps`` steps
+    of Adam with rate ``rate``, each on ``batch`` of the visited states (see :meth:`targets`). The critic's
+    entries in an algorithm's state are named ``critic.*``. Methods take the whole state of the algorithm, which
+    also contains the policy, the normaliser and, if they are learned, the parameters psi.
     """
 
     units: int
@@ -60,7 +60,8 @@ class Critic:
     def terminal_gradient(self, experiment: Experiment, state: State, episodes: Episodes) -> np.ndarray:
         """Return ``d^H a_H dV/dx(x_H)`` (n, nx), the gradient of the discounted return after H steps.
 
-        It is zero for samples whose episode has ended (a_H = 0) or is not finite.
+        The factor a_H is 0 if the episode has ended by then, else 1. The gradient is also zero for samples with
+        non-finite states.
         """
         running, weight, x = _running_samples(episodes), _terminal_weights(episodes), episodes.states[:, -1]
         observations, observation_jacobian = _normalised_observations(experiment, state, x[running])
@@ -73,8 +74,8 @@ class Critic:
     def targets(self, experiment: Experiment, state: State, episodes: Episodes, noise: Gaussian) -> np.ndarray:
         """Return targets ``y_t = sum_{j=t}^{H-1} d^{j-t} r_j + d^{H-t} V(x_H)``, (n, H), NaN after the end.
 
-        Rewards are those of the steps before an episode's end, under inputs with noise; V is added
-        only if the episode has not ended at H.
+        The rewards r_j are computed with the noisy inputs, up to the end of the episode. The term with V is
+        added only if the episode has not ended after H steps.
         """
         states, alive, running = episodes.states, _live_steps(episodes), _running_samples(episodes)
         noise_samples = noise.draw(len(alive), alive.shape[1], experiment.task.system.nu)
@@ -100,8 +101,9 @@ class Critic:
     ) -> tuple[State, Row]:
         """Fit V to its targets in the states visited in iteration k; return the critic's new entries of the state.
 
-        ``episodes`` and their targets are from ``state``; V then uses the normaliser of ``new_state``.
-        The row has ``critic_error``, the root mean square error of V before.
+        ``episodes`` were simulated from ``state``, which also gives the targets; the fitted V uses the
+        normaliser of ``new_state``. The returned row contains ``critic_error``, the root mean square error of V
+        before the fit.
         """
         targets = self.targets(experiment, state, episodes, noise)
         valid, network = np.isfinite(targets), self._network(experiment)
@@ -138,17 +140,17 @@ def _terminal_weights(episodes: Episodes) -> np.ndarray:
 
 
 def _finite_samples(episodes: Episodes) -> np.ndarray:
-    """Return a mask (n,): samples whose states are all finite."""
+    """Return a mask (n,) of the samples whose states are all finite."""
     return np.asarray(np.isfinite(episodes.states).all(axis=(1, 2)))
 
 
 def _running_samples(episodes: Episodes) -> np.ndarray:
-    """Return a mask (n,): samples whose states are all finite and whose episode has not ended."""
+    """Return a mask (n,) of the samples whose states are all finite and whose episode has not ended."""
     return (_terminal_weights(episodes) > 0) & _finite_samples(episodes)
 
 
 def _live_steps(episodes: Episodes) -> np.ndarray:
-    """Return a mask (n, H): steps before the end of the episode, in samples whose states are all finite."""
+    """Return a mask (n, H) of the steps before the end of each episode, empty for samples with non-finite states."""
     steps = np.arange(episodes.states.shape[1] - 1)
     return (steps < episodes.lived[:, None]) & _finite_samples(episodes)[:, None]
 

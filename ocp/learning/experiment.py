@@ -38,7 +38,7 @@ RECORDED_SETTINGS = (
 )
 """Names of an experiment's attributes that are recorded as settings."""
 EXACT = Exact()
-"""Contact law under which all policies are evaluated."""
+"""Exact contact law, under which all policies are evaluated."""
 
 
 class Budget(NamedTuple):
@@ -48,7 +48,7 @@ class Budget(NamedTuple):
     n_evaluations: int
 
     def intervals_in(self, steps: float) -> int:
-        """Return the number of whole intervals between evaluations in ``steps``."""
+        """Return how many whole intervals between evaluations fit in a number of simulated ``steps``."""
         return int(steps * self.n_evaluations // self.steps)
 
 
@@ -56,17 +56,19 @@ class Budget(NamedTuple):
 class Experiment(Configured):
     """Learning experiment that maximises ``E sum_t discount^t reward_t`` over the parameters of a policy.
 
-    The policy is ``u = mid + half tanh(a)``, ``a = W_L tanh(... W_1 o + b_1 ...) + b_L + w``, with tanh layers of
-    sizes ``hidden`` on normalised observations and noise w; ``()`` is the affine policy and None a constant input,
-    without observations. Initial weights are normal with standard deviation 1 / sqrt(fan in), those of the last
-    layer times ``initial``; offsets are 0. With a state ``rest`` (nx,) they are instead those of linear feedback
-    that stabilises the system there. With a policy ``start`` they are its weights, with its normaliser.
+    The policy is ``u = mid + half tanh(a)``, ``a = W_L tanh(... W_1 o + b_1 ...) + b_L + w``, with tanh layers
+    of sizes ``hidden`` on normalised observations and noise w; ``hidden = ()`` is the affine policy, and None a
+    constant input without observations. Initial weights are normal with standard deviation 1 / sqrt(fan in),
+    multiplied by ``initial`` in the last layer; offsets are 0. If a state ``rest`` (nx,) is given, the initial
+    policy is instead linear feedback that stabilises the system at that state. If a policy ``start`` is given,
+    learning starts from the weights and the normaliser of that policy.
 
-    The algorithm learns under the contact law ``law``, at the task's parameters ``model_params`` (all, in the order
-    of the task's table; by default its own). Evaluations are under the exact law, with ``episodes`` episodes,
-    before every ``evaluate_every``-th iteration and at the end. With a ``budget`` learning ends with the iteration
-    that exceeds its number of steps, whatever ``iterations`` is, and evaluations are at equal numbers of steps.
-    ``params`` are the task's arguments, for the record. Results do not depend on ``threads``.
+    The algorithm learns under the contact law ``law``, on a model with the parameters ``model_params``, all of
+    them in the order of the task's table (default: the task's own values). The policy is evaluated in
+    ``episodes`` episodes under the exact law, before every ``evaluate_every``-th iteration and at the end. With
+    a ``budget``, learning ends with the iteration that exceeds the budget's number of steps, whatever
+    ``iterations`` is, and evaluations are equally spaced in simulated steps. ``params`` are the arguments from
+    which the task was built, for the record. Results do not depend on ``threads``.
 
     Raises :class:`~ocp.errors.InputError` for invalid settings, such as a discount outside (0, 1].
     """
@@ -123,14 +125,14 @@ class Experiment(Configured):
 
     @cached_property
     def policy(self) -> RolloutPolicy:
-        """The policy's function, in the form that the batch engine takes."""
+        """Policy as a function that the batch engine compiles into rollouts."""
         task = self.task
         if self.hidden is None:
             return constant_policy(task.system.nx, task.lower, task.upper)
         return dense_policy(task.observe, self.hidden, task.lower, task.upper)
 
     def rollouts(self, horizon: int, law: ContactLaw | None = None) -> TaskRollouts:
-        """Return compiled rollouts of ``horizon`` steps under ``law``, by default the experiment's; cached."""
+        """Return compiled rollouts of ``horizon`` steps under ``law`` (default: the experiment's law), from a cache."""
         contact_law = self.law if law is None else law
         compiled = [rollouts for rollouts in self._compiled if rollouts.law is contact_law]
         for rollouts in compiled:
@@ -169,18 +171,18 @@ class Experiment(Configured):
         return self.task.parameters.values if model_params is None else np.asarray(model_params, float)
 
     def rng(self, k: int, purpose: str) -> np.random.Generator:
-        """Return a random generator for iteration ``k`` and a purpose, with the same state at every call."""
+        """Return a random generator seeded by iteration ``k`` and a purpose, in the same state at every call."""
         return np.random.default_rng(self._sequence(k, purpose))
 
     def noise(self, sigma: float, k: int, purpose: str) -> Gaussian:
-        """Return Gaussian noise on actions, of deviation ``sigma``, for iteration ``k`` and a purpose."""
+        """Return Gaussian noise on actions with standard deviation ``sigma``, seeded by iteration and purpose."""
         return Gaussian(sigma, self._sequence(k, purpose))
 
     def _sequence(self, k: int, purpose: str) -> np.random.SeedSequence:
         return np.random.SeedSequence([self.seed, k, zlib.crc32(purpose.encode())])
 
     def first_theta(self) -> np.ndarray:
-        """Return the initial parameters (n_theta,): those of ``start``, feedback to ``rest``, or random ones."""
+        """Return the initial parameters (n_theta,): from the policy ``start``, from feedback to ``rest``, or random."""
         if self.start is not None:
             return np.array(self.start.theta, dtype=float)
         rng = self.rng(0, "theta")
@@ -192,7 +194,7 @@ class Experiment(Configured):
         return theta
 
     def first_states(self, n: int, rng: np.random.Generator) -> np.ndarray:
-        """Return random initial states (n, nx) of episodes, at the model's parameters."""
+        """Return random initial states (n, nx) of episodes of the model with its parameters."""
         return self.task.reset(n, rng, self.physics)
 
     def observations(self, states: np.ndarray) -> np.ndarray:

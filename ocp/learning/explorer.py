@@ -1,4 +1,4 @@
-"""Simulation of many episodes of a task at once, and transitions of random policies."""
+"""Simulator of many episodes of a task at once, and collection of transitions under random policies."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ BUFFER_ARRAYS = ("x", "u", "x_next")
 class Buffer:
     """Buffer of n transitions: states ``x`` (n, nx), inputs ``u`` (n, nu), next states ``x_next`` (n, nx).
 
-    Raises :class:`~ocp.errors.InputError` for shapes that disagree and for rows that are not finite.
+    Raises :class:`~ocp.errors.InputError` if the shapes disagree or a value is not finite.
     """
 
     x: np.ndarray
@@ -59,7 +59,7 @@ class Buffer:
 
     @classmethod
     def from_solved_steps(cls, x: np.ndarray, u: np.ndarray, x_next: np.ndarray) -> Buffer:
-        """Return the transitions with a finite next state, that is, with a solved step."""
+        """Return a buffer of the transitions with a finite next state, that is, of the solved steps."""
         finite = np.isfinite(x_next).all(axis=1)
         return cls(x[finite], u[finite], x_next[finite])
 
@@ -67,7 +67,7 @@ class Buffer:
 N_EXPLORED_EPISODES = 50
 """Number of episodes that :func:`random_transitions` simulates at once, each with its own policy."""
 CONTACT_DISTANCE_M = 1e-6
-"""Maximum signed distance [m] at which bodies count as touching."""
+"""Signed distance [m] up to which bodies count as touching."""
 MIN_ACTION_WIDTH = 0.01
 """Minimum scale of a random policy's actions before tanh."""
 MAX_ACTION_WIDTH = 0.5
@@ -81,8 +81,8 @@ Policy = Callable[[np.ndarray], np.ndarray]
 class EpisodeSteps:
     """One step of n episodes: the transitions, their ``reward`` (n,), and three masks (n,).
 
-    ``ended`` are episodes that end at the next state, ``solved`` those with a finite next state, and
-    ``touched`` those in which bodies touch there.
+    ``ended`` marks episodes that end at the next state, ``solved`` steps with a finite next state, and
+    ``touched`` steps after which bodies touch.
     """
 
     x: np.ndarray
@@ -95,11 +95,11 @@ class EpisodeSteps:
 
 
 class Explorer:
-    """Simulation of many episodes of a task at once under the exact law.
+    """Simulator of many episodes of a task at once under the exact law.
 
-    ``values`` maps parameters to values other than the task's. Episodes that end, have an unsolved
-    step, or reach the task's horizon are replaced by new ones from :meth:`Task.reset`. ``count`` is
-    called with each number of simulated steps. Results do not depend on the number of threads.
+    ``values`` maps names of parameters to values that replace the task's. Episodes that end, have an unsolved
+    step, or reach the task's horizon are replaced by new ones from :meth:`Task.reset`. After each simulation
+    ``count`` is called with the number of simulated steps. Results do not depend on the number of threads.
     """
 
     def __init__(
@@ -121,7 +121,7 @@ class Explorer:
         self._distance = None if distance is None else BatchFunction(distance, **engine)
 
     def initial_states(self, n: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-        """Return random initial states (n, nx) of ``n`` episodes, and their ages (n,), 0 steps."""
+        """Return random initial states (n, nx) of ``n`` episodes, and the episodes' ages (n,) in steps, all 0."""
         return self.task.reset(n, rng, self.p), np.zeros(n, dtype=int)
 
     def observations(self, x: np.ndarray) -> np.ndarray:
@@ -129,7 +129,7 @@ class Explorer:
         return self._observe(x, self.p)
 
     def has_ended(self, x: np.ndarray) -> np.ndarray:
-        """Return a mask (n,): episodes that end at states (n, nx)."""
+        """Return a mask (n,) of the states (n, nx) at which an episode ends."""
         return np.not_equal(self._end(x, self.p)[:, 0], 0)
 
     def rewards(self, x: np.ndarray, u: np.ndarray, x_next: np.ndarray) -> np.ndarray:
@@ -159,11 +159,12 @@ class Explorer:
 
 
 def random_transitions(explorer: Explorer, n: int, seed: int | Sequence[int]) -> tuple[Buffer, np.ndarray]:
-    """Return ``n`` solved transitions of random policies, and a mask (n,): whether bodies touch after each.
+    """Return ``n`` solved transitions of random policies, and a mask (n,) of those after which bodies touch.
 
-    Fifty episodes run at once, each with its own policy ``mid + half tanh(s (G o + w))``: G (nu, n_o) is
-    normal, observations o are divided by their largest values so far and by the root of their number,
-    w is white noise, and s is log-uniform, since with large inputs only, many episodes would end early.
+    Fifty episodes run at once, each with its own policy ``mid + half tanh(s (G o + w))``. G (nu, n_o) is a
+    normal random matrix, w is white noise, and the observations o are divided by their largest values so far
+    and by sqrt(n_o). The scale s is log-uniform, because many episodes would end early if all inputs were
+    large.
 
     Raises :class:`~ocp.errors.InputError` if no step was solved or ``n`` is below 1.
     """

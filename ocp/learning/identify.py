@@ -1,4 +1,4 @@
-"""Identification of a model's physical parameters psi from transitions: one-step loss, search, and intervals."""
+"""Identification of a model's physical parameters psi from transitions, with confidence intervals."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ocp.learning.explorer import Buffer
 from ocp.learning.random_search import RandomSearch, SearchDistribution
 
 MAX_ROWS_AT_ONCE = 65536
-"""Maximum number of steps computed in one call, which limits memory."""
+"""Maximum number of simulated steps in one call, which limits memory."""
 
 
 class OneStepLoss:
@@ -25,14 +25,15 @@ class OneStepLoss:
         loss = OneStepLoss(law.close(task.system), ["friction", "spring"])
         loss(np.log(psi), buffer)        # psi (k, n_psi) gives (k,)
 
-    It is that of Zhang, Jin and Wang (2023), eq. 4.1, for ``scale`` 1, which adds squares of m, rad, m/s
-    and rad/s; with :meth:`increments` as ``scale`` (nx,) all state entries have similar weight. psi are
-    the positive parameters ``names`` of ``step``, on a logarithmic scale; the others are fixed at
-    ``values``, by default the step's own. A step that cannot be solved at some psi counts as the mean
-    of the others; L is infinite if more than half cannot be solved.
+    With ``scale`` 1 this is the loss of Zhang, Jin and Wang (2023), eq. 4.1, which adds squares of m, rad, m/s
+    and rad/s. With :meth:`increments` as ``scale`` (nx,) all state entries have similar weight. psi are the
+    parameters of ``step`` listed in ``names``; they are positive and are passed as logarithms. All other
+    parameters are fixed at ``values`` (default: the step's own). Where the model's step cannot be solved at
+    some psi, its loss is replaced by the mean over the solved steps; L is infinite if more than half of the
+    steps cannot be solved.
 
-    Raises :class:`~ocp.errors.InputError` for unknown, missing and repeated names, and for scales that
-    are not positive.
+    Raises :class:`~ocp.errors.InputError` if ``names`` is empty or contains unknown or repeated names, or if a
+    scale is not positive.
     """
 
     def __init__(
@@ -60,7 +61,7 @@ class OneStepLoss:
         self._step = StepFunction(step, **engine)
 
     def start(self, values: Mapping[str, float] | None = None) -> np.ndarray:
-        """Return log psi (n_psi,) at ``values``, a mapping from names, by default the step's values.
+        """Return log psi (n_psi,) at ``values``, a mapping from names; names that it lacks have the step's values.
 
         Raises :class:`~ocp.errors.InputError` if a value is not positive.
         """
@@ -88,7 +89,7 @@ class OneStepLoss:
         return errors / self.scale
 
     def parameters(self, log_psi: np.ndarray) -> np.ndarray:
-        """Return all parameters (k, np) of the step at ``log_psi`` (k, n_psi)."""
+        """Return the step's full parameter vectors (k, np) at ``log_psi`` (k, n_psi)."""
         p = np.tile(self.p, (len(log_psi), 1))
         p[:, self._columns] = np.exp(log_psi)
         return p
@@ -100,8 +101,9 @@ class OneStepLoss:
     def sensitivity(self, log_psi: np.ndarray, width: float, buffer: Buffer) -> np.ndarray:
         """Return the sensitivity (n_psi,) of the model's steps to each entry of ``log_psi`` (n_psi,).
 
-        It is the root of ``mean_t 1/2 |(f(psi') - f(psi)) / scale|²``, with one entry moved by ``width`` up
-        or down, whichever has less effect. It does not use the measured next states.
+        The sensitivity is the square root of ``mean_t 1/2 |(f(psi') - f(psi)) / scale|²``, where psi' has the
+        entry moved up or down by ``width``, in the direction of smaller effect. The measured next states are
+        not used.
         """
         n = len(log_psi)
         perturbed = log_psi + width * np.concatenate([np.eye(n), -np.eye(n), np.zeros((1, n))])
@@ -111,14 +113,14 @@ class OneStepLoss:
 
     @staticmethod
     def _mean(losses: np.ndarray) -> np.ndarray:
-        """Return the means (k,) of the finite ``losses`` (k, n), infinite if less than half are finite."""
+        """Return the mean (k,) over the finite ``losses`` of each row (k, n), infinite if less than half are finite."""
         finite = np.isfinite(losses)
         share = finite.mean(axis=1)
         total = np.where(finite, losses, 0.0).mean(axis=1)
         return np.divide(total, share, out=np.full(len(losses), np.inf), where=share >= 0.5)
 
     def in_scales_of(self, buffer: Buffer) -> OneStepLoss:
-        """Return this loss with the :meth:`increments` of ``buffer`` as its scale."""
+        """Return a copy of this loss whose scale is the :meth:`increments` of ``buffer``."""
         other = copy.copy(self)
         other.scale = self.increments(buffer)
         return other
@@ -140,9 +142,9 @@ ROW_STREAM = 2
 class Identification:
     """Identified parameters psi, ``values`` (n,) in the order of ``names``, and the history of the search.
 
-    ``loss`` is the one-step loss on all transitions divided by their number, ``start_loss`` that at the
-    start. ``model_params`` (k, n) are the means of the search distribution over the iterations of all
-    passes, and ``spread`` (k, n) its standard deviations of log psi.
+    ``loss`` is the one-step loss over all transitions divided by their number, and ``start_loss`` the same at
+    the start of the search. In each iteration of all passes, exp of the search distribution's mean is a row of
+    ``model_params`` (k, n), and its standard deviations of log psi are a row of ``spread`` (k, n).
     """
 
     names: tuple[str, ...]
@@ -184,8 +186,9 @@ def identify(
 ) -> Identification:
     """Minimise the one-step ``loss`` over log psi from ``start`` (n_psi,) by random search.
 
-    Every iteration compares candidates on ``rows`` transitions. The result is the best on all
-    transitions of the start and the final means of the passes; all are also used for sensitivities.
+    Every iteration compares candidates on ``rows`` random transitions. The start and the final means of all
+    passes are then compared on all transitions, and the best of them is returned. Sensitivities are also
+    computed on all transitions.
 
     Raises :class:`~ocp.errors.InputError` for an empty ``buffer`` and for ``rows`` below 1.
     """
@@ -214,11 +217,11 @@ def identify(
 N_RESAMPLES = 400
 """Number of bootstrap resamples for an interval."""
 INTERVAL_TAIL = (1 - 0.95) / 2
-"""Probability below and above an interval, which contains 95 %."""
+"""Probability below an interval and, equally, above it; the interval contains 95 %."""
 DIFFERENCE_STEP = 1e-4
 """Step of log psi for central differences."""
 FLAT_EIGENVALUE_RATIO = 1e-10
-"""Ratio of an eigenvalue of the information matrix to the largest up to which its direction is flat."""
+"""Ratio to the largest eigenvalue of the information matrix up to which an eigenvalue's direction counts as flat."""
 UNDETERMINED_SHARE = 0.05
 """Norm of the projection of a parameter's axis on flat directions above which the parameter is undetermined."""
 
@@ -244,11 +247,11 @@ def bootstrap_intervals(
 ) -> Intervals:
     """Return 95 % intervals of psi by a bootstrap over transitions, with one Gauss-Newton step per resample.
 
-    With J_t and errors r_t at ``log_psi`` (n_psi,), the minimum of resample b is approximated by
-    ``log_psi - (sum_b J_t'J_t)^(-1) sum_b J_t' r_t``. The interval contains 95 % of the 400 minima and
-    the identified value: it measures the noise in the data and, for exact data, the distance of the
-    search from the minimum. J_t is computed by central differences, without the transitions that cannot
-    be solved there. Intervals are for each parameter separately, by two-sided quantiles.
+    With J_t and errors r_t at ``log_psi`` (n_psi,), the minimum of resample b is approximated by ``log_psi -
+    (sum_b J_t'J_t)^(-1) sum_b J_t' r_t``. The interval contains 95 % of the 400 minima and, in any case, the
+    identified value. It measures the noise in the data and, for exact data, the distance of the search from the
+    minimum. J_t is computed by central differences; transitions whose step cannot be solved near ``log_psi``
+    are left out. Each parameter has its own interval, between two-sided quantiles.
     """
     J, r = _jacobians_and_errors(loss, log_psi, buffer)
     products = np.einsum("tia,tib->tab", J, J), np.einsum("tia,ti->ta", J, r)

@@ -1,4 +1,4 @@
-"""Imitation learning: policies fitted to plans, from which a training may start."""
+"""Imitation learning: policies fitted to optimal control solutions, from which a training may start."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ from ocp.problem.task import Task
 from ocp.solution import Solution
 
 SMOOTHING_MU_SHARE = 1e-2
-"""Barrier parameter mu of the smoothed law for tracking gains, as a share of the problem's characteristic mu."""
+"""Barrier parameter mu of the contact law that tracking gains use, as a share of the problem's characteristic mu."""
 
 
 def demonstrations(
     plans: Sequence[Solution], copies: int = 0, spread: float = 0.0, seed: int = 0
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the states (n, nx) of plans at all scenarios and steps, and the inputs (n, nu) there.
+    """Return the states (n, nx) of plans at all scenarios and steps, and the plans' inputs (n, nu) in these states.
 
-    For each state ``copies`` perturbed ones are added, with normal noise of ``spread`` characteristic
-    sizes. Their inputs are those of the plan's feedback, or of :func:`tracking_gains` for an open-loop
-    plan, clipped to the bounds.
+    For each state, ``copies`` perturbed states are added, with normal noise of ``spread`` characteristic sizes.
+    The inputs in the perturbed states are computed by the plan's feedback, or by :func:`tracking_gains` for an
+    open-loop plan, and clipped to the bounds.
 
-    Raises :class:`~ocp.errors.InputError` for no plans, and for a plan that is not finite.
+    Raises :class:`~ocp.errors.InputError` if there is no plan or a plan is not finite.
     """
     if not plans:
         raise InputError("no plans to fit the policy to; give at least one")
@@ -53,7 +53,7 @@ def demonstrations(
 def _perturbed_demonstrations(
     plan: Solution, scenario: int, copies: int, spread: float, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return perturbed states (n, nx) of one scenario, and the feedback's inputs (n, nu) there."""
+    """Return perturbed states (n, nx) of one scenario, and the inputs (n, nu) of the feedback in these states."""
     problem = plan.problem
     lower, upper = Evaluation(problem, plan.values).limits[2:4]
     gains = tracking_gains(plan, scenario) if plan.gains is None else plan.gains
@@ -66,10 +66,10 @@ def _perturbed_demonstrations(
 def tracking_gains(plan: Solution, scenario: int = 0) -> Gains:
     """Return gains K (N, nu, nx) of feedback ``u = u_k + K_k (x - x_k)`` that tracks a plan.
 
-    It is the linear-quadratic regulator that minimises ``sum |dx / size|² + |du / size|²`` in the
-    problem's characteristic sizes: ``K = -(R + B' P B)^-1 B' P A``, ``P <- Q + A' P (A + B K)``,
-    ``P_N = Q``. ``A_k, B_k`` are derivatives of a barrier law's step along the plan, since the exact
-    law has none where a contact is about to open or close.
+    The feedback is the linear-quadratic regulator that minimises ``sum |dx / size|² + |du / size|²`` with the
+    problem's characteristic sizes: ``K = -(R + B' P B)^-1 B' P A``, ``P <- Q + A' P (A + B K)``, ``P_N = Q``.
+    ``A_k, B_k`` are derivatives of the step along the plan under a barrier law, since the exact law has no
+    derivatives where a contact is about to open or close.
 
     Raises :class:`~ocp.errors.NotConverged` if a step cannot be solved under the barrier law.
     """
@@ -98,18 +98,18 @@ def tracking_gains(plan: Solution, scenario: int = 0) -> Gains:
 
 @lru_cache(maxsize=1)
 def _smoothed_step(system: ContactSystem, mu: float) -> tuple[Step, StepFunction]:
-    """Return the system's step under the barrier law and its compiled function, cached for plans of a task."""
+    """Return the system's step under the barrier law and its compiled function; the last result is cached."""
     step = Barrier(mu=mu).close(system)
     return step, StepFunction(step)
 
 
 MAX_ACTION_SHARE = 0.99
-"""Maximum distance of a target input from mid-range, in half ranges, since no finite action reaches a bound."""
+"""Maximum distance of a target input from mid-range, in half ranges; no finite action gives an input at a bound."""
 MAX_LBFGS_ITERATIONS = 500
 """Maximum number of iterations of L-BFGS."""
 ROWS_PER_PRODUCT = 64
-"""Maximum number of rows of a matrix product. Larger products would use several threads, which wait for each
-other on a busy machine, and whose rounding depends on their number."""
+"""Maximum number of rows of a matrix product. NumPy computes larger products with several threads, which is slow
+on a busy machine and makes rounding depend on the number of threads."""
 
 
 def fit_actions(
@@ -117,10 +117,11 @@ def fit_actions(
 ) -> TrainedPolicy:
     """Fit a policy with tanh layers ``hidden`` to ``inputs`` (n, nu) in ``states`` (n, nx).
 
-    It minimises the mean of ``|a(o) - a*|²``, where a is the action before tanh and
-    ``a* = artanh((u - mid) / half)``, with u limited to 0.99 of the half range. Observations are normalised by
-    their mean and standard deviation. The affine policy, ``()``, is the least-squares solution of minimum norm;
-    others are the result of up to 500 iterations of L-BFGS from random weights drawn with ``seed``.
+    The fit minimises the mean of ``|a(o) - a*|²``, where a is the action before tanh and ``a* = artanh((u -
+    mid) / half)``, with u limited to 0.99 of the half range. Observations are normalised by their mean and
+    standard deviation. The affine policy, ``hidden = ()``, is the least-squares solution of minimum norm;
+    policies with hidden layers are fitted by up to 500 iterations of L-BFGS from random weights drawn with
+    ``seed``.
     """
     policy = dense_policy(task.observe, hidden, task.lower, task.upper)
     observations = BatchFunction(task.observe, "numpy", 1)(states, task.parameters.values)
@@ -150,7 +151,7 @@ def squared_error(
 ) -> tuple[float, np.ndarray]:
     """Return the mean of ``|a - a*|²`` over normalised observations (n, n_o), and its gradient (n_theta,).
 
-    ``target_actions`` (n, n_a) are a*.
+    Here a are the policy's actions before tanh, and a* are the ``target_actions`` (n, n_a).
     """
     error, slope = 0.0, np.zeros_like(theta)
     for first_row in range(0, len(observations), ROWS_PER_PRODUCT):

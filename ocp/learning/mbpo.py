@@ -19,25 +19,25 @@ if TYPE_CHECKING:
 class MBPO(Algorithm):
     """Model-based policy optimisation with a soft actor-critic.
 
-    Algorithm 2 of Janner, Fu, Zhang and Levine, When to trust your model, 2019. Real steps are
-    simulated under the exact law, whatever the experiment's law. Before iteration 0 there are
-    ``random_steps`` of random policies. Each iteration
+    Algorithm 2 of Janner, Fu, Zhang and Levine, When to trust your model, 2019. Real steps are simulated under
+    the exact law, whatever the experiment's law. Before iteration 0, ``random_steps`` steps are simulated under
+    random policies. Each iteration
 
     - continues ``n_envs`` episodes for ``steps`` steps with noisy actions of the policy;
-    - fits the ensemble to all real steps, of which a share ``held_out`` selects its ``elites``;
-    - rolls the model out from real states in ``branches`` rollouts, whose length grows from
+    - fits the ensemble to all real steps but a share ``held_out``, on which the ``elites`` best members are selected;
+    - simulates ``branches`` rollouts of the model from real states, whose length grows from
       ``min_branch`` to ``max_branch`` steps over the first half of the iterations;
     - updates actor and critics ``updates`` times on batches with a share ``real_ratio`` of real
       steps; the other steps are from the branches of the last ``branch_iterations`` iterations.
 
-    Reward and end of a model step are the task's, but rewards for the critics are clipped to
-    ``reward_clip`` in size, so that they do not learn from one good step before a fall. Actions before
-    tanh start with standard deviation ``sigma``. The temperature starts at ``alpha`` and is adapted so
-    that the entropy per input is ``target_entropy``; a Gaussian well within the bounds, with standard
-    deviation s in half ranges, has 1.42 + ln s.
+    Rewards and ends of model steps are computed by the task's functions. Rewards for the critics are clipped to
+    +-``reward_clip``, so that one extreme reward, as just before a fall, does not dominate. Actions before tanh
+    start with standard deviation ``sigma``. The temperature starts at ``alpha`` and is adapted so that the
+    entropy per input is ``target_entropy``; a Gaussian well within the bounds, with standard deviation s in
+    half ranges, has 1.42 + ln s.
 
-    The policy is the experiment's: tanh layers on observations, normalised by the explored steps.
-    The critics' discount is ``critic_discount`` times the experiment's. Default sizes suit two cores;
+    The policy has the experiment's tanh layers, on observations normalised by the steps of the random policies.
+    The critics' discount is ``critic_discount`` times the experiment's discount. Default sizes suit two cores;
     Janner's are 4 x 200 units, batches of 256, 400 branches and 20 to 40 updates per step.
     """
 
@@ -83,7 +83,7 @@ class MBPO(Algorithm):
                 )
 
     def begin(self, experiment: Experiment) -> State:
-        """Return networks initialised from the seed, and the steps of random policies.
+        """Return the initial state: networks initialised from the seed, and transitions of random policies.
 
         Raises :class:`~ocp.errors.InputError` if settings do not fit or the extra ``learn`` is not installed.
         """

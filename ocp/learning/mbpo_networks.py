@@ -21,7 +21,7 @@ from ocp.learning.protocol import Layers, first_weights
 
 
 def initial_layers(rng: np.random.Generator, sizes: Sequence[int], last: float = 1.0) -> Layers:
-    """Return the layers of :func:`~ocp.learning.protocol.first_weights` in single precision."""
+    """Return the random layers that :func:`~ocp.learning.protocol.first_weights` draws, in single precision."""
     theta = first_weights(sizes, last, rng).astype(np.float32)
     return tuple((theta[weights].reshape(shape), theta[b]) for weights, b, shape in layer_slices(sizes))
 
@@ -45,7 +45,7 @@ def tree_arrays(prefix: str, tree: Any) -> dict[str, np.ndarray]:
 
 
 def tree_from_arrays(prefix: str, state: dict[str, np.ndarray], like: Any) -> Any:
-    """Rebuild a tree with the structure of ``like`` from its :func:`tree_arrays` in ``state``."""
+    """Rebuild a tree with the structure of ``like`` from the arrays of :func:`tree_arrays` in ``state``."""
     leaves, structure = jax.tree.flatten(like)
     leaf_arrays = [state[f"{prefix}.{i}"] for i in range(len(leaves))]
     return jax.tree.unflatten(structure, leaf_arrays)
@@ -60,7 +60,7 @@ INITIAL_LOG_VARIANCE_BOUNDS = -10.0, 0.5
 
 
 class Ensemble(NamedTuple):
-    """Probabilistic networks of all members, stacked, and bounds (ny,) of their log-variances."""
+    """Ensemble of probabilistic networks, stacked along the first axis, and bounds (ny,) of predicted log-variances."""
 
     layers: Layers
     min_log_variance: Any
@@ -91,8 +91,8 @@ def begin_learner(
 def predict_gaussians(ensemble: Ensemble, z: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Return means and log-variances (members, n, ny) at ``z`` (members, n, nz).
 
-    With the second half s of the networks' outputs and bounds m < M, ``l = M - softplus(M - s)`` and
-    ``log var = m + softplus(l - m)``, which is between the bounds and has a slope everywhere.
+    The second half s of the networks' outputs gives ``l = M - softplus(M - s)`` and ``log var = m + softplus(l
+    - m)``, where m < M are the bounds. This is a smooth function of s with values between the bounds.
     """
     outputs = jax.vmap(lambda layers, rows: forward(layers, rows, jax.nn.silu))(ensemble.layers, z)
     mean, raw = jnp.split(outputs, 2, axis=-1)
@@ -134,7 +134,7 @@ def make_trainer(rate: float) -> Callable[..., tuple[Learner, jax.Array]]:
 
 @jax.jit
 def member_errors(ensemble: Ensemble, z: Any, y: Any, known: Any) -> jax.Array:
-    """Return the mean squared errors (members,) of predicted means over the rows in the mask ``known`` (n,)."""
+    """Return each member's mean squared error (members,) of predicted means over the rows in the mask ``known``."""
     members = ensemble.layers[0][0].shape[0]
     mean, _ = predict_gaussians(ensemble, jnp.broadcast_to(z, (members, *z.shape)))
     squared_errors = jnp.mean((mean - y) ** 2, axis=2)
@@ -162,7 +162,7 @@ MAX_LOG_DEVIATION = 2.0
 
 
 class Actor(NamedTuple):
-    """Actor network: tanh layers ``trunk``, then a layer for means and one for logarithms of deviations."""
+    """Actor network: tanh layers ``trunk``, then a layer for the means and a layer for the log standard deviations."""
 
     trunk: Layers
     mean: tuple[Any, Any]
@@ -186,7 +186,7 @@ class Agent(NamedTuple):
 
 
 class Batch(NamedTuple):
-    """Batch of transitions: normalised observations, tanh of actions, rewards, ends (1 or 0), next observations."""
+    """Batch of transitions: normalised observations, tanh actions, rewards, ended (1 or 0), next observations."""
 
     o: Any
     t: Any
@@ -213,9 +213,10 @@ def begin_agent(
     alpha: float,
     rate: float,
 ) -> Agent:
-    """Return an agent with random networks: weights of means scaled by ``initial``, all deviations ``sigma``.
+    """Return an agent with random networks: last weights of the means scaled by ``initial``, deviations ``sigma``.
 
-    ``actor_sizes`` are the actor's layers from observation to input, ``critics`` the critics' hidden layers.
+    ``actor_sizes`` are the sizes of the actor's layers from observation to input, and ``critics`` the sizes of
+    the critics' hidden layers.
     """
     n_o, *_, nu = actor_sizes
     *trunk, mean = initial_layers(rng, actor_sizes, initial)
@@ -278,7 +279,7 @@ def actor_loss(
 
 
 def temperature_loss(log_alpha: jax.Array, log_density: jax.Array, target_entropy: float) -> jax.Array:
-    """Return ``-log alpha (mean log pi + target_entropy)``, by which alpha grows while the entropy is too low."""
+    """Return ``-log alpha (mean log pi + target_entropy)``; descent increases alpha if the entropy is too low."""
     return -log_alpha * jax.lax.stop_gradient(log_density + target_entropy)
 
 

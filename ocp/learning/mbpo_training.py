@@ -1,4 +1,4 @@
-"""Iterations of model-based policy optimisation on a state that consists of arrays."""
+"""Iterations of model-based policy optimisation, as functions of a state that consists of arrays."""
 
 from __future__ import annotations
 
@@ -46,8 +46,8 @@ def branch_rollouts(
 ) -> Buffer:
     """Return the transitions of model rollouts of ``length`` steps from each of ``starts`` (n, nx).
 
-    A rollout stops at a state where the task ends, and before a state that is not finite. All rollouts
-    are computed at every step, also stopped ones, so that shapes do not change.
+    A rollout stops at a state at which the task's episode ends, and before a non-finite state. Stopped rollouts
+    are computed on but not recorded, so that array shapes do not change.
     """
     x, alive = starts, np.ones(len(starts), dtype=bool)
     buffers = []
@@ -62,7 +62,7 @@ def branch_rollouts(
 
 
 def branch_length(k: int, first: int, last: int, grown_at: int) -> int:
-    """Return the length of branches in iteration ``k``, linear from ``first`` to ``last`` at ``grown_at``."""
+    """Return the branch length in iteration ``k``, which grows linearly from ``first`` to ``last`` at ``grown_at``."""
     share = min(1.0, k / max(grown_at, 1))
     return round(first + share * (last - first))
 
@@ -87,7 +87,7 @@ class ObservationScales(NamedTuple):
 
 
 class MBPOTrainer:
-    """Compiled functions of one experiment; everything that changes is in the state passed to them."""
+    """Compiled functions of one experiment; whatever changes between iterations is in the state that they take."""
 
     def __init__(self, settings: MBPO, experiment: Experiment) -> None:
         self.settings, self.experiment, task = settings, experiment, experiment.task
@@ -119,7 +119,7 @@ class MBPOTrainer:
         )
 
     def initial_state(self) -> State:
-        """Return the state before iteration 0, with the steps of random policies."""
+        """Return the state before iteration 0, with the transitions of random policies."""
         settings = self.settings
         seeds = [self.experiment.seed, self.experiment.rng(0, "explored").integers(2**31)]
         explored, _ = random_transitions(self.explorer, settings.random_steps, seeds)
@@ -149,7 +149,7 @@ class MBPOTrainer:
         return TrainedPolicy(mean_action_parameters(agent.networks.actor), Normaliser.from_state(state))
 
     def iterate(self, state: State, k: int) -> tuple[State, Row]:
-        """Run iteration ``k``; return the new state and the iteration's numbers."""
+        """Run iteration ``k``; return the new state and the iteration's row of metrics."""
         settings = self.settings
         learner: Learner = tree_from_arrays("learner", state, self.first_learner)
         agent: Agent = tree_from_arrays("agent", state, self.first_agent)
@@ -185,7 +185,7 @@ class MBPOTrainer:
     def _continue_episodes(
         self, agent: Agent, scales: ObservationScales, episodes: RunningEpisodes, k: int
     ) -> tuple[RunningEpisodes, Buffer, list[float]]:
-        """Continue the episodes; return them, their new transitions, and the returns of finished ones."""
+        """Continue the episodes; return the new episodes, the transitions, and the returns of finished episodes."""
         rng, buffers, finished = self.experiment.rng(k, "actions"), [], []
         for _ in range(self.settings.steps):
             u = self._inputs(agent, scales, rng, episodes.x)
@@ -215,7 +215,7 @@ class MBPOTrainer:
     def _fit_model(
         self, learner: Learner, scales: ObservationScales, real_steps: Buffer, k: int
     ) -> tuple[Learner, np.ndarray]:
-        """Train the ensemble; return it and its members' mean squared errors (members,) on held-out steps."""
+        """Train the ensemble; return the learner and each member's mean squared error (members,) on held-out steps."""
         settings, rng = self.settings, self.experiment.rng(k, "model")
         z = np.hstack([self._normalised_observations(scales, real_steps.x), self._tanh_actions(real_steps.u)])
         y = ((real_steps.x_next - real_steps.x) / scales.increment).astype(np.float32)
@@ -281,7 +281,7 @@ class MBPOTrainer:
         return agent, {**row, "alpha": float(np.exp(agent.networks.log_alpha))}
 
     def _batch(self, scales: ObservationScales, buffer: Buffer, size: int) -> Batch:
-        """Return a buffer's steps in the actor-critic's format, padded to ``size`` rows."""
+        """Return a buffer's transitions as a batch for the actor-critic, padded to ``size`` rows."""
         explorer, observations = self.explorer, partial(self._normalised_observations, scales)
         rewards = explorer.rewards(buffer.x, buffer.u, buffer.x_next)
         columns = Batch(
@@ -295,7 +295,7 @@ class MBPOTrainer:
 
 
 def _pad_rows(rows: np.ndarray, size: int) -> np.ndarray:
-    """Return ``rows`` padded with zeros to ``size`` rows, so that compiled loops have one shape."""
+    """Return ``rows`` padded with zeros to ``size`` rows, so that compiled functions always get the same shape."""
     return np.concatenate([rows, np.zeros((size - len(rows), *rows.shape[1:]), rows.dtype)])
 
 

@@ -1,4 +1,4 @@
-"""A task's episode formulated as an optimal control problem, and its best plan from one start."""
+"""Formulation of a task's episode as an optimal control problem, and search for its best plan from one start."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ from ocp.solve.starts import best_of
 
 
 def guess_from_policy(experiment: Experiment, trained: TrainedPolicy) -> Guess:
-    """Return a guess of states and inputs: a policy's episode under the exact law.
+    """Return a function that guesses states and inputs: those of a policy's episode under the exact law.
 
-    After an early end the last state is repeated, with zero inputs.
+    After an early end of the episode the last state is repeated, with zero inputs.
     """
 
     def guess(problem: Problem, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -42,7 +42,7 @@ def guess_from_policy(experiment: Experiment, trained: TrainedPolicy) -> Guess:
 
 
 def guess_from_constant_inputs(task: Task, n: int = 64, seed: int = 0) -> Guess:
-    """Return a guess of states and inputs: the episode of the best of ``n`` random constant inputs."""
+    """Return a function that guesses states and inputs: the episode under the best of ``n`` random constant inputs."""
 
     def guess(problem: Problem, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         share = np.random.default_rng(seed).uniform(-1.0, 1.0, (n, task.system.nu))
@@ -58,25 +58,25 @@ def guess_from_constant_inputs(task: Task, n: int = 64, seed: int = 0) -> Guess:
 
 
 def _hold_last_state(states: np.ndarray) -> np.ndarray:
-    """Return ``states`` (N+1, nx) with those after the first non-finite one replaced by the last finite one."""
+    """Return ``states`` (N+1, nx), from the first non-finite state on replaced by the last state before it."""
     finite = np.isfinite(states).all(axis=1)
     last = len(states) - 1 if finite.all() else int(np.argmin(finite)) - 1
     return states[np.minimum(np.arange(len(states)), last)]
 
 
 MOTION_TOLERANCE = 1e-4
-"""Maximum difference of a guess from the rollout of its inputs for it to count as a motion, in sizes of states."""
+"""Difference between a guess and the rollout of its inputs, in sizes of states, up to which it counts as a motion."""
 
 
 @dataclass(frozen=True)
 class BestPlan:
     """The best plan found for an episode from one start, under the exact law.
 
-    ``planned_return`` is its return; ``replayed_return`` is the return of an episode in which its inputs are applied
-    step by step under the exact law, until its end after ``lived`` steps. ``solution`` has the
-    trajectories, the certificate, the referee's verdict, and in ``others`` the results of all guesses.
-    A certified plan is a local optimum, which only bounds the returns of nearby plans. Another guess
-    may lead to a better plan, and a policy may be better.
+    ``planned_return`` is the return of the planned trajectories. ``replayed_return`` is the return of an
+    episode in which the planned inputs are applied step by step under the exact law, until the episode ends
+    after ``lived`` steps. ``solution`` contains the trajectories, the certificate, the referee's verdict, and
+    in ``others`` the results of all guesses. A certified plan is a local optimum, which only bounds the returns
+    of nearby plans. Another guess may lead to a better plan, and a policy may be better.
     """
 
     solution: Solution
@@ -95,7 +95,7 @@ class BestPlan:
 
     @property
     def description(self) -> str:
-        """Sentence on the plan's return, its certificate, the replay's return, and the referee's verdict."""
+        """Sentence that states the plan's return, its certificate, the replay's return, and the referee's verdict."""
         solution, steps = self.solution, self.solution.problem.N
         certificate_words = ", ".join(
             word for word in (solution.certificate.stationarity, solution.certificate.kind) if word
@@ -120,12 +120,13 @@ def best_plan(
 ) -> BestPlan:
     """Plan an episode from ``x0`` (nx,) by direct transcription under the exact law.
 
-    The search starts at each of ``guesses``, by default at the problem's initial guess. A guess that is a motion
-    under the exact law is solved with its contact modes fixed and then improved locally; other guesses, and motions
-    for which this fails, are solved by the default route. Return the best certified plan or, if none is certified,
-    the best of the others. ``settings`` are those of :func:`ocp.solve`.
+    The search starts at each of ``guesses``, by default at the problem's initial guess. From a guess that is a
+    motion under the exact law, the problem is solved with the contact modes of the guess fixed, and the
+    solution is then improved locally. From other guesses, or if this fails, it is solved by the default route.
+    The best certified plan is returned or, if none is certified, the best uncertified plan. ``settings`` are
+    those of :func:`ocp.solve`.
 
-    Raises as :func:`~ocp.learning.planned.planned_problem` does.
+    Raises the errors of :func:`~ocp.learning.planned.planned_problem`.
     """
     problem = planned_problem(task, x0)
     session = new_session(problem, EXACT, settings=settings)
@@ -143,7 +144,7 @@ def best_plan(
 
 
 def _polished_motion(session: Session, guess: InitialGuess) -> RouteResult | None:
-    """Return a plan improved from a guess that is a motion; None if it is not a motion or is not solved."""
+    """Return a plan improved from a guess that is a motion; None if the guess is no motion or no solution is found."""
     states, inputs = guess
     problem = session.problem
     rollout, unsolved = roll_on(session.evaluation, inputs[None], session.step)
@@ -161,8 +162,8 @@ def _polished_motion(session: Session, guess: InitialGuess) -> RouteResult | Non
 def episode_return(task: Task, states: np.ndarray, inputs: np.ndarray) -> tuple[float, int]:
     """Return the return of an episode with ``states`` (N+1, nx) and ``inputs`` (N, nu), and its number of steps.
 
-    The episode ends at the first state at which the task ends it, or before the first non-finite
-    state; later rewards do not count. Parameters are the task's own.
+    The episode ends at the first state in which ``Task.done`` holds, or before the first non-finite state;
+    later rewards do not count. The task's own parameters are used.
     """
     p, n = task.parameters.values, len(inputs)
     finite = np.isfinite(states).all(axis=1)
@@ -179,21 +180,21 @@ def episode_return(task: Task, states: np.ndarray, inputs: np.ndarray) -> tuple[
 
 
 MARGIN = 1e-6
-"""Margin of a plan's constraints that keep its episode running, in the units of ``Task.lasts``. An episode ends
-at a value of 0, and a solver satisfies constraints to within 1e-8."""
+"""Lower bound of ``Task.lasts`` in a plan, in its units. An episode ends at a value of 0, and a solver satisfies
+constraints only to within 1e-8."""
 
 
 def planned_problem(task: Task, x0: np.ndarray, scaling: Scaling | None = None) -> Problem:
     """Build the optimal control problem of an episode of full length that starts at ``x0`` (nx,).
 
-    The cost is minus the return ``sum_t reward(x_t, u_t, x_{t+1}) + final(x_N)``, t < N. A reward
-    ``a(x_{t+1}) + b(x_t, u_t)`` becomes the stage cost ``-a(x_t) - b(x_t, u_t)`` and the terminal
-    cost ``-a(x_N) - final(x_N) + a(x_0)``, with the same sum. The constraint ``Task.lasts``, that the
-    episode goes on, holds at all states before the last, and at the last if there is a final reward.
-    Episodes that end early are not planned.
+    The cost is minus the return ``sum_t reward(x_t, u_t, x_{t+1}) + final(x_N)``, t < N. A reward ``a(x_{t+1})
+    + b(x_t, u_t)`` becomes the stage cost ``-a(x_t) - b(x_t, u_t)`` and the terminal cost ``-a(x_N) -
+    final(x_N) + a(x_0)``, which have the same sum. The constraints ``Task.lasts``, which keep the episode
+    running, apply to all states before the last, and to the last if there is a final reward. Plans therefore
+    never end early.
 
-    Raises :class:`~ocp.errors.InputError` if x0 has another size or the episode ends there, if the
-    reward is not such a sum, and if ``done`` depends on x but ``lasts`` is not given.
+    Raises :class:`~ocp.errors.InputError` if x0 is not of size nx or the episode ends at x0, if the reward is
+    not such a sum, and if ``done`` depends on x but ``lasts`` is not given.
     """
     system = task.system
     start = np.asarray(x0, dtype=float)
@@ -243,7 +244,7 @@ def _split_reward(task: Task, start: np.ndarray) -> tuple[ca.SX, ca.SX]:
 
 
 def _survival_constraint(task: Task) -> tuple[Constraint, ...]:
-    """Return the constraint that keeps an episode running, or none if the task does not end early."""
+    """Return the constraint that keeps an episode running, or an empty tuple if the task never ends early."""
     if task.lasts is None:
         if ca.depends_on(ca.SX(task.done), task.system.x):
             raise InputError(

@@ -29,7 +29,7 @@ MIN_OBSERVATION_SCALE = 1e-2
 class Normaliser:
     """Running normalisation of observations: a policy's input is ``(o - mean) / scale``.
 
-    ``mean`` (n_o,) and ``m2`` (n_o,), the sum of squared deviations from it, are those of ``n``
+    ``mean`` (n_o,) and ``m2`` (n_o,), the sum of squared deviations from the mean, are those of the ``n``
     observations so far.
     """
 
@@ -50,7 +50,7 @@ class Normaliser:
         return np.maximum(np.sqrt(self.m2 / self.n), MIN_OBSERVATION_SCALE)
 
     def after(self, observations: np.ndarray) -> Normaliser:
-        """Return the normaliser updated by ``observations`` (n, n_o), as by Chan, Golub and LeVeque."""
+        """Return the normaliser updated by ``observations`` (n, n_o), with the formulas of Chan, Golub and LeVeque."""
         n = len(observations)
         if not n:
             return self
@@ -62,12 +62,12 @@ class Normaliser:
         )
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """Return the normaliser's entries of an algorithm's state."""
+        """Return the entries of an algorithm's state that store the normaliser."""
         return {"normaliser.n": np.array(self.n), "normaliser.mean": self.mean, "normaliser.m2": self.m2}
 
     @classmethod
     def from_state(cls, state: dict[str, np.ndarray]) -> Normaliser:
-        """Build a normaliser from its :meth:`arrays` in an algorithm's state."""
+        """Build a normaliser from the entries of :meth:`arrays` in an algorithm's state."""
         return cls(float(state["normaliser.n"]), state["normaliser.mean"], state["normaliser.m2"])
 
 
@@ -78,8 +78,8 @@ Layers = Sequence[tuple[Any, Any]]
 def first_weights(sizes: Sequence[int], last: float, rng: np.random.Generator) -> np.ndarray:
     """Return random initial parameters (n_theta,) of a network with zero offsets.
 
-    Weights are normal with standard deviation 1 / sqrt(fan in), those of the last layer times ``last``.
-    ``sizes`` are the lengths of the observation, the hidden layers and the action.
+    Weights are normal with standard deviation 1 / sqrt(fan in), multiplied by ``last`` in the last layer.
+    ``sizes`` are the numbers of observations, of units of each hidden layer, and of actions.
     """
     arrays = []
     for layer, (fan_in, fan_out) in enumerate(pairwise(sizes)):
@@ -102,7 +102,8 @@ def layer_inputs(layers: Layers, observations: np.ndarray) -> list[np.ndarray]:
 def backpropagate(layers: Layers, inputs: Sequence[np.ndarray], output_gradient: np.ndarray) -> list[np.ndarray]:
     """Return gradients with respect to observations (n, n_o), then to each layer's values before tanh (n, n_out).
 
-    ``inputs`` are the :func:`layer_inputs`, and the last layer's gradient is ``output_gradient``.
+    ``inputs`` are the :func:`layer_inputs`, and ``output_gradient`` (n, n_out) is the gradient with respect to
+    the output of the last layer.
     """
     gradients = [output_gradient]
     for (weights, _), values in zip(reversed(layers[1:]), reversed(inputs[1:]), strict=True):
@@ -115,8 +116,8 @@ def policy_vjp(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return a policy's vector-Jacobian products ``g' da/dtheta`` (n, n_theta) and ``g' da/do`` (n, n_o).
 
-    g is the ``output_gradient`` (n, n_a), and ``observations`` (n, n_o) are normalised. For a policy
-    without observations the action is its parameters.
+    g is the ``output_gradient`` (n, n_a), and ``observations`` (n, n_o) are normalised. A policy without
+    observations has its parameters as action, so da/dtheta is the identity.
     """
     if not isinstance(policy, DensePolicy):
         return output_gradient, np.zeros_like(observations)
@@ -131,7 +132,8 @@ def policy_vjp(
 
 
 def renormalise_policy(policy: RolloutPolicy, theta: np.ndarray, before: Normaliser, after: Normaliser) -> np.ndarray:
-    """Return parameters (n_theta,) that keep a policy unchanged if its normaliser ``before`` becomes ``after``.
+    """Return parameters (n_theta,) that leave a policy unchanged when its normaliser ``before`` is replaced by
+    ``after``.
 
     With means m and scales s, the first layer becomes ``W' = W s'/s`` and ``b' = b + W (m' - m)/s``.
     """
@@ -145,24 +147,24 @@ def renormalise_policy(policy: RolloutPolicy, theta: np.ndarray, before: Normali
 
 
 STATE_WEIGHT = 1e-3
-"""Weight of observed deviations in the regulator's cost, relative to actions."""
+"""Weight of squared deviations of observations in the regulator's cost, relative to squared actions."""
 RICCATI_STEPS = 1000
 """Number of Riccati iterations of the stationary regulator."""
 MAX_REST_CHANGE = 1e-2
-"""Maximum change of a state entry in one step for which the system counts as resting."""
+"""Change of a state entry in one step up to which the system counts as resting."""
 TANH_LINEAR_SHARE = 0.1
-"""Factor on the inputs of the first units, small enough for tanh to be nearly linear."""
+"""Factor on the values before tanh of an embedded affine map, small enough for tanh to be nearly linear."""
 
 
 def balancing_feedback(task: Task, rest: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return W (nu, n_o) and b (nu,) of a feedback ``a = W o + b`` that stabilises ``task`` at ``rest`` (nx,).
 
-    It is the linear-quadratic regulator of the step with mu = 1e-10, linearised at ``rest`` with the
-    inputs in the middle of their range, for the cost ``1e-3 |C (x - rest)|² + |a|²``, where C is the
-    Jacobian of the observations. It is close to the stabilising feedback of least effort.
+    The feedback is the linear-quadratic regulator with cost ``1e-3 |C (x - rest)|² + |a|²``, where C is the
+    Jacobian of the observations. The step of the barrier law with mu = 1e-10 is linearised at ``rest`` with the
+    inputs in the middle of their range. The result is close to the stabilising feedback of least effort.
 
-    Raises :class:`~ocp.errors.InputError` if the system does not rest there, or if no feedback from
-    the observations stabilises it there.
+    Raises :class:`~ocp.errors.InputError` if the system does not rest at ``rest``, or if the regulator cannot
+    be computed from the observations.
     """
     if np.shape(rest) != (task.system.nx,) or not np.isfinite(rest).all():
         raise InputError(f"rest must be {task.system.nx} finite numbers, a state of {task.name}, got {np.shape(rest)}")
@@ -185,8 +187,9 @@ def balancing_feedback(task: Task, rest: np.ndarray) -> tuple[np.ndarray, np.nda
 def embed_affine(W: np.ndarray, b: np.ndarray, layers: Layers) -> None:
     """Set a network's ``layers`` (views of its parameters) so that its output is close to ``W o + b``.
 
-    The first units of each hidden layer compute a tenth of it, where tanh is nearly linear; the last layer ignores
-    the other units. Raises :class:`~ocp.errors.InputError` for layers with fewer units than inputs.
+    The first units of each hidden layer compute 0.1 (W o + b), for which tanh is nearly linear; the last layer
+    multiplies them by 10 and ignores all other units. Raises :class:`~ocp.errors.InputError` if a hidden layer
+    has fewer units than there are inputs.
     """
     n, (*hidden, last) = len(b), layers
     if not hidden:
@@ -203,7 +206,7 @@ def embed_affine(W: np.ndarray, b: np.ndarray, layers: Layers) -> None:
 
 
 def _regulator(A: np.ndarray, B: np.ndarray, Q: np.ndarray) -> np.ndarray:
-    """Return the gain K of the regulator ``a = -K x`` of ``x+ = A x + B a`` over an infinite horizon, cost R = I."""
+    """Return the gain K of the infinite-horizon regulator ``a = -K x`` of ``x+ = A x + B a``, cost ``x'Qx + a'a``."""
     P, K, identity = Q, np.zeros((B.shape[1], len(A))), np.eye(B.shape[1])
     for _ in range(RICCATI_STEPS):
         K = np.linalg.solve(identity + B.T @ P @ B, B.T @ P @ A)
@@ -242,8 +245,8 @@ class TrainedPolicy(NamedTuple):
 class Algorithm(Configured):
     """Base class of algorithms that improve a policy; attributes are settings and do not change.
 
-    Random numbers of iteration k are from :meth:`Experiment.rng` and :meth:`Experiment.noise` at k,
-    so that a resumed run gives the same result as a run without interruption.
+    Random numbers in iteration k come only from :meth:`Experiment.rng` and :meth:`Experiment.noise` with that
+    k, so that a resumed run gives the same result as a run without interruption.
     """
 
     name: ClassVar[str]
@@ -256,7 +259,7 @@ class Algorithm(Configured):
         return dict(vars(self))
 
     def check(self, experiment: Experiment) -> None:
-        """Raise :class:`~ocp.errors.InputError` if settings do not fit the experiment, before any work."""
+        """Raise :class:`~ocp.errors.InputError` if the settings do not fit the experiment; called before any work."""
 
     def begin(self, experiment: Experiment) -> State:
         """Return the state before the first iteration; raises as :meth:`check` does."""
@@ -267,7 +270,7 @@ class Algorithm(Configured):
         return {"theta": experiment.first_theta(), **normaliser.arrays()}
 
     def iterate(self, experiment: Experiment, state: State, k: int) -> tuple[State, Row]:
-        """Return the algorithm's state after iteration k, and the numbers of that iteration; keep ``state``."""
+        """Return the algorithm's state after iteration k, and the iteration's row; ``state`` is not modified."""
         raise NotImplementedError
 
     def policy(self, experiment: Experiment, state: State) -> TrainedPolicy:
@@ -281,5 +284,5 @@ def with_prefix(prefix: str, arrays: Mapping[str, Any]) -> State:
 
 
 def without_prefix(prefix: str, state: State) -> State:
-    """Return the entries whose names begin with ``prefix``, and remove it from their names."""
+    """Return the entries of ``state`` whose names begin with ``prefix``, under their names without the prefix."""
     return {n.removeprefix(prefix): value for n, value in state.items() if n.startswith(prefix)}

@@ -1,4 +1,4 @@
-"""Learning of a policy together with the physical parameters of its model (Zhang, Jin and Wang 2023, algorithm 1)."""
+"""Joint learning of a policy and its model's physical parameters (Zhang, Jin and Wang 2023, algorithm 1)."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ PSI_PREFIX = "psi_learning."
 SEARCH_PREFIX = "psi_search."
 """Prefix of the search distribution's entries in the state."""
 TRANSITIONS_PREFIX = "psi_transitions."
-"""Prefix of the transitions' entries in the state."""
+"""Prefix of the stored transitions' entries in the state."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class PsiLearning(Algorithm):
     """Algorithm that runs another ``algorithm`` and also learns the parameters ``names`` of its model.
 
-    In every iteration ``n_envs`` episodes continue for ``steps`` steps under the exact law at the task's
-    own parameters; inputs are the policy's plus noise of ``sigma`` half ranges, and the last
-    ``capacity`` transitions are stored. Then the random search does ``search_iterations``, each
-    judged by the one-step loss (eq. 4.1) of ``rows`` of them. Finally ``algorithm`` does an iteration
-    at the resulting parameters, the state's ``psi``. The search starts at the experiment's psi.
-
-    In the rows ``env_steps`` counts steps under the exact law, ``model_steps`` those of ``algorithm``.
+    Every iteration first continues ``n_envs`` episodes for ``steps`` steps under the exact law with the task's
+    own parameters. The inputs are the policy's plus noise of ``sigma`` half ranges, and the newest ``capacity``
+    transitions are stored. Then the random search for psi does ``search_iterations`` iterations; each compares
+    candidates by the one-step loss (eq. 4.1) on ``rows`` of the stored transitions. Finally ``algorithm`` does
+    one iteration on the model with the resulting parameters, which are stored as ``psi`` in the state. The
+    search starts at the experiment's model parameters. In the rows, ``env_steps`` is the number of steps under
+    the exact law, and ``model_steps`` the number of steps that ``algorithm`` simulates.
     """
 
     name: ClassVar[str] = "psi"
@@ -61,7 +61,7 @@ class PsiLearning(Algorithm):
         self.algorithm.check(experiment)
 
     def begin(self, experiment: Experiment) -> State:
-        """Return the initial state: that of the wrapped algorithm, episodes at their starts, and no transitions."""
+        """Return the initial state: the wrapped algorithm's, initial states of the episodes, and no transitions."""
         self.check(experiment)
         loss, explorer = experiment.cached(self._loss), experiment.cached(_explorer)
         start = loss.start(experiment.task.parameters.unpack(experiment.physics))
@@ -94,7 +94,7 @@ class PsiLearning(Algorithm):
         return self.algorithm.policy(experiment, state)
 
     def _collect_transitions(self, experiment: Experiment, state: State, k: int) -> State:
-        """Return the state with the transitions of ``steps`` more steps of the episodes."""
+        """Continue the episodes for ``steps`` steps; return the state with the new transitions added."""
         explorer, rng = experiment.cached(_explorer), experiment.rng(k, "psi transitions")
         policy = self.algorithm.policy(experiment, state)
         task = experiment.task
@@ -117,7 +117,7 @@ class PsiLearning(Algorithm):
         }
 
     def _update_psi(self, experiment: Experiment, state: State) -> tuple[State, float]:
-        """Return the state after more iterations of the search for psi, and the loss per transition there."""
+        """Continue the search for psi; return the new state, and the loss per transition at the new psi."""
         transitions = Buffer(**without_prefix(TRANSITIONS_PREFIX, state))
         if not len(transitions):
             raise InputError(f"{experiment.task.name}: no step of its episodes was solved")
@@ -138,7 +138,7 @@ class PsiLearning(Algorithm):
         return {**state, **changes}, float(loss(distribution.mean, transitions)[0]) / len(transitions)
 
     def _loss(self, experiment: Experiment) -> OneStepLoss:
-        """Return the one-step loss as a function of the parameters ``names``; others are the experiment's."""
+        """Return the one-step loss as a function of the parameters ``names``; others have the experiment's values."""
         values = experiment.task.parameters.unpack(experiment.physics)
         task = experiment.task
         step = EXACT.close(replace(task.system, parameters=task.parameters))

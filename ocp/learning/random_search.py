@@ -13,11 +13,12 @@ from ocp.errors import InputError
 
 @dataclass(frozen=True, eq=False)
 class SearchDistribution:
-    """Gaussian from which a search draws candidates, and the state of its adaptation, in the names of CMA-ES.
+    """Gaussian from which a search draws candidates, and the state of its adaptation, in the notation of CMA-ES.
 
-    These are the ``mean`` (n,), the step size ``sigma``, the covariance ``C`` (n, n), the evolution paths ``p_sigma``
-    (n,) of the step size and ``p_c`` (n,) of the covariance, and the number ``count`` of iterations. Candidates stay
-    within a distance of ``centre`` (n,).
+    The Gaussian has the ``mean`` (n,) and the covariance ``sigma² C``, with the step size ``sigma`` and C (n,
+    n). ``p_sigma`` (n,) and ``p_c`` (n,) are the evolution paths of sigma and of C, and ``count`` is the number
+    of iterations so far. Each coordinate of a candidate differs from that of ``centre`` (n,) by at most the
+    search's ``reach``.
     """
 
     mean: np.ndarray
@@ -31,19 +32,17 @@ class SearchDistribution:
 
 @dataclass(frozen=True)
 class RandomSearch(Configured):
-    """Minimisation without gradients by adaptation of a Gaussian's mean, step size and covariance (CMA-ES).
+    """Optimiser without gradients that adapts the mean, step size and covariance of a Gaussian (CMA-ES).
 
-    Candidates are ``mean + sigma y_i`` with y_i ~ N(0, C); the better half is recombined into the next
-    mean. Weights and rates are those of Hansen, The CMA evolution strategy: a tutorial, 2016, without
-    negative weights. The search starts with ``C = I`` and ``width``, a standard deviation; a pass ends
-    after ``iterations`` or when no standard deviation of the Gaussian is above ``narrow``.
-
-    Coordinates with little effect on the loss drift at random while others are far from their optimum.
-    Each of the ``passes`` after the first therefore starts at the last mean, with ``width`` for the
-    coordinate of least effect and widths in inverse proportion to their effect for the others.
-    No coordinate moves farther than ``reach`` from the start.
-
-    Adapting the covariance is needed where parameters such as masses and inertias have similar effects.
+    Candidates are ``mean + sigma y_i`` with y_i ~ N(0, C); the better half is recombined into the next mean.
+    Weights and rates are those of Hansen, The CMA evolution strategy: a tutorial, 2016, without negative
+    weights. The search starts with ``C = I`` and the standard deviation ``width``. A pass ends after
+    ``iterations`` iterations, or when no standard deviation of the Gaussian is above ``narrow``. Coordinates
+    with little effect on the loss drift at random while others are far from their optimum. Each of the
+    ``passes`` after the first therefore starts at the last mean, with the standard deviation ``width`` for the
+    coordinate of least effect, and standard deviations inversely proportional to the effect for the others. No
+    coordinate moves farther than ``reach`` from its start. The covariance is adapted because parameters such as
+    masses and inertias may have similar effects, so that their estimates are correlated.
     """
 
     candidates: int = setting(32, "candidates per iteration", least=4)
@@ -70,9 +69,9 @@ class RandomSearch(Configured):
     ) -> SearchDistribution:
         """Return the initial search distribution around ``mean`` (n,), wider along less sensitive coordinates.
 
-        ``sensitivity`` (n,) is the effect of each coordinate, by default equal; a value that is not finite,
-        where steps could not be solved, counts as the largest finite one. ``reach`` is measured from
-        ``centre`` (n,), by default the mean.
+        ``sensitivity`` (n,) is the effect of each coordinate on the loss (default: the same for all). A value
+        that is not finite, because steps could not be solved, is replaced by the largest finite value.
+        ``reach`` limits the distance from ``centre`` (n,) in each coordinate (default: ``mean``).
         """
         n = len(mean)
         effects = np.ones(n) if sensitivity is None else np.maximum(sensitivity, 1e-12)
@@ -96,7 +95,7 @@ class RandomSearch(Configured):
         lengths, axes = np.linalg.eigh(distribution.C)
         lengths = np.sqrt(np.maximum(lengths, 0.0))
         y = (rng.standard_normal((self.candidates, n)) * lengths) @ axes.T
-        # The update uses the clipped steps; with the unclipped ones the width would grow without effect.
+        # The update uses the clipped steps; with unclipped steps the width would grow without effect.
         lower, upper = distribution.centre - self.reach, distribution.centre + self.reach
         z = np.clip(distribution.mean + distribution.sigma * y, lower, upper)
         candidate_losses, y = losses(z), (z - distribution.mean) / distribution.sigma
@@ -110,7 +109,7 @@ class RandomSearch(Configured):
 
     @property
     def weights(self) -> np.ndarray:
-        """Recombination weights (k,) of the better half of the candidates, best first; their sum is 1."""
+        """Recombination weights (k,) of the better half of the candidates, best candidate first; their sum is 1."""
         n_parents = self.candidates // 2
         weights = np.log((self.candidates + 1) / 2) - np.log(np.arange(1, n_parents + 1))
         return weights / weights.sum()
@@ -118,7 +117,7 @@ class RandomSearch(Configured):
     def update(
         self, distribution: SearchDistribution, y: np.ndarray, step: np.ndarray, white: np.ndarray
     ) -> SearchDistribution:
-        """Return the distribution updated by steps ``y`` (k, n), their mean ``step`` and ``white = C^(-1/2) step``."""
+        """Return the distribution updated by best steps ``y`` (k, n), their mean ``step``, and ``C^(-1/2) step``."""
         n, w = len(step), self.weights
         effective_size = 1 / np.sum(w**2)
         c_s = (effective_size + 2) / (n + effective_size + 5)
@@ -150,5 +149,5 @@ class RandomSearch(Configured):
         return distribution.sigma * np.sqrt(np.diag(distribution.C))
 
     def is_done(self, distribution: SearchDistribution) -> bool:
-        """Return whether the pass has ended, by its number of iterations or its small standard deviations."""
+        """Return whether the pass has ended, because of its number of iterations or its small standard deviations."""
         return bool(distribution.count >= self.iterations or np.max(self.deviations(distribution)) <= self.narrow)

@@ -27,11 +27,11 @@ from ocp.problem.task import Task
 class TaskRollouts:
     """Compiled rollouts of ``horizon`` steps of a task under a contact law and a policy.
 
-    ``parameters`` are the task's, the law's (``contact.mu``), ``discount``, and ``mean[i]`` and
-    ``scale[i]`` of the observations if the policy normalises them. The final reward is included
-    only if ``horizon`` is that of the task.
+    ``parameters`` consists of the task's parameters, the law's (such as ``contact.mu``), ``discount``, and
+    ``mean[i]`` and ``scale[i]`` of each observation if the policy normalises observations. The final reward is
+    included only if ``horizon`` is the task's horizon.
 
-    Raises ``ValueError`` where the law cannot close the system.
+    Raises ``ValueError`` if the law cannot close the system.
     """
 
     def __init__(self, task: Task, law: ContactLaw, policy: RolloutPolicy, horizon: int, **engine: Any) -> None:
@@ -41,7 +41,7 @@ class TaskRollouts:
         self.parameters = self.function.parameters
 
     def with_horizon(self, horizon: int) -> TaskRollouts | None:
-        """Return the rollouts for another horizon without recompiling; None if only one has the final reward."""
+        """Return rollouts with another horizon without recompiling; None if only one of them has the final reward."""
         extended = copy(self)
         extended.horizon = horizon
         if _is_truncated(self.task, horizon) != _is_truncated(self.task, self.horizon):
@@ -61,8 +61,8 @@ class TaskRollouts:
     ) -> Episodes:
         """Simulate episodes from ``x0`` (n, nx); ``options`` as for :class:`~dynamics.batch.EpisodeFunction`.
 
-        ``model_params`` (np,) or (n, np) are the task's parameters, by default its own. Samples with
-        an unsolved step have no finite return and are listed in ``nonfinite``.
+        ``model_params`` (np,) or (n, np) replace the values of the task's parameters. Samples with an unsolved
+        step have no finite return and are listed in the result's ``nonfinite``.
         """
         p = self._pack_parameters(normaliser, discount, model_params)
         return without_warnings(self.function, x0, theta, p, **options)
@@ -74,7 +74,7 @@ class TaskRollouts:
         normaliser: Normaliser | None = None,
         **options: Any,
     ) -> RolloutMoments:
-        """Return moments of the samples' returns and gradients, without storing single samples."""
+        """Return the moments of the samples' returns and gradients, without storing each sample."""
         p = self._pack_parameters(normaliser, 1.0, None)
         return without_warnings(self.function.moments, x0, theta, p, **options)
 
@@ -99,7 +99,7 @@ class TaskRollouts:
 
 
 def episode_rewards(task: Task, horizon: int) -> Episode:
-    """Return the rewards of an unroll of ``horizon`` steps, with the final reward only for a whole episode."""
+    """Return the reward functions of an unroll of ``horizon`` steps, with a final reward only for a whole episode."""
     final = task.finals
     if _is_truncated(task, horizon):
         final = ca.Function("final", [task.system.x, task.parameters.vector], [ca.SX(0)])

@@ -1,4 +1,4 @@
-"""Total propagation: policy gradients from noisy particles, by two estimators that are mixed at each step."""
+"""Total propagation: policy gradients from noisy particles, by two gradient estimators mixed at each step."""
 
 from __future__ import annotations
 
@@ -24,12 +24,14 @@ from ocp.learning.unrolling import Clipping, Starts, ascend, non_finite_reward_m
 class Particles:
     """Simulated trajectories of n particles over H steps, with derivatives; arrays are (H, n, ...).
 
-    ``alive`` says whether an episode runs before a step. ``rewards`` are discounted, 0 if not alive.
-    Derivatives are ``x_by_x`` (.., nx, nx) and ``x_by_u`` (.., nx, nu) of the step; ``r_by_x``,
-    ``r_by_u`` and ``r_by_next`` of the discounted reward; ``o_by_x`` of the normalised observations;
-    and ``u_by_a`` (.., nu) of the inputs. ``observed`` are the observations. Of other shapes are
-    ``states`` (n, H+1, nx); ``stays_finite`` (n,), whether a particle's states are finite; and
-    ``final`` (n,), the discounted final reward of a whole episode, and its gradient ``final_by_x`` (n, nx).
+    ``alive`` is a mask of the particles whose episode still runs before a step. ``rewards`` are discounted, and
+    0 after the end. The step has the derivatives ``x_by_x`` (.., nx, nx) and ``x_by_u`` (.., nx, nu), the
+    discounted reward ``r_by_x``, ``r_by_u`` and ``r_by_next``, the normalised observations ``o_by_x``, and the
+    inputs ``u_by_a`` (.., nu). ``observed`` are the observations.
+
+    Four arrays have the particle as first axis: ``states`` (n, H+1, nx); ``stays_finite`` (n,), a mask of the
+    particles whose states are all finite; ``final`` (n,), the discounted final reward of a whole episode; and
+    its gradient ``final_by_x`` (n, nx).
     """
 
     policy: RolloutPolicy
@@ -62,7 +64,7 @@ class Particles:
         return replace(self, **selected_arrays)
 
     def policy_vjp(self, t: int, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the products ``bar' du/dtheta`` (n, n_theta) and ``bar' du/dx`` (n, nx) at step t for bar (n, nu)."""
+        """Return the policy's ``bar' du/dtheta`` (n, n_theta) and ``bar' du/dx`` (n, nx) at step t, for bar (n, nu)."""
         normaliser = self.trained.normaliser
         observations = (self.observed[t] - normaliser.mean) / normaliser.scale
         by_theta, observation_gradient = policy_vjp(self.policy, self.trained.theta, observations, bar * self.u_by_a[t])
@@ -132,7 +134,7 @@ class _ModelStep:
         self.ends = BatchFunction(task.ends, "numpy", 1)
 
     def step(self, trained: TrainedPolicy, x: np.ndarray, noise: np.ndarray) -> dict[str, np.ndarray]:
-        """Return the next states ``x_next`` from ``x`` (n, nx), and the other arrays of particles at this step."""
+        """Return the next states ``x_next`` from ``x`` (n, nx), and the arrays of :class:`Particles` at this step."""
         task, (n, nx) = self.experiment.task, x.shape
         u = self.experiment.inputs(trained, x)
         observations, by_x = self.observe(x, self.p)
@@ -156,7 +158,7 @@ class _ModelStep:
         }
 
     def has_ended(self, x: np.ndarray) -> np.ndarray:
-        """Return a mask (n,): episodes that end at states x (n, nx)."""
+        """Return a mask (n,) of the states x (n, nx) at which an episode ends."""
         return self.ends(x, self.p)[:, 0] != 0
 
     def final(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -166,9 +168,10 @@ class _ModelStep:
 
 
 def acting_entries(experiment: Experiment, steps: int) -> np.ndarray:
-    """Return a mask (steps, nx): entries of each x_{t+1} on which the return depends.
+    """Return a mask (steps, nx) of the entries of each x_{t+1} on which the return depends.
 
-    It includes the reward of the step that ends there, since that depends on the particle's noise.
+    Here the return includes the reward of the step from t to t+1, since that reward depends on the particle's
+    noise.
     """
     model, task = experiment.cached(_ModelStep), experiment.task
     if steps not in model.acting:
@@ -180,7 +183,7 @@ def acting_entries(experiment: Experiment, steps: int) -> np.ndarray:
 
 
 def with_jacobians(fn: ca.Function, count: int) -> BatchFunction:
-    """Return a batch function of ``fn`` and its dense Jacobians in the first ``count`` arguments, in column order."""
+    """Return a batch function of ``fn`` and its Jacobians in the first ``count`` arguments, in column-major order."""
     arguments = fn.sx_in()
     value = fn(*arguments)
     slopes = [ca.densify(ca.jacobian(value, argument)) for argument in arguments[:count]]
@@ -189,15 +192,16 @@ def with_jacobians(fn: ca.Function, count: int) -> BatchFunction:
 
 @dataclass(frozen=True, kw_only=True)
 class TotalPropagation(Clipping):
-    """Gradient ascent by total propagation along particles ``x_{t+1} = f(x_t, u_t) + sigma e_t``.
+    """Algorithm of gradient ascent by total propagation along particles ``x_{t+1} = f(x_t, u_t) + sigma e_t``.
 
-    Backwards in time, the gradient with respect to the mean of x_{t+1} is estimated by the likelihood ratio, L, and
-    by the reparameterisation, R, and mixed: ``k L + (1 - k) R``, ``k = 1 / (1 + v_L / v_R)``, where v_L and v_R are
-    the variances over particles of the resulting gradients of the policy's parameters (:func:`total_propagation`).
-    ``sigma`` [units of the state] is the same for all entries; actions have no noise.
+    Backwards in time, the gradient with respect to the mean of x_{t+1} is estimated by the likelihood ratio, L,
+    and by reparameterisation, R. Both estimates are mixed as ``k L + (1 - k) R``, ``k = 1 / (1 + v_L / v_R)``,
+    where v_L and v_R are the variances over particles of the resulting gradients of the policy's parameters
+    (:func:`total_propagation`). ``sigma`` [units of the state] is the same for all entries; actions have no
+    noise.
 
-    Source: Parmas, Rasmussen, Peters and Doya (ICML 2018), algorithm 1. Their PIPPS uses in addition a
-    learned Gaussian process for f and importance weights over the batch in L.
+    Source: Parmas, Rasmussen, Peters and Doya (ICML 2018), algorithm 1. Their method PIPPS also uses a learned
+    Gaussian process as f, and importance weights over the batch in L.
     """
 
     name: ClassVar[str] = "total-propagation"
@@ -244,12 +248,12 @@ class TotalPropagation(Clipping):
 
 
 def total_propagation(particles: Particles, score: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the gradients (n, n_theta) of the return, and the share k (H,) of the likelihood ratio in them.
+    """Return the gradients (n, n_theta) of the return, and the weight k (H,) of the likelihood ratio at each step.
 
-    ``score`` (H, n, nx) is that of the mean of x_{t+1}, ``e_t / sigma``, or 0 for entries that do not
-    affect the return. With the return G_{t+1} from x_{t+1} on and its gradient g, the gradient of
-    ``r_t + G_{t+1}`` with respect to the mean of x_{t+1} is estimated by ``R = dr_t/dx_{t+1} + g`` and
-    ``L = (r_t + G_{t+1} - b) score``, where b is the mean over the other particles that are alive.
+    ``score`` (H, n, nx) is the score function of the mean of x_{t+1}, ``e_t / sigma``, or 0 for entries that do
+    not affect the return. With the return G_{t+1} from x_{t+1} on and its gradient g, the gradient of ``r_t +
+    G_{t+1}`` with respect to the mean of x_{t+1} is estimated by ``R = dr_t/dx_{t+1} + g`` and ``L = (r_t +
+    G_{t+1} - b) score``, where b is the mean over the other particles that are alive.
     """
     state_gradient, returns_to_go = particles.final_by_x, particles.final
     total, shares = 0.0, np.zeros(len(particles.alive))
@@ -276,11 +280,11 @@ def total_propagation(particles: Particles, score: np.ndarray) -> tuple[np.ndarr
 
 
 def _vector_jacobian(bar: np.ndarray, slope: np.ndarray) -> np.ndarray:
-    """Return the products ``bar' slope`` (n, b) of bar (n, a) and slope (n, a, b) for each sample."""
+    """Return the product ``bar' slope`` (n, b) of bar (n, a) and the Jacobian slope (n, a, b) for each sample."""
     return np.einsum("na,nab->nb", bar, slope)
 
 
 def _mean_of_others(values: np.ndarray, alive: np.ndarray) -> np.ndarray:
-    """Return for each particle the mean of ``values`` (n,) over the others that are alive, or 0 without any."""
+    """Return for each particle the mean of ``values`` (n,) over the other particles alive, or 0 if there are none."""
     count = alive.sum()
     return (values[alive].sum() - values) / max(count - 1, 1) if count > 1 else 0.0 * values

@@ -32,17 +32,17 @@ if TYPE_CHECKING:
 
 
 EVALUATION_SEED = 1_000_000
-"""Default seed of the initial states of evaluations, which differ from those of training."""
+"""Default seed of the initial states of evaluations, which thereby differ from the initial states of training."""
 
 
 @dataclass(frozen=True)
 class PolicyEvaluation:
     """Simulated episodes of a policy.
 
-    ``returns`` (n,) are undiscounted sums of rewards, ``lengths`` (n,) the numbers of steps until the
-    end; ``measures`` maps names to means over each episode's steps (n,); ``states`` (n, N+1, nx) repeat
-    the last state after the end, and ``inputs`` (n, N, nu) are 0 there. ``unsolved`` (k, 2) are sample
-    and step of the contacts without a solution, at which their episodes end.
+    ``returns`` (n,) are undiscounted sums of rewards, and ``lengths`` (n,) the numbers of steps until the end.
+    ``measures`` maps names to means (n,) over the steps of each episode. After the end of an episode,
+    ``states`` (n, N+1, nx) repeats the last state and ``inputs`` (n, N, nu) is 0. Each row of ``unsolved`` (k,
+    2) is an episode and the step at which it ended because the contacts could not be solved.
     """
 
     returns: np.ndarray
@@ -73,7 +73,7 @@ def evaluate(
 ) -> PolicyEvaluation:
     """Simulate episodes of a policy at the task's parameters, from random initial states drawn with ``seed``.
 
-    Raises :class:`~ocp.errors.InputError`, with step and episode, if a reward is not finite at finite states.
+    Raises :class:`~ocp.errors.InputError`, naming step and episode, if a reward is not finite at finite states.
     """
     read_count("episodes", episodes)
     x0 = experiment.task.reset(episodes, np.random.default_rng(seed))
@@ -81,7 +81,7 @@ def evaluate(
 
 
 def evaluate_from(experiment: Experiment, trained: TrainedPolicy, law: ContactLaw, x0: np.ndarray) -> PolicyEvaluation:
-    """Simulate episodes of a policy from ``x0`` (n, nx), otherwise as :func:`evaluate`."""
+    """Simulate episodes of a policy from given states ``x0`` (n, nx); otherwise the same as :func:`evaluate`."""
     episodes = experiment.rollouts(experiment.task.horizon, law)(
         x0, trained.theta, trained.normaliser, n_samples=len(x0), states=True
     )
@@ -116,7 +116,7 @@ def evaluate_from(experiment: Experiment, trained: TrainedPolicy, law: ContactLa
 def _measures(
     task: Task, arguments: tuple[np.ndarray, ...], counted: np.ndarray, lengths: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """Return a mapping from the task's measures to their means (n,) over the steps in the mask ``counted`` (n, N)."""
+    """Return a mapping from names of measures to means (n,) over the steps in the mask ``counted`` (n, N)."""
     if not task.measures:
         return {}
     values = np.zeros((*counted.shape, len(task.measures)))
@@ -149,7 +149,7 @@ Report = Callable[[int, Row], None]
 
 @dataclass
 class _Progress:
-    """Progress of a training: state, rows of the iterations, and the policy with the best evaluation so far."""
+    """Progress of a training: algorithm's state, rows of the iterations, and the best policy evaluated so far."""
 
     state: State
     rows: list[Row] = field(default_factory=list)
@@ -163,17 +163,18 @@ class _Progress:
 
 
 def train(experiment: Experiment, checkpoint: SavedWork = UNSAVED, report: Report | None = None) -> xr.Dataset:
-    """Run an experiment, continuing from ``checkpoint``, and return learning curves and policy.
+    """Run an experiment, continuing from ``checkpoint`` if it has progress; return learning curves and the policy.
 
-    Row k of the curves, over ``iteration`` 0..iterations, describes the policy after k iterations: ``evaluation_*``
-    under the exact law if it was evaluated; the ``env_steps`` (counted by :meth:`Experiment.count_steps`, without
-    evaluations) and time ``wall_s`` [s] up to then; and the numbers of iteration k itself (return of the samples,
-    gradient), NaN in the last row. ``theta``, ``mean`` and ``scale`` are those of the policy with the best
-    evaluation, ``theta_last`` that of the last policy; ``psi`` are the final parameters of the model.
+    The curves are arrays over ``iteration`` 0..iterations. Entry k describes the policy after k iterations: its
+    results ``evaluation_*`` under the exact law, if it was evaluated; and the number of simulated steps
+    ``env_steps`` (without evaluations) and the time ``wall_s`` [s] until then. The other curves are metrics of
+    iteration k itself, such as return and gradient norm, with NaN as last entry. ``theta``, ``mean`` and
+    ``scale`` belong to the policy with the best evaluation, ``theta_last`` to the last policy, and ``psi`` are
+    the final parameters of the model. Results except times are bitwise the same with and without interruptions,
+    for any number of threads.
 
-    Results except times are bitwise the same with and without interruptions, for any number of threads.
-
-    Raises :class:`~ocp.errors.InputError` if the checkpoint has other settings, and as the algorithm does.
+    Raises :class:`~ocp.errors.InputError` if the checkpoint is from an experiment with other settings, and the
+    errors of the algorithm.
     """
     progress = _resume(experiment, checkpoint) or _begin(experiment)
     algorithm, budget, steps, intervals = experiment.algorithm, experiment.budget, progress.steps, -1
@@ -231,7 +232,7 @@ def _evaluate_policy(experiment: Experiment, progress: _Progress, k: int) -> Row
 
 
 def _checkpoint_arrays(experiment: Experiment, progress: _Progress) -> dict[str, Any]:
-    """Return the arrays that a checkpoint stores."""
+    """Return a training's progress and settings as the arrays that a checkpoint stores."""
     return {
         **with_prefix(STATE_PREFIX, progress.state),
         **with_prefix(BEST_PREFIX, progress.best),
@@ -301,7 +302,7 @@ def _training_dataset(experiment: Experiment, progress: _Progress) -> xr.Dataset
 
 
 BYTES_PER_ROW = 1e3
-"""Estimated memory of one iteration's row [bytes]."""
+"""Estimated memory of one iteration's row in the learning curves [bytes]."""
 ARRAY_COPIES = 4
 """Estimated number of copies of an array in memory during a training."""
 EPISODE_COUNTS = ("samples", "n_envs", "directions")
@@ -313,7 +314,7 @@ STEP_COUNTS = ("capacity", "random_steps", "batch", "model_batch", "rows", "cand
 def check_training(experiment: Experiment, side_by_side: int) -> None:
     """Raise :class:`~ocp.errors.InputError` if ``side_by_side`` trainings at once need too much memory.
 
-    The estimate for a training consists of stored states and inputs, weights, and learning curves.
+    The estimated memory of a training is that of its stored states and inputs, weights, and learning curves.
     """
     task, counts = experiment.task, _integer_settings(experiment)
     system = task.system
@@ -332,7 +333,7 @@ def check_training(experiment: Experiment, side_by_side: int) -> None:
 
 
 def _integer_settings(experiment: Experiment) -> dict[str, float]:
-    """Return a mapping from names to the integer settings of the algorithm and of the one that it wraps."""
+    """Return a mapping from names to the integer settings of the algorithm, including those of a wrapped algorithm."""
     counts: dict[str, float] = {}
     settings: dict[str, Any] = experiment.algorithm.settings()
     for name, value in settings.items():

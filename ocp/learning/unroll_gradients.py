@@ -23,8 +23,9 @@ from ocp.learning.unrolling import Clipping, Unrolled, finite_samples, normalise
 class ZOPG(Clipping):
     """Zeroth-order policy gradient, by the likelihood ratio ``g = mean of (V - b) sum_t D_theta a_t' w_t / sigma²``.
 
-    Every start is unrolled under noise w and -w, with ``samples`` unrolls in total; the baseline b is
-    the mean return of all other pairs. The estimate is unbiased unless it is clipped.
+    V is the return of an unroll. Every start is unrolled twice, with the noise w and -w, which gives
+    ``samples`` unrolls in total; the baseline b is the mean return of all other pairs. The estimate is unbiased
+    unless gradients are clipped.
     """
 
     name: ClassVar[str] = "zopg"
@@ -58,8 +59,9 @@ class ZOPG(Clipping):
 def likelihood_ratio(batches: Sequence[Episodes], finite: np.ndarray) -> np.ndarray:
     """Return likelihood-ratio gradients (n, n_theta): ``(V - b) score`` averaged over batches.
 
-    Only samples in the mask ``finite`` are used. The baseline b of a sample is the mean return of all
-    other samples over the batches. Raises :class:`~ocp.errors.InputError` for fewer than two samples.
+    Sample i of each batch has the same start. Only samples in the mask ``finite`` are used. The baseline b of a
+    sample is the mean return of all other samples in all batches. Raises :class:`~ocp.errors.InputError` for
+    fewer than two samples.
     """
     values = np.stack([batch.value[finite] for batch in batches])
     if values.shape[1] < 2:
@@ -74,24 +76,24 @@ def likelihood_ratio(batches: Sequence[Episodes], finite: np.ndarray) -> np.ndar
 
 
 SHARP_LAW = Barrier(mu=1e-10)
-"""Law that replaces exact contact where gradients are needed (Zhang, Jin and Wang 2023, sec. 7.4)."""
+"""Barrier law that replaces exact contact where gradients are needed (Zhang, Jin and Wang 2023, sec. 7.4)."""
 
 SMOOTHINGS = {
     "rollout": "states and gradient of the experiment's law",
     "gradient": "states of mu = 1e-10, and the gradient along them of the experiment's law",
 }
-"""Mapping from FOPG's uses of a smoothed law to their descriptions."""
+"""Mapping from values of FOPG's setting ``smoothing`` to their descriptions."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class FOPG(Clipping):
     """First-order policy gradient: the mean gradient of unrolled returns through the contact model.
 
-    It is that of Zhang, Jin and Wang (2023), eq. 4.2 and 4.3. With ``smoothing="rollout"`` states and
-    gradient are those of the experiment's law; with ``"gradient"`` states are those of the barrier law
-    with mu = 1e-10, and only the gradient along them is that of the experiment's law (their algorithm
-    2). With a ``critic``, a number of units per layer, its value of the last state of an unroll is
-    added to the return (:class:`~ocp.learning.critic.Critic`).
+    Source: Zhang, Jin and Wang (2023), eq. 4.2 and 4.3. With ``smoothing="rollout"``, states and gradient are
+    computed under the experiment's law. With ``"gradient"``, states are computed under the barrier law with mu
+    = 1e-10, and the experiment's law is used only to linearise along them (their algorithm 2). If ``critic`` is
+    not 0, a critic with that number of units per layer is trained, and its value of the last state of an unroll
+    is added to the return (:class:`~ocp.learning.critic.Critic`).
     """
 
     name: ClassVar[str] = "fopg"
@@ -109,13 +111,13 @@ class FOPG(Clipping):
         return Critic(units=self.critic) if self.critic else None
 
     def check(self, experiment: Experiment) -> None:
-        """Raise :class:`~ocp.errors.InputError` if settings do not fit, or the critic has nothing to learn."""
+        """Raise :class:`~ocp.errors.InputError` if settings do not fit, or a critic could not be learned."""
         super().check(experiment)
         if critic := self.value_critic:
             critic.check(experiment, self.steps(experiment))
 
     def begin(self, experiment: Experiment) -> State:
-        """Return the initial state, with that of the critic if there is one."""
+        """Return the initial state, including the entries of the critic if there is one."""
         state, critic = super().begin(experiment), self.value_critic
         return {**state, **critic.begin(experiment)} if critic else state
 
@@ -152,12 +154,13 @@ class FOPG(Clipping):
 
 @dataclass(frozen=True, kw_only=True)
 class AoBG(Unrolled):
-    """Alpha-order batched gradient ``g = alpha g1 + (1 - alpha) g0`` of first and zeroth order.
+    """Policy gradient ``g = alpha g1 + (1 - alpha) g0`` of mixed first and zeroth order (alpha-order batched gradient).
 
-    alpha is the weight of the *first* order (:func:`mixing_weight`). g1 and g0 are computed from two independent
-    batches of ``samples``. ``gamma`` bounds |g - E g0| with probability 1 - ``delta``; with too few samples to
-    bound the error of g0 itself by gamma, alpha is 0. gamma has the unit of the return divided by that of theta,
-    and no value fits all tasks. Source: Suh, Simchowitz, Zhang and Tedrake (ICML 2022), algorithm 1.
+    alpha is the weight of the *first* order (:func:`mixing_weight`). g1 and g0 are computed from two
+    independent batches of ``samples``. With probability 1 - ``delta``, |g - E g0| is at most ``gamma``. If
+    there are too few samples to bound even the error of g0 by gamma, alpha is 0. The unit of gamma is that of
+    the return divided by that of theta, so that no value fits all tasks. Source: Suh, Simchowitz, Zhang and
+    Tedrake (ICML 2022), algorithm 1.
     """
 
     name: ClassVar[str] = "aobg"
@@ -194,11 +197,12 @@ class AoBG(Unrolled):
 def mixing_weight(first: np.ndarray, zeroth: np.ndarray, gamma: float, delta: float) -> tuple[float, float]:
     """Return the weight alpha of first-order gradients, and the distance B = |g1 - g0| of both means.
 
-    ``first`` (n, d) and ``zeroth`` (m, d) are samples of the gradients. The variance is smallest for
-    ``alpha* = s0² / (s0² + s1²)``, with the variances s1², s0² of both means. The bias is at most gamma
-    with probability 1 - delta if ``alpha B + eps <= gamma``, where eps bounds the error of the zeroth
-    order's mean (:func:`~ocp.gradients.estimators.bernstein_distance`, with the largest deviation in
-    the batch). So alpha is alpha* if that satisfies it, else (gamma - eps) / B, and 0 if eps > gamma.
+    ``first`` (n, d) and ``zeroth`` (m, d) are samples of first- and zeroth-order gradients, with means g1 and
+    g0. The variance of the mixture is smallest for ``alpha* = s0² / (s0² + s1²)``, where s1² and s0² are the
+    variances of g1 and g0. The bias is at most gamma with probability 1 - delta if ``alpha B + eps <= gamma``,
+    where eps bounds the error of the zeroth order's mean (:func:`~ocp.gradients.estimators.bernstein_distance`,
+    with the largest deviation in the batch). So alpha is alpha* if alpha* satisfies this condition, else (gamma
+    - eps) / B, and 0 if eps > gamma.
     """
     (n, d), m = first.shape, len(zeroth)
     g1, g0 = first.mean(axis=0), zeroth.mean(axis=0)
@@ -215,11 +219,11 @@ def mixing_weight(first: np.ndarray, zeroth: np.ndarray, gamma: float, delta: fl
 class ARS(Algorithm):
     """Augmented random search, variant V2-t of Mania, Guy and Recht (2018), with normalised observations.
 
-    ``theta <- theta + rate / (top sigma_R) sum_i (r_i+ - r_i-) delta_i``, where r_i± are the returns of
-    whole episodes at ``theta ± spread delta_i`` from the same start. The sum is over the ``top`` of
-    ``directions`` delta_i ~ N(0, 1) with the largest max(r_i+, r_i-), and sigma_R is the standard
-    deviation of their returns. Parameters that do not affect the return are not changed. An episode
-    that is not finite counts as the worst finite one.
+    ``theta <- theta + rate / (top sigma_R) sum_i (r_i+ - r_i-) delta_i``, where r_i± are the returns of whole
+    episodes at ``theta ± spread delta_i`` from the same start. Of ``directions`` random directions delta_i ~
+    N(0, 1), the sum uses the ``top`` ones with the largest max(r_i+, r_i-); sigma_R is the standard deviation
+    of their returns. Parameters that do not affect the return are not changed. An episode with non-finite
+    states counts with the smallest finite return.
     """
 
     name: ClassVar[str] = "ars"

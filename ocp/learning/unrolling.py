@@ -56,7 +56,7 @@ def adam(slope: Slope, theta: np.ndarray, rate: float) -> Iterator[tuple[np.ndar
 
 
 MAX_NORMALISED_GRADIENT = 1e3
-"""Size of a gradient's largest entry from which normalised ascent ignores the gradient."""
+"""Absolute value of a gradient's largest entry from which normalised ascent takes no step."""
 
 Rule = Callable[[State, np.ndarray, float], State]
 """Function from (state, gradient, rate) to the entries of the state that change, such as ``theta``."""
@@ -102,8 +102,8 @@ OPTIMISERS: dict[str, Rule] = {"adam": _adam, "normalised": _normalised, "plain"
 class Starts:
     """States ``x`` (n, nx) from which unrolls start, and the ages (n,) of their episodes in steps.
 
-    Every unroll continues the episode of the previous one. An episode that has ended or reached the
-    task's length is replaced by a new one, so unrolls as long as episodes always start new ones.
+    Every unroll continues the episode of the previous unroll. An episode that has ended or reached the task's
+    horizon is replaced by a new one, so unrolls as long as an episode always start a new episode.
     """
 
     x: np.ndarray
@@ -116,7 +116,7 @@ class Starts:
         return cls(experiment.first_states(n, rng), unroll * rng.integers(-(-horizon // unroll), size=n))
 
     def after(self, experiment: Experiment, states: np.ndarray, lived: np.ndarray, k: int) -> Starts:
-        """Return the next starts after unrolls with ``states`` (n, H+1, nx) that ended after ``lived`` (n,) steps."""
+        """Return the next starts, after unrolls with ``states`` (n, H+1, nx) that ended after ``lived`` (n,) steps."""
         n, unroll = len(states), states.shape[1] - 1
         x, age = states[np.arange(n), lived], self.age + lived
         restarted = (lived < unroll) | (age >= experiment.task.horizon) | ~np.isfinite(x).all(axis=1)
@@ -129,7 +129,7 @@ class Starts:
 
     @classmethod
     def from_state(cls, state: dict[str, np.ndarray]) -> Starts:
-        """Build the starts from their :meth:`arrays` in an algorithm's state."""
+        """Build the starts from the entries of :meth:`arrays` in an algorithm's state."""
         return cls(state["starts.x"], state["starts.age"])
 
 
@@ -146,9 +146,9 @@ def unroll_episodes(
     """Simulate unrolls of ``horizon`` steps from ``x0`` (n, nx) under the policy of ``state``.
 
     ``theta`` (n, n_theta) replaces the policy's parameters, separately for each sample; ``law`` replaces the
-    experiment's contact law. Physical parameters are the state's ``psi`` if it has any. ``options``, such as noise,
-    gradient and score, are those of :class:`~dynamics.batch.EpisodeFunction`. Samples that are not finite, with an
-    unsolved contact or an overflow, are not removed; see :func:`finite_samples`.
+    experiment's contact law. Physical parameters are the state's ``psi`` if it has any. ``options``, such as
+    noise, gradient and score, are those of :class:`~dynamics.batch.EpisodeFunction`. Samples that are not
+    finite, because of an unsolved contact or an overflow, are not removed (see :func:`finite_samples`).
     """
     episodes = experiment.rollouts(horizon, law)(
         x0,
@@ -165,10 +165,10 @@ def unroll_episodes(
 
 
 def finite_samples(experiment: Experiment, state: State, episodes: Episodes, k: int) -> np.ndarray:
-    """Return a mask (n,): samples with finite return, gradient and score.
+    """Return a mask (n,) of the samples with finite return, gradient and score.
 
-    Raises :class:`~ocp.errors.InputError`, with step and sample, if a reward is not finite at finite
-    states, and :class:`~ocp.errors.NotConverged` if no sample is finite.
+    Raises :class:`~ocp.errors.InputError`, naming step and sample, if a reward is not finite at finite states,
+    and :class:`~ocp.errors.NotConverged` if no sample is finite.
     """
     finite = np.isfinite(episodes.value)
     for samples in (episodes.gradient, episodes.score):
@@ -188,7 +188,7 @@ def finite_samples(experiment: Experiment, state: State, episodes: Episodes, k: 
 
 
 def _step_without_reward(experiment: Experiment, policy: TrainedPolicy, states: np.ndarray) -> int:
-    """Return the first step whose reward is not finite under inputs without noise, else the number of steps."""
+    """Return the first step whose reward is not finite under inputs without noise, or the number of steps if none."""
     task, inputs = experiment.task, experiment.inputs(policy, states[:-1])
     for t, (x, next_state) in enumerate(pairwise(states)):
         if not np.isfinite(float(task.rewards(x, inputs[t], next_state, experiment.physics))):
@@ -197,7 +197,7 @@ def _step_without_reward(experiment: Experiment, policy: TrainedPolicy, states: 
 
 
 def non_finite_reward_message(experiment: Experiment, step: int, location: str) -> str:
-    """Return an error message on a reward that is not finite at a step of ``location``, such as a sample."""
+    """Return an error message on a non-finite reward at a step; ``location`` names the sample or episode."""
     return (
         f"{experiment.task.name}: the reward of step {step} of {location} is NaN or infinite at"
         " finite states; correct the reward or end the episode earlier"
@@ -223,7 +223,7 @@ def with_observations(experiment: Experiment, state: State, observations: np.nda
 
 
 def sample_row(episodes: Episodes, finite: np.ndarray) -> Row:
-    """Return the mean return of the samples in the mask ``finite`` (n,), and the number of the others."""
+    """Return the mean return of the samples in the mask ``finite`` (n,), and the number of other samples."""
     return {
         "return_mean": float(episodes.value[finite].mean()),
         "nonfinite": float((~finite).sum()),
@@ -234,9 +234,10 @@ def sample_row(episodes: Episodes, finite: np.ndarray) -> Row:
 class Unrolled(Algorithm):
     """Base class of algorithms that unroll a policy and take steps along a gradient.
 
-    Each iteration has ``samples`` unrolls of ``unroll`` steps, at most an episode's, from a buffer of
-    states, with Gaussian noise of standard deviation ``sigma`` on the actions before tanh, and a step
-    of ``rate`` by ``optimiser``, one of the rules of :func:`~ocp.learning.unrolling.ascend`.
+    Each iteration simulates ``samples`` unrolls of ``unroll`` steps (at most an episode's), which continue
+    those of the last iteration. Actions before tanh have Gaussian noise of standard deviation ``sigma``. Then
+    the policy takes one step with learning rate ``rate`` by ``optimiser``, a rule of
+    :func:`~ocp.learning.unrolling.ascend`.
     """
 
     samples: int = setting(64, "unrolls per iteration", least=1)
@@ -270,7 +271,8 @@ class Unrolled(Algorithm):
     ) -> tuple[State, Row]:
         """Return the state after a step along the mean of ``gradients`` (n, n_theta), and the row of iteration k.
 
-        Normaliser and row use the ``episodes`` in the mask ``finite`` (n,); next unrolls start at their ends.
+        The normaliser and the row are computed from the ``episodes`` in the mask ``finite`` (n,). The next
+        unrolls start where ``episodes`` end.
         """
         mean = gradients.mean(axis=0)
         starts = Starts.from_state(state)
