@@ -54,7 +54,7 @@ def input_errors(*kinds: type[Exception]) -> Iterator[None]:
 def interruptible() -> Iterator[None]:
     """Raise KeyboardInterrupt where compiled code has turned it into a SystemError.
 
-    NumPy gets the values of CasADi's matrices in C code, which an interrupt makes return a result
+    NumPy reads the values of CasADi's matrices in C code; an interrupt makes this code return a result
     with an exception set.
     """
     try:

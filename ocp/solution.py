@@ -44,11 +44,11 @@ class Replay:
     node, state), ``u`` (scenario, interval, control), ``lam`` and ``gap`` (scenario, interval,
     contact), ``cost`` (scenario).
 
-    ``cost`` is the mean over scenarios, ``planned_cost`` the plan's under its own law,
-    ``state_gap`` the largest |x - planned x|, ``penetration`` [m] by true signed distance, or by
-    the model's gaps where that is unknown; ``between`` the same on straight lines from node to
-    node, None without geometry; ``broken`` the noticeable violations of constraints, the worst of
-    every kind with its step; ``inputs`` are "open-loop" or "feedback".
+    ``cost`` is the mean over scenarios, ``planned_cost`` the plan's cost under its own law, and
+    ``state_gap`` the largest |x - planned x|. ``penetration`` [m] is measured by the true signed
+    distance, or by the model's gaps where that is unknown; ``between`` is the penetration on straight
+    lines from node to node, None without geometry. ``broken`` are the noticeable violations of
+    constraints, the worst of every kind with its step. ``inputs`` is "open-loop" or "feedback".
     """
 
     data: xr.Dataset
@@ -148,11 +148,11 @@ class Solution(Judgement):
     state) and ``k`` (interval, control), and the homotopy's stages: ``stage_value``,
     ``stage_cost``, ``stage_complementarity``, ``stage_residual``, ``stage_iterations`` (stage), and
     ``stage_x``, ``stage_u`` (accepted_stage, scenario or shared, interval, state or control) of
-    those that succeeded. Coordinate ``time`` [s].
+    those stages that succeeded. The coordinate ``time`` is in [s].
 
-    Of ``solve_s`` [s], ``evaluation_s`` was spent on evaluating cost, constraints and derivatives;
-    ``solver_s``, the rest, in the solver, such as on linear algebra and line search. It is NaN
-    where that was not measured.
+    Of ``solve_s`` [s], ``evaluation_s`` was spent on evaluating cost, constraints and derivatives, and
+    the rest, ``solver_s``, in the solver, such as on linear algebra and line search. Both parts are NaN
+    where they were not measured.
 
     ``run_hash`` is the content hash of the run from which the solution was read, "" elsewhere.
     """

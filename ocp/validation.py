@@ -136,7 +136,7 @@ def expand_path(path: str | PathLike[str]) -> Path:
 
     Shells do this only at the beginning of a word, not after ``--out=``; Python does not do it.
 
-    Raises :class:`~ocp.errors.InputError` where there is no such home.
+    Raises :class:`~ocp.errors.InputError` where there is no such home directory.
     """
     unexpanded = Path(fspath(path))
     try:

@@ -122,11 +122,11 @@ def continue_over(
     is predicted by its sensitivity and corrected by Newton's method on that set; where the set
     changes in between, the event is located to 1e-6 of the range, and the curve continues with the
     changed set. Where the curve cannot be followed, folds are passed by pseudo-arclength; where there
-    is none, or the curve does not turn forward again, the solver starts at the last answer
+    is no fold, or the curve does not turn forward again, the solver starts at the last answer
     with its multipliers, and a step that fails is halved, down to a thousandth of its first size.
-    Where that finds another curve, or a linear program with complementarity constraints leads to a
-    cheaper point, the curve continues there: a switch. Where nothing succeeds the curve breaks:
-    the reason is recorded, and the points so far are kept.
+    Where the solver finds another curve, or a linear program with complementarity constraints leads
+    to a cheaper point, the curve continues there, which is called a switch. Where nothing succeeds,
+    the curve breaks: the reason is recorded, and the points so far are kept.
 
     Raises :class:`~ocp.errors.InputError` for an unknown parameter or scale, fewer than one step,
     equal or non-finite ends, a log scale through zero, or an end at which the law or the mechanics

@@ -35,20 +35,22 @@ _WORST_COUNT = 5
 class Audit:
     """Residuals recomputed from the trajectories, and the replay under the exact law.
 
-    ``complementarity`` is max lam gap [N s m], ``complementarity_min`` max min(lam, gap), both
-    over all contacts and steps; ``dynamics_residual`` max |residual|, ``law_residual`` max
-    |lam gap - mu|, ``constraint_violation`` of bounds, path and terminal constraints,
-    ``penetration`` max(0, -phi) with phi the true signed distance, ``exact_cost`` the cost of the
-    replay, ``state_gap`` max |x - x_replay|. ``active_steps`` counts pairs with lam above their gap,
-    friction's included, over all steps; ``task_gradient`` is that of :func:`task_gradient`.
+    Residuals are largest values over contacts and steps: ``complementarity`` of lam gap [N s m],
+    ``complementarity_min`` of min(lam, gap), ``dynamics_residual`` of |residual|, ``law_residual`` of
+    |lam gap - mu|, ``constraint_violation`` of the violations of bounds, path and terminal constraints,
+    ``penetration`` of max(0, -phi) with the true signed distance phi, and ``state_gap`` of
+    |x - x_replay|. ``exact_cost`` is the cost of the replay, ``exact_penetration`` its penetration.
+    ``active_steps`` counts the pairs, also those of friction, whose lam exceeds their gap, over all
+    steps; ``task_gradient`` is computed by :func:`task_gradient`.
 
-    With friction, largest over contacts and steps: ``cone_violation`` max(0, |tangential| -
-    friction normal) [N s] and ``dissipation_residual`` [J], by which friction dissipates less than
-    it could. Where energy is known: ``energy_gain`` [J] the largest rise in one step beyond the
-    work done, by contact or integrator, ``dissipated`` [J] the energy that contact dissipates in
-    all steps, ``momentum_residual`` [N s]. ``contacts`` summarises when each contact acts, how
-    hard, and how far it slides. ``replay_failed`` names the step at which the replay ended early,
-    "" where it did not; ``replay_broken`` its noticeable violations, the worst of every kind.
+    With friction, ``cone_violation`` is the largest max(0, |tangential| - friction normal) [N s], and
+    ``dissipation_residual`` [J] the largest energy by which friction dissipates less than it could.
+    Where the energy is known, ``energy_gain`` [J] is its largest rise in one step beyond the work done,
+    by contact or integrator, ``dissipated`` [J] the energy that contact dissipates in all steps, and
+    ``momentum_residual`` [N s] the largest error of the momentum balance. ``contacts`` summarises when
+    each contact acts, how hard, and how far it slides. ``replay_failed`` names the step at which the
+    replay ended early, or is ""; ``replay_broken`` are the replay's noticeable violations, the worst of
+    every kind.
     """
 
     complementarity: float
@@ -124,7 +126,7 @@ def _natural(nlp: NLP, plan: Trajectories) -> tuple[np.ndarray, np.ndarray, np.n
 
 
 def _without_contact(nlp: NLP, violation: np.ndarray) -> np.ndarray:
-    """Return the violations without the rows that define contact, which lam and gap measure."""
+    """Return the violations without those of the rows that define contact, which other residuals measure."""
     is_judged = np.ones(violation.size, dtype=bool)
     for name in ("contact", "separation"):
         if name in nlp.constraints:
@@ -167,7 +169,7 @@ def steered_and_touched(system: ContactSystem) -> tuple[np.ndarray, np.ndarray]:
 
 @np.errstate(over="ignore", invalid="ignore")
 def _slopes(evaluation: Evaluation, replay: Rollout, mask: np.ndarray) -> tuple[float, float]:
-    """Return the largest derivative by an input of the cost of masked states and lam, and the sum of its slopes."""
+    """Return the largest derivative by an input of the cost's part in masked states and lam, and that part's slopes."""
     problem = evaluation.problem
     step, physical = problem.exact_step, evaluation.p
     p = step.p.pack(evaluation.values)

@@ -268,7 +268,7 @@ def fit_multipliers(model: LinearModel) -> np.ndarray:
 
 
 def _kkt_residual(model: LinearModel, multipliers: np.ndarray, cost: float) -> float:
-    """Return the largest projected gradient of the Lagrangian, over the cost's natural unit and IPOPT's s_d."""
+    """Return the largest projected gradient of the Lagrangian, divided by the cost's natural unit and IPOPT's s_d."""
     slope, multipliers = model.reduced(multipliers) / cost, multipliers / cost
     slope = np.where((model.lower >= 0) & (slope > 0), 0.0, slope)
     slope = np.where((model.upper <= 0) & (slope < 0), 0.0, slope)

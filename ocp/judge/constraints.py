@@ -125,7 +125,7 @@ def broken_constraints(evaluation: Evaluation, rollout: Rollout, sizes: np.ndarr
 
 
 def noticeable_violations(broken: Sequence[Broken], share: float = CONSTRAINT_SHARE) -> list[Violation]:
-    """Return the worst violation of every kind of constraint, if it exceeds a share of the characteristic size."""
+    """Return the worst violation of every kind of constraint, if it exceeds ``share`` characteristic sizes."""
     worst: dict[str, Violation] = {}
     for entry in broken:
         if entry.share > share:

@@ -28,9 +28,9 @@ _BIACTIVE_SHARE = 1e-5
 class ContactSummary:
     """One contact over all scenarios and steps.
 
-    ``steps`` counts those at which it is active (:func:`active_contacts`), ``slipping`` those at which it then
-    slips, ``distant`` those with a force at a distance, and ``degenerate`` those at which complementarity is not
-    strict: impulse and gap are both near zero, and gradients are one-sided. ``peak_force`` [N] is the largest
+    ``steps`` counts the steps at which it is active (:func:`active_contacts`), ``slipping`` those at which it is
+    active and slips, ``distant`` those with a force at a distance, and ``degenerate`` those without strict
+    complementarity: impulse and gap are both near zero, and gradients are one-sided. ``peak_force`` [N] is the largest
     normal force, ``slid`` [m] the distance slid while active; ``spans`` are the (first, last) steps of active
     phases in the first scenario.
     """
@@ -131,14 +131,14 @@ def active_contacts(normal: np.ndarray, gap: np.ndarray) -> tuple[np.ndarray, np
     """Return masks of active contacts, and of contacts that push at a distance.
 
     ``normal`` impulses and ``gap``, of one shape, are shares of their characteristic sizes. An
-    active contact has an impulse above 1e-6 and above its gap. One with such an impulse and a
-    larger gap is not active: smoothing lets it push at a distance.
+    active contact has an impulse above 1e-6 and above its gap. A contact whose impulse is above 1e-6
+    but not above its gap is not active: smoothing lets it push at a distance.
     """
     return (normal > _ACTIVE_SHARE) & (normal > gap), (normal > _ACTIVE_SHARE) & (normal <= gap)
 
 
 def _gaps(step: Step, gap: np.ndarray, points: int) -> np.ndarray:
-    """Return the gap of every contact's normal pair, (S, N, points), zero for a contact without one."""
+    """Return the gap of every contact's normal pair, (S, N, points), zero for a contact without normal pair."""
     normal_gaps, mean_gaps = np.zeros((*gap.shape[:2], points)), mean_multipliers(step, gap)
     if step.system.forces is None:
         return mean_gaps

@@ -215,7 +215,7 @@ def _jumps_at(side: ca.Function, values: ca.Function, domain: Domain) -> bool:
     tolerance = _JUMP_SHARE * (np.abs(value_low) + np.abs(value_high)) + _ROUNDING_SHARE * scale
     beyond_both = np.maximum(np.minimum(value_low, value_high) - value_on, value_on - np.maximum(value_low, value_high))
     is_point = np.isfinite(beyond_both) & (beyond_both > tolerance) & (_at(side, on_switch, 1) != _at(side, low, 1))
-    # A quotient of zeros is NaN: values a little farther aside are compared instead, less closely.
+    # A quotient of zeros is NaN: values a little farther from the switch are compared, with a larger tolerance.
     is_unknown = np.isnan(value_low + value_high) & (np.abs(values_aside[1] - values_aside[0]) > _UNKNOWN_SHARE * scale)
     jumped = ((np.abs(value_low - value_high) > tolerance) & ~pole) | is_point | is_unknown
     return bool(np.any(jumped & domain.allowed(low) & domain.allowed(high)))

@@ -25,7 +25,7 @@ _NEWTON_STEPS = 8
 _CENTRAL_STEP = 1e-5
 """Step of central differences with respect to the parameter, in its unit."""
 _BIACTIVE_MEMBER = 1e-6
-"""Value of a pair's larger member, in characteristic sizes, below which it is held as the smaller one is."""
+"""Value of a pair's larger member, in characteristic sizes, below which it is held at zero like the smaller one."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Held:
     g: np.ndarray
 
     def toggle_end(self, end: int) -> Held:
-        """Return the active set in which ``end``, an index into :meth:`KKTCurve.margins`, is held if it was free."""
+        """Return the active set with ``end``, an index into :meth:`KKTCurve.margins`, freed if held, else held."""
         x, g = self.x.copy(), self.g.copy()
         signs, index = (x, end) if end < 2 * x.size else (g, end - 2 * x.size)
         sign, index = (-1, index) if index < signs.size else (1, index - signs.size)
@@ -214,8 +214,9 @@ class KKTCurve:
     def margins(self, v: np.ndarray) -> np.ndarray:
         """Return the scaled margins of the active set: slacks of free ends, multipliers of held ones.
 
-        Order: lower and upper ends of x, then of g, (2n + 2m,); infinite where nothing can change:
-        equations, and the one held member of a pair, whose multiplier may have either sign.
+        They are those of the lower ends of x, its upper ends, and the same for g, (2n + 2m,). They are
+        infinite where nothing can change: for equations, and for the held member of a pair of which only
+        one is held, since its multiplier may have either sign.
         """
         slope, g, bounds = self._state(v)
         x, y = self.primal_dual(v)

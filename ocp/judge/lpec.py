@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from ocp.programs.program import Program
 
 _SNAP = 1e-4
-"""Share of a characteristic size below which a slack counts as zero; of a pair's member a hundredth of it."""
+"""Share of a characteristic size below which a slack counts as zero; for members of pairs it is a hundredth of this."""
 NODES = 500
 """Maximum number of nodes of one search over branches; unlike a time limit, it does not depend on load."""
 
@@ -157,7 +157,7 @@ class LinearModel:
 
         Weak duality: for any multipliers y of the rows, ``-min_d cost' d`` over the box and rows is
         at most ``-sum_i min(r_i lower_i, r_i upper_i) + sum_j max(y_j row_upper_j, y_j
-        row_lower_j)`` with ``r = cost + rows' y``. Zero at the multipliers of a strongly
+        row_lower_j)`` with ``r = cost + rows' y``. The bound is zero at the multipliers of a strongly
         stationary point.
         """
         y, reduced = multipliers / self.row_scale, self.reduced(multipliers)
@@ -269,7 +269,7 @@ _LEAST_CURVATURE = 1e-7
 def negative_curvature(hessian: sp.csr_matrix, constraints: sp.csr_matrix) -> int:
     """Return the number of negative eigenvalues of H on the null space of A, -1 where that failed.
 
-    H (n, n) symmetric, A (m, n). By Haynsworth and Sylvester the matrix ``[[H + e I, A'],
+    H (n, n) is symmetric, A is (m, n). By Haynsworth and Sylvester the matrix ``[[H + e I, A'],
     [A, -e I]]`` has as many negative eigenvalues as H has on the null space of A, and m more, for
     small e; they are counted on the diagonal of its triangular factors, taken with symmetric
     pivots. Eigenvalues above -1e-7 of the largest entry of H do not count as negative.

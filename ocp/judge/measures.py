@@ -149,9 +149,9 @@ def between(evaluation: Evaluation, x: np.ndarray) -> Worst:
 def least_between(evaluation: Evaluation, x: np.ndarray) -> np.ndarray:
     """Return the smallest phi (S, N, n_phi) on the straight line from every node to the next, ends included.
 
-    The line is sampled at 17 points and searched by golden section around the smallest sample:
-    exact where phi has one minimum between two samples, as for convex bodies that do not rotate,
-    whose distance is convex along the line.
+    The line is sampled at 17 points and searched by golden section around the smallest sample. The
+    result is exact where phi has one minimum between two samples, as for convex bodies that do not
+    rotate, whose distance is convex along the line.
     """
     start, displacement = x[:, :-1, None], np.diff(x, axis=1)[:, :, None]
     fractions = np.linspace(0, 1, _WAY_SAMPLES + 1)

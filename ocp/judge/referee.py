@@ -35,8 +35,8 @@ STATE_SHARE = 0.1
 PENETRATION_SHARE = 0.1
 """Largest penetration in a surviving replay, at or between nodes, as a share of the characteristic gap.
 
-With true gaps penetration at nodes is rounding. In between the straight line cuts corners: by a
-hundredth of the gap where contacts roll, by whole bodies where one passes through another.
+With true gaps, penetration at nodes is only rounding. Between nodes the straight line passes through
+corners by a hundredth of the gap where contacts roll, and through whole bodies where one tunnels.
 """
 _LEAST_GAP = 1e-4
 """Minimum gap for judging, as a share of the characteristic gap."""
@@ -285,9 +285,9 @@ def survival_findings(
 
 
 def quarter_step_findings(evaluation: Evaluation, plan: Rollout, outcome: Referee) -> list[Finding]:
-    """Return the findings that say why the replay at h/4 fails, none where it holds or is missing.
+    """Return the findings that say why the replay at h/4 fails, none where it succeeds or is missing.
 
-    It holds where it was solved, costs at most :data:`COST_SHARE` more than the plan, and keeps
+    It succeeds where it was solved, costs at most :data:`COST_SHARE` more than the plan, and keeps
     constraints within :data:`STATE_SHARE` and penetration within :data:`PENETRATION_SHARE`. States
     are not compared node by node: an impact a fraction of a step earlier changes a velocity
     completely, and the cost little.

@@ -44,7 +44,7 @@ class Attempt:
 
 
 NOT_BETTER = "not better"
-"""Status of a searched plan that was solved and not judged, since another answer costs less."""
+"""Status of a searched plan that was solved but not judged, since another answer costs less."""
 
 
 @dataclass(frozen=True)

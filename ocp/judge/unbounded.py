@@ -21,8 +21,8 @@ from ocp.problem.rollout import Rollout, roll_on
 from ocp.programs.program import Program
 
 Ray = tuple[str, Callable[[float], float], float]
-"""A ray: names of the variables that move, function from a distance ``t`` to the cost there (NaN where that is not
-feasible), and distance of the first point from zero; distances are in characteristic sizes."""
+"""A ray: names of the variables that move, function from a distance ``t`` to the cost there (NaN where the point is
+not feasible), and distance of the first point from zero; distances are in characteristic sizes."""
 _NEAR_DISTANCES = np.array([0.25, 0.5, 1.0, 2.0])
 """First distances along a ray, in characteristic sizes."""
 _FAR_DISTANCES = 10.0 ** np.arange(1, 8)

@@ -28,8 +28,8 @@ if TYPE_CHECKING:
     import xarray as xr
 
 Grade = Literal["survives", "certified", "failed"]
-"""Grade of a plan: "survives" if certified and surviving, at h/4 too; "certified" if not surviving, or certified only
-between jumps of the problem's functions; "failed" otherwise. Shown in green, amber and red."""
+"""Grade of a plan: "survives" if it is certified and survives, at h/4 too; "certified" if it does not survive, or its
+certificate holds only between jumps of the problem's functions; "failed" otherwise. Shown in green, amber and red."""
 _SAME_COST = 1e-5
 """Change of the cost under the exact law, in characteristic costs, up to which it counts as none."""
 _NOTABLE_SHARE = 0.1
@@ -162,7 +162,7 @@ def _findings(plan: Judgement) -> Iterator[Finding]:
     yield from _ladder_findings(plan)
     yield from _referee_findings(plan)
     yield from join_findings(_replay_findings(plan))
-    # Constraints that the exact replay violates, unless the referee lists its own.
+    # The constraints that the exact replay violates are listed unless the referee lists violations.
     if plan.referee.word != "does not survive" and plan.audit.replay_broken:
         yield make_finding("exact-replay-violates")
         yield from join_findings(violation_findings(plan.audit.replay_broken), ", ", ", ")
@@ -185,7 +185,7 @@ def _has_no_forces(plan: Judgement) -> bool:
 
 
 def _undone_findings(plan: Judgement) -> Iterator[Finding]:
-    """Yield findings on what a solved plan leaves undone, and on standing still where that costs nearly as little."""
+    """Yield findings on what a solved plan leaves undone, and on standing still if that costs about as much."""
     yield from plan.undone
     gain = plan.idle_cost - plan.cost
     if plan.route.idle_attempts or not plan.cost_share(gain, plan.idle_cost) < _NOTABLE_SHARE:
@@ -246,12 +246,12 @@ def _referee_findings(plan: Judgement) -> Iterator[Finding]:
 
 
 def survival_of(ladder: Ladder) -> str:
-    """Return by which rung an answer survives, in words."""
+    """Return words for the rung by which an answer survives, such as "survives as planned"."""
     return f"survives with {ladder.answer.name}" if ladder.chosen else "survives as planned"
 
 
 def _ladder_findings(plan: Judgement) -> Iterator[Finding]:
-    """Yield which remedy makes the answer survive, at what cost, and what it survives beside."""
+    """Yield findings on the remedy by which the answer survives, its cost, and disturbances that it also survives."""
     ladder = plan.route.ladder
     if ladder is None:
         return
@@ -308,7 +308,7 @@ def _replay_findings(plan: Judgement) -> Iterator[Finding]:
 
 
 def _size_findings(plan: Judgement) -> Iterator[Finding]:
-    """Yield findings on derived sizes, where they decide something, and on stated ones that are doubtful."""
+    """Yield findings on derived sizes, where they may affect the verdict, and on doubtful stated sizes."""
     problem = plan.problem
     ordinary = all(np.all(np.asarray(unit) == 1) for unit in vars(problem.natural).values())
     decided = plan.certificate.certified and plan.referee.survives is not False

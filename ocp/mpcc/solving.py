@@ -57,7 +57,7 @@ _SOFT = ((1.0, 10.0), (1.0, 1000.0), (0.0, 1.0))
 
 @dataclass(frozen=True)
 class MPCCSolution:
-    """Solution of an :class:`MPCC`: x (n,), G and H (k,) there, cost and certificate.
+    """Solution of an :class:`MPCC`: x (n,), the values of G and H (k,) at x, cost and certificate.
 
     ``success`` means feasible to 1e-6 and certified B-stationary, whatever the solver's status.
     ``infeasibility`` is the largest violation of a bound, of g, or of min(G, H) = 0, each in the
@@ -109,9 +109,9 @@ def solve(
     constraints finds descent (:mod:`ocp.routes.branches`). Complementarity problems have many local
     minima, and strategies find different ones: all are tried and the cheapest certified solution is
     returned. From 300 variables on, branches are exchanged in the order of their costs until one is
-    certified. ``strategies`` are by default :data:`DEFAULTS` or, for such problems,
-    :data:`DEFAULTS_LARGE`. Where none is certified, constraints are softened (:func:`softened`), which
-    allows more equations than variables. Where nothing is feasible, the verdict names the violation.
+    certified. ``strategies`` are by default :data:`DEFAULTS` or, for problems of this size,
+    :data:`DEFAULTS_LARGE`. Where no solution is certified, constraints are softened (:func:`softened`),
+    which allows more equations than variables. Where nothing is feasible, the verdict names the violation.
 
     Raises :class:`~ocp.errors.InputError` for sizes that do not fit, unknown names, or a start that
     is not finite.

@@ -30,7 +30,7 @@ def column(what: str, value: Any, *sizes: int) -> ca.SX:
 
 
 def repeat_bound(bound: ca.SX | float, size: int) -> ca.SX:
-    """Return a bound of ``size`` entries, a single one repeated."""
+    """Return a bound as a column of ``size`` entries; a single number is repeated."""
     column = ca.SX(bound)
     return ca.repmat(column, size // max(column.numel(), 1), 1)
 
@@ -155,7 +155,7 @@ class Origin:
 class Scenarios:
     """Initial states ``x0 + std * e_i``, i < n, with e_i standard normal from ``seed``.
 
-    ``std`` (nx,) in the units of the states. n = 1 is the nominal start alone.
+    ``std`` (nx,) is in the units of the states. With n = 1 the nominal start is the only one.
 
     Raises :class:`~ocp.errors.InputError` for n < 1, and for a negative ``std`` or seed.
     """

@@ -81,7 +81,7 @@ class Rollout:
 class Unsolved:
     """A step of a rollout that did not converge, with its scenario.
 
-    ``contact`` names the pair of the largest error; ``violation`` is that scaled error of the step
+    ``contact`` names the pair of the largest error; ``violation`` is this error, as scaled by the step
     solver, infinite where it is NaN.
     """
 
@@ -180,7 +180,7 @@ def roll_on(
 
 
 def _array(what: str, value: Any, shape: tuple[int | None, ...], scenarios: int | None = None) -> np.ndarray:
-    """Return ``value`` as an array of ``shape``, whose first size is 1 or ``scenarios``, or any if that is None.
+    """Return ``value`` as an array of ``shape``; its first size may be 1 or ``scenarios``, or any if that is None.
 
     Raises :class:`~ocp.errors.InputError` for another shape, and for values that are not numbers.
     """
@@ -264,7 +264,7 @@ def problem_impulses(evaluation: Evaluation, step: Step, x: np.ndarray, u: np.nd
 def initial_guesses(
     evaluation: Evaluation, count: int, seed: int, first: InitialGuess | None = None
 ) -> list[InitialGuess]:
-    """Return the problem's own guess, or ``first``, and perturbed ones, ``count`` in all.
+    """Return ``count`` guesses: ``first``, by default the problem's own guess, and perturbations of it.
 
     The noise has a standard deviation of 0.3 characteristic sizes; each guess has its own stream of the seed.
     """

@@ -45,7 +45,7 @@ def derive_sizes(problem: Problem, x: np.ndarray | None = None) -> Scales:
 
 
 def describe_sizes(problem: Problem) -> str:
-    """Return the derived sizes in words, with units, the largest of each unit; "" without any."""
+    """Return the derived sizes in words, with units, the largest of each unit; "" if no size is derived."""
     system, scales = problem.system, problem.scales
     sizes = {"impulse": {"N s": scales.impulse}, "gap": {"m": scales.gap}, "x": {}, "u": {}}
     for name, signals in (("x", system.states), ("u", system.inputs)):
@@ -176,7 +176,7 @@ class _Data:
             if not np.all(np.isfinite(x)):
                 break
             farthest = np.fmax(farthest, np.abs(x - self.x0))
-        # Of bodies at rest on the ground only the solver's error moves; it is small relative to free fall.
+        # Bodies at rest on the ground seem to move by the solver's error, which is small relative to free fall.
         free = self._by_unit(np.abs(self.at_start(self.system.reduced.a).ravel() - self.x0))
         noise = np.fmax(DIFFERENCE_ROUNDING * np.abs(self.x0).max(initial=0.0), _AT_REST * free)
         return np.where(farthest > noise, farthest, 0.0)

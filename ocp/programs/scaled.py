@@ -24,10 +24,10 @@ class Point:
 
 
 class Scaled:
-    """``min f(X z, p)/F`` subject to ``g(X z, p)/G`` within bounds, X, G, F a program's scale.
+    """Scaled program ``min f(X z, p)/F`` subject to bounds on ``g(X z, p)/G``, where X, G, F are a program's scale.
 
-    A solver's tolerances and barrier are absolute numbers. In z they mean the same whatever units a
-    problem is stated in; without a scale everything is passed unchanged.
+    A solver's tolerances and barrier are absolute numbers. In the variables z they have the same meaning
+    in whatever units a problem is stated; without a scale everything is passed unchanged.
     """
 
     def __init__(self, program: Program) -> None:

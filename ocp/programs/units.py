@@ -155,7 +155,7 @@ def measure_scale(x: np.ndarray, defined: np.ndarray, evaluate: Entries, p: np.n
     that a row defines, -1 for none; its unit is that of the row. A row without a finite positive ratio
     has the unit 1.
     """
-    # Twice, since rows with products of variables need units that the first pass finds.
+    # There are two passes, since rows with products of variables need units that the first pass finds.
     x, _, _ = _measure_pass(x, defined, evaluate, p, natural)
     x, g, cost = _measure_pass(x, defined, evaluate, p, natural)
     return Scale(x, g, cost if np.isfinite(cost) and cost > 0 else 1.0)

@@ -44,7 +44,7 @@ HiGHS many seconds before its first node, and a smaller trust region has fewer b
 
 
 class Branches:
-    """The branches of a follower's program in reformulation "none", at the follower's parameter values."""
+    """Solver of branches of a follower's program, in reformulation "none", at the follower's parameter values."""
 
     def __init__(self, follower: Homotopy) -> None:
         self.follower = follower

@@ -103,7 +103,7 @@ def follow_paths(
     warm: bool = False,
     step_backs: int = STEP_BACKS,
 ) -> RouteResult:
-    """Follow paths one after the other, until one does not finish, from a point of ``source``."""
+    """Follow paths one after the other, from a ``point`` of ``source``, until a path does not finish."""
     followed: RouteResult | None = None
     for path in paths:
         followed = follower.follow(path, point, warm, source, step_backs)

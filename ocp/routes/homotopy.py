@@ -81,7 +81,7 @@ class HomotopyPath:
 
 @dataclass
 class Trace:
-    """Record of a route: the table of stages, the points of accepted ones, and the work.
+    """Record of a route: the table of stages, the points of accepted stages, iterations and seconds.
 
     ``refused`` is the reason why the last proposed exchange of contacts was rejected.
     """
@@ -122,9 +122,9 @@ class RouteResult:
 class Homotopy:
     """Follower of homotopy paths on the NLPs ``nlp_of(reformulation)`` with one solver.
 
-    A stage that fails is retried at the geometric mean of the last good value and its own, up to
-    four times before a value of the path itself succeeds; a value that cannot be reached gives
-    ``finished = False``.
+    A stage that fails is retried at the geometric mean of its value and the last one that was solved, up
+    to four times before a value of the path itself is solved. Where a value cannot be reached, the result
+    has ``finished = False``.
     """
 
     def __init__(
@@ -264,7 +264,7 @@ def geometric(start: float, end: float, factor: float) -> list[float]:
     ratio = end / start
     if ratio < sys.float_info.min:
         raise InputError(f"{end:g} is too far below {start:g} for a homotopy; take values closer together")
-    # Slightly less, since rounding would add a stage where the ratio is a power of the factor.
+    # The count is reduced slightly, since rounding would add a stage where the ratio is a power of the factor.
     count = max(1, math.ceil(math.log(ratio) / math.log(factor) - 1e-9))
     if count > MAX_STAGES:
         raise InputError(

@@ -192,7 +192,7 @@ nothing is gained by solving a relaxation more tightly than it is relaxed."""
 
 @dataclass(frozen=True)
 class L1ThenScholtes:
-    """Strategy of at most three penalties to find the region, then Scholtes' relaxation from a small t."""
+    """Strategy of at most three penalties, which come near a solution, then Scholtes' relaxation from a small t."""
 
     def paths(self, mu: float) -> list[HomotopyPath]:
         """Return the path of penalties, then that of the relaxation."""

@@ -79,10 +79,10 @@ class Route(ABC):
 
 
 class WarmStart(Route):
-    """Warm start: one stage from a point, for the exact law with a narrow relaxation, then polished.
+    """Route of a warm start: one stage from a point, under the exact law with a narrow relaxation and then polished.
 
-    From a point that is not near, the stage is tried again with a high barrier parameter, and the
-    exact law starts with a relaxation that is wide enough to exchange contacts.
+    From a point that is not near a solution, the stage is tried again with a high barrier parameter, and
+    the exact law starts with a relaxation that is wide enough to exchange contacts.
     """
 
     name = "warm start"
@@ -113,7 +113,7 @@ class WarmStart(Route):
 
 
 class Complementarity(Route):
-    """The exact law in a direct transcription: relaxations, then branches."""
+    """Route for the exact law in a direct transcription: relaxations, then branches."""
 
     name = "complementarity"
 
@@ -147,7 +147,7 @@ class Complementarity(Route):
 
 
 class ExactShooting(Route):
-    """The exact law in shooting: a plan of another program, rolled out exactly and polished.
+    """Route for the exact law in shooting: a plan of another program, rolled out exactly and polished.
 
     At a kink of the exact law no gradient vanishes, so that a gradient method does not converge. The
     plan is that of the complementarity problem in direct transcription; with ``homotopy``, or where
@@ -205,7 +205,7 @@ class ExactShooting(Route):
 
 
 class LawPath(Route):
-    """The homotopy path of a law's parameter; the exact law's solution is tried as another start."""
+    """Route along the homotopy path of a law's parameter; the exact law's solution is tried as another start."""
 
     name = "law path"
 

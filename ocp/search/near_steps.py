@@ -15,7 +15,7 @@ from ocp.judge.measures import DenseFunction, pair_sizes, slip_sides
 from ocp.problem.evaluation import Evaluation
 
 _ITERATIONS, _LINEARISATIONS, _TO_EDGE, _LEAST = 40, 10, 0.995, 1e-12
-"""Maximum iterations and linearisations, share of the step to the edge of the cone that is taken, regularisation."""
+"""Maximum iterations and linearisations, share of the longest step with positive variables, and regularisation."""
 _SOLVED, _DEEP = 1e-9, 1e-6
 """Error below which a step is solved, and largest depth of a contact that was left out, in characteristic units."""
 _LOOSE = 1e-6

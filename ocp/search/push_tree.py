@@ -23,7 +23,7 @@ from ocp.search.near_steps import NearSteps
 _ROUNDS, _BEAM = 4, 8
 """Maximum numbers of successive pushes, and of plans that each round extends."""
 _TOUCHES, _PUSHES = 12, 4
-"""Maximum number of points of a contact touched from a state, and number of pushes at each."""
+"""Maximum number of points that a pusher may touch for each contact from one state, and of pushes at each point."""
 _STOPS, _ALONG = 40, 12
 """Number of random stops that paths may include, and of checks for collision along the line between two stops."""
 _REACH = 3.0

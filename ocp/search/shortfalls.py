@@ -15,7 +15,7 @@ IDLE_SHARE = 0.9
 
 
 def idles(solution: Solution) -> bool:
-    """Return whether an answer's cost exceeds :data:`IDLE_SHARE` of that of standing still, constant terms aside."""
+    """Return whether an answer costs more than :data:`IDLE_SHARE` of standing still, both without constant terms."""
     constant = Evaluation(solution.problem, solution.values).least_cost
     idling = solution.idle_cost - constant
     return bool(idling > 0 and solution.cost - constant > IDLE_SHARE * idling)

@@ -28,7 +28,7 @@ _PERTURBATION = 1e-7
 
 
 def replay_level(solution: Solution) -> Level:
-    """Return the cost of a solution and that of its inputs, or policy, replayed at half the step."""
+    """Return a level with the cost of a solution, and the cost of its inputs or policy replayed at half the step."""
     problem, x0 = solution.problem, solution.data["x"].values[:, 0]
     evaluation = Evaluation(problem, solution.values)
     replay, _ = refined_replay(evaluation, solution.inputs, x0, factor=2)
@@ -72,9 +72,9 @@ def divided_step(problem: Problem, values: dict[str, float], factor: int) -> dic
 
 
 def refine_step_size(coarse: Solution, solve_again: Callable[[dict[str, Any], Solution], Solution]) -> Solution:
-    """Solve at h/2, h/4, ... from the last plan, until the costs of plan and replay at half the step agree.
+    """Solve at h/2, h/4, ... from the last plan, until a plan and its replay at half the step agree in cost.
 
-    ``solve_again`` solves with the values of :func:`divided_step`, from a solution. Returns the last
+    ``solve_again`` solves with the values of :func:`divided_step`, starting at a solution. Returns the last
     plan that is solved, with every level in its ``route.refinement``. Raises as :func:`divided_step` does.
     """
     finest, levels, stopped, iterations = coarse, [replay_level(coarse)], "", coarse.iterations

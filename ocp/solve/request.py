@@ -99,7 +99,7 @@ def split_keywords(
 
 
 def check_setting_names(settings: Mapping[str, Any], solver: str) -> None:
-    """Raise :class:`~ocp.errors.InputError` for a setting that is neither of ``ocp solve`` nor of the solver.
+    """Raise :class:`~ocp.errors.InputError` for a setting that neither ``ocp solve`` nor the solver has.
 
     The message suggests the nearest name, and says how to list all.
     """

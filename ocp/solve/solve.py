@@ -75,11 +75,11 @@ def solve(
     exact law the solver finds plans that do so, and then improves them without these limits.
 
     ``effort`` says what is tried beyond the usual route under the exact law: ``"quick"`` nothing, unless a scene's
-    answer falls short; ``"normal"`` samples of input sequences as long as they catch up with the answer, and other
-    routes where it idles or has no certificate; ``"thorough"`` samples under two laws and all routes
+    answer falls short; ``"normal"`` sampled input sequences, while their costs approach the answer's, and other
+    routes where the answer idles or has no certificate; ``"thorough"`` samples under two laws and all routes
     (:mod:`ocp.search`). ``search=True`` begins with the thorough search for plans; ``search=False`` allows no search.
-    ``refine`` solves again at half the step, from the last plan, until its cost and that of its replay at half the
-    step agree (:func:`~ocp.solve.refinement.refine_step_size`).
+    ``refine`` solves again at half the step, from the last plan, until the cost of the plan agrees with the cost of its
+    replay at half the step (:func:`~ocp.solve.refinement.refine_step_size`).
     ``until="survives"`` tries remedies while the plan does not survive the referee: the referee's own contact, finer
     steps, gains along the plan, a controller (:class:`~ocp.solve.ladder.SurvivalLadder`). The first answer that
     survives is returned, or else the best; ``Solution.route.ladder`` has all of them.

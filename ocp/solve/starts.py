@@ -32,7 +32,7 @@ WAYS = 4
 CERTIFIED_SHARE = 0.01
 """Excess cost, as a share, below which a certified answer is preferred to a cheaper one without a certificate."""
 _FEASIBLE = {Status.SOLVED: 0, Status.NOT_OPTIMAL: 0, Status.UNDECIDED: 0, Status.NO_PROGRESS: 1}
-"""Mapping from each status of a feasible end to its rank, lower is better."""
+"""Mapping from each status of a feasible solution to its rank; lower is better."""
 
 
 def check_starts(n_starts: int, seed: int = 0, rank_by: str = "planned") -> None:
@@ -221,7 +221,7 @@ def best_solution(solutions: Sequence[Solution], by: Rank = "planned") -> Soluti
 
 
 def _order_of_end(solution: Solution) -> int:
-    """Return the rank of an end: 0 feasible, 1 standing still, 2 other; 3 more where a scene's referee fails it."""
+    """Return the rank of a solution: 0 feasible, 1 standing still, 2 other; 3 more in a scene if it fails at h."""
     fails_referee = solution.referee.survives_at_h is False and bool(solution.problem.system.scene)
     return _FEASIBLE.get(solution.status, 2) + 3 * fails_referee
 

@@ -51,7 +51,7 @@ _LEAST = 1e-12
 
 
 def multipliers(nlp: NLP, point: Point) -> dict[str, Any]:
-    """Return a point's multipliers by block, as variables of a solution's dataset.
+    """Return a point's multipliers, one variable of a solution's dataset for each block.
 
     ``lam_g_<block>`` belong to constraints, ``lam_x_<block>`` to bounds; both are zero where the
     limit is inactive, positive at upper limits. The dict is empty for a point without multipliers.
@@ -177,7 +177,7 @@ def _contact_duals(lam: np.ndarray, gap: np.ndarray, lam_x: dict[str, np.ndarray
 
 
 class _Carrier:
-    """Transfer of one solution to another mesh of its problem."""
+    """Converter of one solution to another mesh of its problem."""
 
     def __init__(self, solution: Solution | StoredPlan, problem: Problem, values: dict[str, float]) -> None:
         self.solution, self.data = solution, solution.data
@@ -204,7 +204,7 @@ class _Carrier:
         return np.broadcast_to(start_states, (rows, *start_states.shape[1:]))
 
     def _scenarios(self, array: np.ndarray) -> np.ndarray:
-        """Return an array with one row per scenario; where their number changed, each row is the mean of the old."""
+        """Return an array with one row per scenario; if their number changed, each is the mean of the old rows."""
         S = self.problem.scenarios.n
         if len(array) == S:
             return array

@@ -18,8 +18,8 @@ Compile = Callable[[ca.Function], ca.Function]
 class EliminatedUnknowns(ABC):
     """Unknowns ``inner`` (n,) that the local variables w of a stage determine.
 
-    ``symbols`` are the arguments of the stage's functions for them: ``inner``, and further values
-    that derivatives need. :attr:`solve` computes their values, ``(w, p) -> symbols``.
+    The stage's functions take them as the argument ``symbols``: ``inner``, and further values that
+    derivatives need. The function :attr:`solve` computes these values, ``(w, p) -> symbols``.
     """
 
     inner: ca.SX

@@ -188,7 +188,7 @@ class NLP(Program):
         return self._pack_sizes(natural, lam, gap)
 
     def active_sets(self, x: np.ndarray) -> list[np.ndarray]:
-        """Return guesses (m,) of the pairs with gap zero: those whose multiplier is larger, relative to sizes.
+        """Return masks (m,) of pairs with gap zero, as guesses: their multiplier is the larger member, in sizes.
 
         Where slip pairs make a difference, the first guess compares all pairs as impulses and gaps:
         neither guess alone is right for friction that hardly slides.

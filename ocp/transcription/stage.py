@@ -46,7 +46,7 @@ class Stage:
         return self._function("values", self.arguments, [self.cost, self.constraints])
 
     def first(self) -> tuple[ca.Function, ca.Sparsity]:
-        """Return ``(w, p, eliminated) -> (cost, constraints, gradient, Jacobian nonzeros)`` and its pattern."""
+        """Return ``(w, p, eliminated) -> (cost, constraints, gradient, Jacobian nonzeros)``, and their pattern."""
         gradient = self._total(self.cost).T
         jacobian = self._total(self.constraints)
         outputs = [self.cost, self.constraints, ca.densify(gradient), _nonzeros(jacobian)]
@@ -176,7 +176,7 @@ def _collect(stages: list[Stage], stage_rows: list[ca.MX], m: int) -> ca.MX:
 
 
 def _add_up(target: np.ndarray, size: int, values: ca.MX) -> ca.MX:
-    """Return a dense vector of ``size`` with ``values`` summed at the indices ``target``, without indices beyond."""
+    """Return a dense vector of ``size`` with ``values`` summed at the indices ``target``, ignoring larger indices."""
     inside = np.flatnonzero(target < size)
     ones = ca.DM(_by_columns(size, target.size, target[inside], inside), 1.0)
     return ca.densify(ones @ values)
