@@ -1,7 +1,7 @@
 """Export of one step, its derivatives and a policy as one C11 file that needs nothing but C's <math.h>.
 
-The C code is that of the compiled rollouts with one sample per block: kernels over single doubles,
-and the loops around them that solve for contact.
+The C code is the code of compiled rollouts with one sample per block: kernels over single doubles, and the
+loops around these kernels that solve for contact.
 """
 
 from __future__ import annotations

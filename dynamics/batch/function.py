@@ -155,10 +155,10 @@ class StepFunction:
         f = StepFunction(step)
         x_next = f(x, u).x_next        # x (n, nx), u (n, nu)
 
-    Where the interior-point path fails it is tried from other starts, fewer than in
-    :attr:`dynamics.contact.Step.solve`; a sample without a solution is not finite, and `nonfinite`
-    lists it. Backends, threads and block are those of `BatchFunction`; results depend neither on
-    threads nor on block, to the last bit.
+    Where the interior-point path fails, it is tried again from other starts, of which there are fewer than in
+    :attr:`dynamics.contact.Step.solve`; a sample without a solution is not finite, and `nonfinite` lists it.
+    Backends, threads and block are those of `BatchFunction`; results depend neither on threads nor on block, to
+    the last bit.
 
     Raises `ValueError` for shapes that do not fit, `UnsupportedOperation` and `CompilerError` as
     `BatchFunction` does.

@@ -6,10 +6,11 @@ maps a counter of four 32-bit words under a key of two words to four random word
     key     = SeedSequence(seed).generate_state(2)
     counter = (low word of the sample's index, high word, number of the quadruple, 0)
 
-so every sample has its own stream, whatever else is computed: the first n samples of a larger run are the same
-samples. Box and Muller's transform makes two normals of each pair of words: 32 random bits for the radius, 32
-for the angle. The absolute value of a number is therefore at most 6.76. An exact normal number exceeds this
-with probability 1 / 7e10; studies of tails beyond it need another generator.
+so every sample has its own stream, which does not depend on the number of samples: the first n samples of a
+larger run are those of a run with n samples. Box and Muller's transform makes two normals of each pair of
+words: 32 random bits for the radius, 32 for the angle. The absolute value of a number is therefore at most
+6.76. An exact normal number exceeds this with probability 1 / 7e10; studies of tails beyond it need another
+generator.
 """
 
 from __future__ import annotations
@@ -82,8 +83,8 @@ def standard_normals(key: tuple[int, int], first: int, n: int, size: int) -> np.
 class Gaussian:
     """White Gaussian noise w ~ N(0, diag(sigma)^2), drawn inside the rollout's kernel.
 
-    `sigma` > 0 is one standard deviation, or one for each input; `seed` chooses the random numbers;
-    `first` is the index of the first sample, so that a run can be continued where it stopped.
+    `sigma` > 0 is the standard deviation of all inputs, or has one value for each input; `seed` chooses the
+    random numbers; `first` is the index of the first sample, so that a run can be continued where it stopped.
     With `is_negated` every sample is exactly -w in place of w.
     """
 

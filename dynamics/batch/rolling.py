@@ -116,7 +116,7 @@ class RolloutMoments:
 
 
 class SampleOptions(TypedDict, total=False):
-    """Keyword arguments that some kinds of rollouts take: `u_before`, or those of `EpisodeFunction`."""
+    """Keyword arguments that only some rollouts take: `u_before`, or the options of `EpisodeFunction`."""
 
     u_before: Any
     linearise_along: Any
@@ -126,7 +126,7 @@ class SampleOptions(TypedDict, total=False):
 class BatchedRollouts(ABC):
     """Base of rollouts of a step under a policy over `horizon` steps, for many samples.
 
-    `parameters` are those of the step, then those of the objective and of the policy.
+    `parameters` are the parameters of the step, then of the objective, then of the policy.
     """
 
     _value_sign = 1.0

@@ -39,8 +39,8 @@ class RolloutFunction(BatchedRollouts):
 
     A stage cost of four arguments takes (x_t, u_t, u_t - u_{t-1}, p); calls then need `u_before`, u_{-1}.
 
-    `step` is a system closed by a contact law, the same as in the NLP; p are its parameters.
-    `engine` takes backend, threads and block as `BatchFunction` does; results depend neither on
+    `step` is a system closed by a contact law, as in the nonlinear programs of plans; p are the step's
+    parameters. `engine` takes backend, threads and block as `BatchFunction` does; results depend neither on
     threads nor on block, to the last bit. Code size and compile time do not depend on `horizon`.
 
         f = RolloutFunction(step, stage_cost, terminal_cost, 40, open_loop(nx, nu))

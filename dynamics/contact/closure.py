@@ -45,7 +45,7 @@ class Closure(ABC):
 
     @abstractmethod
     def target(self, system: ContactSystem, z: ca.SX, F: ca.SX, p: ParameterTable) -> ca.SX:
-        """Return mu, shape (nlam, 1), from the gap at lam = 0 ``z`` and the compliance ``F``."""
+        """Return mu (nlam, 1), given ``z``, the gap at lam = 0, and ``F``, the compliance."""
 
     @property
     def frozen(self) -> bool:

@@ -1,7 +1,7 @@
 """Compliance F of gaps under impulses, ``gap = z + F lam``, and the linear systems of the path solver.
 
-F (n, n) is a matrix, or a product that is never formed where many contacts push few coordinates. Both
-kinds solve ``(I + diag(ratio) F) step = rhs``, ratio = lam / s.
+F (n, n) is a matrix or, where many contacts push few coordinates, a product of factors that is never formed.
+Both kinds solve ``(I + diag(ratio) F) step = rhs``, ratio = lam / s.
 """
 
 from __future__ import annotations

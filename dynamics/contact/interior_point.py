@@ -27,7 +27,7 @@ _DEFECT_SHARE = 3e-3
 # Relative error below which an iteration without progress counts as converged.
 _REST_ERROR = 1e-5
 FLOOR = 1e-8
-"""Lower limit of the mu that errors of products are relative to, in scaled units."""
+"""Lower limit, in scaled units, of the mu by which errors of products are divided."""
 
 
 def scalar_solution(z: ca.SX, F: ca.SX, mu: ca.SX) -> ca.SX:
@@ -53,11 +53,11 @@ def advance_pair(lam: ca.SX, s: ca.SX, gap: ca.SX, F: Compliance, mu: ca.SX, per
     ``s = gap`` holds only in the limit. This is algorithm 3 of adaptive barrier smoothing, Mehrotra's affine
     predictor and centring with a fraction to the boundary, with five changes. The affine step aims at the given
     mu and the target is never less, so that the path ends *at* mu. The second-order correction is used only
-    where the step stays about as long and the violation is lower (otherwise one problem in ten cycles). The
-    centring is limited and steps near the end are damped (otherwise strongly coupled contacts stall or circle
-    there). Products far below their target are raised (otherwise rare problems jam at the boundary). The
-    products' target has a lower limit proportional to the defect of ``s = gap``, so that both decrease
-    together.
+    where the step does not become much shorter and the violation is lower (otherwise the iteration cycles in
+    one problem of ten). The centring is limited and steps near the end are damped (otherwise iterations for
+    strongly coupled contacts stall or cycle there). Products far below their target are raised (otherwise the
+    iterates of rare problems stay at the boundary). The products' target has a lower limit proportional to the
+    defect of ``s = gap``, so that both decrease together.
 
     A direction satisfies ``lam ds + s dlam = target - lam s``, so that ``dlam ds`` alone determines the
     products after a step.

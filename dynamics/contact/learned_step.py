@@ -1,4 +1,4 @@
-"""A learned model of a step as a CasADi function, and the step that it defines, without multipliers."""
+"""A learned model of a step as a CasADi function, and the step that the model defines, without multipliers."""
 
 from __future__ import annotations
 

@@ -1,15 +1,15 @@
 """The solver of one step whose contact is not linear: the interior-point path, then many other starts.
 
-A curved gap may turn over within a step, and the path may then fail though the step has a solution. A
-point of the path, lam s = mu with lam, s > 0, is a root of the smoothed complementarity function of
+The direction of a curved gap may reverse within a step; the path may then fail although the step has a
+solution. A point of the path, lam s = mu with lam, s > 0, is a root of the smoothed complementarity function of
 Fischer and Burmeister,
 
 ``phi(lam, s) = lam + s - sqrt(lam² + s² + 2 mu)``
 
-(Kanzow, doi 10.1137/S1052623493262862), whose iterates lam and s need not be positive. The method of Levenberg
-and Marquardt minimises ``|phi(lam, gap(lam))|²`` at the given mu, and is started again at another point where
-it gets stuck. Such steps have several solutions; the impulses of the starts increase, so that solutions that
-throw light bodies around are found last.
+(Kanzow, doi 10.1137/S1052623493262862); a solver for this root may pass through lam and s that are not
+positive. The method of Levenberg and Marquardt minimises ``|phi(lam, gap(lam))|²`` at the given mu, and is
+started again at another point where it gets stuck. Such steps have several solutions; the impulses of the
+starts increase, so that solutions that throw light bodies around are found last.
 """
 
 from __future__ import annotations

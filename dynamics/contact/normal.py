@@ -35,9 +35,9 @@ def expected_excess(t: ca.SX) -> ca.SX:
 
         G(t) = int_0^inf s exp(-t s - s²/2) ds = R(y) / (1 + t)²,   y = (t - 4) / (t + 4),
 
-    which has positive terms only; R is between 1 and 1.42 for all t >= 0 and approximated by a
-    polynomial of degree 28 in y. The first two derivatives are -P(w > t) and pdf(t); they do not
-    cancel either.
+    which has positive terms only; R is between 1 and 1.42 for all t >= 0 and approximated by a polynomial of
+    degree 28 in y. The first two derivatives are -P(w > t) and pdf(t), and do not suffer from cancellation
+    either.
     """
     direct = normal_pdf(t) - t * (1 - ca.erf(t / math.sqrt(2))) / 2
     tail_t = ca.fmax(t, _KNOT)

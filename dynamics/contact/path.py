@@ -1,10 +1,10 @@
 """The central path of one complementarity problem, ``lam gap(lam) = mu``, as graphs.
 
-Rows of the gap that are affine in lam are ``z + F lam``; with these alone it is a linear
-complementarity problem. With curved rows the iteration of :mod:`dynamics.contact.interior_point`
-first follows the path of the gap linearised at the start of the step, down to :data:`MU_LINEAR`, and
-then that of the true gap, linearised at every iterate. If it started on the true gap, large trial
-impulses would spin light bodies round to solutions without physical meaning.
+Rows of the gap that are affine in lam are ``z + F lam``; where all rows are affine, the problem is a linear
+complementarity problem. With curved rows the iteration of :mod:`dynamics.contact.interior_point` first follows
+the path of the gap linearised at the start of the step, down to :data:`MU_LINEAR`, and then the path of the
+true gap, linearised at every iterate. If the iteration started on the true gap, large trial impulses would spin
+light bodies round to solutions without physical meaning.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ _SWITCH_ERROR = 1e-2
 _PRODUCT_TOLERANCE = 1e-7
 # Error of gaps in scaled units at which a path ends.
 _GAP_TOLERANCE = 1e-9
-# Ratio lam / s at the path's end below which a pair is inactive; both are 1e-6 if the ratio is one.
+# Ratio lam / s at the path's end below which a pair is inactive; lam and s are both 1e-6 if the ratio is one.
 _INACTIVE_RATIO = 1e-2
 # Minimum of the scale of gaps, relative to a curved gap.
 _CURVED_SHARE = 1e-6
@@ -85,7 +85,7 @@ _MIN_COMPLIANCE_SHARE = 1e-12
 MAX_ERROR = 1e-7
 """Scaled violation above which the end of a path is not a solution."""
 TRUE_GAP = 2.0
-"""Phase, the last entry of a pair, on the path of the true gap; the phase is 1 on that of the linearised gap."""
+"""Phase, the last entry of a pair, on the path of the true gap; on the path of the linearised gap it is 1."""
 ARRIVED = 3.0
 """Phase, the last entry of a pair, at the end of its path."""
 DIVERGED = 4.0
@@ -198,8 +198,7 @@ class Path:
     def gap_at(self, lam: ca.SX, on_true_gap: ca.SX) -> tuple[ca.SX, Compliance]:
         """Return the scaled gap at lam and its compliance.
 
-        They are those of the true gap where ``on_true_gap``, else of the gap linearised at the start of the
-        step.
+        The gap is the true one where ``on_true_gap`` holds, else the one linearised at the start of the step.
         """
         entries = self.data_parts
         z, F = ca.SX(entries["z"]), ca.SX(self.pattern, entries["entries"])

@@ -32,11 +32,11 @@ MAX_NODES_PER_AXIS = 64
 class Randomized(ContactLaw):
     """Contact law ``x_next = sum_j w_j f(x, u + sigma e_j)``, f the step under another law, ``base``.
 
-    The nodes e_j are standard normal and common to every step, state and iteration, so that the
-    averaged map is one deterministic function. ``scheme`` is ``"monte-carlo"`` or a scrambled
-    ``"sobol"`` set (both with an even number of ``samples``, mirrored so that odd moments vanish), or
-    the tensor ``"gauss-hermite"`` rule with ``samples`` nodes per axis. ``noise`` is on the
-    ``"input"`` or the ``"state"``. Contacts are solved at every node; ``lam`` has those of all nodes.
+    The nodes e_j are standard normal and common to every step, state and iteration, so that the averaged map is
+    one deterministic function. ``scheme`` is ``"monte-carlo"`` or a scrambled ``"sobol"`` set (both with an
+    even number of ``samples``, mirrored so that odd moments vanish), or the tensor ``"gauss-hermite"`` rule
+    with ``samples`` nodes per axis. ``noise`` is on the ``"input"`` or the ``"state"``. Contacts are solved at
+    every node; ``lam`` has the multipliers of all nodes.
     """
 
     name: ClassVar[str] = "randomized"

@@ -15,8 +15,8 @@ from dynamics.systems.elimination import solve_without_pivoting
 def path_of(system: ContactSystem, exact: bool) -> Path:
     """Return the path of one step of ``system``, whose gaps may be curved; see :meth:`Path.opening_data_of`.
 
-    The path is a :class:`ReducedPath` where inertia changes with the state, as in a machine, and the pairs
-    outnumber the coordinates that they act on.
+    The path is a :class:`ReducedPath` where inertia changes with the state, as in a machine, and there are more
+    pairs than coordinates on which their impulses act.
     """
     if system.has_variable_inertia:
         coordinates = PushedCoordinates(system)
@@ -105,7 +105,7 @@ class ReducedPath(Path):
         rows, by_lam, by_w = self.curved.gaps_along(c * D * lam, c * w, self.coordinates.C, entries["more"])
         for k, i in enumerate(self.curved.rows):
             representative = self.coordinates.Q_signs[i, :].sparsity().get_col()[0]
-            # Opposite walls share one row up to its sign.
+            # Two opposite walls share one row, with opposite signs.
             by_pushed = self.coordinates.Q_signs[i, representative] * by_w[k, :]
             gap[i] = ca.if_else(on_true_gap, rows[k] * D[i] / c, gap[i])
             Q[representative, :] = _select_nonzeros(on_true_gap, D[i] * by_pushed, Q[representative, :])

@@ -107,7 +107,7 @@ class Step(ABC):
 
     @cached_property
     def mu(self) -> ca.SX:
-        """Central-path parameter of every pair (n, 1); friction and slip pairs have that of their normal pair."""
+        """Central-path parameter of every pair (n, 1); friction and slip pairs have the mu of their normal pair."""
         return ca.vertcat(*(self._targets(node) for node in self.nodes))
 
     def _targets(self, node: Branch) -> ca.SX:
@@ -208,9 +208,9 @@ class Step(ABC):
     def map(self) -> ca.Function:
         """Explicit step ``(x, u, p) -> (x_next, lam)``, differentiable to second order.
 
-        First derivatives come from the implicit function theorem at the solution, see
-        :meth:`contact_jacobian`; CasADi differentiates them again, through the solution, for exact
-        Hessians (not under a law with frozen gradient, which is not the gradient of any function).
+        First derivatives come from the implicit function theorem at the solution, see :meth:`contact_jacobian`;
+        CasADi differentiates these again, through the solution, for exact Hessians; a law with a frozen
+        gradient has no Hessian, since the frozen gradient is not that of any function.
         """
         x, u, p = self._symbols()
         x_next, lam, _, _ = self.solve(x, u, p)

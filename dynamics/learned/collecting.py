@@ -1,4 +1,4 @@
-"""Collection of transitions of a step from random states without penetration, half of them near the task."""
+"""Collection of transitions of a step from random states without penetration; half of the states are near the task."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Rows = tuple[np.ndarray, np.ndarray, np.ndarray]
 MAX_DRAWS_PER_ROW = 1000
 """Number of drawn states per requested transition above which a region is rejected."""
 PIECE_ROWS = 1 << 18
-"""Maximum number of transitions of a piece; constant, since each piece has its own random stream."""
+"""Maximum number of transitions of a piece; a change would change the data, since each piece has its own stream."""
 STATES_PER_DRAW = 200_000
 """Maximum number of states that are drawn at once."""
 
@@ -107,7 +107,7 @@ def merge_pieces(
 
 @dataclass
 class _Source:
-    """Source of transitions at parameters ``p`` from states that ``keep`` accepts; counts unsolved steps."""
+    """Source of transitions at parameters ``p`` from states that ``keep`` accepts, with a count of unsolved steps."""
 
     step: Step
     p: np.ndarray

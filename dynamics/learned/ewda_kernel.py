@@ -113,7 +113,7 @@ _ARRAYS = (
     *("z", "y", "low", "high", "q", "mean_z", "mean_y", "weights"),
     *("least", "bound", "best", "partial", "sums", "found", "where", "ticket", "done"),
 )
-# Numbers of the kinds of moments in the C program.
+# Codes of the moments in the C program: first moments without and with slopes, and second moments.
 _VALUES = 0
 _SLOPES = 1
 _CURVED = 2
@@ -225,7 +225,7 @@ def _aligned(shape: tuple[int, ...], values: np.ndarray | None = None) -> np.nda
 
 
 def order_by_neighbours(points: np.ndarray, chunk: int, finest: int) -> np.ndarray:
-    """Return an order (n,) of ``points`` (n, nz) in which every ``chunk`` consecutive ones are close together.
+    """Return an order (n,) of ``points`` (n, nz) in which every ``chunk`` consecutive points are close together.
 
     The points are split recursively at the widest coordinate, at multiples of ``chunk``, as in a k-d
     tree of which only the last leaf is not full. Full leaves are halved further in the same way, down

@@ -11,10 +11,10 @@ chunk is padded with points so far away that their weight is 0. With D = z'(z - 
    the chunks;
 4. `total`: the sum over the parts, in order.
 
-The parts depend on the number of points alone and every sum has one order, so that results do not
-depend on the threads or the other queries. The exponent of a weight is relative to c,
-|q - c|² - |q - z_i|² = -d'(d + 2(c - q)) with d = z_i - c, which does not cancel far away. The
-moments about c cancel by at most a factor n, since no point has a larger weight.
+The parts depend on the number of points alone and every sum has one order, so that results do not depend on the
+threads or the other queries. The exponent of a weight is relative to c, |q - c|² - |q - z_i|² = -d'(d +
+2(c - q)) with d = z_i - c, which does not cancel far away. Cancellation in the moments about c costs at most a
+factor n of precision, since no point has a larger weight than c.
 """
 
 from __future__ import annotations

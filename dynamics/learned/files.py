@@ -1,4 +1,4 @@
-"""Reading of transitions and models from netCDF files, which contain no code, and of transitions from tables."""
+"""Readers of transitions and models in netCDF files, which contain no code, and of transitions in tables."""
 
 from __future__ import annotations
 
@@ -174,7 +174,7 @@ def _parquet(path: Path) -> pd.DataFrame:
 
 
 def _split_head(head: str) -> tuple[str, str | None]:
-    """Split a column's head such as ``ox [m]`` into name and unit; the unit is None where there is none."""
+    """Split a column's head such as ``ox [m]`` into name and unit; the unit is None where the head has none."""
     head_match = _HEAD_PATTERN.fullmatch(head)
     return (head_match["name"], head_match["unit"]) if head_match and head_match["name"] else (head, None)
 

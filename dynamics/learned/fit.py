@@ -29,7 +29,7 @@ class Fit:
     samples with different y to the same z.
 
     A ray starts at the sample farthest out in a random direction of normalised z and follows this direction, so
-    that ``distances`` (k,) are the distances to the data's convex hull, and to the nearest sample. No y is
+    that ``distances`` (k,) are distances both to the data's convex hull and to the nearest sample. No y is
     known on the rays. ``displacement`` (k,) is the root mean square over rays and coordinates of ``g - y``
     relative to y's scale, with y of the sample where the ray starts: it tends to 0 where the model returns the
     nearest sample, and grows like the distance where it extrapolates. ``outside`` (k,) is the fraction of rays

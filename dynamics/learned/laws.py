@@ -80,7 +80,7 @@ class LearnedLaw(ContactLaw):
         return ParameterTable()
 
     def learned_at(self, system: ContactSystem, values: Mapping[str, float]) -> dict[str, tuple[float, float]]:
-        """Return a dict from the motion parameters that differ from those of the training data to (then, now)."""
+        """Return a dict of the motion parameters that have changed since training: name to (value then, value now)."""
         motion_symbols = {str(symbol) for symbol in ca.symvar(ca.vertcat(system.residual, system.gap))}
         training_parameters = self.model.origin.parameters
         return {

@@ -15,7 +15,7 @@ import warnings
 import numpy as np
 
 _BASE_CPU_S = 1
-"""Limit of the CPU time [s] of reading a small file."""
+"""Limit of the CPU time [s] for reading a small file."""
 _BYTES_PER_CPU_S = 20_000_000
 """Number of bytes of a file that increase the limit of CPU time by one second."""
 

@@ -148,7 +148,7 @@ class Training:
         return self._network.progress(state)
 
     def _identity(self) -> bytes:
-        """Return a digest of all that determines the weights; epochs and patience may differ in a continued run."""
+        """Return a digest of all that determines the weights, without epochs and patience, which may be changed."""
         recipe = self.recipe
         identity = recipe.hidden, recipe.batch, recipe.rate, recipe.held_out, self.sigma, self.seed
         identity = (*identity, self.data.hash)
@@ -254,7 +254,7 @@ def _compiled(batch: int, rate: float, noised: bool) -> tuple[Any, Any]:
         size = min(batch, len(z))
         steps = len(z) // size
         order, draws = jax.random.split(key)
-        # Rows that do not fill a batch are omitted; each epoch has another order.
+        # The last rows, which do not fill a batch, are omitted; each epoch has another order of rows.
         rows = jax.random.permutation(order, len(z))[: steps * size].reshape(steps, size)
 
         def step(carried: Any, drawn: Any) -> Any:

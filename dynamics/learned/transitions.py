@@ -22,7 +22,8 @@ if TYPE_CHECKING:
 class DataOrigin:
     """Names and units of ``z`` and ``y``, and the problem, its parameters and the hash of the data.
 
-    z = (x, u), y = x_next: entries of z with the name of an entry of y are states, the others inputs.
+    z = (x, u), y = x_next: entries of z with the name of an entry of y are states, the other entries are
+    inputs.
     """
 
     z: tuple[Signal, ...]
@@ -153,7 +154,7 @@ class Samples:
 
 
 def check_finite(arrays: Sequence[np.ndarray], names: Sequence[str]) -> None:
-    """Raise ``ValueError`` that lists rows with values that are not finite; ``names`` are those of all columns."""
+    """Raise ``ValueError`` that lists rows with values that are not finite; ``names`` are the names of all columns."""
     table = np.hstack(arrays)
     rows, columns = np.nonzero(~np.isfinite(table))
     if not len(rows):

@@ -69,7 +69,7 @@ def lcs(
 
 
 def _discretises(h: ca.SX | float, A: ca.SX, B: ca.SX, c: ca.SX) -> bool:
-    """Whether h is a symbol and ``A x + B u + c = x`` for all x and u at h = 0."""
+    """Return whether h is a symbol and ``A x + B u + c = x`` holds at h = 0 for all x and u."""
     if not isinstance(h, ca.SX) or not h.is_symbolic():
         return False
     A, B, c = ca.substitute([A - ca.SX.eye(A.shape[0]), B, c], [h], [ca.SX(0)])

@@ -71,9 +71,9 @@ class EnergyBalance:
 def deciding_pairs(pairs: tuple[Pair, ...]) -> list[int]:
     """Return, for each pair, the index of the pair whose distance sets its mu.
 
-    For a friction or slip pair this is the normal pair of its contact: how soft a contact is depends
-    on its distance, not on its sliding speed. For edges of a cone, which are normal pairs, and for
-    pairs of a contact whose normal force is known, it is the pair itself.
+    For a friction or slip pair this is the normal pair of its contact: how soft a contact is depends on its
+    distance, not on its sliding speed. For edges of a cone, which are normal pairs, and for pairs of a contact
+    whose normal force is known, the index is the pair's own.
     """
     normal = {pair.contact: i for i, pair in enumerate(pairs) if pair.kind == "normal"}
     return [normal.get(pair.contact, i) if pair.kind in ("friction", "slip") else i for i, pair in enumerate(pairs)]

@@ -70,7 +70,7 @@ class ParameterTable:
     back. Parameters of a contact law are called ``contact.<name>``; the entries of a matrix,
     ``F[i,j]``, can also be read and set together as ``F``.
 
-    Raises ``ValueError`` for an item that is not a :class:`Parameter`, and for two of the same name.
+    Raises ``ValueError`` for an item that is not a :class:`Parameter`, and for two parameters of the same name.
     """
 
     def __init__(self, parameters: Iterable[Parameter] = ()) -> None:
@@ -89,7 +89,7 @@ class ParameterTable:
         return name in self._by_name
 
     def __getitem__(self, name: str) -> ca.SX:
-        """Return the symbol called ``name``, or the matrix of those called ``name[i,j]``."""
+        """Return the symbol called ``name``, or the matrix of the symbols called ``name[i,j]``."""
         if name in self._by_name:
             symbol = self._by_name[name].symbol
             assert symbol is not None
@@ -131,10 +131,10 @@ class ParameterTable:
         return self.unpack(self.values)
 
     def pack(self, values: Mapping[str, ArrayLike] | None = None, **law: ArrayLike) -> np.ndarray:
-        """Return ``values``, a mapping from names, as a vector (n,); parameters not named keep their defaults.
+        """Return the mapping ``values`` from names to values as a vector (n,); missing parameters have their defaults.
 
-        ``law`` are parameters of a contact law, without prefix. Values may be arrays over samples,
-        (k,) for a number or (k, rows, columns) for a matrix; then the result is (k, n). Unknown
+        ``law`` are parameters of a contact law, named without the prefix ``contact.``. Values may be arrays
+        over samples, (k,) for a number or (k, rows, columns) for a matrix; then the result is (k, n). Unknown
         names in ``values`` are ignored, unknown names in ``law`` raise ``KeyError``.
         """
         for name in law:
@@ -180,7 +180,8 @@ def signals(definition: str) -> tuple[Signal, ...]:
     for item in definition.split(";"):
         name, opened, after_bracket = item.strip().partition("[")
         unit, closed, description = after_bracket.partition("]")
-        # A single word is a name without unit; among several words one may be meant as the unit.
+        # A single word is a name without unit; where there are several words, one of them may be meant as the
+        # unit.
         if opened != "[" * len(closed) or (not opened and len(name.split()) > 1):
             raise ValueError(
                 f"signals: {item.strip()!r} needs its unit in brackets; write it as 'x [m]"

@@ -27,10 +27,10 @@ class ReducedContact:
     """The step of a system solved for the next state: ``x_next = a + B lam``.
 
     ``a`` (nx, 1), ``B`` (nx, nlam), the gap ``z`` (nlam, 1) at ``lam = 0`` and its derivative ``F``
-    (nlam, nlam) with respect to lam are expressions in the state, the input and the parameters
-    alone. Where ``affine``, ``gap = z + F lam`` for every lam. Elsewhere the derivative is taken at
-    ``x_next = x``, before any rotation, so that F is the symmetric ``J M^-1 J'`` of a linearised
-    gap, whose value at ``lam = 0`` is ``z_linear``.
+    (nlam, nlam) with respect to lam are expressions in the state, the input and the parameters alone. Where
+    ``affine``, ``gap = z + F lam`` for every lam. Otherwise the derivative is taken at ``x_next = x``, before
+    any rotation, so that F is the symmetric ``J M^-1 J'`` of a linearised gap, whose value at ``lam = 0`` is
+    ``z_linear``.
     """
 
     a: ca.SX
@@ -62,10 +62,11 @@ class ContactSystem:
 
     ``referee_model`` is the most exact model known of the system, see :attr:`most_exact`. ``refinable`` says
     that h is only a step size, so that ``h / 4`` gives the same system with finer steps. ``mass`` M (nq, nq),
-    in quasi-dynamics that of the unactuated coordinates, and ``stiffness`` K of the actuators must be positive
-    definite; they are expressions in x and the parameters, or None. ``scene`` says whether the system is a
-    scene of bodies, pushers and obstacles with true gaps, for which the default route may search over pushes
-    (:mod:`ocp.search.push_search`). ``machine`` is the machine that the system was built from, or None.
+    in quasi-dynamics the mass matrix of the unactuated coordinates, and ``stiffness`` K of the actuators must
+    be positive definite; they are expressions in x and the parameters, or None. ``scene`` says whether the
+    system is a scene of bodies, pushers and obstacles with true gaps, for which the default route may search
+    over pushes (:mod:`ocp.search.push_search`). ``machine`` is the machine that the system was built from, or
+    None.
 
     ``rotating_entries`` are the indices into x of quaternions, and of origins that rotate about a
     centre of mass: their rows of the residual are ``x_next[i] - f`` with f an expression in (x, u)
@@ -168,9 +169,9 @@ class ContactSystem:
     def most_exact(self) -> ContactSystem:
         """The most exact model known of the same system, or the system itself.
 
-        It has true gaps at the next position in place of linearised ones, and Coulomb friction with
-        maximum dissipation in place of convex friction. Its x, u, x_next, h and parameters are the
-        same, its lam and gap are its own.
+        That model has true gaps at the next position in place of linearised gaps, and Coulomb friction with
+        maximum dissipation in place of convex friction. Its x, u, x_next, h and parameters are the same, its
+        lam and gap are its own.
         """
         sharp = self._referee_model
         return self if sharp is None or sharp.build is None else sharp.build()

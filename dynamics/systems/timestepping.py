@@ -55,30 +55,30 @@ def time_stepping(
     ``mu = h / kappa`` (Suh et al. on pathologies of differentiable simulators, eq. 2-5). The state is
     ``(q, v)``, each (nq, 1); where the step size is optimised, it is the last state, a symbol h.
 
-    ``mass`` is M (nq, nq), constant or a function of q; ``impulse`` maps (q, v, u) to the smooth
-    impulse over one step (nq, 1) [N s], without that of ``damping`` D and ``stiffness`` K (nq, nq),
-    which act implicitly so that stiff joints stay stable. For the nc ``contacts``, ``distance`` maps
-    q to phi (nc, 1) [m], ``sliding`` to the rows J_t (nc, nq) with slip velocity J_t v [m/s];
-    ``friction`` is Coulomb's f, a scalar or (nc, 1), which may be zero, or None for frictionless.
-    ``limits`` maps q to the distance from every joint limit, ``energy_balance`` maps
-    (q, v, u, v+, gamma, beta+ - beta-) to the :class:`~dynamics.systems.EnergyBalance`.
+    ``mass`` is M (nq, nq), constant or a function of q; ``impulse`` maps (q, v, u) to the smooth impulse over
+    one step (nq, 1) [N s], without the impulse of ``damping`` D and ``stiffness`` K (nq, nq), which act
+    implicitly so that stiff joints stay stable. For the nc ``contacts``, ``distance`` maps q to phi (nc, 1)
+    [m], ``sliding`` to the rows J_t (nc, nq) with slip velocity J_t v [m/s]; ``friction`` is Coulomb's f, a
+    scalar or (nc, 1), which may be zero, or None without friction. ``limits`` maps q to the distance from every
+    joint limit, ``energy_balance`` maps (q, v, u, v+, gamma, beta+ - beta-) to the
+    :class:`~dynamics.systems.EnergyBalance`.
 
-    With ``cone="second-order"`` friction is that of the second-order cone ``|beta| <= f gamma``,
-    whose barrier ``log((f gamma)² - beta²)`` pairs eigenvalues of the cone and of its dual,
+    With ``cone="second-order"`` the friction cone is the second-order cone ``|beta| <= f gamma``, whose barrier
+    ``log((f gamma)² - beta²)`` pairs eigenvalues of the cone and of its dual,
     ``(f gamma ± beta) (psi ± h J_t v+) = mu``; in the plane with psi eliminated the two pairs are
-    ``upper ⟂ dual + 2 h J_t v+`` and ``dual ⟂ 2 f gamma - upper``, upper = f gamma + beta, dual =
-    psi - h J_t v+. At mu = 0 both cones are the same law; their central paths differ.
+    ``upper ⟂ dual + 2 h J_t v+`` and ``dual ⟂ 2 f gamma - upper``, upper = f gamma + beta, dual = psi - h J_t
+    v+. At mu = 0 both cones give the same law; their central paths differ.
 
-    With ``cone="edges"`` a step is a convex program where its gaps are affine, but a sliding contact
-    opens, see :func:`~dynamics.systems.timestepping.quasi_dynamic`; its most exact model has
-    maximum dissipation.
+    With ``cone="edges"`` a step is a convex program where its gaps are affine, but a sliding contact opens, see
+    :func:`~dynamics.systems.timestepping.quasi_dynamic`; the most exact model of the system has maximum
+    dissipation.
 
-    With ``linearised`` the gaps are expanded at the current q, so that rotating bodies may violate
-    the true distances, which its most exact model has. With ``load`` [N] in place of ``distance``
-    the contacts never open, see :func:`~dynamics.systems.timestepping.pressed_rows`.
+    With ``linearised`` the gaps are expanded at the current q, so that rotating bodies may penetrate; the most
+    exact model of the system has the true distances. With ``load`` [N] in place of ``distance`` the contacts
+    never open, see :func:`~dynamics.systems.timestepping.pressed_rows`.
 
-    Stewart and Trinkle, doi 10.1002/(SICI)1097-0207(19960815)39:15<2673::AID-NME972>3.0.CO;2-I.
-    Raises ``ValueError`` where an argument has the wrong type or a dimension does not fit.
+    Source: Stewart and Trinkle, doi 10.1002/(SICI)1097-0207(19960815)39:15<2673::AID-NME972>3.0.CO;2-I. Raises
+    ``ValueError`` where an argument has the wrong type or a dimension does not fit.
     """
     _check_arguments(name, states, inputs, contacts, h, parameters, cone)
     functions = {"impulse": impulse, "distance": distance, "sliding": sliding, "limits": limits}
@@ -189,11 +189,11 @@ def pressed_rows(
 
     ``0 <= forward ⟂ b + f >= 0``  and  ``0 <= backward ⟂ b - f >= 0``:
 
-    the multipliers are distances [m] and the gaps margins of the friction cone [N s], so ``lam gap``
-    is in N s m as for other pairs. J = ``slide`` (nc, nq), ``load`` > 0 the normal forces [N], a scalar or
-    (nc, 1); ``inertia`` A (nq, nq) and ``free`` (nq, 1) give ``v+ = free + A^-1 J' f``. On the
-    central path ``h J v+ = -2 mu f/(b² - f²)``, a barrier on both faces of the cone. Two
-    distances, not two impulses and a distance, keep the multipliers unique in stick.
+    the multipliers are distances [m] and the gaps margins of the friction cone [N s], so ``lam gap`` is in N s
+    m as for other pairs. J = ``slide`` (nc, nq), ``load`` > 0 the normal forces [N], a scalar or (nc, 1);
+    ``inertia`` A (nq, nq) and ``free`` (nq, 1) give ``v+ = free + A^-1 J' f``. On the central path
+    ``h J v+ = -2 mu f/(b² - f²)``, a barrier on both faces of the cone. With two distances, instead of two
+    impulses and a distance, the multipliers are unique in stick.
 
     The pairs are those of Li, Gong and Chalvatzaki, IMPACT, arXiv 2605.09127, and of adaptive
     barrier smoothing, fig. 6b.
@@ -244,11 +244,10 @@ def quasi_dynamic(
     """Build a quasi-dynamic system, after Suh et al. on noising contact data, eq. 13, with missing transposes added.
 
     ``(1/h) M dq_u = J_u' lam + h load``, ``h K (q_a+ - u) = J_a' lam``, ``gap = phi(q+)``, with
-    ``q = (q_u, q_a)`` the unactuated and actuated coordinates, ``dq = q+ - q``, u the commanded
-    ``q_a`` [m], ``mass`` M (n_u, n_u) [kg], ``stiffness`` K (n_a, n_a) [N/m], ``lam`` an impulse
-    [N s], ``load`` (n_u, 1) [N] a constant force such as weight, none by default.
-    ``distance`` maps q to phi [m]. With ``linearised``, as the paper has it, ``gap = phi(q) + J
-    dq``: the step is a convex QP, and rotating bodies may penetrate.
+    ``q = (q_u, q_a)`` the unactuated and actuated coordinates, ``dq = q+ - q``, u the commanded ``q_a`` [m],
+    ``mass`` M (n_u, n_u) [kg], ``stiffness`` K (n_a, n_a) [N/m], ``lam`` an impulse [N s], ``load`` (n_u, 1)
+    [N] a constant force such as weight, none by default. ``distance`` maps q to phi [m]. With ``linearised``,
+    as in the paper, ``gap = phi(q) + J dq``: the step is a convex QP, and rotating bodies may penetrate.
 
     ``friction`` are Coulomb's coefficients, and ``sliding`` maps q to the rows J_t (nc, nq). With
     ``cone="edges"`` each contact has the two gaps ``gap ± friction J_t dq``, one for each edge of its

@@ -139,7 +139,7 @@ INLINE i64 count_rows(M m, i64 row, i64 end) {
 """
 
 
-# Definitions of the same macros and functions for one sample at a time, in C11 with <math.h> alone.
+# Definitions of the same macros and functions for one sample at a time, in C11 with no header but <math.h>.
 _SCALAR = {
     "INLINE": "static",
     "NOINLINE": "",

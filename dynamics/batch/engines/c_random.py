@@ -108,7 +108,7 @@ _LN_2 = 0.6931471805599453
 def normals_source() -> str:
     """Return the C text of `four_normals`, the counter-based normals of `dynamics.batch.random`.
 
-    The C function `schedule` makes its keys from the two words of a seed's key.
+    The C function `schedule` computes the keys of all rounds from the two words of a seed's key.
     """
     return _PHILOX % {
         **{"rounds": ROUNDS, "m0": MULTIPLIERS[0], "m1": MULTIPLIERS[1]},

@@ -17,8 +17,8 @@ from dynamics.batch.graphs.tape import BOOLEAN, Operation, Tape, operands_of, se
 WHOLE = 1500
 # Operations of each part of a longer tape.
 PART = 300
-# Maximum number of operations of a function that is inlined; calls of longer ones cost little, and
-# their callers compile faster.
+# Maximum number of operations of a function that is inlined; calls of longer functions cost little, and callers
+# of such functions compile faster.
 INLINED = 150
 # Largest integer exponent written as a product, since the vector pow only approximates it.
 LARGEST_PRODUCT = 4
@@ -91,8 +91,8 @@ class RegisterLayout:
 def kernel_source(tape: Tape, name: str, layout: RegisterLayout | None = None, part_size: int | None = None) -> str:
     """Return the C text of `void name(const V *const in[], V *const out[])`, which evaluates a tape.
 
-    `in[k][j]` is nonzero j of input k, `out` likewise, at the indices of `layout`; no output may
-    overlap an input. A long tape becomes several functions, of `part_size` operations if given,
+    `in[k][j]` is nonzero j of input k and `out[k][j]` nonzero j of output k, at the indices of `layout`; no
+    output may overlap an input. A long tape becomes several functions, of `part_size` operations if given,
     which pass values through memory.
     """
     if part_size is None:

@@ -146,8 +146,8 @@ def _weighted_sums(weights: Array, values: Array, axes: tuple[int, int]) -> Arra
 class ChunkRollout:
     """Forward and adjoint sweeps for one chunk of samples, samples along the last axis.
 
-    `make` turns a CasADi function into a `Kernel`; each graph of `tapes` is one kernel. The length of
-    the noise is the horizon N; theta has one row for every step, or one for all of them.
+    `make` turns a CasADi function into a `Kernel`; each graph of `tapes` is one kernel. The length of the noise
+    is the horizon N; theta has one row for every step, or a single row that all steps share.
     """
 
     def __init__(self, tapes: RolloutTapes, make: Callable[[ca.Function], Kernel]) -> None:

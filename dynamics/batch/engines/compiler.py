@@ -39,7 +39,7 @@ FLAGS = (
 )
 # Flags that enable this CPU's instructions; the first that the compiler accepts are used.
 NATIVE_FLAGS = (("-march=native",), ("-mcpu=native",), ())
-# Line of a compiler's error output that does not state a cause.
+# Text in a line of a compiler's error output that does not state a cause.
 _NOISE_LINE = "compilation terminated"
 # Time limit of a compilation [s].
 COMPILE_TIMEOUT_S = 300
@@ -147,7 +147,7 @@ def vector_math(mangling: str) -> dict[str, str]:
 
 
 def _run(command: list[str], limit_s: float = COMPILE_TIMEOUT_S) -> str:
-    """Return the output of a command; where it fails, its process group is killed and `CompilerError` raised."""
+    """Return the output of a command; where it fails, kill its process group and raise `CompilerError`."""
     try:
         with subprocess.Popen(
             command,

@@ -121,9 +121,9 @@ _MIN_SHARED_SAMPLES = 32
 class CompiledRolloutEngine:
     """Engine of rollouts with a compiled C function `run(next, n, chunk, job)`.
 
-    One version is for parameters p that all samples share, another for parameters that differ between
-    samples, compiled at its first use; likewise for theta where the policy has layers. Raises
-    `CompilerError` where the rollout cannot be compiled.
+    One version is for parameters p that all samples share, another, compiled at its first use, for parameters
+    that differ between samples. Where the policy has layers, there are two such versions for theta as well.
+    Raises `CompilerError` where the rollout cannot be compiled.
     """
 
     chunk = 1024
@@ -255,7 +255,8 @@ class ChunkEngine:
     def _chunk(self, q: RolloutRequest) -> tuple[Array, Array, Array, Array]:
         """Return cost (m,), gradient and score (parts * n_theta or 0, m) and states (N + 1, nx, m) of one chunk.
 
-        The next call overwrites them."""
+        The next call overwrites these arrays.
+        """
         tapes, m = self._tapes, q.n
         scratch, rollout = self._rollout.scratch, self._rollout
         batched = {"x0": q.x0, "theta": q.theta, "p": q.p, "w": self._noise(q)}

@@ -11,9 +11,9 @@ not fail on a P-matrix, starts from ones. For the exact law the iteration is on 
 on {lam > s}, until the set does not change.
 
 All graphs use the solver's scaling, where F has a unit diagonal. Where the contact is not linear
-(friction, curved gaps) only the path of :mod:`dynamics.contact.path` is used, in a rollout from the
-solution of the step before. Where the path fails it is tried from the starts of
-:mod:`dynamics.contact.starts`, and the sample is reported where none of them leads to a solution.
+(friction, curved gaps) only the path of :mod:`dynamics.contact.path` is used, which starts from the solution of
+the previous step of the rollout. Where the path fails it is tried from the starts of
+:mod:`dynamics.contact.starts`, and the sample is reported where no start leads to a solution.
 """
 
 from __future__ import annotations

@@ -35,7 +35,7 @@ class Objective(ABC):
 
     @abstractmethod
     def check(self, step: Step) -> None:
-        """Raise `ValueError` where the dimensions of the objective's functions do not fit those of the step."""
+        """Raise `ValueError` where the dimensions of the objective's functions do not fit the step."""
 
     @abstractmethod
     def step_outcome(self, step: Step, x_next_expr: ca.SX) -> tuple[ca.SX, ca.SX]:
@@ -159,7 +159,7 @@ class Episode(Objective):
             require_sizes(role, fn, (*sizes, np), arguments, 1)
 
     def step_outcome(self, step: Step, x_next_expr: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Return the next state, or the same one once the episode is over, and minus the weighted reward."""
+        """Return the next state (the present one once the episode is over) and minus the weighted reward."""
         x, u, p = step.system.x, step.system.u, step.p.vector
         weight, lived = ca.vertsplit(self.carried)
         is_done = call_with_first(self.done, x_next_expr, p=p) != 0

@@ -20,9 +20,9 @@ from dynamics.systems.parameters import matrix_parameters
 class RolloutPolicy:
     """Policy u_t = actuate(law(x_t, theta) + w_t), with parameters theta for which gradients are computed.
 
-    `law` is a CasADi function `(x, theta) -> a`, `actuate` is `a -> u`, or None for the identity.
-    With `per_step` each step has its own parameters, and theta is `(horizon, n_theta)`; otherwise all
-    steps share one `(n_theta,)`.
+    `law` is a CasADi function `(x, theta) -> a`, `actuate` is `a -> u`, or None for the identity. With
+    `per_step` each step has its own parameters, and theta is `(horizon, n_theta)`; otherwise all steps share
+    the parameters `(n_theta,)`.
     """
 
     law: ca.Function

@@ -9,7 +9,7 @@ function theorem: with s = z + F lam,
 
     (diag(s) + diag(lam) F) d lam = d mu - diag(lam) (d z + d F lam)
 
-where the exact law has the active set (1 where lam > s) and its complement in place of lam and s.
+where under the exact law the indicator of the active set (1 where lam > s) replaces lam, and its complement s.
 Where the contact is not an LCP, the adjoint goes through the relation of the step's inner unknowns.
 """
 
@@ -146,7 +146,7 @@ class ClosedStep:
         return cost_dependence(outputs, self.terminal_cost, self.x, self.w)
 
     def _effective_noise(self, dependence: CostDependence) -> ca.SX:
-        """Return the noise, set to zero in states where it has no effect (`gates` of :class:`CostDependence`)."""
+        """Return the noise, with components set to zero in states where they have no effect, see `CostDependence`."""
         noise = ca.vertsplit(self.w)
         for j, s in np.argwhere(dependence.gates).tolist():
             noise[j] = ca.if_else(self.x[s] != 0, noise[j], 0)

@@ -45,12 +45,11 @@ def _moment(r: ca.SX, force: ca.SX) -> ca.SX:
 class Chain:
     """Equations of motion of trees of rigid links in the vertical plane.
 
-    ``M(q) dv/dt + bias(q, v) = B u + spring(q) + damping(v) + contact forces``, the
-    Euler-Lagrange equations of ``L = kinetic - potential`` where no force acts. M comes from
-    the composite-rigid-body algorithm, the rest from Newton-Euler recursions (Featherstone, Rigid Body
-    Dynamics Algorithms, 2008, ch. 5-6), whose graphs are several times smaller than
-    those from differentiating L. Coordinates ``q`` (nq, 1) have the order of the links given.
-    All methods take and return SX expressions; q and v may be any expressions.
+    ``M(q) dv/dt + bias(q, v) = B u + spring(q) + damping(v) + contact forces``, the Euler-Lagrange equations of
+    ``L = kinetic - potential`` where no force acts. M comes from the composite-rigid-body algorithm, the rest
+    from Newton-Euler recursions (Featherstone, Rigid Body Dynamics Algorithms, 2008, ch. 5-6), whose graphs are
+    several times smaller than those of derivatives of L. Coordinates ``q`` (nq, 1) have the order of the links
+    given. All methods take and return SX expressions; q and v may be any expressions.
 
     Raises ``ValueError`` where the links form no tree.
     """

@@ -17,11 +17,12 @@ def gyroscopic_impulse(chain: Chain, q: ca.SX, v: ca.SX, h: ca.SX | float) -> ca
     2. ``M(qm) vm = J(qm)' m w`` and ``w' = 2 J(qm) vm - w`` halfway, ``qm = q - h v / 2``,
     3. ``M(q) v' = J(q)' m w'``, and the impulse is ``M(q) (v' - v)``.
 
-    Links move freely; halfway the joints reflect w about the velocities that they allow, which keeps
-    its energy, and step 3 projects it, which loses at most O(h⁴). So ``v'' M(q) v' <= v' M(q - h v)
-    v`` at any h and v, whereas the explicit ``-h C(q, v) v`` gains energy without bound; momentum of
-    a free chain is conserved exactly. The cost is three poses and one solve. Compare the symmetric
-    projection of Hairer, Lubich and Wanner, Geometric Numerical Integration, 2006, V.4.1.
+    Between these steps the links move freely. In step 2 the joints reflect w about the velocities that they
+    allow, which preserves the kinetic energy; step 3 projects w' onto the velocities allowed at q, which loses
+    energy of at most O(h⁴). So ``v'' M(q) v' <= v' M(q - h v) v`` at any h and v, whereas the explicit
+    ``-h C(q, v) v`` gains energy without bound; momentum of a free chain is conserved exactly. The cost is
+    three poses and one solve. Compare the symmetric projection of Hairer, Lubich and Wanner, Geometric
+    Numerical Integration, 2006, V.4.1.
     """
     q_before, q_half = q - h * v, q - h * v / 2
     w = chain.link_velocities(q_before, v)

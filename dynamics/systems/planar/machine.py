@@ -125,7 +125,7 @@ class Machine(Multibody):
     def contacts(self, q: ca.SX, spheres: Collection[str] | None = None) -> dict[str, Contact]:
         """Return a mapping from names to contacts, of spheres with the ground and of collision pairs, at ``q`` (nq, 1).
 
-        ``spheres`` are the names of those that may touch the ground, by default all.
+        ``spheres`` are the names of the spheres that may touch the ground, by default all.
         """
         chain, contacts = self.tree(), {}
         for sphere in self.spheres:

@@ -77,7 +77,7 @@ class Contact:
 
 
 def _corners(shape: Shape, pose: Pose, other_shape: Shape, other_pose: Pose) -> list[tuple[ca.SX, ca.SX, ca.SX]]:
-    """Return gap, normal out of the other shape and nearest point of each rounded corner of ``shape``."""
+    """Return, for each rounded corner of ``shape``, gap, normal out of the other shape, and nearest point."""
     corner_contacts = []
     for corner in shape.corners:
         centre = pose.to_world(corner)
@@ -125,8 +125,8 @@ class FrictionSpec:
     def has_friction(self) -> ca.SX:
         """Indicator (nc, 1): 1, or 0 where the friction coefficient is zero.
 
-        Without friction the cone has no interior for the central path. There the pairs are those of
-        a contact with coefficient 1 that does not slide, and they exert no impulse.
+        Without friction the friction cone has no interior, which a central path needs. The pairs are then those
+        of a contact with coefficient 1 that does not slide, and exert no impulse.
         """
         return ca.if_else(self.friction == 0, 0, 1)
 

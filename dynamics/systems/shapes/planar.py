@@ -18,9 +18,9 @@ Point = tuple[Scalar, Scalar] | ca.SX
 class Pose:
     """Pose of a body in the plane: ``position`` (2, 1) [m] of its origin and ``angle`` [rad].
 
-    The angle counts from the second axis of the plane towards the first, in the plane (x, z)
-    about +y: ``R(a)(x, z) = (x cos a + z sin a, -x sin a + z cos a)``. Where a model counts its
-    angle the other way round, pass the angle with its sign changed.
+    The angle is measured from the second axis of the plane towards the first, in the plane (x, z) about +y:
+    ``R(a)(x, z) = (x cos a + z sin a, -x sin a + z cos a)``. Where a model measures its angle in the opposite
+    direction, pass the negative angle.
     """
 
     position: ca.SX
@@ -42,7 +42,7 @@ class Pose:
         return ca.sin(self.angle)
 
     def rotate(self, vector: Point) -> ca.SX:
-        """Return a vector of the body's frame in the world's axes (2, 1), ``R(angle) vector``."""
+        """Convert a vector from the body's axes to the world's axes (2, 1), ``R(angle) vector``."""
         x, z = vector[0], vector[1]
         return ca.vertcat(x * self.cos + z * self.sin, z * self.cos - x * self.sin)
 

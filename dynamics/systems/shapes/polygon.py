@@ -20,10 +20,9 @@ _FLAT_TOLERANCE = 1e-9
 class Polygon(Shape):
     """A convex polygon, its ``vertices`` (at least three, in order) rounded by ``radius``.
 
-    Vertices are given relative to ``centre`` and stored in the frame of the body. The sides are those
-    of the sharp polygon: rounding removes area at the corners, as for :class:`Box`. Numeric vertices
-    may run either way round; symbolic ones must run from the first axis of the plane to the second,
-    counterclockwise in (x, y).
+    Vertices are given relative to ``centre`` and stored in the frame of the body. Rounding removes area at the
+    corners and does not move the sides, as for :class:`Box`. Numeric vertices may run either way round;
+    symbolic ones must run from the first axis of the plane to the second, counterclockwise in (x, y).
 
     Raises ``ValueError`` for vertices without area, with crossing sides, or not convex, and for a radius so
     large that a side vanishes.
@@ -86,7 +85,7 @@ class Polygon(Shape):
             distance = ca.fmax(distance, height)
         for i, corner in enumerate(corners):
             offset = p - corner
-            # Past the end of the side before, and before the start of the side after.
+            # The point is past the end of the previous side and before the start of the next side.
             is_past_end = n[i - 1][0] * offset[1] - n[i - 1][1] * offset[0] > 0
             is_before_start = n[i][0] * offset[1] - n[i][1] * offset[0] < 0
             is_nearest = ca.logic_and(is_past_end, is_before_start)

@@ -37,15 +37,15 @@ class Body:
     in the body's axes, (xx, yy, zz) or (xx, yy, zz, xy, xz, yz) [kg m²]; ``com`` the position of
     that centre [m].
 
-    ``joint``: a ``hinge`` turns about ``axis``, a unit vector of the body's frame, by q [rad]; a
-    ``slide`` moves along it by q [m]; a ``ball`` has a unit quaternion, and its angular velocity
-    in the body's axes [rad/s]; ``free`` has the position in the world [m] and a quaternion, the
-    velocity of the origin in the world's axes [m/s] and an angular velocity in the body's (both at the
-    previous pose in a step, see :func:`~dynamics.systems.space.stepping.centre_velocities`); ``fixed``
-    has no coordinates. ``spring`` and ``damping`` act in hinges and slides (damping in all joints), the
-    spring at rest at ``rest`` [N m/rad, N m s/rad; N/m, N s/m]; ``gear``, ``limits`` and
-    ``armature`` as in :class:`~dynamics.systems.Link`. ``servo`` is the stiffness of a motor whose
-    input is its target position [N m/rad; N/m].
+    ``joint``: a ``hinge`` turns about ``axis``, a unit vector of the body's frame, by q [rad]; a ``slide``
+    moves along it by q [m]; a ``ball`` has a unit quaternion, and its angular velocity in the body's axes
+    [rad/s]; ``free`` has the position in the world [m] and a quaternion, the velocity of the origin in the
+    world's axes [m/s] and an angular velocity in the body's axes (both velocities at the previous pose in a
+    step, see :func:`~dynamics.systems.space.stepping.centre_velocities`); ``fixed`` has no coordinates.
+    ``spring`` and ``damping`` act in hinges and slides (damping in all joints), the spring at rest at ``rest``
+    [N m/rad, N m s/rad; N/m, N s/m]; ``gear``, ``limits`` and ``armature`` as in
+    :class:`~dynamics.systems.Link`. ``servo`` is the stiffness [N m/rad; N/m] of a motor whose input is its
+    target position.
 
     Raises ``ValueError`` for an invalid argument: a negative mass or inertia, inertia that breaks
     the triangle inequality, an axis or quaternion not of unit length, reversed limits, and a setting

@@ -14,7 +14,7 @@ from dynamics.systems.space.body import Vector
 from dynamics.systems.space.shapes import Box, Capsule, Cylinder, Hull, Plane, Shape, Sphere
 
 JointAxes = list[tuple[int, ca.SX, ca.SX, ca.SX]]
-"""Axes that move a body, as returned by :meth:`~dynamics.systems.space.tree.Tree.joint_axes`."""
+"""Joint axes that move a body, as returned by :meth:`~dynamics.systems.space.tree.Tree.joint_axes`."""
 _FLAT = 1e-3
 """Sine of the angle between a cylinder's axis and a plane's normal around which its lowest point is smoothed."""
 _DOWN = -0.7
@@ -222,7 +222,7 @@ def _distance_to_box(box: Box, pose: SpatialPose, point: ca.SX) -> tuple[ca.SX, 
 
 
 def _distance_to_cylinder(cylinder: Cylinder, pose: SpatialPose, point: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Return the signed distance and normal of a point as for a box, in the coordinates radius and height."""
+    """Return the signed distance of a point from a cylinder (inside, from the nearest side), and the outward normal."""
     start, end = pose.to_world(cylinder.start), pose.to_world(cylinder.end)
     axis, middle = end - start, (start + end) / 2
     half_length = ca.norm_2(axis) / 2

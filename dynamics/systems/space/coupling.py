@@ -62,7 +62,7 @@ class CoupledJoints:
         return closed
 
     def constrain(self, force: ca.SX, position: ca.SX, v_next: ca.SX, h: ca.SX | float) -> ca.SX:
-        """Return equations of motion (nv, 1): those along ``basis``, and the couplings.
+        """Return the equations of motion (nv, 1): the dynamics along ``basis``, and the couplings.
 
         ``force`` (nv, 1) is the residual without couplings, ``position`` (nv, 1) the positions of
         hinges and slides before the step. Rows of dependent joints become

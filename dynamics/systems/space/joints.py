@@ -12,10 +12,10 @@ from dynamics.systems.space.body import Body
 
 @dataclass(frozen=True, eq=False)
 class JointFrame:
-    """Rotation of a body's axes into its parent's, its origin there [m], and the motions of its joint.
+    """Rotation of a body's axes into its parent's axes, its origin in the parent's frame [m], and its joint's motions.
 
-    ``turns`` and ``moves`` (3, n) are the columns of angular and linear velocity in the body's own
-    axes for each entry of v; of a free joint the linear ones are left out, see
+    ``turns`` and ``moves`` (3, n) are the columns of angular and linear velocity in the body's own axes for
+    each entry of v; the linear velocities of a free joint are left out, see
     :class:`~dynamics.systems.space.tree.Tree`.
     """
 

@@ -55,9 +55,9 @@ class SpatialMachine(Multibody):
     """A machine in space: a tree of bodies, parts on them, and pairs of parts that may touch.
 
     ``collision_pairs`` are pairs of names of parts on different bodies; one of the two may be on the
-    :data:`WORLD`. Their contacts are called ``<one> on <other>``, with a number appended where a pair
-    has several points. Points that all joints move alike, such as those of a box that moves in a
-    plane, are one contact. ``gravity`` is an acceleration [m/s²].
+    :data:`WORLD`. Their contacts are called ``<one> on <other>``, with a number appended where a pair has
+    several points. Points that all joints move alike, such as the front and back corners of a box that moves in
+    a plane, are one contact. ``gravity`` is an acceleration [m/s²].
 
     Raises ``ValueError`` for bodies that form no tree, and for names that are unknown or used twice.
     """
@@ -116,7 +116,7 @@ class SpatialMachine(Multibody):
 
     @cached_property
     def _q(self) -> ca.SX:
-        """Symbolic pose at which points are compared, one for all pairs so that the tree is evaluated once."""
+        """Symbolic pose at which points are compared; all pairs share it, so that the tree is evaluated once."""
         return ca.SX.sym("q", self.tree().nq)
 
     def contacts(self, q: ca.SX, spheres: Collection[str] | None = None) -> dict[str, SpatialContact]:
@@ -167,7 +167,7 @@ def body_places(tree: Tree, q: ca.SX) -> dict[str, SpatialPose]:
 
 
 def name_contacts(name_a: str, name_b: str, contacts: Sequence[SpatialContact]) -> dict[str, SpatialContact]:
-    """Return a mapping from names to the contacts of two parts, with numbers where there are several."""
+    """Return a mapping from names to the contacts of two parts; the names are numbered where there are several."""
     numbers = [f" {k}" for k in range(1, len(contacts) + 1)] if len(contacts) > 1 else [""]
     return {f"{name_a} on {name_b}{number}": contact for number, contact in zip(numbers, contacts, strict=False)}
 
@@ -175,8 +175,8 @@ def name_contacts(name_a: str, name_b: str, contacts: Sequence[SpatialContact]) 
 def distinct_points(tree: Tree, q: ca.SX, part_a: PlacedShape, part_b: PlacedShape, count: int) -> list[int]:
     """Return indices of the ``count`` contacts of two parts, without those that duplicate another.
 
-    Contacts are duplicates where distances and rows along normal and tangents agree at random poses
-    of the symbol ``q`` (nq, 1); where these depend on a quaternion none are.
+    Contacts are duplicates where distances and rows along normal and tangents agree at random poses of the
+    symbol ``q`` (nq, 1); where distances or rows depend on a quaternion, no contacts count as duplicates.
     """
     if count < 2:
         return list(range(count))

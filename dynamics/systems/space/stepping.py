@@ -231,7 +231,7 @@ def _input(tree: Tree, motor: str) -> Signal:
 
 
 def about_centres(tree: Tree, q: ca.SX, v: ca.SX, sign: int = 1) -> ca.SX:
-    """Return v (nv, 1) with velocities of free bodies' centres of mass in place of those of their origins.
+    """Return v (nv, 1) with velocities of free bodies' centres of mass in place of velocities of their origins.
 
     With ``sign`` -1 convert from centres of mass to origins.
     """

@@ -90,7 +90,7 @@ class Tree:
 
     @cached_property
     def offset_origin_entries(self) -> list[int]:
-        """Indices into q of the origins of free bodies whose centre of mass is another point."""
+        """Indices into q of the origins of free bodies whose centre of mass is not the origin."""
         return [self.q_of[name].start + k for name in self.centres for k in range(3)]
 
     @cached_property
@@ -134,13 +134,13 @@ class Tree:
         return ca.vertcat(*q_parts)
 
     def pose(self, q: ca.SX, body: str) -> tuple[ca.SX, ca.SX]:
-        """Rotation (3, 3) of a body's axes into the world's, and its origin there (3, 1) [m]."""
+        """Rotation (3, 3) of a body's axes into the world's axes, and the body's origin in the world (3, 1) [m]."""
         return self._poses(q)[body]
 
     def joint_axes(self, q: ca.SX, body: str) -> list[tuple[int, ca.SX, ca.SX, ca.SX]]:
         """Return the axes that move a body: (index into v, turning axis, direction moved, a point of the axis).
 
-        All are in the world's axes, for the body's joint and those of its ancestors.
+        The vectors are in the world's axes; the list covers the joints of the body and of its ancestors.
         """
         axes, joints, ancestor = [], self._joints(q), body
         while ancestor is not None:
@@ -338,5 +338,5 @@ def _second_moment(a: ca.SX, b: ca.SX) -> ca.SX:
 
 
 def _symmetric(A: ca.SX) -> ca.SX:
-    """Return a symmetric matrix from its upper triangle, so that the lower one is not computed."""
+    """Return the symmetric matrix with the upper triangle of A, so that the lower triangle is not computed."""
     return ca.triu2symm(ca.triu(A))
