@@ -136,19 +136,21 @@ def _label_replay(plan: Judgement, rolled: Rollout, law: ContactLaw) -> xr.Datas
 class Solution(Judgement):
     """A plan for a problem, solved or not, with its judgement (:class:`~ocp.judge.verdict.Judgement`).
 
-    ``data`` has, labelled and with units, over dimensions scenario, node (N+1), interval (N),
-    state, control, contact: ``x`` (scenario, node, state), ``u`` (scenario, interval, control),
-    ``lam``, ``gap``, ``mu`` (scenario, interval, contact), their replay under the exact law
-    ``x_replay``, ``u_replay``, ``lam_replay``, ``gap_replay`` (contact_exact: without branches),
-    under the referee ``x_referee``, ``u_referee``,
-    ``phi``, ``phi_replay`` (scenario, node, distance) where the system knows its signed distance,
-    with friction ``normal_impulse``, ``friction_impulse``, ``slip``, ``friction_bound`` (friction
-    times normal impulse) and, as 0 or 1, ``active``, ``slipping``, ``degenerate`` (scenario,
-    interval, point) of every contact, and their ``_replay``, for feedback ``K`` (interval, control,
-    state) and ``k`` (interval, control), and the homotopy's stages: ``stage_value``,
-    ``stage_cost``, ``stage_complementarity``, ``stage_residual``, ``stage_iterations`` (stage), and
-    ``stage_x``, ``stage_u`` (accepted_stage, scenario or shared, interval, state or control) of
-    those stages that succeeded. The coordinate ``time`` is in [s].
+    ``data`` is labelled, with units, over the dimensions scenario, node (N+1), interval (N), state,
+    control and contact; its coordinate ``time`` is in [s]. It contains
+
+    - the plan: ``x`` (scenario, node, state), ``u`` (scenario, interval, control), and ``lam``, ``gap``,
+      ``mu`` (scenario, interval, contact); with feedback also ``K`` (interval, control, state) and ``k``
+      (interval, control);
+    - its replay under the exact law, ``x_replay``, ``u_replay``, ``lam_replay``, ``gap_replay`` (over
+      contact_exact, without branches), and by the referee, ``x_referee``, ``u_referee``;
+    - ``phi``, ``phi_replay`` (scenario, node, distance) where the system has signed distances;
+    - with friction ``normal_impulse``, ``friction_impulse``, ``slip``, ``friction_bound`` (friction times
+      normal impulse) and, as 0 or 1, ``active``, ``slipping``, ``degenerate`` (scenario, interval, point)
+      of every contact, and the same in the replay, with the suffix ``_replay``;
+    - the homotopy's stages: ``stage_value``, ``stage_cost``, ``stage_complementarity``,
+      ``stage_residual``, ``stage_iterations`` (stage), and ``stage_x``, ``stage_u`` (accepted_stage,
+      scenario or shared, interval, state or control) of the stages that succeeded.
 
     Of ``solve_s`` [s], ``evaluation_s`` was spent on evaluating cost, constraints and derivatives, and
     the rest, ``solver_s``, in the solver, such as on linear algebra and line search. Both parts are NaN

@@ -137,7 +137,7 @@ class Tracker:
         return abs(np.log(second / first)) if self.log else abs(second - first)
 
     def _violated(self, curve: KKTCurve, v: np.ndarray | None) -> np.ndarray | None:
-        """Return a mask of violated ends at a point; None without a point, and if a smooth law's pair is violated."""
+        """Return a mask of violated ends at a point; None if there is no point, or a smooth law's pair is violated."""
         if v is None:
             return None
         below = self._finite_margins(curve.margins(v)) < -ACTIVE_SET_TOLERANCE

@@ -35,11 +35,11 @@ _WORST_COUNT = 5
 class Audit:
     """Residuals recomputed from the trajectories, and the replay under the exact law.
 
-    Residuals are largest values over contacts and steps: ``complementarity`` of lam gap [N s m],
-    ``complementarity_min`` of min(lam, gap), ``dynamics_residual`` of |residual|, ``law_residual`` of
-    |lam gap - mu|, ``constraint_violation`` of the violations of bounds, path and terminal constraints,
-    ``penetration`` of max(0, -phi) with the true signed distance phi, and ``state_gap`` of
-    |x - x_replay|. ``exact_cost`` is the cost of the replay, ``exact_penetration`` its penetration.
+    Residuals are the largest values over contacts and steps. ``complementarity`` is that of lam gap
+    [N s m], ``complementarity_min`` of min(lam, gap), ``dynamics_residual`` of |residual|,
+    ``law_residual`` of |lam gap - mu|, ``constraint_violation`` of the violations of bounds, path and
+    terminal constraints, ``penetration`` of max(0, -phi) with the true signed distance phi, and
+    ``state_gap`` of |x - x_replay|. ``exact_cost`` and ``exact_penetration`` are those of the replay.
     ``active_steps`` counts the pairs, also those of friction, whose lam exceeds their gap, over all
     steps; ``task_gradient`` is computed by :func:`task_gradient`.
 

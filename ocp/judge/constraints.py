@@ -82,7 +82,7 @@ def tolerance_sizes(problem: Problem, x: np.ndarray) -> np.ndarray:
 def travelled_ranges(problem: Problem, x: np.ndarray) -> np.ndarray:
     """Return for every state (nx,) the largest range in x (S, N+1, nx) of any state of the same unit.
 
-    Infinite where nothing of that unit moves, or states are NaN.
+    The range is infinite where no state of that unit moves, or states are NaN.
     """
     units = np.array([signal.unit for signal in problem.system.states])
     with np.errstate(invalid="ignore"):

@@ -121,7 +121,7 @@ def undone_findings(
 
 
 def _driven_contacts(system: ContactSystem, steered: np.ndarray, passive: np.ndarray) -> list[str]:
-    """Return the names of contacts whose gap depends on ``steered`` states and which move ``passive`` ones (nx,)."""
+    """Return the contacts whose gap depends on ``steered`` states and that move ``passive`` states, masks (nx,)."""
     names = tuple(signal.name for signal in system.contacts) if system.forces is None else system.forces.names
     moved = np.array(ca.DM(system.reduced.B.sparsity(), 1))[passive].any(axis=0)
     jacobian = ca.jacobian_sparsity(system.gap, ca.vertcat(system.x, system.x_next))

@@ -45,7 +45,7 @@ _ROUNDING_SHARE = 1e-12
 _ASIDE_SHARE = 1e-6
 """Distance from a switch, as a share of the line, of the points whose values are compared with those at the switch."""
 _POLE_RATIO = 1e4
-"""Ratio of the value at a switch to the one at :data:`_ASIDE_SHARE` from it above which the switch is a pole."""
+"""Ratio of the value at a switch to the value :data:`_ASIDE_SHARE` away from it above which the switch is a pole."""
 _UNKNOWN_SHARE = 1e-3
 """Share of the values at a line's ends above which a difference is a jump where values at the switch are NaN."""
 _ZERO_SHARE = 1e-12
@@ -196,7 +196,7 @@ def _at(function: ca.Function, points: np.ndarray, output: int = 0) -> np.ndarra
 
 
 def _jumps_at(side: ca.Function, values: ca.Function, domain: Domain) -> bool:
-    """Return whether ``values`` differ between the two sides of a switch, or the one on the switch from both sides."""
+    """Return whether ``values`` differ between the sides of a switch, or on the switch differ from both sides."""
     low, high = domain.ends
     side_low, side_high = _at(side, low), _at(side, high)
     crossing = np.flatnonzero(np.isfinite(side_low + side_high) & (side_low != side_high))[:_LINES_PER_SWITCH]

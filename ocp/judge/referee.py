@@ -202,8 +202,9 @@ def referee_plan(
 def _other_solution(evaluation: Evaluation, plan: Rollout, gains: Gains | None) -> tuple[str, float]:
     """Return a clause on a step of a plan at which contact has another solution, and the plan's cost with it.
 
-    Of several, this is the solution that the replay takes, or else the costliest. ``("", nan)`` where
-    no step has one; the cost is NaN where the motion cannot be followed to the end.
+    Of several other solutions it is the one at which the replay ends, or else the costliest. The result
+    is ``("", nan)`` where no step has another solution; the cost is NaN where the motion cannot be
+    followed to the end.
     """
     problem, nonuniqueness = evaluation.problem, find_nonuniqueness(evaluation, plan)
     if nonuniqueness is None:

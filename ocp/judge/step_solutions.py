@@ -146,7 +146,7 @@ class StepSolutions:
     def __call__(
         self, x: np.ndarray, u: np.ndarray, x_next: np.ndarray, lam: np.ndarray, gap: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return solutions of n steps from x (n, nx) and u (n, nu), in which a plan has x_next, lam and gap.
+        """Return the solutions of n steps from x (n, nx) and u (n, nu), which end at x_next, lam and gap in a plan.
 
         Each of m solutions has the index of its step (m,), x_next (m, nx) and lam (m, nlam).
         """
@@ -203,7 +203,7 @@ class StepSolutions:
         return step_index[is_solution], x_next[is_solution], lam[is_solution]
 
     def _let_slide(self, lam: np.ndarray, gap: np.ndarray) -> None:
-        """Raise, in place, the slip of contacts without friction, undetermined by their sets, to that of the motion."""
+        """Raise in place the slip of contacts without friction, left open by their sets, to the slip of the motion."""
         for slip, sides in self._slips:
             extra_slip = np.where(lam[:, sides].any(axis=1), 0.0, -gap[:, sides].min(axis=1).clip(max=0))
             lam[:, slip] += extra_slip

@@ -266,7 +266,7 @@ def initial_guesses(
 ) -> list[InitialGuess]:
     """Return ``count`` guesses: ``first``, by default the problem's own guess, and perturbations of it.
 
-    The noise has a standard deviation of 0.3 characteristic sizes; each guess has its own stream of the seed.
+    The noise has a standard deviation of 0.3 characteristic sizes; each guess has its own random stream.
     """
     X, U = first if first is not None else evaluation.initial_guess
     guesses, sizes = [(X, U)], evaluation.problem.scales

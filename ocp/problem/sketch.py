@@ -102,7 +102,7 @@ class Sketch:
 
     @staticmethod
     def _check_marks(marks: np.ndarray, evaluation: Evaluation) -> None:
-        """Raise :class:`~ocp.errors.InputError` for keyframes outside the bounds, or one at step 0 off the start."""
+        """Raise :class:`~ocp.errors.InputError` for a keyframe outside the bounds, or at step 0 not at the start."""
         problem, limits = evaluation.problem, evaluation.limits
         lower, upper = np.tile(limits.x_lower, (len(marks), 1)), np.tile(limits.x_upper, (len(marks), 1))
         lower[0], upper[0] = evaluation.start_limits

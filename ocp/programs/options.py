@@ -55,7 +55,7 @@ INTERFACE: dict[str, dict[str, Setting]] = {
 
 
 def documented(solver: str) -> dict[str, Setting]:
-    """Return the known options of a solver: those that IPOPT documents, or those of Uno by their names alone.
+    """Return the known options of a solver: those that IPOPT documents, or Uno's, with names and types alone.
 
     It is empty for fatrop and SLEQP, whose options are probed.
     """

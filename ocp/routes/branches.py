@@ -182,7 +182,7 @@ class Branches:
         return model.dual_bound(multipliers, radius) <= tolerance_of(model)
 
     def _exchange(self, model: LinearModel, best: Result, radius: float) -> Result | None:
-        """Return the result of the branch that a descent direction leads to; None without one."""
+        """Return the result of the branch that a descent direction leads to; None if there is no such direction."""
         if not 0 < model.effort(radius) <= _EFFORT:
             return None
         cut = tolerance_of(model)

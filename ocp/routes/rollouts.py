@@ -118,7 +118,7 @@ class RolloutStarts:
         return self.evaluation.limits[2:4]
 
     def perturbed(self, program: Program, count: int) -> list[Point]:
-        """Return finite rollouts of the guessed inputs and of perturbed ones, at most ``count`` in all."""
+        """Return finite rollouts of the guessed inputs and of perturbed inputs, at most ``count`` in all."""
         plans = initial_guesses(self.evaluation, count, 0, self.guess)
         rolled = self._roll_out(np.array([u for _, u in plans]))
         solved = np.flatnonzero(np.all(np.isfinite(rolled.x), axis=(1, 2)))
@@ -128,7 +128,7 @@ class RolloutStarts:
     def acting_inputs(self) -> np.ndarray:
         """Mask (N, nu): whether the step's equations depend on each input, in the states of the guess.
 
-        Inputs and multipliers are random, seed 0: at guessed ones a derivative may be zero by chance.
+        Inputs and multipliers are random, seed 0: at guessed values a derivative may be zero by chance.
         """
         system, (x, u) = self.problem.system, self.guess
         equations = ca.vertcat(system.residual, system.gap)

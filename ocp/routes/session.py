@@ -40,7 +40,7 @@ class Session:
     """A problem with a contact law, method and policy: its step and one NLP per reformulation, built once.
 
     ``values`` maps names of parameters (problem, law, strategy) to values; change them and solve again.
-    ``user_guess`` is the user's guess, near which one solution is searched. ``windows`` maps blocks of
+    ``user_guess`` is the user's guess, near which a solution is searched. ``windows`` maps blocks of
     variables to narrower bounds, in every NLP.
     """
 

@@ -199,7 +199,7 @@ def _to_space(point: Any) -> tuple[Any, ...]:
 
 
 def _shapes(mechanism: Mechanism) -> tuple[dict[str, PlacedShape], dict[str, tuple[str, str]]]:
-    """Return a dict from names to shapes, the ground included, and one from contacts to pairs of names."""
+    """Return a dict from names to shapes, the ground included, and a dict from contacts to pairs of names."""
     machine = mechanism.machine
     spheres = [sphere.name for sphere in getattr(machine, "spheres", ())]
     on_ground = [name for name in spheres if mechanism.spheres is None or name in mechanism.spheres]

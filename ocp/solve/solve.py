@@ -69,7 +69,7 @@ def solve(
     (:func:`~ocp.solve.warm_start.carry`). Where it does not converge, they are the guess of a usual solve.
     ``guess`` replaces the problem's own guess: states (N+1, nx) and inputs (N, nu); a dataset with ``x`` and ``u``;
     or a solution, such as a run that :func:`ocp.load` reads, resampled where its horizon differs. Under the exact
-    law the guess is also rolled out and solved near itself: the answer is never worse than that rollout. A run of
+    law the guess is also rolled out and improved locally: the answer is never worse than this rollout. A run of
     another problem gives the states and inputs that have the same names. A :class:`~ocp.problem.sketch.Sketch`, or its
     keyframes ``{0: pose, 20: pose}`` alone, says only where a plan passes and which contacts close when; under the
     exact law the solver finds plans that do so, and then improves them without these limits.

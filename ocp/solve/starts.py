@@ -65,8 +65,8 @@ def solve_session(
     the guesses, if it finds any. Otherwise it is run after the guesses, where their answer falls short
     (:meth:`ocp.search.push_search.PushSearch.wanted`).
 
-    Raises :class:`~ocp.solution.Interrupted` where Ctrl-C ends it, with the best answer so far, or during
-    the first start with the best point so far.
+    Raises :class:`~ocp.solution.Interrupted` where Ctrl-C ends the solve, with the best answer so far or,
+    during the first start, with the best point so far.
     """
     solutions: list[Solution] = []
     failures: list[Exception] = []

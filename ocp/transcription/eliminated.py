@@ -92,8 +92,8 @@ class Implicit(EliminatedUnknowns):
 class ModelOutputs(EliminatedUnknowns):
     """Outputs of a learned step's model at ``queries``, which are expressions in w and p.
 
-    The model's Jacobians are evaluated with its values, its second derivatives contracted with the
-    gradient of the Lagrangian.
+    The model's Jacobians are evaluated together with its values; its second derivatives are contracted
+    with the gradient of the Lagrangian.
     """
 
     step: LearnedStep

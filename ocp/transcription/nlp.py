@@ -188,10 +188,10 @@ class NLP(Program):
         return self._pack_sizes(natural, lam, gap)
 
     def active_sets(self, x: np.ndarray) -> list[np.ndarray]:
-        """Return masks (m,) of pairs with gap zero, as guesses: their multiplier is the larger member, in sizes.
+        """Return one or two masks (m,) of pairs whose gap is probably zero, since lam exceeds it in their sizes.
 
-        Where slip pairs make a difference, the first guess compares all pairs as impulses and gaps:
-        neither guess alone is right for friction that hardly slides.
+        Where slip pairs make a difference, a first mask compares the members of all pairs as impulses and
+        gaps: neither mask alone is right for friction that hardly slides.
         """
         by_sizes, sizes = super().active_sets(x), self.problem.natural_scales
         first, second = (x / self.natural.x)[self.pairs]

@@ -22,7 +22,7 @@ class Stage:
 
     ``index`` (copies, nw) are the indices of each copy's local variables in ``[x; data]``, ``rows``
     (copies, nc) those of its constraints in g; ``weight`` scales the cost. ``eliminated`` are unknowns
-    that w determines, or None; all derivatives are total ones, through them.
+    that w determines, or None; all derivatives include the change of these unknowns with w.
     """
 
     name: str
