@@ -196,8 +196,7 @@ def inverse_variance(first_variance: float, zeroth_variance: float) -> float:
 
 
 def bernstein_distance(n: int, d: int, variance: float, deviation: float, delta: float) -> float:
-    """Return a bound on the distance of the mean of n samples from its expectation; it holds with probability 1 -
-    delta.
+    """Return a bound, of probability 1 - delta, on the distance of the mean of n samples from its expectation.
 
     The bound is ``sqrt(2 s^2 l / n) + 2 L l / (3 n)`` with ``l = ln((d + 1)/delta)``, which is the vector
     Bernstein inequality solved for the distance. ``variance`` s^2 is the trace of one sample's covariance, and

@@ -204,8 +204,7 @@ def judge_estimate(
     jump: Jump | None = None,
     bias: EmpiricalBias | None = None,
 ) -> Verdict:
-    """Judge an estimate by its ``moments``, compared with ``reference``; the error of the reference widens the
-    interval.
+    """Judge an estimate by its ``moments``, compared with ``reference``, whose error widens the interval.
 
     An estimate whose interval does not contain the reference is *biased* if the cost jumps, or if ``jump`` is
     None; more samples will not help. It is *empirically biased at this sample size* if the cost is continuous:

@@ -1,8 +1,8 @@
-"""Description of a solve by names and numbers, from which any process can build its session.
+"""Description of a solve by names and numbers, from which any process can build the solve's session.
 
-The session of a sweep's point is built like that of a single solve, so that its solution is bitwise
-the same. Only compiled functions of programs, steps, costs and bounds are reused between points:
-parameters are their inputs, so that equal graphs give equal functions.
+The session of a sweep's point is built like the session of a single solve, so that both have bitwise the same
+solution. Only compiled functions (of programs, steps, costs and bounds) are reused between points. Parameters
+are inputs of these functions, so that equal graphs give equal functions.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ NAME_PREFIXES = {"contact": "contact_settings", "problem": "params", "setting": 
 class Case:
     """Request of ``ocp solve``: a problem's name or file, and names and settings of law, method, policy and solver.
 
-    ``settings`` are those of ``-s``: the method's, the solver's, and ``policy.<name>``. ``content`` is
-    the digest of the user's files, those of the problem and of a learned law, or None if unknown. Any
-    process that builds the case checks that its files have the same digest.
+    ``settings`` are the settings that ``-s`` accepts: those of the method and of the solver, and
+    ``policy.<name>``. ``content`` is the digest of the user's files that define the problem and a learned law,
+    or None if unknown. Any process that builds the case checks that the files it reads have the same digest.
     """
 
     problem: str
@@ -68,9 +68,9 @@ class Case:
         return getattr(source, "digest", None), law_digest(self.contact)
 
     def session(self, source: ProblemSource | None = None) -> Session:
-        """Build the session of the solve, from ``source`` if given.
+        """Build the session of the solve; ``source``, if given, builds the problem.
 
-        Raises :class:`~ocp.errors.InputError` as :func:`~ocp.solve.solve.new_session` does, and for
+        Raises the errors of :func:`~ocp.solve.solve.new_session`, and :class:`~ocp.errors.InputError` for
         unknown names and settings.
         """
         return new_session(
@@ -85,7 +85,7 @@ class Case:
         )
 
     def at(self, values: Mapping[str, float]) -> Case:
-        """Return the case with other values, a mapping from full names (:meth:`full_name`)."""
+        """Return the case with changed ``values``, a mapping from full names (:meth:`full_name`) to numbers."""
         changes: dict[str, dict[str, Any]] = {}
         for name, value in values.items():
             field_name, key = _field_and_key(name)
@@ -103,8 +103,8 @@ class Case:
 
         A ``name`` without prefix is a parameter of the problem or else a setting of the law.
 
-        Raises :class:`~ocp.errors.InputError` for an unknown name, with the nearest names, and for the
-        name of something other than a number.
+        Raises :class:`~ocp.errors.InputError` for an unknown name (the message suggests similar names) and for
+        a setting that is not a number.
         """
         params, law = source.Params.model_fields, law_settings(self.contact)
         prefix, dot, key = name.partition(".")
@@ -148,7 +148,7 @@ class Case:
 
 
 def _field_and_key(name: str) -> tuple[str, str]:
-    """Return the field of a :class:`Case`, and the key in that mapping, for a full name."""
+    """Return the field of :class:`Case` that stores a full name, and the key in that field."""
     head, _, key = name.partition(".")
     return ("settings", name) if head == "policy" else (NAME_PREFIXES[head], key)
 
@@ -161,7 +161,7 @@ class SessionCache:
         self._sources: dict[tuple[str, str | None], ProblemSource] = {}
 
     def session(self, case: Case) -> Session:
-        """Build a session of ``case`` and cache it; raises as :meth:`~ocp.jobs.case.Case.session` does."""
+        """Build a session of ``case`` and cache it; raises the errors of :meth:`~ocp.jobs.case.Case.session`."""
         request = case.problem, case.content
         if request not in self._sources:
             self._sources[request] = case.source()
@@ -178,14 +178,14 @@ _thread_state = threading.local()
 
 
 def cached_session(case: Case) -> Session:
-    """Build a session of ``case`` with this thread's cache; raises as :class:`SessionCache` does."""
+    """Build a session of ``case`` with this thread's cache; raises the errors of :class:`SessionCache`."""
     if not hasattr(_thread_state, "cache"):
         _thread_state.cache = SessionCache()
     return _thread_state.cache.session(case)
 
 
 def structure(session: Session) -> list[Any]:
-    """Return all on which a session's compiled functions depend: graphs, sizes and choices, but no parameter values."""
+    """Return everything on which a session's compiled functions depend: graphs, sizes and choices, no parameters."""
     problem, step = session.problem, session.step
     steps = (step, problem.exact_step, problem.referee_step)
     return [

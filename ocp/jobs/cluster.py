@@ -1,4 +1,4 @@
-"""Jobs on a Dask cluster, whose scheduler reassigns the jobs of workers that die."""
+"""Jobs on a Dask cluster. If a worker dies, the scheduler gives its jobs to other workers."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ def run_on_cluster(
 ) -> Generator[tuple[int, Any], None, None]:
     """Run jobs on the workers of the scheduler at ``address``; yield index and outcome of each as it ends.
 
-    Raises :class:`~ocp.errors.InputError` if dask.distributed is not installed, no scheduler
-    answers, it has no workers, or they cannot import this package.
+    Raises :class:`~ocp.errors.InputError` if dask.distributed is not installed, no scheduler answers, the
+    scheduler has no workers, or the workers cannot import this package.
     """
     with _connect(address) as client:
         events: queue.Queue[tuple[str, int, Any]] = queue.Queue()
@@ -60,7 +60,7 @@ def _outcome(future: Any, index: int) -> Any:
 
 
 def _run_on_worker(function: Function, job: Any, index: int, topic: str) -> Any:
-    """Run a job on a Dask worker and send its reports to ``topic``; return None if it is cancelled."""
+    """Run a job on a Dask worker and send its reports to ``topic``; return None if the job is cancelled."""
     from distributed import get_worker
 
     worker = get_worker()
@@ -80,7 +80,7 @@ def _run_on_worker(function: Function, job: Any, index: int, topic: str) -> Any:
 
 
 async def _check_answer(address: str) -> None:
-    """Check that a scheduler answers, by connecting once; raises as ``distributed.comm.connect`` does."""
+    """Connect once to check that a scheduler answers; raises the errors of ``distributed.comm.connect``."""
     from distributed.comm.core import connect
     from distributed.core import coerce_to_address
     from distributed.security import Security

@@ -46,11 +46,11 @@ def estimate(
         estimate("heaviside", samples=10_000, params={"theta": 0.5})["fobg"].verdict
 
     ``problem`` is the name of an objective or problem, or the path of a problem's file. ``sigma`` is the
-    standard deviation of the noise, by default the objective's or a tenth of the inputs' largest
-    characteristic size. ``theta`` is the decision: the components of an objective, or a problem's inputs
-    or gains at all steps, by default the problem's initial guess. ``engine`` are ``backend`` and
-    ``threads``. Other arguments are those of :class:`Sampling` and :func:`ocp.solve`. Results do not
-    depend on the number of processes, ``jobs``, or the Dask cluster at ``scheduler``.
+    standard deviation of the noise (default: that of the objective or, for a problem, a tenth of the inputs'
+    largest characteristic size). ``theta`` is the decision: the components of an objective, or a problem's
+    inputs or gains at all steps (default: the problem's initial guess). ``engine`` may contain ``backend`` and
+    ``threads``. Other arguments are those of :class:`Sampling` and :func:`ocp.solve`. Results do not depend on
+    the number of processes, ``jobs``, or the Dask cluster at ``scheduler``.
 
     Raises :class:`~ocp.errors.InputError` for unknown names, parameters out of range, and noise
     above 1e9 times or below 1e-9 times the default.

@@ -1,4 +1,4 @@
-"""Sampling of gradient estimates in several processes or on a Dask cluster, bitwise as in one process."""
+"""Sampling of gradient estimates in parallel, with bitwise the same results as in one process."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ PIECE = 4 * BULK
 
 @dataclass(frozen=True)
 class PieceJob:
-    """Job that samples an estimator: samples ``first`` to ``last`` of ``n``, or of the cost if it is None."""
+    """Job that computes samples ``first`` to ``last - 1`` of ``n``, which are costs if ``estimator`` is None."""
 
     case: ObjectiveCase
     estimator: Estimator | None
@@ -38,7 +38,7 @@ _last_objective = threading.local()
 
 
 def _cached_objective(case: ObjectiveCase) -> SampledObjective:
-    """Return the objective of ``case``, reusing that of this thread's last job if it is the same."""
+    """Return the objective of ``case``; if this thread's last job had the same case, its objective is reused."""
     key = pickle.dumps(case)
     if getattr(_last_objective, "key", None) != key:
         _last_objective.objective, _last_objective.key = case.build().objective, key
@@ -46,7 +46,7 @@ def _cached_objective(case: ObjectiveCase) -> SampledObjective:
 
 
 def sum_piece(job: PieceJob, report: Callable[[Any], None]) -> list[Chunk]:
-    """Return the chunks of a job's samples, and report the size of each."""
+    """Return the chunks of a job's samples, and report the size of each chunk."""
     summed = []
     objective = _cached_objective(job.case)
     for chunk in local_chunks(objective, job.estimator, job.noise, job.first, job.last, job.n):
@@ -57,13 +57,13 @@ def sum_piece(job: PieceJob, report: Callable[[Any], None]) -> list[Chunk]:
 
 @dataclass(frozen=True)
 class JobWorkers:
-    """Workers that sample an objective in parallel; a :data:`~ocp.gradients.sampling.ChunkSource`."""
+    """Source of chunks (:data:`~ocp.gradients.sampling.ChunkSource`) that samples an objective in parallel."""
 
     case: ObjectiveCase
     workers: Workers
 
     def __call__(self, estimator: Estimator | None, noise: Gaussian, first: int, last: int, n: int) -> Iterator[Chunk]:
-        """Yield the chunks of samples ``first`` to ``last`` of n in order; raise a job's exception.
+        """Yield, in order, the chunks of samples ``first`` to ``last - 1`` of n; raises the exception of a failed job.
 
         A sample depends only on its index, not on the worker that draws it.
         """

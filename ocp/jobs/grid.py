@@ -1,4 +1,4 @@
-"""Grid of a sweep's points: its axes, the checkpoints of points, and the dataset of all results."""
+"""Grid of a sweep's points: axes, checkpoints of finished points, and the dataset of all results."""
 
 from __future__ import annotations
 
@@ -36,14 +36,14 @@ if TYPE_CHECKING:
 
 
 AXIS_DIGITS = 12
-"""Number of significant digits to which values are rounded, so that a point can be selected by 0.3."""
+"""Number of significant digits to which axis values are rounded, so that 0.3 is exactly 0.3 and can be selected."""
 
 
 def parse_axes(over: Mapping[str, Any] | Iterable[str | Axis]) -> tuple[Axis, ...]:
     """Parse a grid's axes: texts as in :data:`AXIS_GRAMMAR`, or a mapping from names to arrays or ``"A:B:n"``.
 
-    Raises :class:`~ocp.errors.InputError` for no axis, repeated names, texts that do not follow the
-    grammar, and more than :data:`MAX_AXIS_VALUES` points.
+    Raises :class:`~ocp.errors.InputError` if there is no axis, a name is repeated, a text does not follow the
+    grammar, or there are more than :data:`MAX_AXIS_VALUES` points.
     """
     if isinstance(over, Mapping):
         parsed = [_axis_of_values(str(name), values) for name, values in over.items()]
@@ -88,7 +88,7 @@ def _axis_of_values(name: str, values: Any) -> Axis:
 
 
 def _is_geometric(values: np.ndarray) -> bool:
-    """Return whether values are closer to equal ratios than to equal steps; False for fewer than three."""
+    """Return whether values are closer to equal ratios than to equal differences; False for fewer than three values."""
     if values.size < 3 or np.any(values <= 0):
         return False
     steps, ratios = np.diff(values), np.diff(np.log(values))
@@ -96,25 +96,25 @@ def _is_geometric(values: np.ndarray) -> bool:
 
 
 ROW_UNITS = {"solve_s": "s", "seconds": "s", "penetration": "m"}
-"""Mapping from names of a point's numbers to their units; other numbers have none."""
+"""Mapping from names of a point's numbers to their units; all other numbers are dimensionless."""
 SECONDS = "seconds"
 """Name of a point's total time [s]."""
 GAIN_NAMES = {"K": "gain_K", "k": "gain_k"}
-"""Names of gains in a dataset, which differ from K and k since parameters may have those names."""
+"""Mapping from K and k to their names in a dataset, where parameters may already have the names K and k."""
 _DIMENSIONS = ("scenario", "node", "interval", "state", "control", "contact", "contact_exact")
 """Dimensions of a point's trajectories in a dataset."""
 DATASET_NAMES = {
     *(*_DIMENSIONS, "time", SECONDS, *ROW_NUMBERS, *ROW_TEXTS, *ROW_COUNTS),
     *(name for name in STORED_ARRAYS if name not in GAIN_NAMES),
 }
-"""Names of a sweep dataset's variables and dimensions, which an axis cannot have."""
+"""Names of variables and dimensions in a sweep's dataset, which cannot be names of an axis."""
 
 
 @dataclass(frozen=True)
 class Grid:
-    """Grid of solves: a case at all combinations of the axes' values, with full names as in :class:`Case`.
+    """Grid of solves: a case at all combinations of the axes' values; axes have full names as in :class:`Case`.
 
-    ``starts``, ``seed`` and ``rank`` are those of each solve.
+    ``starts``, ``seed`` and ``rank`` are the number of guesses, the seed and the ranking of every solve.
     """
 
     case: Case
@@ -125,7 +125,7 @@ class Grid:
 
     @cached_property
     def source(self) -> ProblemSource:
-        """Source that builds the problem, which is read once."""
+        """Source that builds the problem, read at the first access."""
         return self.case.source()
 
     @property
@@ -135,7 +135,7 @@ class Grid:
 
     @property
     def point_values(self) -> list[dict[str, float]]:
-        """Mappings from full names to values for all points, the last axis fastest."""
+        """List of mappings from full names to values, one for each point; the last axis varies fastest."""
         names = [axis.name for axis in self.axes]
         values = itertools.product(*(axis.values for axis in self.axes))
         return [dict(zip(names, combination, strict=True)) for combination in values]
@@ -170,8 +170,8 @@ class Grid:
     def check(self, jobs: int = 1) -> Session:
         """Check that every value is valid at some point and that memory suffices; return the first valid session.
 
-        Raises the :class:`~ocp.errors.InputError` of a value that is valid at no point, and one if
-        ``jobs`` solves at once, or the results of all points, need too much memory.
+        Raises :class:`~ocp.errors.InputError` if a value is valid at no point, or if ``jobs`` solves at once,
+        or the results of all points, need too much memory.
         """
         source = self.source
         refused: dict[tuple[str, float], InputError] = {}
@@ -193,7 +193,7 @@ class Grid:
         session = first.session(source)
         check_memory(f"{jobs} solves in parallel", jobs * session.memory)
         count = math.prod(self.shape)
-        # Shorter points are padded to the longest.
+        # Trajectories of points with smaller N are padded to the longest.
         longest = math.prod(
             max(axis.values) / axis.values[0] for axis in self.axes if axis.name in ("problem.N", "problem.scenarios")
         )
@@ -201,7 +201,7 @@ class Grid:
         return session
 
     def checkpoint(self, root: Path | None, name: str) -> Checkpoint:
-        """Return the checkpoint of this grid in the store ``root``; it is another one after the user's files change."""
+        """Return the checkpoint of this grid in the store ``root``; a change of the user's files gives another."""
         request = {
             "case": {**vars(self.case), "content": None},
             "axes": [vars(axis) for axis in self.axes],
@@ -213,15 +213,15 @@ class Grid:
 
 
 def dimension_name(name: str) -> str:
-    """Return the name of an axis's dimension in a dataset, such as ``M`` or ``contact.mu``, from its full name."""
+    """Return the name of the dataset's dimension, such as ``M`` or ``contact.mu``, for an axis's full name."""
     short = name.removeprefix("problem.")
     return name if short in DATASET_NAMES else short
 
 
 def grid_dataset(study: Grid, session: Session, points: Sequence[JobResult]) -> xr.Dataset:
-    """Return all points as a dataset with a dimension for each axis, followed by those of the trajectories.
+    """Return all points as a dataset; each array has a dimension for each axis, then those of its trajectories.
 
-    If trajectories differ in size, as in a sweep over N, shorter ones are padded with NaN.
+    If trajectories differ in size, as in a sweep over N, shorter trajectories are padded with NaN.
     """
     import xarray as xr
 
@@ -253,7 +253,7 @@ def _axis_unit(session: Session, name: str) -> str:
 
 
 def _dimension_sizes(points: Iterable[JobResult]) -> dict[str, int | list[str]]:
-    """Return a mapping from dimensions to their largest size over all points or, if labelled, to all labels."""
+    """Return a mapping from each dimension to its largest size over all points or, if labelled, to all its labels."""
     counts: dict[str, int] = {}
     labels: dict[str, list[str]] = {}
     for array in (array for point in points for array in point.arrays.values()):
@@ -289,7 +289,7 @@ def _stack_array(
 
 @dataclass(frozen=True)
 class SavedPoints:
-    """Files of finished points, under numbers from ``first`` on (:class:`~ocp.jobs.scheduling.SavedResults`)."""
+    """Storage of finished points under the numbers ``first``, ... (a :class:`~ocp.jobs.scheduling.SavedResults`)."""
 
     files: SavedWork
     first: int = 0
@@ -307,7 +307,7 @@ class SavedPoints:
         return JobResult(rows[0]["row"], arrays)
 
     def save(self, index: int, point: JobResult) -> JobResult:
-        """Save and return a point; its row is written after its arrays, so that a row implies complete arrays."""
+        """Save and return a point; its row is written last, so that the arrays are complete if there is a row."""
         layout = {name: [array.dims, dict(array.labels)] for name, array in point.arrays.items()}
         if point.arrays:
             arrays = {name: array.values for name, array in point.arrays.items()}
@@ -320,6 +320,6 @@ class SavedPoints:
 
 
 def load_points(study: Grid, files: SavedWork) -> dict[int, JobResult]:
-    """Return a mapping from indices to the finished points in ``files``."""
+    """Return a mapping from grid indices to the results of the points that are finished in ``files``."""
     points = ((index, SavedPoints(files).load(index)) for index in range(math.prod(study.shape)))
     return {index: point for index, point in points if point is not None}

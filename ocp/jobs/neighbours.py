@@ -1,4 +1,4 @@
-"""Improvement of a sweep: points are solved again from neighbours' plans, and the better solution is taken."""
+"""Improvement of a sweep by solving points again from the solutions (plans) of neighbouring points."""
 
 from __future__ import annotations
 
@@ -12,17 +12,18 @@ from ocp.jobs.sweep_job import FAULT_STATUS, REJECTED_STATUS, JobResult, RollJob
 from ocp.jobs.sweep_record import describe_point
 
 OUTLIER_SHARE = 1e-3
-"""Minimum gain of a neighbour's plan that counts, as a share of the cost that a plan can change."""
+"""Minimum decrease of the cost that counts as better, as a share of the difference to the cost of doing nothing."""
 
 
 @dataclass
 class Exchange:
-    """Improvement of a grid's points by solves from neighbours' plans, in several passes.
+    """Solver that improves a grid's points, in several passes, by solves from neighbours' plans.
 
-    ``solve(jobs, first)`` yields the results of jobs, a mapping from indices of points, and saves them under numbers
-    from ``first`` on; ``roll(jobs)`` yields the costs of other points' plans. Pairs are (point, neighbour):
-    ``rolled_costs`` maps them to the cost of the neighbour's present plan at the point, and ``tried`` are the
-    pairs whose point was solved from it.
+    ``solve(jobs, first)`` yields index and result of each job in a mapping from indices of points to jobs, and
+    saves results under numbers from ``first`` on. ``roll(jobs)`` yields index and costs of each job that rolls
+    out plans of other points. For pairs (point, neighbour), ``rolled_costs`` maps the pair to the cost of the
+    neighbour's current plan when rolled out at the point, and ``tried`` contains the pairs for which the point
+    was already solved from that plan.
     """
 
     study: Grid
@@ -35,9 +36,10 @@ class Exchange:
     def run(self) -> list[JobResult]:
         """Improve points until no solve from a neighbour's plan is better; return all points.
 
-        In each pass a point is solved from its cheapest neighbour if that costs less, and then from the plan that
-        costs least at the point's own parameters if that costs less than the point's. Points at which a neighbour's
-        plan is better in the end are marked as outliers.
+        Each pass first solves a point from its cheapest neighbour if that neighbour costs less. Then the
+        neighbours' plans are rolled out at the point's own parameters, and the point is solved from the
+        cheapest of them if it costs less than the point's plan. If a neighbour's plan is still better at the
+        end, the point is marked as an outlier.
         """
         study, count = self.study, len(self.points)
         passes, changed = sum(study.shape), set(range(count))
@@ -55,7 +57,7 @@ class Exchange:
         return self.points
 
     def _improve(self, starts: Mapping[int, int], first: int) -> set[int]:
-        """Solve points from neighbours' plans, ``starts`` from point to neighbour; return the improved points."""
+        """Solve points from plans of neighbours (``starts`` maps point to neighbour); return the improved points."""
         study, points, values = self.study, self.points, self.study.point_values
         jobs = {index: study.job(values[index], points[neighbour]) for index, neighbour in starts.items()}
         warm_started = dict(self.solve(jobs, first))
@@ -70,7 +72,7 @@ class Exchange:
         return improved
 
     def _roll_plans(self) -> None:
-        """Roll out all neighbours' plans at the points at which this has not been done."""
+        """Roll out the plans of all neighbours at each point, except plans whose cost there is already known."""
         jobs, study, neighbours = dict[int, RollJob](), self.study, dict[int, list[int]]()
         for index, values in enumerate(study.point_values):
             new = [k for k in study.neighbours(index) if self.points[k].row["success"]]
@@ -82,9 +84,9 @@ class Exchange:
             self.rolled_costs.update(((index, k), cost) for k, cost in zip(neighbours[index], costs, strict=True))
 
     def _better_plans(self, untried: bool = False) -> dict[int, int]:
-        """Return a mapping from points to the neighbour whose plan costs least there, if it is better than theirs.
+        """Return a mapping from each point at which a neighbour's plan is better to the neighbour with the best plan.
 
-        With ``untried`` only neighbours count from whose plan the point has not been solved.
+        If ``untried``, neighbours are ignored from whose plan the point has already been solved.
         """
         best: dict[int, int] = {}
         for (index, neighbour), cost in sorted(self.rolled_costs.items()):
@@ -97,9 +99,9 @@ class Exchange:
 
 
 def cheaper_neighbours(study: Grid, points: Sequence[JobResult], changed: Collection[int]) -> dict[int, int]:
-    """Return a mapping from points to their cheapest neighbour, if the point costs more or is unsolved.
+    """Return a mapping from each point that is unsolved, or costs more than a neighbour, to its cheapest neighbour.
 
-    Only neighbours in ``changed`` count, since points have been solved from the others before.
+    Only neighbours in ``changed`` count, since the point has already been solved from all other neighbours.
     """
     cheapest_neighbours = {}
     for index, point in enumerate(points):
@@ -127,14 +129,14 @@ def is_better(study: Grid, new: Mapping[str, Any], old: Mapping[str, Any]) -> bo
 
 
 def _gains(study: Grid, cost: float, old: Mapping[str, Any]) -> bool:
-    """Return whether ``cost`` is below that of the solution ``old`` by enough to count (:data:`OUTLIER_SHARE`)."""
+    """Return whether ``cost`` is lower than the cost of ``old`` by a margin that counts (:data:`OUTLIER_SHARE`)."""
     span = abs(old["idle_cost"] - cost)
     min_gain = OUTLIER_SHARE * (span if math.isfinite(span) else abs(cost))
     return _ranking_cost(study, old) - cost > min_gain
 
 
 def outlier(new: JobResult, old: JobResult, start: str) -> JobResult:
-    """Return the better result ``new``, with its ``start``, the neighbour, and the cost of the point's own solve."""
+    """Return the better result ``new``, with the neighbour in ``start`` and the cost of the point's own solve."""
     own_cost = old.row["own_cost"] if old.row["start"] else old.row["cost"]
     totals = {name: new.row[name] + old.row[name] for name in ("iterations", "seconds", "solve_s")}
     return JobResult({**new.row, **totals, "own_cost": own_cost, "start": start}, new.arrays)

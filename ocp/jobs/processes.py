@@ -1,7 +1,7 @@
 """Jobs in worker processes, each of which runs one job after another and is replaced if it dies.
 
-In contrast, a pool of concurrent.futures or joblib fails all jobs if one worker is killed, does not
-say in which job it died, and reports nothing before a job's end.
+The pools of concurrent.futures and joblib are not used because there all jobs fail if one worker is killed, the
+job in which it died is not known, and jobs cannot report progress.
 """
 
 from __future__ import annotations
@@ -25,22 +25,22 @@ from typing import Any
 from ocp.jobs.sequential import MAX_TRIES, Callback, Failure, Function, run_job, worker_died
 
 STOP_GRACE_S = 30.0
-"""Time [s] for a stopped worker to save its work before it is killed."""
+"""Time [s] that a stopped worker has to save its work before it is killed."""
 # Processes are spawned, since a fork of a process with threads, as of numerical libraries, may hang.
 _spawn_context = multiprocessing.get_context("spawn")
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 """Names of environment variables that limit the threads of numerical libraries."""
 _interrupted = threading.Event()
-"""Event that is set in a worker process after it received the signal of Ctrl-C."""
+"""Event that is set in a worker process when it receives SIGINT, the signal of Ctrl-C."""
 
 
 def run_in_processes(
     function: Function, jobs: Sequence[Any], workers: int, callback: Callback
 ) -> Generator[tuple[int, Any], None, None]:
-    """Run jobs in ``workers`` processes; yield index and outcome of each as it ends.
+    """Run jobs in ``workers`` processes; yield index and outcome of each job as it ends.
 
-    A job whose worker dies is started again in another worker. When the caller stops, workers receive
-    the signal of Ctrl-C and have some time to save their work.
+    A job whose worker dies is started again in another worker. When the caller stops iterating, workers receive
+    SIGINT, the signal of Ctrl-C, and have some time to save their work.
     """
     waiting, tries = deque(range(len(jobs))), [0] * len(jobs)
     pool: list[_Worker] = []
@@ -98,7 +98,7 @@ class _Worker:
             self.pipe.send((jobs[index],))
 
     def receive(self) -> tuple[str, Any] | None:
-        """Return the worker's next message, a kind and its content, or None if the worker has died."""
+        """Return the worker's next message as (kind, content), or None if the worker has died."""
         try:
             return self.pipe.recv()
         except (EOFError, OSError):
@@ -113,7 +113,7 @@ class _Worker:
 
 @contextmanager
 def _block_interrupts() -> Iterator[None]:
-    """Block the signal of Ctrl-C in a context, also in processes that are started in it."""
+    """Block SIGINT, the signal of Ctrl-C, within a context, also in processes that are started within it."""
     # Python's resource tracker, which starts with the first process, would unblock signals.
     resource_tracker.ensure_running()
     previous_mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
@@ -127,8 +127,8 @@ def _block_interrupts() -> Iterator[None]:
 def _isolated_start() -> Iterator[None]:
     """Context in which processes start with one thread each and without running the caller's main program.
 
-    Workers import their function from its module. Running the main program again, as ``spawn`` does,
-    would restart a script without a ``__main__`` guard, and is impossible for a program from a pipe.
+    Workers import their function from its module. By default ``spawn`` runs the main program again, which would
+    restart a script without a ``__main__`` guard, and is impossible for a program read from a pipe.
     """
     main, unset = sys.modules["__main__"], [name for name in THREAD_VARIABLES if name not in os.environ]
     sys.modules["__main__"] = ModuleType("__main__")
@@ -159,7 +159,7 @@ def _stop_workers(pool: Sequence[_Worker]) -> None:
 
 
 def _serve(function: Function, pipe: Any) -> None:
-    """Run jobs from the pipe, in a worker process, until the pipe is closed or Ctrl-C."""
+    """Run jobs from the pipe, in a worker process, until the pipe is closed or SIGINT is received."""
     threading.Thread(target=_end_with_parent, daemon=True).start()
     signal.signal(signal.SIGINT, _interrupt_once)
 
@@ -176,7 +176,7 @@ def _serve(function: Function, pipe: Any) -> None:
 
 
 def _check_interrupt() -> None:
-    """Raise KeyboardInterrupt if Ctrl-C was received, since compiled solvers turn it into a failed solve."""
+    """Raise KeyboardInterrupt if SIGINT was received; compiled solvers turn the signal into a failed solve."""
     if _interrupted.is_set():
         raise KeyboardInterrupt
 

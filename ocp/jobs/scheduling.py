@@ -22,19 +22,19 @@ def run_jobs(
     scheduler: str | None = None,
     callback: Callback = lambda *_: None,
 ) -> Generator[tuple[int, Any], None, None]:
-    """Run all jobs; yield the index in the list and the outcome of each as it ends.
+    """Run all jobs; yield the index and the outcome of each job as it ends.
 
-    ``function(job, report)`` must depend only on the job, which is plain data that can be pickled.
-    Results are then the same in any process and order, and a job whose worker died can be started
-    again. An outcome is a result or a :class:`~ocp.jobs.scheduling.Failure`. For each report of a job,
-    ``callback(index, message)`` is called in this process.
+    ``function(job, report)`` must depend only on the job, which is plain data that can be pickled. Results are
+    then the same in any process and order, and a job can be started again if its worker died. An outcome is a
+    result or a :class:`~ocp.jobs.scheduling.Failure`. For each report of a job, ``callback(index, message)`` is
+    called in this process.
 
-    With one worker jobs run in this process, with more in processes of this computer. With
-    ``scheduler``, an address such as ``tcp://127.0.0.1:8786``, jobs run on a Dask cluster, whose
-    workers must be able to import this package.
+    With one worker, jobs run in this process; with several, in processes on this computer. With ``scheduler``,
+    an address such as ``tcp://127.0.0.1:8786``, jobs run on a Dask cluster, whose workers must be able to
+    import this package.
 
-    Raises :class:`~ocp.errors.InputError` for fewer than one worker, if dask.distributed is not
-    installed, if no scheduler answers, and if it has no workers.
+    Raises :class:`~ocp.errors.InputError` for fewer than one worker, and if dask.distributed is not installed,
+    no scheduler answers, or the scheduler has no workers.
     """
     if workers < 1:
         raise InputError(f"jobs need at least 1 worker, got {workers}")
@@ -86,10 +86,11 @@ def map_jobs(
     callback: Callable[[Key, Any], None] = lambda *_: None,
     recover: Callable[[Key, Exception], Any] | None = None,
 ) -> Generator[tuple[Key, Any], None, None]:
-    """Run all jobs as :func:`run_jobs` does; yield key and result of each, first saved ones, then as jobs end.
+    """Run jobs with :func:`run_jobs`; yield key and result of each, first saved results, then others as jobs end.
 
-    Each new result is saved in ``saved`` before it is yielded. If a job raises, the value of
-    ``recover(key, error)`` is yielded and not saved; without ``recover`` the error is raised.
+    Jobs with a result in ``saved`` are not run. Each new result is saved there before it is yielded. If a job
+    raises, the value of ``recover(key, error)`` is yielded and not saved; without ``recover`` the error is
+    raised.
     """
     loaded = {} if saved is None else {key: saved.load(key) for key in jobs}
     yield from ((key, result) for key, result in loaded.items() if result is not None)

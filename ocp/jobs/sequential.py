@@ -9,13 +9,13 @@ from typing import Any
 from ocp.errors import interruptible
 
 Report = Callable[[Any], None]
-"""Callback with a job's progress as plain data: numbers, texts, and lists and dictionaries of them."""
+"""Callback with a job's progress as plain data: numbers, texts, and lists or dictionaries of these."""
 Function = Callable[[Any, Report], Any]
 """Function ``function(job, report)`` that does a job; workers import it by name, so it must be public."""
 Callback = Callable[[int, Any], None]
-"""Callback, called in this process, with the index of a job in the list and its report."""
+"""Callback with the index of a job and one of its reports, called in the process that started the jobs."""
 MAX_TRIES = 3
-"""Maximum number of times that a job is started if its workers die."""
+"""Maximum number of times that a job is started if its worker dies each time."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ def run_job(function: Function, job: Any, report: Report) -> Any:
 def run_sequentially(
     function: Function, jobs: Sequence[Any], callback: Callback
 ) -> Generator[tuple[int, Any], None, None]:
-    """Run jobs one after another in this process; yield index and outcome of each."""
+    """Run jobs one after another in this process; yield the index and outcome of each job."""
     for index, job in enumerate(jobs):
 
         def report(message: Any, index: int = index) -> None:

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 
 OnPoint = Callable[[int, JobResult], None]
-"""Callback with the index of a point in the grid (the last axis fastest) and its result."""
+"""Callback with the index of a point in the grid (the last axis varies fastest) and the point's result."""
 
 
 def sweep(
@@ -67,21 +67,22 @@ def sweep(
         sweep("push-disc", {"M": [0.5, 1, 2], "contact.mu": "1e-4:1e-1:4:log"}, N=20, jobs=2)
 
     ``over`` maps names to arrays or texts such as ``"0.5:2:7"`` and ``"1e-4:1e-1:4:log"``. A name is a
-    parameter of the problem (``M``, also ``N``), a setting of the law (``contact.mu``), a numeric
-    setting (``setting.tol``), or one of the policy (``policy.bound``). Other arguments are those of
-    :func:`ocp.solve`; the problem is given by its name or file, since other processes build it too.
-    Points are solved in parallel by ``jobs`` processes of this computer or, with ``scheduler``, such as
-    ``tcp://127.0.0.1:8786``, on a Dask cluster; solutions do not depend on these.
+    parameter of the problem (``M``, also ``N``), a setting of the law (``contact.mu``), a numeric setting of
+    the method or solver (``setting.tol``), or a setting of the policy (``policy.bound``). Other arguments are
+    those of :func:`ocp.solve`, but the problem must be a name or a file, since other processes build it too.
+    Points are solved in parallel by ``jobs`` processes on this computer or, if ``scheduler`` is an address such
+    as ``tcp://127.0.0.1:8786``, on a Dask cluster; solutions are the same in all cases.
 
-    Each solution is bitwise that of a separate solve, unless one from a neighbour's plan is better. Such
-    outliers have the neighbour in ``start`` and the cost of their own solve in ``own_cost``. If a
-    neighbour's plan is better but no solve from it is, ``outlier`` is 1 and ``neighbour_cost`` is the
-    cost of that plan at the point. A point whose worker was killed is started again. With ``store``, a
-    directory, finished points are stored there until all are finished, and the same call resumes.
+    Each solution is bitwise the same as that of a separate solve, unless a solve that starts from the plan of a
+    neighbouring point gives a better one. Then ``start`` is the neighbour, and ``own_cost`` the cost of the
+    separate solve. If a neighbour's plan itself is better at a point but no solve from it is, ``outlier`` is 1
+    and ``neighbour_cost`` is the cost of that plan at the point. A point whose worker was killed is started
+    again. If ``store`` is a directory, finished points are stored there until all points are finished, and the
+    same call resumes after an interruption.
 
     Return a dataset with a dimension for each axis and, at each point, ``cost exact_cost referee_cost
     survives status stationarity iterations seconds verdict`` and more, and the trajectories ``x u
-    lam gap``, their replays, and ``time``. A failed point has a verdict, and NaN as numbers.
+    lam gap``, their replays, and ``time``. At a failed point, ``verdict`` gives the reason and numbers are NaN.
 
     Raises :class:`~ocp.errors.InputError` for requests that no point can satisfy.
     """
@@ -144,10 +145,11 @@ def solve_grid(
     """Solve all points of a grid that are not in ``finished``, and add them to it; return all points.
 
     Points are then solved again, in passes, from neighbours' plans that cost less
-    (:class:`~ocp.jobs.neighbours.Exchange`), and the better solution is taken. Each pass starts from
-    the results of the previous one, so that results do not depend on order or number of workers. Each
-    point solved first is passed to ``on_point``, and all are saved in ``files``. Reports of a job, and
-    None at its end, are passed to ``callback``, which may raise to stop.
+    (:class:`~ocp.jobs.neighbours.Exchange`), and the better solution is taken. Each pass starts from the
+    results of the previous pass, so that results do not depend on the order or the number of workers.
+    ``on_point`` is called after the first solve of each point, and all results are saved in ``files``.
+    ``callback`` is called with each report of a job, and with None at the job's end; it may raise an exception
+    to stop.
 
     Raises :class:`~ocp.store.provenance.FilesChanged` if files have changed since the request.
     """
@@ -175,7 +177,7 @@ def solve_grid(
 
 
 def _fault(_: int, error: Exception) -> JobResult:
-    """Return the result of a point whose job failed; it is not saved, since the next try may succeed."""
+    """Return the result of a point whose job failed; it is not saved, since the next attempt may succeed."""
     if isinstance(error, FilesChanged):
         raise error
     return failed_result(FAULT_STATUS, str(error))

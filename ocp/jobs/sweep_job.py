@@ -1,4 +1,4 @@
-"""Jobs that any process can run: points of a sweep, and the starts of a single solve."""
+"""Jobs that any process can run: a point of a sweep, or a solve from one of several initial guesses."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ from ocp.store.provenance import FilesChanged
 STORED_ARRAYS = ("x", "u", "lam", "gap", "x_replay", "u_replay", "x_referee", "u_referee", "K", "k")
 """Names of a solution's arrays that are stored, in addition to the times of nodes."""
 REJECTED_STATUS = "refused"
-"""Status of a point whose request is invalid."""
+"""Status of a point that was not solved because its parameters or settings are invalid."""
 FAULT_STATUS = "fault"
 """Status of a point whose solve raised or whose worker died."""
 
@@ -45,7 +45,7 @@ FAULT_STATUS = "fault"
 class SolveJob:
     """Job that solves a case from ``starts`` guesses and takes the best solution by ``rank``.
 
-    With ``start``, the result of a neighbouring point, the case is solved only from that plan.
+    If ``start`` is the result of a neighbouring point, the case is solved only from the plan of that result.
     """
 
     case: Case
@@ -69,7 +69,7 @@ class StartJob:
 class RollJob:
     """Job that rolls out ``plans`` of neighbouring points at the parameters of a case.
 
-    ``rank`` selects the contact law, as it selects the cost by which solutions are ranked.
+    ``rank`` is the ranking of the sweep, which determines the contact law of the rollouts.
     """
 
     case: Case
@@ -79,7 +79,7 @@ class RollJob:
 
 @dataclass(frozen=True)
 class LabelledArray:
-    """Array with the names of its dimensions, and a mapping from dimensions with named entries to the names."""
+    """Array with named dimensions ``dims``; ``labels`` maps labelled dimensions to names of their entries."""
 
     dims: tuple[str, ...]
     values: np.ndarray
@@ -88,7 +88,7 @@ class LabelledArray:
 
 @dataclass(frozen=True)
 class JobResult:
-    """Result of a job: numbers and texts in ``row`` and labelled arrays, which are empty if the job failed."""
+    """Result of a job: numbers and texts in ``row``, and labelled arrays (none if the job failed)."""
 
     row: dict[str, Any]
     arrays: dict[str, LabelledArray]
@@ -106,8 +106,8 @@ class JobResult:
 def solve_job(job: SolveJob, report: Callable[[Any], None]) -> JobResult:
     """Solve a point of a sweep; report the iterations of each stage, and None at the end.
 
-    The solution is that of ``ocp solve`` with the same options, whatever the worker did before. The
-    result of an invalid request, or of a solve that raises, has the message as its verdict.
+    The solution is the same as that of ``ocp solve`` with the same options, whatever jobs the worker has run
+    before. If the request is invalid, or the solve raises an error, the result's verdict is the error message.
 
     Raises :class:`~ocp.store.provenance.FilesChanged` if files have changed since the request.
     """
@@ -141,9 +141,10 @@ def _solve_point(job: SolveJob, report: Callable[[Any], None]) -> JobResult:
 
 
 def plan_costs(job: RollJob, report: Callable[[Any], None]) -> list[float]:
-    """Return the cost of each plan of a job at its parameters, under the law by whose costs solutions are ranked.
+    """Return the cost of each of the job's plans, rolled out at the parameters of the job's case.
 
-    The cost is NaN if a step is not solved or a constraint is violated.
+    The contact law is the one by whose cost solutions are ranked. The cost is NaN if a step is not solved or a
+    constraint is violated.
     """
     session = cached_session(job.case)
     problem, evaluation, costs = session.problem, session.evaluation, list[float]()
@@ -202,7 +203,7 @@ ROW_TEXTS: dict[str, Callable[[Solution], str]] = {
     "verdict": lambda solution: solution.verdict,
     "start": lambda _: "",
 }
-"""Mapping from a row's texts to functions of a solution; ``start`` is the point whose plan led to an outlier."""
+"""Mapping from names of a row's texts to functions of a solution; ``start`` is set later, to the neighbour used."""
 ROW_COUNTS: dict[str, Callable[[Solution], int]] = {
     "success": lambda solution: solution.success,
     "survives": lambda solution: -1 if solution.referee.survives is None else solution.referee.survives,
@@ -234,19 +235,19 @@ def _labelled_arrays(solution: Solution) -> dict[str, LabelledArray]:
 
 
 GRAPH_FIELDS = {"problem", "derivative"}
-"""Fields of a solution that contain CasADi graphs and are not sent between processes."""
+"""Names of a solution's fields that contain CasADi graphs and are not sent between processes."""
 
 
 @dataclass(frozen=True)
 class StartResult:
-    """Result of a solve from one guess: its outcome, with the NLP replaced by its name, and fields of its solution."""
+    """Result of a solve from one guess: the outcome, with the name of its NLP, and fields of the judged solution."""
 
     outcome: RouteResult
     judged: dict[str, Any]
 
 
 def solve_start(job: StartJob, report: Callable[[Any], None]) -> StartResult:
-    """Solve a case from one of its guesses, and report each stage."""
+    """Solve a case from one of its guesses, and report each stage of the solve."""
     session = cached_session(job.case)
     guess = initial_guesses(session.evaluation, job.starts, job.seed)[job.number]
     outcome = session.solve(progress=lambda stage: report(asdict(stage)), guess=guess, number=job.number)
@@ -271,8 +272,8 @@ def solve_starts(
 ) -> Solution:
     """Solve a case from ``starts`` guesses in parallel and return the best solution.
 
-    ``session`` is the session of ``case`` in this process. Solution and errors are bitwise the same as
-    those of :func:`~ocp.solve.starts.solve_session`.
+    ``session`` is the session of ``case`` in this process. The solution is bitwise the same as that of
+    :func:`~ocp.solve.starts.solve_session`, which solves serially; errors are also the same.
     """
     check_starts(starts, seed, rank_by)
     if starts == 1 or workers.serial:
@@ -305,7 +306,7 @@ def solve_starts(
 
 
 def _solutions_of(session: Session, finished: dict[int, StartResult], seed: int, rank_by: Rank) -> list[Solution]:
-    """Return the solutions of all starts; the best one is judged again here, in the process with its graphs."""
+    """Return the solutions of all starts; the best is judged again here, since its graphs are in this process."""
     results = [finished[number] for number in sorted(finished)]
     solutions_of_starts = [Solution(**start.judged, problem=session.problem) for start in results]
     solutions = accept_standing_still(session, solutions_of_starts)

@@ -1,4 +1,4 @@
-"""Record of a sweep: description of its run, rows of its points, and a verdict on all points."""
+"""Record of a sweep: the description of its run, a row for each point, and a verdict on all points."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ if TYPE_CHECKING:
     import xarray as xr
 
 SWEEP_KIND = "sweep"
-"""Kind of a sweep among stored runs."""
+"""Value of ``kind`` in the description of a stored run that is a sweep."""
 MAX_LISTED = 5
-"""Maximum number of outliers, and of failed points, that a verdict lists."""
+"""Maximum number of outliers that a verdict lists, and also of failed points."""
 
 
 def run_meta(study: Grid, session: Session, data: xr.Dataset) -> dict[str, Any]:
@@ -64,7 +64,7 @@ def run_meta(study: Grid, session: Session, data: xr.Dataset) -> dict[str, Any]:
 
 
 def _shared_record(study: Grid, session: Session) -> dict[str, Any]:
-    """Return the record of the request without the swept values, which is the same for all points."""
+    """Return the part of the request that is the same for all points, that is, without the swept values."""
     shared = session_record(session, study.seed)
     swept = {axis.name for axis in study.axes}
     groups = {
@@ -83,7 +83,7 @@ def _shared_record(study: Grid, session: Session) -> dict[str, Any]:
 
 
 def grid_rows(data: xr.Dataset) -> list[dict[str, Any]]:
-    """Return a row with coordinates and results for each point of a sweep's dataset, the last axis fastest."""
+    """Return a row of coordinates and results for each point of a sweep's dataset; the last axis varies fastest."""
     dims = [str(dim) for dim in data["cost"].dims]
     names = (*ROW_NUMBERS, "seconds", *ROW_COUNTS, *ROW_TEXTS)
     count = data["cost"].size
@@ -96,7 +96,7 @@ def grid_rows(data: xr.Dataset) -> list[dict[str, Any]]:
 
 
 def summarise_points(rows: list[dict[str, Any]], dims: list[str]) -> str:
-    """Return a sentence with counts and the lowest and highest cost, and lines on some outliers and failures."""
+    """Return a sentence with counts and with lowest and highest cost, then lines on some outliers and failures."""
     solved = [row for row in rows if row["success"]]
     refereed = [row for row in solved if row["survives"] >= 0]
     count = "All" if len(solved) == len(rows) else f"{len(solved)} of"

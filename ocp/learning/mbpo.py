@@ -31,10 +31,10 @@ class MBPO(Algorithm):
       steps; the other steps are from the branches of the last ``branch_iterations`` iterations.
 
     Rewards and ends of model steps are computed by the task's functions. Rewards for the critics are clipped to
-    +-``reward_clip``, so that one extreme reward, as just before a fall, does not dominate. Actions before tanh
-    start with standard deviation ``sigma``. The temperature starts at ``alpha`` and is adapted so that the
-    entropy per input is ``target_entropy``; a Gaussian well within the bounds, with standard deviation s in
-    half ranges, has 1.42 + ln s.
+    ``[-reward_clip, reward_clip]``, so that one extreme reward, as just before a fall, does not dominate.
+    Actions before tanh start with standard deviation ``sigma``. The temperature starts at ``alpha`` and is
+    adapted so that the entropy per input is ``target_entropy``; a Gaussian well within the bounds, with
+    standard deviation s in half ranges, has 1.42 + ln s.
 
     The policy has the experiment's tanh layers, on observations normalised by the steps of the random policies.
     The critics' discount is ``critic_discount`` times the experiment's discount. Default sizes suit two cores;

@@ -132,8 +132,7 @@ def policy_vjp(
 
 
 def renormalise_policy(policy: RolloutPolicy, theta: np.ndarray, before: Normaliser, after: Normaliser) -> np.ndarray:
-    """Return parameters (n_theta,) that leave a policy unchanged when its normaliser ``before`` is replaced by
-    ``after``.
+    """Return parameters (n_theta,) that leave a policy unchanged if ``after`` replaces the normaliser ``before``.
 
     With means m and scales s, the first layer becomes ``W' = W s'/s`` and ``b' = b + W (m' - m)/s``.
     """

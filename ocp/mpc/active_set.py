@@ -1,4 +1,4 @@
-"""Active sets of plans: which side of each complementarity pair is zero; each step's equations stay independent."""
+"""Active sets of plans: choices of the zero side of each complementarity pair, with independent equations."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ class Coulomb:
 
 
 class ActiveSets:
-    """Active sets (N, n): True where a pair is closed, that is, its gap is fixed at zero and its force is free.
+    """Rules for active sets (N, n): True where a pair is closed, that is, its gap is zero and its force is free.
 
-    Dry friction in the plane has two forces ``beta_i`` along opposite directions and the slip speed
-    ``gamma``, ``0 <= beta_i ⟂ gamma + d_i' v >= 0`` and ``0 <= gamma ⟂ mu lam - sum beta >= 0``.
-    The last pair is always closed. In a contact that sticks both forces are closed, ``v = gamma = 0``
-    and ``beta_i >= 0`` is the cone ``|f| <= mu lam``. In a contact that slides only the force that
-    brakes it is closed; so it is in an open contact, where ``beta = 0`` at any slip speed.
+    Dry friction in the plane has two forces ``beta_i`` along opposite directions and the slip speed ``gamma``,
+    ``0 <= beta_i ⟂ gamma + d_i' v >= 0`` and ``0 <= gamma ⟂ mu lam - sum beta >= 0``. The slip pair, of gamma,
+    is always closed. In a sticking contact both friction pairs are closed, so that ``v = gamma = 0`` and
+    ``beta_i >= 0`` is the friction cone ``|f| <= mu lam``. In a sliding contact only the pair of the braking
+    force is closed. In an open contact one friction pair is closed as well; there ``beta = 0`` at any slip speed.
     """
 
     def __init__(self, model: StageModel) -> None:
@@ -60,7 +60,7 @@ class ActiveSets:
     def exchange(self, closed: np.ndarray, pairs: np.ndarray) -> np.ndarray:
         """Return the active set ``closed`` with the sides of the pairs in the mask ``pairs`` (N, n) exchanged.
 
-        Of a contact that opens, one of the two friction forces stays closed.
+        If a contact opens, the pair of one of its two friction forces stays closed.
         """
         exchanged = closed ^ pairs
         for contact in self.contacts:
@@ -71,7 +71,7 @@ class ActiveSets:
         return exchanged
 
     def frictionless(self, closed: np.ndarray) -> np.ndarray:
-        """Return a mask (N, n): friction and slip pairs of open contacts, whose rows constrain nothing."""
+        """Return a mask (N, n) of the friction and slip pairs of open contacts, which constrain nothing."""
         frictionless = np.zeros_like(closed)
         for contact in self.contacts:
             indices = [*contact.friction, contact.slip]
@@ -79,7 +79,7 @@ class ActiveSets:
         return frictionless
 
     def exchangeable(self, closed: np.ndarray) -> np.ndarray:
-        """Return a mask (N, n): pairs that may change side alone, except slip and a contact's only closed friction."""
+        """Return a mask (N, n) of the pairs that may be exchanged alone: no slip pair, no last closed friction pair."""
         exchangeable = ~self.frictionless(closed)
         for contact in self.contacts:
             f = list(contact.friction)

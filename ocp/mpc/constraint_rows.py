@@ -13,20 +13,21 @@ from ocp.problem.problem import Problem
 from ocp.transcription.common import constraint_names
 
 PENALTIES = (1e3, 1e4, 1e5, 1e6)
-"""Penalties of a slack [characteristic costs / size]; the next is tried while each lowers the violation by 1 %."""
+"""Penalties of a slack [characteristic costs / size], tried in order while each lowers the violation by 1 %."""
 MET_TOLERANCE = 1e-6
-"""Maximum violation of a row that counts as satisfied, in characteristic sizes."""
+"""Violation, in characteristic sizes, up to which a row counts as satisfied."""
 PENALTY_FALL = 0.99
-"""A larger penalty is accepted if it lowers the violation to less than this share of it."""
+"""A larger penalty is accepted if it lowers the violation to less than this share of the previous violation."""
 
 
 @dataclass(frozen=True)
 class ConstraintRows:
     """Path constraints and bounds on x_next as ``expression >= 0`` with m scaled rows.
 
-    Each row is divided by its characteristic size in ``sizes`` (m,). That of a bound is the state's; that of
-    a path constraint is its first-order change near the start as states and inputs change by their sizes.
-    ``kinds`` (m,) are ``bound on x`` or ``path``; ``names`` (m,) are those of the states and constraints.
+    Each row is divided by its characteristic size in ``sizes`` (m,). The size of a bound is the characteristic
+    size of the state; the size of a path constraint is its first-order change near the start when states and
+    inputs change by their sizes. ``kinds`` (m,) are ``bound on x`` or ``path``; ``names`` (m,) are names of
+    states and of constraints.
     """
 
     expression: ca.SX
@@ -61,7 +62,7 @@ class ConstraintRows:
         return cls(expression, kinds, signal_names, sizes[indices])
 
     def violations(self, amounts: np.ndarray) -> list[Broken]:
-        """Return each violated constraint at its worst step, worst first, from violations ``amounts`` (S, N, m)."""
+        """Return each violated constraint at its worst step, largest first, from violations ``amounts`` (S, N, m)."""
         amounts, worst = np.nan_to_num(amounts, nan=0.0), dict[tuple[str, str], Broken]()
         for i in np.argsort(-amounts.max(axis=(0, 1), initial=0.0), kind="stable"):
             s, k = divmod(int(amounts[:, :, i].argmax()), amounts.shape[1])
@@ -73,7 +74,7 @@ class ConstraintRows:
 
 
 def _path_sizes(problem: Problem) -> np.ndarray:
-    """Return sizes of the path constraints from slopes one characteristic size off the start, 1 for zero slopes."""
+    """Return sizes of path constraints, from slopes at the start plus one characteristic size; 1 for zero slopes."""
     scales, p = problem.scales, problem.parameters
     path = ca.vertcat(ca.SX(0, 1), *(constraint.expression for constraint in problem.path))
     x, u = (np.array(v).ravel() for v in problem.limits(p.values)[:2])

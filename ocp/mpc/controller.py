@@ -33,12 +33,13 @@ from ocp.validation import Count, Positive, validated
 
 @dataclass(frozen=True)
 class Command:
-    """A controller's answer to one sample: the input ``u`` (nu,), the plan that it is from, and a status.
+    """Output of a controller at one sample: the input ``u`` (nu,), the plan with this input, and a status.
 
-    ``status`` is ``solved``, ``not improved`` (no step improved on the shifted plan), ``kept`` (no new plan could be
-    computed; the shifted one is used again) or ``late`` (the deadline was missed and the shifted plan's input is
-    used). ``note`` describes anything unusual in sentences. ``seconds`` is the computing time of the sample,
-    preparation and feedback. ``merit`` is the plan's cost plus the penalty of violated constraints.
+    ``status`` is ``solved``; ``not improved`` (the shifted plan is better than all steps of the program);
+    ``kept`` (no new plan could be computed, and the shifted plan is used); or ``late`` (the deadline was
+    missed, and the input of the shifted plan is used). ``note`` describes anything unusual in sentences.
+    ``seconds`` is the computing time [s] of preparation and feedback. ``merit`` is the plan's cost plus the
+    penalty of violated constraints.
     """
 
     u: np.ndarray
@@ -51,22 +52,22 @@ class Command:
 
 @dataclass
 class Controller:
-    """Receding-horizon controller: a new plan at every sample, of which the first input is applied.
+    """Receding-horizon controller, which computes a plan at every sample and applies its first input.
 
         controller = Controller(problems.get("soft-walls"))
         command = controller.step(x, u_before)
 
-    ``contact`` is the contact law of the plans or its name: the exact law, or for the phase ``relaxed`` a smoothed
-    one. ``phase`` is one of :data:`~ocp.mpc.phases.PHASES`. ``policy`` is for the phase ``policy``: a function
-    ``(x, k) -> u``, :class:`~ocp.problem.rollout.Gains`, or None for the gains of a linear-quadratic regulator
-    along the first plan. ``iterations`` is the number of quadratic programs per sample. ``trust`` in (0, 1] weights
-    a measurement against the state that the law predicts from the previous sample: a value below 1 averages out
-    noise, like an observer with constant gain. An answer later than the optional ``deadline`` [s] is replaced by
-    the shifted plan's input, and counted in ``misses``. ``notes`` are sentences on changes that the receding
-    horizon made to the problem.
+    ``contact`` is the contact law of the plans, or its name: the exact law, or a smoothed law for the phase
+    ``relaxed``. ``phase`` is a name in :data:`~ocp.mpc.phases.PHASES`. ``policy`` is used only by the phase
+    ``policy``: a function ``(x, k) -> u``, :class:`~ocp.problem.rollout.Gains`, or None for the gains of a
+    linear-quadratic regulator along the first plan. ``iterations`` is the number of quadratic programs per
+    sample. ``trust`` in (0, 1] is the weight of a measurement relative to the state that the law predicts from
+    the previous sample; a value below 1 averages out noise, like an observer with constant gain. If the
+    optional ``deadline`` [s] is exceeded, the input of the shifted plan is applied instead, and ``misses`` is
+    increased. ``notes`` are sentences on how the problem was changed for the receding horizon.
 
-    All symbolic work is done on construction, and functions are compiled once and cached. Measured
-    state, last input, parameters and the law's mu are parameters of a single program.
+    All symbolic work is done on construction, and functions are compiled once and cached. The measured state,
+    the last input, the problem's parameters and the law's mu are parameters of a single program.
 
     Raises :class:`~ocp.errors.InputError` for an unknown phase, a law that the phase cannot use,
     numbers out of range, and a problem with a free step size.
@@ -110,7 +111,7 @@ class Controller:
         self.reset()
 
     def _check(self) -> None:
-        """Check the controller's arguments and replace names by the objects that they stand for."""
+        """Check the controller's arguments, and replace the names of phase and law by the objects."""
         self._entry = choose("phase", validated("phase", self.phase, str), PHASES)
         law = validated("contact", self.contact, InstanceOf[ContactLaw] | str | None)
         law = make_law(law, {}, self.problem.system) if isinstance(law, str) else law
@@ -123,13 +124,13 @@ class Controller:
         validated("policy", self.policy, InstanceOf[Gains] | Callable[..., Any] | None)
 
     def reset(self) -> None:
-        """Return to the state before the first sample, with the first plan."""
+        """Reset the controller to its state before the first sample, with the first plan."""
         self.plan, self.u_before = self._first, self._u_start
         self.misses, self.samples = 0, 0
         self._phase = self._build_phase()
 
     def _evaluate_parameters(self, values: Values) -> tuple[np.ndarray, list[np.ndarray]]:
-        """Return the parameters over the horizon (N+1, np), and the problem's start, last input and bounds at them."""
+        """Return the parameters over the horizon (N+1, np), and the start, last input and bounds that they give."""
         values = {**self.parameters, **values}
         p = horizon_rows(self.receding, self.model.names, self._base, values, self._dynamics)
         limits = self.receding.problem.limits(p[0, self.model.of_problem])
@@ -165,19 +166,19 @@ class Controller:
 
     @property
     def values_of_sample(self) -> dict[str, float]:
-        """Values of all parameters, by name, at the last sample."""
+        """Mapping from names to values of all parameters at the last sample."""
         return dict(zip(self.model.names, self._p[0], strict=True))
 
     def step(self, x: np.ndarray, u_before: np.ndarray | None = None, parameters: Values | None = None) -> Command:
         """Return the input for a measured state ``x`` (nx,).
 
-        ``u_before`` (nu,) is the input that was applied last, by default the last command.
+        ``u_before`` (nu,) is the input that was applied last (default: the last command).
         ``parameters`` is a mapping from names to numbers or, for parameters of the cost and constraints,
         to arrays over the horizon (N,) or (N+1,).
 
-        Entries of the state that are not finite are replaced by predictions, and a penetrating state is
-        moved out of contact; a state outside its bounds is used unchanged. ``note`` says so. Raises
-        :class:`~ocp.errors.InputError` for arrays of another shape and unknown parameters.
+        Entries of the state that are not finite are replaced by predictions, and a penetrating state is moved
+        out of contact; a state outside its bounds is used unchanged. The command's ``note`` mentions each of
+        these. Raises :class:`~ocp.errors.InputError` for arrays of another shape and unknown parameters.
         """
         start_time = time.perf_counter()
         if parameters or self._horizon[0]:
@@ -212,7 +213,7 @@ class Controller:
         return Command(u, answer.plan, status, seconds, note, answer.merit)
 
     def _shifted_plan(self, p: np.ndarray, limits: list[np.ndarray]) -> Plan:
-        """Return the plan shifted by one step and extended by the phase's gain; unshifted before the first sample."""
+        """Return the plan shifted by one step and extended by a step with the phase's gain; unshifted at first."""
         plan = self.plan
         if self.samples == 0 or not self._phase.plans:
             return plan
@@ -227,7 +228,7 @@ class Controller:
         return Plan(x, u, lam, gap)
 
     def _expected_state(self, shifted: Plan, u_before: np.ndarray, p: np.ndarray) -> np.ndarray:
-        """Return the expected state (nx,): the law's prediction if ``trust < 1`` or without plans, else the plan's."""
+        """Return the expected state (nx,): predicted by the law if ``trust < 1`` or without plans, else planned."""
         if not self.samples or (self.trust == 1 and self._phase.plans):
             return shifted.x[0]
         predicted = self.rollouts.step(self._state[None], u_before[None], p)[0]

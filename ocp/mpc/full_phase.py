@@ -18,10 +18,10 @@ from ocp.transcription.nlp import trajectories
 
 
 class Full(Phase):
-    """Phase that solves the whole problem by the route of ``solve``, warm-started from the last solution.
+    """Phase that solves the whole problem with the method of ``solve``, warm-started from the last solution.
 
-    Where the solve fails, ``softer``, a phase of quadratic programs with soft constraints, answers
-    instead, also at the following samples as long as its plans violate constraints.
+    If the solve fails, the phase ``softer`` is used instead, which solves quadratic programs with soft
+    constraints. It is used also at the following samples as long as its plans violate constraints.
     """
 
     def __init__(self, session: Session, model: StageModel, first: RouteResult, softer: NewtonPhase) -> None:
@@ -31,11 +31,11 @@ class Full(Phase):
         self.is_first, self.violated = True, False
 
     def prepare(self, plan: Plan, sample: Sample) -> None:
-        """Store the shifted plan, which is improved if the solve fails."""
+        """Store the shifted plan, from which the phase ``softer`` starts if the solve fails."""
         self.plan = plan
 
     def feedback(self, sample: Sample) -> Answer:
-        """Solve from the shifted solution; if that fails, improve the shifted plan."""
+        """Solve from the shifted solution; if the solve fails, improve the shifted plan with the phase ``softer``."""
         answer = self._solve_softened(sample) if self.violated else None
         if answer is None or not answer.violated:
             solved = self._solve(sample)
@@ -81,7 +81,7 @@ class Full(Phase):
 
 
 def shift_one_step(layout: Layout, vector: np.ndarray | None) -> np.ndarray | None:
-    """Return a program's vector shifted by one step, with the last step repeated; None for None."""
+    """Return a program's vector shifted by one step, with the last step repeated; None if ``vector`` is None."""
     if vector is None:
         return None
     blocks = {}

@@ -14,7 +14,7 @@ from ocp.mpc.linearised import Affine, Linearised
 from ocp.mpc.stages import StageModel
 
 PENALTY_CURVATURE = 1e-2
-"""Second derivative of the penalty of a slack, as a share of its slope."""
+"""Second derivative of the penalty of a slack, as a share of the penalty's slope."""
 MAX_ROW_VALUE = 1e4
 """Value of a row, in characteristic sizes, above which the row is scaled down."""
 QP_TOLERANCE = 1e-9
@@ -27,9 +27,9 @@ MAX_QP_ITERATIONS = 60
 class Direction:
     """Solution of a horizon's quadratic program: a step dx (N+1, nx), du (N, nu) of a plan, and multipliers.
 
-    ``costates`` (N, nx) are the multipliers of the dynamics, ``rows`` (N, n_rows) those of the rows, in
-    cost per characteristic size. ``objective`` is the predicted change of the cost plus the penalty of
-    violated rows. ``violation`` is the sum of the slacks, in characteristic sizes.
+    ``costates`` (N, nx) are the multipliers of the dynamics, and ``rows`` (N, n_rows) the multipliers of the
+    inequality rows, in cost per characteristic size. ``objective`` is the predicted change of the cost plus the
+    penalty of violated rows. ``violation`` is the sum of the slacks, in characteristic sizes.
     """
 
     dx: np.ndarray
@@ -44,10 +44,11 @@ class Direction:
 class HorizonQP:
     """Quadratic program ``min sum_k 1/2 w' H w + g' w + penalty`` for a plan's step, of fixed sparsity.
 
-    The variables of step k are du_k, slacks s_k and dx_{k+1}, and w_k = (dx_k, du_{k-1}, du_k). Dynamics and bounds
-    on inputs are hard. Rows may be violated by s_k >= 0 at an exact penalty, so that every program is feasible. All
-    rows of a step share one slack. With ``separate`` each of the model's constraints, which are the last rows, has
-    its own slack, so that a constraint that cannot be satisfied does not loosen the others.
+    The variables of step k are du_k, slacks s_k and dx_{k+1}, and w_k = (dx_k, du_{k-1}, du_k). Dynamics and
+    bounds on inputs are hard constraints. Inequality rows may be violated by s_k >= 0 at an exact penalty, so
+    that every program is feasible. All rows of a step share one slack. If ``separate``, each of the model's
+    constraints, which are the last rows, has its own slack, so that a constraint that cannot be satisfied does
+    not relax the others.
     """
 
     def __init__(self, model: StageModel, rows: int, separate: bool = False) -> None:
@@ -100,8 +101,8 @@ class HorizonQP:
     ) -> Direction:
         """Return the step of a plan, given the measured state minus the plan's first state ``dx0`` (nx,).
 
-        ``rows`` are constrained to 0 or above; ``bounds`` are those on du, each (N, nu); ``penalty`` is
-        that of a slack, in characteristic costs per characteristic size.
+        ``rows`` are constrained to 0 or above; ``bounds`` are the lower and upper bounds (N, nu) on du;
+        ``penalty`` is the penalty of a slack, in characteristic costs per characteristic size.
         """
         model, N, nx = self.model, self.model.N, self.model.nx
         cost = model.problem.scales.cost
@@ -161,7 +162,7 @@ class HorizonQP:
 
 
 class _Pattern:
-    """A sparse matrix of fixed pattern, filled from entries in a fixed order; an index of -1 leaves one out."""
+    """Sparse matrix of fixed pattern, filled from entries in a fixed order; entries with an index of -1 are ignored."""
 
     def __init__(self, rows: np.ndarray, columns: np.ndarray, shape: tuple[int, int]) -> None:
         self.used = np.flatnonzero((rows >= 0) & (columns >= 0))
@@ -171,6 +172,6 @@ class _Pattern:
         self.matrix = sp.csc_matrix((np.zeros(unique.size), unique % shape[0], starts), shape=shape)
 
     def __call__(self, data: np.ndarray) -> sp.csc_matrix:
-        """Return the matrix with these entries; entries at the same position are summed."""
+        """Return the matrix with the entries ``data``; entries at the same position are summed."""
         self.matrix.data = np.bincount(self.positions, data[self.used], self.matrix.nnz)
         return self.matrix

@@ -1,4 +1,4 @@
-"""Linearisation of a plan's steps, with next state, multipliers and gaps eliminated from each."""
+"""Linearisation of a plan's steps, with the next state, multipliers and gaps of each step eliminated."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ class LinearClosure(NamedTuple):
 
     @classmethod
     def from_active_set(cls, plan: Plan, closed: np.ndarray) -> LinearClosure:
-        """Build the closure ``gap = 0`` of pairs in the mask ``closed`` (N, n) and ``lam = 0`` of the others."""
+        """Build the closure ``gap = 0`` for pairs in the mask ``closed`` (N, n), and ``lam = 0`` for other pairs."""
         shut = closed.astype(float)
         return cls(shut, 1 - shut, 0 * shut, np.where(closed, -plan.gap, -plan.lam))
 
     @classmethod
     def from_product(cls, plan: Plan, mu: np.ndarray, sizes: tuple[np.ndarray, np.ndarray]) -> LinearClosure:
-        """Linearise ``lam gap = mu`` at the plan, scaled by ``sizes`` of (lam, gap) and by the larger factor."""
+        """Linearise ``lam gap = mu`` at the plan, divided by ``sizes`` of (lam, gap) and the larger scaled factor."""
         L, G = (abs(v) / s + FACTOR_FLOOR for v, s in zip((plan.lam, plan.gap), sizes, strict=True))
         lam_size, gap_size = sizes
         larger, unit = np.maximum(L, G), lam_size * gap_size
@@ -37,7 +37,7 @@ class LinearClosure(NamedTuple):
 
 
 EIGENVALUE_ROUNDING = 1e-12
-"""Magnitude of negative eigenvalues that count as rounding errors, as a share of the trace."""
+"""Magnitude up to which negative eigenvalues count as rounding errors, as a share of the trace."""
 FACTOR_FLOOR = 1e-10
 """Number added to both factors of ``lam gap``, which may both be zero if mu = 0."""
 
@@ -54,10 +54,11 @@ class Affine(NamedTuple):
 class Linearised:
     """Linear-quadratic model of a horizon around a plan, in the changes dx_k and du_k.
 
-    ``x_next`` (its change), ``lam``, ``gap`` and ``rows`` are affine in dx and du. ``gradient`` (N, nw) and
-    ``hessian`` (N, nw, nw) are those of the stage cost with respect to w = (x, u_before, u), ``end`` those of the
-    terminal cost. ``by_closure`` (N, nx + n, n) is the derivative of (x_next, lam) with respect to the closures'
-    right sides c, ``gap_by_closure`` (N, n, n) that of the gaps, ``rows_by_closure`` (N, m, n) that of the rows.
+    The change ``x_next`` of the next state, and ``lam``, ``gap`` and ``rows``, are affine in dx and du.
+    ``gradient`` (N, nw) and ``hessian`` (N, nw, nw) are derivatives of the stage cost with respect to w = (x,
+    u_before, u), and ``end`` contains gradient and Hessian of the terminal cost. Derivatives with respect to
+    the closures' right sides c are ``by_closure`` (N, nx + n, n) for (x_next, lam), ``gap_by_closure`` (N, n,
+    n) for the gaps, and ``rows_by_closure`` (N, m, n) for the rows.
     """
 
     x_next: Affine

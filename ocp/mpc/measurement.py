@@ -1,4 +1,4 @@
-"""Projection of measured states on states that are finite and do not penetrate."""
+"""Projection of measured states onto states that are finite and without penetration."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from ocp.mpc.constraint_rows import MET_TOLERANCE
 from ocp.problem.problem import Problem
 
 IGNORED_PENETRATION = 1e-9
-"""Maximum penetration that is not corrected, in characteristic gaps."""
+"""Penetration, in characteristic gaps, up to which it is not corrected."""
 MAX_PROJECTIONS = 5
 """Maximum number of Gauss-Newton projections of a penetrating state."""
 
 
 class Measurement:
-    """Projection of a measured state on the states from which a plan may start."""
+    """Projector of measured states onto states from which a plan may start."""
 
     def __init__(self, problem: Problem) -> None:
         self.problem, system = problem, problem.system
@@ -28,10 +28,10 @@ class Measurement:
     def project(
         self, x: np.ndarray, expected: np.ndarray, bounds: list[np.ndarray], physical: np.ndarray
     ) -> tuple[np.ndarray, list[str]]:
-        """Return the state from which to plan, and notes on what was changed and on violated bounds.
+        """Return the state from which to plan, and notes on changes of the state and on violated bounds.
 
-        Entries that are not finite are replaced by those of ``expected``; penetration is removed by the
-        smallest motion in characteristic sizes. A state outside ``bounds`` is not changed.
+        Entries that are not finite are replaced by entries of ``expected``. Penetration is removed by the
+        smallest change of the state, in characteristic sizes. A state outside ``bounds`` is not changed.
         """
         finite_state, notes = x, []
         if not np.isfinite(finite_state).all():

@@ -1,4 +1,4 @@
-"""Base class of phases that solve a quadratic program per sample and choose its step size by exact rollouts."""
+"""Base class of phases that solve a quadratic program per sample and choose the step size by rollouts."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from ocp.mpc.rollouts import CandidateRollouts
 from ocp.mpc.stages import MIN_PENALTY, Plan, StageModel, StageValues
 
 STEP_SHARES = (1.0, 0.5, 0.25, 0.06)
-"""Step sizes that are rolled out, each with the regulator's feedback around it."""
+"""Step sizes of the candidates that are rolled out, each with the regulator's feedback."""
 
 MAX_WARM_UP_PROGRAMS = 30
-"""Maximum number of additional programs at the first sample, whose plan is from another law or state."""
+"""Maximum number of additional programs at the first sample, when the plan is for another law or state."""
 UNSOLVED = "the quadratic program was not solved"
 """Note on a sample whose quadratic program was not solved."""
 
 
 class Proposal(NamedTuple):
-    """An active set (N, n), the horizon linearised with it, the program's rows, and its solution."""
+    """An active set (N, n), the horizon linearised with this set, the program's rows, and its solution."""
 
     closed: np.ndarray
     lin: Linearised
@@ -39,7 +39,7 @@ class Proposal(NamedTuple):
 
 @dataclass
 class Prepared:
-    """A plan with the values of its steps, its active set (N, n), and its linearisation."""
+    """A plan with the values and derivatives of its steps, its active set (N, n), and its linearisation."""
 
     plan: Plan
     evaluated: StageValues
@@ -50,10 +50,10 @@ class Prepared:
 class NewtonPhase(Phase):
     """Phase that solves a quadratic program at the last plan and chooses the step size by exact rollouts.
 
-    The program gives dx, du. Candidates are ``u + s du + K (x - x_plan - s dx)`` with s = 1, 1/2,
-    1/4, 0.06 and 0, where K are the gains of the linear-quadratic regulator along the plan or, for
-    s = 0, also zero. The candidate of lowest merit under the contact law is the next plan. So every
-    plan is a rollout of the law, and none is worse than the shifted plan.
+    The program gives dx, du. Candidates are ``u + s du + K (x - x_plan - s dx)`` with s = 1, 1/2, 1/4, 0.06 and
+    0, where K are the gains of the linear-quadratic regulator along the plan; for s = 0 there is also a
+    candidate with K = 0. The candidate of lowest merit under the contact law is the next plan. So every plan is
+    a rollout under the law, and no plan is worse than the shifted plan.
     """
 
     def __init__(self, model: StageModel, rollouts: CandidateRollouts, iterations: int = 1) -> None:
@@ -70,7 +70,7 @@ class NewtonPhase(Phase):
         """Number of rows of the quadratic program at every step."""
 
     def active_set(self, plan: Plan) -> np.ndarray:
-        """Return the active set (N, n) of a plan, by default no closed pair, as for smoothed laws."""
+        """Return the active set (N, n) of a plan. By default no pair is closed, as needed for smoothed laws."""
         return np.zeros(plan.lam.shape, dtype=bool)
 
     @abstractmethod
@@ -82,7 +82,7 @@ class NewtonPhase(Phase):
         """Return the rows (N, n_rows) that the program constrains to 0 or above."""
 
     def proposals(self, prepared: Prepared, sample: Sample) -> tuple[list[Proposal], str]:
-        """Return the proposals to roll out, best last, or none if no program was solved; and a note."""
+        """Return the proposals to roll out, best last (an empty list if no program was solved), and a note."""
         proposal = self.propose(prepared.lin, prepared.closed, sample)
         return ([proposal], "") if proposal.step.solved else ([], UNSOLVED)
 
@@ -110,9 +110,10 @@ class NewtonPhase(Phase):
         return HorizonQP(self.model, self.n_rows, separate=True)
 
     def solve(self, lin: Linearised, rows: Affine, sample: Sample) -> Direction:
-        """Return the program's step; if it violates rows, that of separate slacks and a larger penalty.
+        """Solve the quadratic program; if rows are violated, solve it with separate slacks and larger penalties.
 
-        That penalty is then used in the sample's other programs, so that their optima are comparable.
+        The chosen penalty is then used for all further programs of the sample, so that their optima are
+        comparable.
         """
         step_bounds = (sample.bounds[0] - self.plan.u, sample.bounds[1] - self.plan.u)
         arguments = (lin, rows, sample.x - self.plan.x[0], step_bounds)
@@ -134,7 +135,7 @@ class NewtonPhase(Phase):
         return self._iterate(self._solve_program, sample, self.iterations - 1, 1e-9)
 
     def warm_up(self, sample: Sample) -> Answer:
-        """Answer the first measurement by repeated programs, as long as they improve the plan."""
+        """Answer the first measurement: solve programs repeatedly, as long as they improve the plan."""
         return self._iterate(self.feedback, sample, MAX_WARM_UP_PROGRAMS, 1e-6)
 
     def _iterate(self, solve: Callable[[Sample], Answer], sample: Sample, most: int, tolerance: float) -> Answer:
@@ -170,7 +171,7 @@ class NewtonPhase(Phase):
         return Answer(best_plan.u[0], best_plan, status, "; ".join(notes), merit, bool(violated))
 
     def _merit_penalty(self, proposals: list[Proposal]) -> float:
-        """Return the penalty in the merit: twice the largest multiplier of a constraint, but at least 100."""
+        """Return the penalty in the merit function: twice the largest multiplier of a constraint, but at least 100."""
         m, cost = self.model.m, self.model.problem.scales.cost
         largest = max((abs(proposal.step.rows[:, -m:]).max() for proposal in proposals if m), default=0.0)
         return max(MIN_PENALTY, 2 * float(largest) / cost)
@@ -180,7 +181,7 @@ class NewtonPhase(Phase):
         return Answer(u, self.plan, "kept", f"{reason}; the previous plan is used")
 
     def _candidates(self, plan: Plan, proposals: list[Proposal], lin: Linearised) -> tuple[np.ndarray, np.ndarray]:
-        """Return gains K (S, N, nu, nx) and k (S, N, nu) of S candidates, first of the plan without and with K."""
+        """Return K (S, N, nu, nx) and k (S, N, nu) of S candidates; the first two are the plan without and with K."""
         x, u = plan.x[:-1], plan.u
         regulator = self.regulator.gains(lin)
         gains, centres, inputs = [0 * regulator, regulator], [x, x], [u, u]

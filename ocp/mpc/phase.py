@@ -14,7 +14,7 @@ from ocp.mpc.stages import Plan
 
 @dataclass(frozen=True)
 class Sample:
-    """A measurement: state (nx,), last input (nu,), parameters (N+1, np), and bounds on u, each (nu,)."""
+    """Data of one sample: measured state (nx,), last input (nu,), parameters (N+1, np), and both bounds (nu,) on u."""
 
     x: np.ndarray
     u_before: np.ndarray
@@ -24,10 +24,10 @@ class Sample:
 
 @dataclass(frozen=True)
 class Answer:
-    """A phase's answer to a measurement: the input to apply, and the plan that it is from.
+    """A phase's answer to a measurement: the input to apply, and the plan whose first input this is.
 
-    ``plan`` is None for a phase without plans. ``note`` describes anything unusual; ``violated`` says
-    whether the plan violates a constraint.
+    ``plan`` is None for a phase without plans. ``note`` describes anything unusual. ``violated`` is true if the
+    plan violates a constraint.
     """
 
     u: np.ndarray
@@ -39,11 +39,11 @@ class Answer:
 
 
 class Phase(ABC):
-    """An algorithm that answers a measurement with an input.
+    """Base class of algorithms that compute an input from a measurement.
 
-    ``prepare`` does all work that does not need the measurement, at the shifted plan; ``feedback``
-    does the rest. ``plans`` says whether the phase makes plans over a receding horizon. ``gain``
-    (nu, nx) gives the input of the step by which the shifted plan is extended.
+    ``prepare`` does all work at the shifted plan that does not need the measurement, and ``feedback`` does the
+    rest. ``plans`` is true if the phase computes plans over a receding horizon. ``gain`` (nu, nx) is the
+    feedback gain for the step by which the shifted plan is extended.
     """
 
     plans: ClassVar[bool] = True
@@ -58,14 +58,14 @@ class Phase(ABC):
         """Return the input and plan that answer a measurement."""
 
     def warm_up(self, sample: Sample) -> Answer:
-        """Answer the first measurement, for which the plan is from another law or state."""
+        """Answer the first measurement, when the plan is for another contact law or another state."""
         return self.feedback(sample)
 
 
 def numbers(what: str, value: Any, *shapes: tuple[int, ...], finite: bool = False) -> np.ndarray:
     """Return ``value`` as an array of floats of one of the ``shapes``, or of any shape if none is given.
 
-    Raises :class:`~ocp.errors.InputError` for anything else, and with ``finite`` for NaN and infinity.
+    Raises :class:`~ocp.errors.InputError` for any other value, and if ``finite`` also for NaN and infinity.
     """
     try:
         array = np.asarray(value, dtype=float)

@@ -23,7 +23,7 @@ from ocp.routes.session import Session
 
 @dataclass(frozen=True)
 class PhaseParts:
-    """The parts of a controller that a phase is built from; ``solved`` is None if no first plan was solved."""
+    """Parts of a controller from which a phase is built; ``solved`` is None if no first plan was solved."""
 
     session: Session
     model: StageModel
@@ -34,7 +34,7 @@ class PhaseParts:
 
 
 def soft_phase(model: StageModel, rollouts: CandidateRollouts, exact: bool, iterations: int = 1) -> NewtonPhase:
-    """Return the phase of quadratic programs with soft constraints for the exact or a smoothed law."""
+    """Return a phase with soft constraints: :class:`QPCC` for the exact law, :class:`Relaxed` for smoothed laws."""
     return (QPCC if exact else Relaxed)(model, rollouts, iterations)
 
 
@@ -50,9 +50,10 @@ def _full(parts: PhaseParts, law: Any) -> Phase:
 
 @dataclass(frozen=True)
 class PhaseEntry:
-    """A phase's name and summary, the kind of contact law of its plans, and its constructor.
+    """Table entry of a phase: name, summary, kind of contact law of its plans, and constructor.
 
-    ``exact`` is None if the phase takes any law; ``plans`` says whether it makes plans.
+    ``exact`` is true for the exact law, false for smoothed laws, and None if the phase accepts any law.
+    ``plans`` is true if the phase computes plans.
     """
 
     name: str
@@ -62,7 +63,7 @@ class PhaseEntry:
     plans: bool = True
 
     def law(self, law: ContactLaw | None) -> ContactLaw:
-        """Return the given law or, for None, the exact law, and for a smoothed phase the barrier with mu = 1e-2.
+        """Return ``law`` or, if None, the exact law, or for a smoothed phase the barrier law with mu = 1e-2.
 
         Raises :class:`~ocp.errors.InputError` for a law that the phase cannot use.
         """

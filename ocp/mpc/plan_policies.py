@@ -1,4 +1,4 @@
-"""Policies along a plan: the regulator's gains with the plan's contacts, and a controller that plans again."""
+"""Policies along a plan: regulator gains with the plan's contacts fixed, and a receding-horizon controller."""
 
 from __future__ import annotations
 
@@ -17,13 +17,14 @@ from ocp.problem.evaluation import Evaluation
 from ocp.problem.rollout import Gains, Rollout
 
 LEAST_SMOOTHING = 1e-6
-"""Smoothing of steps whose active set has no linearisation, as where contacts are redundant."""
+"""Smoothing mu used if the active set of a step has no linearisation, for example for redundant contacts."""
 
 
 class Weights(NamedTuple):
-    """Weights of deviations from a plan by a characteristic size, in what the plan can change of its cost.
+    """Weights of squared deviations from a plan, in characteristic sizes, relative to the cost above its lower bound.
 
-    Of states over the whole horizon, of the last state, and of inputs over the whole horizon.
+    ``states`` weights states and ``inputs`` weights inputs, both as means over the horizon; ``end`` weights the
+    last state.
     """
 
     states: float = 0.0
@@ -32,17 +33,18 @@ class Weights(NamedTuple):
 
 
 NO_WEIGHTS = Weights()
-"""No deviation costs more than in the problem."""
+"""Weights that add nothing to the problem's own cost."""
 
 
 class PlanRegulator:
-    """Linear-quadratic regulator along a plan x (1, N+1, nx) of the exact law, with the contacts of the plan.
+    """Linear-quadratic regulator along a plan x (1, N+1, nx) under the exact law, with the plan's contacts fixed.
 
-    Every step is linearised with its active set held: open pairs have no force and closed ones keep their gap zero, so
-    that the jump at an impact is part of the linear dynamics. With a ``smoothing`` mu, in characteristic impulses times
-    gaps, the derivatives are instead those of the point of ``lam gap = mu`` with the plan's ``lam - gap``: pairs near
-    contact then share both sides. The regulated cost is the problem's second-order expansion at the plan, with
-    :class:`Weights` of deviations added.
+    Every step is linearised with its active set fixed: open pairs have no force and closed pairs keep their gap
+    zero, so that the jump at an impact is part of the linear dynamics. With a ``smoothing`` mu, in
+    characteristic impulses times gaps, the law ``lam gap = mu`` is linearised instead, at the point with the
+    same ``lam - gap`` as the plan, so that both force and gap of a pair near contact may change. The
+    regulator's cost is the second-order expansion of the problem's cost at the plan, plus deviations with
+    :class:`Weights`.
     """
 
     def __init__(self, evaluation: Evaluation, plan: Rollout) -> None:
@@ -58,7 +60,7 @@ class PlanRegulator:
         self._unit = abs(plan.cost - evaluation.least_cost)
 
     def linearised(self, smoothing: float = 0.0) -> Linearised:
-        """Return the plan's steps with contact eliminated; where an active set has no linearisation, smoothed."""
+        """Return the plan's steps with contact eliminated; they are smoothed if an active set has no linearisation."""
         closure = self._smoothed(smoothing or LEAST_SMOOTHING)
         if not smoothing:
             closed = ActiveSets(self._model).of(self._plan)
@@ -68,7 +70,7 @@ class PlanRegulator:
         return linearise(self._model, self._plan, self._evaluated, closure)
 
     def _smoothed(self, mu: float) -> LinearClosure:
-        """Return ``gap dlam + lam dgap = 0`` at the point of the central path with the plan's ``lam - gap``."""
+        """Return ``gap dlam + lam dgap = 0`` at the point with ``lam gap = mu`` and the plan's ``lam - gap``."""
         lam_size, gap_size = self._model.sizes
         difference = self._plan.lam / lam_size - self._plan.gap / gap_size
         larger = (np.abs(difference) + np.sqrt(difference**2 + 4 * mu)) / 2
@@ -78,7 +80,7 @@ class PlanRegulator:
         return LinearClosure(lam / gap_size / larger, gap / lam_size / larger, zero, zero)
 
     def gains(self, weights: Weights = NO_WEIGHTS, smoothing: float = 0.0) -> Gains:
-        """Return K (N, nu, nx) and k (N, nu) with ``u = K x + k``, which keeps the plan's own trajectory."""
+        """Return K (N, nu, nx), k (N, nu) of the feedback ``u = K x + k``, which gives the plan's inputs along it."""
         lin, plan, N = self.linearised(smoothing), self._plan, len(self._plan.u)
         nx, nu = self._model.nx, self._model.nu
         hessian, (end_gradient, end_hessian) = lin.hessian.copy(), lin.end
@@ -92,9 +94,10 @@ class PlanRegulator:
 
 
 class ControllerPolicy:
-    """A controller as a function of the state, which begins anew at step 0.
+    """Receding-horizon controller as a function of the state; it is reset at step 0.
 
-    Of its ``samples``, ``kept`` went on with the plan before; ``note`` is the last one's reason.
+    ``samples`` counts the samples, and ``kept`` those at which no new plan could be computed; ``note`` is the
+    reason at the last of these.
     """
 
     def __init__(self, evaluation: Evaluation) -> None:

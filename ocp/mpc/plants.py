@@ -1,4 +1,4 @@
-"""Plants of closed-loop simulations: the controller's model, or more exact or changed physics."""
+"""Plants of closed-loop simulations, with the physics of the controller's model or more exact or changed physics."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ PLANTS = {
 
 @dataclass(frozen=True)
 class Disturbance:
-    """Differences of the plant from the model.
+    """Differences between the plant and the controller's model.
 
-    ``noise_state`` and ``noise_input`` are standard deviations of the noise on the measurement and on
-    the applied input, one number for all signals or a mapping from names, in the signals' units.
-    ``mismatch`` maps parameters to the plant's values; with ``delay`` each input is applied one sample
-    late; ``pushes`` maps samples to changes of the state (nx,).
+    ``noise_state`` and ``noise_input`` are standard deviations of the noise on the measured state and on the
+    applied input, in the signals' units: one number for all signals, or a mapping from names. ``mismatch`` maps
+    names of parameters to their values in the plant. If ``delay``, each input is applied one sample late.
+    ``pushes`` maps numbers of samples to changes (nx,) of the state.
     """
 
     noise_state: float | Mapping[str, float] = 0.0
@@ -47,13 +47,13 @@ class Disturbance:
 
 
 class Plant:
-    """A simulated plant, which is stepped from sample to sample and may have other parameters than the model.
+    """Simulated plant, which is advanced from sample to sample and may have other parameters than the model.
 
     Velocity-dependent forces of a planar machine are integrated implicitly, so that they gain no
     energy (:func:`~dynamics.systems.planar.machine.with_implicit_forces`).
 
-    Raises :class:`~ocp.errors.InputError` for an unknown plant or parameter, for ``h/4`` where the
-    step size is no parameter, and as :class:`~ocp.simulators.mujoco_world.MujocoWorld` does.
+    Raises :class:`~ocp.errors.InputError` for an unknown plant or parameter, and for ``h/4`` if the step size
+    is not a parameter, and the errors of :class:`~ocp.simulators.mujoco_world.MujocoWorld`.
     """
 
     def __init__(self, problem: Problem, name: str, mismatch: Mapping[str, float]) -> None:
@@ -79,7 +79,7 @@ class Plant:
         self.lam = slice(0, 0 if sharpest else problem.system.nlam)
 
     def step(self, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the state (nx,) one sample later, and the sum of the impulses (nlam,), NaN under other laws."""
+        """Return the state (nx,) one sample later, and the sample's impulses (nlam,), NaN unless the law is exact."""
         total = np.zeros(self.problem.system.nlam)
         if self._mujoco is not None:
             return self._mujoco.step(x, u), total * np.nan
@@ -115,7 +115,7 @@ def _check_names(refusal: str, values: Mapping[str, float], names: list[str]) ->
 
 
 def check_pushes(problem: Problem, pushes: Mapping[int, np.ndarray], steps: int) -> None:
-    """Raise :class:`~ocp.errors.InputError` for pushes after the last sample or of another shape than (nx,)."""
+    """Raise :class:`~ocp.errors.InputError` for a push after the last sample or with a shape other than (nx,)."""
     for k, change in validated("pushes", pushes, Mapping[Index, Any]).items():
         if k >= steps:
             raise InputError(f"pushes: the sample must be from 0 to {steps - 1}, got {k}")

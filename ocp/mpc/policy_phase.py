@@ -1,4 +1,4 @@
-"""Feedback phase without plans: a function of the state, or the gains of a plan or regulator."""
+"""Feedback phase without plans, which evaluates a function of the state, or gains."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Law = Callable[[np.ndarray, int], np.ndarray]
 
 
 class FixedPolicy(Phase):
-    """Phase that evaluates the feedback ``u = law(x, k)``, or gains, and clips it to the bounds."""
+    """Phase that evaluates the feedback ``u = law(x, k)``, or gains, and clips the input to its bounds."""
 
     plans = False
 

@@ -1,4 +1,4 @@
-"""Real-time iteration with complementarity constraints, whose active set is exchanged by multipliers."""
+"""Real-time iteration with complementarity constraints and exchanges of the active set."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ from ocp.mpc.rollouts import CandidateRollouts
 from ocp.mpc.stages import Plan, StageModel, StageValues
 
 ACTIVE_TOLERANCE = 1e-6
-"""Value of a row, in characteristic sizes, below which it counts as active."""
+"""Value of an inequality row, in characteristic sizes, up to which it counts as active."""
 MIN_EXCHANGE_GAIN = 1e-4
 """Minimum gain for which a pair is exchanged, in characteristic costs per characteristic size."""
 
 
 class QPCC(NewtonPhase):
-    """Quadratic program with complementarity constraints, solved by exchanges of its active set.
+    """Phase that solves a quadratic program with complementarity constraints by exchanges of the active set.
 
-    One side of each pair is fixed at zero and the other is constrained to 0 or above. At the solution
-    of that program a pair with both sides at zero may change its side. This pays if the derivative
-    of the program's optimum with respect to the fixed side,
+    In each program one side (force or gap) of each pair is fixed at zero, and the other is constrained to 0 or
+    above. At the program's solution, a pair with both sides at zero may be exchanged, that is, its other side
+    is fixed. This lowers the cost if the derivative of the program's optimum with respect to the fixed side,
 
         sigma_i = -y_k' (d x_{k+1} / d eps_i) - sum_j z_kj (d row_kj / d eps_i),
 
-    is negative. Pairs with ``sigma_i < 0`` are exchanged, first all at once and, if the optimum does
-    not fall, the best one alone, at most ``exchanges`` times. If none is left, the program's
-    solution is strongly stationary where its multipliers are unique.
+    is negative. Pairs with ``sigma_i < 0`` are exchanged all at once or, if the optimum does not decrease, only
+    the pair of largest gain, at most ``exchanges`` times. If no such pair is left and multipliers are unique,
+    the program's solution is strongly stationary.
     """
 
     exchanges = 2
@@ -51,7 +51,7 @@ class QPCC(NewtonPhase):
         return LinearClosure.from_active_set(plan, closed)
 
     def rows(self, lin: Linearised, closed: np.ndarray) -> Affine:
-        """Return the rows: forces of closed pairs and gaps of open ones, then the constraints."""
+        """Return the rows: forces of closed pairs and gaps of open pairs, then the constraints."""
         lam_size, gap_size = self.model.sizes
         lam, gap = lin.lam, lin.gap
         value = np.where(closed, lam.value, gap.value)
@@ -65,7 +65,7 @@ class QPCC(NewtonPhase):
         return Affine(*(np.concatenate(parts, axis=1) for parts in both))
 
     def proposals(self, prepared: Prepared, sample: Sample) -> tuple[list[Proposal], str]:
-        """Return the proposal with the plan's active set, and the best one after exchanges."""
+        """Return a list with the proposal for the plan's active set and the best after exchanges; and a note."""
         steps, note = super().proposals(prepared, sample)
         for _ in range(self.exchanges if steps else 0):
             better = self._exchange_pairs(prepared, steps[-1], sample)
@@ -75,7 +75,7 @@ class QPCC(NewtonPhase):
         return steps, note
 
     def _exchange_pairs(self, prepared: Prepared, incumbent: Proposal, sample: Sample) -> Proposal | None:
-        """Return the proposal after an exchange that lowers the program's optimum, or None."""
+        """Return a proposal with exchanged pairs that lowers the program's optimum, or None if there is none."""
         gains = self._gains(incumbent)
         pays = gains > MIN_EXCHANGE_GAIN
         if not pays.any():
@@ -96,7 +96,7 @@ class QPCC(NewtonPhase):
         return self.model.problem.scales.cost
 
     def _gains(self, tried: Proposal) -> np.ndarray:
-        """Return minus sigma (N, n) in characteristic costs, 0 for pairs that may not be exchanged."""
+        """Return -sigma (N, n) in characteristic costs per size, 0 for pairs that may not be exchanged."""
         closed, lin, rows, direction = tried
         model = self.model
         n, nx, sizes = model.n, model.nx, model.sizes
@@ -116,6 +116,6 @@ class QPCC(NewtonPhase):
 
 
 class FixedActiveSet(QPCC):
-    """Phase with the programs of :class:`QPCC` without exchanges: contacts stay as in the plan."""
+    """Phase that solves the program of :class:`QPCC` without exchanges: the active set is that of the last plan."""
 
     exchanges = 0

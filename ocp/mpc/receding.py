@@ -26,7 +26,7 @@ Values = Mapping[str, "float | np.ndarray"]
 class Receding:
     """Problem whose measured state and last input are parameters ``measured_0 ...`` and ``last_input_0 ...``.
 
-    ``notes`` are sentences on what had to change for a receding horizon.
+    ``notes`` are sentences on how the original problem was changed for a receding horizon.
     """
 
     problem: Problem
@@ -36,7 +36,7 @@ class Receding:
     def of(cls, problem: Problem) -> Receding:
         """Build the receding problem of ``problem``.
 
-        Raises :class:`~ocp.errors.InputError` for a free step size, since a controller needs a fixed one.
+        Raises :class:`~ocp.errors.InputError` if the step size is free, since a controller needs a fixed step size.
         """
         if problem.h is not None:
             raise InputError(
@@ -72,7 +72,7 @@ class Receding:
 
 
 def _terminal_penalty(problem: Problem) -> ca.SX:
-    """Return the terminal cost that replaces terminal constraints: their squared violation times a weight."""
+    """Return the terminal cost that replaces terminal constraints: the squared violation times a weight."""
     violation = ca.SX(0)
     for constraint in problem.terminal:
         above, below = constraint.expression - constraint.upper, constraint.lower - constraint.expression
@@ -85,10 +85,11 @@ def horizon_rows(
 ) -> np.ndarray:
     """Return the parameters over a horizon (N+1, np): ``base`` (np,) with the given values replaced.
 
-    ``dynamics`` are the names that the step depends on, which must be constant over the horizon.
+    ``dynamics`` are the names of the parameters on which the step depends; they must be constant over the
+    horizon.
 
-    Raises :class:`~ocp.errors.InputError` for an unknown name, an array of another length, and an
-    array that varies for a parameter of the dynamics.
+    Raises :class:`~ocp.errors.InputError` for an unknown name, an array of another length, and a varying array
+    for a parameter of the dynamics.
     """
     N, allowed = receding.problem.N, [n for n in names if n not in receding.added]
     rows = np.tile(base, (N + 1, 1))

@@ -10,14 +10,15 @@ from ocp.mpc.linearised import Linearised
 from ocp.transcription.nlp import StageCompiler
 
 INPUT_CURVATURE_SHARE = 1e-9
-"""Multiple of the identity that is added to Quu, as a share of the mean of its diagonal."""
+"""Multiple of the identity that is added to Quu, as a share of the mean of Quu's diagonal."""
 
 
 class Regulator:
     """Linear-quadratic regulator along a plan, by the Riccati recursion backwards in time.
 
-    ``K_k = -Quu^-1 Qux``, ``Q = H_k + (A_k B_k)' V_{k+1} (A_k B_k)`` and ``V_k = Qxx + Qxu K_k``. The
-    previous input is taken as fixed. One compiled step is repeated N times.
+    ``K_k = -Quu^-1 Qux``, ``Q = H_k + (A_k B_k)' V_{k+1} (A_k B_k)`` and ``V_k = Qxx + Qxu K_k``. The previous
+    input is treated as constant, so the effect of an input on the cost of the next change of inputs is
+    neglected. One compiled step is repeated N times.
     """
 
     def __init__(self, nx: int, nu: int, N: int) -> None:

@@ -1,4 +1,4 @@
-"""Rollouts of candidates for the next plan from the measured state."""
+"""Rollouts, from the measured state, of candidates for the next plan."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from ocp.judge.constraints import Broken
 from ocp.mpc.stages import MIN_PENALTY, Plan, StageModel
 
 MAX_INPUT = 1e6
-"""Limit on inputs that have no bounds, in characteristic inputs."""
+"""Bound on inputs without a finite bound, in characteristic inputs."""
 
 
 class CandidateRollouts:
-    """Rollouts of feedbacks ``u_k = clip(K_k x_k + k_k)`` under the contact law of a stage model."""
+    """Compiled rollouts with feedback ``u_k = clip(K_k x_k + k_k)`` under the contact law of a stage model."""
 
     def __init__(self, model: StageModel) -> None:
         self.model = model
@@ -45,10 +45,10 @@ class CandidateRollouts:
         p: np.ndarray,
         penalty: float = MIN_PENALTY,
     ) -> tuple[Plan, float, int, list[Broken]]:
-        """Return the plan of the candidate of lowest merit, its merit, index, and violated constraints.
+        """Return the plan of the candidate of lowest merit, its merit, its index, and its violated constraints.
 
-        Gains K (S, N, nu, nx) and k (S, N, nu) are those of S candidates. A candidate with a step that
-        has no solution has infinite merit.
+        K (S, N, nu, nx) and k (S, N, nu) are the gains of S candidates. A candidate with an unsolved step has
+        infinite merit.
         """
         model, (S, N) = self.model, K.shape[:2]
         input_limit = MAX_INPUT * model.problem.scales.u

@@ -27,11 +27,11 @@ from ocp.routes.session import Session
 from ocp.validation import Count, Index, validated
 
 DIVERGED_FACTOR = 100.0
-"""Largest state of a plant that has not diverged, in sizes of problem, start and first plan; it grows with time."""
+"""Factor on the largest of problem scales, start and first plan above which a state counts as diverged."""
 FEASIBILITY_TOLERANCE = 1e-6
-"""Maximum constraint violation of a plan that is judged for stationarity, in characteristic sizes."""
+"""Constraint violation up to which a plan is judged for stationarity, in characteristic sizes."""
 DEFAULT_NOISE_SHARE = 0.01
-"""Standard deviation of the plant ``noise`` if none is given, in characteristic sizes."""
+"""Default standard deviation of the noise of the plant ``noise``, in characteristic sizes."""
 
 DIMENSIONS = {
     "x": ("node", "state"),
@@ -42,19 +42,19 @@ DIMENSIONS = {
     "seconds": ("sample",),
     "merit": ("sample",),
 }
-"""Mapping from a simulation's numeric arrays to their dimensions after ``seed``."""
+"""Mapping from names of a simulation's numeric arrays to their dimensions after ``seed``."""
 Goals = Callable[[int, np.ndarray], Values]
-"""Function ``(sample, measured state) -> parameters`` that sets the controller's parameters at each sample."""
+"""Function ``(sample, measured state) -> parameters`` that returns the controller's parameters for each sample."""
 
 
 @dataclass(frozen=True)
 class ClosedLoop:
     """Result of a closed-loop simulation: trajectories of S seeds over T samples as labelled arrays, and counts.
 
-    ``data`` has x (S, T+1, nx), u (S, T, nu), measured (S, T, nx), plan (S, T, N+1, nx), seconds, cost,
-    merit, status and certificate (S, T), end_cost (S,), and ended (S,), the number of samples before the
-    plant diverged. ``notes`` maps the sentences of the commands to their number; ``violations`` are
-    the plant's violations of bounds on states and path constraints, worst first.
+    ``data`` has x (S, T+1, nx), u (S, T, nu), measured (S, T, nx), plan (S, T, N+1, nx), seconds, cost, merit,
+    status and certificate (S, T), end_cost (S,), and ended (S,), the number of samples before the plant
+    diverged. ``notes`` maps each note of the commands to its number of occurrences. ``violations`` are the
+    plant's violations of path constraints and of bounds on states, largest first.
     """
 
     problem: Problem
@@ -91,12 +91,12 @@ class ClosedLoop:
 
     @property
     def survived(self) -> np.ndarray:
-        """Mask (S,): seeds that reached the last sample."""
+        """Mask (S,) of the seeds that reached the last sample."""
         return self.data["ended"].values == self.data.sizes["sample"]
 
     @property
     def certified(self) -> float:
-        """Share of the judged plans that are stationary, NaN if none was judged."""
+        """Share of stationary plans among the judged plans, NaN if no plan was judged."""
         certificates = self.data["certificate"].values
         was_judged = certificates != ""
         return float(np.isin(certificates[was_judged], ("B", "KKT")).mean()) if was_judged.any() else np.nan
@@ -122,12 +122,12 @@ def simulate(
 ) -> ClosedLoop:
     """Simulate a controller on a plant from ``x0`` (nx,) or (seeds, nx) for ``steps`` samples, once per seed.
 
-    Every ``certify``-th plan is judged by an independent certificate, outside the measured time; 0
-    judges none. The noise of seed s is the stream s of ``seed``. A seed ends where the plant diverges;
-    Ctrl-C ends the simulation, and the samples up to then are returned.
+    Every ``certify``-th plan is judged by an independent certificate, outside the measured time; with 0, no
+    plan is judged. The noise of run s is stream s of ``seed``. A run ends if the plant diverges. Ctrl-C ends
+    the simulation, and the samples until then are returned.
 
-    Raises :class:`~ocp.errors.InputError` for counts below 1, starts of another shape or not
-    finite, pushes after the last sample, and as :class:`Plant` does.
+    Raises :class:`~ocp.errors.InputError` for counts below 1, starts of another shape or not finite, and pushes
+    after the last sample, and the errors of :class:`Plant`.
     """
     disturbance = disturbance or Disturbance()
     validated("disturbance", disturbance, InstanceOf[Disturbance])
@@ -161,7 +161,7 @@ def simulate(
 
 
 class _Loop:
-    """A running simulation: its settings, and the arrays that it fills seed by seed."""
+    """Simulation in progress: its settings, and the arrays that it fills seed by seed."""
 
     def __init__(self, controller: Controller, plant: Plant, disturbance: Disturbance, steps: int, seeds: int) -> None:
         self.controller, self.plant, self.disturbance = controller, plant, disturbance
@@ -187,7 +187,7 @@ class _Loop:
         self._violation_function = ca.Function("off", problem.step_symbols, [-self.rows.expression])
 
     def set_default_noise(self) -> None:
-        """Set the noise of the plant ``noise`` to 1 % of the characteristic sizes if none is given."""
+        """Set the noise of the plant ``noise`` to 1 % of the characteristic sizes if the user gave no noise."""
         problem = self.controller.problem
         if not self.sd_x.any() and not self.sd_u.any():
             self.sd_x, self.sd_u = DEFAULT_NOISE_SHARE * problem.scales.x, DEFAULT_NOISE_SHARE * problem.scales.u

@@ -41,9 +41,10 @@ class Plan:
 class StageValues(NamedTuple):
     """Values and derivatives of a plan's steps, one row per step.
 
-    These are the residual (N, nx), gap and mu (N, n), the ``rows`` (N, m) that constraints keep at 0 or
-    above, and their ``jacobian`` in (x, u, x_next, lam); the gradient (N, nw + n) and Hessian of the
-    stage cost in w = (x, u_before, u) and lam; and those of the terminal cost in x_N.
+    They are the ``residual`` (N, nx) of the step's equations, ``gap`` and ``mu`` (N, n), and the ``rows`` (N,
+    m) that constraints keep at 0 or above; the ``jacobian`` of all these in (x, u, x_next, lam); ``gradient``
+    (N, nw + n) and ``hessian`` of the stage cost in w = (x, u_before, u) and lam; and ``end_gradient`` and
+    ``end_hessian`` of the terminal cost in x_N.
     """
 
     residual: np.ndarray
@@ -60,9 +61,9 @@ class StageValues(NamedTuple):
 class StageModel:
     """Model of a problem's step under a contact law, which evaluates all steps of a plan at once.
 
-    Path constraints and bounds on x_next are rows in characteristic sizes.
+    Path constraints and bounds on x_next are inequality rows in characteristic sizes.
 
-    Raises :class:`~ocp.errors.InputError` as :class:`~ocp.transcription.common.Graph` does.
+    Raises the errors of :class:`~ocp.transcription.common.Graph`.
     """
 
     def __init__(self, problem: Problem, step: Step) -> None:
@@ -105,7 +106,7 @@ class StageModel:
         p: np.ndarray,
         penalty: float = MIN_PENALTY,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the merits (S,) of S plans, the violations of their rows (S, N, m), and gaps (S, N, n).
+        """Return the merits (S,) of S plans, the violations (S, N, m) of their rows, and their gaps (S, N, n).
 
         The merit is the cost plus ``penalty`` characteristic costs times the sum of the violations in
         characteristic sizes. ``p`` are parameters (N+1, np).
@@ -150,9 +151,10 @@ class StageModel:
 
     @cached_property
     def compliance(self) -> np.ndarray:
-        """Compliance (n,) of closed pairs, gap divided by force, which distributes loads on redundant contacts.
+        """Compliance (n,) of closed pairs, gap divided by force, which distributes loads over redundant contacts.
 
-        It is 1e-9 in characteristic sizes, and 0 for slip pairs, which friction forces determine.
+        The compliance is 1e-9 in characteristic sizes. For slip pairs it is 0, since friction forces determine
+        the slip speed.
         """
         pairs = self.problem.system.pairs
         forces = np.array([pair.kind not in ("slip", "table") for pair in pairs], dtype=float)

@@ -1,4 +1,4 @@
-"""Verdict on a closed-loop simulation: its status, and findings on what went wrong."""
+"""Verdict on a closed-loop simulation: a status, and findings on cost and on what went wrong."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ if TYPE_CHECKING:
     from ocp.mpc.simulate import ClosedLoop
 
 MIN_SOLVED_SHARE = 0.5
-"""Minimum share of samples with a solved program; a loop with fewer has failed."""
+"""Minimum share of samples with a solved program, below which a simulation has failed."""
 MAX_NAMED_CONSTRAINTS = 3
 """Maximum number of violated constraints that a verdict names."""
 
 
 class LoopVerdict:
-    """Verdict on a closed-loop simulation; ``str`` gives its sentences.
+    """Verdict on a closed-loop simulation; ``str(verdict)`` returns its sentences.
 
-    ``status`` is ``done``, ``warnings`` (the loop reached the end, and the sentences say what was
-    wrong), ``stopped``, ``diverged`` or ``failed`` (a cost was not finite, less than half of the
-    programs were solved, or a constraint was violated by more than a tenth of its size). ``planned``
-    is the share of the samples with a new plan; ``diverged`` is the number of diverged seeds.
+    ``status`` is ``done``, ``warnings`` (the simulation reached its end, but the findings report a problem),
+    ``stopped`` (by the user), ``diverged``, or ``failed`` (a cost was not finite, less than half of the
+    programs were solved, or a constraint was violated by more than a tenth of its size). ``planned`` is the share
+    of samples with a new plan, and ``diverged`` the number of diverged seeds.
     """
 
     def __init__(self, loop: ClosedLoop) -> None:

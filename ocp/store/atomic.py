@@ -1,8 +1,8 @@
 """Atomic writes of files and directories.
 
-Everything is written in a hidden directory beside its target, flushed to disk and renamed, so that a
-process killed at any time leaves no partial result. A target that is not a regular file, such as a FIFO
-or ``/dev/null``, is not replaced; the content is written to it.
+Everything is first written to a hidden directory next to the target, then flushed to disk and renamed, so that
+a process killed at any time leaves no partial result. A target that is not a regular file, such as a FIFO or
+``/dev/null``, is not replaced; the content is written to it directly.
 """
 
 from __future__ import annotations
@@ -31,20 +31,20 @@ NETCDF_LOCK = threading.Lock()
 
 
 def write_file(path: Path, content: bytes, what: str = "") -> None:
-    """Write ``content`` to the file ``path`` atomically; raises as :func:`replace_file` does."""
+    """Write ``content`` to the file ``path`` atomically; raises the errors of :func:`replace_file`."""
     with replace_file(path, what) as draft:
         draft.write_bytes(content)
 
 
 @contextmanager
 def replace_file(path: Path, what: str = "") -> Iterator[Path]:
-    """Yield the path of a draft, to be written by the caller, that replaces ``path`` at the end of the context.
+    """Yield the path of a draft that the caller writes and that replaces ``path`` at the end of the context.
 
-    The mode of a regular file is kept. For a link, the file that it points to is replaced. To a
-    device or a FIFO the complete draft is written.
+    A replaced file keeps its permissions. If ``path`` is a link, the file to which it points is replaced. If it
+    is a device or a FIFO, the content of the draft is copied to it.
 
-    Raises :class:`~ocp.errors.InputError` with the reason if the file cannot be written; ``what`` names
-    its kind in the message.
+    Raises :class:`~ocp.errors.InputError` with the reason if the file cannot be written; ``what`` is the kind
+    of file in the message.
     """
     with write_errors(f"{what} {path}".strip()):
         target = replaceable_path(path)
@@ -85,7 +85,7 @@ def replaceable_path(path: Path) -> Path | None:
 
 
 def _is_handle(path: Path) -> bool:
-    """Return whether ``path`` links to an open file of a process, as ``/dev/stdout`` does."""
+    """Return whether ``path`` is a link to an open file of a process, such as ``/dev/stdout``."""
     link = path
     while link.is_symlink():
         folder = link.parent.resolve()
@@ -97,9 +97,9 @@ def _is_handle(path: Path) -> bool:
 
 @contextmanager
 def write_errors(target: str, advice: str = "another place") -> Iterator[None]:
-    """Context that turns an OSError into an :class:`~ocp.errors.InputError` with the target and a remedy.
+    """Context that turns an OSError into an :class:`~ocp.errors.InputError` that names the target and a remedy.
 
-    For a full disk the error is its subclass :class:`~ocp.errors.NotWritten`.
+    If the disk is full, the error is of the subclass :class:`~ocp.errors.NotWritten`.
     """
     try:
         yield
@@ -127,7 +127,7 @@ def netcdf_bytes(data: xr.Dataset, what: str) -> bytes:
 
 @contextmanager
 def draft_directory(directory: Path) -> Iterator[Path]:
-    """Yield a new draft directory in ``directory``, locked by this process and removed at the end of the context."""
+    """Yield a new draft directory in ``directory``, locked by this process and removed when the context ends."""
     directory.mkdir(parents=True, exist_ok=True)
     folder_lock = _acquire_lock(directory, wait=True)
     try:
@@ -146,7 +146,7 @@ def draft_directory(directory: Path) -> Iterator[Path]:
 def remove_directory(directory: Path) -> None:
     """Remove a directory atomically: rename it to a hidden name and then delete its files.
 
-    If the process is killed in between, the next writer in the parent directory removes the rest.
+    If the process is killed in between, the next process that writes in the parent directory deletes the rest.
     """
     hidden = directory.with_name(f"{_DRAFT_PREFIX}{directory.name}")
     directory.rename(hidden)
@@ -168,7 +168,7 @@ def sync_to_disk(path: Path) -> None:
 
 
 def _remove_stale_drafts(directory: Path) -> None:
-    """Remove the drafts of killed processes, whose locks the kernel has released."""
+    """Remove the drafts of killed processes, recognised by their locks, which the kernel has released."""
     for stale in directory.glob(f"{_DRAFT_PREFIX}*"):
         stale_lock = _acquire_lock(stale, wait=False)
         if stale_lock is not None:
@@ -177,7 +177,7 @@ def _remove_stale_drafts(directory: Path) -> None:
 
 
 def _acquire_lock(directory: Path, wait: bool) -> int | None:
-    """Lock a directory and return its handle, or None if another process has the lock or there are no locks."""
+    """Lock a directory and return its handle, or None if it is already locked or the file system has no locks."""
     try:
         handle = os.open(directory, os.O_RDONLY)
     except OSError:

@@ -1,4 +1,4 @@
-"""Checkpoints of long studies on disk, from which the same command resumes after a stop."""
+"""Checkpoints of long computations on disk, from which the same command resumes after an interruption."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ from ocp.store.provenance import program_digest, versions
 SAVE_INTERVAL_S = 2.0
 """Minimum time [s] between two saves of unfinished work."""
 _LOCK_FILE = ".lock"
-"""Name of the file in a checkpoint's directory that the process which uses it locks."""
+"""Name of the file in a checkpoint's directory that is locked by the process using the directory."""
 
 
 class SavedWork:
-    """Storage of finished points and of arrays of unfinished work in a directory; without one nothing is saved.
+    """Storage of finished points and of arrays of unfinished work in a directory; if that is None, nothing is saved.
 
     A file that cannot be read counts as missing.
     """
@@ -64,7 +64,7 @@ class SavedWork:
         return None if self.directory is None else _read_arrays(self.directory / f"{key}.npz")
 
     def due(self) -> bool:
-        """Return whether it is time to save again; False if nothing is saved."""
+        """Return whether it is time to save again; False if there is no directory."""
         return self.directory is not None and time.monotonic() - self._last_save >= SAVE_INTERVAL_S
 
     def save_state(self, key: str, **arrays: Any) -> None:
@@ -86,12 +86,12 @@ UNSAVED = SavedWork()
 
 
 class Checkpoint(SavedWork):
-    """Storage of a study's unfinished work, in a hidden directory beside the runs of a problem.
+    """Storage of a computation's unfinished work, in a hidden directory next to the runs of a problem.
 
-    It is a context manager that locks the directory. The directory's name has digests of the request,
-    of the user's files (``source``) and of the program; if one of them differs, nothing is resumed. If
-    another process has locked the directory, a new one is used; that of a process that has ended is
-    reused. Nothing is saved if ``root`` is None.
+    A checkpoint is a context manager that locks the directory. The directory's name contains digests of the
+    request, of the user's files (``source``) and of the program, so that work is resumed only if none of these
+    has changed. If another process has locked the directory, a new directory is used; the directory of a
+    process that has ended is used again. Nothing is saved if ``root`` is None.
     """
 
     def __init__(self, root: Path | None, problem: str, request: dict[str, Any], source: str = "") -> None:
@@ -104,11 +104,11 @@ class Checkpoint(SavedWork):
         super().__init__()
         self._lock_handle: int | None = None
         self.notes: list[str] = []
-        """Sentences for the user on what is resumed, or why it is not; set on entry."""
+        """Sentences for the user, such as why unfinished work is not resumed; set when the context is entered."""
 
     @property
     def directory(self) -> Path | None:
-        """Directory locked by this process, or None if nothing is saved; available only inside a ``with`` block."""
+        """Directory locked by this process, or None if nothing is saved; only available inside a ``with`` block."""
         if self._directory is None and self._folder is not None:
             raise RuntimeError("a checkpoint can only be used inside a 'with' block")
         return self._directory
@@ -134,7 +134,7 @@ class Checkpoint(SavedWork):
         self._directory, self._lock_handle = None, None
 
     def other_states(self, key: str) -> Iterator[dict[str, np.ndarray]]:
-        """Yield the arrays saved under ``key`` by unfinished studies of the same problem with other requests."""
+        """Yield the arrays saved under ``key`` by unfinished computations for the same problem with other requests."""
         for directory in sorted(self._folder.glob(".unfinished-*")) if self._folder else ():
             same_request = directory.name.startswith(self._prefix)
             arrays = None if same_request else _read_arrays(directory / f"{key}.npz")
@@ -142,7 +142,7 @@ class Checkpoint(SavedWork):
                 yield arrays
 
     def discard(self) -> None:
-        """Remove the directory, after the study is finished."""
+        """Remove the checkpoint's directory, after the computation is finished."""
         if self.directory is not None and self._folder is not None:
             _remove_locked(self.directory)
 
@@ -158,7 +158,7 @@ class Checkpoint(SavedWork):
         return notes
 
     def _outdated(self, folder: Path) -> Iterator[str]:
-        """Yield a sentence that says why unfinished work with the same request is not resumed, if there is any."""
+        """Yield a sentence that says why unfinished work for the same request is not resumed, if such work exists."""
         source, program = _digests_in_name(self._name, self._prefix)
         for other in sorted(folder.glob(f"{self._prefix}*")):
             old_source, old_program = _digests_in_name(other.name, self._prefix)
@@ -186,7 +186,7 @@ def _is_empty(directory: Path) -> bool:
 
 
 def _remove_locked(directory: Path) -> None:
-    """Remove a directory that this process has locked; the lock file is removed last, to keep others out."""
+    """Remove a directory that this process has locked; its lock file is removed last, to exclude other processes."""
     # Another process may lock the directory as soon as the lock file is removed.
     with suppress(OSError):
         for file in directory.iterdir():
@@ -199,7 +199,7 @@ def _remove_locked(directory: Path) -> None:
 
 
 def _lock_directory(folder: Path, name: str) -> tuple[Path, int, bool]:
-    """Lock the first free directory ``name.1``, ``name.2``, ...; return it, the lock, and whether others hold one."""
+    """Lock the first free directory ``name.1``, ``name.2``, ...; return it, its lock, and whether another is in use."""
     folder.mkdir(parents=True, exist_ok=True)
     existing = sorted(folder.glob(f"{name}.*"), key=lambda directory: (len(directory.name), directory.name))
     for directory in existing:

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
-# Keys for where, when and from which files a run was made, which its hash leaves out.
+# Keys on where, when and from which files a run was made, which its hash does not depend on.
 _PROVENANCE_KEYS = {
     "argv",
     "created",
@@ -41,7 +41,7 @@ _PROVENANCE_KEYS = {
 _TIME_KEYS = {"build_s", "solve_s", "audit_s", "seconds", "stage_seconds", "evaluation_s", "solver_s", "wall_s"}
 """Keys of computing times [s]."""
 _UNHASHED_KEYS = _PROVENANCE_KEYS | _TIME_KEYS
-"""Keys that the hash of a run's content leaves out."""
+"""Keys that are ignored by the hash of a run's content."""
 
 
 def content_hash(data: xr.Dataset, meta: dict[str, Any]) -> str:
@@ -59,7 +59,7 @@ def content_hash(data: xr.Dataset, meta: dict[str, Any]) -> str:
 
 
 def to_json(value: Any) -> Any:
-    """Convert nested values to types of JSON, and numbers that are not finite to None."""
+    """Convert nested values to JSON types; numbers that are not finite become None."""
     if isinstance(value, dict):
         return {str(key): to_json(item) for key, item in value.items()}
     if isinstance(value, list | tuple | set | frozenset):
@@ -84,11 +84,11 @@ def _without_unhashed_keys(value: Any) -> Any:
 def from_json(kind: Any, value: Any, path: str = "") -> Any:
     """Build an instance of the type ``kind``, with nested records, from the JSON ``value``.
 
-    Supported are dataclasses and TypedDicts with fields that are numbers, texts, lists, mappings from
-    texts, Literals, Enums (by their names in lower case), and unions. For a float, null is NaN, since
+    Supported types are dataclasses and TypedDicts whose fields are numbers, texts, lists, mappings from texts,
+    Literals, Enums (stored as their names in lower case), and unions. A float that is null becomes NaN, since
     numbers that are not finite are stored as null. A TypedDict may have additional entries.
 
-    Raises ``ValueError`` with the mismatch and its ``path`` in the document.
+    Raises ``ValueError`` that describes the mismatch and its ``path`` in the document.
     """
     origin, arguments = get_origin(kind), get_args(kind)
     if kind is Any:
@@ -123,7 +123,7 @@ _TYPE_DESCRIPTIONS = {
 }
 """Mapping from types to their descriptions in messages."""
 _ACCEPTED_TYPES: dict[Any, Any] = {float: (int, float, NoneType)}
-"""Mapping from types to the JSON types accepted for them, if those are others."""
+"""Mapping from types to the Python types accepted for them, where these differ."""
 
 
 def _check_type(kind: Any, value: Any, path: str) -> None:
@@ -133,7 +133,7 @@ def _check_type(kind: Any, value: Any, path: str) -> None:
 
 
 def _union_from_json(kinds: tuple[Any, ...], value: Any, path: str) -> Any:
-    """Build an instance of the first type of a union that fits; null is None if the union contains it."""
+    """Build an instance of the first type of a union that fits ``value``; null is None if the union allows None."""
     if value is None and NoneType in kinds:
         return None
     errors = []
@@ -152,7 +152,7 @@ def _choice_from_json(words: Mapping[Any, Any], value: Any, path: str) -> Any:
 
 
 def _record_from_json(kind: Any, value: Any, path: str) -> Any:
-    """Build a dataclass or TypedDict; raise ``ValueError`` for missing fields, and for unknown ones of a dataclass."""
+    """Build a dataclass or TypedDict; raise ``ValueError`` for missing fields and a dataclass's unknown fields."""
     _check_type(dict, value, path)
     types, required = _field_types(kind)
     if is_dataclass(kind) and (unknown := sorted(set(value) - set(types))):

@@ -1,4 +1,4 @@
-"""Lookup of runs by path, part of a name, or age, and saving, loading and removal of runs."""
+"""Lookup of stored runs by path, part of a name, or age; saving and loading of solutions; and removal of runs."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from ocp.validation import expand_path
 STORE_VARIABLE = "OCP_RUNS"
 """Name of the environment variable with the default folder of runs."""
 _MAX_SUGGESTED_AMONG = 200
-"""Number of latest runs whose names are compared for the suggestion after a misspelt name."""
+"""Number of latest runs among whose names a suggestion for a misspelt name is searched."""
 
 
 def default_root() -> Path:
@@ -33,11 +33,11 @@ def default_root() -> Path:
 def find_run(text: str, root: Path | str | None = None) -> Path:
     """Return the path of the run that ``text`` identifies.
 
-    ``text`` is a path; or part of a run's name in ``root`` (by default :func:`default_root`), where the
-    latest is taken of several with identical content; or ``@last`` for the latest of all, ``@2`` for the
-    one before, and so on.
+    ``text`` is a path; or part of the name of a run in ``root`` (default: :func:`default_root`); or ``@last``
+    for the latest run, ``@2`` for the second latest, and so on. If several runs with identical content match,
+    the latest is returned.
 
-    Raises :class:`~ocp.errors.InputError` if no run matches, or several with different content.
+    Raises :class:`~ocp.errors.InputError` if no run matches, or if several runs with different content match.
     """
     store = default_root() if root is None else expand_path(root)
     if not text.startswith("@") and expand_path(text).exists():
@@ -70,7 +70,7 @@ def _run_by_name(text: str, runs: Sequence[Path], store: Path) -> Path:
 
 
 def _content_hash(path: Path) -> str:
-    """Return the hash of a run's content, or the path of a damaged run."""
+    """Return the hash of a run's content or, if the run is damaged, its path."""
     entry = read_entry(path)
     return str(path) if entry.meta is None else entry.meta["hash"]
 
@@ -91,7 +91,7 @@ def check_removable(path: Path) -> None:
 
 
 def remove_runs(paths: Iterable[Path]) -> None:
-    """Delete runs, and a problem's directory once it is empty.
+    """Delete runs, and a problem's directory if no run is left in it.
 
     Raises :class:`~ocp.errors.InputError`, before anything is deleted, if a path is not a run
     (:func:`check_removable`).
@@ -108,8 +108,7 @@ def remove_runs(paths: Iterable[Path]) -> None:
 def save_solution(solution: Solution, store: Path | str | None = None, tags: Sequence[str] = ()) -> Path:
     """Store a solution as ``ocp solve`` does, and return the run's directory, which :func:`ocp.load` reads.
 
-    ``store`` is the folder of runs, by default ``$OCP_RUNS`` or ``runs``; ``tags`` are attached to the run.
-
+    ``store`` is the folder of runs (default: ``$OCP_RUNS`` or ``runs``); ``tags`` are stored with the run.
     Raises :class:`~ocp.errors.InputError` if ``store`` cannot be written, and for a tag that is not a word.
     """
     folder = default_root() if store is None else store
@@ -124,10 +123,10 @@ def load_solution(
 ) -> Solution:
     """Read the solution from a run of ``ocp solve`` or :func:`ocp.save`.
 
-    ``run`` is its directory, part of its name in the folder ``store`` of runs, or ``@last``, as on the
-    command line (:func:`~ocp.store.lookup.find_run`). A problem of the workbench is rebuilt from its
-    name. For a user's problem, give its file as ``source`` or the built ``problem``, since code that is
-    named in a run is never loaded. Warn if the file has changed.
+    ``run`` is the run's directory, part of its name in the folder ``store`` of runs, or ``@last``, as on the
+    command line (:func:`~ocp.store.lookup.find_run`). A problem of the workbench is rebuilt from its name. For
+    a user's problem, give its file as ``source`` or the built ``problem``, since code that is named in a run is
+    never loaded. If the file has changed since the run, a warning is issued.
 
     Raises :class:`~ocp.errors.InputError` if there is no such run, it is not a solve, or its
     problem is not found, and :class:`~ocp.errors.DamagedRun` if it is incomplete.

@@ -25,7 +25,7 @@ Row = dict[str, Any]
 
 
 class Record(TypedDict, total=False):
-    """Record of a run's request, of which each kind of run has some of these entries."""
+    """Record of a run's request; each kind of run has some of these entries."""
 
     params: Values
     contact: str
@@ -100,7 +100,7 @@ class SolveMeta(TypedDict):
 
 
 class ContinueRow(TypedDict):
-    """Entry of ``meta.json`` for a point of a path of solutions, traced by ``ocp continue``."""
+    """Entry of ``meta.json`` for one point of a run of ``ocp continue``, which follows a solution over a parameter."""
 
     value: float
     status: str
@@ -214,7 +214,7 @@ class MotionRecord(TypedDict):
 
 
 class OwnProblem(TypedDict):
-    """Entries of ``problem.json``, the description of a user's problem that allows showing a run without its file."""
+    """Entries of ``problem.json``, the description of a user's problem, to show a run without its file."""
 
     title: str
     equations: list[str]

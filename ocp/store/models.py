@@ -1,4 +1,4 @@
-"""Files of transitions and learned models: one netCDF file each, written atomically."""
+"""Files of transitions and of learned models, each a netCDF file that is written atomically."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def save(dataset: xr.Dataset, path: Path) -> None:
 
 
 def load_any(path: Path) -> Transitions | xr.Dataset:
-    """Read transitions, or the dataset of a model, from a file; raises as :func:`load_model` does."""
+    """Read transitions, or the dataset of a model, from a file; raises the errors of :func:`load_model`."""
     with input_errors():
         dataset = files.read_dataset(path)
         if dataset.attrs["kind"] == files.TRANSITIONS:
@@ -34,7 +34,7 @@ def load_any(path: Path) -> Transitions | xr.Dataset:
 
 
 def load_transitions(path: Path) -> Transitions:
-    """Read transitions from a file; raises as :func:`load_model` does."""
+    """Read transitions from a file; raises the errors of :func:`load_model`."""
     with input_errors():
         return files.transitions_of(files.read_dataset(path), path)
 
@@ -42,7 +42,7 @@ def load_transitions(path: Path) -> Transitions:
 def load_model(path: Path) -> Any:
     """Read a learned model from a file.
 
-    Raises :class:`~ocp.errors.InputError` if the file is incomplete or is not that of a model.
+    Raises :class:`~ocp.errors.InputError` if the file is incomplete or contains no model.
     """
     with input_errors():
         return files.read_model(path)

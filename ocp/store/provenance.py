@@ -1,4 +1,4 @@
-"""Provenance of results: versions of libraries, digests of sources, and the git revision."""
+"""Provenance of results: versions of libraries, digests of source files, and the git revision."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from typing import Any
 from ocp.errors import InputError
 
 _DISTRIBUTIONS = ("centralpath", "casadi", "numpy", "scipy", "xarray", "netCDF4")
-"""Distributions whose versions are stored with each run."""
+"""Names of the distributions whose versions are stored with each run."""
 _MAX_PATH_LENGTH = 4096
 """Length from which a text cannot be a path."""
 _COMPUTING_PACKAGES = ("dynamics", "ocp", "problems")
@@ -24,7 +24,7 @@ _COMPUTING_PACKAGES = ("dynamics", "ocp", "problems")
 
 @cache
 def versions() -> dict[str, str]:
-    """Return a mapping from Python and the distributions that determine results to their versions."""
+    """Return a mapping from ``python`` and the names of libraries that determine results to their versions."""
     versions_by_name = {"python": platform.python_version()}
     for name in _DISTRIBUTIONS:
         try:
@@ -46,8 +46,9 @@ def file_digest(file: Path) -> str:
 def content_digest(sources: Iterable[str | None], settings: Mapping[str, Any]) -> str:
     """Return the hexadecimal SHA-256 of the user's files on which a study depends, or "" if there are none.
 
-    ``sources`` are the digests of the files of problem and law, None for those of the workbench; ``settings`` may
-    have the names of further files, such as ``model`` of a learned law. Raises as :func:`file_digest` does.
+    ``sources`` are the digests of the files of problem and law, None for a problem or law of the workbench.
+    ``settings`` may contain paths of further files, such as ``model`` of a learned law. Raises the errors of
+    :func:`file_digest`.
     """
     digests = [source for source in sources if source is not None]
     for key, value in sorted(settings.items()):
@@ -59,13 +60,13 @@ def content_digest(sources: Iterable[str | None], settings: Mapping[str, Any]) -
 
 
 class FilesChanged(InputError):
-    """Error for a user's files that have changed since a study was requested."""
+    """Error raised if a user's files have changed since a computation was requested."""
 
 
 def check_content(
     problem: str, expected: str | None, sources: Iterable[str | None], settings: Mapping[str, Any]
 ) -> None:
-    """Raise :class:`FilesChanged` if :func:`content_digest` differs from ``expected``, unless that is None."""
+    """Raise :class:`FilesChanged` if :func:`content_digest` differs from ``expected``, unless it is None."""
     if expected not in (None, content_digest(sources, settings)):
         raise FilesChanged(
             f"{problem}, what it imports, or a file of the law has changed since this was begun, so"

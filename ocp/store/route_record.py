@@ -23,14 +23,14 @@ ADDED = {"unbounded": "unbounded", "simulator": "world", "sensitivities": "sensi
 
 
 def record_of(solution: Solution) -> dict[str, Any]:
-    """Return the record of a solution's run: the request, the route to the solution, and additional results."""
+    """Return the record of a solution's run: the request, the route that led to the solution, and further results."""
     added = {key: getattr(solution, name) for name, key in ADDED.items()}
     added = {key: entry for key, entry in added.items() if key == "unbounded" or entry}
     return {**solution.record, **route_to_record(solution.route), **added}
 
 
 def route_to_record(route: RouteReport) -> dict[str, Any]:
-    """Return the record's entries for a route: fields that differ from their defaults and those of a warm start."""
+    """Return the record's entries for a route: fields that differ from their defaults, and fields of a warm start."""
     values, defaults = asdict(route), asdict(RouteReport())
     warm = ("resumed", "swept") if route.started_from is not None else ()
     return {key: values[name] for name, key in _RECORDED.items() if name in warm or values[name] != defaults[name]}

@@ -1,7 +1,7 @@
 """Files of a run: regular files of limited size, verified by checksums.
 
-``meta.json`` has the SHA-256 of every other file under ``parts``, and at its end a checksum of
-everything before. Checksums are verified before a file is parsed.
+``meta.json`` contains, under ``parts``, the SHA-256 of every other file, and at its end a checksum of all its
+preceding content. Checksums are verified before a file is parsed.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ META_FILE = "meta.json"
 PROBLEM_FILE = "problem.json"
 """Name of the file that describes a user's problem."""
 MAX_BYTES = {DATA_FILE: 4 << 30, META_FILE: 32 << 20, PROBLEM_FILE: 256 << 20}
-"""Mapping from the files that a run may have to their maximum sizes [bytes]."""
+"""Mapping from names of the files that a run may have to their maximum sizes [bytes]."""
 
 _MAX_JSON_DEPTH = 20
 """Maximum depth of nesting in a run's JSON files."""
@@ -61,7 +61,7 @@ def seal_run(description: Mapping[str, Any], parts: Mapping[str, bytes]) -> dict
 def read_sealed(directory: Path) -> dict[str, Any]:
     """Read ``meta.json`` of a run and verify its checksum.
 
-    Raises :class:`~ocp.errors.DamagedRun`, with file and reason, if it was changed.
+    Raises :class:`~ocp.errors.DamagedRun`, with file and reason, if the file is missing or was changed.
     """
     file = directory / META_FILE
     content = read_regular_file(file, MAX_BYTES[META_FILE])
@@ -74,7 +74,7 @@ def read_sealed(directory: Path) -> dict[str, Any]:
 
 
 def read_part(directory: Path, meta: Mapping[str, Any], name: str) -> bytes:
-    """Read the file ``name`` of a run and verify its checksum in ``meta``; raises as :func:`read_sealed` does."""
+    """Read the file ``name`` of a run and verify its checksum in ``meta``; raises the errors of :func:`read_sealed`."""
     file = directory / name
     content = read_regular_file(file, MAX_BYTES[name])
     if hashlib.sha256(content).hexdigest() != meta["parts"][name]:
@@ -102,8 +102,8 @@ def parse_json_object(file: Path, content: bytes) -> dict[str, Any]:
 def read_regular_file(file: Path, most: int) -> bytes:
     """Read a regular file of at most ``most`` bytes.
 
-    Other kinds are not opened: a FIFO would wait for a writer, a device might never end, and a symbolic
-    link may lead out of the run. Raises :class:`~ocp.errors.DamagedRun` with the reason.
+    Files of other kinds are not opened: reading a FIFO would wait for a writer, reading a device might never
+    end, and a symbolic link may point outside the run. Raises :class:`~ocp.errors.DamagedRun` with the reason.
     """
     try:
         _check_regular(file, os.lstat(file), most)
@@ -120,7 +120,7 @@ def read_regular_file(file: Path, most: int) -> bytes:
 
 
 def error_reason(error: OSError) -> str:
-    """Return the reason for an OSError in words."""
+    """Return the reason for an OSError as a phrase for messages."""
     if error.errno == errno.ELOOP:
         return "it is a symbolic link; a run holds regular files"
     return error.strerror or str(error)

@@ -51,7 +51,7 @@ SCHEMA = 3
 
 @dataclass(frozen=True)
 class RunEntry:
-    """Entry in the list of stored runs: ``meta`` of a run, or in ``damage`` the reason why it cannot be read."""
+    """Entry in the list of stored runs: the description ``meta``, or in ``damage`` the reason why it cannot be read."""
 
     path: Path
     meta: dict[str, Any] | None
@@ -59,7 +59,7 @@ class RunEntry:
 
 
 def save(solution: Solution, root: Path | str, argv: Sequence[str], tags: Sequence[str] = ()) -> StoredRun:
-    """Store a solution as a run in ``root`` and return the run; raises as :func:`write_run` does."""
+    """Store a solution as a run in ``root`` and return the run; raises the errors of :func:`write_run`."""
     problem, data, meta = _describe_solution(solution, argv, tags)
     return write_run(root, problem, data, meta, problem_parts(solution.problem, data))
 
@@ -72,10 +72,10 @@ def in_memory_run(solution: Solution) -> StoredRun:
 
 
 def problem_parts(problem: Problem, data: xr.Dataset | None = None) -> dict[str, bytes]:
-    """Return a mapping from ``problem.json`` to the description of a user's problem.
+    """Return a mapping from ``problem.json`` to its content, the description of a user's problem.
 
-    The description includes drawings at the states of ``data``. The mapping is empty for a problem of
-    the workbench.
+    The description includes drawings of the states in ``data``. For a problem of the workbench the mapping is
+    empty.
     """
     if problem.origin.record is None:
         return {}
@@ -129,13 +129,13 @@ def write_run(
 ) -> StoredRun:
     """Store ``data`` and ``meta`` as a run of ``problem`` and return the run.
 
-    ``meta`` has the entries that :mod:`ocp.store.meta` defines for its ``kind``, and optionally ``tags``;
-    ``parts`` are from :func:`problem_parts`. ``schema problem created versions revision hash parts
-    checksum`` are added. The hash in the run's name is that of the content without times and tags, so
+    ``meta`` contains the entries that :mod:`ocp.store.meta` defines for its ``kind``, and optionally ``tags``;
+    ``parts`` are from :func:`problem_parts`. The entries ``schema problem created versions revision hash parts
+    checksum`` are added. The hash in the run's name is computed from the content without times and tags, so
     that identical solves have the same hash.
 
     Raises :class:`~ocp.errors.InputError` for a tag that is not one word, and if the directory
-    cannot be written or the disk is full; no partial run is left then.
+    cannot be written or the disk is full; in this case no partial run is left.
     """
     created = datetime.now(UTC)
     description = _complete_meta(problem, data, meta, created)
@@ -219,7 +219,7 @@ def _escape_dataset(data: xr.Dataset) -> xr.Dataset:
 
 
 def read_meta(directory: Path) -> dict[str, Any]:
-    """Read and check ``meta.json`` of a run; raises as :func:`load` does."""
+    """Read and check ``meta.json`` of a run; raises the errors of :func:`load`."""
     if not directory.is_dir():
         raise InputError(f"there is no run at {directory}; ocp runs lists what the store holds")
     meta, file = read_sealed(directory), directory / META_FILE
@@ -237,8 +237,8 @@ def read_meta(directory: Path) -> dict[str, Any]:
 def run_paths(root: Path | str) -> list[Path]:
     """Return the directories of all runs under ``root``, oldest first, without opening files.
 
-    Runs are ordered by the time in their names, those of the same second by modification time. An
-    unreadable directory of a problem is listed in place of its runs.
+    Runs are ordered by the time in their names, and runs of the same second by modification time. If a
+    problem's directory is unreadable, it is listed instead of its runs.
 
     Raises :class:`~ocp.errors.InputError` for an unreadable ``root``.
     """
@@ -254,7 +254,7 @@ def run_paths(root: Path | str) -> list[Path]:
 
 
 def list_runs(root: Path | str) -> list[RunEntry]:
-    """Return entries of all runs under ``root``, oldest first, also of damaged ones; raises as :func:`run_paths`."""
+    """Return entries of all runs under ``root``, oldest first, including damaged runs; raises as :func:`run_paths`."""
     return [read_entry(path) for path in run_paths(root)]
 
 
@@ -266,7 +266,7 @@ def _runs_of_problem(problem_folder: Path) -> list[Path]:
 
 
 def read_entry(directory: Path) -> RunEntry:
-    """Read the description of a run and verify its checksums; the entry of a damaged run has the reason."""
+    """Read the description of a run and verify its checksums; for a damaged run, the entry gives the reason."""
     try:
         os.scandir(directory).close()
         meta = read_meta(directory)
@@ -302,7 +302,7 @@ def _age_key(path: Path) -> tuple[str, int, str]:
 
 
 def _rename_into(draft: Path, problem_folder: Path, name: str) -> Path:
-    """Rename a draft to ``name``, with a number appended if a run of that name exists; return the new path."""
+    """Rename a draft to ``name``, with a number appended if a run has this name already; return the new path."""
     attempt = 1
     while True:
         run_folder = problem_folder / (name if attempt == 1 else f"{name}-{attempt}")

@@ -37,9 +37,9 @@ if TYPE_CHECKING:
 class StoredRun:
     """A stored run: labelled arrays in ``data``, and everything else as JSON values in ``meta``.
 
-    ``parts`` maps names of the other files to their contents. ``meta`` has ``schema kind problem created
-    argv versions revision seed hash parts checksum``, with the types of :mod:`ocp.store.meta`, and for
-    ``kind == "solve"`` also ``record audit certificate referee idle_cost cost status verdict grade stages
+    ``parts`` maps names of the run's other files to their contents. ``meta`` contains ``schema kind problem
+    created argv versions revision seed hash parts checksum``, with the types of :mod:`ocp.store.meta`, and if
+    ``kind`` is ``solve`` also ``record audit certificate referee idle_cost cost status verdict grade stages
     iterations build_s solve_s others``.
     """
 
@@ -60,9 +60,9 @@ class StoredRun:
 
     @cached_property
     def own_problem(self) -> dict[str, Any] | None:
-        """Description of a user's problem (:class:`~ocp.store.meta.OwnProblem`), None for one of the workbench.
+        """Description of a user's problem (:class:`~ocp.store.meta.OwnProblem`), None for the workbench's problems.
 
-        Raises as :attr:`audit` does.
+        Raises the errors of :attr:`audit`.
         """
         if PROBLEM_FILE not in self.parts:
             return None
@@ -73,7 +73,7 @@ class StoredRun:
 
     @cached_property
     def status(self) -> Status:
-        """Status with which the solve ended; raises as :attr:`audit` does."""
+        """Status with which the solve ended; raises the errors of :attr:`audit`."""
         return self._entry(Status, "status")
 
     @cached_property
@@ -86,23 +86,24 @@ class StoredRun:
 
     @cached_property
     def certificate(self) -> Certificate:
-        """Certificate of the solve's solution; raises as :attr:`audit` does."""
+        """Certificate of the solve's solution; raises the errors of :attr:`audit`."""
         return self._entry(Certificate, "certificate")
 
     @cached_property
     def referee(self) -> RefereeReport:
-        """Report of the referee on the solve's solution; raises as :attr:`audit` does."""
+        """Report of the referee on the solve's solution; raises the errors of :attr:`audit`."""
         return self._entry(RefereeReport, "referee")
 
     @cached_property
     def stages(self) -> list[StageRecord]:
-        """Records of the homotopy stages of the solve; raises as :attr:`audit` does."""
+        """Records of the homotopy stages of the solve; raises the errors of :attr:`audit`."""
         return self._entry(list[StageRecord], "stages")
 
     def solution(self, problem: Problem) -> Solution:
-        """Return the run's solution, of ``problem``, which must have been rebuilt at the run's parameters.
+        """Return the run's solution; ``problem`` must be the run's problem, rebuilt with the run's parameters.
 
-        The solution's ``values`` are only the problem's; a replay uses the parameters of its own law.
+        The solution's ``values`` contain only the problem's parameters; the contact law of a replay has its own
+        parameters.
 
         Raises :class:`~ocp.errors.DamagedRun` if entries are missing in ``meta.json``, and
         :class:`~ocp.errors.InputError` for a run that is not a solve.
@@ -180,9 +181,9 @@ def check_csv_rows(run: StoredRun) -> None:
 def write_csv(run: StoredRun, file: Path) -> None:
     """Write a run's arrays over :data:`CSV_ROW_DIMENSIONS` to a CSV file, with units in its header.
 
-    Numbers are written with all digits; missing values, such as the input at the last node, are empty
-    cells. A text that a spreadsheet would run as a formula is prefixed with a quote. Raises as
-    :func:`check_csv_rows` and :func:`~ocp.store.atomic.write_file` do.
+    Numbers are written with all digits. Missing values, such as the input at the last node, are empty cells. A
+    text that a spreadsheet would run as a formula is prefixed with a quote. Raises the errors of
+    :func:`check_csv_rows` and :func:`~ocp.store.atomic.write_file`.
     """
     check_csv_rows(run)
     headers, columns = zip(*_csv_columns(run), strict=True)
@@ -221,7 +222,7 @@ def _escape_formula(value: str) -> str:
 
 
 def _csv_columns(run: StoredRun) -> Iterator[tuple[str, list[Any]]]:
-    """Yield header and cells of each CSV column: first the coordinates of rows, then all arrays over rows."""
+    """Yield header and cells of each CSV column: first the coordinates of the rows, then all arrays over rows."""
     data, row_dimensions = run.data, csv_row_dimensions(run) or ()
     shape = tuple(data.sizes[name] for name in row_dimensions)
     for position, name in enumerate(row_dimensions):
@@ -237,7 +238,7 @@ def _csv_columns(run: StoredRun) -> Iterator[tuple[str, list[Any]]]:
 def _array_columns(
     data: Any, name: str, row_dimensions: tuple[str, ...], shape: tuple[int, ...]
 ) -> Iterator[tuple[str, list[Any]]]:
-    """Yield header and cells of an array's CSV columns, one for each label; none if it does not fit the rows."""
+    """Yield header and cells of an array's CSV columns, one per label; no column if the array does not fit the rows."""
     array = data[name]
     step = next((dimension for dimension in ("interval", "sample") if dimension in array.dims), None)
     if step is not None and "node" in row_dimensions:
