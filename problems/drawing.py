@@ -4,8 +4,8 @@ Lengths are in metres, angles in radians. Shapes are immutable and can be compar
 shape that does not change with time (a wall, a goal) can be drawn once. ``role`` is ``"object"``,
 ``"actuator"``, ``"environment"`` or ``"goal"``.
 
-In a picture in perspective (:mod:`problems.machines.perspective`), a shape hides those before it in
-the list. Its ``shade`` is its darkness, up to 1 for the full colour of the role; shapes of shade 0 are
+In a picture in perspective (:mod:`problems.machines.perspective`), a shape hides the shapes before it
+in the list. Its ``shade`` is its darkness, up to 1 for the full colour of the role; shapes of shade 0 are
 transparent. Shaded segments are lines on a floor.
 """
 

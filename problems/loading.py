@@ -33,7 +33,7 @@ from problems.user_code import guarded, reason, user_code
 def import_file(path: Path) -> ModuleType:
     """Import the module at the absolute ``path``, even if it was imported before.
 
-    The file may import modules from its folder. These are imported again too if one of them has
+    The file may import modules from its folder. All these modules are imported again if any of them has
     changed or was imported from another folder.
 
     Raises :class:`~ocp.errors.InputError` if there is no such file, or if the file raises.

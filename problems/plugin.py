@@ -129,6 +129,6 @@ def problem_of(run: StoredRun, file_spec: ProblemSpec | None = None) -> tuple[Pr
 
 
 def known_parameters(run: StoredRun, found: Spec) -> dict[str, Any]:
-    """Return those stored parameters of a run that its problem's specification still defines."""
+    """Return the stored parameters of a run that its problem's specification still defines."""
     field_names = found.Params.model_fields
     return {k: v for k, v in run.record.get("params", {}).items() if k in field_names}

@@ -102,7 +102,7 @@ def refuse_robot_file(name: str) -> None:
 
 
 def get(name: str | Parameters, **params: Any) -> Problem:
-    """Build the problem ``name`` with ``params``, the rest at their defaults.
+    """Build the problem ``name`` with ``params`` and the defaults of its other parameters.
 
     ``name`` can also be the problem's ``Params``, which editors complete and type checkers check:
     ``get(push_disc.Params(M=2.0))``.

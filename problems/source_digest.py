@@ -130,7 +130,7 @@ def _installed_folders() -> set[Path]:
 
 
 def _nodes(tree: ast.AST) -> Iterator[ast.AST]:
-    """Yield all nodes but those under ``if __name__ == "__main__"``."""
+    """Yield all nodes of a syntax tree except the nodes under ``if __name__ == "__main__"``."""
     waiting = [tree]
     while waiting:
         node = waiting.pop()

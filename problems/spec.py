@@ -127,7 +127,7 @@ class ProblemSpec(Spec):
             return super().params(values)
 
     def problem(self, values: Mapping[str, Any] | None = None) -> Problem:
-        """Build the problem at ``values``, the rest at their defaults.
+        """Build the problem at ``values`` and the defaults of its other parameters.
 
         Raises :class:`~ocp.errors.InputError` for a bad parameter, and if a user's ``build`` raises
         or returns no problem, a problem of inconsistent dimensions, or one without physical meaning,

@@ -1,4 +1,4 @@
-"""A cart that carries a box by friction alone, and shifts it by braking hard."""
+"""A cart that carries a box only by friction, and shifts the box by braking hard."""
 
 from __future__ import annotations
 

@@ -137,7 +137,7 @@ def build(params: Params) -> Problem:
 
 
 def region(params: Params) -> Region:
-    """Return the region of sampled transitions: fixed ranges, and a line on which the pusher moves with the box."""
+    """Return the region of sampled transitions: fixed intervals, and a line on which pusher and box move together."""
     start = (params.ox0, params.oy0, params.angle0, params.ax0, params.ay0)
     goal = (params.goal_x, params.goal_y, params.goal_angle)
     pusher_goal = (params.ax0 + goal[0] - params.ox0, params.ay0 + goal[1] - params.oy0)

@@ -85,7 +85,7 @@ def build(params: Params) -> Problem:
 
 
 def region(params: Params) -> Region:
-    """Return the region of sampled transitions: 0.5 m around a line on which the pusher moves with the object."""
+    """Return the region of sampled transitions: 0.5 m around a line on which pusher and object move together."""
     low, high = sorted((params.qu0, params.goal_x))
     pusher = params.qa0 + params.goal_x - params.qu0
     behind, front = min(params.qa0, pusher), max(params.qa0, pusher)

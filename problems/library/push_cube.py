@@ -118,8 +118,9 @@ def turn_between(one: ca.SX, other: ca.SX) -> ca.SX:
 def build(params: Params) -> Problem:
     """Return the problem with steps (push-cube.2) to (push-cube.4), and cost (push-cube.10).
 
-    The contact is (push-cube.5) and (push-cube.6), the error in the cost (push-cube.8). The gap is the true distance, the state is (q, v). Inputs are commanded positions [m], which a fingertip
-    without contact reaches in one step; lam is in N s.
+    The contact is (push-cube.5) and (push-cube.6), the error in the cost (push-cube.8). The gap is the
+    true distance, the state is (q, v). Inputs are commanded positions [m], which a fingertip without
+    contact reaches in one step; lam is in N s.
     """
     p = table(params)
     corners = ca.repmat(p["friction"], 8)

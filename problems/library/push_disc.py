@@ -104,7 +104,7 @@ def build(params: Params) -> Problem:
 
 
 def region(params: Params) -> Region:
-    """Return the region of sampled transitions: 0.5 m around a line on which the pusher moves with the object."""
+    """Return the region of sampled transitions: 0.5 m around a line on which pusher and object move together."""
     start = np.array([params.ox0, params.oy0, params.ax0, params.ay0])
     goal = np.array([params.goal_x, params.goal_y])
     goal = np.concatenate([goal, start[2:] + goal - start[:2]])

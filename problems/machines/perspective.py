@@ -164,7 +164,7 @@ def _across(normal: Array) -> Array:
 
 
 def _grid(camera: PinholeCamera, origin: Array, normal: Array, role: str) -> Iterator[Segment]:
-    """Yield the grid lines of a plane in the view, except those that come too near to the camera."""
+    """Yield the visible grid lines of a plane, except lines that come too near to the camera."""
     axes, distance = _across(normal), camera.distance
     side = next((each for each in (2.0, 1.0, 0.5, 0.25, 0.1) if each <= distance / 12), 0.05)
     middle = axes @ (camera.target + FLOOR_SHIFT * distance * camera.axes[2] - origin) // side

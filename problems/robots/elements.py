@@ -32,7 +32,7 @@ radius length; mesh: filename scale; joint: name type; parent: link; child: link
 limit: lower upper effort; dynamics: damping; mimic: joint multiplier offset; mujoco:; compiler:
 *; lateral_friction: value; mu: value; mu1: value; mu2: value
 """)
-"""Mapping from a URDF element to its attributes that are read; the text of mu, mu1 and mu2 is read too."""
+"""Mapping from a URDF element to its attributes that are read; of mu, mu1 and mu2 the text is read too."""
 MJCF = _table(
     """
 mujoco: model; mujocoinclude: *; include: file; compiler: *; option: gravity; flag: gravity
@@ -49,7 +49,7 @@ position: ACTUATOR kp kv dampratio timeconst; velocity: ACTUATOR kv; keyframe:; 
 intvelocity: *; damper: *; cylinder: *; muscle: *; adhesion: *; dcmotor: *
 """.replace("POSE", _POSE).replace("ACTUATOR", _ACTUATOR)
 )
-"""Mapping from an MJCF element to its attributes that are read; for those without effect see ``unsupported``."""
+"""Mapping from an MJCF element to its attributes that are read; some have no effect, see ``unsupported``."""
 _BULKY = {"camera", "custom", "light", "material", "skin", "statistic", "texture", "visual"}
 """Elements of MJCF that are removed before compilation, since some of them refer to files."""
 _PICTURES = _BULKY | {"color", "group", "numeric", "rgba", "size", "texcoord", "text", "tuple", "user"}
@@ -140,7 +140,7 @@ def _reason_for(name: str) -> str:
 def _walk(
     root: Element, table: dict[str, list[str]], remove: set[str] | None
 ) -> Iterator[tuple[Element, tuple[Element, ...]]]:
-    """Yield all elements that are read, and the topmost unread ones, each with its ancestors.
+    """Yield each element that is read, and each topmost unread element, together with its ancestors.
 
     Unread elements are removed from the tree if ``remove`` is None or contains their tag.
     """

@@ -60,7 +60,7 @@ class CollisionModel:
 
 
 def collision_model(model: Any, machine: SpatialMachine, poses: Sequence[BodyFrame]) -> CollisionModel:
-    """Add to a machine all geoms of supported shapes, and those pairs of geoms that may touch and can reach each other.
+    """Add to a machine all geoms of supported shapes, and the pairs of geoms that may touch and can reach each other.
 
     Raises ``ValueError`` for too many pairs, and for two contacts of the same name.
     """

@@ -24,7 +24,7 @@ NOTES = (
 
 
 class Params(StudyParams):
-    """Parameters of study P1: those of the authors' code, and those that physical models of drop and pivot need."""
+    """Parameters of study P1: from the authors' code, and additional ones for physical models of drop and pivot."""
 
     g: float = setting(9.81, "m/s^2", "gravity", CODE, above=0)
     step_height: float = setting(1.0, "m", "height of the step", CODE, above=0)

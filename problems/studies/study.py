@@ -215,7 +215,7 @@ class FigureStudy:
     ) -> xr.Dataset:
         """Run the study at ``values``, other parameters at their defaults; return its data, with these as attributes.
 
-        A study that resumes loads finished parts from ``checkpoint`` and stores new ones there; for
+        A study that resumes loads finished parts from ``checkpoint`` and stores new parts there; for
         ``jobs`` and ``scheduler`` see :class:`FinishedParts`.
 
         Raises :class:`~ocp.errors.InputError` for a bad parameter and ``ValueError`` where a
@@ -290,7 +290,7 @@ def claim_verdict(holds: bool, margin: float | None = None) -> str:
 
 
 def count_text(claims: Iterable[Claim | Mapping[str, Any]]) -> str:
-    """Return a text that counts the claims that hold and those within noise: ``5 of 7 (1 within noise)``.
+    """Return a text with the numbers of claims that hold and that are within noise: ``5 of 7 (1 within noise)``.
 
     Claims may also be mappings, as they are stored in the record of a run.
     """

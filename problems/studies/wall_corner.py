@@ -35,7 +35,7 @@ def flight_step(wall: Wall, g: float, h: float) -> ca.Function:
     """Build one step of the ball's state (x, y, vx, vy), in which the wall reflects it without loss.
 
     ``v+ = v - g h``; the ball moves along ``h v+`` up to the first impact, after the fraction s of
-    the step, then ``v+ <- v+ - 2 (v+·n) n`` for the rest, (1 - s) h. The normal n is (-1, 0) at the
+    the step, then with ``v+ - 2 (v+·n) n`` for the time (1 - s) h. The normal n is (-1, 0) at the
     face, (0, 1) on a flat top, and radial on the dome.
     """
     state = ca.SX.sym("state", 4)

@@ -42,7 +42,7 @@ class TaskSpec(Spec):
     learner: str = "fopg"
 
     def task(self, values: Mapping[str, Any] | None = None) -> Task:
-        """Build the task at ``values``, the rest at their defaults.
+        """Build the task at ``values`` and the defaults of its other parameters.
 
         Raises :class:`~ocp.errors.InputError` for a bad parameter.
         """
@@ -69,7 +69,7 @@ def spec(name: str) -> TaskSpec:
 
 
 def get(name: str, **params: Any) -> Task:
-    """Build the task ``name`` with ``params``, the rest at their defaults.
+    """Build the task ``name`` with ``params`` and the defaults of its other parameters.
 
     Raises :class:`~ocp.errors.InputError` for an unknown name or a bad parameter.
     """

@@ -1,1 +1,1 @@
-"""A finger of two links beside a disc on a pin: the machine and its two problems."""
+"""A finger of two links next to a disc on a pin: the machine and its two problems."""

@@ -43,7 +43,8 @@ def smoothed_box(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return mean and variance, (n,) each, of a box's exact dv+/du [m/(N s)] at pushes N(u, sigma²).
 
-    The exact derivative is h/m where |u| > friction m g, else 0, so that p = P(slip) decides both.
+    The exact derivative is h/m where |u| > friction m g, else 0, so that mean and variance depend only on
+    the probability of slip.
     """
     bound = friction * m * g
     p = norm.sf((bound - u) / sigma) + norm.sf((bound + u) / sigma)
@@ -67,7 +68,7 @@ class Cost:
 
 
 def cost_of_averaging(u: np.ndarray, mu: float, **box: float) -> Cost:
-    """Compare barrier and randomized smoothing of the slope at pushes ``u`` [N], a fine grid past both jumps of it."""
+    """Compare barrier and randomized smoothing of the slope on a fine grid of pushes ``u`` [N] past both jumps."""
     exact = np.where(np.abs(u) > box["friction"] * box["m"] * box["g"], box["h"] / box["m"], 0.0)
 
     def root_mean_square(values: np.ndarray) -> float:

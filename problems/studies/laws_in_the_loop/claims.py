@@ -65,7 +65,7 @@ def _exact_gain(costs: dict[str, np.ndarray]) -> Difference:
 
 
 def _over_mu(data: xr.Dataset) -> list[Claim]:
-    """Check that costs fall as mu falls, and that costs at the smallest mu are close to those under the exact law."""
+    """Check that costs fall as mu falls, and that at the smallest mu they are close to the exact law's costs."""
     settings_run = run_settings(data)
     means = [
         {law: float(values.mean()) for law, values in _costs(data, "run", setting).items()} for setting in settings_run

@@ -143,7 +143,7 @@ def cost_at(closed_loop: ClosedLoop, N: int) -> np.ndarray:
 
 
 def run(params: Params, finished: FinishedParts) -> xr.Dataset:
-    """Run every controller on every plant of every task, except for finished parts."""
+    """Run every controller on every plant of every task; finished parts are loaded."""
     names = list(TASKS)[: params.tasks]
     shape = len(names), len(PLANTS), len(CONTROLLERS)
     costs = np.full((*shape, params.seeds, 2), np.nan)

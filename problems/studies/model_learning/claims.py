@@ -16,7 +16,7 @@ _COVERED_SHARE = 0.85
 
 
 def claims(data: xr.Dataset) -> list[Claim]:
-    """Return claims on errors of both models and on psi, learned from exact data, data with noise, and with drag."""
+    """Return claims on errors of both models and on psi, for exact data, data with noise, and data with drag."""
     return [*_errors(data), *_found(data), *_noise(data), *_drag(data)]
 
 

@@ -32,7 +32,7 @@ MIXED = "m, rad, m/s, rad/s"
 
 
 class Params(StudyParams):
-    """Parameters of study AM; those of the network are from the authors' code, the others our choice."""
+    """Parameters of study AM; the network's are from the authors' code, the other parameters are our choice."""
 
     data: int = setting(2000, "1", "transitions, of which a 40th, a 10th, a 4th are fewer", least=400)
     held: int = setting(1000, "1", "held-out transitions", least=50)

@@ -1,6 +1,6 @@
 """Bounds that two papers state on contact slopes, gradient estimators and variance, and random tests of them.
 
-The theorems 4.4 to 5.4 are those of Zhang et al. 2023, the lemmas III those of Suh et al. 2022.
+Theorems 4.4 to 5.4 are from Zhang et al. 2023, lemmas with the number III from Suh et al. 2022.
 """
 
 from __future__ import annotations
@@ -131,7 +131,8 @@ def empirical_bias_pairs(rng: np.random.Generator, n: int) -> dict[str, np.ndarr
 def compare_orders(seed: int, n: int) -> dict[str, float]:
     """Compare first- and zeroth-order gradients of ``wall-1d`` under the exact law, over all inputs.
 
-    ``z_score`` is the largest difference of the means over its standard error, ``components`` the number of inputs.
+    ``z_score`` is the largest difference of the two means divided by its standard error, ``components`` the
+    number of inputs.
     """
     problem = get("wall-1d", N=15, x0=0.3)
     step = Exact().close(problem.system)

@@ -97,7 +97,7 @@ class Walls:
 
 
 def _mills(s: np.ndarray) -> np.ndarray:
-    """Return Mills' ratio at s, the upper tail of the standard normal over its density."""
+    """Return Mills' ratio at s: the upper tail probability of the standard normal divided by its density."""
     return np.sqrt(np.pi / 2) * erfcx(s / np.sqrt(2))
 
 
@@ -121,5 +121,5 @@ def network_of(z: np.ndarray, y: np.ndarray, sigma: float, seed: int, **recipe: 
 
 
 def model_values(model: EwdaModel | MlpModel, z: ArrayLike) -> np.ndarray:
-    """Return the model's y (n,) at z (n,), both [m]."""
+    """Return the model's output y (n,) [m] at inputs z (n,) [m]."""
     return model.values(np.asarray(z, dtype=float).reshape(-1, 1))[:, 0]

@@ -83,7 +83,7 @@ class Difference:
 
     @property
     def margin(self) -> float:
-        """Mean over its standard error; the interval is 3.92 standard errors wide, as for a normal distribution."""
+        """Mean difference divided by its standard error, which is the width of the interval divided by 3.92."""
         width = self.high - self.low
         return self.mean / (width / 3.92) if width > 0 else float(np.copysign(np.inf, self.mean))
 

@@ -117,7 +117,7 @@ def rest_cost(name: str) -> float:
 
 
 def run(params: Params, finished: FinishedParts) -> xr.Dataset:
-    """Plan under every law and with every weight of trust, except for finished parts."""
+    """Plan under every law and with every weight of trust; finished parts are loaded."""
     shape, shares = (len(PROBLEMS), len(LAWS), params.seeds), (0.0, *SHARES)
     rows = np.full((*shape, 6), np.nan)
     trust_rows = np.full((len(PROBLEMS), len(shares), params.seeds, 6), np.nan)

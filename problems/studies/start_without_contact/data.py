@@ -71,7 +71,7 @@ QUICK = {"seeds": 1, "data": 1000, "draws": 10, "steps": 100, "epochs": 1}
 
 
 def run(params: Params, finished: FinishedParts) -> xr.Dataset:
-    """Compute plans and gains of both problems through all dynamics, except for finished parts."""
+    """Compute plans and gains of both problems through all dynamics; finished parts are loaded."""
     variables, coordinates = label_plans(finished.get("plans", lambda: plan_problems(params)))
     sources = {name: _TaskData(name, params) for name in PROBLEMS}
     variables |= _learned(params, finished, sources) | _swept(params, finished, sources)

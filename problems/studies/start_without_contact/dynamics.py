@@ -32,7 +32,7 @@ DYNAMICS = ("f", "f_sigma", "g_sigma", "h", "h_sigma")
 class Bundle:
     """Averages of ``f(z + w)`` and ``f'(z + w)``, w ~ N(0, diag(width)²), over ``samples`` draws for each query z.
 
-    Every evaluation draws anew, w together with -w, so that a slope is a random estimate of the slope of
+    Every evaluation uses new draws, w together with -w, so that a slope is a random estimate of the slope of
     f_sigma (the paper's eq. 7). Draws at which the step has no solution are left out.
     """
 
