@@ -84,7 +84,7 @@ class ObjectiveCase:
         return replace(named_objective, objective=named_objective.objective.at(self.at)) if self.at else named_objective
 
     def _static(self, spec: Any) -> NamedObjective:
-        """Build an objective without dynamics, whose default noise is its parameter ``sigma``."""
+        """Build an objective without dynamics; its default noise is the value of its parameter ``sigma``."""
         values = spec.params(self.params).model_dump()
         usual = float(spec.Params.model_fields["sigma"].default)
         objective = spec.objective(self.params, **self.engine)
@@ -106,7 +106,7 @@ class ObjectiveCase:
             )
 
     def _rollouts(self, spec: Any) -> NamedObjective:
-        """Build the objective that is the cost of a problem's rollouts."""
+        """Build an objective that consists of the cost of a problem's rollouts."""
         values, problem = spec.params(self.params).model_dump(), spec.problem(self.params)
         law = make_law(self.contact, self.contact_settings, problem.system)
         policy_settings = self.policy_settings

@@ -164,7 +164,7 @@ class Sampling(Configured):
 
     @property
     def sampled(self) -> list[str]:
-        """Names of the estimators to sample, including those between which others interpolate."""
+        """Names of the estimators to sample, including the two between which alpha estimators interpolate."""
         alphas = [name for name in self.estimators if name in RULES]
         names = [name for name in self.estimators if name in SAMPLED]
         return list(dict.fromkeys([*names, *(ALPHA_ORDERS if alphas else ())]))

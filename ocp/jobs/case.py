@@ -225,7 +225,7 @@ def _digest(function: ca.Function) -> str:
 
 
 def _fixed_settings(law: ContactLaw, p: ParameterTable) -> list[Any]:
-    """Return a law's type and those of its settings that are not parameters of its graphs."""
+    """Return a law's type, and the settings of the law that are not parameters of its graphs."""
     fixed = [
         (key, _fixed_settings(value, p) if isinstance(value, ContactLaw) else value)
         for key, value in law.settings().items()

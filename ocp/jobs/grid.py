@@ -62,7 +62,7 @@ def parse_axes(over: Mapping[str, Any] | Iterable[str | Axis]) -> tuple[Axis, ..
 
 
 def parse_axis(text: str) -> Axis:
-    """Parse an axis such as ``M=0.5:2:7`` or ``contact.mu=1e-4:1e-1:4:log``; raises as :func:`parse_axes` does."""
+    """Parse an axis such as ``M=0.5:2:7`` or ``contact.mu=1e-4:1:5:log``; raises the errors of :func:`parse_axes`."""
     parsed = parse_axis_option("--over", text, least=2)
     name, begin, end = parsed.name, parsed.values[0], parsed.values[-1]
     if begin == end:
@@ -141,7 +141,7 @@ class Grid:
         return [dict(zip(names, combination, strict=True)) for combination in values]
 
     def structure_key(self, values: Mapping[str, float]) -> tuple[float, ...]:
-        """Return the values of a point that change its program's structure: settings and integer parameters."""
+        """Return the values of a point that change the structure of its program: settings and integer parameters."""
         fields = self.source.Params.model_fields
 
         def is_integer(name: str) -> bool:

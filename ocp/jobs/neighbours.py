@@ -115,7 +115,7 @@ def cheaper_neighbours(study: Grid, points: Sequence[JobResult], changed: Collec
 
 
 def _ranking_cost(study: Grid, row: Mapping[str, Any]) -> float:
-    """Return the cost by which the study ranks solutions: planned, exact, or the referee's."""
+    """Return the cost by which the sweep ranks solutions: the planned, the exact, or the referee's cost."""
     return row[{"exact": "exact_cost", "referee": "referee_cost"}.get(study.rank, "cost")]
 
 

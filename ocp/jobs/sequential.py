@@ -11,7 +11,7 @@ from ocp.errors import interruptible
 Report = Callable[[Any], None]
 """Callback with a job's progress as plain data: numbers, texts, and lists or dictionaries of these."""
 Function = Callable[[Any, Report], Any]
-"""Function ``function(job, report)`` that does a job; workers import it by name, so it must be public."""
+"""Function ``function(job, report)`` that runs a job; workers import the function by name, so it must be public."""
 Callback = Callable[[int, Any], None]
 """Callback with the index of a job and one of its reports, called in the process that started the jobs."""
 MAX_TRIES = 3

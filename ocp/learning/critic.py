@@ -31,7 +31,7 @@ class Critic:
     batch: int = 128
 
     def check(self, experiment: Experiment, unroll: int) -> None:
-        """Raise :class:`~ocp.errors.InputError` if an unroll is a whole episode or the discount is 1."""
+        """Raise :class:`~ocp.errors.InputError` if an ``unroll`` [steps] is a whole episode or the discount is 1."""
         if experiment.discount == 1:
             raise InputError(
                 "a critic needs a discount below 1, got 1, where the return is unbounded;"
@@ -130,11 +130,11 @@ class Critic:
 CRITIC_THETA = "critic.theta"
 """Name of the critic's network parameters in an algorithm's state."""
 CRITIC_ARRAYS = (CRITIC_THETA, "critic.m", "critic.v", "critic.count")
-"""Names of the critic's network parameters and Adam's moments and count in an algorithm's state."""
+"""Names of an algorithm's state entries for the critic: network parameters, Adam's moments m and v, and step count."""
 
 
 def _terminal_weights(episodes: Episodes) -> np.ndarray:
-    """Return ``d^H a_H`` (n,), the discount at the last state or 0 for an episode that has ended by then."""
+    """Return ``d^H a_H`` (n,): the discount at the last state, or 0 if the episode has ended by then."""
     assert episodes.trail is not None
     return episodes.trail[:, -1, -2]
 

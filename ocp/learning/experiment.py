@@ -216,7 +216,7 @@ class Experiment(Configured):
         return BatchFunction(self.task.observe, "numpy", 1)
 
     def settings(self) -> dict[str, Any]:
-        """Return a mapping from names to settings, without ``iterations``, which a continued training may change."""
+        """Return a mapping from names to settings, except ``iterations``, which a continued training may change."""
         law = {"law": self.law.name, **self.law.settings()}
         return {
             "task": self.task.name,

@@ -151,7 +151,7 @@ class Explorer:
         return EpisodeSteps(x, u, steps.x_next, reward, is_over, solved, touched)
 
     def advance(self, steps: EpisodeSteps, age: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-        """Return states and ages at the start of the next step, with ended episodes replaced by new ones."""
+        """Return states (n, nx) and ages (n,) before the next step, with ended episodes replaced by new episodes."""
         age = age + 1
         restarted = steps.ended | ~steps.solved | (age >= self.task.horizon)
         initial_states, initial_ages = self.initial_states(len(age), rng)
@@ -201,7 +201,7 @@ def squash(task: Task, a: np.ndarray) -> np.ndarray:
 
 
 def _distance(task: Task) -> ca.Function | None:
-    """Return the function from ``(x, parameters)`` to the smallest signed distance [m]; None if unknown."""
+    """Return a function from ``(x, parameters)`` to the smallest signed distance [m], or None if unknown."""
     phi = task.system.phi
     if phi is None or not phi.numel():
         return None

@@ -223,7 +223,7 @@ DIFFERENCE_STEP = 1e-4
 FLAT_EIGENVALUE_RATIO = 1e-10
 """Ratio to the largest eigenvalue of the information matrix up to which an eigenvalue's direction counts as flat."""
 UNDETERMINED_SHARE = 0.05
-"""Norm of the projection of a parameter's axis on flat directions above which the parameter is undetermined."""
+"""Norm of the projection of a parameter's axis onto flat directions, above which the parameter is undetermined."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -276,7 +276,7 @@ def bootstrap_intervals(
 
 
 def _jacobians_and_errors(loss: OneStepLoss, log_psi: np.ndarray, buffer: Buffer) -> tuple[np.ndarray, np.ndarray]:
-    """Return the Jacobians (t, nx, n_psi) and errors (t, nx) of those transitions for which all are finite."""
+    """Return Jacobians (t, nx, n_psi) and errors (t, nx) of the transitions for which both are finite."""
     n = len(log_psi)
     perturbed = log_psi + DIFFERENCE_STEP * np.concatenate([np.zeros((1, n)), np.eye(n), -np.eye(n)])
     errors = loss.errors(perturbed, buffer)

@@ -52,7 +52,7 @@ def tree_from_arrays(prefix: str, state: dict[str, np.ndarray], like: Any) -> An
 
 
 BOUND_SPREAD_WEIGHT = 0.01
-"""Weight of the distance between the bounds of the log-variance in the loss."""
+"""Weight, in the loss, of the distance between the two bounds of the log-variance."""
 WEIGHT_DECAY = 1e-5
 """Weight decay of the model's optimiser, as in mbrl-lib's configuration of MBPO."""
 INITIAL_LOG_VARIANCE_BOUNDS = -10.0, 0.5

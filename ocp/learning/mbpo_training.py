@@ -259,7 +259,7 @@ class MBPOTrainer:
     def _update_agent(
         self, agent: Agent, scales: ObservationScales, real_steps: Buffer, model: Buffer, k: int
     ) -> tuple[Agent, Row]:
-        """Update actor, critics and temperature on batches of real steps and steps of the model."""
+        """Update actor, critics and temperature on batches of real and model transitions; return agent and metrics."""
         settings, rng = self.settings, self.experiment.rng(k, "updates")
         n_real = round(settings.real_ratio * settings.batch) if len(model) else settings.batch
         max_model_steps = settings.branches * settings.max_branch * settings.branch_iterations

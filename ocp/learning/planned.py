@@ -85,7 +85,7 @@ class BestPlan:
 
     @property
     def planned_return(self) -> float:
-        """Return of the planned trajectories, minus the solution's cost."""
+        """Return of the planned trajectories, which is minus the cost of the solution."""
         return -self.solution.cost
 
     @property

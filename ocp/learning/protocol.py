@@ -261,7 +261,7 @@ class Algorithm(Configured):
         """Raise :class:`~ocp.errors.InputError` if the settings do not fit the experiment; called before any work."""
 
     def begin(self, experiment: Experiment) -> State:
-        """Return the state before the first iteration; raises as :meth:`check` does."""
+        """Return the state before the first iteration; raises the errors of :meth:`check`."""
         self.check(experiment)
         normaliser = Normaliser.identity(len(experiment.task.observations))
         if experiment.start is not None:

@@ -112,7 +112,7 @@ REWARD_ARRAYS = ("rewards", "r_by_x", "r_by_u", "r_by_next")
 
 
 def _scatter(alive: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Return an array (n, ...) with ``values`` (k, ...) at the k entries in the mask ``alive`` (n,), else 0."""
+    """Return an array (n, ...) with ``values`` (k, ...) at the k entries in the mask ``alive`` (n,), 0 elsewhere."""
     scattered = np.zeros((len(alive), *values.shape[1:]))
     scattered[alive] = values
     return scattered

@@ -17,7 +17,7 @@ from ocp.learning.experiment import Experiment
 from ocp.learning.protocol import Algorithm, Normaliser, Row, State, TrainedPolicy, renormalise_policy
 
 Slope = Callable[[np.ndarray], tuple[float, np.ndarray]]
-"""Function from parameters to a cost and its gradient, which may both be random samples."""
+"""Function from parameters to a cost and the cost's gradient; both may be random samples."""
 
 ADAM_DECAY = (0.9, 0.999)
 """Decay rates b1 and b2 of Adam's first and second moments."""
@@ -65,9 +65,9 @@ Rule = Callable[[State, np.ndarray, float], State]
 def ascend(rule: str, state: State, gradient: np.ndarray, rate: float) -> State:
     """Return an algorithm's state after a step of ``theta`` (n_theta,) along ``gradient`` (n_theta,).
 
-    ``rule`` is ``adam`` (Kingma and Ba); ``normalised``, ``theta + rate g / |g|_inf``, without a step if
-    |g|_inf is 1000 or more (Dojo's augmented gradient search); or ``plain``, ``theta + rate g`` (Zhang,
-    Jin and Wang 2023, eq. 4.3). Raises :class:`~ocp.errors.InputError` for another ``rule``.
+    ``rule`` is ``adam`` (Kingma and Ba); ``normalised`` for ``theta + rate g / |g|_inf``, with no step if
+    |g|_inf is 1000 or more (Dojo's augmented gradient search); or ``plain`` for ``theta + rate g`` (Zhang, Jin
+    and Wang 2023, eq. 4.3). Raises :class:`~ocp.errors.InputError` for any other ``rule``.
     """
     return {**state, **choose("optimiser", rule, OPTIMISERS)(state, gradient, rate)}
 
@@ -205,7 +205,7 @@ def non_finite_reward_message(experiment: Experiment, step: int, location: str) 
 
 
 def normalised_state(experiment: Experiment, state: State, episodes: Episodes, finite: np.ndarray) -> State:
-    """Return the state with its normaliser updated from samples in the mask ``finite`` (n,), the policy unchanged."""
+    """Return the state with the normaliser updated by samples in the mask ``finite`` (n,) and the policy unchanged."""
     steps = np.arange(episodes.states.shape[1] - 1)
     alive = finite[:, None] & (steps < episodes.lived[:, None])
     observations = experiment.observations(episodes.states[:, :-1][alive])
@@ -251,7 +251,7 @@ class Unrolled(Algorithm):
         return self.samples
 
     def steps(self, experiment: Experiment) -> int:
-        """Return the number of steps of an unroll, at most those of an episode."""
+        """Return the number of steps of an unroll, which is at most the number of steps of an episode."""
         return min(self.unroll, experiment.task.horizon)
 
     def begin(self, experiment: Experiment) -> State:

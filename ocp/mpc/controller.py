@@ -1,4 +1,4 @@
-"""A receding-horizon controller, which is built once and then evaluated at every sample."""
+"""Receding-horizon controller, which is built once and then evaluated at every sample."""
 
 from __future__ import annotations
 
@@ -137,7 +137,7 @@ class Controller:
         return p, [np.array(v).ravel() for v in limits]
 
     def _first_plan(self, p: np.ndarray) -> tuple[RouteResult | None, Plan]:
-        """Solve the problem once from its own start; for a user's policy, return the initial guess unsolved."""
+        """Solve the problem once from its own start; with a user's policy, return the unsolved initial guess."""
         if self.policy is not None:
             x, u = self.receding.problem.initial_guess(p[0, self.model.of_problem])
             zeros = np.zeros((self.model.N, self.model.n))

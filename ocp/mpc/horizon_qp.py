@@ -1,4 +1,4 @@
-"""The quadratic program of a horizon, solved by PIQP, which exploits its block structure over stages."""
+"""Quadratic program of a horizon, solved by PIQP, which exploits the block structure over stages."""
 
 from __future__ import annotations
 

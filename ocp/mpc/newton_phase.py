@@ -139,7 +139,7 @@ class NewtonPhase(Phase):
         return self._iterate(self.feedback, sample, MAX_WARM_UP_PROGRAMS, 1e-6)
 
     def _iterate(self, solve: Callable[[Sample], Answer], sample: Sample, most: int, tolerance: float) -> Answer:
-        """Solve, then up to ``most`` more times from the new plan while the merit falls by a share ``tolerance``."""
+        """Solve; repeat up to ``most`` times from the new plan while the merit decreases by a share ``tolerance``."""
         answer = solve(sample)
         for _ in range(most):
             if answer.plan is None or answer.status == "kept":

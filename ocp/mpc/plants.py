@@ -95,7 +95,7 @@ class Plant:
 
 
 def check_mismatch(problem: Problem, mismatch: Mapping[str, float]) -> Mapping[str, float]:
-    """Return the plant's parameter values as validated numbers.
+    """Return ``mismatch``, the parameter values of the plant, as validated numbers.
 
     Raises :class:`~ocp.errors.InputError` for a name that is not a parameter of the problem, and for
     values that are not finite or physically impossible.
@@ -123,7 +123,7 @@ def check_pushes(problem: Problem, pushes: Mapping[int, np.ndarray], steps: int)
 
 
 def deviations(values: float | Mapping[str, float], names: list[str], what: str) -> np.ndarray:
-    """Return the standard deviations of all signals, from one number or a mapping from names (by default 0).
+    """Return the standard deviations of all signals, from one number or a mapping from names (0 if absent).
 
     Raises :class:`~ocp.errors.InputError` for an unknown name and a negative or non-finite number.
     """

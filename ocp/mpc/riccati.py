@@ -34,7 +34,7 @@ class Regulator:
         self._backwards = StageCompiler()(step).mapaccum(N)
 
     def gains(self, lin: Linearised) -> np.ndarray:
-        """Return the gains K (N, nu, nx), all zero if one is not finite."""
+        """Return the gains K (N, nu, nx), which are all set to zero if any entry is not finite."""
         nx, nu, N = self.nx, self.nu, self.N
         AB = np.concatenate([lin.x_next.by_x, lin.x_next.by_u], axis=2)
         xu = np.r_[:nx, nx + nu : nx + 2 * nu]

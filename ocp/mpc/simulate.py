@@ -1,4 +1,4 @@
-"""Closed-loop simulation of a controller on a plant, for several seeds of the noise."""
+"""Closed-loop simulation of a controller on a plant, repeated for several seeds of the noise."""
 
 from __future__ import annotations
 
@@ -253,7 +253,7 @@ class _Loop:
 def certify_plan(session: Session, plan: Plan, values: dict[str, float]) -> str:
     """Judge whether a plan is stationary: return ``B``, ``KKT``, ``not``, ``undecided`` or ``infeasible``.
 
-    ``B`` is B-stationarity under the exact law, ``KKT`` stationarity of the smoothed problem.
+    ``B`` means B-stationary under the exact law, ``KKT`` means stationary for the smoothed problem.
     """
     nlp = session.judging_nlp()
     blocks = {"x": plan.x[None, 1:], "u": plan.u[None], "lam": plan.lam[None], "gap": plan.gap[None]}

@@ -143,7 +143,7 @@ class StageModel:
 
     @cached_property
     def sizes(self) -> tuple[np.ndarray, np.ndarray]:
-        """Characteristic sizes (n,) of multipliers and of gaps; for slip pairs the two are exchanged."""
+        """Characteristic sizes (n,) of multipliers and of gaps; for slip pairs both sizes are exchanged."""
         scales, pairs = self.problem.scales, self.problem.system.pairs
         slips = np.array([p.kind in ("slip", "table") for p in pairs] * self.step.branches, bool)
         lam = np.where(slips, scales.gap, scales.impulse)

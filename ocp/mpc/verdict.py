@@ -84,7 +84,7 @@ class LoopVerdict:
             yield make_finding("more-constraints-violated", count=others, plural="s" * (others > 1))
 
     def _cost(self, over: str) -> str:
-        """Return a phrase with the mean cost, its interval and its two terms; ``over`` names the samples."""
+        """Return a phrase with the mean cost, its interval and its two terms; ``over`` is a phrase on the samples."""
         finite, (low, high) = np.isfinite(self.loop.costs), self.loop.cost_interval
         if not finite.any():
             return f"no finite cost {over}"

@@ -20,7 +20,7 @@ from ocp.store.runs import load, read_entry, run_paths, save
 from ocp.validation import expand_path
 
 STORE_VARIABLE = "OCP_RUNS"
-"""Name of the environment variable with the default folder of runs."""
+"""Name of the environment variable that sets the default folder of runs."""
 _MAX_SUGGESTED_AMONG = 200
 """Number of latest runs among whose names a suggestion for a misspelt name is searched."""
 

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def save(dataset: xr.Dataset, path: Path) -> None:
-    """Write the ``.dataset()`` of transitions or of a model to a file, with a checksum.
+    """Write ``dataset``, made by ``.dataset()`` of transitions or of a model, to a file with a checksum.
 
     The dataset may have additional variables. Raises :class:`~ocp.errors.InputError` if the file cannot be written.
     """

@@ -32,7 +32,7 @@ _MAX_JSON_DEPTH = 20
 _CONTROL_ESCAPES = {code: f"\\x{code:02x}" for code in (*range(32), *range(127, 160)) if chr(code) not in "\n\t"}
 """Mapping from control characters to escapes such as ``\\x1b``, for ``str.translate``."""
 _CONTROL_PATTERN = re.compile(rb"[\x7f-\xff]|\\u00[0189][0-9a-fA-F]|\\u007[fF]|\\[bfr]")
-"""Pattern of bytes in a JSON document that may be control characters, raw or escaped."""
+"""Pattern of bytes in a JSON document that may be control characters, either raw or escaped."""
 _SEAL_PATTERN = re.compile(rb',\n "checksum": "([0-9a-f]{64})"\n}\n')
 """Pattern of the end of ``meta.json``, which contains its checksum."""
 _SEAL_LENGTH = len(b',\n "checksum": ""\n}\n') + 64
