@@ -27,7 +27,8 @@ def parse_number(name: str, value: Any) -> float | None:
         return None
     kinds = (int, float, np.integer, np.floating, ca.SX, ca.DM)
     array = isinstance(value, np.ndarray) and value.ndim == 0
-    if isinstance(value, bool) or not (isinstance(value, kinds) or array) or np.size(value) != 1:
+    several = isinstance(value, ca.SX | ca.DM) and not value.is_scalar()
+    if isinstance(value, bool) or several or not (isinstance(value, kinds) or array):
         raise ValueError(f"{name} must be a number or a scalar CasADi expression, got {value!r}")
     value_as_float = float(value)
     if not math.isfinite(value_as_float):

@@ -217,7 +217,9 @@ class _Loop:
             self.arrays["u"][s, k] = u
             self.arrays["cost"][s, k] = float(terms(x, *cost_arguments)[0])
             self.end_cost[s] = float(terms(x_next, *cost_arguments)[1])
-            self.violation_amounts[s, k] = np.ravel(self._violation_function(x, u, x_next, lam, controller.physical))
+            self.violation_amounts[s, k] = (
+                ca.DM(self._violation_function(x, u, x_next, lam, controller.physical)).full().ravel()
+            )
             x, last_input = x_next, u
             if not np.isfinite(x).all() or (abs(x) > max_state * (1 + k / N)).any():
                 return
