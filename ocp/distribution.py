@@ -57,7 +57,7 @@ def shadowing(names: tuple[str, ...] = PACKAGES, folder: Path | None = None) -> 
 
 
 def _started_as_module() -> bool:
-    """Return whether ``python -m ocp`` runs this import, with the working directory on the path."""
+    """Return whether this module is imported by ``python -m ocp``, which puts the working directory on the path."""
     if sys.argv[:1] != ["-m"] or sys.flags.safe_path:
         return False
     return sys.orig_argv[len(sys.orig_argv) - len(sys.argv)].removeprefix("-m") == "ocp"

@@ -115,7 +115,7 @@ class Path:
 
     @classmethod
     def of_system(cls, system: ContactSystem, exact: bool) -> Path:
-        """Return the path of one step of ``system``, whose gaps may be curved; see :meth:`opening_data_of`."""
+        """Return the path of solutions in mu of a step of ``system``; gaps may be curved (:meth:`opening_data_of`)."""
         return cls(system.reduced.F.sparsity(), exact, system)
 
     @property

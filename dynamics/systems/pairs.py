@@ -155,7 +155,7 @@ class RefereeModel:
 
 
 def by_true_distance(system: ContactSystem) -> RefereeModel | None:
-    """Return the most exact model of a system that no builder made; None for a system without distances ``phi``.
+    """Return the most exact model of a system defined without a builder; None for a system without distances ``phi``.
 
     Where all pairs are frictionless contacts, one for each distance ``phi`` [m], and the gaps of bodies at rest
     equal phi, the gaps are assumed to be expansions of phi and are replaced by the true distances phi of the

@@ -215,7 +215,7 @@ class Tracker:
         return RouteResult(result, self.program, True, follower.trace)
 
     def pair_changes(self, old_curve: KKTCurve, outcome: RouteResult) -> list[Event]:
-        """Return contact events at the tracker's point for the pairs that are held differently on ``old_curve``."""
+        """Return contact events at this point for pairs whose member held at zero is another on ``old_curve``."""
         if self.curve is None or not self.curve.pairs.size:
             return []
         program = self.curve.program

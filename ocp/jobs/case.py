@@ -2,7 +2,7 @@
 
 The session of a sweep's point is built like the session of a single solve, so that both have bitwise the same
 solution. Only compiled functions (of programs, steps, costs and bounds) are reused between points. Parameters
-are inputs of these functions, so that equal graphs give equal functions.
+are inputs of these functions, so that points that differ in parameters alone share them.
 """
 
 from __future__ import annotations

@@ -192,7 +192,7 @@ def tolerance_of(model: LinearModel) -> float:
 def _judge(
     model: LinearModel, multipliers: np.ndarray | None, hessian: sp.csr_matrix
 ) -> tuple[Stationarity, bool, Descent, float]:
-    """Return the result of :func:`_search`, but "B" where the gain along its direction is noise, and that gain."""
+    """Return the result of :func:`_search`, "B" if the decrease along its direction is noise, and that decrease."""
     verdict, strong, descent = _search(model, multipliers, tolerance_of(model))
     gain = _gain(descent, hessian) if verdict == "not" else 0.0
     if verdict == "not" and gain <= _NOISE * model.typical_change:

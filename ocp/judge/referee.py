@@ -151,7 +151,7 @@ class RefereeReport:
 
     @property
     def word(self) -> str:
-        """Outcome in words: the plan survives, survives at this step only, does not survive, or no referee."""
+        """Outcome in words: the plan survives, survives only at its step size, does not, or has no referee."""
         if self.survives_at_h and not self.survives:
             return "survives at this step only"
         return {True: "survives", False: "does not survive", None: "no referee"}[self.survives]

@@ -210,7 +210,7 @@ class StepSolutions:
             gap[:, sides] += extra_slip[:, None]
 
     def _reduced(self, *point: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return motion, F and gap of linearised steps: ``dx = motion (1, dlam)``, scaled gaps ``gap + F dlam``."""
+        """Return motion, F and gap of linearised steps: ``dx = motion @ [1, dlam]``, scaled gaps ``gap + F @ dlam``."""
         residual, gap, D, E, G, H = self._model(*point, self.p)
         motion = -np.linalg.solve(D, np.concatenate([residual, E], axis=2))
         return motion, H + G @ motion[:, :, 1:], (gap + G @ motion[:, :, :1])[:, :, 0]

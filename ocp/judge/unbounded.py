@@ -126,7 +126,7 @@ def runaway_inputs(problem: Problem, u: np.ndarray) -> str:
 def _input_rays(
     evaluation: Evaluation, step: Step, plan: Rollout, least: Callable[[np.ndarray], float] | None
 ) -> Iterator[Ray]:
-    """Yield rays that move inputs without bounds over the whole horizon.
+    """Yield rays along which inputs that have no bounds change at all steps of the horizon.
 
     A ray moves one input, two inputs at once, or all of them in proportion to the plan. Rays begin at the
     plan and, where the plan is far from zero, at the guess too; their inputs are rolled out under the law.
@@ -200,11 +200,11 @@ def _rays(program: Program, x: np.ndarray, p: np.ndarray, bounds: dict[str, np.n
 
 
 def recession_direction(model: LinearModel, wanted: np.ndarray) -> np.ndarray:
-    """Return the direction (n,) nearest to ``wanted`` along which no bound or row is ever reached.
+    """Return the direction (n,) nearest to ``wanted`` along which all bounds and constraints hold without end.
 
-    Its largest entry is 1; it is zero where there is no such direction. The smaller member of every pair
-    stays zero; if both are equal, the member that ``wanted`` increases less. Rows and bounds that the
-    direction would reach are kept constant along it.
+    Its largest entry is 1; it is zero where there is no such direction. In every complementarity pair it is zero for
+    the smaller member, and of equal members for the one that ``wanted`` increases less. Constraints that would
+    otherwise be violated are held constant.
     """
     import scipy.sparse as sp
     import scipy.sparse.linalg as sla

@@ -179,7 +179,7 @@ class MPCCProgram(Program):
         self._differentiate(penalised, closure, ca.vertcat(self.mpcc.p, penalty, t))
 
     def _differentiate(self, penalised: ca.SX, closure: ca.SX, p: ca.SX) -> None:
-        """Set the program's functions, from the problem's derivatives and those of the penalty and the closure rows."""
+        """Set the program's functions from derivatives of problem, penalty and ``closure`` constraints."""
         base, x = self.lifted, self.lifted.x
         lam_closure = ca.SX.sym("lam_closure", closure.numel())
         f, g = base.f + penalised, ca.vertcat(base.g, closure)

@@ -154,7 +154,7 @@ def _fischer_burmeister(t: float, first: bool) -> HomotopyStage:
 
 
 def _lin_fukushima(t: float, first: bool) -> HomotopyStage:
-    """Return the stage ``lam gap <= t²`` and ``(lam + t)(gap + t) >= t²`` (Lin and Fukushima 2005)."""
+    """Return the relaxation ``lam gap <= t²`` and ``(lam + t)(gap + t) >= t²`` (Lin and Fukushima 2005)."""
     parameters = {RELAXATION: t}
     return HomotopyStage("t", t, "lin-fukushima", parameters, (-np.inf, 0.0), {"mu_init": 1e-4})
 

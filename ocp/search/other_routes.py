@@ -62,7 +62,7 @@ class GuessSearch(Search):
                 yield self.judge(session, replace(released, route="guess"), self.seed)
 
     def within_windows(self) -> Iterator[RouteResult]:
-        """Yield the outcomes of solves within the guess's windows, by Scholtes's relaxation and by the barrier law."""
+        """Yield outcomes within the ranges that the guess sets, by Scholtes's relaxation and by the barrier law."""
         session, windows = self.session, self.guess.windows
         changes: list[dict[str, Any]] = [{"strategy": "scholtes"}]
         changes += [] if "gap" in windows else [{"law": Barrier(mu=MU_LAST)}]
@@ -81,7 +81,8 @@ class RouteSearch(Search):
     def wanted(self, solution: Solution) -> bool:
         """Return whether to follow other routes.
 
-        At thorough effort, where the usual one gave a poor answer, and where samples gave a better one with few pairs.
+        They are followed at thorough effort, or if the usual route gave a poor answer, or if samples gave a better
+        answer and the problem has few contact pairs.
         """
         if solution.route.name in SEARCHED:
             led_nowhere = solution.route.name == SAMPLED and self.session.problem.system.nlam <= FEW_PAIRS

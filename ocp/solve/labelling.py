@@ -72,7 +72,7 @@ def label(
 def _trajectories(
     nlp: NLP, plan: Trajectories, replay: Rollout, refereed: Rollout, units: Mapping[str, dict[str, str]]
 ) -> Variables:
-    """Return states, inputs and contacts of the plan, its exact replay and the referee's."""
+    """Return states, inputs and contacts of the plan, of its exact replay, and of its replay by the referee."""
     system = nlp.problem.system
     nodes, intervals = ("scenario", "node", "state"), ("scenario", "interval")
     gap_unit = {"units": system.gap_unit}

@@ -44,7 +44,7 @@ def check_starts(n_starts: int, seed: int = 0, rank_by: str = "planned") -> None
 
 
 def check_until(until: str | None, session: Session) -> None:
-    """Raise :class:`~ocp.errors.InputError` for another ``until``, and for a system that has no referee."""
+    """Raise :class:`~ocp.errors.InputError` for an unknown ``until``, or where the system has no referee."""
     if until is None:
         return
     choose("until", until, UNTIL)

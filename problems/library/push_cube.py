@@ -141,7 +141,7 @@ def build(params: Params) -> Problem:
 
 
 def _carried(problem: Problem, p: np.ndarray, over: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return a guess that moves the cube evenly to its goal, tipped by ``over`` [rad], with the tip at its back."""
+    """Return a guess: the cube moves evenly to its goal, tilted by ``over`` [rad], the fingertip on its rear face."""
     values, N = problem.parameters.unpack(p), problem.N
     a, s = values["a"], np.linspace(0, 1, N + 1)
     X = np.tile(problem.initial_states(p)[0], (N + 1, 1))

@@ -164,7 +164,7 @@ def make_throw(params: Params, dome: bool, width: float | None = None) -> Thrown
 
 
 def _shrinking(params: Params, corner: float) -> dict:
-    """Compute the empirical bias (beta, Delta, S), Suh et al. 2022, def. III.3, at the corner as the dome narrows."""
+    """Compute the empirical bias (beta, Delta, S), Suh et al. 2022, def. III.3, at a corner rounded ever less."""
     # The event is that the ball misses the dome; the slope is then at most that for the rectangle.
     width = params.width / 2.0 ** np.arange(_DOMES)
     at_flat = make_throw(params, False).at({"theta": corner})

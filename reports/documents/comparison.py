@@ -108,7 +108,7 @@ def _flat(run: StoredRun) -> dict[str, Any]:
 
 
 def _differs(key: str, request: Mapping[str, Any], requests: Sequence[Mapping[str, Any]]) -> bool:
-    """Return whether another request has a different value; settings of a law are compared only for the same law."""
+    """Return whether any other request has a different value of ``key``; of a law's settings, any with the same law."""
     others = [other for other in requests if other is not request]
     if key == "strategy" or key.startswith("contact."):
         others = [other for other in others if other.get("contact") == request.get("contact")]

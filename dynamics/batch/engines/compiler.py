@@ -334,8 +334,8 @@ def compiler_info() -> dict[str, object]:
 def clear_cache() -> int:
     """Delete all compiled objects in the cache and return their number.
 
-    Folders of compilations that killed processes left are deleted too, after twice the time limit of a
-    compilation.
+    Temporary folders left behind by killed processes are deleted too, once they are older than twice the time limit of
+    a compilation.
     """
     directory = cache_directory()
     if directory is None:

@@ -75,7 +75,7 @@ class Params(with_weights(HopperDynamics, problem.MACHINE)):
 
 
 def build(params: Params) -> Task:
-    """Build the task; the state is (q, v), and the reward [1] is the speed in m/s plus 0.1 minus a cost of the inputs.
+    """Build the task; the state is (q, v), the reward the speed in m/s, plus 0.1, minus a cost of inputs.
 
     Inputs are bounded by one unit, 200 N m, whereas the source has no bounds. A state that is not finite
     also ends the episode.

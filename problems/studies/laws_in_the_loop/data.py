@@ -180,7 +180,7 @@ def relative_cost(data: xr.Dataset) -> xr.DataArray:
 
 
 def survival(data: xr.Dataset) -> xr.DataArray:
-    """Return 1 where a cost is at most twice the lowest on the model from the same seed, else 0; NaN if not run."""
+    """Return 1 where a cost is at most twice the same seed's lowest cost on the model, else 0; NaN if not run."""
     best = data["cost"].sel(plant="model", drop=True).min("controller")
     return (data["cost"] <= _SURVIVAL_RATIO * best).astype(float).where(data["ended"].notnull())
 

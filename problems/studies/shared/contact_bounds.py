@@ -222,7 +222,7 @@ def solve_softened(z: np.ndarray, F: np.ndarray, mu: np.ndarray) -> Softened:
 
 @cache
 def _solver(n: int) -> SampledStep:
-    """Return the step ``x+ = lam`` of n contacts, whose state is z and whose parameters are the entries of F."""
+    """Return a solver of n contacts with gaps ``F lam + z`` as a step from the state z to lam; F is its parameter."""
     zeros, identity = np.zeros((n, n)), np.eye(n)
     table = ParameterTable(matrix_parameters("F", identity))
     system = lcs(

@@ -1,4 +1,4 @@
-"""N2: plans and gains from a start without contact, through five dynamics."""
+"""N2: plans and gains from a guess without contact, for five models of the dynamics."""
 
 from problems.studies.start_without_contact.claims import claims
 from problems.studies.start_without_contact.data import QUICK, Params, run

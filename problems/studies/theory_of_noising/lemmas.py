@@ -1,4 +1,4 @@
-"""Checks of lemmas 1 to 3 of Suh et al. 2023, of the score, and of uniform data between walls."""
+"""Checks of lemmas 1 to 3 of Suh et al. 2023, of the score, and of data uniform between two walls."""
 
 from __future__ import annotations
 
@@ -230,9 +230,9 @@ def _fixed_points() -> dict[str, Any]:
 
 
 def climb_density(sigma: float, seed: int) -> dict[str, Any]:
-    """Compute where rollouts of g_sigma end, and the smallest increase of the log density in a step.
+    """Iterate g_sigma; return the end points and the smallest increase of log p_sigma in any step.
 
-    The data of g_sigma are random states between the walls; log p_sigma is their noised log density.
+    The data of g_sigma are random states between two walls; p_sigma is their density with noise added.
     """
     x = np.linspace(-1, 1, _STATES)
     attractors, climb, centre = np.empty((3, len(SAMPLES)))

@@ -117,7 +117,7 @@ class RunOptions(StoreOptions):
 
 
 class SourceOptions(StoreOptions):
-    """Option for the file that defines a run's problem; a file that only the run names is never loaded."""
+    """Option for the file that defines a run's problem; a file that is named in the run alone is never loaded."""
 
     source: str | None = option(None, "--source", metavar="FILE", help="File that defines the problem of the run.")
 
