@@ -211,7 +211,7 @@ class TouchSearch:
             (low - wide)[coordinates], (high + wide)[coordinates], (_STOPS, len(coordinates))
         )
         # Points off every goal, since a pusher leaves and reaches a body along its normal.
-        steps_back = self._outwards(x, np.vstack([x[None, -nu:], goals]), coordinates)
+        steps_back = self._outwards(x, np.vstack([x[None, -nu:], goals]))
         all_places = np.vstack([x[None, -nu:], goals, steps_back, stops])
         states = np.repeat(x[None], len(all_places), axis=0)
         states[:, -nu:] = all_places
@@ -242,7 +242,7 @@ class TouchSearch:
             paths.append(path)
         return paths
 
-    def _outwards(self, x: np.ndarray, places: np.ndarray, own: np.ndarray) -> np.ndarray:
+    def _outwards(self, x: np.ndarray, places: np.ndarray) -> np.ndarray:
         """Return each of the ``places`` (n, nu) moved away from the body nearest to it."""
         states = np.repeat(x[None], len(places), axis=0)
         states[:, -self._nu :] = places

@@ -142,5 +142,4 @@ def test_at_contact_the_derivative_is_that_of_the_active_set(name):
         assert np.allclose(found, expected[: system.nx], rtol=0, atol=1e-9)
         assert np.all(lam[~active] == 0.0)
         tried += 1
-    print(tried)
     assert tried > 5

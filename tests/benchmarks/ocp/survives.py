@@ -1,4 +1,4 @@
-"""Which remedy makes the plan of every named problem survive: ``ocp solve NAME --until survives``.
+"""Table of the remedy that makes the plan of every named problem survive: ``ocp solve NAME --until survives``.
 
 ``make bench-survives`` runs it and rewrites the site's table; ``PROBLEMS="hopper push-1d"`` measures some of them, and
 ``LIMIT=300`` ends each command after so many seconds of processor time. Rows are stored as they come.

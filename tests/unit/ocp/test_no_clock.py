@@ -24,7 +24,7 @@ LIMITS = {"time_limit", "max_wall_time", "max_cpu_time"}
 HOUSE = Path(ocp.__file__).parent
 AROUND = {
     "store/checkpoint.py": "how often the work is saved",
-    "scheduling/processes.py": "how long a worker that was told to end is waited for",
+    "jobs/processes.py": "how long a worker that was told to end is waited for",
     "programs/options.py": "a user's own limits, checked",
 }
 """Mapping from file to what a clock decides in it, outside of the solution."""
