@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import logging
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -175,6 +176,25 @@ class Session:
         sizes = self.problem.scales
         return self.step.law.schedule(sizes.impulse, sizes.gap)
 
+    def with_changes(self, values: Mapping[str, float] | None = None, **fields: Any) -> Session:
+        """Return a session with other ``fields``, such as the problem, at the values of common parameters.
+
+        ``values`` replace some of these.
+        """
+        session = replace(self, **fields)
+        session.set_common({**self.values, **(values or {})})
+        return session
+
+    def as_swept(self) -> Session:
+        """Return the session of the same problem with ``swept`` set, at the same values, without further search."""
+        if self.problem.swept:
+            return self
+        return self.with_changes(problem=replace(self.problem, swept=True), search=False)
+
+    def set_common(self, values: Mapping[str, float]) -> None:
+        """Set the values of those parameters in ``values`` that the session has."""
+        self.values |= {name: value for name, value in values.items() if name in self.values}
+
     def sub_session(self, law: ContactLaw, method: Method) -> Session:
         """Return the session of the same problem with another law and method, at the values of common parameters."""
         key = f"{law.name} {method.name}"
@@ -183,7 +203,7 @@ class Session:
                 self.problem, law, method, self.policy, self.solver, compiled=self.compiled
             )
         sub_session = self.sub_sessions[key]
-        sub_session.values |= {name: v for name, v in self.values.items() if name in sub_session.values}
+        sub_session.set_common(self.values)
         return sub_session
 
     def judging_nlp(self) -> NLP:
@@ -226,12 +246,3 @@ class Session:
         zeros = np.zeros((step.n, len(U)))
         _, gap, _ = step.relation.map(len(U))(X[:-1].T, U.T, X[1:].T, zeros, values)
         return np.array(gap).T
-
-
-def as_swept(session: Session) -> Session:
-    """Return the session of the same problem with ``swept`` set, at the same values, without further search."""
-    if session.problem.swept:
-        return session
-    swept = replace(session, problem=replace(session.problem, swept=True), search=False)
-    swept.values |= session.values
-    return swept

@@ -67,8 +67,7 @@ class GuessSearch(Search):
         changes: list[dict[str, Any]] = [{"strategy": "scholtes"}]
         changes += [] if "gap" in windows else [{"law": Barrier(mu=MU_LAST)}]
         for change in changes:
-            narrowed = replace(session, windows=windows, **change)
-            narrowed.values |= {name: v for name, v in session.values.items() if name in narrowed.values}
+            narrowed = session.with_changes(windows=windows, **change)
             yield narrowed.solve(guess=self.guess.trajectories, progress=self.progress)
 
 
@@ -97,8 +96,7 @@ class RouteSearch(Search):
         smoothed = barrier.solve(progress=self.progress)
         nlp = session.nlp_of("product")
         x = translate(smoothed.result.point, smoothed.nlp, nlp).x
-        scholtes = replace(session, strategy="scholtes")
-        scholtes.values |= session.values
+        scholtes = session.with_changes(strategy="scholtes")
         ways = (
             ("scholtes", lambda: scholtes.solve(progress=self.progress)),
             ("barrier start", lambda: session.resume(Point(x), self.progress)),

@@ -12,7 +12,7 @@ from ocp.judge.route_report import SearchedPlan, SearchReport
 from ocp.problem.policy import Feedback
 from ocp.programs.solver import Status
 from ocp.routes.homotopy import StageRecord
-from ocp.routes.session import Session, as_swept
+from ocp.routes.session import Session
 from ocp.search.plan_solver import PlanSolver
 from ocp.search.push_tree import TouchSearch, searchable
 from ocp.search.sampling import can_sample
@@ -67,7 +67,7 @@ class PushSearch(Search):
         ``answer`` does not fall short. Under a law other than the exact one, or with another method, the plans of
         pushes are guesses for the law's own route.
         """
-        swept, few = as_swept(self.session), self.session.problem.system.nlam <= _MANY
+        swept, few = self.session.as_swept(), self.session.problem.system.nlam <= _MANY
         moving = answer is not None and answer.status is not Status.NO_PROGRESS and penetrates_between_nodes(answer)
         if moving or (answer is None and few):
             guess = None

@@ -13,7 +13,6 @@ from ocp.judge.route_report import SearchedPlan, SearchReport
 from ocp.problem.rollout import Rollout
 from ocp.routes.homotopy import StageRecord
 from ocp.routes.schedules import acting, is_apart
-from ocp.routes.session import as_swept
 from ocp.search.plan_solver import PlanSolver, exact_rollout, is_less
 from ocp.search.sampling import ROUNDS, InputSampler, SampledPlan
 from ocp.search.search import SAMPLED, Search, can_roll_out
@@ -84,7 +83,7 @@ class SampleSearch(Search):
     ) -> Generator[Solution, None, Solution]:
         """Yield answers near the cheapest plans of one sampler, and return the best; list the plans in ``solved``."""
         system = self.session.problem.system
-        session = as_swept(self.session) if system.scene and system.phi is not None else self.session
+        session = self.session.as_swept() if system.scene and system.phi is not None else self.session
         plans = self._distinct(self._rollouts(sampler, self._sampled(sampler, answer)), sampler, answer)
         roll_out, best = partial(exact_rollout, session), answer
         least = self._penalized_cost(sampler, best)

@@ -32,7 +32,6 @@ from ocp.solve.best_gains import best_gains, plan_of, with_gains, with_replay
 from ocp.solve.comparable_cost import comparable_cost
 from ocp.solve.refinement import HALVINGS, divided_step
 from ocp.transcription import Direct
-from ocp.transcription.nlp import StageCompiler
 
 logger = logging.getLogger(__name__)
 
@@ -203,8 +202,8 @@ class SurvivalLadder:
     def _exact_session(self, problem: Problem, changed_values: dict[str, Any] | None = None) -> Session:
         """Return the session of another problem under the exact law, without searches, at the same values."""
         same_law = isinstance(self.session.law, Exact)
-        session = replace(
-            self.session,
+        return self.session.with_changes(
+            changed_values,
             problem=problem,
             law=self.session.law if same_law else Exact(),
             method=Direct(),
@@ -213,11 +212,7 @@ class SurvivalLadder:
             effort="quick",
             user_guess=None,
             windows={},
-            compiled=StageCompiler() if self.session.compiled else None,
         )
-        values = {**self.session.values, **(changed_values or {})}
-        session.values |= {name: value for name, value in values.items() if name in session.values}
-        return session
 
     def _solve(self, session: Session, start: Solution) -> Solution:
         solution = self.solve_from(session, start, self.seed, self._count)

@@ -13,7 +13,7 @@ from ocp.problem.problem import Problem
 from ocp.problem.resources import check_memory, solve_memory
 from ocp.programs.solver import Solver
 from ocp.routes.homotopy import StageRecord
-from ocp.routes.session import DEFAULT_EFFORT, Effort, Session, as_swept
+from ocp.routes.session import DEFAULT_EFFORT, Effort, Session
 from ocp.solution import Solution
 from ocp.solve.guesses import GuessLike, given_guess
 from ocp.solve.judging import judge_outcome, keep_best_on_interrupt
@@ -134,7 +134,7 @@ def begin_at(
     if "gap" in user_guess.windows and (search is False or not session.complementary):
         raise InputError("contacts of a guess need the exact law, direct transcription and a search")
     problem = replace(session.problem, guess=lambda made, p: user_guess.trajectories)
-    return replace(session, problem=problem, user_guess=user_guess)
+    return session.with_changes(problem=problem, user_guess=user_guess)
 
 
 def refine_from(
@@ -150,12 +150,8 @@ def refine_from(
     """
 
     def again(changed_values: dict[str, Any], warm_start: Solution) -> Solution:
-        compiled = StageCompiler() if session.compiled else None
         rebuilt = replace(build(session.problem, changed_values), swept=solution.problem.swept)
-        finer = replace(session, problem=rebuilt, compiled=compiled)
-        values = {**session.values, **changed_values}
-        finer.values |= {name: v for name, v in values.items() if name in finer.values}
-        return solve_from(finer, warm_start, seed, progress)
+        return solve_from(session.with_changes(changed_values, problem=rebuilt), warm_start, seed, progress)
 
     return refine_step_size(solution, again)
 
@@ -172,9 +168,7 @@ def climb_from(
     from ocp.solve.ladder import SurvivalLadder
 
     if solution.problem is not session.problem:  # It was refined.
-        values = solution.values
-        session = replace(session, problem=solution.problem)
-        session.values |= {name: value for name, value in values.items() if name in session.values}
+        session = session.with_changes(solution.values, problem=solution.problem)
     return SurvivalLadder(session, solution, build, solve_from, seed, progress).climb()
 
 
@@ -188,7 +182,7 @@ def solve_from(
     where Ctrl-C ends the solve.
     """
     if start.route.swept:
-        session = as_swept(session)
+        session = session.as_swept()
     with keep_best_on_interrupt(session, seed, progress) as watch:
         outcome = session.resume(carry(start, session.nlp_of("product"), session.values), watch)
         if not (resumed := outcome.finished):
