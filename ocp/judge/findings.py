@@ -67,7 +67,6 @@ SENTENCES = {
     "quarter-step-cost-not-finite": "the cost is NaN or infinite",
     "costs-more-at-quarter-step": "it costs {cost:.6g}",
     "bodies-penetrate": "bodies penetrate by {amount:.2g}",
-    "survival": "{reason}",
     # The replay under the exact law.
     "not-replayed": "not replayed under the exact law: {step}",
     "exact-cost-not-finite": "under the exact law the cost of the replay is NaN or infinite",

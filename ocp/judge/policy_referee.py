@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
-import numpy as np
-
 from ocp.judge.findings import Finding, make_finding
-from ocp.judge.referee import Referee, RefereeReport, outcome_findings
+from ocp.judge.referee import Referee, RefereeReport, outcome_findings, quarter_step_findings
 from ocp.problem.evaluation import Evaluation
 from ocp.problem.rollout import Rollout
 
@@ -22,31 +18,10 @@ def policy_findings(evaluation: Evaluation, plan: Rollout, outcome: Referee) -> 
         findings = [make_finding("step-not-solved", step=outcome.failed.brief)]
     else:
         findings = outcome_findings(evaluation, plan, outcome.replay)
-    if outcome.refined is None:
-        return findings, []
-    if outcome.refined_note:
-        return findings, [make_finding("replay-stops", note=outcome.refined_note)]
-    return findings, outcome_findings(evaluation, plan, outcome.refined)
+    return findings, quarter_step_findings(evaluation, plan, outcome)
 
 
 def policy_report(evaluation: Evaluation, plan: Rollout, outcome: Referee, of_plan: RefereeReport) -> RefereeReport:
     """Return the referee's report on a policy, from its replays and the report ``of_plan`` on the plan it follows."""
-    findings, refined_findings = policy_findings(evaluation, plan, outcome)
-    return replace(
-        of_plan,
-        cost=outcome.cost,
-        gap=float(np.abs(outcome.replay.x - plan.x).max()),
-        survives=not (findings or refined_findings),
-        survives_at_h=not findings,
-        reasons=[finding.sentence for finding in findings],
-        refined_reasons=[finding.sentence for finding in refined_findings],
-        findings=findings,
-        refined_findings=refined_findings,
-        refined_cost=outcome.refined_cost,
-        refined_note=outcome.refined_note,
-        replay_penetration=None,
-        replay_between=None,
-        broken=[],
-        nonuniqueness="",
-        branch_cost=float("nan"),
-    )
+    of_plan_details = {name: getattr(of_plan, name) for name in ("penetration", "between", "force_distance")}
+    return RefereeReport.of_replay(outcome, plan, *policy_findings(evaluation, plan, outcome), **of_plan_details)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -40,6 +41,8 @@ corners by a hundredth of the gap where contacts roll, and through whole bodies 
 """
 _LEAST_GAP = 1e-4
 """Minimum gap for judging, as a share of the characteristic gap."""
+NO_GEOMETRY = "no geometry"
+"""Note of a report on a system without geometry, which has no referee."""
 
 
 @dataclass(frozen=True)
@@ -107,23 +110,20 @@ class RefereeReport:
     """Outcome of a plan under the referee's contact model, as runs store it.
 
     ``cost`` is the cost of the replay, and ``gap`` the largest difference of its states from the plan.
-    ``survives_at_h`` is None without geometry, and ``reasons`` are clauses that say why it is False.
-    ``survives`` requires the replay at h/4, where h can be refined, to succeed too; ``refined_reasons``
-    say why it does not. ``note`` names features that the referee's model has and the problem's model
-    lacks. ``refined_cost`` is the cost at h/4, or NaN for the reason in ``refined_note``. The largest
-    penetration at nodes (``penetration``) and between them (``between``), and the largest true distance
-    at which a normal force acts (``force_distance``), all [m], are those of the plan; ``replay_penetration``
-    and ``replay_between`` are those of the replay. ``broken`` are the constraints that the replay violates.
-    ``nonuniqueness`` describes a step of the plan at which the model's contact has another
+    ``note`` names features that the referee's model has and the problem's model lacks, and is
+    :data:`NO_GEOMETRY` where there is no replay. ``refined_cost`` is the cost at h/4, or NaN for the reason
+    in ``refined_note``. The largest penetration at nodes (``penetration``) and between them (``between``), and the
+    largest true distance at which a normal force acts (``force_distance``), all [m], are those of the plan;
+    ``replay_penetration`` and ``replay_between`` are those of the replay. ``broken`` are the constraints that the
+    replay violates. ``nonuniqueness`` describes a step of the plan at which the model's contact has another
     solution, "" where none was found, and ``branch_cost`` is the cost of the plan's inputs with it.
-    ``findings`` and ``refined_findings`` are the reasons with their codes and numbers.
+    ``findings`` say why the replay at h fails, and ``refined_findings`` why that at h/4 does; each is empty where its
+    replay succeeds.
     """
 
     cost: float = math.nan
     gap: float = math.nan
-    survives: bool | None = None
-    reasons: list[str] = field(default_factory=list)
-    note: str = ""
+    note: str = NO_GEOMETRY
     refined_cost: float = math.nan
     refined_note: str = ""
     penetration: Worst | None = None
@@ -134,20 +134,50 @@ class RefereeReport:
     broken: list[Violation] = field(default_factory=list)
     nonuniqueness: str = ""
     branch_cost: float = math.nan
-    survives_at_h: bool | None = None
-    refined_reasons: list[str] = field(default_factory=list)
     findings: list[Finding] = field(default_factory=list)
     refined_findings: list[Finding] = field(default_factory=list)
 
-    @property
-    def survival_findings(self) -> list[Finding]:
-        """Reasons as findings; those of a run that stores only sentences have the code "survival"."""
-        return self.findings or [make_finding("survival", reason=reason) for reason in self.reasons]
+    @classmethod
+    def of_replay(
+        cls, outcome: Referee, plan: Rollout, findings: list[Finding], refined_findings: list[Finding], **details: Any
+    ) -> RefereeReport:
+        """Return the report on a replay of ``plan``; ``details`` are the fields that ``outcome`` does not contain."""
+        return cls(
+            cost=outcome.cost,
+            gap=float(np.abs(outcome.replay.x - plan.x).max()),
+            note=outcome.note or NO_GEOMETRY,
+            refined_cost=outcome.refined_cost,
+            refined_note=outcome.refined_note,
+            findings=findings,
+            refined_findings=refined_findings,
+            **details,
+        )
 
     @property
-    def quarter_step_findings(self) -> list[Finding]:
-        """Reasons at h/4 as findings; those of a run that stores only sentences have the code "survival"."""
-        return self.refined_findings or [make_finding("survival", reason=reason) for reason in self.refined_reasons]
+    def survives_at_h(self) -> bool | None:
+        """Whether the replay at h succeeds, None without geometry."""
+        return None if self.note == NO_GEOMETRY else not self.findings
+
+    @property
+    def survives(self) -> bool | None:
+        """Whether the replays at h and, where h can be refined, at h/4 succeed, None without geometry."""
+        return self.survives_at_h and not self.refined_findings
+
+    @property
+    def reasons(self) -> list[str]:
+        """Clauses that say why the replay at h fails."""
+        return [finding.sentence for finding in self.findings]
+
+    @property
+    def refined_reasons(self) -> list[str]:
+        """Clauses that say why the replay at h/4 fails."""
+        return [finding.sentence for finding in self.refined_findings]
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """The report as a JSON-serialisable dict, with what follows from its findings."""
+        derived = ("survives", "survives_at_h", "reasons", "refined_reasons")
+        return {**asdict(self), **{name: getattr(self, name) for name in derived}}
 
     @property
     def word(self) -> str:
@@ -169,25 +199,16 @@ def referee_plan(
     refereed = referee_replay(evaluation, plan.u if gains is None else gains, plan.x[:, 0])
     other_solution, branch_cost = _other_solution(evaluation, plan, gains)
     if refereed.note is None:
-        return RefereeReport(note="no geometry", nonuniqueness=other_solution, branch_cost=branch_cost), refereed
+        return RefereeReport(nonuniqueness=other_solution, branch_cost=branch_cost), refereed
     replay = refereed.replay
     planned = measure(evaluation, step, plan)
     replayed = measure(evaluation, problem.referee_step, replay)
     broken = broken_constraints(evaluation, replay, tolerance_sizes(problem, plan.x))
-    reasons = survival_findings(evaluation, plan, refereed, replayed, broken)
-    quarter_step_reasons = quarter_step_findings(evaluation, plan, refereed)
-    return RefereeReport(
-        cost=refereed.cost,
-        gap=float(np.abs(replay.x - plan.x).max()),
-        survives=not (reasons or quarter_step_reasons),
-        survives_at_h=not reasons,
-        reasons=[finding.sentence for finding in reasons],
-        refined_reasons=[finding.sentence for finding in quarter_step_reasons],
-        findings=reasons,
-        refined_findings=quarter_step_reasons,
-        note=refereed.note,
-        refined_cost=refereed.refined_cost,
-        refined_note=refereed.refined_note,
+    report = RefereeReport.of_replay(
+        refereed,
+        plan,
+        survival_findings(evaluation, plan, refereed, replayed, broken),
+        quarter_step_findings(evaluation, plan, refereed),
         penetration=planned.penetration,
         between=planned.between,
         force_distance=planned.force_distance,
@@ -196,7 +217,8 @@ def referee_plan(
         broken=[entry.violation for entry in broken],
         nonuniqueness=other_solution,
         branch_cost=branch_cost,
-    ), refereed
+    )
+    return report, refereed
 
 
 def _other_solution(evaluation: Evaluation, plan: Rollout, gains: Gains | None) -> tuple[str, float]:

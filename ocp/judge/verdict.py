@@ -229,12 +229,12 @@ def _referee_findings(plan: Judgement) -> Iterator[Finding]:
     yield make_finding("referee", note=referee.note)
     if referee.word == "does not survive":
         yield make_finding("does-not-survive", "; ")
-        yield from join_findings(referee.survival_findings[:_MOST_REASONS], first=": ")
+        yield from join_findings(referee.findings[:_MOST_REASONS], first=": ")
         yield from _reliance_findings(plan)
     difference = abs(referee.refined_cost - referee.cost)
     if referee.refined_reasons and referee.survives_at_h:
         yield make_finding("fails-at-quarter-step", "; ")
-        yield from join_findings(referee.quarter_step_findings[:_MOST_REASONS], first=" ")
+        yield from join_findings(referee.refined_findings[:_MOST_REASONS], first=" ")
     elif plan.cost_share(difference, referee.cost) > _NOTABLE_SHARE:
         yield make_finding("quarter-step-cost", "; ", cost=referee.refined_cost)
     cut = referee.replay_between

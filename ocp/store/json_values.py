@@ -152,19 +152,28 @@ def _choice_from_json(words: Mapping[Any, Any], value: Any, path: str) -> Any:
 
 
 def _record_from_json(kind: Any, value: Any, path: str) -> Any:
-    """Build a dataclass or TypedDict; raise ``ValueError`` for missing fields and a dataclass's unknown fields."""
+    """Build a dataclass or TypedDict; raise ``ValueError`` for missing fields and a dataclass's unknown fields.
+
+    A property of a dataclass may be stored beside its fields; it must equal the property of the record.
+    """
     _check_type(dict, value, path)
     types, required = _field_types(kind)
-    if is_dataclass(kind) and (unknown := sorted(set(value) - set(types))):
+    derived = {key: item for key, item in value.items() if isinstance(getattr(kind, key, None), property)}
+    if is_dataclass(kind) and (unknown := sorted(set(value) - set(types) - set(derived))):
         raise ValueError(f"{_child_path(path, unknown[0])} is unknown")
     if missing := sorted(required - set(value)):
         raise ValueError(f"{_child_path(path, missing[0])} is missing")
     entries = {
         key: from_json(types[key], item, _child_path(path, key)) if key in types else item
         for key, item in value.items()
+        if key not in derived
     }
     make_record: Any = kind if is_dataclass(kind) else dict
-    return make_record(**entries)
+    record = make_record(**entries)
+    for key, item in derived.items():
+        if item != (expected := to_json(getattr(record, key))):
+            raise _mismatch(_child_path(path, key), item, f"{expected!r} by its other entries")
+    return record
 
 
 @cache

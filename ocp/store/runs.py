@@ -103,7 +103,6 @@ def _describe_solution(
         "evaluation_s",
         "solver_s",
     )
-    judge_keys = ("audit", "certificate", "referee")
     meta = {
         "kind": "solve",
         "argv": list(argv),
@@ -114,7 +113,9 @@ def _describe_solution(
         "status": solution.status.label,
         "stages": [asdict(stage) for stage in solution.stages],
         "others": [asdict(attempt) for attempt in solution.route.attempts],
-        **{name: asdict(getattr(solution, name)) for name in judge_keys},
+        "audit": asdict(solution.audit),
+        "certificate": asdict(solution.certificate),
+        "referee": solution.referee.document,
         **{name: getattr(solution, name) for name in summary_keys},
     }
     return str(record.get("problem", "problem")), solution.data, meta

@@ -9,6 +9,7 @@ import pytest
 
 from dynamics.contact import Exact
 from ocp import Solution, solve
+from ocp.judge.findings import make_finding
 from ocp.judge.referee import COST_SHARE, quarter_step_findings, referee_plan
 from ocp.problem.evaluation import Evaluation
 from ocp.problem.rollout import Rollout, roll_out
@@ -96,16 +97,14 @@ def test_what_is_at_fault_at_the_step_itself_is_told_first() -> None:
     found = solve(get("box-slide"), Exact())
     of = replace(
         found.referee,
-        survives=False,
-        survives_at_h=False,
-        reasons=["it falls"],
-        refined_reasons=["it costs 9"],
+        findings=[make_finding("bodies-penetrate", amount=0.1)],
+        refined_findings=[make_finding("costs-more-at-quarter-step", cost=9.0)],
         refined_cost=9.0,
     )
     bad = replace(found, referee=of)
     assert bad.headline.endswith("; does not survive.") and bad.grade == "certified"
-    assert numbers(bad, "survival") == {"reason": "it falls"} and numbers(bad, "quarter-step-cost") == {"cost": 9.0}
-    assert "does not survive: it falls; at a quarter of the step size it costs 9" in bad.verdict
+    assert numbers(bad, "bodies-penetrate") == {"amount": 0.1} and numbers(bad, "quarter-step-cost") == {"cost": 9.0}
+    assert "does not survive: bodies penetrate by 0.1; at a quarter of the step size it costs 9" in bad.verdict
 
 
 @pytest.mark.costly

@@ -10,6 +10,7 @@ import pytest
 
 from ocp import solve
 from ocp.errors import InputError
+from ocp.judge.findings import make_finding
 from ocp.problem.evaluation import Evaluation
 from ocp.problem.rollout import roll_out
 from ocp.programs.solver import Status
@@ -49,7 +50,7 @@ def test_a_certificate_is_worth_one_percent(solution: Solution) -> None:
 
 
 def test_of_equal_costs_the_one_that_survives_is_taken(solution: Solution) -> None:
-    lost = replace(solution, referee=replace(solution.referee, survives=False))
+    lost = replace(solution, referee=replace(solution.referee, findings=[make_finding("states-not-finite")]))
     assert best_solution([lost, solution]) is solution
     assert best_solution([solution, lost]) is solution
 

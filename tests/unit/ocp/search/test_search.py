@@ -13,6 +13,7 @@ from dynamics.systems import ParameterTable
 from ocp import solve
 from ocp.errors import InputError
 from ocp.judge.certificate import Certificate
+from ocp.judge.findings import make_finding
 from ocp.judge.referee import RefereeReport
 from ocp.problem.evaluation import Evaluation
 from ocp.problem.problem import SWEPT, Constraint, Problem, Scaling
@@ -122,8 +123,10 @@ def test_an_answer_that_stands_still_or_is_lost_falls_short() -> None:
     found = solve(behind(2), contact="exact", search=False)
     assert pushes.wanted(replace(found, cost=0.95 * found.idle_cost))
     good = replace(found, cost=0.5 * found.idle_cost, certificate=Certificate("B"))
-    assert not pushes.wanted(replace(good, referee=RefereeReport(survives=True)))
-    assert pushes.wanted(replace(good, referee=RefereeReport(survives=False)))
+    assert not pushes.wanted(replace(good, referee=RefereeReport(note="exact")))
+    assert pushes.wanted(
+        replace(good, referee=RefereeReport(note="exact", findings=[make_finding("states-not-finite")]))
+    )
     session.search = False
     assert not pushes.wanted(replace(found, cost=found.idle_cost))
 

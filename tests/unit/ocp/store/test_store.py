@@ -25,6 +25,7 @@ from ocp.errors import DamagedRun, InputError, NotWritten
 from ocp.judge.audit import Audit
 from ocp.judge.certificate import Certificate, ContactChange
 from ocp.judge.constraints import Violation
+from ocp.judge.findings import make_finding
 from ocp.judge.measures import Worst
 from ocp.judge.referee import RefereeReport
 from ocp.judge.route_report import Attempt, RouteReport
@@ -70,9 +71,8 @@ def solution(seconds: float = 1.0, cost: float = 2.5) -> Solution:
     refereed = RefereeReport(
         3.0,
         0.5,
-        False,
-        ["it costs 3"],
         "true gaps",
+        findings=[make_finding("costs-more-at-quarter-step", cost=3.0)],
         force_distance=Worst(0.1, "wall", 0, 2),
         nonuniqueness="the contact forces at step 1 are not unique",
         branch_cost=27.5,
@@ -248,6 +248,16 @@ def test_a_solution_with_a_part_missing_is_damaged(tmp_path: Path, part: str) ->
     path = store.save(solution(), tmp_path, []).path
     reseal(path, lacking(part))
     with pytest.raises(DamagedRun, match=rf"meta\.json does not describe a run: {part} is missing"):
+        store.load(path)
+
+
+def test_survival_follows_from_the_findings(tmp_path: Path) -> None:
+    """A run stores whether its plan survives beside the findings that say why not; both must agree."""
+    path = store.save(solution(), tmp_path, []).path
+    referee = store.load(path).meta["referee"]
+    assert (referee["survives"], referee["survives_at_h"]) == (False, False) and referee["reasons"] == ["it costs 3"]
+    reseal(path, lambda meta: meta["referee"].update(survives=True))
+    with pytest.raises(DamagedRun, match=r"referee\.survives is True, expected False by its other entries"):
         store.load(path)
 
 
