@@ -84,6 +84,29 @@ def test_wrong_dimensions_get_their_sentence(make, sentence):
         make()
 
 
+STEPS = {
+    "Euler": (lambda h, k: {"A": 1 + h * k, "B": h}, True),
+    "drift": (lambda h, k: {"A": 1 + h * k, "B": h**2 / 2, "c": h * k}, True),
+    "push alone": (lambda h, k: {"A": ca.SX(1), "B": h}, True),
+    "state forgotten": (lambda h, k: {"A": h * k, "B": h}, False),
+    "state turned": (lambda h, k: {"A": h * k - 1, "B": h}, False),
+    "input placed": (lambda h, k: {"A": 1 + h * k, "B": k}, False),
+    "jump": (lambda h, k: {"A": 1 + h * k, "B": h, "c": k}, False),
+}
+
+
+@pytest.mark.parametrize("name", STEPS)
+def test_h_is_only_a_step_size_where_a_step_of_length_zero_changes_nothing(name):
+    """The limit ``x+ - x`` at h -> 0 without contact is evaluated at random states and inputs."""
+    table = ParameterTable([Parameter("h", 0.1, "s"), Parameter("rate", 2.0, "1/s")])
+    made, refinable = STEPS[name]
+    system = matrices(**made(table["h"], table["rate"]), h=table["h"], parameters=table)
+    change = ca.Function("change", [system.x, system.u, system.parameters.vector], [system.reduced.a - system.x])
+    x, u = np.random.default_rng(0).normal(size=2)
+    assert (abs(float(change(x, u, [1e-12, 2.0]))) < 1e-9) == refinable == system.refinable
+    assert not matrices(**made(ca.SX(0.1), ca.SX(2)), h=0.1).refinable, "h is a number"
+
+
 def test_a_system_counts_its_names():
     x, x_next, u, lam = (ca.SX.sym(name) for name in ("x", "x_next", "u", "lam"))
     with pytest.raises(ValueError, match="residual has 2 entries, but there are 1 named states"):
