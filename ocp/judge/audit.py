@@ -23,7 +23,14 @@ TOLERANCES = {
     "complementarity": 1e-8,
 }
 """Mapping from residuals to their tolerances, in natural units; complementarity counts only under the exact law."""
-_OF_BOOK = ("cone_violation", "dissipation_residual", "energy_gain", "dissipated", "momentum_residual", "contacts")
+_CONTACT_FIELDS = (
+    "cone_violation",
+    "dissipation_residual",
+    "energy_gain",
+    "dissipated",
+    "momentum_residual",
+    "contacts",
+)
 """Fields that an audit copies from the contact report."""
 _LEAST_IMPULSE = 1e-7
 """Multiplier [N s] up to which a pair is inactive."""
@@ -107,7 +114,7 @@ def audit_result(
         active_steps=int(np.sum(plan.lam > np.maximum(plan.gap, _LEAST_IMPULSE))),
         task_gradient=task_gradient(evaluation, replay),
         worst=worst_constraints(nlp, result.point.x, g, bounds),
-        **{name: getattr(report, name) for name in _OF_BOOK},
+        **{name: getattr(report, name) for name in _CONTACT_FIELDS},
         replay_failed="" if unsolved is None else unsolved.brief,
         replay_broken=noticeable_violations(broken_constraints(evaluation, replay, state_sizes)),
     )

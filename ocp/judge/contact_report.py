@@ -110,7 +110,7 @@ def contact_report(evaluation: Evaluation, step: Step, rollout: Rollout | Trajec
         cone = largest_entry(np.abs(tangential) - bound)
         dissipation = largest_entry(bound * slip_size + power)
     per_step = (normal, tangential, slip, bound, active, slipping, degenerate)
-    return ContactReport(names, *per_step, contacts, cone, dissipation, *_books(system.energy_balance, evaluate))
+    return ContactReport(names, *per_step, contacts, cone, dissipation, *_balances(system.energy_balance, evaluate))
 
 
 def _in_space(
@@ -195,14 +195,14 @@ def _spans(active: np.ndarray) -> list[tuple[int, int]]:
     return [(int(first), int(end) - 1) for first, end in pairs]
 
 
-def _books(book: EnergyBalance | None, evaluate: TrajectoryEvaluator) -> tuple[float, float, float]:
+def _balances(balance: EnergyBalance | None, evaluate: TrajectoryEvaluator) -> tuple[float, float, float]:
     """Return ``energy_gain``, ``dissipated`` and ``momentum_residual``, NaN without an energy balance."""
-    if book is None:
+    if balance is None:
         return float("nan"), float("nan"), float("nan")
     x, _, x_next, _, _ = evaluate.symbols
-    next_quantities = [ca.substitute(quantity, x, x_next) for quantity in (book.energy, book.momentum)]
-    energy_loss = book.energy + book.work - next_quantities[0]
-    momentum_defect = next_quantities[1] - book.momentum - book.external
+    next_quantities = [ca.substitute(quantity, x, x_next) for quantity in (balance.energy, balance.momentum)]
+    energy_loss = balance.energy + balance.work - next_quantities[0]
+    momentum_defect = next_quantities[1] - balance.momentum - balance.external
     losses, defects = evaluate(energy_loss, momentum_defect)
     return max(0.0, largest_entry(-losses)), float(losses.sum()), largest_entry(np.abs(defects))
 

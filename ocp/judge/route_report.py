@@ -64,7 +64,10 @@ class SearchedPlan:
 
 @dataclass(frozen=True)
 class SearchReport:
-    """Work of a search by pushes or by samples: motions and steps rolled out, and plans solved."""
+    """Work of a search by pushes or by samples, and the plans that it solved.
+
+    ``motions`` is the number of input sequences that were rolled out, ``steps`` their number of time steps in all.
+    """
 
     seed: int
     motions: int
@@ -77,7 +80,7 @@ class SearchReport:
         count, survivors = len(self.plans), sum(bool(plan.survives) for plan in judged)
         outcome = f"{survivors} survive" if judged else "none better"
         return (
-            f"Search: {self.motions} motions of {self.steps} steps rolled out;"
+            f"Search: {self.motions} input sequences rolled out, {self.steps} steps in all;"
             f" {count} {'plan' if count == 1 else 'plans'} solved, {outcome}."
         )
 

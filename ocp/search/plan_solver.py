@@ -41,7 +41,7 @@ class PlanSolver:
 
     ``roll_out`` maps inputs (N, nu) to their rollout, or to None where a step is not solved.
     ``route`` is the name of the route in reports. Under the exact law only plans that cost less than ``cost_limit``
-    are judged; ``tried`` lists all plans.
+    are judged; ``tried`` lists all plans, with the positions of pushers, which are the last ``n_pushers`` states.
     """
 
     session: Session
@@ -52,6 +52,7 @@ class PlanSolver:
     progress: Progress | None = None
     cost_limit: float = np.inf
     tried: list[SearchedPlan] = field(default_factory=list)
+    n_pushers: int = 0
 
     def solve(self, plans: Iterable[Rollout]) -> Iterator[tuple[Rollout, Solution]]:
         """Yield each plan with its judged answer, improved on neighbouring branches, the cheapest first.
@@ -82,15 +83,19 @@ class PlanSolver:
                         yield plan, self._listed(plan, self._judge(branches, answer))
                     limit = min(limit, solution.audit.exact_cost)
                 else:
-                    self.tried.append(SearchedPlan(plan.cost, cost, NOT_BETTER, None))
+                    self._list(plan, cost, NOT_BETTER)
             if not follows and is_less(plan.cost, limit) and not broken_constraints(session.evaluation, plan):
                 yield plan, self._listed(plan, self._judge(branches, self._rolled_out(branches, plan)))
                 limit = plan.cost
 
     def _listed(self, plan: Rollout, solution: Solution) -> Solution:
-        survives = solution.referee.survives
-        self.tried.append(SearchedPlan(plan.cost, solution.cost, solution.status.label, survives))
+        self._list(plan, solution.cost, solution.status.label, solution.referee.survives)
         return solution
+
+    def _list(self, plan: Rollout, cost: float, status: str, survives: bool | None = None) -> None:
+        x = plan.x[0]
+        pushers = x[:, x.shape[1] - self.n_pushers :].tolist() if self.n_pushers else []
+        self.tried.append(SearchedPlan(plan.cost, cost, status, survives, pushers))
 
     def _settle(self, branches: Branches, plan: Rollout) -> tuple[Result | None, float]:
         """Return the answer on a plan's branch and the largest difference of its replay's states, in their sizes.

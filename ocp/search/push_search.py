@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ocp.errors import InputError
-from ocp.judge.route_report import SearchedPlan, SearchReport
+from ocp.judge.route_report import SearchReport
 from ocp.problem.policy import Feedback
 from ocp.programs.solver import Status
 from ocp.routes.homotopy import StageRecord
@@ -102,15 +102,20 @@ class PushSearch(Search):
         self.report = SearchReport(self.seed, tree.tried, tree.rolled)
         plans = [plan for node in nodes[:CANDIDATES] if (plan := tree.rollout(tree.whole(node))) is not None]
         plans.sort(key=lambda plan: plan.cost)
-        solver = PlanSolver(swept, tree.rollout, self.judge, "push search", self.seed, self.progress)
+        solver = PlanSolver(
+            swept,
+            tree.rollout,
+            self.judge,
+            "push search",
+            self.seed,
+            self.progress,
+            tried=self.report.plans,
+            n_pushers=swept.problem.system.nu,
+        )
         # The others are solved only where none of the cheapest survives.
         for batch in (slice(0, _FIRST), slice(_FIRST, None)):
             is_good = False
-            for plan, solution in solver.solve(plans[batch]):
-                pushers = plan.x[0, :, -swept.problem.system.nu :].tolist()
-                survives = solution.referee.survives
-                tried = SearchedPlan(plan.cost, solution.cost, solution.status.label, survives, pushers)
-                self.report.plans.append(tried)
+            for _, solution in solver.solve(plans[batch]):
                 yield solution.with_route(swept=True)
                 is_good = bool(solution.certificate.certified and solution.referee.survives)
                 if is_good:
