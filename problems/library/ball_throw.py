@@ -40,23 +40,28 @@ golden = {
 }
 
 
-class Params(Parameters):
-    """Parameters of ``ball-throw``; the default goal is where a throw at theta = 0.6 rad and 3 m/s ends."""
+class ThrowParameters(Parameters):
+    """Parameters of a throw; the default goal is where a throw at theta = 0.6 rad and 3 m/s ends."""
 
     m: float = quantity(1.0, "kg", "mass", above=0)
     g: float = quantity(9.81, "m/s^2", "gravity", above=0)
     restitution: float = quantity(0.7, "1", "velocity after a bounce over that before", least=0, most=1)
     h: float = quantity(0.02, "s", "step size", above=0)
-    N: int = structure(50, "number of steps", least=2)
     x0: float = quantity(0.0, "m", "start in the hand, x")
     z0: float = quantity(1.0, "m", "start in the hand, height above the floor", least=0)
     goal_x: float = quantity(2.476, "m", "goal, x")
     goal_z: float = quantity(0.5547, "m", "goal, height", least=0)
     goal_vx: float = quantity(2.476, "m/s", "velocity at the goal, x")
     goal_vz: float = quantity(0.4327, "m/s", "velocity at the goal, upwards")
+    w_v: float = quantity(0.1, "s^2/m^2", "weight of the velocity's error", least=0)
+
+
+class Params(ThrowParameters):
+    """Parameters of ``ball-throw``."""
+
+    N: int = structure(50, "number of steps", least=2)
     w_speed: float = quantity(1e-3, "s^2/m^2", "weight of the throw", least=0)
     w_end: float = quantity(1.0, "1/m^2", "terminal weight of the distance to the goal", least=0)
-    w_v: float = quantity(0.1, "s^2/m^2", "terminal weight of the velocity's error", least=0)
     theta_start: float = structure(-0.3, "angle of the guess", least=-1.5, most=1.5, unit="rad")
     speed_start: float = structure(3.0, "speed of the guess", unit="m/s")
     speed_max: float = quantity(10.0, "m/s", "largest speed of the throw", above=0)
@@ -111,8 +116,6 @@ def thrown_ball(p: ParameterTable, fixed_speed: ca.SX | None = None) -> ContactS
     thrown = v + hand * (speed * ca.vertcat(ca.cos(theta), ca.sin(theta)) + lift)
     push = ca.vertcat(0, lam - h * m * g)
     last = q[1] - h * thrown[1]
-    # Just after a bounce the state `fall` is small, and can even be negative.
-    mirrored = e * last + (1 + e) * g * last**2 / (2 * ca.fmax(fall, (g * h) ** 2))
     return ContactSystem(
         name=name,
         x=x,
@@ -125,7 +128,7 @@ def thrown_ball(p: ParameterTable, fixed_speed: ca.SX | None = None) -> ContactS
             x_next[4],
             x_next[5] - (thrown[1] - g * h / 2) ** 2 - 2 * g * q[1],
         ),
-        gap=q_next[1] + mirrored,
+        gap=q_next[1] + _reflected_height(last, fall, e, g, h),
         states=signals(
             "x [m]; z [m] height; vx [m/s]; vz [m/s]; hand [1] 1 before the throw;"
             " fall [m^2/s^2] speed at the floor, squared"
@@ -142,6 +145,12 @@ def thrown_ball(p: ParameterTable, fixed_speed: ca.SX | None = None) -> ContactS
     )
 
 
+def _reflected_height(last: Any, fall: Any, e: Any, g: Any, h: Any) -> Any:
+    """Return the height R(s) [m] of (ball-throw.3) to which the ball bounces back, from the height ``last`` before."""
+    # Just after a bounce the state `fall` is small, and can even be negative.
+    return e * last + (1 + e) * g * last**2 / (2 * ca.fmax(fall, (g * h) ** 2))
+
+
 def roll(params: Params, theta: float, speed: float) -> np.ndarray:
     """Return states (N+1, 6) of one throw under the exact law, step by step in closed form."""
     h, e, g = params.h, params.restitution, params.g
@@ -151,10 +160,9 @@ def roll(params: Params, theta: float, speed: float) -> np.ndarray:
     x, z = params.x0, params.z0
     vx, vz = speed * np.cos(theta), speed * np.sin(theta) + g * h / 2
     for k in range(params.N):
-        last = z - h * vz
-        mirrored = e * last + (1 + e) * g * last**2 / (2 * max(fall, (g * h) ** 2))
+        reflected = _reflected_height(z - h * vz, fall, e, g, h)
         fall = (vz - g * h / 2) ** 2 + 2 * g * z
-        vz = max(vz - h * g, -(mirrored + z) / h)
+        vz = max(vz - h * g, -(reflected + z) / h)
         x, z = x + h * vx, z + h * vz
         states[k + 1] = x, z, vx, vz, 0, fall
     return states

@@ -51,7 +51,7 @@ def closed_form(values: dict[str, float], sigma: float) -> ClosedForm:
 
     theta, nu = values["theta"], values["nu"]
     above, below = (theta + nu / 2) / sigma, (theta - nu / 2) / sigma
-    p = float(norm.cdf(above) - norm.cdf(below))
+    p = _stick_probability(theta, nu, sigma)
 
     def G(y: float) -> float:
         return y * float(norm.cdf(y)) + float(norm.pdf(y))
@@ -86,5 +86,11 @@ def zobg_variance(theta: float, nu: float, sigma: float, baseline: float) -> flo
 
     second = (1 - baseline) ** 2 * tail(high) + (1 + baseline) ** 2 * (sigma**2 - tail(low))
     second += float(np.sum((f - baseline) ** 2 * w**2 * density))
-    p = norm.cdf((theta + nu / 2) / sigma) - norm.cdf((theta - nu / 2) / sigma)
-    return second / sigma**4 - float(2 / nu * p) ** 2
+    return second / sigma**4 - (2 / nu * _stick_probability(theta, nu, sigma)) ** 2
+
+
+def _stick_probability(theta: float, nu: float, sigma: float) -> float:
+    """Return the probability that the noised velocity is within the slip tolerance, where f is linear."""
+    from scipy.stats import norm
+
+    return float(norm.cdf((theta + nu / 2) / sigma) - norm.cdf((theta - nu / 2) / sigma))

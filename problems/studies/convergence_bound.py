@@ -188,7 +188,7 @@ def claims(data: xr.Dataset) -> list[Claim]:
         .expected("left side at most the right one, under every law")
         .measured(f"{settings_text(laws, is_bounded)}: {', '.join(f'{a:.2g} <= {b:.2g}' for a, b in sides)}")
         .holds(is_bounded, inside),
-        claim("The bound tells the size of what it bounds", "our check")
+        claim("The bound is close to what it bounds", "our check")
         .expected("at most 10 times as large")
         .measured(", ".join(f"{ratio:.3g}" for ratio in ratios))
         .at_most(ratios, 10),

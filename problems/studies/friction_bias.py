@@ -272,7 +272,7 @@ def _block(data: xr.Dataset) -> Claim:
     narrow = data["block_nu"].values <= width / 10 * (1 + 1e-9)
     stays = largest_value(block[narrow]) / block[narrow].min(initial=np.inf)
     return (
-        claim("With a body behind the friction the variance grows no further than its mass lets it", "our check")
+        claim("With a body behind the friction its mass bounds the variance", "our check")
         .expected(f"constant for nu well below 2 N h F/m = {width:g} m/s")
         .measured(f"within a factor {stays:.2f} for nu <= {width / 10:g} m/s")
         .below(stays, 1.5)

@@ -135,7 +135,7 @@ def claims(data: xr.Dataset) -> list[Claim]:
         .expected(f"a tenth of first order or less for mu <= {_STIFF_MU:g}")
         .measured(f"h {settings_text(steps, low)} s: {share.min():.2f} to {share.max():.2f} of first order")
         .holds(low),
-        claim("LR variance stays what it is as mu falls", "our check")
+        claim("The variance of LR does not change as mu falls", "our check")
         .expected(f"flat for mu <= {_STIFF_MU:g}")
         .measured(
             f"within a factor {spread.max():.3g}, as first order"

@@ -8,7 +8,7 @@ import numpy as np
 from dynamics.systems import ParameterTable
 from ocp.problem.task import Task
 from problems.library import ball_throw as problem
-from problems.parameters import Parameters, quantity, structure, table
+from problems.parameters import quantity, structure, table
 from problems.spec import Citation
 
 name = "ball-throw"
@@ -27,21 +27,10 @@ STEEPEST_THROW = 1.5
 """Largest angle of the throw, up or down [rad]."""
 
 
-class Params(Parameters):
-    """Parameters of ``ball-throw``; the default goal is where a throw at theta = 0.6 rad and 3 m/s ends."""
+class Params(problem.ThrowParameters):
+    """Parameters of ``ball-throw``."""
 
-    m: float = quantity(1.0, "kg", "mass", above=0)
-    g: float = quantity(9.81, "m/s^2", "gravity", above=0)
-    restitution: float = quantity(0.7, "1", "velocity after a bounce over that before", least=0, most=1)
-    h: float = quantity(0.02, "s", "step size", above=0)
     horizon: int = structure(50, "steps of the flight", least=2)
-    x0: float = quantity(0.0, "m", "start in the hand, x")
-    z0: float = quantity(1.0, "m", "start in the hand, height above the floor", least=0)
-    goal_x: float = quantity(2.476, "m", "goal, x")
-    goal_z: float = quantity(0.5547, "m", "goal, height", least=0)
-    goal_vx: float = quantity(2.476, "m/s", "velocity at the goal, x")
-    goal_vz: float = quantity(0.4327, "m/s", "velocity at the goal, upwards")
-    w_v: float = quantity(0.1, "s^2/m^2", "weight of the velocity's error", least=0)
     speed_max: float = structure(10.0, "largest speed of the throw", unit="m/s", above=0)
     fixed_speed: int = structure(0, "1 to choose only the angle, as in the paper; 0 to choose the speed too", most=1)
     speed: float = quantity(3.0, "m/s", "speed of the throw where it is fixed", least=0)

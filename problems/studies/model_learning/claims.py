@@ -42,14 +42,14 @@ def _errors(data: xr.Dataset) -> list[Claim]:
         .expected("into contact, held out: the largest error over starts below the least of networks")
         .measured(f"{settings_text(learned_sizes, is_better)} transitions; by factors of {format_values(ratio, '.3g')}")
         .holds(is_better),
-        claim("So it does over all transitions", _MODEL_LEARNING)
+        claim("It does over all transitions too", _MODEL_LEARNING)
         .expected("likewise")
         .measured(
             f"{format_values(np.median(psi_all, axis=1), '.2g')}"
             f" against {format_values(np.median(network_all, axis=1), '.2g')}"
         )
         .below(psi_all.max(axis=1), network_all.min(axis=1)),
-        claim("psi of few transitions is ahead of a network of many", "our check")
+        claim("psi from few transitions predicts better than a network from many", "our check")
         .expected(f"{sizes[1]} transitions against {sizes[-1]}")
         .measured(f"{largest_value(psi_all[1:2]):.2g} against {all_nets[-1].min():.2g}")
         .below(psi_all[1:2], all_nets[-1].min()),
@@ -115,7 +115,7 @@ def _drag(data: xr.Dataset) -> list[Claim]:
     errors = np.abs(_full(data, "psi", "drag") - 1).max(axis=1)
     lead = [np.median(b[-1:]) / np.median(a[-1:]) for a, b in ((psi, network), (psi_exact, network_exact))]
     return [
-        claim("A drag that the model lacks takes its lead over a network", "our check")
+        claim("A drag that the model lacks removes psi's advantage over a network", "our check")
         .expected("less than a tenth of it is left, the network's error over psi's")
         .measured(f"{lead[0]:.2g} of {lead[1]:.2g}")
         .below(lead[0], 0.1 * lead[1]),

@@ -59,7 +59,7 @@ def _dense(data: xr.Dataset) -> list[Claim]:
         .expected("below it by 5 standard errors or more in every set")
         .measured(f"by {-end.max():.3g} or more over {end.size} sets and widths")
         .below(end, -5),
-        claim("Dense: there h_sigma goes with g_sigma", "our check")
+        claim("Dense: h_sigma agrees with g_sigma there", "our check")
         .expected("within sigma of the end less than half as far from g_sigma as from f_sigma")
         .measured(f"{format_values(off_g, '.2g')} m against {format_values(off_f, '.2g')} m")
         .below(off_g, _MATCH_SHARE * off_f),
@@ -79,7 +79,7 @@ def _sparse(data: xr.Dataset) -> list[Claim]:
     narrow = widths <= data.attrs["sigma"]
     rms, effect = data["pusher_rms"].values, data["pusher_effect"].values
     return [
-        claim("Sparse: h_sigma goes with g_sigma, and neither is f_sigma", "Noising data, sec. IV-B")
+        claim("Sparse: h_sigma agrees with g_sigma, and neither with f_sigma", "Noising data, sec. IV-B")
         .expected("in contact, within the data: nearer to each other than either to f_sigma")
         .measured(f"{format_values(between_models, '.2g')} m against {format_values(from_f_sigma, '.2g')} m")
         .below(between_models, from_f_sigma),
@@ -159,7 +159,7 @@ def _support(data: xr.Dataset) -> list[Claim]:
             f" end; slope up to {largest_value(slope):.2g}"
         )
         .holds(is_inside, largest_value(distances) < sigma, largest_value(slope) < 0.05),
-        claim("Sparse: so does the network, sigma beyond the ends", "our check")
+        claim("Sparse: the network does too, sigma beyond the ends", "our check")
         .expected("between them, or less than half of sigma outside")
         .measured(f"{beyond / sigma:.2g} sigma outside at most")
         .below(beyond, _MATCH_SHARE * sigma),

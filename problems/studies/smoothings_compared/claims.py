@@ -180,7 +180,7 @@ def _trust(data: xr.Dataset) -> list[Claim]:
         .expected(f"by {WITHIN:.0%} or more, at one weight at least, on every problem")
         .measured(f"{_each(names, ratio.min(axis=1) - 1, '+.0%')}, at {', '.join(best_weights)}")
         .holds(helped),
-        claim("Too much trust gives the task up for the data", _OUR_CHECK)
+        claim("Too much trust raises the cost of the task", _OUR_CHECK)
         .expected(f"at its largest weight the plan costs {WITHIN:.0%} or more more on its own model")
         .measured(f"times: {_each(names, cost_ratio, '.3g')}")
         .at_least(cost_ratio, 1 + WITHIN),

@@ -58,15 +58,15 @@ def learned_gains(name: str, data: xr.Dataset) -> list[Claim]:
         .expected("the lowest of the five")
         .measured(final_texts)
         .holds(min(final, key=lambda kind: final[kind]) == "f_sigma"),
-        claim(f"{name}: g_sigma is ahead of h_sigma", place)
+        claim(f"{name}: g_sigma costs less than h_sigma", place)
         .expected("a lower final exact cost at every seed")
         .measured(f"{int(is_ahead.sum())} of {is_ahead.size} seeds; {final['g_sigma']:.4g} and {final['h_sigma']:.4g}")
         .holds(is_ahead),
-        claim(f"{name}: so it is over widths of noise and amounts of data", "our check")
+        claim(f"{name}: it does at all widths of noise and amounts of data", "our check")
         .expected("at every one")
         .measured(f"{int(is_ahead_swept.sum())} of {is_ahead_swept.size}")
         .holds(is_ahead_swept),
-        claim(f"{name}: noised data are ahead of clean data", place)
+        claim(f"{name}: noised data give a lower cost than clean data", place)
         .expected("g_sigma and h_sigma end lower than h")
         .measured(f"{', '.join(better_than_clean) or 'none'} of {final_texts}")
         .equals(len(better_than_clean), 2),

@@ -160,7 +160,7 @@ def _networks(data: xr.Dataset) -> list[Claim]:
         .expected("off by less than half of what noising changes, at the most pairs and units")
         .measured(f"{last[-1]:.2g} m of {effect:.2g} m, medians over draws")
         .below(last[-1], effect / 2),
-        claim("The more pairs the nearer", "our check")
+        claim("More pairs bring it nearer", "our check")
         .expected("falls at every count, with an exponent below -1/4; independent draws have -1/2")
         .measured(
             f"{rate:.2f}, deviation {doubt:.2f} over draws: "
@@ -232,7 +232,7 @@ def _neighbours(data: xr.Dataset) -> list[Claim]:
             + f" in {sizes} dimensions, of {data.attrs['n_samples']} data"
         )
         .holds(ranges_alone < _FEW_NEIGHBOURS, sparse_dimensions[:1] <= float(data["task_size"].min())),
-        claim("With half of the data in the tube there are more", "our check")
+        claim("There are more with half of the data near the line from start to goal", "our check")
         .expected(f"twice as many at sigma = {_USUAL_SIGMA:g}")
         .measured(", ".join(f"{n}: {a:.1f} become {t:.1f}" for n, a, t in zip(names, ranges_alone, tube, strict=True)))
         .at_least(tube, 2 * ranges_alone),

@@ -80,7 +80,7 @@ def _of_plans(task: str, task_data: xr.Dataset) -> list[Claim]:
     certified = task_data["certified"].astype(bool)
     replays_differently = abs(task_data["planned"] - task_data["replayed"]) > _EQUAL_RETURN * abs(task_data["replayed"])
     return [
-        claim(f"On {task} a network begun at plans learns faster than one by chance", "our check")
+        claim(f"On {task} a network that starts from plans learns faster than a random one", "our check")
         .expected("mean return over equal simulated steps above, bootstrap 95 %")
         .measured(str(gain))
         .holds(gain.better, margin=gain.margin),

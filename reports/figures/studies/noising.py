@@ -18,8 +18,8 @@ from reports.figures.studies.panels import drawing, light_to_dark
     "Walls: depth at which a penetrating state is predicted, and the slope there, over the "
     "penetration s. Ends: g against f_sigma near the last datum. Networks: distance of h from g over "
     "the number of noised pairs, medians, and the rate -1/2. Neighbours: effective number of data in "
-    "an average of g; diamonds: planar-push (7) and planar-hand (11) in the tube, at sigma = 0.2 of "
-    "the deviation, open: data in ranges, filled: half of them in the tube."
+    "an average of g; diamonds: planar-push (7) and planar-hand (11) near the line from start to "
+    "goal, at sigma = 0.2 of the deviation, open: data in ranges, filled: half of them near that line."
 )
 def n0(data: xr.Dataset) -> Figure:
     """Draw study N0 in six panels: lemmas, walls, ends of the data, networks, and effective neighbours."""
