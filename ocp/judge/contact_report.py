@@ -143,7 +143,7 @@ def _gaps(step: Step, gap: np.ndarray, points: int) -> np.ndarray:
     if step.system.forces is None:
         return mean_gaps
     for i, pair in enumerate(step.system.pairs):
-        if pair.kind == "normal" and pair.contact < points:
+        if pair.kind == "normal":
             normal_gaps[:, :, pair.contact] = mean_gaps[:, :, i]
     return normal_gaps
 
@@ -157,7 +157,7 @@ def _degenerate_steps(
     degenerate = np.zeros((*lam.shape[:2], points), dtype=bool)
     for i in range(lam.shape[2]):
         pair = pairs[i % len(pairs)]
-        if pair.kind == "normal" and pair.contact < points:
+        if pair.kind == "normal":
             degenerate[:, :, pair.contact] |= near_zero[:, :, i]
     return degenerate
 

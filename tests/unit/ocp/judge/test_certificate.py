@@ -8,6 +8,7 @@ from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, get_args
 
+import casadi as ca
 import numpy as np
 import pytest
 import scipy.linalg as la
@@ -18,7 +19,7 @@ from hypothesis import strategies as st
 from scipy.optimize import linprog
 
 from dynamics.systems.pairs import Kind
-from ocp.judge.certificate import PAIR_CHANGES, certify
+from ocp.judge.certificate import PAIR_CHANGES, _steep_factors, certify
 from ocp.judge.lpec import LinearModel, negative_curvature
 from tests.unit.ocp.mpcc.mpcc_cases import SmallMPCC, free_pair, scheel_scholtes
 
@@ -132,6 +133,49 @@ def test_inertia_counts_the_reduced_hessians_negative_eigenvalues(seed: int, n: 
         return
     found = negative_curvature(sp.csr_matrix(H), sp.csr_matrix(A))
     assert found in (int((values < 0).sum()), -1)
+
+
+def test_rows_of_the_linear_model_allow_the_steps_that_the_constraints_allow() -> None:
+    """For affine constraints and bounds a step is feasible exactly where the model, with residuals, says so."""
+    rng, x = np.random.default_rng(0), np.array([0.3, -0.2, 0.5])
+    A = np.diag([4.0, 0.1, 30.0]) @ rng.normal(size=(3, 3))
+    slack = np.array([[-0.3, 0.4], [-0.02, np.inf], [0.0, 0.0]])
+    lower, upper = (A @ x + slack.T)[:, :3]
+    lower[2], upper[2] = lower[2] + 0.7, upper[2] + 0.7
+    symbols = ca.SX.sym("x", 3)
+    case = SmallMPCC(symbols, symbols[0], ca.mtimes(A, symbols), list(lower), list(upper), [[], []])
+    bounds = {**case.bounds(), "lbx": x - 0.4, "ubx": x + 0.6}
+    with_residuals, without = (LinearModel.at(case, x, np.zeros(1), bounds, residuals) for residuals in (True, False))
+    np.testing.assert_allclose(abs(with_residuals.rows).max(axis=1).toarray().ravel(), 1.0)
+    feasible = 0
+    for d in rng.uniform(-0.7, 0.7, (200, 3)):
+        d = d + np.linalg.solve(A, [0.0, 0.0, lower[2] - A[2] @ (x + d)])
+        allowed = np.all(A @ (x + d) >= lower - 1e-9) and np.all(A @ (x + d) <= upper + 1e-9)
+        inside = np.all(np.abs(np.clip(d, -0.4, 0.6) - d) == 0)
+        values = with_residuals.rows @ d
+        model_allows = np.all(values >= with_residuals.row_lower - 1e-9) and np.all(
+            values <= with_residuals.row_upper + 1e-9
+        )
+        assert model_allows == allowed
+        assert np.all((d >= with_residuals.lower) & (d <= with_residuals.upper)) == inside
+        feasible += allowed
+    assert 0 < feasible < 200
+    np.testing.assert_allclose(without.row_lower[:2], with_residuals.row_lower[:2])
+    np.testing.assert_allclose(without.row_upper[:2], with_residuals.row_upper[:2])
+    assert without.row_lower[2] == without.row_upper[2] == 0.0, "the residual of an equation is left to the audit"
+
+
+def test_a_steep_variable_gets_the_size_at_which_its_change_is_typical() -> None:
+    """``f (|slope| + |curvature| / 2)`` is the typical change for factors f < 1; pairs and other variables keep 1."""
+    model = replace(random_model(0, True), typical_change=0.02)
+    slope, curvature = np.zeros(11), np.zeros(11)
+    slope[:5] = 1.9, -2.1, 0.0, 0.0, -1.2
+    curvature[:5] = 0.0, 0.0, 3.9, -4.1, 1.8
+    slope[5] = 50.0
+    factors = _steep_factors(replace(model, cost=slope), sp.csr_matrix(np.diag(curvature)))
+    steep = np.isin(np.arange(11), [1, 3, 4])
+    np.testing.assert_array_equal(factors[~steep], 1.0)
+    np.testing.assert_allclose((factors * (np.abs(slope) + np.abs(curvature) / 2))[steep], 0.02)
 
 
 def test_inertia_is_found_and_not_given_up() -> None:
