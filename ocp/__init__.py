@@ -21,6 +21,7 @@ from ocp.transcription import Direct, MultipleShooting, SingleShooting
 
 if TYPE_CHECKING:
     from ocp.continuation.walk import Continuation, continue_over
+    from ocp.gradients.worlds.public import gradient_report
     from ocp.jobs.estimate import estimate
     from ocp.jobs.sweep import sweep
     from ocp.mpc.controller import Controller
@@ -60,6 +61,7 @@ __all__ = [
     "continue_over",
     "estimate",
     "free",
+    "gradient_report",
     "load",
     "roll_out",
     "save",
@@ -76,6 +78,7 @@ _LOADED_ON_USE = {
     "Disturbance": "ocp.mpc.plants",
     "continue_over": "ocp.continuation.walk",
     "estimate": "ocp.jobs.estimate",
+    "gradient_report": "ocp.gradients.worlds.public",
     "simulate": "ocp.mpc.simulate",
     "sweep": "ocp.jobs.sweep",
 }

@@ -44,7 +44,9 @@ class Plugin:
             raise
 
 
-problems = Plugin("problems", "get", "source", "named", "named_file", "load_law", "edited", "problem_of")
-"""Functions that return named problems, and those of users' files and stored runs."""
+problems = Plugin(
+    "problems", "get", "source", "named", "named_file", "load_law", "edited", "problem_of", "gradient_case"
+)
+"""Functions that return named problems and scenes, and those of users' files and stored runs."""
 reports = Plugin("reports", "main", "plot", "animate", "report", "html")
 """Functions for the command line, and for figures, films, PDFs and HTML of a solution."""

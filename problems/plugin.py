@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from dynamics.contact import ContactLaw
 from dynamics.systems import ContactSystem
@@ -18,6 +18,9 @@ from problems.registry import load_law as load_law
 from problems.registry import named as named
 from problems.spec import ProblemSpec, Spec
 
+if TYPE_CHECKING:
+    from problems.gradient_scenes.cases import GradientCase
+
 
 def source(name: str) -> ProblemSpec:
     """Return the problem called ``name``, or the problem that the file ``name`` defines.
@@ -30,6 +33,13 @@ def source(name: str) -> ProblemSpec:
             f" estimated: ocp estimate {name}"
         )
     return spec(name)
+
+
+def gradient_case(name: str, worlds: Sequence[str] = (), settings: Mapping[str, float] | None = None) -> GradientCase:
+    """Return the question and the worlds of a scene or a file; raises the errors of ``gradient_scenes.cases``."""
+    from problems.gradient_scenes.cases import gradient_case
+
+    return gradient_case(name, worlds, settings)
 
 
 def named_file(source: Path | str | None, runs: Sequence[StoredRun]) -> ProblemSpec | None:

@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from copy import copy
 from dataclasses import dataclass
-from typing import Any, Literal, Self
+from typing import Any, ClassVar, Literal, Self
 
 import casadi as ca
 import numpy as np
@@ -52,9 +52,10 @@ class SampledObjective(ABC):
 
     ``decision`` contains the names and units of the d components of ``theta`` (d,). ``parameters`` maps the
     names of all other parameters that a sweep may change to their values. ``n_noise`` is the number of
-    components of w.
+    components of w. ``adds_noise_to_decision`` is true for objectives ``V(theta + w)``.
     """
 
+    adds_noise_to_decision: ClassVar[bool] = False
     name: str
     decision: tuple[Signal, ...]
     theta: np.ndarray
@@ -134,6 +135,8 @@ class StaticObjective(SampledObjective):
 
     Raises :class:`~ocp.errors.InputError` if dimensions do not match.
     """
+
+    adds_noise_to_decision: ClassVar[bool] = True
 
     def __init__(
         self,

@@ -12,7 +12,7 @@ from dynamics.batch import Gaussian, Moments
 from ocp.errors import InputError
 from ocp.gradients.chunks import CHUNK, Chunk, cost_sampler, iterate_chunks, mean_of_chunks
 from ocp.gradients.estimators import SAMPLED, Estimator
-from ocp.gradients.objective import SampledObjective, StaticObjective
+from ocp.gradients.objective import SampledObjective
 from ocp.store.checkpoint import UNSAVED, SavedWork
 
 _MAX_STORED_VALUES = 1 << 20
@@ -211,7 +211,7 @@ def reference_kind(objective: SampledObjective, sigma: float, kind: str) -> str:
     Raises :class:`~ocp.errors.InputError` if the objective has no reference of that ``kind``.
     """
     closed = objective.closed_form(sigma) is not None
-    line = isinstance(objective, StaticObjective) and objective.n_noise == 1
+    line = objective.adds_noise_to_decision and objective.n_noise == 1
     if kind == "auto":
         return "closed-form" if closed else "quadrature" if line else "zobg"
     if kind == "closed-form" and not closed:
@@ -229,8 +229,8 @@ def child_seed(seed: np.random.SeedSequence, number: int) -> np.random.SeedSeque
     return np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, number))
 
 
-def quadrature(objective: SampledObjective, sigma: float) -> ReferenceGradient:
-    """Return ``grad F = E[f(theta + w) w]/sigma^2`` by the midpoint rule from -9 to 9 sigma.
+def quadrature(objective: SampledObjective, sigma: float, points: int = _QUADRATURE_POINTS) -> ReferenceGradient:
+    """Return ``grad F = E[f(theta + w) w]/sigma^2`` by the midpoint rule with ``points`` from -9 to 9 sigma.
 
     Its error is the larger of two estimates: the difference from the rule with half as many points, and the
     largest difference between neighbouring terms of the sum, which bounds the effect of a jump.
@@ -239,13 +239,13 @@ def quadrature(objective: SampledObjective, sigma: float) -> ReferenceGradient:
     """
     reference_kind(objective, sigma, "quadrature")
 
-    def rule(points: int) -> tuple[float, float]:
-        t = _QUADRATURE_REACH * (2 * (np.arange(points) + 0.5) / points - 1)
+    def rule(n: int) -> tuple[float, float]:
+        t = _QUADRATURE_REACH * (2 * (np.arange(n) + 0.5) / n - 1)
         density = np.exp(-(t**2) / 2) / np.sqrt(2 * np.pi)
         values = objective.costs((sigma * t)[:, None]) - objective.nominal_cost()
-        terms = values * t * density * (2 * _QUADRATURE_REACH / points) / sigma
+        terms = values * t * density * (2 * _QUADRATURE_REACH / n) / sigma
         return float(terms.sum()), float(np.abs(np.diff(terms)).max())
 
-    (fine, sharpest), (coarse, _) = rule(_QUADRATURE_POINTS), rule(_QUADRATURE_POINTS // 2)
+    (fine, sharpest), (coarse, _) = rule(points), rule(points // 2)
     error = max(abs(fine - coarse), sharpest)
     return ReferenceGradient(np.array([fine]), np.array([error]), "quadrature")

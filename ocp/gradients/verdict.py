@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
@@ -87,11 +87,13 @@ class Jump:
     """Sharpest change of a cost between samples: a change by ``size`` over the distance ``width``.
 
     ``discontinuous`` is true if the change remained while the distance was halved down to rounding errors.
+    ``place`` is the noise (n_noise,) at which the cost changes.
     """
 
     size: float
     width: float
     discontinuous: bool
+    place: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     @property
     def slope(self) -> float:
@@ -120,12 +122,19 @@ def find_sharpest_change(objective: SampledObjective, noise: Gaussian) -> Jump:
     """
     noise_samples = noise.draw(_LINE_CANDIDATES, 1, objective.n_noise)[:, 0]
     end = noise_samples[_least_linear(noise_samples, objective.costs(noise_samples))]
-    start = np.zeros_like(end)
+    return sharpest_change_on_lines(objective, np.zeros_like(end), end)
+
+
+def sharpest_change_on_lines(objective: SampledObjective, start: np.ndarray, end: np.ndarray) -> Jump:
+    """Search for a discontinuity of the cost on the lines from the noise ``start`` to ``end``, both (lines, n_noise).
+
+    ``place`` of the result is the noise at the sharpest change.
+    """
     share = np.linspace(0, 1, _LINE_SEGMENTS + 1)[None, :, None]
     grid = start[:, None] * (1 - share) + end[:, None] * share
-    cost = objective.costs(grid.reshape(-1, objective.n_noise)).reshape(_JUMP_LINES, -1)
+    cost = objective.costs(grid.reshape(-1, objective.n_noise)).reshape(len(start), -1)
     changes = np.nan_to_num(np.abs(np.diff(cost, axis=1)))
-    segment, line = changes.argmax(axis=1), np.arange(_JUMP_LINES)
+    segment, line = changes.argmax(axis=1), np.arange(len(start))
     lower_end, upper_end = grid[line, segment], grid[line, segment + 1]
     values = [cost[line, segment], cost[line, segment + 1]]
     initial_change = np.abs(values[1] - values[0])
@@ -140,9 +149,9 @@ def find_sharpest_change(objective: SampledObjective, noise: Gaussian) -> Jump:
     sharpest = int(np.argmax(np.where(jumps, final_change, -1.0) if jumps.any() else initial_change))
     if jumps.any():
         width = float(np.linalg.norm(upper_end[sharpest] - lower_end[sharpest]))
-        return Jump(float(final_change[sharpest]), width, discontinuous=True)
+        return Jump(float(final_change[sharpest]), width, True, lower_end[sharpest])
     width = float(np.linalg.norm((end - start)[sharpest])) / _LINE_SEGMENTS
-    return Jump(float(initial_change[sharpest]), width, discontinuous=False)
+    return Jump(float(initial_change[sharpest]), width, False, lower_end[sharpest])
 
 
 def _least_linear(noise: np.ndarray, cost: np.ndarray) -> np.ndarray:

@@ -112,6 +112,50 @@ SENTENCES = {
     "plant-violates": "the plant violates {constraint} by up to {amount:.3g}, at sample {sample} of seed {seed}",
     "more-constraints-violated": "it violates {count} more constraint{plural}",
     "other-solver": "the solver was {solver}, and not the default, ipopt",
+    # The gradient of a simulator.
+    "gradient-right": "right: the slope is {slope:.4g}, the truth {truth:.4g}",
+    "gradient-consistent": (
+        "consistent: the slope is {slope:.4g}, secants up to the largest amplitude give {truth:.4g}; the truth is not"
+        " known"
+    ),
+    "gradient-of-the-map": (
+        "right for the map but not for the physics: the slope is {slope:.4g}, {factor} ({truth:.4g}), and"
+        " {low:.3g} to {high:.3g} nearby; {vanishes}"
+    ),
+    "gradient-wrong-sign": "wrong sign: the slope is {slope:.4g}, the truth {truth:.4g}; {vanishes}",
+    "gradient-zero": "zero: the slope vanishes, the truth is {truth:.4g} here and {wide:.4g} within reach",
+    "gradient-exploding": (
+        "exploding: the slope is {slope:.4g}, and {low:.3g} to {high:.3g} nearby, the truth {truth:.4g};"
+        " each refinement multiplies the slopes by {growth:.2g}"
+    ),
+    "gradient-undefined": (
+        "undefined: the output jumps by {size:.3g} at {place:.6g}, within reach; a local slope such as {slope:.4g}"
+        " does not see it"
+    ),
+    "gradient-noise": (
+        "noise: rounding errors of {noise:.2g} in the output leave an error of {error:.2g} in the best secant"
+        " (slope {truth:.4g})"
+    ),
+    "gradient-not-finite": "not finite: the slope is {slope:.4g} here, or not a number nearby",
+    "gradient-not-the-derivative": (
+        "not the derivative of the map: the slope is {slope:.4g}, differences of the same rollouts give"
+        " {difference:.4g} (truth {truth:.4g})"
+    ),
+    "gradient-not-of-the-larger-picture": (
+        "right for the map but not for its larger picture: the slope is {slope:.4g}, {low:.3g} to {high:.3g} nearby,"
+        " and the secant over the largest amplitude {truth:.4g}"
+    ),
+    "gradient-biased-at-sigma": (
+        "biased at sigma = {sigma:.3g}: the local slope {slope:.4g} is right, but {estimator} gives {mean:.4g} with a"
+        " standard error of {standard_error:.2g}, the smoothed truth is {reference:.4g}"
+    ),
+    "use-secant": "use secants over amplitudes from {low:.2g} to {high:.2g}, which agree with {agreement}",
+    "use-smoothed": (
+        "use {estimator} at sigma = {sigma:.3g}: {mean:.4g} with a standard error of {standard_error:.2g}, the smoothed"
+        " truth is {reference:.4g}"
+    ),
+    "use-finer": "use finer settings ({settings}), with which the error decreases",
+    "use-other-law": "use another world: neither a secant nor a smoothed gradient of this one agrees with {agreement}",
 }
 """Mapping from the code of a finding to the template of its clause, with named numbers and words."""
 

@@ -166,6 +166,22 @@ class EstimateMeta(TypedDict):
     estimates: list[Row]
 
 
+class SignalMeta(TypedDict):
+    """Entry of ``meta.json`` for the name and unit of a parameter or an output."""
+
+    name: str
+    unit: str
+
+
+class GradientsMeta(TypedDict):
+    """Additional entries of ``meta.json`` for a run of ``ocp gradients``; ``worlds`` has one item per world."""
+
+    title: str
+    parameter: SignalMeta
+    output: SignalMeta
+    worlds: list[Row]
+
+
 class TrainMeta(TypedDict):
     """Additional entries of ``meta.json`` for a run of ``ocp train``."""
 
@@ -229,6 +245,7 @@ META_TYPES: dict[str, Any] = {
     "continue": ContinueMeta,
     "sweep": SweepMeta,
     "estimate": EstimateMeta,
+    "gradients": GradientsMeta,
     "train": TrainMeta,
     "figure": FigureMeta,
     "closed-loop": ClosedLoopMeta,

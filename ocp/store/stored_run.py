@@ -159,6 +159,7 @@ CSV_ROW_DIMENSIONS = {
     "solve": ("scenario", "node"),
     "continue": ("point", "scenario", "node"),
     "estimate": ("point", "estimator"),
+    "gradients": ("world", "amplitude"),
     "train": ("iteration",),
     "closed-loop": ("seed", "node"),
 }

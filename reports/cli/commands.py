@@ -6,6 +6,7 @@ from dataclasses import MISSING
 from pathlib import Path
 from typing import ClassVar
 
+from reports.cli.options.gradients import GradientsOptions
 from reports.cli.options.learning import CollectOptions, EvaluateOptions, LearnOptions, TrainOptions
 from reports.cli.options.mpc import MpcOptions
 from reports.cli.options.output import AnimateOptions, ExportOptions, FigureOptions, ReportOptions
@@ -79,13 +80,14 @@ class ShowOptions(Options):
 
 
 class NewOptions(Options):
-    """Write NAME.py, a commented problem file that can be solved at once and then edited."""
+    """Write NAME.py, a commented file of a problem, or of a world with --world, that works and can be edited."""
 
     code: ClassVar = "reports.cli.new_command"
-    examples: ClassVar = ("new bumper", "new push-box --scene", "new leg --machine", "new hop --robot robot.xml")
+    examples: ClassVar = ("new bumper", "new push-box --scene", "new leg --machine", "new sim --world")
     problem: str = argument(metavar="NAME", help="Name of the problem and of its file.")
     scene: bool = option(False, help="Build the system from bodies and pushers with shapes.")
     machine: bool = option(False, help="Build a machine of links, joints and motors over the ground.")
+    world: bool = option(False, help="Wrap a simulator whose gradient ocp gradients judges.")
     robot: Path | None = option(None, metavar="FILE", help="Move the robot of a URDF or MJCF file to another pose.")
     floating: bool = option(False, help=FLOATING)
     planar: bool = option(False, help=PLANAR)
@@ -214,6 +216,7 @@ COMMANDS: dict[str, type[Options]] = {
     "continue": ContinueOptions,
     "sweep": SweepOptions,
     "estimate": EstimateOptions,
+    "gradients": GradientsOptions,
     "collect": CollectOptions,
     "learn": LearnOptions,
     "train": TrainOptions,

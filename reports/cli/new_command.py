@@ -14,7 +14,13 @@ from problems.loading import check_name
 from reports.cli.commands import NewOptions
 from reports.cli.request import check_output_file
 
-TEMPLATES = {"plain": "bumper.py", "scene": "past_a_post.py", "machine": "push_up.py", "robot": "hop_on.py"}
+TEMPLATES = {
+    "plain": "bumper.py",
+    "scene": "past_a_post.py",
+    "machine": "push_up.py",
+    "world": "dropped_ball.py",
+    "robot": "hop_on.py",
+}
 """Mapping from kind of problem to its template, a file of ``examples`` that wheels include (pyproject.toml)."""
 _TEMPLATE_FOLDERS = [Path(__file__).with_name("templates"), Path(__file__).parents[2] / "examples"]
 """Folders of the templates in a wheel and in a checkout."""
@@ -53,7 +59,10 @@ def run(options: NewOptions, file: Path) -> int:
             robot_arguments += f", folder=Path(__file__).parent / {_relative(options.folder)}"
         problem_text = problem_text.replace('"hopper.xml")', f"{robot_arguments})")
     atomic.write_file(file, problem_text.encode(), "the problem file")
-    options.output.say(f"problem file: {file}; solve it with ocp solve {file} --contact exact")
+    if kind == "world":
+        options.output.say(f"world file: {file}; judge its gradient with ocp gradients {file}")
+    else:
+        options.output.say(f"problem file: {file}; solve it with ocp solve {file} --contact exact")
     options.output.document({"file": str(file), "problem": file.stem, "template": kind})
     return 0
 

@@ -317,6 +317,21 @@ COMMANDS: dict[str, tuple[st.SearchStrategy[list[str]], Options]] = {
         among("@train", "@solve", "ball").map(lambda run: [run]),
         {**STORE, **LAW, "--episodes": number("1", "3"), "--seed": number("0", "3")},
     ),
+    "gradients": (
+        among("two-balls", "corner", "nowhere", "new/bad.py").map(lambda name: [name]),
+        {
+            **STORE,
+            "--world": among("exact", "closed-form", "penalty", "nobody"),
+            "-s": setting(h=("0.02",), stiffness=("1e3",), mu=("1e-4",)),
+            "-n": number("20", "1e19"),
+            "--tolerance": number("0.1", "2"),
+            "--refinements": number("0", "1"),
+            "--parameter": number("0", "1"),
+            "--component": number("0", "1"),
+            "--seed": number("0", "3"),
+            "--pdf": among("a.pdf", "new/b.pdf"),
+        },
+    ),
     "figure": (
         among("P6", "p1", "N2", "T1").map(lambda name: [name]) | st.just([]),
         {

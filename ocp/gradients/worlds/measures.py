@@ -1,0 +1,161 @@
+"""Measures of a world's slope: secants over many amplitudes, rounding errors, nearby slopes, smoothed gradients."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import comb, factorial
+from typing import Any
+
+import numpy as np
+
+from dynamics.batch import Gaussian
+from ocp.gradients.estimators import SAMPLED
+from ocp.gradients.objective import SampledObjective
+from ocp.gradients.sampling import ReferenceGradient, child_seed, run_estimator
+from ocp.gradients.verdict import joint_quantile, judge_estimate
+from ocp.gradients.worlds.world import WorldObjective
+
+AMPLITUDES = tuple(float(10.0**k) for k in np.arange(-8, -1 + 1e-9, 1 / 3))
+"""Amplitudes of central differences, as shares of the parameter's size."""
+NEARBY_POINTS = 16
+"""Number of points around the nominal parameter at which slopes are compared."""
+NEARBY_REACH = 0.01
+"""Distance of the farthest nearby point, as a share of the parameter's size."""
+_NOISE_SPACING = 1e-10
+"""Distance between the points at which rounding errors are measured, as a share of the parameter's size."""
+_NOISE_ORDERS = (4, 5, 6)
+"""Orders of the difference table from which the size of rounding errors is estimated."""
+_NOISE_POINTS = 9
+"""Number of points at which rounding errors are measured."""
+_ERROR_FACTOR = 3.0
+"""Half-width of the interval of a secant, in standard deviations of its rounding error."""
+FIRST_ORDER, ZEROTH_ORDER = "fobg", "zobg-antithetic"
+"""Estimators of first and of zeroth order of the smoothed gradient."""
+
+
+@dataclass(frozen=True)
+class Secants:
+    """Central differences ``(y(theta + a) - y(theta - a)) / (2 a)`` over the amplitudes a (k,).
+
+    ``slopes`` (k,) are the differences, ``ahead`` and ``behind`` (k,) the one-sided secants, and ``errors`` (k,) bound
+    their rounding error. ``noise`` is the standard deviation of the output's rounding error.
+    """
+
+    amplitudes: np.ndarray
+    slopes: np.ndarray
+    ahead: np.ndarray
+    behind: np.ndarray
+    errors: np.ndarray
+    noise: float
+
+    @property
+    def sharpest(self) -> int:
+        """Index of the amplitude whose secant is the most certain: least rounding error and least local change."""
+        change = np.abs(np.diff(self.slopes, prepend=self.slopes[0]))
+        total = np.where(np.isfinite(self.slopes), self.errors + change, np.inf)
+        return int(np.argmin(total[1:])) + 1
+
+
+def measure_secants(objective: WorldObjective, size: float) -> Secants:
+    """Return the secants of a world's output at all amplitudes, each a share of the parameter's ``size``."""
+    theta, amplitudes = float(objective.theta[0]), size * np.array(AMPLITUDES)
+    points = np.concatenate([[theta], theta + amplitudes, theta - amplitudes])
+    values, k = objective.values_at(points), len(amplitudes)
+    # Distances as rounded in the arguments.
+    above, below = points[1 : k + 1] - theta, theta - points[k + 1 :]
+    ahead, behind = (values[1 : k + 1] - values[0]) / above, (values[0] - values[k + 1 :]) / below
+    slopes = (values[1 : k + 1] - values[k + 1 :]) / (above + below)
+    noise = rounding_noise(objective, size)
+    return Secants(amplitudes, slopes, ahead, behind, _ERROR_FACTOR * noise / (np.sqrt(2) * amplitudes), noise)
+
+
+def rounding_noise(objective: WorldObjective, size: float) -> float:
+    """Return the standard deviation of the rounding error of the output near the nominal parameter.
+
+    It is estimated from a table of differences of order k at closely spaced points,
+    ``sigma_k^2 = (k!)^2 / (2k)! mean (Delta^k y)^2`` (More and Wild 2011, doi 10.1137/100786125); the least of three
+    orders is taken, and at least the rounding of the output itself.
+    """
+    theta = float(objective.theta[0])
+    values = objective.values_at(theta + _NOISE_SPACING * size * np.arange(_NOISE_POINTS))
+    scale = float(np.finfo(float).eps * np.abs(values).max())
+    estimates = []
+    for k in _NOISE_ORDERS:
+        weights = np.array([(-1) ** i * comb(k, i) for i in range(k + 1)], dtype=float)
+        differences = np.convolve(values, weights, mode="valid")
+        estimates.append(np.sqrt(factorial(k) ** 2 / factorial(2 * k) * np.square(differences).mean()))
+    return max(float(min(estimates)), scale)
+
+
+def local_slopes(objective: WorldObjective, points: np.ndarray, amplitude: float) -> np.ndarray:
+    """Return the slopes (n,) at ``points`` (n,): the world's own derivatives, else differences over ``amplitude``."""
+    if objective.world.differentiate is not None:
+        return objective.slopes_at(points)
+    values = objective.values_at(np.concatenate([points + amplitude, points - amplitude]))
+    return (values[: len(points)] - values[len(points) :]) / (2 * amplitude)
+
+
+def nearby_points(theta: float, size: float) -> np.ndarray:
+    """Return the nominal parameter, and points around it at irrational distances, which hit no grid of a simulator."""
+    golden = (np.sqrt(5) - 1) / 2
+    offsets = 2 * (golden * np.arange(1, NEARBY_POINTS + 1) % 1) - 1
+    return theta + size * NEARBY_REACH * np.concatenate([[0.0], offsets])
+
+
+def smoothed_gradient(
+    objective: WorldObjective,
+    estimator: str,
+    sigma: float,
+    reference: ReferenceGradient | None,
+    n: int,
+    seed: np.random.SeedSequence,
+) -> dict[str, Any]:
+    """Estimate a smoothed gradient with its interval, and compare it with ``reference``, as a JSON object.
+
+    ``reliable`` is the half-width of the interval in which an unbiased estimate lies with probability 0.999.
+    """
+    method = SAMPLED[estimator]
+    run = run_estimator(objective, method, Gaussian(sigma, child_seed(seed, method.stream)), n)
+    moments = run.moments
+    row: dict[str, Any] = {
+        "estimator": estimator,
+        "sigma": sigma,
+        "n_samples": moments.n,
+        "nonfinite": len(run.nonfinite),
+        "mean": np.nan,
+        "standard_error": np.nan,
+        "reference": None if reference is None else float(reference.gradient[0]),
+        "reference_error": None if reference is None else float(reference.standard_error[0]),
+        "reliable": np.nan,
+        "verdict": "no reference",
+    }
+    if moments.n < 2:
+        return row
+    error, quantile = float(moments.standard_error[0]), joint_quantile(1)
+    known_error = 0.0 if reference is None else float(reference.standard_error[0])
+    return row | {
+        "mean": float(moments.mean[0]),
+        "standard_error": error,
+        "reliable": quantile * float(np.hypot(error, known_error)),
+        "verdict": judge_estimate(moments, reference).word,
+    }
+
+
+def own_reference(row: dict[str, Any]) -> ReferenceGradient:
+    """Return a world's own smoothed gradient of zeroth order as a reference, for a world whose truth is not known."""
+    gradient, error = np.array([row["mean"]]), np.array([row["standard_error"]])
+    return ReferenceGradient(gradient, error, "the world's own rollouts", row["n_samples"])
+
+
+def reach_noise(size: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the ends of the line, as noise (1, 1), on which jumps of an output are searched for."""
+    end = np.array([[size * AMPLITUDES[-1]]])
+    return -end, end
+
+
+def value_range(objective: SampledObjective, size: float) -> float:
+    """Return the range of an output over the largest amplitude, at 33 points."""
+    first, last = reach_noise(size)
+    values = objective.costs(np.linspace(first[0], last[0], 33))
+    finite = values[np.isfinite(values)]
+    return float(np.ptp(finite)) if finite.size else 0.0

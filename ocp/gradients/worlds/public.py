@@ -1,0 +1,55 @@
+"""``ocp.gradient_report``: the report on a scene, a file, or a function."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from os import PathLike, fspath
+from typing import Any
+
+import numpy as np
+
+from ocp import plugins
+from ocp.errors import InputError
+from ocp.gradients.worlds.report import GradientReport, Question, ReportSettings, measure_worlds
+from ocp.gradients.worlds.world import Simulation, World
+
+
+def gradient_report(
+    source: str | PathLike[str] | Simulation,
+    worlds: Sequence[str] = (),
+    *,
+    theta: Sequence[float] | float | None = None,
+    gradient: Simulation | None = None,
+    truth: Simulation | None = None,
+    size: float | None = None,
+    settings: Mapping[str, float] | None = None,
+    **options: Any,
+) -> GradientReport:
+    """Judge whether the gradients of simulators are right, as ``ocp gradients`` does::
+
+        gradient_report("oblique-drop", ["exact", "mujoco"]).sentences
+        gradient_report(rollout, theta=[0.5], truth=closed_form).rows[0]["verdict"]
+
+    ``source`` is the name of a scene, the path of a file that defines ``rollout(theta)``, or that function: from
+    parameters (n, d) to outputs (n, m). A function needs ``theta`` (d,), the nominal parameters, and may come with its
+    ``gradient`` (n, d) to (n, m, d), with ``truth``, the outputs of the physics, and with the ``size`` of the first
+    parameter, by default its absolute value; the report is on the first output. ``worlds`` are names of worlds or
+    files, and ``settings`` values of their settings. ``options`` are those of :class:`ReportSettings`.
+
+    Raises :class:`~ocp.errors.InputError` for unknown names, and for simulators of wrong shape or without a seed.
+    """
+    report_settings = ReportSettings(**options)
+    if not callable(source):
+        if theta is not None or gradient is not None or truth is not None or size is not None:
+            raise InputError("theta, gradient, truth and size are for a function; a file defines them itself")
+        case = plugins.problems.gradient_case(fspath(source), worlds, settings)
+        return measure_worlds(case.worlds, case.question, report_settings)
+    if theta is None or worlds:
+        raise InputError("a function needs theta, its nominal parameters, and is compared with no other worlds")
+    nominal = np.atleast_1d(np.asarray(theta, dtype=float))
+    scale = abs(float(nominal[0])) if size is None else size
+    if not scale > 0:
+        raise InputError(f"the size of the parameter must be > 0, got {scale:g}; set size")
+    world = World(getattr(source, "__name__", "rollout"), source, gradient, settings or {})
+    known = None if truth is None else World("truth", truth)
+    return measure_worlds([world], Question(nominal, scale, known), report_settings)

@@ -1,0 +1,279 @@
+"""The report on worlds: what is measured of each, compared with the truth, with a verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dynamics.settings import Configured, setting
+from dynamics.systems import Signal
+from ocp.errors import InputError
+from ocp.gradients.sampling import ReferenceGradient, quadrature
+from ocp.gradients.verdict import Jump, sharpest_change_on_lines
+from ocp.gradients.worlds.judging import Measures, judge_world
+from ocp.gradients.worlds.measures import (
+    FIRST_ORDER,
+    ZEROTH_ORDER,
+    Secants,
+    local_slopes,
+    measure_secants,
+    nearby_points,
+    own_reference,
+    reach_noise,
+    smoothed_gradient,
+    value_range,
+)
+from ocp.gradients.worlds.world import World, WorldObjective, check_world
+from ocp.judge.findings import Finding
+from ocp.store.checkpoint import UNSAVED, SavedWork
+from ocp.store.json_values import to_json
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+JUMP_SHARE = 0.2
+"""Smallest jump that makes a gradient undefined, as a share of the output's range over the largest amplitude."""
+TRUTH_POINTS = 1 << 18
+"""Number of points at which the truth is evaluated to smooth it."""
+WORST_SHARE = 0.9
+"""Quantile of the errors at nearby points that counts as the error of the local slope."""
+
+
+@dataclass(frozen=True)
+class ReportSettings(Configured):
+    """Settings of a report: sizes of what is measured, and the tolerance that separates right from wrong."""
+
+    tolerance: float = setting(0.05, "largest error of a right slope, as a share of the truth", above=0, below=1)
+    samples: int = setting(2000, "samples of each smoothed gradient", hint="one sample has no variance", least=2)
+    sigmas: Sequence[float] = (1e-3, 1e-2, 1e-1)
+    refinements: int = setting(2, "number of times by which a world is refined", least=0, most=6)
+    seed: int = setting(0, "seed of the noise", least=0)
+
+
+@dataclass(frozen=True)
+class Question:
+    """Quantity whose gradient is asked for: output ``output`` of a world by its parameter ``parameter`` at ``theta``.
+
+    ``size`` > 0 is the characteristic size of the parameter, to which amplitudes are relative. ``truth`` is the
+    physics as a world with a gradient, or None where it is not known. ``signals`` are the parameter and the output.
+    """
+
+    theta: np.ndarray
+    size: float
+    truth: World | None = None
+    parameter: int = 0
+    output: int = 0
+    signals: tuple[Signal, Signal] = (Signal("theta", "1"), Signal("y", "1"))
+
+    def objective(self, world: World) -> WorldObjective:
+        """Return the output of a world as a function of the parameter."""
+        return WorldObjective(world, self.theta, self.parameter, self.output, self.signals[0])
+
+
+class _Truth:
+    """What is known of the physics: values at all amplitudes, slopes, jumps and smoothed gradients."""
+
+    def __init__(self, question: Question, truth: World) -> None:
+        check_world(truth, question.theta)
+        self.objective, self._size = question.objective(truth), question.size
+        self.secants = measure_secants(self.objective, question.size)
+        points = nearby_points(float(self.objective.theta[0]), question.size)
+        self.nearby = local_slopes(self.objective, points, float(self.secants.amplitudes[self.secants.sharpest]))
+        self.jump = dominant_jump(self.objective, question.size)
+
+        self._smoothed: dict[float, ReferenceGradient] = {}
+
+    def smoothed(self, sigma: float) -> ReferenceGradient:
+        """Return the gradient of the smoothed truth, by quadrature."""
+        if sigma not in self._smoothed:
+            self._smoothed[sigma] = quadrature(self.objective, sigma, TRUTH_POINTS)
+        return self._smoothed[sigma]
+
+
+def dominant_jump(objective: WorldObjective, size: float) -> Jump | None:
+    """Return the largest jump of an output within the largest amplitude, None unless it dominates its range."""
+    jump = sharpest_change_on_lines(objective, *reach_noise(size))
+    return jump if jump.discontinuous and jump.size > JUMP_SHARE * value_range(objective, size) else None
+
+
+@dataclass(frozen=True)
+class GradientReport:
+    """Measures and verdicts of several worlds on one question; ``rows`` has one JSON object a world."""
+
+    question: Question
+    rows: list[dict[str, Any]]
+
+    @property
+    def sentences(self) -> list[str]:
+        """Verdict of each world in one sentence, after its name."""
+        return [f"{row['world']}: {row['sentence']}" for row in self.rows]
+
+    def dataset(self) -> xr.Dataset:
+        """Return the secants over (world, amplitude) and the smoothed gradients over (world, estimator, sigma)."""
+        return rows_dataset(self.rows, self.question.signals)
+
+
+def measure_worlds(
+    worlds: Sequence[World],
+    question: Question,
+    settings: ReportSettings | None = None,
+    files: SavedWork = UNSAVED,
+    progress: Callable[[int, str], None] | None = None,
+) -> GradientReport:
+    """Measure the gradient of each world, and judge whether it is right for the map and for the physics.
+
+    Finished worlds are saved to ``files``, from which the same call resumes. A world that raises
+    :class:`~ocp.errors.InputError` gets a row with the status ``failed``, and the others are measured. ``progress``
+    is called with the number of finished worlds and the name of the next.
+
+    Raises :class:`~ocp.errors.InputError` if every world fails, and for a truth that fails.
+    """
+    settings, rows, failures = settings or ReportSettings(), [], []
+    truth = None if question.truth is None else _Truth(question, question.truth)
+    for index, world in enumerate(worlds):
+        if progress is not None:
+            progress(index, world.name)
+        saved = files.rows(index)
+        if saved is None:
+            try:
+                saved = [to_json(_measure_world(world, question, truth, settings))]
+            except InputError as error:
+                failures.append(error)
+                rows.append({"world": world.name, "status": "failed", "verdict": "failed", "sentence": str(error)})
+                continue
+            files.save_rows(index, saved)
+        rows += saved
+    if len(failures) == len(worlds):
+        raise failures[0]
+    return GradientReport(question, rows)
+
+
+def _measure_world(world: World, question: Question, truth: _Truth | None, settings: ReportSettings) -> dict[str, Any]:
+    """Return the measures of one world with its verdict, as a JSON object."""
+    n_outputs, nonfinite = check_world(world, question.theta)
+    if question.output >= n_outputs:
+        raise InputError(f"{world.name} has {n_outputs} outputs, got {question.output} as the index of the output")
+    measured = _Measured(world, question, truth, settings)
+    measures = measured.measures
+    findings = judge_world(measures, settings.tolerance)
+    secants = measures.secants
+    return {
+        "world": world.name,
+        "status": "done",
+        "verdict": findings[0].code.removeprefix("gradient-"),
+        "sentence": _sentence(findings),
+        "findings": [finding.document for finding in findings],
+        "method": world.method if world.differentiate is not None else "differences",
+        "settings": dict(world.settings),
+        "versions": dict(world.versions),
+        "nonfinite": nonfinite,
+        "slope": measures.slope,
+        "truth": measures.truth,
+        "nearby": measures.nearby,
+        "noise": secants.noise,
+        "amplitudes": secants.amplitudes,
+        "secants": secants.slopes,
+        "ahead": secants.ahead,
+        "behind": secants.behind,
+        "errors": secants.errors,
+        "truth_secants": measures.truth_secants,
+        "refinements": measures.refinements,
+        "smoothed": measures.smoothed,
+    }
+
+
+def _sentence(findings: Sequence[Finding]) -> str:
+    return "; ".join(finding.sentence for finding in findings) + "."
+
+
+class _Measured:
+    """Measurement of one world."""
+
+    def __init__(self, world: World, question: Question, truth: _Truth | None, settings: ReportSettings) -> None:
+        self._world, self._question, self._truth, self._settings = world, question, truth, settings
+        self._objective = question.objective(world)
+
+    @cached_property
+    def measures(self) -> Measures:
+        """All measures on which the verdict depends."""
+        truth, size, theta = self._truth, self._question.size, float(self._objective.theta[0])
+        secants = measure_secants(self._objective, size)
+        slopes = self._slopes(self._objective, secants)
+        # Without a truth the world is compared with its own secant over the largest amplitude.
+        wide = np.full(len(slopes), secants.slopes[-1])
+        jump = dominant_jump(self._objective, size) if truth is None else truth.jump
+        return Measures(
+            slope=float(slopes[0]),
+            nearby=slopes[1:],
+            truth=float(wide[0] if truth is None else truth.nearby[0]),
+            nearby_truth=wide[1:] if truth is None else truth.nearby[1:],
+            secants=secants,
+            truth_secants=None if truth is None else truth.secants.slopes,
+            has_gradient=self._world.differentiate is not None,
+            jump=None if jump is None else (jump.size, theta + float(jump.place[0])),
+            refinements=self._refinements(),
+            smoothed=self._smoothed(),
+        )
+
+    def _slopes(self, objective: WorldObjective, secants: Secants) -> np.ndarray:
+        points = nearby_points(float(objective.theta[0]), self._question.size)
+        return local_slopes(objective, points, float(secants.amplitudes[secants.sharpest]))
+
+    def _refinements(self) -> list[dict[str, Any]]:
+        """Return settings, slope, largest slope and error of the world as it is and refined once, twice, ..."""
+        rows = []
+        for times in range(self._settings.refinements + 1 if self._world.sharper else 0):
+            world = self._world.refined(times)
+            objective = self._question.objective(world)
+            slopes = self._slopes(objective, measure_secants(objective, self._question.size))
+            truth = slopes[:1] * np.nan if self._truth is None else self._truth.nearby
+            rows.append(
+                {
+                    "settings": {name: world.settings[name] for name in world.sharper},
+                    "slope": float(slopes[0]),
+                    "largest": float(np.quantile(np.abs(slopes), WORST_SHARE)),
+                    "error": float(np.quantile(np.abs(slopes - truth), WORST_SHARE)),
+                }
+            )
+        return rows
+
+    def _smoothed(self) -> list[dict[str, Any]]:
+        """Return the estimates of zeroth and, where the world has a gradient, first order at every sigma."""
+        rows, truth = [], self._truth
+        for index, share in enumerate(self._settings.sigmas):
+            sigma = share * self._question.size
+            seed = np.random.SeedSequence(self._settings.seed, spawn_key=(index,))
+            reference = None if truth is None else truth.smoothed(sigma)
+            n = self._settings.samples
+            zeroth = smoothed_gradient(self._objective, ZEROTH_ORDER, sigma, reference, n, seed)
+            rows.append(zeroth)
+            if self._world.differentiate is not None and self._world.samples_gradient:
+                compared = own_reference(zeroth) if reference is None and zeroth["n_samples"] > 1 else reference
+                rows.append(smoothed_gradient(self._objective, FIRST_ORDER, sigma, compared, n, seed))
+        return rows
+
+
+def rows_dataset(rows: Sequence[dict[str, Any]], signals: tuple[Signal, Signal]) -> xr.Dataset:
+    """Return the measures of finished worlds as arrays over (world, amplitude), with units."""
+    import xarray as xr
+
+    finished = [row for row in rows if row["status"] == "done"]
+    unit = f"({signals[1].unit})/({signals[0].unit})"
+    data = xr.Dataset(
+        coords={
+            "world": [row["world"] for row in finished],
+            "amplitude": ("amplitude", finished[0]["amplitudes"], {"units": signals[0].unit}),
+        }
+    )
+    for key in ("secants", "ahead", "behind", "errors", "truth_secants"):
+        if finished[0][key] is not None:
+            values = np.array([row[key] for row in finished], dtype=float)
+            data[key] = (("world", "amplitude"), values, {"units": unit})
+    for key in ("slope", "truth"):
+        data[key] = ("world", np.array([row[key] for row in finished], dtype=float), {"units": unit})
+    data["verdict"] = ("world", [row["verdict"] for row in finished])
+    return data

@@ -1,0 +1,68 @@
+"""Worlds by name: the closed form, our laws, penalty contacts, and MuJoCo."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+
+from ocp.errors import choose
+from ocp.gradients.worlds.world import World
+from ocp.simulators.mujoco_rollouts import MujocoRollouts
+from problems.gradient_scenes.rigid_worlds import LAWS, law_world, penalty_world
+from problems.gradient_scenes.scene import Scene
+
+MUJOCO_SETTINGS = {"h": 0.002, "solref": 0.004}
+"""Time step [s] and time constant of contacts [s] in MuJoCo; the time constant is at least two steps."""
+
+
+def mujoco_world(scene: Scene) -> World:
+    """Return a scene in MuJoCo; its gradient is the product of MuJoCo's own finite differences of the steps.
+
+    Raises :class:`~ocp.errors.InputError` without MuJoCo.
+    """
+    rollouts, mechanics = MujocoRollouts(scene.mjcf), scene.mechanics
+    nq, push = len(mechanics.masses), np.array(mechanics.push)
+    start = np.array([*mechanics.q0, *mechanics.v0])
+    by_start, by_force = np.zeros(2 * nq), np.zeros(nq)
+    if mechanics.is_speed:
+        by_start[nq:] = push
+    else:
+        by_force[:] = push
+
+    def arguments(theta: np.ndarray, h: float, solref: float) -> tuple[np.ndarray, np.ndarray, int]:
+        rollouts.set_contacts(h, solref)
+        return start + theta * by_start, theta * by_force, max(1, round(scene.duration / h))
+
+    def simulate(theta: np.ndarray, h: float, solref: float) -> np.ndarray:
+        return rollouts.last_states(*arguments(theta, h, solref))[:, [scene.output_index]]
+
+    def differentiate(theta: np.ndarray, h: float, solref: float) -> np.ndarray:
+        derivatives = rollouts.derivatives(*arguments(theta, h, solref), by_start, by_force)
+        return derivatives[:, [scene.output_index], None]
+
+    return World(
+        "mujoco",
+        simulate,
+        differentiate,
+        MUJOCO_SETTINGS,
+        {"h": 0.5, "solref": 0.5},
+        "transitionFD",
+        {"mujoco": rollouts.version},
+        samples_gradient=False,
+    )
+
+
+WORLDS: dict[str, Callable[[Scene], World]] = {
+    **{name: partial(law_world, name=name) for name in LAWS},
+    "penalty": penalty_world,
+    "mujoco": mujoco_world,
+    "closed-form": lambda scene: scene.truth,
+}
+"""Mapping from the name of a world to the function that builds it for a scene."""
+
+
+def scene_world(scene: Scene, name: str) -> World:
+    """Return the world called ``name`` for a scene; raise :class:`~ocp.errors.InputError` for an unknown name."""
+    return choose("world", name, WORLDS)(scene)

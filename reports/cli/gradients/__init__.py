@@ -1,0 +1,1 @@
+"""Command that judges the gradients of simulators."""

@@ -1,0 +1,93 @@
+"""``ocp gradients SCENE|FILE``: is a simulator's gradient through contact right?"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from dynamics.settings import read_value, settings_of
+from ocp import store
+from ocp.errors import InputError, interruptible
+from ocp.gradients.worlds import GradientReport, ReportSettings, check_world, measure_worlds
+from ocp.store.checkpoint import Checkpoint
+from problems.gradient_scenes.cases import GradientCase, gradient_case
+from reports.cli import interrupt
+from reports.cli.options.gradients import GradientsOptions
+from reports.cli.request import check_outputs, parse_assignments
+from reports.tables.gradients import gradients_table
+
+Request = tuple[GradientCase, ReportSettings, Checkpoint]
+"""Question and worlds, settings, and the storage of finished worlds."""
+
+
+def check(options: GradientsOptions) -> Request:
+    """Return the worlds, each simulated once near the nominal parameter, and the settings."""
+    texts = parse_assignments("-s", options.settings)
+    values = {name: read_value(f"-s {name}", text, float) for name, text in texts.items()}
+    settings = ReportSettings(
+        options.tolerance,
+        settings_of(ReportSettings)["samples"].read(options.samples, "--"),
+        refinements=options.refinements,
+        seed=options.seed,
+    )
+    case = gradient_case(options.scene, options.worlds or (), values, options.parameter, options.component)
+    for world in case.worlds:
+        n_outputs, _ = check_world(world, case.question.theta)
+        if options.component >= n_outputs:
+            raise InputError(f"{world.name} has {n_outputs} outputs, got --component {options.component}")
+    check_outputs(options.out, options.pdf)
+    return case, settings, Checkpoint(options.out, case.name, _record(options, case, settings), case.content)
+
+
+def run(options: GradientsOptions, request: Request) -> int:
+    """Measure all worlds, store the report, and print the table and the verdicts."""
+    case, settings, checkpoint = request
+    output = options.output
+
+    def announce(index: int, name: str) -> None:
+        interrupt.raise_if_interrupted()
+        output.note(f"world {index + 1} of {len(case.worlds)}: {name}")
+
+    with checkpoint, interruptible():
+        report = measure_worlds(case.worlds, case.question, settings, checkpoint, announce)
+        meta = _meta(options, case, settings, report)
+        stored = store.write_run(options.out, case.name, report.dataset(), meta)
+        checkpoint.discard()
+    output.note(gradients_table(meta["worlds"]))
+    output.say(meta["verdict"])
+    output.finish(stored, meta, options.pdf)
+    return 0
+
+
+def _record(options: GradientsOptions, case: GradientCase, settings: ReportSettings) -> dict[str, Any]:
+    """Return the values that determine the result, as the run stores them."""
+    return {
+        "worlds": {world.name: dict(world.settings) for world in case.worlds},
+        "tolerance": settings.tolerance,
+        "samples": settings.samples,
+        "refinements": settings.refinements,
+        "seed": settings.seed,
+        "theta": list(case.question.theta),
+        "size": case.question.size,
+        "source": options.scene if options.scene.endswith(".py") else None,
+    }
+
+
+def _meta(
+    options: GradientsOptions, case: GradientCase, settings: ReportSettings, report: GradientReport
+) -> dict[str, Any]:
+    """Return the metadata of the run to be stored."""
+    parameter, output = ({"name": signal.name, "unit": signal.unit} for signal in case.question.signals)
+    return {
+        "kind": "gradients",
+        "argv": options.argv,
+        "tags": options.tags,
+        "seed": settings.seed,
+        "record": _record(options, case, settings),
+        "source_digest": case.content or None,
+        "title": case.title,
+        "parameter": parameter,
+        "output": output,
+        "worlds": report.rows,
+        "status": "done" if all(row["status"] == "done" for row in report.rows) else "partly failed",
+        "verdict": "\n".join(report.sentences),
+    }

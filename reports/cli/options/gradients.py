@@ -1,0 +1,40 @@
+"""Options of ``ocp gradients``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import ClassVar
+
+from reports.cli.options.shared import TagOptions, argument, assignment, option
+
+
+class GradientsOptions(TagOptions):
+    """Judge whether a simulator's gradient through contact is right, and say what to use instead.
+
+    Derivatives, secants over many amplitudes and smoothed gradients of worlds are compared with the truth of a scene,
+    or of a file that defines rollout(theta). Scenes: oblique-drop, bounce, slide-to-rest, wall-spring, two-balls,
+    pendulum-stop, corner, push-from-afar, stick-slip. Worlds: exact, barrier, adaptive, randomized, penalty, mujoco,
+    closed-form, or path/to/file.py. Finished worlds are kept: after Ctrl-C the same command resumes.
+    """
+
+    code: ClassVar = "reports.cli.gradients.command"
+    examples: ClassVar = (
+        "gradients oblique-drop --world exact --world mujoco --pdf drop.pdf",
+        "gradients two-balls --world penalty -s stiffness=1e5",
+        "gradients my_simulator.py",
+        "gradients stick-slip --world my_simulator.py",
+    )
+    scene: str = argument(metavar="SCENE|FILE", help="A scene, or a file that defines rollout(theta) and theta.")
+    worlds: list[str] | None = option(
+        None, "--world", metavar="WORLD", help="A world, or a file that defines rollout(theta); may be repeated."
+    )
+    settings: list[str] | None = assignment(
+        "--setting", "-s", help="Setting of the worlds that have it, such as h, stiffness, mu."
+    )
+    parameter: int = option(0, min=0, help="Index of the parameter of a file.")
+    component: int = option(0, min=0, help="Index of the output of a file.")
+    samples: str = option("2000", "-n", help="Samples of each smoothed gradient.")
+    tolerance: float = option(0.05, help="Largest error of a right slope, as a share of the truth.")
+    refinements: int = option(2, min=0, max=6, help="Times by which each world is refined.")
+    seed: int = option(0, min=0, help="Random seed.")
+    pdf: Path | None = option(None, help="Write a PDF report to this file.")

@@ -1,0 +1,37 @@
+"""Table of the gradients of worlds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from rich.table import Table
+
+from reports.tables.console import number, table_of
+
+HEADS = ("world", "by", "slope", "truth", "slope/truth", "secants right from", "verdict")
+"""Headings of the table of worlds."""
+
+
+def gradients_table(rows: Sequence[Mapping[str, Any]]) -> Table:
+    """Return a table of worlds, one row each."""
+    first, method, *numbers, verdict = HEADS
+    return table_of(first, method, *(f">{head}" for head in numbers), verdict, rows=map(gradient_cells, rows))
+
+
+def gradient_cells(row: Mapping[str, Any]) -> list[str]:
+    """Return name, method, slope, truth, their ratio, smallest right amplitude and verdict of a world as text."""
+    if row["status"] != "done":
+        return [row["world"], "", "", "", "", "", row["verdict"]]
+    slope, truth = row["slope"], row["truth"]
+    ratio = "–" if not truth or slope is None else number(slope / truth, 3)
+    amplitudes = [each["numbers"]["low"] for each in row["findings"] if each["code"] == "use-secant"]
+    return [
+        row["world"],
+        row["method"],
+        number(slope, 4),
+        number(truth, 4),
+        ratio,
+        number(amplitudes[0], 2) if amplitudes else "",
+        row["verdict"].replace("-", " "),
+    ]

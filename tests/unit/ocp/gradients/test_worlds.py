@@ -1,0 +1,235 @@
+"""Verdicts on worlds whose maps are formulas, measures against formulas, and rejected simulators."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dynamics.batch import Gaussian
+from ocp import gradient_report
+from ocp.errors import InputError
+from ocp.gradients.estimators import SAMPLED
+from ocp.gradients.sampling import quadrature, run_estimator
+from ocp.gradients.worlds import Question, ReportSettings, World, check_world, measure_worlds
+from ocp.gradients.worlds.measures import measure_secants, rounding_noise
+from ocp.gradients.worlds.world import WorldObjective
+from ocp.store.checkpoint import SavedWork
+
+NOMINAL = np.array([1.0003])
+TOOTH = 1e-3
+SINE = World("sine", np.sin, lambda theta: np.cos(theta)[:, :, None])
+
+
+def saw(rise: float) -> World:
+    """Return the sine plus a sawtooth of period TOOTH whose teeth rise at the slope ``rise``."""
+    return World(
+        "saw",
+        lambda theta: np.sin(theta) + rise * (theta % TOOTH),
+        lambda theta: (np.cos(theta) + rise)[:, :, None],
+    )
+
+
+STAIRS = World(
+    "stairs",
+    lambda theta: np.sin(TOOTH * np.floor(theta / TOOTH)),
+    lambda theta: np.zeros((*theta.shape, 1)),
+)
+DOUBLED = World("doubled", np.sin, lambda theta: 2 * np.cos(theta)[:, :, None])
+ROUGH = World("rough", lambda theta: np.sin(theta) + 0.1 * np.sin(1e13 * theta))
+STEP = World("step", lambda theta: np.sin(theta) + (theta > 1.02), lambda theta: np.cos(theta)[:, :, None])
+NAN = World("nan", np.sin, lambda theta: np.full((*theta.shape, 1), np.nan))
+# A ripple that the amplitudes of differences do not see, and samples of sigma 0.1 do.
+FAR_KINK = World(
+    "kink",
+    lambda theta: np.sin(theta) + (theta > 1.15),
+    lambda theta: np.cos(theta)[:, :, None],
+)
+FINE = {"h": 0.01}
+RIPPLE = World(
+    "ripple",
+    lambda theta, h: np.sin(theta) + h**2 * np.sin(theta / h**3),
+    lambda theta, h: (np.cos(theta) + np.cos(theta / h**3) / h)[:, :, None],
+    FINE,
+    {"h": 0.5},
+)
+SOFT = World(
+    "soft",
+    lambda theta, h: np.sin(theta) * (1 + 20 * h),
+    lambda theta, h: (np.cos(theta) * (1 + 20 * h))[:, :, None],
+    FINE,
+    {"h": 0.5},
+)
+VERDICTS = {
+    "right": (SINE, SINE),
+    "of-the-map": (saw(3.0), SINE),
+    "wrong-sign": (saw(-3.0), SINE),
+    "zero": (STAIRS, SINE),
+    "exploding": (RIPPLE, SINE),
+    "undefined": (SINE, STEP),
+    "noise": (ROUGH, SINE),
+    "not-the-derivative": (DOUBLED, SINE),
+    "not-finite": (NAN, SINE),
+    "biased-at-sigma": (FAR_KINK, FAR_KINK),
+    "consistent": (SINE, None),
+    "not-of-the-larger-picture": (saw(3.0), None),
+}
+
+
+def judged(world: World, truth: World | None, **settings):
+    question = Question(NOMINAL, 1.0, truth)
+    (row,) = measure_worlds([world], question, ReportSettings(**settings)).rows
+    return row
+
+
+@pytest.mark.parametrize("verdict", VERDICTS)
+def test_each_verdict(verdict: str) -> None:
+    world, truth = VERDICTS[verdict]
+    row = judged(world, truth, samples=4000)
+    assert row["verdict"] == verdict, row["sentence"]
+    if verdict not in ("right", "consistent"):
+        assert row["findings"][-1]["code"].startswith("use-")
+
+
+def test_a_jump_out_of_reach_and_one_that_only_zeroth_order_samples_are_no_fault_of_the_slope() -> None:
+    jump = World("jump", lambda theta: np.sin(theta) + (theta > 3), lambda theta: np.cos(theta)[:, :, None])
+    assert judged(jump, jump)["verdict"] == "right"
+    assert judged(World("kink", FAR_KINK.simulate), FAR_KINK)["verdict"] == "right"
+
+
+def test_an_error_that_vanishes_with_the_step_is_told_from_one_that_does_not() -> None:
+    soft = judged(SOFT, SINE)
+    errors = [each["error"] for each in soft["refinements"]]
+    np.testing.assert_allclose(np.divide(errors[1:], errors[:-1]), 0.5, rtol=1e-6)
+    assert soft["findings"][1]["code"] == "use-finer"
+    stubborn = World(
+        "stubborn", lambda t, h: 1.2 * np.sin(t), lambda t, h: 1.2 * np.cos(t)[:, :, None], FINE, {"h": 0.5}
+    )
+    assert "does not lower the error" in judged(stubborn, SINE)["sentence"]
+
+
+def test_the_amplitude_from_which_secants_are_right_is_that_of_the_sawtooth() -> None:
+    """A secant over a is off by at most 3 TOOTH/(2 a), so that it is within 5 % from a few dozen teeth on."""
+    advice = judged(saw(3.0), SINE)["findings"][1]
+    assert advice["code"] == "use-secant"
+    low, high = advice["numbers"]["low"], advice["numbers"]["high"]
+    assert 3 * TOOTH / 2 < low < 3 * TOOTH / (2 * 0.05 * np.cos(NOMINAL[0])) * 2.2 and high == pytest.approx(0.1)
+
+
+def test_rounding_noise_is_that_which_was_added() -> None:
+    for deviation in (1e-3, 1e-7):
+        world = World("noisy", lambda t, s=deviation: np.sin(t) + s * np.sqrt(2) * np.sin(1e14 * t))
+        measured = rounding_noise(WorldObjective(world, NOMINAL), 1.0)
+        assert deviation / 4 < measured < 4 * deviation
+    assert rounding_noise(WorldObjective(SINE, NOMINAL), 1.0) < 1e-15
+
+
+def test_secants_are_the_formula_within_their_errors() -> None:
+    secants = measure_secants(WorldObjective(SINE, NOMINAL), 1.0)
+    exact = np.cos(NOMINAL[0]) * np.sin(secants.amplitudes) / secants.amplitudes
+    assert (np.abs(secants.slopes - exact) <= 2 * secants.errors).all()
+    np.testing.assert_allclose(secants.slopes, (secants.ahead + secants.behind) / 2, rtol=1e-6)
+
+
+@pytest.mark.costly
+@pytest.mark.parametrize("estimator", ["zobg-antithetic", "fobg"])
+def test_intervals_of_smoothed_gradients_cover_the_truth(estimator: str) -> None:
+    """Intervals of 95 % contain the quadrature in 200 seeds as a binomial of 0.95 says, within 3 deviations."""
+    objective = WorldObjective(World("x", lambda t: np.sin(3 * t), lambda t: 3 * np.cos(3 * t)[:, :, None]), NOMINAL)
+    truth = quadrature(objective, 0.1).gradient[0]
+    np.testing.assert_allclose(truth, 3 * np.cos(3 * NOMINAL[0]) * np.exp(-0.5 * 0.3**2), rtol=1e-6)
+    covered = 0
+    for seed in range(200):
+        moments = run_estimator(objective, SAMPLED[estimator], Gaussian(0.1, seed), 2000).moments
+        covered += abs(moments.mean[0] - truth) <= 1.96 * moments.standard_error[0]
+    assert abs(covered - 190) <= 3 * np.sqrt(200 * 0.95 * 0.05)
+
+
+class _Drifting:
+    def __init__(self) -> None:
+        self.calls = 0
+
+    def __call__(self, theta: np.ndarray) -> np.ndarray:
+        self.calls += 1
+        return theta + self.calls
+
+
+def _mutating(theta: np.ndarray) -> np.ndarray:
+    theta += 1
+    return theta
+
+
+BAD = {
+    "the shape": (lambda theta: theta[:, 0], None, "expected (4, m)"),
+    "changes its argument": (_mutating, None, "theta.copy()"),
+    "other values in a second call": (_Drifting(), None, "seed its random numbers"),
+    "depend on the other rows": (lambda theta: theta + theta.mean(), None, "every row by itself"),
+    "did not return an array": (lambda theta: "sin", None, "numbers"),
+    "gradient(theta) returned the shape": (np.sin, np.cos, "expected (1, m, 1)"),
+    "gradient(theta) has 2": (np.sin, lambda theta: np.ones((len(theta), 2, 1)), "1 outputs"),
+}
+
+
+@pytest.mark.parametrize("message", BAD)
+def test_a_bad_simulator_gets_one_sentence(message: str) -> None:
+    simulate, differentiate, remedy = BAD[message]
+    with pytest.raises(InputError) as error:
+        check_world(World("bad", simulate, differentiate), NOMINAL)
+    assert message in str(error.value) and remedy in str(error.value) and "\n" not in str(error.value)
+
+
+def test_a_world_that_fails_does_not_lose_the_others_and_all_failing_raise() -> None:
+    bad = World("bad", lambda theta: theta[:, 0])
+    report = measure_worlds([bad, SINE], Question(NOMINAL, 1.0, SINE), ReportSettings(samples=100))
+    assert [row["verdict"] for row in report.rows] == ["failed", "right"]
+    assert report.dataset().sizes["world"] == 1
+    with pytest.raises(InputError, match="returned the shape"):
+        measure_worlds([bad], Question(NOMINAL, 1.0, SINE))
+
+
+def test_non_finite_rollouts_are_counted() -> None:
+    world = World("half", lambda theta: np.where(theta > 1.0008, np.nan, np.sin(theta)))
+    assert check_world(world, NOMINAL) == (1, 2)
+    row = judged(world, SINE)
+    assert row["nonfinite"] == 2 and all(each["nonfinite"] > 0 for each in row["smoothed"])
+
+
+def test_a_function_is_reported_from_python_and_needs_its_parameters() -> None:
+    report = gradient_report(np.sin, theta=1.0, truth=np.sin, samples=100)
+    assert report.rows[0]["verdict"] == "right" and report.sentences[0].startswith("sin: right")
+    with pytest.raises(InputError, match="needs theta"):
+        gradient_report(np.sin)
+    with pytest.raises(InputError, match="are for a function"):
+        gradient_report("two-balls", theta=1.0)
+
+
+def test_the_same_seed_gives_the_same_report() -> None:
+    first, second = (judged(saw(3.0), SINE, samples=300, seed=7) for _ in range(2))
+    assert first == second != judged(saw(3.0), SINE, samples=300, seed=8)
+
+
+def test_an_interrupted_report_resumes_after_the_finished_world(tmp_path: Path) -> None:
+    counted = _Counted()
+    worlds, question = [World("counted", counted), SINE], Question(NOMINAL, 1.0, SINE)
+    settings, files = ReportSettings(samples=100), SavedWork(tmp_path)
+
+    def stop(index: int, name: str) -> None:
+        if index == 1:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        measure_worlds(worlds, question, settings, files, stop)
+    calls = counted.calls
+    resumed = measure_worlds(worlds, question, settings, files)
+    assert counted.calls == calls > 0
+    assert resumed.rows == measure_worlds(worlds, question, settings).rows
+
+
+class _Counted:
+    def __init__(self) -> None:
+        self.calls = 0
+
+    def __call__(self, theta: np.ndarray) -> np.ndarray:
+        self.calls += 1
+        return np.sin(theta)

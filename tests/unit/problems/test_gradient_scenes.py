@@ -1,0 +1,152 @@
+"""Closed forms of the gradient scenes agree with event-driven integration, worlds with the closed forms."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from ocp.errors import InputError
+from ocp.gradients.worlds import ReportSettings, measure_worlds
+from problems.gradient_scenes import SCENES, Mechanics, Scene
+from problems.gradient_scenes.cases import gradient_case
+from problems.gradient_scenes.worlds import WORLDS, scene_world
+
+TIGHT = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-13, "max_step": 0.02}
+
+
+class EventDriven:
+    """Rigid motion of a scene by integration between events: impacts, the end of sliding, the end of contact."""
+
+    def __init__(self, scene: Scene, theta: float) -> None:
+        m: Mechanics = scene.mechanics
+        self.scene, self.m, self.M = scene, m, np.array(m.masses)
+        q, v = ca.SX.sym("q", len(m.masses)), ca.SX.sym("v", len(m.masses))
+        distance = m.distance(q)
+        sliding = ca.SX(0, len(m.masses)) if m.sliding is None else m.sliding(q)
+        self.f = ca.Function("f", [q, v], [m.force(q, v), distance, ca.jacobian(distance, q), sliding])
+        self.push = np.zeros(len(self.M)) if m.is_speed else theta * np.array(m.push)
+        speed = theta * np.array(m.push) if m.is_speed else 0.0
+        self.x = np.concatenate([m.q0, np.array(m.v0) + speed])
+
+    def parts(self, x):
+        n = len(self.M)
+        force, distance, J, T = (np.array(part) for part in self.f(x[:n], x[n:]))
+        return force.ravel() + self.push, float(distance[0, 0]), J, T
+
+    def acceleration(self, x, touching, direction):
+        """Return dv/dt and the normal force; in contact J dv/dt = 0, friction is against ``direction``, 0 in stick."""
+        force, _, J, T = self.parts(x)
+        if not touching:
+            return force / self.M, 0.0
+        rows = [J[0]] + ([T[0]] if len(T) and direction == 0 else [])
+        along = [J[0] - self.m.friction * direction * T[0] if len(T) and direction else J[0]]
+        along += [T[0]] if len(rows) == 2 else []
+        A = np.array(rows) @ (np.array(along) / self.M).T
+        normal = np.linalg.solve(A, -np.array(rows) @ (force / self.M))
+        if len(rows) == 2 and abs(normal[1]) > self.m.friction * normal[0]:
+            return self.acceleration(x, True, float(np.sign(T[0] @ (force / self.M))))
+        return (force + normal @ np.array(along)) / self.M, normal[0]
+
+    def impact(self):
+        """Apply Newton's normal impulse and Coulomb's tangential one."""
+        n = len(self.M)
+        _, _, J, T = self.parts(self.x)
+        v = self.x[n:]
+        p = -(1 + self.m.restitution) * (J[0] @ v) / (J[0] @ (J[0] / self.M))
+        v += J[0] / self.M * p
+        if len(T):
+            stop = (T[0] @ v) / (T[0] @ (T[0] / self.M))
+            v -= T[0] / self.M * np.clip(stop, -self.m.friction * p, self.m.friction * p)
+
+    def output(self) -> float:
+        n, t = len(self.M), 0.0
+        touching = self.parts(self.x)[1] <= 0 and self.acceleration(self.x, True, 0.0)[1] > 0
+        for _ in range(20):
+            slip = self.parts(self.x)[3] @ self.x[n:]
+            direction = float(np.sign(slip[0])) if len(slip) and abs(slip[0]) > 1e-9 else 0.0
+
+            def motion(_, x, touching=touching, direction=direction):
+                return np.concatenate([x[n:], self.acceleration(x, touching, direction)[0]])
+
+            def hit(_, x, touching=touching):
+                return 1.0 if touching else self.parts(x)[1] - 1e-14
+
+            def stop(_, x, direction=direction):
+                return float((self.parts(x)[3] @ x[n:])[0]) * direction if direction and len(self.parts(x)[3]) else 1.0
+
+            def leave(_, x, touching=touching, direction=direction):
+                return self.acceleration(x, touching, direction)[1] if touching else 1.0
+
+            for event in (hit, stop, leave):
+                event.terminal, event.direction = True, -1
+            solved = solve_ivp(motion, (t, self.scene.duration), self.x, events=(hit, stop, leave), **TIGHT)
+            self.x, t = solved.y[:, -1].copy(), solved.t[-1]
+            if solved.status == 0:
+                return float(self.x[self.scene.output_index])
+            if len(solved.t_events[0]):
+                self.impact()
+                touching = self.m.restitution == 0 and self.acceleration(self.x, True, 0.0)[1] > -1e-9
+                # No force presses the balls in line together; they stay together without it.
+            elif len(solved.t_events[2]):
+                touching = False
+        raise AssertionError("too many events")
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_closed_forms_are_the_event_driven_motion(name: str) -> None:
+    scene = SCENES[name]
+    theta = scene.theta * np.array([0.9, 1.0, 1.07])
+    exact = scene.outcome(theta)
+    motion = [EventDriven(scene, value).output() for value in theta]
+    np.testing.assert_allclose(motion, exact, rtol=1e-8, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_slopes_are_derivatives_of_the_closed_forms(name: str) -> None:
+    """Richardson's extrapolation of central differences, on both sides of thresholds, away from them."""
+    scene = SCENES[name]
+    theta, a = scene.theta * np.array([0.8, 1.0, 1.09]), 1e-4 * abs(scene.theta)
+    differences = [(scene.outcome(theta + b) - scene.outcome(theta - b)) / (2 * b) for b in (a, a / 2)]
+    slope = (4 * differences[1] - differences[0]) / 3
+    np.testing.assert_allclose(scene.slope(theta), slope, rtol=1e-8, atol=1e-9)
+
+
+EXPECTED = {
+    "oblique-drop": ("right", "of-the-map", "right"),
+    "bounce": ("wrong-sign", "wrong-sign", "exploding"),
+    "slide-to-rest": ("right", "right", "right"),
+    "wall-spring": ("right", "right", "right"),
+    "two-balls": ("right", "right", "exploding"),
+    "pendulum-stop": ("zero", "of-the-map", "exploding"),
+    "corner": ("undefined", "undefined", "undefined"),
+    "push-from-afar": ("zero", "right", "zero"),
+    "stick-slip": ("right", "of-the-map", "of-the-map"),
+}
+"""Mapping from scenes to the verdicts on the exact law, the barrier law and penalty contacts."""
+COMPARED = ("exact", "barrier", "penalty")
+
+
+@pytest.mark.costly
+@pytest.mark.parametrize("name", SCENES)
+def test_verdicts_on_our_worlds(name: str) -> None:
+    scene = SCENES[name]
+    worlds = [*(scene_world(scene, world) for world in COMPARED), scene.truth]
+    report = measure_worlds(worlds, scene.question, ReportSettings(samples=1000))
+    verdicts = tuple(row["verdict"] for row in report.rows)
+    local = {"corner": "undefined", "push-from-afar": "zero"}
+    assert verdicts == (*EXPECTED[name], local.get(name, "right")), report.sentences
+
+
+def test_names_are_checked() -> None:
+    assert set(WORLDS) > {"exact", "barrier", "adaptive", "randomized", "penalty", "mujoco"}
+    for arguments, message in (
+        (("two-ball",), "did you mean 'two-balls'"),
+        (("two-balls", ["exakt"]), "did you mean 'exact'"),
+        (("two-balls", ["exact"], {"stiffness": 1.0}), "no world has a setting 'stiffness'"),
+        (("two-balls", ["exact", "exact"]), "named twice"),
+        (("two-balls", (), {}, 1), "one parameter and one output"),
+    ):
+        with pytest.raises(InputError, match=message):
+            gradient_case(*arguments)
