@@ -317,11 +317,10 @@ def check_range(
         raise InputError(f"--from and --to must be finite and differ, got {start} and {end}")
     if steps < 1:
         raise InputError(f"--steps must be 1 or more, got {steps}")
-    if scale not in SCALE_MAPS:
-        raise InputError(f"--scale must be log or linear, got {scale!r}")
+    maps = choose("scale", scale, SCALE_MAPS)
     if scale == "log" and min(start, end) <= 0:
         raise InputError(f"a log scale needs positive ends, got {start} and {end}")
-    return SCALE_MAPS[scale]
+    return maps
 
 
 def curve_dataset(curve: Continuation) -> Any:

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ocp.errors import InputError
-from ocp.jobs.case import Case
 from ocp.jobs.sweep_job import (
     ROW_COUNTS,
     ROW_NUMBERS,
@@ -27,6 +26,7 @@ from ocp.jobs.sweep_job import (
 from ocp.problem.resources import check_memory, points_memory
 from ocp.routes.session import Session
 from ocp.solve.request import ProblemSource
+from ocp.solve.solve_request import SolveRequest
 from ocp.solve.starts import Rank
 from ocp.store.checkpoint import Checkpoint, SavedWork
 from ocp.validation import AXIS_GRAMMAR, MAX_AXIS_VALUES, Axis, parse_axis_option
@@ -112,12 +112,13 @@ DATASET_NAMES = {
 
 @dataclass(frozen=True)
 class Grid:
-    """Grid of solves: a case at all combinations of the axes' values; axes have full names as in :class:`Case`.
+    """Grid of solves: a request at all combinations of the axes' values; axes have full names as in
+    :class:`~ocp.solve.solve_request.SolveRequest`.
 
     ``starts``, ``seed`` and ``rank`` are the number of guesses, the seed and the ranking of every solve.
     """
 
-    case: Case
+    request: SolveRequest
     axes: tuple[Axis, ...]
     starts: int = 1
     seed: int = 0
@@ -126,7 +127,7 @@ class Grid:
     @cached_property
     def source(self) -> ProblemSource:
         """Source that builds the problem, read at the first access."""
-        return self.case.source()
+        return self.request.source()
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -155,7 +156,7 @@ class Grid:
 
     def job(self, values: Mapping[str, float], start: JobResult | None = None) -> SolveJob:
         """Return the job that solves the point with ``values``, from the plan of ``start`` if given."""
-        return SolveJob(self.case.at(values), self.starts, self.seed, self.rank, start=start)
+        return SolveJob(self.request.at(values), self.starts, self.seed, self.rank, start=start)
 
     def neighbours(self, index: int) -> list[int]:
         """Return the indices of the points that are one step along an axis from the point ``index``."""
@@ -178,14 +179,14 @@ class Grid:
         accepted: set[tuple[str, float]] = set()
         for values in self.point_values:
             try:
-                source.params(self.case.at(values).params)
+                source.params(self.request.at(values).params)
                 accepted |= set(values.items())
             except InputError as error:
                 refused |= {item: error for item in values.items() if item not in refused}
         for item, error in refused.items():
             if item not in accepted:
                 raise error
-        first = self.case.at(next(values for values in self.point_values if set(values.items()) <= accepted))
+        first = self.request.at(next(values for values in self.point_values if set(values.items()) <= accepted))
         for axis in self.axes:
             for value in axis.values[:: max(1, len(axis.values) - 1)]:
                 if not axis.name.startswith("problem."):
@@ -202,14 +203,14 @@ class Grid:
 
     def checkpoint(self, root: Path | None, name: str) -> Checkpoint:
         """Return the checkpoint of this grid in the store ``root``; a change of the user's files gives another."""
-        request = {
-            "case": {**vars(self.case), "content": None},
+        description = {
+            "case": {**vars(self.request), "content": None},
             "axes": [vars(axis) for axis in self.axes],
             "starts": self.starts,
             "seed": self.seed,
             "rank": self.rank,
         }
-        return Checkpoint(root, name, {"sweep": request}, self.case.content or "")
+        return Checkpoint(root, name, {"sweep": description}, self.request.content or "")
 
 
 def dimension_name(name: str) -> str:

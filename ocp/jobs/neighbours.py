@@ -79,7 +79,7 @@ class Exchange:
             neighbours[index] = [k for k in new if (index, k) not in self.rolled_costs]
             if neighbours[index] and self.points[index].row["status"] not in (REJECTED_STATUS, FAULT_STATUS):
                 plans = tuple(self.points[k] for k in neighbours[index])
-                jobs[index] = RollJob(study.case.at(values), study.rank, plans)
+                jobs[index] = RollJob(study.request.at(values), study.rank, plans)
         for index, costs in self.roll(jobs):
             self.rolled_costs.update(((index, k), cost) for k, cost in zip(neighbours[index], costs, strict=True))
 

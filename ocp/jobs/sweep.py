@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 from dynamics.contact import ContactLaw
 from ocp.errors import InputError
 from ocp.jobs import neighbours
-from ocp.jobs.case import Case
 from ocp.jobs.grid import Grid, SavedPoints, grid_dataset, load_points, parse_axes
 from ocp.jobs.scheduling import THIS_PROCESS, Workers, map_jobs
 from ocp.jobs.sweep_job import (
@@ -28,6 +27,7 @@ from ocp.jobs.sweep_job import (
 )
 from ocp.problem.problem import Problem
 from ocp.solve.request import ProblemLike, split_keywords
+from ocp.solve.solve_request import SolveRequest
 from ocp.solve.starts import Rank, check_starts
 from ocp.store.checkpoint import UNSAVED, SavedWork
 from ocp.store.provenance import FilesChanged
@@ -88,12 +88,12 @@ def sweep(
     """
     name = _problem_name(problem)
     problem_params, law_settings = split_keywords(
-        Case(name).source(), contact, params, contact_settings, keywords, solver
+        SolveRequest(name).source(), contact, params, contact_settings, keywords, solver
     )
     law = law_name(contact)
     law_settings = law_settings if isinstance(contact, str) else contact.settings()
-    case = Case(name, problem_params, law, law_settings, method, policy, solver, dict(settings or {}))
-    study = make_grid(case, parse_axes(over), n_starts, seed, rank_by)
+    request = SolveRequest(name, problem_params, law, law_settings, method, policy, solver, dict(settings or {}))
+    study = make_grid(request, parse_axes(over), n_starts, seed, rank_by)
     session = study.check(jobs)
     root = None if store is None else expand_path(store)
     with study.checkpoint(root, session.problem.name) as checkpoint:
@@ -116,22 +116,24 @@ def _problem_name(problem: ProblemLike) -> str:
     return str(expand_path(path).resolve()) if path.endswith(".py") else path
 
 
-def make_grid(case: Case, over: tuple[Axis, ...], starts: int = 1, seed: int = 0, rank_by: Rank = "planned") -> Grid:
-    """Return the grid of a case over the axes ``over``, with names replaced by full names.
+def make_grid(
+    request: SolveRequest, over: tuple[Axis, ...], starts: int = 1, seed: int = 0, rank_by: Rank = "planned"
+) -> Grid:
+    """Return the grid of a request over the axes ``over``, with names replaced by full names.
 
-    Raises :class:`~ocp.errors.InputError` for a name that is unknown, repeated or also set in the case.
+    Raises :class:`~ocp.errors.InputError` for a name that is unknown, repeated or also set in the request.
     """
     check_starts(starts, seed, rank_by)
-    source = case.source()
-    case = case.with_content(source)
-    full_axes = [replace(axis, name=case.full_name(axis.name, source)) for axis in over]
+    source = request.source()
+    request = request.with_content(source)
+    full_axes = [replace(axis, name=request.full_name(axis.name, source)) for axis in over]
     names = [axis.name for axis in full_axes]
     for axis, name in zip(over, names, strict=True):
         if names.count(name) > 1:
             raise InputError(f"--over: {name} is given twice; give it once")
-        if case.sets(name):
+        if request.sets(name):
             raise InputError(f"{axis.name} is swept by --over; drop its own value")
-    return Grid(case, tuple(full_axes), starts, seed, rank_by)
+    return Grid(request, tuple(full_axes), starts, seed, rank_by)
 
 
 def solve_grid(

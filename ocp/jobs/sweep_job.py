@@ -12,14 +12,15 @@ from typing import Any
 import numpy as np
 
 from ocp.errors import InputError, interruptible
-from ocp.jobs.case import Case, cached_session
 from ocp.jobs.scheduling import THIS_PROCESS, Workers, map_jobs
+from ocp.jobs.session_cache import cached_session
 from ocp.judge.constraints import broken_constraints
 from ocp.problem.rollout import Gains, initial_guesses, roll_on
 from ocp.routes.homotopy import RouteResult, StageRecord
 from ocp.routes.session import Session
 from ocp.solution import Interrupted, Solution
 from ocp.solve.judging import collect_failures, judge_outcome
+from ocp.solve.solve_request import SolveRequest
 from ocp.solve.starts import (
     Rank,
     accept_standing_still,
@@ -43,12 +44,12 @@ FAULT_STATUS = "fault"
 
 @dataclass(frozen=True)
 class SolveJob:
-    """Job that solves a case from ``starts`` guesses and takes the best solution by ``rank``.
+    """Job that solves a request from ``starts`` guesses and takes the best solution by ``rank``.
 
-    If ``start`` is the result of a neighbouring point, the case is solved only from the plan of that result.
+    If ``start`` is the result of a neighbouring point, the request is solved only from the plan of that result.
     """
 
-    case: Case
+    request: SolveRequest
     starts: int = 1
     seed: int = 0
     rank: Rank = "planned"
@@ -57,9 +58,9 @@ class SolveJob:
 
 @dataclass(frozen=True)
 class StartJob:
-    """Job that solves a case from the guess with index ``number`` of ``starts`` guesses."""
+    """Job that solves a request from the guess with index ``number`` of ``starts`` guesses."""
 
-    case: Case
+    request: SolveRequest
     starts: int
     seed: int
     number: int
@@ -67,12 +68,12 @@ class StartJob:
 
 @dataclass(frozen=True)
 class RollJob:
-    """Job that rolls out ``plans`` of neighbouring points at the parameters of a case.
+    """Job that rolls out ``plans`` of neighbouring points at the parameters of a request.
 
     ``rank`` is the ranking of the sweep, which determines the contact law of the rollouts.
     """
 
-    case: Case
+    request: SolveRequest
     rank: Rank
     plans: tuple[JobResult, ...]
 
@@ -121,7 +122,7 @@ def _solve_point(job: SolveJob, report: Callable[[Any], None]) -> JobResult:
     start_time = time.perf_counter()
     try:
         with interruptible():
-            session = cached_session(job.case)
+            session = cached_session(job.request)
 
             def progress(stage: StageRecord) -> None:
                 report(stage.iterations)
@@ -141,12 +142,12 @@ def _solve_point(job: SolveJob, report: Callable[[Any], None]) -> JobResult:
 
 
 def plan_costs(job: RollJob, report: Callable[[Any], None]) -> list[float]:
-    """Return the cost of each of the job's plans, rolled out at the parameters of the job's case.
+    """Return the cost of each of the job's plans, rolled out at the parameters of the job's request.
 
     The contact law is the one by whose cost solutions are ranked. The cost is NaN if a step is not solved or a
     constraint is violated.
     """
-    session = cached_session(job.case)
+    session = cached_session(job.request)
     problem, evaluation, costs = session.problem, session.evaluation, list[float]()
     step = {"exact": problem.exact_step, "referee": problem.referee_step}.get(job.rank, session.step)
     for point in job.plans:
@@ -247,8 +248,8 @@ class StartResult:
 
 
 def solve_start(job: StartJob, report: Callable[[Any], None]) -> StartResult:
-    """Solve a case from one of its guesses, and report each stage of the solve."""
-    session = cached_session(job.case)
+    """Solve a request from one of its guesses, and report each stage of the solve."""
+    session = cached_session(job.request)
     guess = initial_guesses(session.evaluation, job.starts, job.seed)[job.number]
     outcome = session.solve(progress=lambda stage: report(asdict(stage)), guess=guess, number=job.number)
     solution = judge_outcome(session, outcome, job.seed)
@@ -263,22 +264,22 @@ def solve_start(job: StartJob, report: Callable[[Any], None]) -> StartResult:
 
 def solve_starts(
     session: Session,
-    case: Case,
+    request: SolveRequest,
     starts: int,
     seed: int = 0,
     progress: Callable[[StageRecord], None] | None = None,
     rank_by: Rank = "planned",
     workers: Workers = THIS_PROCESS,
 ) -> Solution:
-    """Solve a case from ``starts`` guesses in parallel and return the best solution.
+    """Solve a request from ``starts`` guesses in parallel and return the best solution.
 
-    ``session`` is the session of ``case`` in this process. The solution is bitwise the same as that of
+    ``session`` is the session of ``request`` in this process. The solution is bitwise the same as that of
     :func:`~ocp.solve.starts.solve_session`, which solves serially; errors are also the same.
     """
     check_starts(starts, seed, rank_by)
     if starts == 1 or workers.serial:
         return solve_session(session, starts, seed, progress, rank_by)
-    work = {number: StartJob(case, starts, seed, number) for number in range(starts)}
+    work = {number: StartJob(request, starts, seed, number) for number in range(starts)}
     finished: dict[int, StartResult] = {}
     failures: list[Exception] = []
 

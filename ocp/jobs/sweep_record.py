@@ -31,7 +31,7 @@ def run_meta(study: Grid, session: Session, data: xr.Dataset) -> dict[str, Any]:
             "at": {dim: row[dim] for dim in dims},
             "status": row["status"],
             "verdict": row["verdict"],
-            "command": shlex.join(study.job(values).case.command(study.seed, study.starts, study.rank)),
+            "command": shlex.join(study.job(values).request.command(study.seed, study.starts, study.rank)),
         }
         for values, row in zip(study.point_values, rows, strict=True)
         if not row["success"]

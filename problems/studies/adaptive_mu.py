@@ -162,7 +162,7 @@ def _printed(params: Params) -> dict:
             misfits[row, column] = min(readings_of_sigma) * C / np.sqrt(variance)
     soft = gaussian_contact(TANGENTS * sigma, F, sigma)
     tangent = np.stack((soft.lam * F / sigma, soft.slope * F), axis=1)
-    lines = np.stack([best_lines(gap, 1.0, 1.0) for gap in TANGENTS])
+    lines = np.stack([best_lines(gap) for gap in TANGENTS])
     return {
         "kappa_misfit": (("reading", "setting"), misfits, "1", "largest |kappa - lam| F/sigma at the best c1, c2"),
         "best_line": (("tangent", "norm", "coefficient"), lines, "1", "K F/sigma and W F of the best line"),

@@ -133,10 +133,10 @@ NAMES = ("drop", "throw", "pivot")
 """Names of the three systems of fig. 1."""
 
 
-def jump_decisions(data: xr.Dataset, name: str, share: float = 0.1) -> np.ndarray:
-    """Return the decisions at which the objective f jumps by more than ``share`` of its range."""
+def jump_decisions(data: xr.Dataset, name: str) -> np.ndarray:
+    """Return the decisions at which the objective f jumps by more than a tenth of its range."""
     f, theta = data[f"f_{name}"].values, data[f"fine_{name}"].values
-    return theta[:-1][np.abs(np.diff(f)) > share * np.ptp(f)]
+    return theta[:-1][np.abs(np.diff(f)) > 0.1 * np.ptp(f)]
 
 
 def _bias(data: xr.Dataset, name: str) -> float:

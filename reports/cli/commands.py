@@ -16,7 +16,7 @@ from reports.cli.options.shared import (
     JobsOptions,
     LawOptions,
     Options,
-    ProblemOptions,
+    PolicyOptions,
     RunOptions,
     SolverOptions,
     SourceOptions,
@@ -173,7 +173,7 @@ class SweepOptions(StartsOptions):
     )
 
 
-class EstimateOptions(JobsOptions, ProblemOptions):
+class EstimateOptions(JobsOptions, PolicyOptions):
     """Estimate the gradient of a smoothed objective with several estimators, and judge each.
 
     The cost of an objective, or of a problem's rollout, is averaged over Gaussian noise on the

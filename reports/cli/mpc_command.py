@@ -38,7 +38,7 @@ _DEFAULT_STEPS = 100
 
 
 @dataclass(frozen=True)
-class LoopCase:
+class MpcRequest:
     """Checked request of ``ocp mpc``: problem, law, disturbances of the plant, and number of samples."""
 
     spec: ProblemSpec
@@ -68,7 +68,7 @@ class LoopCase:
         }
 
 
-def check(options: MpcOptions) -> LoopCase:
+def check(options: MpcOptions) -> MpcRequest:
     """Build the problem, and check law, plant and disturbances."""
     entry = choose("phase", options.phase, PHASES)
     for flag in ("rate", "deadline"):
@@ -90,7 +90,7 @@ def check(options: MpcOptions) -> LoopCase:
     numbers = steps * ((problem.N + 4) * system.nx + 2 * system.nu + 2 * system.nlam + 30)
     check_memory(f"{options.seeds} seeds of {steps} samples", 16.0 * options.seeds * numbers)
     check_outputs(options.out, options.pdf)
-    return LoopCase(spec, spec.params(values).model_dump(), problem, law, disturbance, steps)
+    return MpcRequest(spec, spec.params(values).model_dump(), problem, law, disturbance, steps)
 
 
 def _disturbance(options: MpcOptions, spec: ProblemSpec, problem: Problem, steps: int) -> Disturbance:
@@ -141,41 +141,41 @@ def _pushes(words: Iterable[str], states: list[str], steps: int) -> dict[int, np
     return push_at
 
 
-def run(options: MpcOptions, case: LoopCase) -> int:
+def run(options: MpcOptions, request: MpcRequest) -> int:
     """Build the controller, simulate the closed loop, and store it."""
-    with _progress(options, case.steps) as report:
+    with _progress(options, request.steps) as report:
         controller = Controller(
-            case.problem, case.law, options.phase, None, options.iterations, options.trust, options.deadline
+            request.problem, request.law, options.phase, None, options.iterations, options.trust, options.deadline
         )
         interrupt.raise_if_interrupted()
         # A KeyboardInterrupt that is raised within a sample could become an error of compiled code.
         with interrupt.defer_interrupts():
             loop = simulate(
                 controller,
-                case.steps,
+                request.steps,
                 options.plant,
-                case.disturbance,
+                request.disturbance,
                 seeds=options.seeds,
                 seed=options.seed,
                 certify=options.certify,
                 progress=report,
             )
-            stored = _store_loop(options, case, controller, loop)
+            stored = _store_loop(options, request, controller, loop)
     output = options.output
     output.note(loop_table(stored.meta))
     output.say(stored.meta["verdict"])
     for line in (*controller.notes, *loop_notes(stored.meta)):
         output.say(line)
     findings = [finding.document for finding in loop.verdict.findings]
-    output.finish(stored, {**stored.meta, "findings": findings}, options.pdf, case.spec)
+    output.finish(stored, {**stored.meta, "findings": findings}, options.pdf, request.spec)
     output.note(f"Look at it with ocp report {stored.path.name} -o loop.pdf, or ocp animate.")
     interrupt.raise_if_interrupted()
     return 0 if stored.meta["status"] in ("done", "warnings") else NOT_SURVIVED
 
 
-def _store_loop(options: MpcOptions, case: LoopCase, controller: Controller, loop: ClosedLoop) -> StoredRun:
+def _store_loop(options: MpcOptions, request: MpcRequest, controller: Controller, loop: ClosedLoop) -> StoredRun:
     """Store the simulated samples and return the run; raises KeyboardInterrupt if there are none."""
-    data = labelled_arrays(loop, case.disturbance.mismatch)
+    data = labelled_arrays(loop, request.disturbance.mismatch)
     if not data.sizes["seed"]:
         raise KeyboardInterrupt
     meta = {
@@ -183,13 +183,13 @@ def _store_loop(options: MpcOptions, case: LoopCase, controller: Controller, loo
         "argv": options.argv,
         "tags": options.tags,
         "seed": options.seed,
-        "record": case.record(options),
-        "source_digest": case.spec.digest,
+        "record": request.record(options),
+        "source_digest": request.spec.digest,
         **loop_summary(loop, data, controller.notes, options.rate),
     }
     first_seed = data.isel(node=slice(0, int(data["ended"].values[0]) + 1))
-    problem_part = store.problem_parts(case.problem, first_seed)
-    return store.write_run(options.out, case.spec.name, data, meta, problem_part)
+    problem_part = store.problem_parts(request.problem, first_seed)
+    return store.write_run(options.out, request.spec.name, data, meta, problem_part)
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""Checked values of a command line, and the session that solves the requested problem."""
+"""Checked values of a command line, and the request of a solve with its session."""
 
 from __future__ import annotations
 
@@ -7,20 +7,17 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ocp import store
 from ocp.errors import InputError
 from ocp.routes.session import Session
-from ocp.solve.solve import new_session
+from ocp.solve.solve_request import SolveRequest
 from ocp.store import atomic
 from ocp.transcription.factories import law_name
 from problems import ProblemSpec
 from problems.plugin import source
 from reports.cli.options.shared import SolverOptions
-
-if TYPE_CHECKING:
-    from ocp.jobs.case import Case
 
 
 def parse_assignments(option: str, words: Iterable[str] | None) -> dict[str, str]:
@@ -89,22 +86,22 @@ def check_output_file(file: Path, kind: str) -> None:
 
 @dataclass(frozen=True)
 class Request:
-    """A checked command line: the problem's spec, the arguments of :func:`ocp.solve`, the session."""
+    """Checked options of a command that solves a problem: the problem's spec, the request, and its session."""
 
     spec: ProblemSpec
-    arguments: dict[str, Any]
+    solve_request: SolveRequest
     session: Session
 
     @classmethod
     def read(cls, options: SolverOptions) -> Request:
-        """Return the request that the options describe; raises InputError for the first invalid value."""
-        spec, arguments = read_names(options)
-        return cls(spec, arguments, new_session(spec, **arguments))
+        """Return what the options describe; raises InputError for the first invalid value."""
+        spec, request = read_request(options)
+        return cls(spec, request, request.session(spec))
 
     @cached_property
     def params(self) -> dict[str, Any]:
         """Mapping from all parameters of the problem to their values."""
-        return self.spec.params(self.arguments["params"]).model_dump()
+        return self.spec.params(self.solve_request.params).model_dump()
 
     @property
     def origin(self) -> dict[str, Any]:
@@ -113,25 +110,19 @@ class Request:
         return {"params": self.params, "source": source}
 
 
-def read_names(options: SolverOptions) -> tuple[ProblemSpec, dict[str, Any]]:
-    """Return the problem, and the other names and settings as arguments of :func:`ocp.solve`.
+def read_request(options: SolverOptions) -> tuple[ProblemSpec, SolveRequest]:
+    """Return the problem, and the request of its solve, with the absolute path of a problem file.
 
     Raises :class:`~ocp.errors.InputError` for an unknown problem and for malformed assignments.
     """
-    return source(options.problem), {
-        "params": parse_assignments("-p", options.params),
-        "contact": law_name(options.contact),
-        "contact_settings": parse_assignments("-c", options.law_settings),
-        "method": options.method,
-        "policy": options.policy,
-        "solver": options.solver,
-        "settings": parse_assignments("-s", options.settings),
-    }
-
-
-def case_of(spec: ProblemSpec, arguments: dict[str, Any]) -> Case:
-    """Return a description from which any process can build the problem, with the absolute path of a problem file."""
-    # Imported only here, since one solve in this process needs no jobs.
-    from ocp.jobs.case import Case
-
-    return Case(spec.name if spec.path is None else str(spec.path), **arguments).with_content(spec)
+    spec = source(options.problem)
+    return spec, SolveRequest(
+        spec.name if spec.path is None else str(spec.path),
+        params=parse_assignments("-p", options.params),
+        contact=law_name(options.contact),
+        contact_settings=parse_assignments("-c", options.law_settings),
+        method=options.method,
+        policy=options.policy,
+        solver=options.solver,
+        settings=parse_assignments("-s", options.settings),
+    )

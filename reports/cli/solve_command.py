@@ -28,7 +28,7 @@ from problems.plugin import edited, law_of, problem_of
 from reports.cli import interrupt
 from reports.cli.commands import ReplayOptions, SolveOptions
 from reports.cli.guess_file import read_guess
-from reports.cli.request import Request, case_of, check_output_file, check_outputs, parse_assignments
+from reports.cli.request import Request, check_output_file, check_outputs, parse_assignments
 from reports.cli.streams import Output
 from reports.tables import console
 from reports.tables.console import number, small
@@ -160,7 +160,7 @@ def _solved(options: SolveOptions, request: Request, start: Solution | None) -> 
 
                 solution = solve_starts(
                     request.session,
-                    case_of(request.spec, request.arguments),
+                    request.solve_request.with_content(request.spec),
                     options.starts,
                     options.seed,
                     on_stage,

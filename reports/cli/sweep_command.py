@@ -14,7 +14,7 @@ from ocp import store
 from ocp.continuation import Continuation, continue_over, curve_dataset, resolve
 from ocp.continuation.events import describe_events
 from ocp.continuation.walk import check_range, check_value
-from ocp.errors import InputError, choose, interruptible
+from ocp.errors import InputError, interruptible
 from ocp.jobs.grid import Grid, dimension_name, grid_dataset, load_points, parse_axes
 from ocp.jobs.scheduling import Workers
 from ocp.jobs.sweep import make_grid, solve_grid
@@ -26,7 +26,7 @@ from ocp.solve.starts import Rank
 from ocp.store.checkpoint import Checkpoint
 from reports.cli import interrupt
 from reports.cli.commands import ContinueOptions, SweepOptions
-from reports.cli.request import Request, case_of, check_outputs, parse_assignments, read_names
+from reports.cli.request import Request, check_outputs, parse_assignments, read_request
 from reports.cli.solve_command import NOT_CONVERGED
 from reports.tables.listings import curve_lines, event_table, point_table, sweep_progress
 
@@ -43,13 +43,7 @@ class SweepRequest:
 def check(options: SweepOptions) -> SweepRequest:
     """Read the grid, build its first point, and check memory and output files."""
     over = parse_axes(options.over or ())
-    study = make_grid(
-        case_of(*read_names(options)),
-        over,
-        options.starts,
-        options.seed,
-        cast("Rank", options.rank),
-    )
+    study = make_grid(read_request(options)[1], over, options.starts, options.seed, cast("Rank", options.rank))
     session = study.check(options.jobs)
     check_outputs(options.out, options.pdf)
     return SweepRequest(study, session, study.checkpoint(options.out, session.problem.name))
@@ -120,13 +114,8 @@ def _document(meta: dict[str, Any], points: list[dict[str, Any]], data: xr.Datas
     }
 
 
-SCALES = {"log": "in equal ratios", "linear": "in equal steps"}
-"""Mapping from values of ``--scale`` to their meaning."""
-
-
 def check_continue(options: ContinueOptions) -> Request:
     """Return the request with its session, after checks of the parameter's range and of memory."""
-    choose("scale", options.scale, SCALES)
     request = Request.read(options)
     check_memory(f"--steps {options.steps}", points_memory(request.session.problem, options.steps))
     check_outputs(options.out, options.pdf)

@@ -15,6 +15,8 @@ _ACTIVE_NOTE = "Active: normal impulse above 1e-6 and above the gap, in characte
 """Note that defines active contacts."""
 _DISTANT_NOTE = "Distant: such an impulse over a larger gap, force at a distance of smoothing."
 """Note that defines distant contacts."""
+MAX_SPANS = 6
+"""Number of spans of steps that a table shows."""
 
 
 def contact_table(audit: Audit) -> Group:
@@ -73,8 +75,8 @@ def _far(audit: Audit) -> bool:
     return any(contact.distant for contact in audit.contacts)
 
 
-def spans_text(spans: Sequence[Sequence[int]], max_spans: int = 6) -> str:
-    """Return spans of steps as text, such as ``0-4, 7, 9-12``; after ``max_spans`` a count of the others."""
+def spans_text(spans: Sequence[Sequence[int]]) -> str:
+    """Return spans of steps as text, such as ``0-4, 7, 9-12``; after :data:`MAX_SPANS` a count of the others."""
     words = [f"{first}-{last}" if last > first else str(first) for first, last in spans]
-    remainder = f", {len(words) - max_spans} more" if len(words) > max_spans else ""
-    return ", ".join(words[:max_spans]) + remainder
+    remainder = f", {len(words) - MAX_SPANS} more" if len(words) > MAX_SPANS else ""
+    return ", ".join(words[:MAX_SPANS]) + remainder

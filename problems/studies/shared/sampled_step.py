@@ -216,22 +216,22 @@ def least_residual(z: float, F: float, sigma: float) -> float:
 
     S_0 is homogeneous, so that this is sigma/F times the value at z/sigma.
     """
-    (K, W), _ = best_lines(z / sigma, 1.0, 1.0)
+    (K, W), _ = best_lines(z / sigma)
     w = np.linspace(-8, 8, 8001)
     residuals = np.abs(np.maximum(0, -(z / sigma + w)) - W * w - K)
     return float(np.sum(norm.pdf(w) * residuals) * (w[1] - w[0]) * sigma / F)
 
 
-def best_lines(z: float, F: float, sigma: float) -> np.ndarray:
-    """Return (K, W) of the lines ``W w + K`` closest to S_0(z + w), w ~ N(0, sigma²), in mean |.| and mean square."""
+def best_lines(z: float) -> np.ndarray:
+    """Return (K, W) of the lines ``W w + K`` closest to S_0(z + w), w ~ N(0, 1), F = 1, in mean |.| and mean square."""
     w, weight = np.polynomial.hermite_e.hermegauss(200)
     is_weighty = weight > 1e-16
-    w, weight = sigma * w[is_weighty], weight[is_weighty] / weight.sum()
-    target = np.maximum(0, -(z + w)) / F
+    w, weight = w[is_weighty], weight[is_weighty] / weight.sum()
+    target = np.maximum(0, -(z + w))
     rows = np.stack((np.ones_like(w), w), 1) * np.sqrt(weight)[:, None]
     square = np.linalg.lstsq(rows, target * np.sqrt(weight), rcond=None)[0]
-    fine = np.linspace(-8, 8, 8001) * sigma
-    density, exact = norm.pdf(fine, 0, sigma), np.maximum(0, -(z + fine)) / F
+    fine = np.linspace(-8, 8, 8001)
+    density, exact = norm.pdf(fine), np.maximum(0, -(z + fine))
 
     def residual(kw: np.ndarray) -> float:
         return float(np.sum(density * np.abs(exact - kw[1] * fine - kw[0])) * (fine[1] - fine[0]))

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import ClassVar
 
-from reports.cli.options.shared import PROBLEM_HELP, LawOptions, TagOptions, argument, assignment, option
+from reports.cli.options.shared import ProblemOptions, assignment, option
 
 
-class MpcOptions(LawOptions, TagOptions):
+class MpcOptions(ProblemOptions):
     """Simulate a receding-horizon controller on a plant, and store the closed loop as a run.
 
     The plant may differ from the model: finer steps, noise, other parameters, a delay, pushes. Each
@@ -21,8 +20,6 @@ class MpcOptions(LawOptions, TagOptions):
         "mpc soft-walls --plant h/4 --noise-state 0.01 --mismatch mp=0.5 --seeds 5",
         "mpc soft-walls --phase relaxed -c mu=1e-3 --push 20:dp=0.5 --rate 100",
     )
-    problem: str = argument(help=PROBLEM_HELP)
-    params: list[str] | None = assignment("--param", "-p", help="Parameter of the problem; list with ocp show PROBLEM.")
     contact: str = option(
         "own",
         "--contact",
@@ -44,6 +41,4 @@ class MpcOptions(LawOptions, TagOptions):
     delay: bool = option(False, help="Apply each input one sample late.")
     push: list[str] | None = option(None, metavar="K:NAME=X", help="Change of a state before sample K.")
     seeds: int = option(1, min=1, max=10_000, help="Number of seeds of the noise.")
-    seed: int = option(0, min=0, help="Random seed.")
     certify: int = option(0, min=0, metavar="N", help="Judge every Nth plan; 0: none.")
-    pdf: Path | None = option(None, help="Write a PDF report to this file.")

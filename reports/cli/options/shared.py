@@ -158,19 +158,24 @@ class LawOptions(StoreOptions):
 
 
 class ProblemOptions(LawOptions, TagOptions):
-    """Options for a problem, its contact law and policy, and a report of the result."""
+    """Options for a problem, its contact law, random numbers, and a report of the result."""
 
     problem: str = argument(help=PROBLEM_HELP)
     params: list[str] | None = assignment("--param", "-p", help="Parameter of the problem; list with ocp show PROBLEM.")
-    policy: str = option("open-loop", help="open-loop or feedback.")
-    settings: list[str] | None = assignment(
-        "--setting", "-s", help="Setting of method, policy or solver; list with ocp settings."
-    )
     seed: int = option(0, min=0, help="Random seed.")
     pdf: Path | None = option(None, help="Write a PDF report to this file.")
 
 
-class SolverOptions(ProblemOptions):
+class PolicyOptions(ProblemOptions):
+    """Options for a policy, and settings of method, policy and solver."""
+
+    policy: str = option("open-loop", help="open-loop or feedback.")
+    settings: list[str] | None = assignment(
+        "--setting", "-s", help="Setting of method, policy or solver; list with ocp settings."
+    )
+
+
+class SolverOptions(PolicyOptions):
     """Options for transcription method and solver."""
 
     method: str = option("direct", help="direct, multiple-shooting, ...")
@@ -205,9 +210,10 @@ class StartsOptions(JobsOptions, SolverOptions):
 
     def check(self) -> None:
         """Raise InputError for an unknown rank, and for a rank with a single start."""
-        from ocp.errors import InputError, choose
+        from ocp.errors import InputError
+        from ocp.solve.starts import check_starts
 
         super().check()
-        choose("rank", self.rank, dict.fromkeys(("planned", "exact", "referee")))
+        check_starts(self.starts, self.seed, self.rank)
         if "rank" in self.explicit and self.starts == 1:
             raise InputError("--rank needs several starts; give --starts 2 or more")

@@ -60,7 +60,7 @@ def test_kappa_true_and_printed_as_the_errata_have_them() -> None:
     assert soft.lam[0] == pytest.approx(0.04217, abs=5e-6)
     assert averaged_exact(0.3, 2.0, gaussian_density(0.5)) == pytest.approx(soft.lam[0], rel=1e-10)
     assert printed_kappa(np.array(0.3), 0.5) == pytest.approx(0.5577, abs=1e-4)
-    assert best_lines(0.5, 1.0, 1.0) == pytest.approx(np.array([[0.087, -0.129], [0.198, -0.309]]), abs=2e-3)
+    assert best_lines(0.5) == pytest.approx(np.array([[0.087, -0.129], [0.198, -0.309]]), abs=2e-3)
 
 
 def test_constant_mu_is_student_noise_and_its_curvature_the_density() -> None:

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from ocp.errors import InputError
-from ocp.jobs.case import Case
 from ocp.jobs.grid import dimension_name, parse_axes, parse_axis
 from ocp.jobs.sweep import make_grid
+from ocp.solve.solve_request import SolveRequest
 from ocp.validation import Axis
 
 
@@ -63,7 +63,7 @@ def test_grids_that_cannot_be() -> None:
 
 
 def test_names_are_those_of_the_problem_the_law_the_settings_and_the_policy() -> None:
-    case = Case("push-1d", contact="barrier")
+    case = SolveRequest("push-1d", contact="barrier")
     source = case.source()
     for name, full in {
         "M": "problem.M",
@@ -89,16 +89,16 @@ def test_names_are_those_of_the_problem_the_law_the_settings_and_the_policy() ->
     ],
 )
 def test_names_that_there_are_not(name: str, sentence: str) -> None:
-    case = Case("push-1d", contact="barrier")
+    case = SolveRequest("push-1d", contact="barrier")
     with pytest.raises(InputError, match=sentence):
         case.full_name(name, case.source())
 
 
 def test_a_value_of_its_own_and_a_name_in_two_ways_exclude_each_other() -> None:
     with pytest.raises(InputError, match="M is swept by --over; drop its own value"):
-        make_grid(Case("push-1d", {"M": 1.0}), parse_axes(["M=1:2:2"]))
+        make_grid(SolveRequest("push-1d", {"M": 1.0}), parse_axes(["M=1:2:2"]))
     with pytest.raises(InputError, match=r"contact\.mu is given twice"):
-        make_grid(Case("push-1d", contact="barrier"), parse_axes(["mu=1:2:2", "contact.mu=1:2:3"]))
+        make_grid(SolveRequest("push-1d", contact="barrier"), parse_axes(["mu=1:2:2", "contact.mu=1:2:3"]))
 
 
 def test_a_value_that_no_point_can_have_is_refused_with_its_sentence() -> None:
@@ -109,7 +109,7 @@ def test_a_value_that_no_point_can_have_is_refused_with_its_sentence() -> None:
         "qa0=-0.5:0.5:3": "the pusher starts inside the object",
     }.items():
         with pytest.raises(InputError, match=sentence):
-            make_grid(Case("push-1d", contact="barrier"), parse_axes([text])).check()
+            make_grid(SolveRequest("push-1d", contact="barrier"), parse_axes([text])).check()
 
 
 def test_a_dimension_is_called_as_its_parameter_but_where_the_dataset_has_that_name() -> None:

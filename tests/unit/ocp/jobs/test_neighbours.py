@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 
 from ocp.jobs import neighbours
-from ocp.jobs.case import Case
 from ocp.jobs.grid import Grid, parse_axes
 from ocp.jobs.sweep import sweep
 from ocp.jobs.sweep_job import JobResult, SolveJob, failed_result, solve_job
 from ocp.jobs.sweep_record import grid_rows, summarise_points
+from ocp.solve.solve_request import SolveRequest
 from tests.unit.ocp.jobs.same import same
 
-GRID = Grid(Case("push-1d"), parse_axes({"problem.M": [1.0, 2.0, 3.0], "problem.K": [1.0, 2.0]}))
+GRID = Grid(SolveRequest("push-1d"), parse_axes({"problem.M": [1.0, 2.0, 3.0], "problem.K": [1.0, 2.0]}))
 ROW = {"success": 1, "survives": 1, "idle_cost": 10.0, "exact_cost": 1.0, "referee_cost": 1.0}
 
 
@@ -84,7 +84,7 @@ def test_a_point_above_what_a_dearer_neighbours_plan_gives_there_is_repaired_or_
         point = solve_job(job, report)
         if job.start is not None and not is_solved_again:
             return failed_result("not converged", "")
-        is_poor = job.start is None and job.case.params["w_x"] == 1.0
+        is_poor = job.start is None and job.request.params["w_x"] == 1.0
         return replace(point, row={**point.row, "cost": poor_cost}) if is_poor else point
 
     monkeypatch.setattr("ocp.jobs.sweep.solve_job", solve_poorly)

@@ -11,9 +11,10 @@ import pytest
 
 from dynamics.contact import Barrier
 from ocp.errors import InputError
-from ocp.jobs.case import Case, SessionCache
+from ocp.jobs.session_cache import SessionCache
 from ocp.jobs.sweep import sweep
 from ocp.solution import Solution
+from ocp.solve.solve_request import SolveRequest
 from ocp.solve.starts import solve_session
 from ocp.store.json_values import to_json
 from ocp.transcription import Direct, MultipleShooting
@@ -47,7 +48,7 @@ def told(found: Solution) -> str:
 def test_a_session_that_takes_functions_over_answers_as_a_new_one(
     problem: str, contact: str, method: str, name: str, values: tuple[float, ...]
 ) -> None:
-    base, kept = Case(problem, SHORT, contact, method=method), SessionCache()
+    base, kept = SolveRequest(problem, SHORT, contact, method=method), SessionCache()
     for value in values:
         case = base.at({name: value})
         alone, shared = (solve_session(one) for one in (case.session(), kept.session(case)))
@@ -67,7 +68,7 @@ def test_numbers_alone_build_no_program_again(monkeypatch: pytest.MonkeyPatch) -
             return real(self, *given, **more)
 
         monkeypatch.setattr(method, "transcribe", counted)
-    kept, case = SessionCache(), Case("push-1d", SHORT, "barrier")
+    kept, case = SessionCache(), SolveRequest("push-1d", SHORT, "barrier")
     solve_session(kept.session(case))
     first = len(built)
     assert first > 0
@@ -86,7 +87,7 @@ def test_every_point_is_the_solve_of_its_own() -> None:
     assert found["contact.mu"].values.tolist() == [1e-3, 1e-1]
     for M in (0.5, 2.0):
         for mu in (1e-3, 1e-1):
-            alone = solve_session(Case("push-1d", {**SHORT, "M": M}, "barrier", {"mu": mu}).session())
+            alone = solve_session(SolveRequest("push-1d", {**SHORT, "M": M}, "barrier", {"mu": mu}).session())
             point = found.sel({"M": M, "contact.mu": mu})
             assert float(point["cost"]) == alone.cost
             assert float(point["exact_cost"]) == alone.audit.exact_cost
@@ -109,7 +110,7 @@ def test_points_of_other_lengths_stand_in_one_array_and_end_in_nothing() -> None
     assert found.sizes["node"] == 7 and found["N"].values.tolist() == [6, 4]
     short = found.sel(N=4)
     assert np.isfinite(short["x"].values[:, :5]).all() and np.isnan(short["x"].values[:, 5:]).all()
-    alone = solve_session(Case("push-1d", {"N": 4}).session())
+    alone = solve_session(SolveRequest("push-1d", {"N": 4}).session())
     assert float(short["cost"]) == alone.cost
     assert np.array_equal(short["x"].values[:, :5], alone.data["x"].values)
 
@@ -133,7 +134,7 @@ def test_what_cannot_be_asked_or_fails_is_a_point_with_its_sentence() -> None:
 def test_seeds_and_starts_are_those_of_each_solve() -> None:
     found = sweep("push-1d", {"M": [1.0, 2.0]}, "exact", params=SHORT, n_starts=2, seed=3)
     for M in (1.0, 2.0):
-        session = Case("push-1d", {**SHORT, "M": M}, "exact").session()
+        session = SolveRequest("push-1d", {**SHORT, "M": M}, "exact").session()
         alone = solve_session(session, 2, 3)
         assert float(found["cost"].sel(M=M)) == alone.cost
         assert int(found["iterations"].sel(M=M)) == alone.iterations

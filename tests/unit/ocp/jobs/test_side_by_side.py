@@ -12,11 +12,11 @@ import pytest
 
 from ocp.errors import InputError
 from ocp.jobs import sweep_job
-from ocp.jobs.case import Case
 from ocp.jobs.grid import parse_axes
 from ocp.jobs.scheduling import Workers
 from ocp.jobs.sweep import make_grid, solve_grid, sweep
 from ocp.jobs.sweep_job import JobResult, solve_starts
+from ocp.solve.solve_request import SolveRequest
 from ocp.solve.starts import solve_session
 from tests.unit.ocp.jobs.same import same
 
@@ -97,7 +97,7 @@ def test_what_is_kept_belongs_to_one_sweep_and_a_broken_file_is_not_kept(tmp_pat
 
 @pytest.mark.costly
 def test_starts_side_by_side_are_starts_one_after_another() -> None:
-    case = Case("push-1d", SHORT, "exact")
+    case = SolveRequest("push-1d", SHORT, "exact")
     session = case.session()
     alone = solve_session(session, 3, 5, rank_by="exact")
     beside = solve_starts(case.session(), case, 3, 5, rank_by="exact", workers=Workers(2))
@@ -130,7 +130,7 @@ def test_ctrl_c_that_compiled_code_took_for_a_failure_is_no_point(
         sweep("push-1d", {"M": [1.0, 2.0]}, params=SHORT, store=tmp_path)
     assert not list(tmp_path.rglob("point-*.json"))
     monkeypatch.undo()
-    study = make_grid(Case("push-1d", SHORT), parse_axes({"M": [1.0, 2.0]}))
+    study = make_grid(SolveRequest("push-1d", SHORT), parse_axes({"M": [1.0, 2.0]}))
     checkpoint = study.checkpoint(tmp_path, study.check().problem.name)
 
     def stop(_: int, message: object) -> None:

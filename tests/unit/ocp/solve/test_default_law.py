@@ -6,9 +6,9 @@ import inspect
 from dataclasses import fields
 
 from docs.generator.measured import read
-from ocp.jobs.case import Case
 from ocp.jobs.sweep import sweep
 from ocp.solve.solve import solve
+from ocp.solve.solve_request import SolveRequest
 from ocp.transcription.factories import DEFAULT_LAW
 from reports.cli.commands import ContinueOptions, SolveOptions, SweepOptions
 
@@ -16,7 +16,7 @@ from reports.cli.commands import ContinueOptions, SolveOptions, SweepOptions
 def test_python_and_the_command_line_agree() -> None:
     for function in (solve, sweep):
         assert inspect.signature(function).parameters["contact"].default == DEFAULT_LAW
-    for options in (SolveOptions, SweepOptions, ContinueOptions, Case):
+    for options in (SolveOptions, SweepOptions, ContinueOptions, SolveRequest):
         (contact,) = (one for one in fields(options) if one.name == "contact")
         assert contact.default == DEFAULT_LAW
 
