@@ -22,7 +22,6 @@ from ocp.solve.request import rebuilder
 from ocp.solve.solve import begin_at, climb_from, refine_from, solve_from
 from ocp.solve.starts import Rank, check_until, solve_session
 from ocp.store import atomic
-from ocp.store.route_record import record_of
 from ocp.store.stored_run import StoredRun
 from problems.plugin import edited, law_of, problem_of
 from reports.cli import interrupt
@@ -205,51 +204,38 @@ def print_solution(output: Output, solution: Solution) -> None:
         output.note(console.starts_table(solution.route.attempts))
 
 
-_SOLUTION_KEYS = (
-    "success",
-    "verdict",
-    "cost",
-    "iterations",
-    "build_s",
-    "solve_s",
-    "evaluation_s",
-    "solver_s",
-    "iteration_s",
-)
-"""Keys of the JSON document that are attributes of the solution."""
-_CERTIFICATE_KEYS = ("biactive", "lpec_decrease", "kkt_residual", "negative_curvature")
-"""Keys of the JSON document that are attributes of the certificate."""
+_REQUEST_KEYS = ("problem", "contact", "method", "policy", "solver", "settings", "seed", "from", "jit")
+"""Keys of the JSON document that are in a run's record, and say what was requested."""
+_ROUTE_KEYS = ("route", "refined", "ladder", "search", "world", "sensitivities")
+"""Keys of the JSON document that are in a run's record, and say how the answer was found and what followed."""
+_RESULT_KEYS = ("status", "verdict", "grade", "cost", "idle_cost", "iterations", "stages", "others", "referee")
+"""Keys of the JSON document that are results in the metadata of a run."""
+_META_KEYS = ("build_s", "solve_s", "evaluation_s", "solver_s", "hash", "versions")
+"""Keys of the JSON document that are times, hash and versions in the metadata of a run."""
+_CERTIFICATE_KEYS = ("stationarity", "biactive", "lpec_decrease", "kkt_residual", "negative_curvature")
+"""Keys of the JSON document that the certificate has."""
+_REFEREE_KEYS = ("survives", "survives_at_h", "refined_cost")
+"""Keys of the JSON document that the referee's report has."""
 
 
 def solution_document(solution: Solution, meta: Mapping[str, Any]) -> dict[str, Any]:
     """Return the JSON document of ``ocp solve``, without paths; ``meta`` is the metadata of the stored run."""
-    record, audit, certificate = record_of(solution), asdict(solution.audit), solution.certificate
+    record, certificate, referee = meta["record"], meta["certificate"], meta["referee"]
     return {
-        **{key: record.get(key) for key in ("problem", "contact", "method", "policy", "solver")},
-        "status": solution.status.label,
-        **{name: getattr(solution, name) for name in _SOLUTION_KEYS},
-        **audit,
-        "stationarity": certificate.stationarity,
-        "stationarity_kind": certificate.kind,
-        **{name: getattr(certificate, name) for name in _CERTIFICATE_KEYS},
-        "findings": [finding.document for finding in solution.findings],
-        "moves": [str(move) for move in certificate.moves],
-        "certificate_s": certificate.seconds,
-        "idle_cost": solution.idle_cost,
-        "referee_cost": solution.referee.cost,
-        "referee_gap": solution.referee.gap,
-        "survives": solution.referee.survives,
-        "survives_at_h": solution.referee.survives_at_h,
-        "refined_cost": solution.referee.refined_cost,
-        **{key: record.get(key) for key in ("route", "refined", "ladder", "search", "world", "sensitivities")},
-        "referee": solution.referee.document,
-        "grade": solution.grade,
-        "stages": [asdict(stage) for stage in solution.stages],
-        "others": [asdict(attempt) for attempt in solution.route.attempts],
-        "hash": meta["hash"],
+        **{key: record.get(key) for key in (*_REQUEST_KEYS, *_ROUTE_KEYS)},
         "params": record.get("params", record.get("parameters")),
-        **{key: record.get(key) for key in ("settings", "seed", "from", "jit")},
-        "versions": meta["versions"],
+        **{key: meta[key] for key in (*_RESULT_KEYS, *_META_KEYS)},
+        "success": solution.success,
+        "iteration_s": solution.iteration_s,
+        "findings": [finding.document for finding in solution.findings],
+        **meta["audit"],
+        **{key: certificate[key] for key in _CERTIFICATE_KEYS},
+        "stationarity_kind": certificate["kind"],
+        "certificate_s": certificate["seconds"],
+        "moves": [str(move) for move in solution.certificate.moves],
+        **{key: referee[key] for key in _REFEREE_KEYS},
+        "referee_cost": referee["cost"],
+        "referee_gap": referee["gap"],
     }
 
 

@@ -16,7 +16,7 @@ from ocp.learning.random_search import RandomSearch
 from ocp.learning.training import ALGORITHMS
 from problems.tasks import registry
 from problems.tasks.registry import TaskSpec, default_settings, make_algorithm
-from reports.tables.settings import default_text
+from reports.tables.settings import default_text, setting_rows
 
 SHARED_SETTINGS = {name: setting for name, setting in settings_of(Experiment).items() if setting.meaning}
 """Settings of every algorithm, which are fields of :class:`~ocp.learning.experiment.Experiment`."""
@@ -73,7 +73,9 @@ def help_text() -> str:
     paragraphs = ["Tasks, and their default algorithm:", *_table(tasks)]
     paragraphs += ["", "Settings of all algorithms, -s name=value:"]
     paragraphs += _table([(_setting(name, about.default), about.meaning) for name, about in SHARED_SETTINGS.items()])
-    paragraphs += ["", "Physical parameters learned with the policy:", *_table([*PSI_SETTINGS.items()])]
+    psi = {f"{PSI}.{row.name}": row.default for cls in (PsiLearning, RandomSearch) for row in setting_rows(cls)}
+    paragraphs += ["", "Physical parameters learned with the policy: -s psi=NAME,NAME; psi.NAME=value: initial value"]
+    paragraphs += [_listed(psi)]
     for name, cls in ALGORITHMS.items():
         defaults = {key: setting.default for key, setting in settings_of(cls).items()}
         paragraphs += ["", f"{name}: {cls.summary}; {cls.contact} law", _listed(defaults)]
@@ -99,12 +101,6 @@ def _setting(name: str, value: Any) -> str:
 
 PSI = "psi"
 """Name of the setting with the physical parameters to learn, and prefix of its settings."""
-PSI_SETTINGS = {
-    "psi": "parameters of the task to learn, names with commas",
-    "psi.NAME": "initial value of a learned parameter",
-    "psi.n_envs": "episodes continued in every iteration; psi.steps of each",
-}
-"""Settings of learned parameters that only the help describes; others are fields of PsiLearning and RandomSearch."""
 
 
 @dataclass(frozen=True)
