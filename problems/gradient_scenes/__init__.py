@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from ocp.errors import choose
 from problems.gradient_scenes.falling import BOUNCE, CORNER, OBLIQUE_DROP
 from problems.gradient_scenes.meeting import PENDULUM_STOP, PUSH_FROM_AFAR, TWO_BALLS
 from problems.gradient_scenes.scene import Mechanics, Scene
@@ -25,9 +24,4 @@ SCENES: dict[str, Scene] = {
 """Mapping from the name of a scene to the scene."""
 
 
-def scene(name: str) -> Scene:
-    """Return the scene called ``name``; raise :class:`~ocp.errors.InputError` for an unknown name."""
-    return choose("scene", name, SCENES)
-
-
-__all__ = ["SCENES", "Mechanics", "Scene", "scene"]
+__all__ = ["SCENES", "Mechanics", "Scene"]

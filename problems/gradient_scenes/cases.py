@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
-from ocp.errors import InputError
+from ocp.errors import InputError, choose
 from ocp.gradients.worlds.report import Question
 from ocp.gradients.worlds.world import World
 from ocp.store.provenance import content_digest
-from problems.gradient_scenes import SCENES, scene
+from problems.gradient_scenes import SCENES
 from problems.gradient_scenes.own_world import OwnWorld, load_own_world
 from problems.gradient_scenes.worlds import scene_world
 
@@ -40,55 +41,43 @@ def gradient_case(
     Raises :class:`~ocp.errors.InputError` for an unknown name, for a setting that no world has, and as
     :func:`~problems.gradient_scenes.own_world.load_own_world` does.
     """
-    files: list[OwnWorld] = []
+    digests: list[str] = []
 
-    def own_world(path: str) -> OwnWorld:
-        files.append(load_own_world(path, parameter, output))
-        return files[-1]
+    def read(path: str) -> OwnWorld:
+        own = load_own_world(path, parameter, output)
+        digests.append(own.digest)
+        return own
 
     if source.endswith(".py"):
-        asked = own_world(source)
-        if asked.question is None:
+        asked, name = read(source), Path(source).stem
+        title, question = name, asked.question
+        if question is None:
             raise InputError(
                 f"{source}: the file must define theta, the parameters at which the gradient is asked for; or compare"
                 f" it with a scene: ocp gradients oblique-drop --world {source}"
             )
-        others = [own_world(name).world for name in worlds if name != source] if _all_files(worlds, source) else []
-        name, title, question, chosen = asked.world.name, asked.world.name, asked.question, [asked.world, *others]
+        if named := [name for name in worlds if not name.endswith(".py")]:
+            raise InputError(f"{named[0]} simulates the scenes {', '.join(SCENES)}, and not {source}; name files")
+        chosen = [asked.world, *(read(name).world for name in worlds)]
     else:
-        known = scene(source)
+        known = choose("scene", source, SCENES)
         if parameter or output:
             raise InputError(f"the scene {source} has one parameter and one output; drop --parameter and --component")
         name, title, question = known.name, known.title, known.question
-        names = list(worlds) or ["exact"]
-        chosen = [own_world(each).world if each.endswith(".py") else scene_world(known, each) for each in names]
-    if repeated := {world.name for world in chosen if [other.name for other in chosen].count(world.name) > 1}:
-        raise InputError(f"the world {min(repeated)} is named twice; name it once")
-    return GradientCase(
-        name,
-        title,
-        question,
-        _with_settings(chosen, settings or {}),
-        content_digest([each.digest for each in files], {}),
-    )
-
-
-def _all_files(worlds: Sequence[str], source: str) -> bool:
-    """Return whether all worlds are files; raise InputError otherwise, since named worlds cannot simulate a file."""
-    for name in worlds:
-        if not name.endswith(".py"):
-            raise InputError(
-                f"the world {name} simulates the scenes {', '.join(SCENES)}, and not {source}; name files as its worlds"
-            )
-    return True
+        chosen = [
+            read(world).world if world.endswith(".py") else scene_world(known, world) for world in worlds or ["exact"]
+        ]
+    names = [world.name for world in chosen]
+    if len(set(names)) < len(names):
+        raise InputError(f"a world is named twice among {', '.join(names)}; name it once")
+    return GradientCase(name, title, question, _with_settings(chosen, settings or {}), content_digest(digests, {}))
 
 
 def _with_settings(worlds: Sequence[World], settings: Mapping[str, float]) -> tuple[World, ...]:
     """Return the worlds at ``settings``; raise InputError for a setting that none of them has."""
-    known = {name for world in worlds for name in world.settings}
-    for name in settings:
-        if name not in known:
-            raise InputError(f"no world has a setting {name!r}; there are {', '.join(sorted(known)) or 'none'}")
+    known = sorted({name for world in worlds for name in world.settings})
+    if unknown := [name for name in settings if name not in known]:
+        raise InputError(f"no world has a setting {unknown[0]!r}; there are {', '.join(known) or 'none'}")
     return tuple(
         world.at({name: value for name, value in settings.items() if name in world.settings}) for world in worlds
     )

@@ -10,6 +10,8 @@ RADIUS_M = 0.001
 """Radius of the balls in MuJoCo, which are points in the other worlds [m]."""
 STIFFNESS = 2500.0
 """Stiffness per mass of contacts with restitution in MuJoCo [1/s^2]."""
+FLOOR = '<geom name="floor" type="plane" size="0 0 1"/>'
+"""Floor through the origin."""
 _AXES = {"x": "1 0 0", "z": "0 0 1"}
 """Mapping from the name of a coordinate to the axis of its joint."""
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import inspect
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,7 @@ from dynamics.systems import Signal, signals
 from ocp.errors import InputError
 from ocp.gradients.worlds.report import Question
 from ocp.gradients.worlds.world import World
-from ocp.validation import expand_path
+from ocp.validation import Number, Positive, expand_path, validated
 from problems.loading import check_file, import_file
 from problems.source_digest import source_digest
 from problems.user_code import guarded
@@ -51,95 +51,57 @@ def load_own_world(path: str | Path, parameter: int = 0, output: int = 0) -> Own
     module = import_file(file)
     if not callable(getattr(module, "rollout", None)):
         raise InputError(f"{file}: the file must define rollout(theta), from parameters (n, d) to outputs (n, m)")
-    settings = _settings(module.rollout, file)
-    gradient = getattr(module, "gradient", None)
-    world = World(
-        file.stem,
-        guarded(module.rollout, "rollout(theta)", file),
-        None if gradient is None else _with_known_settings(guarded(gradient, "gradient(theta)", file), gradient),
-        settings,
-        _sharper(getattr(module, "sharper", {}), settings, file),
-        method="gradient(theta)",
-    )
-    question = _question(module, world, file, (parameter, output)) if hasattr(module, "theta") else None
+    settings = {
+        name: validated(f"{file}: the default of argument {name} of rollout", argument.default, Number)
+        for name, argument in [*inspect.signature(module.rollout).parameters.items()][1:]
+    }
+    sharper = validated(f"{file}: sharper", getattr(module, "sharper", {}), dict[str, Positive])
+    if unknown := sorted(sharper.keys() - settings.keys()):
+        raise InputError(f"{file}: sharper names {unknown[0]!r}; settings of rollout: {', '.join(settings) or 'none'}")
+    gradient = _gradient(module, file) if hasattr(module, "gradient") else None
+    simulate = guarded(module.rollout, "rollout(theta)", file)
+    world = World(file.stem, simulate, gradient, settings, sharper, method="gradient(theta)")
+    question = _question(module, file, parameter, output) if hasattr(module, "theta") else None
     return OwnWorld(world, question, source_digest(file))
 
 
-def _settings(rollout: Any, file: Path) -> dict[str, float]:
-    """Return the keyword arguments of ``rollout`` after theta, with their defaults."""
-    settings = {}
-    for name, argument in [*inspect.signature(rollout).parameters.items()][1:]:
-        default = argument.default
-        if isinstance(default, bool) or not isinstance(default, int | float):
-            raise InputError(
-                f"{file}: argument {name} of rollout must have a number as its default, such as {name}=0.01"
-            )
-        settings[name] = float(default)
-    return settings
-
-
-def _with_known_settings(call: Any, gradient: Any) -> Any:
+def _gradient(module: ModuleType, file: Path) -> Any:
     """Return ``gradient`` as a function that takes all settings and passes on those that it declares."""
-    declared = [*inspect.signature(gradient).parameters][1:]
-    return lambda theta, **settings: call(theta, **{name: settings[name] for name in declared if name in settings})
+    call, declared = guarded(module.gradient, "gradient(theta)", file), inspect.signature(module.gradient).parameters
+    return lambda theta, **settings: call(theta, **{name: settings[name] for name in settings if name in declared})
 
 
-def _sharper(factors: Any, settings: dict[str, float], file: Path) -> dict[str, float]:
-    if not isinstance(factors, dict):
-        raise InputError(f'{file}: sharper must be a dict from settings to factors, such as {{"h": 0.5}}')
-    for name, factor in factors.items():
-        if name not in settings:
-            raise InputError(f"{file}: sharper names {name!r}; settings of rollout are {', '.join(settings) or 'none'}")
-        if not (isinstance(factor, int | float) and factor > 0 and factor != 1):
-            raise InputError(f"{file}: the factor of {name} in sharper must be a positive number other than 1")
-    return {name: float(factor) for name, factor in factors.items()}
-
-
-def _question(module: Any, world: World, file: Path, indices: tuple[int, int]) -> Question:
+def _question(module: ModuleType, file: Path, parameter: int, output: int) -> Question:
     """Return the derivative of the chosen output by the chosen parameter, with the truth that the file knows."""
-    parameter, output = indices
-    theta = _numbers(module.theta, "theta", file)
+    theta = _array(module, "theta", file)
     if parameter >= len(theta):
         raise InputError(f"{file}: theta has {len(theta)} parameters, got {parameter} as the index of the parameter")
-    sizes = _numbers(module.size, "size", file) if hasattr(module, "size") else np.abs(theta)
+    sizes = _array(module, "size", file) if hasattr(module, "size") else np.abs(theta)
     if sizes.shape != theta.shape or not sizes[parameter] > 0:
         raise InputError(
             f"{file}: parameter {parameter} of theta needs a size > 0; define size with one number for each parameter"
         )
-    return Question(
-        theta,
-        float(sizes[parameter]),
-        _truth(module, theta, file),
-        parameter,
-        output,
-        (
-            _signal(getattr(module, "parameters", ""), parameter, "theta", file),
-            _signal(getattr(module, "outputs", ""), output, "y", file),
-        ),
-    )
+    named = _signal(module, "parameters", parameter, file), _signal(module, "outputs", output, file)
+    return Question(theta, float(sizes[parameter]), _truth(module, theta, file), parameter, output, named)
 
 
-def _numbers(value: Any, name: str, file: Path) -> np.ndarray:
+def _array(module: ModuleType, name: str, file: Path) -> np.ndarray:
+    """Return a number, a list or an array (d,) of finite numbers that the file defines."""
+    value = getattr(module, name)
+    value = np.asarray(value).tolist() if hasattr(value, "shape") else value
+    return np.atleast_1d(np.array(validated(f"{file}: {name}", value, list[Number] | Number), dtype=float))
+
+
+def _signal(module: ModuleType, name: str, index: int, file: Path) -> Signal:
+    """Return the signal at an index of a definition such as ``"v [m/s]; m [kg]"``, by default ``parameters[index]``."""
+    definition = getattr(module, name, None)
     try:
-        numbers = np.atleast_1d(np.asarray(value, dtype=float))
-    except (TypeError, ValueError):
-        numbers = np.empty((0, 0))
-    if numbers.ndim != 1 or not numbers.size or not np.isfinite(numbers).all():
-        raise InputError(f"{file}: {name} must be a number or a list of finite numbers, got {value!r}")
-    return numbers
-
-
-def _signal(definition: Any, index: int, name: str, file: Path) -> Signal:
-    """Return the signal at an index of a definition such as ``"v [m/s]; m [kg]"``, by default ``name[index]``."""
-    if not definition:
-        return Signal(f"{name}[{index}]", "1")
-    try:
-        return signals(definition)[index]
-    except (ValueError, IndexError, AttributeError) as error:
+        return Signal(f"{name}[{index}]", "1") if definition is None else signals(definition)[index]
+    except (ValueError, IndexError) as error:
         raise InputError(f"{file}: {definition!r} does not name entry {index}; write 'v [m/s]; m [kg]'") from error
 
 
-def _truth(module: Any, theta: np.ndarray, file: Path) -> World | None:
+def _truth(module: ModuleType, theta: np.ndarray, file: Path) -> World | None:
     """Return the physics that the file knows: ``truth(theta)``, or the plane with the derivative ``slope``."""
     if callable(getattr(module, "truth", None)):
         return World("truth", guarded(module.truth, "truth(theta)", file))
@@ -149,8 +111,4 @@ def _truth(module: Any, theta: np.ndarray, file: Path) -> World | None:
         slope = np.asarray(module.slope, dtype=float).reshape(-1, len(theta))
     except (TypeError, ValueError) as error:
         raise InputError(f"{file}: slope must be numbers (m, {len(theta)}), got {module.slope!r}") from error
-    return World("slope", partial(_plane, slope, theta), lambda rows: np.tile(slope, (len(rows), 1, 1)))
-
-
-def _plane(slope: np.ndarray, theta: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    return (rows - theta) @ slope.T
+    return World("slope", lambda rows: (rows - theta) @ slope.T, lambda rows: np.tile(slope, (len(rows), 1, 1)))

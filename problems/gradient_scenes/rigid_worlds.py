@@ -15,6 +15,8 @@ from ocp.gradients.objective import without_warnings
 from ocp.gradients.worlds.world import World
 from problems.gradient_scenes.scene import Mechanics, Scene
 
+STEP_S = 0.01
+"""Step size of time stepping [s]."""
 PENALTY_STIFFNESS = 1e4
 """Stiffness of penalty contacts per mass [1/s^2]."""
 PENALTY_STEP_S = 1e-3
@@ -38,7 +40,7 @@ _FAR_GAP_M = 1.0
 
 def law_world(scene: Scene, name: str) -> World:
     """Return a scene under the contact law called ``name``, by implicit time stepping."""
-    return _world(scene, name, LAWS[name], {"h": scene.h})
+    return _world(scene, name, LAWS[name], {"h": STEP_S})
 
 
 def penalty_world(scene: Scene) -> World:
@@ -103,7 +105,7 @@ def _system(scene: Scene, values: dict[str, float]) -> ContactSystem:
 
     def impulse(q: ca.SX, v: ca.SX, u: ca.SX) -> ca.SX:
         contact = _penalty_force(mechanics, q, v, p["stiffness"]) if has_penalty else 0.0
-        return h * (mechanics.force(q, v) + input_force * u + contact)
+        return h * (mechanics.force(q) + input_force * u + contact)
 
     states, inputs = _signals(nq)
     touching: dict[str, Any] = {"distance": lambda q: ca.SX(0, 1)}
@@ -156,7 +158,7 @@ def _bouncing(scene: Scene, p: ParameterTable, input_force: ca.DM) -> ContactSys
     middle = q + h / 2 * v
     J = ca.jacobian(mechanics.distance(q), q)
     approach = h * (J @ (v_next + mechanics.restitution * v))
-    smooth_impulse = h * (mechanics.force(q, v) + input_force * u)
+    smooth_impulse = h * (mechanics.force(q) + input_force * u)
     states, inputs = _signals(nq)
     return ContactSystem(
         name=scene.name,

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
 
-from dynamics.systems import Signal
+from dynamics.batch import BatchFunction
+from dynamics.systems import signals
 from ocp.gradients.worlds.report import Question
 from ocp.gradients.worlds.world import World
 
-Force = Callable[[ca.SX, ca.SX], ca.SX | ca.DM]
-"""Function from (q, v) to forces (nq, 1) [N]."""
 Pose = Callable[[ca.SX], ca.SX]
 """Function from q (nq, 1) to distances or rows of a Jacobian."""
 GRAVITY = 9.81
@@ -23,12 +22,12 @@ GRAVITY = 9.81
 
 @dataclass(frozen=True)
 class Mechanics:
-    """Equations of a scene, from which worlds are built: ``M dv/dt = force(q, v) + push theta + contact``.
+    """Equations of a scene, from which worlds are built: ``M dv/dt = force(q) + push theta + contact``.
 
     ``masses`` (nq,) is the diagonal of M [kg], ``q0`` and ``v0`` (nq,) are the start. The parameter theta acts as
     the force ``push`` (nq,) times theta during the whole motion, or, if ``is_speed``, as the velocity ``push`` times
-    theta that is added to v0. ``distance`` maps q to the distance of each contact [m], ``sliding`` to the rows of
-    slip velocities, with Coulomb's coefficient ``friction`` (None: without friction). Impacts are plastic, or have the
+    theta that is added to v0. ``distance`` maps q to the distance of the contact [m], ``sliding`` to the row of its
+    slip velocity, with Coulomb's coefficient ``friction`` (None: without friction). Impacts are plastic, or have the
     coefficient ``restitution`` of Newton.
     """
 
@@ -37,7 +36,7 @@ class Mechanics:
     v0: tuple[float, ...]
     push: tuple[float, ...]
     distance: Pose
-    force: Force = lambda q, v: ca.SX.zeros(q.numel())
+    force: Callable[[ca.SX], ca.SX | ca.DM] = lambda q: ca.SX.zeros(q.numel())
     is_speed: bool = True
     sliding: Pose | None = None
     friction: float | None = None
@@ -46,45 +45,36 @@ class Mechanics:
 
 @dataclass(frozen=True)
 class Scene:
-    """A scene with its rigid limit: the output ``outcome(theta)`` and its derivative ``slope(theta)``, both (n,).
+    """A scene with its rigid limit: the output ``outcome(theta)`` as an expression, differentiated exactly.
 
-    ``parameter`` and ``output`` are names and units; ``theta`` is the nominal parameter, which is also its size;
-    ``output_of`` maps the last state (q, v) to the output; ``duration`` is in seconds, and ``h`` the step of time
-    stepping. ``mjcf`` is the scene in MuJoCo: its joints are the entries of q, in order.
+    ``quantities`` are names and units of the parameter and the output; ``theta`` is the nominal parameter, and its
+    absolute value the size; ``output_index`` is the index of the output in the last state (q, v); ``duration`` is in
+    seconds. ``mjcf`` is the scene in MuJoCo: its joints are the entries of q, in order.
     """
 
     name: str
     title: str
-    parameter: Signal
-    output: Signal
+    quantities: str
     theta: float
     duration: float
-    h: float
     mechanics: Mechanics
-    outcome: Callable[[np.ndarray], np.ndarray]
-    slope: Callable[[np.ndarray], np.ndarray]
-    output_index: int
+    outcome: Callable[[ca.SX], ca.SX]
     mjcf: str
+    output_index: int = 0
 
-    @property
+    @cached_property
     def truth(self) -> World:
         """The rigid limit as a world."""
-        return World(
-            "closed-form",
-            partial(_outputs, self.outcome),
-            partial(_gradients, self.slope),
-            method="derivative of the closed form",
+        theta = ca.SX.sym("theta")
+        outcome = ca.densify(ca.SX(self.outcome(theta)))
+        values, slopes = (
+            BatchFunction(ca.Function("rigid_limit", [theta], [expression]), backend="casadi")
+            for expression in (outcome, ca.densify(ca.jacobian(outcome, theta)))
         )
+        return World("closed-form", values, lambda rows: slopes(rows)[:, :, None], method="formula")
 
     @property
     def question(self) -> Question:
         """The derivative of the output by the parameter, with the rigid limit as the truth."""
-        return Question(np.array([self.theta]), abs(self.theta), self.truth, signals=(self.parameter, self.output))
-
-
-def _outputs(outcome: Callable[[np.ndarray], np.ndarray], theta: np.ndarray) -> np.ndarray:
-    return outcome(theta[:, 0])[:, None]
-
-
-def _gradients(slope: Callable[[np.ndarray], np.ndarray], theta: np.ndarray) -> np.ndarray:
-    return slope(theta[:, 0])[:, None, None]
+        parameter, output = signals(self.quantities)
+        return Question(np.array([self.theta]), abs(self.theta), self.truth, signals=(parameter, output))

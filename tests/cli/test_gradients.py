@@ -103,11 +103,11 @@ def test_bad_input_gets_one_sentence(gradients, words: str) -> None:
 BAD_FILES = {
     "x = 1": "must define rollout(theta)",
     "def rollout(theta): return theta": "must define theta",
-    "theta = 'a'\ndef rollout(theta): return theta": "list of finite numbers",
+    "theta = 'a'\ndef rollout(theta): return theta": "theta",
     "theta = 0.0\ndef rollout(theta): return theta": "needs a size > 0",
     "theta = 1.0\ndef rollout(theta): return theta[:, 0]": "returned the shape",
     "theta = 1.0\ndef rollout(theta): return 1 / 0": "ZeroDivisionError",
-    "theta = 1.0\ndef rollout(theta, h): return theta": "must have a number as its default",
+    "theta = 1.0\ndef rollout(theta, h): return theta": "the default of argument h",
     "theta = 1.0\nsharper = {'h': 2}\ndef rollout(theta): return theta": "sharper names 'h'",
     "import numpy as np\ntheta = 1.0\ndef rollout(theta): return theta + np.random.rand()": "seed its random numbers",
 }

@@ -136,7 +136,7 @@ def _is_right(measures: Measures, allowed: float) -> bool:
 
 def _growth(measures: Measures) -> float | None:
     """Return the factor by which the slope grows in one refinement, or None unless it explodes."""
-    sizes = [row["largest"] for row in measures.refinements]
+    sizes = [row["typical"] for row in measures.refinements]
     if len(sizes) < 2 or not all(later >= GROWTH * sooner > 0 for sooner, later in pairwise(sizes)):
         return None
     return (sizes[-1] / sizes[0]) ** (1 / (len(sizes) - 1)) if sizes[-1] > 2 * measures.scale else None

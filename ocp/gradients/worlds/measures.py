@@ -29,6 +29,8 @@ _NOISE_POINTS = 9
 """Number of points at which rounding errors are measured."""
 _ERROR_FACTOR = 3.0
 """Half-width of the interval of a secant, in standard deviations of its rounding error."""
+CERTAINTY = 1e-4
+"""Error of a secant that is certain, as a share of the slope."""
 FIRST_ORDER, ZEROTH_ORDER = "fobg", "zobg-antithetic"
 """Estimators of first and of zeroth order of the smoothed gradient."""
 
@@ -50,10 +52,10 @@ class Secants:
 
     @property
     def sharpest(self) -> int:
-        """Index of the amplitude whose secant is the most certain: least rounding error and least local change."""
+        """Index of the smallest amplitude whose secant is certain: little rounding error, little local change."""
         change = np.abs(np.diff(self.slopes, prepend=self.slopes[0]))
-        total = np.where(np.isfinite(self.slopes), self.errors + change, np.inf)
-        return int(np.argmin(total[1:])) + 1
+        total = np.where(np.isfinite(self.slopes), self.errors + change, np.inf)[1:]
+        return int(np.argmax(total <= np.maximum(total.min(), CERTAINTY * np.abs(self.slopes[1:])))) + 1
 
 
 def measure_secants(objective: WorldObjective, size: float) -> Secants:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -39,8 +38,6 @@ JUMP_SHARE = 0.2
 """Smallest jump that makes a gradient undefined, as a share of the output's range over the largest amplitude."""
 TRUTH_POINTS = 1 << 18
 """Number of points at which the truth is evaluated to smooth it."""
-WORST_SHARE = 0.9
-"""Quantile of the errors at nearby points that counts as the error of the local slope."""
 
 
 @dataclass(frozen=True)
@@ -113,8 +110,20 @@ class GradientReport:
         return [f"{row['world']}: {row['sentence']}" for row in self.rows]
 
     def dataset(self) -> xr.Dataset:
-        """Return the secants over (world, amplitude) and the smoothed gradients over (world, estimator, sigma)."""
-        return rows_dataset(self.rows, self.question.signals)
+        """Return the measures of finished worlds as arrays over (world, amplitude), with units."""
+        import xarray as xr
+
+        parameter, output = self.question.signals
+        rows = [row for row in self.rows if row["status"] == "done"]
+        unit, names = {"units": f"({output.unit})/({parameter.unit})"}, [row["world"] for row in rows]
+        amplitudes = ("amplitude", rows[0]["amplitudes"], {"units": parameter.unit})
+        data = xr.Dataset(coords={"world": names, "amplitude": amplitudes})
+        for key in ("secants", "ahead", "behind", "errors", "truth_secants", "slope", "truth"):
+            if rows[0][key] is not None:
+                values = np.array([row[key] for row in rows], dtype=float)
+                data[key] = (("world", "amplitude")[: values.ndim], values, unit)
+        data["verdict"] = ("world", [row["verdict"] for row in rows])
+        return data
 
 
 def measure_worlds(
@@ -157,8 +166,7 @@ def _measure_world(world: World, question: Question, truth: _Truth | None, setti
     n_outputs, nonfinite = check_world(world, question.theta)
     if question.output >= n_outputs:
         raise InputError(f"{world.name} has {n_outputs} outputs, got {question.output} as the index of the output")
-    measured = _Measured(world, question, truth, settings)
-    measures = measured.measures
+    measures = _Measurement(world, question, truth, settings).run()
     findings = judge_world(measures, settings.tolerance)
     secants = measures.secants
     return {
@@ -190,31 +198,30 @@ def _sentence(findings: Sequence[Finding]) -> str:
     return "; ".join(finding.sentence for finding in findings) + "."
 
 
-class _Measured:
+class _Measurement:
     """Measurement of one world."""
 
     def __init__(self, world: World, question: Question, truth: _Truth | None, settings: ReportSettings) -> None:
         self._world, self._question, self._truth, self._settings = world, question, truth, settings
         self._objective = question.objective(world)
 
-    @cached_property
-    def measures(self) -> Measures:
-        """All measures on which the verdict depends."""
-        truth, size, theta = self._truth, self._question.size, float(self._objective.theta[0])
+    def run(self) -> Measures:
+        """Return all measures on which the verdict depends."""
+        truth, size = self._truth, self._question.size
         secants = measure_secants(self._objective, size)
         slopes = self._slopes(self._objective, secants)
         # Without a truth the world is compared with its own secant over the largest amplitude.
-        wide = np.full(len(slopes), secants.slopes[-1])
+        true_slopes = np.full(len(slopes), secants.slopes[-1]) if truth is None else truth.nearby
         jump = dominant_jump(self._objective, size) if truth is None else truth.jump
         return Measures(
             slope=float(slopes[0]),
             nearby=slopes[1:],
-            truth=float(wide[0] if truth is None else truth.nearby[0]),
-            nearby_truth=wide[1:] if truth is None else truth.nearby[1:],
+            truth=float(true_slopes[0]),
+            nearby_truth=true_slopes[1:],
             secants=secants,
             truth_secants=None if truth is None else truth.secants.slopes,
             has_gradient=self._world.differentiate is not None,
-            jump=None if jump is None else (jump.size, theta + float(jump.place[0])),
+            jump=None if jump is None else (jump.size, float(self._objective.theta[0] + jump.place[0])),
             refinements=self._refinements(),
             smoothed=self._smoothed(),
         )
@@ -224,7 +231,7 @@ class _Measured:
         return local_slopes(objective, points, float(secants.amplitudes[secants.sharpest]))
 
     def _refinements(self) -> list[dict[str, Any]]:
-        """Return settings, slope, largest slope and error of the world as it is and refined once, twice, ..."""
+        """Return settings, slope, and median size and error of nearby slopes: as it is, refined once, twice, ..."""
         rows = []
         for times in range(self._settings.refinements + 1 if self._world.sharper else 0):
             world = self._world.refined(times)
@@ -235,8 +242,8 @@ class _Measured:
                 {
                     "settings": {name: world.settings[name] for name in world.sharper},
                     "slope": float(slopes[0]),
-                    "largest": float(np.quantile(np.abs(slopes), WORST_SHARE)),
-                    "error": float(np.quantile(np.abs(slopes - truth), WORST_SHARE)),
+                    "typical": float(np.median(np.abs(slopes))),
+                    "error": float(np.median(np.abs(slopes - truth))),
                 }
             )
         return rows
@@ -255,25 +262,3 @@ class _Measured:
                 compared = own_reference(zeroth) if reference is None and zeroth["n_samples"] > 1 else reference
                 rows.append(smoothed_gradient(self._objective, FIRST_ORDER, sigma, compared, n, seed))
         return rows
-
-
-def rows_dataset(rows: Sequence[dict[str, Any]], signals: tuple[Signal, Signal]) -> xr.Dataset:
-    """Return the measures of finished worlds as arrays over (world, amplitude), with units."""
-    import xarray as xr
-
-    finished = [row for row in rows if row["status"] == "done"]
-    unit = f"({signals[1].unit})/({signals[0].unit})"
-    data = xr.Dataset(
-        coords={
-            "world": [row["world"] for row in finished],
-            "amplitude": ("amplitude", finished[0]["amplitudes"], {"units": signals[0].unit}),
-        }
-    )
-    for key in ("secants", "ahead", "behind", "errors", "truth_secants"):
-        if finished[0][key] is not None:
-            values = np.array([row[key] for row in finished], dtype=float)
-            data[key] = (("world", "amplitude"), values, {"units": unit})
-    for key in ("slope", "truth"):
-        data[key] = ("world", np.array([row[key] for row in finished], dtype=float), {"units": unit})
-    data["verdict"] = ("world", [row["verdict"] for row in finished])
-    return data

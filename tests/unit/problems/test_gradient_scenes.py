@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -11,6 +13,8 @@ from ocp.errors import InputError
 from ocp.gradients.worlds import ReportSettings, measure_worlds
 from problems.gradient_scenes import SCENES, Mechanics, Scene
 from problems.gradient_scenes.cases import gradient_case
+from problems.gradient_scenes.falling import HEIGHT_M
+from problems.gradient_scenes.scene import GRAVITY
 from problems.gradient_scenes.worlds import WORLDS, scene_world
 
 TIGHT = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-13, "max_step": 0.02}
@@ -25,7 +29,7 @@ class EventDriven:
         q, v = ca.SX.sym("q", len(m.masses)), ca.SX.sym("v", len(m.masses))
         distance = m.distance(q)
         sliding = ca.SX(0, len(m.masses)) if m.sliding is None else m.sliding(q)
-        self.f = ca.Function("f", [q, v], [m.force(q, v), distance, ca.jacobian(distance, q), sliding])
+        self.f = ca.Function("f", [q, v], [m.force(q), distance, ca.jacobian(distance, q), sliding])
         self.push = np.zeros(len(self.M)) if m.is_speed else theta * np.array(m.push)
         speed = theta * np.array(m.push) if m.is_speed else 0.0
         self.x = np.concatenate([m.q0, np.array(m.v0) + speed])
@@ -98,7 +102,7 @@ class EventDriven:
 def test_closed_forms_are_the_event_driven_motion(name: str) -> None:
     scene = SCENES[name]
     theta = scene.theta * np.array([0.9, 1.0, 1.07])
-    exact = scene.outcome(theta)
+    exact = scene.truth.rollout(theta[:, None])[:, 0]
     motion = [EventDriven(scene, value).output() for value in theta]
     np.testing.assert_allclose(motion, exact, rtol=1e-8, atol=1e-9)
 
@@ -108,9 +112,9 @@ def test_slopes_are_derivatives_of_the_closed_forms(name: str) -> None:
     """Richardson's extrapolation of central differences, on both sides of thresholds, away from them."""
     scene = SCENES[name]
     theta, a = scene.theta * np.array([0.8, 1.0, 1.09]), 1e-4 * abs(scene.theta)
-    differences = [(scene.outcome(theta + b) - scene.outcome(theta - b)) / (2 * b) for b in (a, a / 2)]
-    slope = (4 * differences[1] - differences[0]) / 3
-    np.testing.assert_allclose(scene.slope(theta), slope, rtol=1e-8, atol=1e-9)
+    outcome = [scene.truth.rollout((theta + b)[:, None])[:, 0] for b in (a, -a, a / 2, -a / 2)]
+    slope = (4 * (outcome[2] - outcome[3]) / a - (outcome[0] - outcome[1]) / (2 * a)) / 3
+    np.testing.assert_allclose(scene.truth.gradient(theta[:, None])[:, 0, 0], slope, rtol=1e-8, atol=1e-9)
 
 
 EXPECTED = {
@@ -150,3 +154,33 @@ def test_names_are_checked() -> None:
     ):
         with pytest.raises(InputError, match=message):
             gradient_case(*arguments)
+
+
+def test_mujoco_falls_as_the_closed_form_and_differentiates_free_flight() -> None:
+    """Before the impact MuJoCo's output and derivative are those of semi-implicit steps, z = v T - g T (T + h)/2."""
+    pytest.importorskip("mujoco")
+    scene = replace(SCENES["bounce"], duration=0.1)
+    world, v = scene_world(scene, "mujoco"), np.array([[-1.0], [0.5]])
+    expected = HEIGHT_M + v * 0.1 - GRAVITY * 0.1 * (0.1 + world.settings["h"]) / 2
+    np.testing.assert_allclose(world.rollout(v), expected, rtol=1e-9)
+    np.testing.assert_allclose(world.gradient(v)[:, 0, 0], 0.1, rtol=1e-6)
+
+
+def test_mujoco_differentiates_a_constant_force() -> None:
+    """A force F on a free ball of mass m moves it by F T (T + h)/(2 m)."""
+    pytest.importorskip("mujoco")
+    scene = replace(SCENES["push-from-afar"], output_index=0)
+    world = scene_world(scene, "mujoco")
+    slope = scene.duration * (scene.duration + world.settings["h"]) / (2 * scene.mechanics.masses[0])
+    np.testing.assert_allclose(world.rollout(np.array([[1.0]])), slope, rtol=1e-9)
+    np.testing.assert_allclose(world.gradient(np.array([[1.0]]))[0, 0, 0], slope, rtol=1e-6)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "verdict"), [("bounce", "of-the-map"), ("corner", "undefined")])
+def test_verdicts_on_mujoco(name: str, verdict: str) -> None:
+    pytest.importorskip("mujoco")
+    scene = SCENES[name]
+    worlds = [scene_world(scene, "mujoco")]
+    (row,) = measure_worlds(worlds, scene.question, ReportSettings(samples=100, refinements=1)).rows
+    assert row["verdict"] == verdict and row["versions"]["mujoco"], row["sentence"]
