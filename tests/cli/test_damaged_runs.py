@@ -46,6 +46,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
         ],
         ["sweep", "wall-1d", "--contact", "barrier", *small, "--over", "m=1:2:2"],
         ["estimate", "heaviside", "-n", "100"],
+        ["gradients", "two-balls", "--world", "closed-form", "-n", "20", "--refinements", "0"],
         ["train", "ball-throw", "-s", "samples=2", "-p", "horizon=3", "--iterations", "1"],
     ):
         assert main([*line, *kept]) == 0
@@ -55,7 +56,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     return {entry.meta["kind"]: entry.path for entry in store.list_runs(root) if entry.meta}
 
 
-KINDS = ("solve", "continue", "sweep", "estimate", "train", "figure")
+KINDS = ("solve", "continue", "sweep", "estimate", "gradients", "train", "figure")
 
 
 @pytest.mark.one_case_in(6)
@@ -232,6 +233,7 @@ ENTRIES = {
     "continue": ("record.params", "points", "from", "record.contact"),
     "sweep": ("study.axes", "record.params"),
     "estimate": ("estimates.0.reference", "record.params"),
+    "gradients": ("worlds.0.findings", "worlds.0.secants", "parameter.unit", "record.theta"),
     "train": ("evaluation.length", "evaluation", "record.algorithm_settings", "record.discount"),
 }
 
