@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import problems
-from dynamics.contact import Barrier
+from dynamics.contact import Barrier, Exact
 from dynamics.systems import (
     ContactSystem,
     Parameter,
@@ -19,6 +19,7 @@ from dynamics.systems import (
     signals,
     time_stepping,
 )
+from dynamics.systems.checks import require_limits
 
 
 def stepping(**changes):
@@ -186,6 +187,61 @@ def test_cart_walls_is_well_posed():
     F = Barrier().close(problem.system).data([0, 0, 0, 0], 0, [*problem.parameters.values, 1])[3]
     assert is_p_matrix(np.array(F))
     assert not is_p_matrix(-np.array(F))
+
+
+@pytest.mark.parametrize(
+    ("changes", "is_lcp"),
+    [
+        ({}, True),
+        ({"mass": lambda q: 1 + q**2}, False),
+        ({"distance": lambda q: q + q**2}, False),
+        ({"mass": lambda q: 1 + q**2, "distance": lambda q: q + q**2}, False),
+    ],
+)
+def test_contact_is_linear_where_gaps_are_affine_and_inertia_is_constant(changes, is_lcp):
+    assert stepping(**changes).is_lcp == is_lcp
+
+
+@pytest.mark.parametrize("push", [-40.0, -3.0, 0.5, 40.0])
+@pytest.mark.parametrize(("damping", "stiffness"), [(0.0, 0.0), (3.0, 200.0)])
+def test_a_pressed_block_on_a_spring_sticks_below_its_bound_and_slides_above(push, damping, stiffness):
+    """Implicit Euler: ``(m + h d + h² k) v+ = m v + h (u - k q) + f``, |f| <= h times friction times load."""
+    h, m, friction, load, q, v = 0.1, 2.0, 0.5, 10.0, 0.03, 0.2
+    system = stepping(
+        distance=None,
+        mass=ca.SX(m),
+        impulse=lambda q, v, u: h * u,
+        damping=ca.SX(damping),
+        stiffness=ca.SX(stiffness),
+        sliding=lambda q: ca.SX(1),
+        friction=friction,
+        load=load,
+        h=h,
+    )
+    step = Exact().close(system)
+    x_next, lam, gap, error = (np.array(value).ravel() for value in step.solve([q, v], [push], step.p.values))
+    smooth, bound = m * v + h * (push - stiffness * q), h * friction * load
+    slid = np.sign(smooth) * max(0.0, abs(smooth) - bound) / (m + h * damping + h**2 * stiffness)
+    np.testing.assert_allclose(x_next, [q + h * slid, slid], atol=1e-9)
+    np.testing.assert_allclose(lam, np.maximum([h * slid, -h * slid], 0), atol=1e-9)
+    f = -np.clip(smooth, -bound, bound)
+    np.testing.assert_allclose(gap, [bound + f, bound - f], atol=1e-9)
+    assert error.max() < 1e-9
+
+
+@pytest.mark.parametrize("text", ["x m", "x [m", "x m]", "[m", "x place [m"])
+def test_signals_without_a_unit_in_brackets_are_refused(text):
+    with pytest.raises(ValueError, match="needs its unit in brackets"):
+        signals(f"y [m]; {text}")
+
+
+def test_limits_are_two_numbers_with_the_lower_one_first():
+    symbol = ca.SX.sym("low")
+    for value in (None, (-1.0, 2.0), (symbol, 2.0), (1.0, symbol)):
+        require_limits("joint", value)
+    for value in ((2.0, -1.0), (1.0, 1.0)):
+        with pytest.raises(ValueError, match=f"joint limits are {value[0]:g} to {value[1]:g}; expected the lower"):
+            require_limits("joint", value)
 
 
 def test_a_step_does_not_ask_for_an_order_of_its_equations():

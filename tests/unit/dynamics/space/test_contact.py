@@ -127,6 +127,29 @@ def test_a_ball_beside_a_can() -> None:
         assert np.allclose(out, normal, atol=1e-9)
 
 
+def test_inside_a_box_the_nearest_side_decides() -> None:
+    """The distance is minus that to the nearest of six sides, and the normal is this side's."""
+    half = np.array(_BOX.half_size)
+    machine = SpatialMachine(
+        (Body("a", None, 1.0, (0.1, 0.1, 0.1), joint="free"),),
+        (SpatialPart("ball", "a", Sphere(0.01)), SpatialPart("box", "world", _BOX)),
+        (("ball", "box"),),
+    )
+    q = ca.SX.sym("q", 7)
+    (contact,) = machine.contacts(q).values()
+    phi = ca.Function("phi", [q], [contact.phi, contact.normal])
+    turn, met = Rotation.from_quat(np.roll(_BOX.quaternion, -1)), set()
+    for local in np.random.default_rng(0).uniform(-half, half, (60, 3)):
+        depth = half - np.abs(local)
+        side = int(np.argmin(depth))
+        normal = np.sign(local[side]) * np.eye(3)[side]
+        found, out = (np.array(v).ravel() for v in phi([*(turn.apply(local) + _BOX.centre), 1, 0, 0, 0]))
+        assert found[0] == pytest.approx(-depth[side] - 0.01, abs=1e-9)
+        np.testing.assert_allclose(out, turn.apply(normal), atol=1e-9)
+        met.add((side, normal[side]))
+    assert len(met) == 6
+
+
 @pytest.mark.parametrize(
     "shape", [_BOX, _CAN, _ROD, Hull(((0.1, 0, 0), (0, 0.2, 0), (0, 0, 0.3)))], ids=lambda one: type(one).__name__
 )

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -174,3 +176,23 @@ def test_a_horizon_of_one_step_is_searched_too(N: int) -> None:
     found = solve(behind(N), search=True, settings={"max_iter": 5})
     assert found.route.search.motions > 0
     assert np.isfinite(found.cost)
+
+
+def test_a_push_is_at_most_three_sizes_long_and_leads_into_the_body() -> None:
+    """Lengths are log-uniform between 0.1 and 3 sizes; directions scatter about ``into`` by 0.35 rad."""
+    size, into, own = 0.2, np.array([0.6, -0.8]), np.array([0, 1])
+    search: Any = SimpleNamespace(
+        problem=SimpleNamespace(scales=SimpleNamespace(x=np.array([size]))),
+        rng=np.random.default_rng(0),
+        _bounds=(np.full(2, -np.inf), np.full(2, np.inf)),
+    )
+    point = np.array([1.0, 2.0])
+    pushes = np.array([TouchSearch._through(search, point, into, own) - point for _ in range(2000)])
+    lengths = np.linalg.norm(pushes, axis=1) / size
+    assert 0.1 <= lengths.min() < 0.12 and 2.7 < lengths.max() <= 3.0
+    assert np.log(lengths).mean() == pytest.approx(np.log(0.3) / 2, abs=0.1)
+    angles = np.arctan2(pushes @ [-into[1], into[0]], pushes @ into)
+    assert np.abs(angles.mean()) < 0.06 and angles.std() == pytest.approx(0.35, abs=0.05)
+    search._bounds = (np.array([0.9, 1.9]), np.array([1.1, 2.1]))
+    ends = np.array([TouchSearch._through(search, point, into, own) for _ in range(50)])
+    assert np.abs(ends - point).max() == pytest.approx(0.1), "bounds of the inputs cut pushes"
