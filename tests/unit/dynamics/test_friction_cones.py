@@ -72,6 +72,18 @@ def test_solutions_of_coulombs_law_are_complementary(cone: str, mode: str) -> No
     assert np.all(gap >= -1e-12)
 
 
+@pytest.mark.parametrize("mode", MODES)
+def test_a_contact_on_an_edge_of_its_cone_opens_as_it_slides(mode: str) -> None:
+    """Anitescu's contact opens by f times the distance slid; where it sticks it is closed, and both edges act."""
+    slip, tangential = MODES[mode]
+    lam = [(NORMAL + sign * tangential / F) / 2 for sign in (1, -1)]
+    gap, t, normal = evaluated("edges", lam, slip, F * abs(slip))
+    assert (t, normal) == (pytest.approx(tangential), pytest.approx(NORMAL))
+    np.testing.assert_allclose(np.array(lam) * gap, 0.0, atol=1e-12)
+    assert np.all(gap >= -1e-12) and min(lam) >= -1e-12
+    np.testing.assert_allclose(np.ptp(gap), 2 * F * abs(slip))
+
+
 @pytest.mark.parametrize("cone", ["second-order", "linearised"])
 @pytest.mark.parametrize(("slip", "tangential"), [(SLIP, F * NORMAL), (-SLIP, -F * NORMAL), (SLIP, -F * NORMAL / 2)])
 def test_impulses_that_dissipate_less_than_they_can_are_no_solutions(cone: str, slip: float, tangential: float) -> None:
@@ -88,10 +100,10 @@ def test_impulses_that_dissipate_less_than_they_can_are_no_solutions(cone: str, 
     assert least > 0.05
 
 
-def evaluated(cone: str, lam: list[float], slip: float) -> tuple[np.ndarray, float, float]:
-    """Return all gaps of one closed contact in the plane, and its tangential and normal impulse."""
+def evaluated(cone: str, lam: list[float], slip: float, distance: float = 0.0) -> tuple[np.ndarray, float, float]:
+    """Return all gaps of one contact in the plane at a distance, and its tangential and normal impulse."""
     form = FORMS[cone]
-    spec = spec_of(form, 1, ca.SX.zeros(1), [ca.SX([slip])], ca.SX([F]))
+    spec = spec_of(form, 1, ca.SX([distance]), [ca.SX([slip])], ca.SX([F]))
     rows, normal, (tangential,) = form.pairs(spec)
     outputs = [ca.vertcat(*(row.gap for row in rows)), tangential, normal]
     gap, t, n = ca.Function("gaps", spec.lam, outputs)(*lam)
