@@ -144,14 +144,17 @@ def test_rows_of_the_linear_model_allow_the_steps_that_the_constraints_allow() -
     lower[2], upper[2] = lower[2] + 0.7, upper[2] + 0.7
     symbols = ca.SX.sym("x", 3)
     case = SmallMPCC(symbols, symbols[0], ca.mtimes(A, symbols), list(lower), list(upper), [[], []])
+    sizes = np.array([0.5, 2.0, 4.0])
+    case.sizes = lambda x: sizes  # pyright: ignore
     bounds = {**case.bounds(), "lbx": x - 0.4, "ubx": x + 0.6}
     with_residuals, without = (LinearModel.at(case, x, np.zeros(1), bounds, residuals) for residuals in (True, False))
     np.testing.assert_allclose(abs(with_residuals.rows).max(axis=1).toarray().ravel(), 1.0)
     feasible = 0
-    for d in rng.uniform(-0.7, 0.7, (200, 3)):
-        d = d + np.linalg.solve(A, [0.0, 0.0, lower[2] - A[2] @ (x + d)])
-        allowed = np.all(A @ (x + d) >= lower - 1e-9) and np.all(A @ (x + d) <= upper + 1e-9)
-        inside = np.all(np.abs(np.clip(d, -0.4, 0.6) - d) == 0)
+    np.testing.assert_array_equal(with_residuals.cost, [0.5, 0.0, 0.0])
+    for change in rng.uniform(-0.7, 0.7, (200, 3)):
+        step = change + np.linalg.solve(A, [0.0, 0.0, lower[2] - A[2] @ (x + change)])
+        allowed = np.all(A @ (x + step) >= lower - 1e-9) and np.all(A @ (x + step) <= upper + 1e-9)
+        inside, d = np.all((step >= -0.4) & (step <= 0.6)), step / sizes
         values = with_residuals.rows @ d
         model_allows = np.all(values >= with_residuals.row_lower - 1e-9) and np.all(
             values <= with_residuals.row_upper + 1e-9
