@@ -27,6 +27,9 @@ if TYPE_CHECKING:
     from ocp.mpc.controller import Controller
     from ocp.mpc.plants import Disturbance
     from ocp.mpc.simulate import ClosedLoop, simulate
+    from ocp.mpcc.complements import complements
+    from ocp.mpcc.nlpsol import mpcc_solver
+    from ocp.mpcc.opti import opti
     from ocp.mpcc.programs import MPCC
 
     __version__: str
@@ -58,11 +61,14 @@ __all__ = [
     "Sketch",
     "Solution",
     "Status",
+    "complements",
     "continue_over",
     "estimate",
     "free",
     "gradient_report",
     "load",
+    "mpcc_solver",
+    "opti",
     "roll_out",
     "save",
     "simulate",
@@ -76,9 +82,12 @@ _LOADED_ON_USE = {
     "Continuation": "ocp.continuation.walk",
     "Controller": "ocp.mpc.controller",
     "Disturbance": "ocp.mpc.plants",
+    "complements": "ocp.mpcc.complements",
     "continue_over": "ocp.continuation.walk",
     "estimate": "ocp.jobs.estimate",
     "gradient_report": "ocp.gradients.worlds.public",
+    "mpcc_solver": "ocp.mpcc.nlpsol",
+    "opti": "ocp.mpcc.opti",
     "simulate": "ocp.mpc.simulate",
     "sweep": "ocp.jobs.sweep",
 }

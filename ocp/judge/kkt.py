@@ -111,7 +111,8 @@ class KKTCurve:
             members = x[self.pairs] / self.sizes[self.pairs]
             smaller = np.argmin(members, axis=0)
             held_x[self.pairs[smaller, np.arange(smaller.size)]] = -1
-            held_x[self.pairs] *= (members < _BIACTIVE_MEMBER) | (np.arange(2)[:, None] == smaller)
+            at_zero = (members < _BIACTIVE_MEMBER) | (np.arange(2)[:, None] == smaller)
+            held_x[self.pairs] *= at_zero | (held_x[self.pairs] > 0)
         else:
             held_x[self.program.pairs] = 0
         return Held(held_x, held_g)
@@ -226,7 +227,8 @@ class KKTCurve:
             _margins(g, bounds["lbg"] * self.rows, bounds["ubg"] * self.rows, -eta, self.held.g),
         ]
         if self.pairs.size:
-            holds = self.held.x[self.pairs] != 0
+            # A member held at an upper bound above zero leaves the sign of the other's multiplier free.
+            holds = (self.held.x[self.pairs] < 0) | ((self.held.x != 0) & (bounds["ubx"] <= 0))[self.pairs]
             slack_groups[0][0][self.pairs[holds & (holds.sum(axis=0) == 1)]] = np.inf
         return np.concatenate([np.concatenate(part) for part in slack_groups])
 

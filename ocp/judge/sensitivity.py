@@ -23,10 +23,10 @@ _SINGULAR_MATRIX = 1e-8
 """Norm of the KKT matrix times a unit vector below which the matrix is singular."""
 _COST_ROUNDING = 1e-12
 """Rounding of a cost, in its natural unit."""
-_PARAMETER_STEP = 1e-4
+PARAMETER_STEP = 1e-4
 """Step of differences along the tangent, in units of the parameter."""
 _SAME_PLAN = 1e-4
-"""Change of states and inputs up to which two plans count as equal."""
+"""Change of quantities, such as states and inputs, up to which two solutions count as equal."""
 AGREEMENT = 0.1
 """Share by which the slope of a replay may differ from a sensitivity that it confirms."""
 Replay = Callable[[Trajectories, dict[str, float]], Any]
@@ -56,13 +56,11 @@ def sensitivity(program: NLP, point: Point, values: dict[str, float], replay: Re
         listed = ", ".join(program.names[:-2])
         raise InputError(f"there is no parameter {name!r} to differentiate by; there are {listed}")
     curve, v = regular_curve(program, point, values, name, abs(values[name]) or 1.0)
-    _check_regular(program, curve, v)
+    check_regular(curve, v, lambda moved: _states_and_inputs(program, curve, moved))
     t = curve.tangent(v)
-    _check_strict(curve, v, t)
-    ends = [_trajectories(program, curve, v + s * _PARAMETER_STEP * t) for s in (1, -1)]
-    dx, du = (
-        (getattr(ends[0], key) - getattr(ends[1], key)) / (2 * _PARAMETER_STEP * curve.unit) for key in ("x", "u")
-    )
+    check_strict(curve, v, t)
+    ends = [_trajectories(program, curve, v + s * PARAMETER_STEP * t) for s in (1, -1)]
+    dx, du = ((getattr(ends[0], key) - getattr(ends[1], key)) / (2 * PARAMETER_STEP * curve.unit) for key in ("x", "u"))
     replayed, refined, x_refined, note = _replayed_slopes(program, curve, v, t, replay)
     parameter = (program.problem.parameters + program.step.p).get(name)
     system = program.problem.system
@@ -70,7 +68,7 @@ def sensitivity(program: NLP, point: Point, values: dict[str, float], replay: Re
         {
             "x": (("scenario", "node", "state"), dx),
             "u": (("scenario", "interval", "control"), du),
-            "cost": ((), cost := _cost_slope(curve, v)),
+            "cost": ((), cost := cost_slope(curve, v)),
             "cost_referee": ((), replayed),
             "cost_refined": ((), refined),
             "x_refined": (("scenario", "node", "state"), x_refined),
@@ -94,7 +92,7 @@ def _replayed_slopes(
     program: NLP, curve: KKTCurve, v: np.ndarray, t: np.ndarray, replay: Replay
 ) -> tuple[float, float, np.ndarray, str]:
     """Return the slopes of replays' costs at h and h/4, of x at h/4, and why those at h/4 are missing, or ""."""
-    step, replays = _PARAMETER_STEP / 10, []
+    step, replays = PARAMETER_STEP / 10, []
     for sign in (1, -1):
         moved_point = v + sign * step * t
         values = {**curve.values, curve.name: moved_point[-1] * curve.unit}
@@ -115,17 +113,17 @@ def _finding(curve: KKTCurve, cost: float, replayed: float, refined: float) -> s
     return ", ".join(slopes) + (f": it depends on {reason}" if reason else "")
 
 
-def _check_strict(curve: KKTCurve, v: np.ndarray, t: np.ndarray) -> None:
+def check_strict(curve: KKTCurve, v: np.ndarray, t: np.ndarray) -> None:
     """Raise InputError where an end is neither strictly held nor strictly free.
 
     An end whose slack and multiplier are zero, and stay so to first order along the tangent, is
     allowed: the derivative is the same whether the end is held or free, provided that the held
     member of a pair has a multiplier above zero.
     """
-    step = _PARAMETER_STEP * t
+    step = PARAMETER_STEP * t
     margins = curve.margins(v)
     with np.errstate(invalid="ignore"):
-        slopes = (curve.margins(v + step) - curve.margins(v - step)) / (2 * _PARAMETER_STEP)
+        slopes = (curve.margins(v + step) - curve.margins(v - step)) / (2 * PARAMETER_STEP)
     degenerate = (margins < _NOT_STRICT) & ~((margins > -_NOT_STRICT) & (np.abs(slopes) < _STAYS_ZERO))
     if curve.pairs.size:
         pressed = curve.lower_slopes(v)[curve.pairs[::-1]] > _NOT_STRICT
@@ -141,8 +139,13 @@ def _check_strict(curve: KKTCurve, v: np.ndarray, t: np.ndarray) -> None:
         )
 
 
-def _check_regular(program: NLP, curve: KKTCurve, v: np.ndarray) -> None:
-    """Raise InputError where the reduced KKT matrix is singular along a direction of states and inputs."""
+def _states_and_inputs(program: NLP, curve: KKTCurve, v: np.ndarray) -> np.ndarray:
+    plan = _trajectories(program, curve, v)
+    return np.concatenate([plan.x.ravel(), plan.u.ravel()])
+
+
+def check_regular(curve: KKTCurve, v: np.ndarray, quantities: Callable[[np.ndarray], np.ndarray]) -> None:
+    """Raise InputError where the reduced KKT matrix is singular along a direction that moves ``quantities(v)`` (k,)."""
     null_vector = np.random.default_rng(0).standard_normal(v.size)
     null_vector[-1] = 0.0
     for _ in range(2):
@@ -151,8 +154,8 @@ def _check_regular(program: NLP, curve: KKTCurve, v: np.ndarray) -> None:
     is_singular = np.abs(curve.matrix(v) @ null_vector).max() < _SINGULAR_MATRIX
     direction = np.zeros_like(null_vector)
     direction[: curve.nx] = null_vector[: curve.nx]
-    first, second = (_trajectories(program, curve, v + s * direction) for s in (1, -1))
-    moves = max(np.abs(first.x - second.x).max(), np.abs(first.u - second.u).max()) > _SAME_PLAN
+    first, second = (quantities(v + s * direction) for s in (1, -1))
+    moves = np.abs(first - second).max() > _SAME_PLAN
     if not np.all(np.isfinite(null_vector)) or (is_singular and moves):
         raise InputError(
             f"no derivative by {curve.name}: the reduced KKT matrix is singular, the solution can"
@@ -166,10 +169,10 @@ def _trajectories(program: NLP, curve: KKTCurve, v: np.ndarray) -> Trajectories:
     return trajectories(program, result, curve.problem_data(v[-1])[0])
 
 
-def _cost_slope(curve: KKTCurve, v: np.ndarray) -> float:
+def cost_slope(curve: KKTCurve, v: np.ndarray) -> float:
     """Return the partial derivative of the Lagrangian with respect to the parameter, held bounds included."""
     _, y = curve.primal_dual(v)
-    step, lagrangians = _PARAMETER_STEP / 10 * curve.parameter_direction, []
+    step, lagrangians = PARAMETER_STEP / 10 * curve.parameter_direction, []
     for sign in (1, -1):
         (x, _), (p, bounds) = curve.primal_dual(v + sign * step), curve.problem_data(v[-1] + sign * step[-1])
         f, g = curve.program.values(x, p)

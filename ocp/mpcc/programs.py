@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 
 import casadi as ca
@@ -23,7 +23,7 @@ class MPCC:
 
     x (n, 1), p (n_p, 1) are symbols, f (1, 1), g (m, 1), G and H (k, 1) expressions in them. Bounds
     are numbers or sequences; by default g is an equation. ``names`` (k) are the names of the pairs in
-    verdicts.
+    verdicts, ``row_names`` (m) those of g.
 
     Raises :class:`~ocp.errors.InputError` where sizes do not fit, bounds cross, a symbol is not
     declared, or a pair is the same expression twice.
@@ -41,6 +41,7 @@ class MPCC:
     ubg: float | Sequence[float] | np.ndarray = 0.0
     names: Sequence[str] = ()
     name: str = "mpcc"
+    row_names: Sequence[str] = ()
 
     def __post_init__(self) -> None:
         for label, value in (("f", self.f), ("g", self.g), ("G", self.G), ("H", self.H)):
@@ -77,6 +78,18 @@ class MPCC:
     def pair(self, index: int) -> str:
         """Return the name of the pair number ``index``."""
         return self.names[index] if self.names else f"pair {index}"
+
+    @cached_property
+    def lifted(self) -> Lifted:
+        """The problem with slack variables and derivatives."""
+        return Lifted(self)
+
+    def with_bounds(self, lbx: np.ndarray, ubx: np.ndarray, lbg: np.ndarray, ubg: np.ndarray) -> MPCC:
+        """Return the problem with other bounds; derivatives and solvers are shared if signs of lbx agree."""
+        other = replace(self, lbx=lbx, ubx=ubx, lbg=lbg, ubg=ubg)
+        if np.array_equal(self.x_bounds[0] <= 0, other.x_bounds[0] <= 0):
+            other.__dict__["lifted"] = self.lifted
+        return other
 
     @property
     def x_bounds(self) -> tuple[np.ndarray, np.ndarray]:
@@ -115,7 +128,7 @@ class Lifted:
         self.variables, self.constraints = Layout(), Layout()
         n, k = mpcc.x.numel(), mpcc.G.numel()
         self.variables.add("x", (n,), tuple(str(mpcc.x[i]) for i in range(n)))
-        self.constraints.add("g", (mpcc.g.numel(),))
+        self.constraints.add("g", (mpcc.g.numel(),), tuple(mpcc.row_names))
         symbols, rows, places, taken_entries = [mpcc.x], [expressions[0]], [], set()
         for label, sides in (("G", expressions[1]), ("H", expressions[2])):
             positions = self._entries(sides, taken_entries)
@@ -134,6 +147,36 @@ class Lifted:
         lagrangian = self.lam_f * f + ca.dot(self.lam_g, self.g)
         self.hessian = ca.triu(ca.hessian(lagrangian, self.x)[0])
         self.sides = ca.Function("sides", [mpcc.x, mpcc.p], [mpcc.G, mpcc.H])
+        self.solvers: dict[str, dict[str, ca.Function]] = {}
+        self._closed: dict[str, tuple[Functions, Layout]] = {}
+
+    def close(self, reformulation: str) -> tuple[Functions, Layout]:
+        """Return functions and constraints of a reformulation, which is differentiated at its first use."""
+        if reformulation not in self._closed:
+            k, constraints = self.pairs.shape[1], Layout()
+            for name, block in self.constraints.blocks.items():
+                constraints.add(name, block.shape, block.components)
+            first, second = (self.x[[int(i) for i in places]] if k else ca.SX(0, 1) for places in self.pairs)
+            penalty, t = ca.SX.sym("penalty"), ca.SX.sym("relaxation")
+            rows = closure_rows(reformulation, first, second, 0.0, t)
+            for name, row in rows:
+                constraints.add(name, (row.numel(),))
+            penalised = penalty * ca.dot(first, second) if reformulation == "none" and k else ca.SX(0)
+            closure = ca.vertcat(ca.SX(0, 1), *(row for _, row in rows))
+            functions = self._functions(penalised, closure, ca.vertcat(self.mpcc.p, penalty, t))
+            self._closed[reformulation] = functions, constraints
+        return self._closed[reformulation]
+
+    def _functions(self, penalised: ca.SX, closure: ca.SX, p: ca.SX) -> Functions:
+        """Return the program's functions from derivatives of problem, penalty and ``closure`` constraints."""
+        x, lam_closure = self.x, ca.SX.sym("lam_closure", closure.numel())
+        f, g = self.f + penalised, ca.vertcat(self.g, closure)
+        gradient = ca.densify(self.gradient + ca.gradient(penalised, x))
+        jacobian = ca.vertcat(self.jacobian, ca.jacobian(closure, x))
+        closing = self.lam_f * penalised + ca.dot(lam_closure, closure)
+        hessian = self.hessian + ca.triu(ca.hessian(closing, x)[0])
+        lam_g = ca.vertcat(self.lam_g, lam_closure)
+        return Functions.of((x, p, self.lam_f, lam_g), (f, g), (f, gradient), (g, jacobian), hessian)
 
     def _entries(self, sides: ca.SX, taken_entries: set[int]) -> np.ndarray:
         """Return the indices in x of the sides that are entries of x, -1 for the others."""
@@ -153,44 +196,29 @@ def programs_of(mpcc: MPCC, p: np.ndarray, start: np.ndarray) -> Callable[[str],
 
     Sizes of variables and cost are derived at ``start`` (n,).
     """
-    lifted = Lifted(mpcc)
-    return cache(lambda reformulation: MPCCProgram(lifted, reformulation, p, start))
+    return cache(lambda reformulation: MPCCProgram(mpcc, reformulation, p, start))
+
+
+BoundsAt = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]
+"""Function from the parameters to lower and upper bounds of x, then of g."""
 
 
 class MPCCProgram(Program):
-    """The program of an :class:`~ocp.mpcc.MPCC`, in one reformulation of :class:`~ocp.programs.program.Program`."""
+    """The program of an :class:`~ocp.mpcc.MPCC`, in one reformulation of :class:`~ocp.programs.program.Program`.
 
-    def __init__(self, lifted: Lifted, reformulation: str, p: np.ndarray, start: np.ndarray) -> None:
-        self.lifted, self.mpcc, self.given = lifted, lifted.mpcc, p
-        self.reformulation = reformulation
-        self.start = start
-        self.solvers = {}
-        self.variables, self.constraints, self.pairs = lifted.variables, Layout(), lifted.pairs
-        for name, block in lifted.constraints.blocks.items():
-            self.constraints.add(name, block.shape, block.components)
-        x, k = lifted.x, self.pairs.shape[1]
-        first, second = (x[[int(i) for i in positions]] if k else ca.SX(0, 1) for positions in self.pairs)
-        penalty, t = ca.SX.sym("penalty"), ca.SX.sym("relaxation")
-        rows = closure_rows(reformulation, first, second, 0.0, t)
-        for name, row in rows:
-            self.constraints.add(name, (row.numel(),))
-        penalised = penalty * ca.dot(first, second) if reformulation == "none" and k else ca.SX(0)
-        closure = ca.vertcat(ca.SX(0, 1), *(row for _, row in rows))
-        self._differentiate(penalised, closure, ca.vertcat(self.mpcc.p, penalty, t))
+    Bounds are those of the problem, or ``bounds_at`` the parameters.
+    """
 
-    def _differentiate(self, penalised: ca.SX, closure: ca.SX, p: ca.SX) -> None:
-        """Set the program's functions from derivatives of problem, penalty and ``closure`` constraints."""
-        base, x = self.lifted, self.lifted.x
-        lam_closure = ca.SX.sym("lam_closure", closure.numel())
-        f, g = base.f + penalised, ca.vertcat(base.g, closure)
-        gradient = ca.densify(base.gradient + ca.gradient(penalised, x))
-        jacobian = ca.vertcat(base.jacobian, ca.jacobian(closure, x))
-        closing = base.lam_f * penalised + ca.dot(lam_closure, closure)
-        hessian = base.hessian + ca.triu(ca.hessian(closing, x)[0])
-        lam_g = ca.vertcat(base.lam_g, lam_closure)
-        self.f_g, self.gradient, self.jacobian, self.hessian = Functions.of(
-            (x, p, base.lam_f, lam_g), (f, g), (f, gradient), (g, jacobian), hessian
-        )
+    def __init__(
+        self, mpcc: MPCC, reformulation: str, p: np.ndarray, start: np.ndarray, bounds_at: BoundsAt | None = None
+    ) -> None:
+        self.bounds_at = bounds_at or (lambda p: (*mpcc.x_bounds, *mpcc.g_bounds))
+        self.mpcc, self.lifted, self.given = mpcc, mpcc.lifted, p
+        self.reformulation, self.start = reformulation, start
+        self.variables, self.pairs = self.lifted.variables, self.lifted.pairs
+        functions, self.constraints = self.lifted.close(reformulation)
+        self.f_g, self.gradient, self.jacobian, self.hessian = functions
+        self.solvers = self.lifted.solvers.setdefault(reformulation, {})
 
     @property
     def title(self) -> str:
@@ -198,17 +226,17 @@ class MPCCProgram(Program):
         return self.mpcc.name
 
     def parameter_vector(self, values: dict[str, float]) -> np.ndarray:
-        """Return the parameters p, then penalty and relaxation, as one vector."""
-        return np.concatenate([self.given, [values[PENALTY], values[RELAXATION]]])
+        """Return the parameters p, or named values ``p[i]`` instead of theirs, then penalty and relaxation."""
+        p = [values.get(f"p[{i}]", value) for i, value in enumerate(self.given)]
+        return np.array([*p, values[PENALTY], values[RELAXATION]])
 
     def bounds(self, values: dict[str, float]) -> dict[str, np.ndarray]:
         """Return the bounds of the problem, with members of pairs at least zero."""
-        lower, upper = self.mpcc.x_bounds
+        lower, upper, g_lower, g_upper = self.bounds_at(self.parameter_vector(values)[:-2])
         lbx = np.full(self.n, -np.inf)
         ubx = np.full(self.n, np.inf)
         lbx[: lower.size], ubx[: upper.size] = lower, upper
         lbx[self.pairs] = np.maximum(lbx[self.pairs], 0.0)
-        g_lower, g_upper = self.mpcc.g_bounds
         ends = {"g": (g_lower, g_upper)}
         if "separation" in self.constraints:
             ends["separation"] = (np.zeros(1), np.full(1, np.inf))
@@ -221,7 +249,7 @@ class MPCCProgram(Program):
 
     def constant(self, p: np.ndarray) -> float:
         """Return the constant terms of the cost, which are not in ``f``."""
-        return float(self.lifted.constant(self.given))
+        return float(self.lifted.constant(p[:-2]))
 
     def sizes(self, x: np.ndarray) -> np.ndarray:
         """Return the unit of each variable (n,), or its absolute value at x where that is larger."""

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import count
 
 import casadi as ca
 import numpy as np
@@ -15,6 +16,7 @@ from ocp.judge.certificate import UNJUDGED, Certificate, certify
 from ocp.judge.findings import compose_lines
 from ocp.judge.jumps import Domain, jump_findings_of
 from ocp.judge.unbounded import unbounded_variables
+from ocp.mpcc.multipliers import Multipliers, multipliers_at
 from ocp.mpcc.programs import MPCC, MPCCProgram, programs_of, sized
 from ocp.programs.program import PENALTY, RELAXATION, Program
 from ocp.programs.solver import Point, Result, Solver, Status
@@ -40,6 +42,8 @@ def violation(program: Program, x: np.ndarray, p: np.ndarray, bounds: dict[str, 
     return worst, name
 
 
+Callback = Callable[[int, np.ndarray], None]
+"""Function of the number of runs of the solver so far, and of x (n,) after the last one."""
 DEFAULTS = ("l1-quick", "scholtes-quick")
 """Default strategies: an exact penalty, which is cheapest, and a relaxation, which is more robust."""
 DEFAULTS_LARGE = ("l1-quick", "scholtes-exact", "scholtes-quick")
@@ -63,7 +67,7 @@ class MPCCSolution:
     ``infeasibility`` is the largest violation of a bound, of g, or of min(G, H) = 0, each in the
     unit of its derived size (1 for ordinary sizes); ``worst`` is the name of what is violated.
     ``strategy`` is the name of the strategy that found x. ``findings`` are sentences on functions
-    that jump, or on a cost that is unbounded below.
+    that jump, or on a cost that is unbounded below. ``multipliers`` are those at a feasible x, else None.
     """
 
     x: np.ndarray
@@ -78,6 +82,7 @@ class MPCCSolution:
     iterations: int
     seconds: float
     findings: tuple[str, ...] = ()
+    multipliers: Multipliers | None = None
 
     @property
     def success(self) -> bool:
@@ -101,6 +106,8 @@ def solve(
     strategies: Sequence[str] | None = None,
     solver: str = "ipopt",
     options: dict[str, object] | None = None,
+    warm: bool = False,
+    callback: Callback | None = None,
 ) -> MPCCSolution:
     """Solve a problem from ``x0`` (n,) at parameters ``p``, and certify the solution.
 
@@ -112,6 +119,10 @@ def solve(
     certified. ``strategies`` are by default :data:`DEFAULTS` or, for problems of this size,
     :data:`DEFAULTS_LARGE`. Where no solution is certified, constraints are softened (:func:`softened`),
     which allows more equations than variables. Where nothing is feasible, the verdict names the violation.
+
+    A ``warm`` solve begins with the branch nearest to ``x0`` and its neighbours, and returns a certified
+    solution of these without following any strategy. ``callback`` is called after each run of the solver
+    with the number of runs so far and x (n,).
 
     Raises :class:`~ocp.errors.InputError` for sizes that do not fit, unknown names, or a start that
     is not finite.
@@ -125,6 +136,11 @@ def solve(
     for name in strategies or ():
         choose("strategy", name, STRATEGIES)
     inside, nlp_solver = np.clip(start, *mpcc.x_bounds), Solver(solver, dict(options or {}))
+    if callback is not None:
+        runs = count()
+        nlp_solver.on_result = lambda _, result: callback(next(runs), result.point.x[: start.size])
+    if warm and (nearest := _nearest(mpcc, inside, parameter_values, nlp_solver)).success:
+        return replace(nearest, seconds=time.perf_counter() - start_time)
     best, follower = _followed(mpcc, inside, parameter_values, strategies, nlp_solver)
     if _feasible(best) and _coarse(follower, best.x):
         second_answer, second_follower = _followed(mpcc, best.x, parameter_values, strategies, nlp_solver)
@@ -138,6 +154,18 @@ def solve(
         best, findings = replace(best, status=Status.UNBOUNDED), (endless,)
     seconds = time.perf_counter() - start_time
     return replace(best, iterations=follower.trace.iterations, seconds=seconds, findings=findings)
+
+
+def _nearest(mpcc: MPCC, start: np.ndarray, parameter_values: np.ndarray, solver: Solver) -> MPCCSolution:
+    """Return the solution of the branch nearest to ``start`` (n,), exchanged for better neighbours."""
+    follower = Homotopy(programs_of(mpcc, parameter_values, start), solver, {PENALTY: 0.0, RELAXATION: 0.0})
+    program = follower.nlp_of("none")
+    assert isinstance(program, MPCCProgram)
+    p = program.parameter_vector(follower.values)
+    begin = Result.at(program, Point(program.extended(start)), p, Status.FAILED, "warm start")
+    leg = polish(follower, program, begin)
+    solution = _judged(program, leg.nlp, leg.result, start, "warm start")
+    return replace(solution, iterations=follower.trace.iterations)
 
 
 def _coarse(follower: Homotopy, x: np.ndarray) -> bool:
@@ -216,6 +244,7 @@ def softened(mpcc: MPCC, cost: float, weight: float) -> MPCC:
         *mpcc.g_bounds,
         mpcc.names,
         mpcc.name,
+        mpcc.row_names,
     )
 
 
@@ -284,14 +313,16 @@ def _judged(program: MPCCProgram, source: Program, result: Result, start: np.nda
     if complementarity.size and complementarity.max() > infeasibility:
         infeasibility = float(complementarity.max())
         worst = f"complementarity of {mpcc.pair(int(complementarity.argmax()))!r}"
-    certificate = Certificate("undecided", reason=UNJUDGED)
+    certificate, lagrange = Certificate("undecided", reason=UNJUDGED), None
     status = Status.INEXACT if result.ok else result.status
     if infeasibility <= TOLERANCES["constraint_violation"]:
         multipliers = result.point.lam_g if source is program else None
         certificate = certify(program, x, p, bounds, multipliers)
+        lagrange = multipliers_at(program, x, p, bounds, multipliers)
         decided = {"not": Status.NOT_OPTIMAL, "undecided": Status.UNDECIDED}
         status = decided.get(certificate.stationarity, Status.SOLVED)
     elif result.status in (Status.SOLVED, Status.INFEASIBLE):
         status = Status.INFEASIBLE
     f = program.values(x, p)[0] + program.constant(p)
-    return MPCCSolution(x[: mpcc.x.numel()], G, H, f, status, certificate, infeasibility, worst, name, 0, 0.0)
+    x = x[: mpcc.x.numel()]
+    return MPCCSolution(x, G, H, f, status, certificate, infeasibility, worst, name, 0, 0.0, multipliers=lagrange)

@@ -205,7 +205,8 @@ class Solver:
         limits = [values["max_iter"] for values in (self.options, overrides) if "max_iter" in values]
         if limits:
             options["max_iter"] = min(limits)
-        key = json.dumps([self.name, options], sort_keys=True, default=str)
+        # Programs that share instances may have different scales, which are constants in an instance.
+        key = json.dumps([self.name, options, nlp.natural.digest], sort_keys=True, default=str)
         if key not in nlp.solvers:
             nlp.solvers[key] = self._create(nlp, options)
         return nlp.solvers[key]

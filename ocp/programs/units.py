@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from hashlib import sha256
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -141,6 +142,13 @@ class Scale:
     def none(cls, n: int, m: int, f: float = 1.0) -> Scale:
         """Return the scale that divides only the cost, by ``f``."""
         return cls(np.ones(n), np.ones(m), f)
+
+    @property
+    def digest(self) -> str:
+        """Digest of the divisors, equal for equal scales alone."""
+        return sha256(
+            b"".join(np.asarray(each, dtype=float).tobytes() for each in (self.x, self.g, self.f))
+        ).hexdigest()
 
 
 Entries = Callable[[np.ndarray, np.ndarray], "tuple[float, sp.csr_matrix]"]
