@@ -106,7 +106,9 @@ class SolveOptions(StartsOptions):
         "solve push-disc --contact exact --guess sketch.toml",
         "solve push-disc --contact exact --starts 8 --jobs 2 --rank exact",
         "solve cart-walls --contact exact --until survives",
+        "solve model.nl",
     )
+    problem: str = argument(help=f"{PROBLEM_HELP[:-1]}, or a .nl file of AMPL, Pyomo or JuMP.")
     start: str | None = option(None, "--from", metavar="RUN", help="Start from a stored run of the same problem.")
     guess: str | None = option(
         None, metavar="RUN|FILE", help="Begin at a run, or at keyframes, paths, contacts of a .json or .toml file."

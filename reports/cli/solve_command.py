@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, replace
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 from dynamics.contact import ContactLaw
 from ocp import store
@@ -34,14 +34,21 @@ from reports.tables.console import number, small
 from reports.tables.contacts import contact_table
 from reports.tables.survival import disturbance_table, ladder_table
 
+if TYPE_CHECKING:
+    from ocp.mpcc.nl import NLProblem
+
 NOT_CONVERGED = 3
 """Exit code of a solve without a solution."""
 REQUIREMENTS = {"survives": "the referee's replay follows the plan, at h and at h/4"}
 """Mapping from values of ``--require`` to their meaning."""
 
 
-def check(options: SolveOptions) -> tuple[Request, Solution | None]:
-    """Return the checked request, and the solution to start from (None without ``--from``)."""
+def check(options: SolveOptions) -> tuple[Request, Solution | None] | NLProblem:
+    """Return the checked request and the solution to start from (None without ``--from``), or an .nl file's problem."""
+    if options.problem.endswith(".nl"):
+        from reports.cli import nl_command
+
+        return nl_command.check(options)
     if options.require is not None:
         choose("requirement", options.require, REQUIREMENTS)
     parallel = [f"--{name}" for name in ("jobs", "scheduler") if name in options.explicit]
@@ -94,8 +101,12 @@ def _start(request: Request, options: SolveOptions) -> Solution:
     return stored_run.solution(problem_of(stored_run, request.spec)[2])
 
 
-def run(options: SolveOptions, checked: tuple[Request, Solution | None]) -> int:
+def run(options: SolveOptions, checked: tuple[Request, Solution | None] | NLProblem) -> int:
     """Solve a problem under a contact law, audit the answer, and store the run."""
+    if not isinstance(checked, tuple):
+        from reports.cli import nl_command
+
+        return nl_command.run(options, checked)
     request, start = checked
     output, session = options.output, request.session
     workers = min(options.jobs, options.starts)

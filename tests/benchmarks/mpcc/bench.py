@@ -24,8 +24,8 @@ import casadi as ca
 import numpy as np
 
 from ocp.mpcc import MPCC, MPCCSolution, solve
+from ocp.mpcc.nl import read_nl
 from tests.benchmarks.mpcc import report, scholtes_peer
-from tests.benchmarks.mpcc.nl import read_nl
 from tests.benchmarks.mpcc.report import Row
 
 FEASIBLE, COMPLEMENTARY = 1e-6, 1e-6

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from ocp.errors import InputError
-from tests.benchmarks.mpcc.nl import Stated, read_nl
-
-pytestmark = pytest.mark.bench
+from ocp.mpcc import solve
+from ocp.mpcc.nl import NLProblem, read_nl, sol_text
 
 HEADER = """g3 1 1 0	# problem by hand
  {n} {m} 1 0 0	# vars, constraints, objectives, ranges, eqns
@@ -28,13 +27,13 @@ NOTHING = "O0 0\nn0\n"
 FREE = "3\n"
 
 
-def read(tmp_path: Path, n: int, m: int, segments: str) -> Stated:
+def read(tmp_path: Path, n: int, m: int, segments: str) -> NLProblem:
     path = tmp_path / "hand.nl"
     path.write_text(HEADER.format(n=n, m=m) + segments)
     return read_nl(path)
 
 
-def values(stated: Stated, x: list[float]) -> list[np.ndarray]:
+def values(stated: NLProblem, x: list[float]) -> list[np.ndarray]:
     mpcc = stated.mpcc
     at = np.concatenate([x, np.zeros(mpcc.x.numel() - len(x))])
     found = ca.Function("all", [mpcc.x], [mpcc.f, mpcc.g, mpcc.G, mpcc.H])(at)
@@ -180,3 +179,60 @@ def test_a_binary_file_is_refused(tmp_path: Path) -> None:
     path.write_text("b3 1 1 0\n")
     with pytest.raises(InputError, match=r"not an AMPL \.nl text file"):
         read_nl(path)
+
+
+def read_sol(text: str) -> tuple[list[float], list[float], int]:
+    """Return duals, values and result code of a .sol file, by the layout that AMPL documents."""
+    lines = text.splitlines()
+    rest = lines[lines.index("Options") + 1 :]
+    rest = rest[1 + int(rest[0]) :]
+    rows, duals, variables, values = (int(line) for line in rest[:4])
+    assert duals in (0, rows) and values == variables
+    numbers = [float(line) for line in rest[4 : 4 + duals + values]]
+    (last,) = rest[4 + duals + values :]
+    assert last.startswith("objno 0 ")
+    return numbers[:duals], numbers[duals:], int(last.split()[2])
+
+
+def market(demand: float, sense: int) -> str:
+    """Text of an .nl file with ``q = demand - v`` and ``0 <= v ⟂ q >= 0``, then ``-1 <= w <= 1 ⟂ w - 2 v - 3``.
+
+    The cost is ``(v - 4)² + w`` or, to be maximised, its negative.
+    """
+    cost = "o0\no5\no0\nv0\nn-4\nn2\nv2\n"
+    objective = f"O0 1\no16\n{cost}" if sense else f"O0 0\n{cost}"
+    bounds = f"r\n4 {demand}\n5 1 2\n5 3 3\nb\n2 0\n2 0\n0 -1 1\n"
+    rows = "J0 2\n0 1\n1 1\nJ1 1\n0 1\nJ2 2\n0 -2\n2 1\n"
+    return f"C0\nn0\nC1\nn0\nC2\nn-3\n{objective}{bounds}{rows}"
+
+
+@pytest.mark.parametrize("sense", [0, 1], ids=["minimise", "maximise"])
+def test_a_solution_file_has_values_and_duals_of_every_row(tmp_path: Path, sense: int) -> None:
+    """v is 0 or the demand, whichever is nearer 4, and w is 1 since its row is negative; duals are differences."""
+
+    def solved(demand: float) -> tuple[list[float], list[float], float]:
+        problem = read(tmp_path, 3, 3, market(demand, sense))
+        solution = solve(problem.mpcc, problem.start)
+        assert solution.success and problem.maximise == bool(sense)
+        duals, x, code = read_sol(sol_text(problem, solution))
+        assert code == 0
+        return duals, x, problem.cost(solution)
+
+    duals, x, cost = solved(3.0)
+    assert x == pytest.approx([3, 0, 1], abs=1e-6)
+    assert cost == pytest.approx(-2 if sense else 2, abs=1e-6)
+    assert duals[0] == pytest.approx((solved(3.01)[2] - solved(2.99)[2]) / 0.02, abs=1e-4)
+    assert duals[1:] == pytest.approx([0, 0], abs=1e-6), "rows that are not zero have no dual"
+
+
+def test_a_solution_that_fails_has_no_duals_and_a_code(tmp_path: Path) -> None:
+    segments = "C0\nn0\n" + NOTHING + "r\n4 -1\nb\n2 0\nJ0 1\n0 1\n"
+    problem = read(tmp_path, 1, 1, segments)
+    duals, x, code = read_sol(sol_text(problem, solve(problem.mpcc, problem.start)))
+    assert not duals and len(x) == 1 and code == 200
+
+
+def test_integer_variables_are_counted(tmp_path: Path) -> None:
+    path = tmp_path / "binary.nl"
+    path.write_text(HEADER.format(n=1, m=0).replace(" 0 0 0 0 0\n 0 0\n", " 1 2 0 0 0\n 0 0\n", 1) + f"{NOTHING}b\n3\n")
+    assert read_nl(path).contents.n_integer == 3
