@@ -53,9 +53,9 @@ class Presolved:
         kept, lower, upper, _, self.backward = ca.detect_simple_bounds(
             ca.vertcat(self.x, extra),
             parameters,
-            ca.vertcat(self.g[others], extra),
-            ca.vertcat(low[others], -1),
-            ca.vertcat(high[others], 1),
+            ca.vertcat(_entries(self.g, others), extra),
+            ca.vertcat(_entries(low, others), -1),
+            ca.vertcat(_entries(high, others), 1),
         )
         self.kept = np.array(kept, dtype=int)
         self.limits = ca.Function("limits", [p, lbg, ubg], [lower[:-1], upper[:-1], low, high])
@@ -69,7 +69,7 @@ class Presolved:
         if key not in self._problems:
             names = [self.row_names[i] for i in rows]
             names += [f"equation {i} of the pairs" for i in range(len(self.form.rows))]
-            g = ca.vertcat(self.g[rows], *self.form.rows)
+            g = ca.vertcat(_entries(self.g, rows), *self.form.rows)
             arguments = self.x, self.f, self.G, self.H, g, self.p, *bounds, self.form.names, self.name
             self._problems[key] = MPCC(*arguments, row_names=names)
         return self._problems[key].with_bounds(*bounds)
@@ -128,3 +128,8 @@ class Presolved:
         lam_g[self.others] = np.array(restored).ravel()[:-1]
         pairs = np.array([multipliers.G, multipliers.H]).T
         return multipliers.x[: self.n] - by_rows, lam_g, pairs
+
+
+def _entries(vector: ca.SX, indices: list[int]) -> ca.SX:
+    """Return entries of a vector as a column, also where there are none."""
+    return vector[indices] if indices else ca.SX(0, 1)

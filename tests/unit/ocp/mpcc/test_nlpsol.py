@@ -85,7 +85,8 @@ def test_mixed_complementarity_is_a_projection(p: float, expected: float) -> Non
     """``l <= x <= u`` complementary to ``x - p`` has the solution clip(p, l, u); limits may be parameters."""
     x, q = ca.MX.sym("x"), ca.MX.sym("q", 2)
     relation = complements(x - q[0], x, lower=-1.0, upper=q[1])
-    result = mpcc_solver("projection", {"x": x, "p": q, "f": x, "pairs": relation})(p=[p, 2.0])
+    solver = mpcc_solver("projection", {"x": x, "p": q, "f": x, "g": 2 * x, "pairs": relation})
+    result = solver(p=[p, 2.0], lbg=-7.0, ubg=9.0)
     assert result["report"].success
     assert float(result["x"]) == pytest.approx(expected, abs=1e-7)
 
