@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ocp.errors import InputError
+from ocp.errors import InputError, NotConverged
 from ocp.mpcc.nl import NLProblem, read_nl, sol_text
 from ocp.mpcc.solving import MPCCSolution, solve
 from ocp.programs.solver import Solver
@@ -47,8 +47,6 @@ def sol_path(options: SolveOptions) -> Path:
 
 def run(options: SolveOptions, problem: NLProblem) -> int:
     """Solve the problem, write the .sol file, and print the verdict."""
-    from reports.cli.solve_command import NOT_CONVERGED
-
     solution = solve(problem.mpcc, problem.start, solver=options.solver, options=solver_options(options))
     path = sol_path(options)
     atomic.write_file(path, sol_text(problem, solution).encode(), "the solution")
@@ -57,7 +55,7 @@ def run(options: SolveOptions, problem: NLProblem) -> int:
     options.output.verdict(solution.verdict, "certified" if solution.success else "failed")
     options.output.say(f"solution: {path}")
     options.output.document({**document_of(problem, solution), "sol": str(path)})
-    return 0 if solution.success else NOT_CONVERGED
+    return 0 if solution.success else NotConverged.exit_code
 
 
 def document_of(problem: NLProblem, solution: MPCCSolution) -> dict[str, Any]:
