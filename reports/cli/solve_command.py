@@ -26,7 +26,7 @@ from ocp.store.stored_run import StoredRun
 from problems.plugin import edited, law_of, problem_of
 from reports.cli import interrupt
 from reports.cli.commands import ReplayOptions, SolveOptions
-from reports.cli.guess_file import read_guess
+from reports.cli.files.guess_file import read_guess
 from reports.cli.request import Request, check_output_file, check_outputs, parse_assignments
 from reports.cli.streams import Output
 from reports.tables import console
@@ -46,7 +46,7 @@ REQUIREMENTS = {"survives": "the referee's replay follows the plan, at h and at 
 def check(options: SolveOptions) -> tuple[Request, Solution | None] | NLProblem:
     """Return the checked request and the solution to start from (None without ``--from``), or an .nl file's problem."""
     if options.problem.endswith(".nl"):
-        from reports.cli import nl_command
+        from reports.cli.files import nl_command
 
         return nl_command.check(options)
     if options.require is not None:
@@ -104,7 +104,7 @@ def _start(request: Request, options: SolveOptions) -> Solution:
 def run(options: SolveOptions, checked: tuple[Request, Solution | None] | NLProblem) -> int:
     """Solve a problem under a contact law, audit the answer, and store the run."""
     if not isinstance(checked, tuple):
-        from reports.cli import nl_command
+        from reports.cli.files import nl_command
 
         return nl_command.run(options, checked)
     request, start = checked
