@@ -102,7 +102,8 @@ FOLDER = DOCS.parent / "examples"
 
 def example_pages() -> dict[str, str]:
     """Return a page for each script and notebook of ``examples``, and a page that lists them."""
-    scripts = {file.stem: file.read_text(encoding="utf-8") for file in sorted(FOLDER.glob("*.py"))}
+    files = {file.stem: file for file in (*sorted(FOLDER.glob("*.py")), *sorted(FOLDER.glob("*/*.py")))}
+    scripts = {name: file.read_text(encoding="utf-8") for name, file in files.items()}
     rows = [
         (f"[{name}]({name}.md)", (ast.get_docstring(ast.parse(source)) or "").partition("\n\n")[0])
         for name, source in scripts.items()
@@ -115,7 +116,7 @@ def example_pages() -> dict[str, str]:
         for name, title in books.items()
     }
     example_texts |= {
-        f"examples/{name}.md": f'# {name}\n\n```python title="examples/{name}.py"\n{source}```\n'
+        f"examples/{name}.md": f'# {name}\n\n```python title="{files[name].relative_to(ROOT)}"\n{source}```\n'
         for name, source in scripts.items()
     }
     head = "# Examples\n\nWhole files that run, in `examples/` of the checkout.\n\n"
