@@ -5,60 +5,34 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import reduce
+from operator import add, mul, neg, sub, truediv
 from typing import Any
 
 import casadi as ca
 
 from ocp.errors import InputError
 
+_FUNCTIONS = "tanh tan sqrt sinh sin log10 log exp cosh cos atanh atan2 atan asinh asin acosh acos"
+"""CasADi's functions with the operator numbers 37 to 53."""
 _UNARY: dict[int, Callable[[Any], Any]] = {
-    15: ca.fabs,
-    16: lambda a: -a,
-    37: ca.tanh,
-    38: ca.tan,
-    39: ca.sqrt,
-    40: ca.sinh,
-    41: ca.sin,
-    42: ca.log10,
-    43: ca.log,
-    44: ca.exp,
-    45: ca.cosh,
-    46: ca.cos,
-    47: ca.atanh,
-    49: ca.atan,
-    50: ca.asinh,
-    51: ca.asin,
-    52: ca.acosh,
-    53: ca.acos,
-    76: lambda a: a**2,
+    **{37 + i: getattr(ca, name) for i, name in enumerate(_FUNCTIONS.split())},
+    **{15: ca.fabs, 16: neg, 76: lambda a: a**2},
 }
 """Mapping from operator numbers to functions of one argument."""
-_BINARY: dict[int, Callable[[Any, Any], Any]] = {
-    0: lambda a, b: a + b,
-    1: lambda a, b: a - b,
-    2: lambda a, b: a * b,
-    3: lambda a, b: a / b,
-    5: lambda a, b: a**b,
-    48: ca.atan2,
-    75: lambda a, b: a**b,
-    77: lambda a, b: a**b,
-}
+_POWERS = (5, 75, 77)
+"""Operator numbers of powers: any, those with a constant base, those with a constant exponent."""
+_BINARY = {0: add, 1: sub, 2: mul, 3: truediv, 48: ca.atan2, **dict.fromkeys(_POWERS, pow)}
 """Mapping from operator numbers to functions of two arguments."""
-_SUMS: dict[int, Callable[[Any, Any], Any]] = {
-    11: ca.fmin,
-    12: ca.fmax,
-    54: lambda a, b: a + b,
-}
+_SUMS = {11: ca.fmin, 12: ca.fmax, 54: add}
 """Mapping from numbers of operators with any number of arguments to functions that add one argument to the result."""
+_ENDS = {"0": (0, 1), "1": (None, 0), "2": (0, None), "3": (None, None), "4": (0, 0)}
+"""Mapping from kinds of bounds to the positions of the lower and the upper bound in a line; None where infinite."""
 _HEADER_LINES = 10
 """Number of lines before the first segment."""
 _INTEGER_LINE = 6
 """Index of the header's line with the numbers of binary and integer variables."""
-_FREE = 3
-"""Kind of bounds in an r- or b-line: none."""
-_FIXED = 4
-"""Kind of bounds in an r- or b-line: both ends equal."""
-_COMPLEMENTS = 5
+_COMPLEMENTS = "5"
 """Kind of bounds in an r-line: the row is complementary to a variable."""
 
 Line = list[str]
@@ -164,7 +138,7 @@ def _read_table(contents: NLFile, lines: list[Line], kind: str, number: str) -> 
     """Read bounds or starts; return their number of lines. Initial duals and column counts are skipped."""
     if kind == "r":
         for i, words in enumerate(lines[: contents.n_rows]):
-            is_pair = words[0] == str(_COMPLEMENTS)
+            is_pair = words[0] == _COMPLEMENTS
             if is_pair:
                 contents.complements[i] = int(words[1]), int(words[2]) - 1
             contents.row_ends.append((-math.inf, math.inf) if is_pair else _ends(words))
@@ -184,18 +158,11 @@ def _terms(lines: list[Line]) -> list[Term]:
 
 
 def _ends(words: Line) -> Ends:
-    kind, numbers = int(words[0]), [float(word) for word in words[1:]]
-    if kind == 0:
-        return numbers[0], numbers[1]
-    if kind == 1:
-        return -math.inf, numbers[0]
-    if kind == 2:
-        return numbers[0], math.inf
-    if kind == _FREE:
-        return -math.inf, math.inf
-    if kind == _FIXED:
-        return numbers[0], numbers[0]
-    raise ValueError(f"bounds of type {kind} are not known")
+    """Return the lower and upper bound that a line states."""
+    if words[0] not in _ENDS:
+        raise ValueError(f"bounds of type {words[0]} are not known")
+    low, high = _ENDS[words[0]]
+    return -math.inf if low is None else float(words[1 + low]), math.inf if high is None else float(words[1 + high])
 
 
 def _expression(contents: NLFile, lines: list[Line], first: int) -> tuple[Any, int]:
@@ -220,15 +187,11 @@ def _expression(contents: NLFile, lines: list[Line], first: int) -> tuple[Any, i
 
 def _apply(operator: int, stack: list[Any]) -> Any:
     """Return an operator's value at the arguments on top of the stack, which are taken from it."""
-    if operator in _UNARY:
-        return _UNARY[operator](stack.pop())
     if operator in _BINARY:
         first, second = stack.pop(), stack.pop()
         return _BINARY[operator](first, second)
+    if operator in _UNARY:
+        return _UNARY[operator](stack.pop())
     if operator in _SUMS:
-        count = stack.pop()
-        value = stack.pop()
-        for _ in range(count - 1):
-            value = _SUMS[operator](value, stack.pop())
-        return value
+        return reduce(_SUMS[operator], [stack.pop() for _ in range(stack.pop())])
     raise ValueError(f"operator o{operator} is not known")

@@ -169,7 +169,10 @@ class OptiSolver:
 
 @dataclass(frozen=True)
 class OptiSolution:
-    """Solution of an Opti, with the methods of ``casadi.OptiSol``, and its ``report`` with the certificate."""
+    """Solution of an Opti, with the methods of ``casadi.OptiSol``, and its ``report`` with the certificate.
+
+    Other attributes, such as ``value_variables``, are those of :attr:`opti`.
+    """
 
     contents: Stack
     solver: MPCCSolver
@@ -192,17 +195,13 @@ class OptiSolution:
         """
         return self.opti.value(expression, [*values])
 
-    def value_variables(self) -> list[Any]:
-        """Return assignments of the variables, which ``opti.set_initial`` takes."""
-        return self.opti.value_variables()
-
-    def value_parameters(self) -> list[Any]:
-        """Return assignments of the parameters, which ``opti.set_value`` takes."""
-        return self.opti.value_parameters()
-
     def stats(self) -> dict[str, Any]:
         """Return statistics of the solve."""
         return self.solver.stats()
+
+    def __getattr__(self, name: str) -> Any:
+        """Return an attribute of the snapshot."""
+        return getattr(self.opti, name)
 
     def sensitivity(self, expression: Any, parameter: Any) -> np.ndarray:
         """Return the derivative (k, n_p) of an expression (k,) at the solution by a parameter (n_p,) of the Opti.

@@ -121,8 +121,8 @@ def solve(
     which allows more equations than variables. Where nothing is feasible, the verdict names the violation.
 
     A ``warm`` solve begins with the branch nearest to ``x0`` and its neighbours, and returns a certified
-    solution of these without following any strategy. ``callback`` is called after each run of the solver
-    with the number of runs so far and x (n,).
+    solution of these without following any strategy or searching for jumps. ``callback`` is called after
+    each run of the solver with the number of runs so far and x (n,).
 
     Raises :class:`~ocp.errors.InputError` for sizes that do not fit, unknown names, or a start that
     is not finite.

@@ -61,21 +61,16 @@ def run(options: SolveOptions, problem: NLProblem) -> int:
 def document_of(problem: NLProblem, solution: MPCCSolution) -> dict[str, Any]:
     """Return the JSON document of a solution, with keys of ``ocp solve`` and the values of variables by name."""
     certificate, symbols = solution.certificate, problem.contents.x
+    values = {symbols[i].name(): float(solution.x[i]) for i in range(symbols.numel())}
     return {
         "problem": problem.mpcc.name,
         "status": solution.status.label,
-        "success": solution.success,
-        "verdict": solution.verdict,
         "cost": problem.cost(solution),
-        "iterations": solution.iterations,
         "solve_s": solution.seconds,
-        "strategy": solution.strategy,
-        "infeasibility": solution.infeasibility,
         "stationarity": certificate.stationarity,
         "stationarity_kind": certificate.kind,
-        "kkt_residual": certificate.kkt_residual,
-        "biactive": certificate.biactive,
-        "lpec_decrease": certificate.lpec_decrease,
+        **{key: getattr(solution, key) for key in ("success", "verdict", "iterations", "strategy", "infeasibility")},
+        **{key: getattr(certificate, key) for key in ("kkt_residual", "biactive", "lpec_decrease")},
         "findings": list(solution.findings),
-        "x": {symbols[i].name(): float(solution.x[i]) for i in range(symbols.numel())},
+        "x": values,
     }
