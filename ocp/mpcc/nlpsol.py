@@ -29,7 +29,7 @@ ENTRIES = {
 OPTIONS = {
     "solver": "name of the NLP solver, by default ipopt",
     "strategies": "names of strategies, by default those of ocp.mpcc.solve",
-    "warm_start": "whether each call begins with the branch nearest to its start, by default the last solution",
+    "warm_start": "whether later calls begin with the branch nearest to their start, by default the last solution",
     "callback": "function of the number of solver runs so far, and of x after the last one",
     "error_on_fail": "whether a call without a certified solution raises NotConverged",
     **{name: f"dictionary of options of {name}" for name in SOLVERS},
@@ -95,8 +95,8 @@ class MPCCSolver:
 
         The start is by default zero, or the last solution with the option ``warm_start``. Multipliers have
         CasADi's signs; ``lam_pairs`` (k, 2) are those of both sides of every pair; all are NaN where the
-        solution is not feasible. ``report`` is
-        the :class:`~ocp.mpcc.solving.MPCCSolution` with verdict, certificate and findings.
+        solution is not feasible. ``report`` is the :class:`~ocp.mpcc.solving.MPCCSolution` with verdict,
+        certificate and findings.
 
         Raises :class:`~ocp.errors.InputError` for sizes that do not fit or bounds that cross, and
         :class:`~ocp.errors.NotConverged` for a solution that is not certified if ``error_on_fail`` is set.
@@ -114,7 +114,7 @@ class MPCCSolver:
             options.get("strategies"),
             solver,
             dict(options.get(solver, {})),
-            bool(options.get("warm_start", False)) and (self.last is not None or x0 is not None),
+            bool(options.get("warm_start", False)) and self.last is not None,
             self._callback(),
         )
         self.last = Call(mpcc, values, solution)
@@ -133,7 +133,7 @@ class MPCCSolver:
         presolved = self.presolved
         size = {"x": presolved.n, "g": presolved.m}.get(key[2:3], presolved.p.numel())
         size = presolved.n if key == "x0" else size
-        return sized(self.name, key, np.array(ca.DM(numbers)), size)
+        return sized(self.name, key, np.array(ca.vec(ca.DM(numbers))), size)
 
     def _callback(self) -> Callback | None:
         callback, n = self.options.get("callback"), self.presolved.n
@@ -177,6 +177,8 @@ def presolve(
 
     Raises :class:`~ocp.errors.InputError` for a cost that is not scalar, and for symbols that are not declared.
     """
+    if expressions[0].numel() != 1:
+        raise InputError(f"{name}: f has {expressions[0].numel()} entries, expected 1")
     parts = [part for relation in relations for part in (*relation.sides, relation.lower, relation.upper)]
     declared = {symbol.name() for symbol in ca.symvar(ca.veccat(*symbols))}
     unknown = sorted({symbol.name() for symbol in ca.symvar(ca.veccat(*expressions, *parts))} - declared)

@@ -73,11 +73,11 @@ class Stack:
 
     @property
     def digest(self) -> tuple[int, ...]:
-        """Identities of all expressions, equal as long as the problem is the same."""
+        """Identities of all expressions, equal for equal problems while both snapshots exist."""
         snapshot = self.snapshot
-        constraints = [snapshot.get_meta_con(c).canon for c in snapshot.constraints()]
         symbols = [*snapshot.active_symvar(ca.OPTI_VAR), *snapshot.active_symvar(ca.OPTI_PAR)]
-        return tuple(expression.__hash__() for expression in (snapshot.objective(), *constraints, *symbols))
+        expressions = (snapshot.objective(), *snapshot.constraints(), *symbols)
+        return tuple(expression.__hash__() for expression in expressions)
 
     def parameters(self) -> np.ndarray:
         """Return the values of the parameters (n_p,); raise :class:`~ocp.errors.InputError` where one has none."""
@@ -114,7 +114,7 @@ class OptiSolver:
 
     def __init__(self, stack: ca.Opti, options: dict[str, Any]) -> None:
         self.stack, self.options = stack, options
-        self._built: tuple[tuple[int, ...], MPCCSolver] | None = None
+        self._built: tuple[Stack, MPCCSolver] | None = None
         self._contents: Stack | None = None
 
     def solve(self) -> OptiSolution:
@@ -138,11 +138,10 @@ class OptiSolver:
 
     def _solver(self, contents: Stack) -> MPCCSolver:
         """Return the solver of the contents; the last one where nothing but values has changed."""
-        digest = contents.digest
-        if self._built is None or self._built[0] != digest:
+        if self._built is None or self._built[0].digest != contents.digest:
             options = {"callback": self._callback, **self.options}
             presolved = presolve("opti", contents.symbols, contents.expressions, contents.relations, contents.row_names)
-            self._built = digest, MPCCSolver("opti", presolved, options)
+            self._built = contents, MPCCSolver("opti", presolved, options)
         return self._built[1]
 
     def _callback(self, runs: int, x: np.ndarray) -> None:

@@ -154,6 +154,7 @@ def test_what_cannot_be_met_is_named() -> None:
     [
         ({"h": 1}, {}, "unknown entry of the problem 'h'"),
         ({"x": None}, {}, "no x"),
+        ({"f": ca.SX(2, 1)}, {}, "f has 2 entries"),
         ({"f": ca.SX.sym("w")}, {}, "w is neither in x nor in p"),
         ({"pairs": [ca.SX.sym("z") == 0]}, {}, r"pairs\[0\]"),
         ({}, {"warmstart": True}, "did you mean 'warm_start'"),

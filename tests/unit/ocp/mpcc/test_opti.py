@@ -70,6 +70,19 @@ def test_a_loop_over_a_parameter_builds_once_and_starts_warm(monkeypatch: pytest
     assert opti.solve().value(x) == pytest.approx(1.1, abs=1e-6) and len(built) == 2
 
 
+def test_constraints_that_are_replaced_are_solved_as_they_are() -> None:
+    """The largest x with ``0 <= x ⟂ y >= 0`` is its bound, which is cleared and stated again with another number."""
+    stack = ca.Opti()
+    x, y = stack.variable(), stack.variable()
+    stack.minimize((y - 1) ** 2 - x)
+    opti = ocp.opti(stack)
+    for bound in (3.0, 2.0, 5.0):
+        opti.subject_to()
+        opti.subject_to(x <= bound)
+        opti.subject_to(complements(x, y))
+        assert opti.solve().value(x) == pytest.approx(bound, abs=1e-6)
+
+
 def test_a_callback_reads_the_last_values() -> None:
     stack, (x, *_) = game()
     seen: list[float] = []
