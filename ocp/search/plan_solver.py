@@ -58,7 +58,7 @@ class PlanSolver:
         """Yield each plan with its judged answer, improved on neighbouring branches, the cheapest first.
 
         The unimproved answer follows where the improved one does not survive the referee, and the plan's own rollout
-        where no answer on its branch agrees with its replay. Under a law other than the exact one, or another method,
+        where it costs less than the answer on its branch. Under a law other than the exact one, or another method,
         plans are guesses of the law's own route.
         """
         session = self.session
@@ -70,12 +70,10 @@ class PlanSolver:
         branches = Branches(Homotopy(session.nlp_of, session.solver, session.values, self.progress))
         settled = [(plan, *self._settle(branches, plan)) for plan in plans]
         limit = self.cost_limit
-        for plan, answer, difference in sorted(settled, key=lambda each: _order(*each)):
-            follows = False
+        for plan, answer, _ in sorted(settled, key=lambda each: _order(*each)):
             if answer is not None:
                 improved = branches.improve(answer)
                 cost = improved.f + branches.program.constant(branches.p)
-                follows = difference <= SAME_STATES
                 if is_less(cost, limit):
                     solution = self._judge(branches, improved)
                     yield plan, self._listed(plan, solution)
@@ -84,7 +82,7 @@ class PlanSolver:
                     limit = min(limit, solution.audit.exact_cost)
                 else:
                     self._list(plan, cost, NOT_BETTER)
-            if not follows and is_less(plan.cost, limit) and not broken_constraints(session.evaluation, plan):
+            if is_less(plan.cost, limit) and not broken_constraints(session.evaluation, plan):
                 yield plan, self._listed(plan, self._judge(branches, self._rolled_out(branches, plan)))
                 limit = plan.cost
 

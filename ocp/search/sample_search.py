@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
 
@@ -13,14 +13,14 @@ from ocp.judge.route_report import SearchedPlan, SearchReport
 from ocp.problem.rollout import Rollout
 from ocp.routes.homotopy import StageRecord
 from ocp.routes.schedules import acting, is_apart
+from ocp.routes.session import Session
+from ocp.search.perturbed_plans import perturbed_plans
 from ocp.search.plan_solver import PlanSolver, exact_rollout, is_less
 from ocp.search.sampling import ROUNDS, InputSampler, SampledPlan
 from ocp.search.search import SAMPLED, Search, can_roll_out
-from ocp.search.shortfalls import FEW_PAIRS, is_poor, replay_cost
+from ocp.search.shortfalls import is_poor, replay_cost
 from ocp.solution import Solution
 
-PAYING_SHARE = 0.05
-"""Share of what a plan can change by which sampling must lower the cost for a second generation."""
 NORMAL_FAILING_SHARE = 0.4
 """Share of samples with a failing step above which sampling ends, at normal effort."""
 THOROUGH_CANDIDATES = 6
@@ -28,11 +28,17 @@ THOROUGH_CANDIDATES = 6
 NORMAL_CANDIDATES = 3
 """Maximum number of sampled plans that are solved locally at normal effort."""
 BOTH_LAWS = (Exact(), Barrier(mu=1.0))
-"""Laws of all samples at thorough effort, and of a second generation."""
+"""Laws of all samples at thorough effort."""
 THOROUGH_ROUNDS_AROUND = 120
 """Rounds of the sampling run around an answer at thorough effort."""
-PASSES_AROUND = 3
-"""Maximum number of times that inputs are sampled around the search's last answer, while answers improve."""
+PASSES_NEAR = 4
+"""Maximum number of passes that solve plans near the search's best answer."""
+FRUITLESS_PASSES = 2
+"""Number of passes in a row without a better answer after which the search ends."""
+CANDIDATES_NEAR = 20
+"""Maximum number of plans near an answer whose contact schedules are compared."""
+NEAR_STREAM = 1
+"""Number of the stream of random numbers for plans near answers."""
 CATCHING_UP = 0.5
 """Ratio of the samples' excess cost over the answer to that one stage before, above which normal sampling ends."""
 PROMISING = 0.5
@@ -46,8 +52,8 @@ class SampleSearch(Search):
     """Search for plans by sampled inputs, see :class:`~ocp.search.sampling.InputSampler`.
 
     ``thorough`` effort samples under two laws in all rounds; normal effort samples under the exact law, and ends where
-    samples no longer catch up with an answer that is certified and does not idle. Where the first generation pays, and
-    pairs are few, a second one is drawn under both laws.
+    samples no longer catch up with an answer that is certified and does not idle. The best answer's inputs are then
+    changed at random (:mod:`ocp.search.perturbed_plans`), and plans with other contact schedules are solved.
     """
 
     thorough: bool = True
@@ -67,41 +73,42 @@ class SampleSearch(Search):
         """
         laws = BOTH_LAWS if self.thorough else (Exact(),)
         sampler = InputSampler(self.session.evaluation, self.seed, laws, 1.0 if self.thorough else NORMAL_FAILING_SHARE)
-        solved = list[SearchedPlan]()
-        best = yield from self._generation(sampler, answer, solved)
-        if self._pays(answer, best):
-            yield from self._generation(sampler.next_generation(BOTH_LAWS), best, solved)
-
-    def _pays(self, answer: Solution, best: Solution) -> bool:
-        """Return whether a second generation is worth its time after the first one's best answer."""
-        gain = replay_cost(answer) - replay_cost(best)
-        share = 1.0 if np.isinf(gain) else self.session.evaluation.cost_share(gain, replay_cost(best))
-        return best is not answer and self.session.problem.system.nlam <= FEW_PAIRS and share > PAYING_SHARE
-
-    def _generation(
-        self, sampler: InputSampler, answer: Solution, solved: list[SearchedPlan]
-    ) -> Generator[Solution, None, Solution]:
-        """Yield answers near the cheapest plans of one sampler, and return the best; list the plans in ``solved``."""
-        system = self.session.problem.system
+        system, generator = self.session.problem.system, np.random.default_rng([self.seed, NEAR_STREAM])
         session = self.session.as_swept() if system.scene and system.phi is not None else self.session
-        plans = self._distinct(self._rollouts(sampler, self._sampled(sampler, answer)), sampler, answer)
-        roll_out, best = partial(exact_rollout, session), answer
-        least = self._penalized_cost(sampler, best)
-        for _ in range(1 + PASSES_AROUND):
-            limit = least if best.certificate.certified else np.inf
-            solver = PlanSolver(session, roll_out, self.judge, SAMPLED, self.seed, self.progress, limit, solved)
-            steps = sampler.rolled_steps
-            self.report = SearchReport(self.seed, steps // self.session.problem.N, steps, solved)
+        sampled_plans = self._sampled(sampler, answer)
+        plans = self._distinct(self._rollouts(sampler, sampled_plans), sampler, answer)
+        best, least = answer, self._penalized_cost(sampler, answer)
+        solved, fruitless = list[SearchedPlan](), 0
+        for _ in range(1 + PASSES_NEAR):
             before = best
-            for _, solution in solver.solve(plans):
-                yield solution.with_route(swept=session.problem.swept)
+            for solution in self._solved(session, sampler, plans, best, least, solved):
+                yield solution
                 cost = self._penalized_cost(sampler, solution)
                 if cost < least:
                     best, least = solution, cost
-            if best is before:
-                break
-            plans = [rollout for _, rollout in self._rollouts(sampler, self._around(sampler, best))]
-        return best
+            fruitless = fruitless + 1 if best is before else 0
+            if fruitless == FRUITLESS_PASSES or not sampled_plans or np.isinf(least):
+                return
+            near = [*self._around(sampler, best), *perturbed_plans(sampler, best.data["u"].values[0], generator)]
+            plans = self._distinct(self._rollouts(sampler, near[:CANDIDATES_NEAR]), sampler, best)
+
+    def _solved(
+        self,
+        session: Session,
+        sampler: InputSampler,
+        plans: list[Rollout],
+        best: Solution,
+        least: float,
+        solved: list[SearchedPlan],
+    ) -> Iterator[Solution]:
+        """Yield answers near rollouts that cost less than the ``best`` one; list all plans in ``solved``."""
+        limit = least if best.certificate.certified else np.inf
+        roll_out = partial(exact_rollout, session)
+        solver = PlanSolver(session, roll_out, self.judge, SAMPLED, self.seed, self.progress, limit, solved)
+        steps = sampler.rolled_steps
+        self.report = SearchReport(self.seed, steps // session.problem.N, steps, solved)
+        for _, solution in solver.solve(plans):
+            yield solution.with_route(swept=session.problem.swept)
 
     @staticmethod
     def _penalized_cost(sampler: InputSampler, solution: Solution) -> float:

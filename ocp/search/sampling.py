@@ -41,8 +41,6 @@ SMOOTHING = 0.2
 """Weight of the old mean and deviation in the new ones."""
 AROUND_SHARE = 0.1
 """Standard deviation of every input around an answer, as a share of half the width of its bounds."""
-SMOOTH_SHARE = 0.3
-"""Standard deviation of smooth changes of an answer's inputs, as a share of half the range between bounds."""
 KNOTS = (5, 8, 16)
 """Numbers of knots of the bases of input sequences."""
 UNBOUNDED_REACH = 3.0
@@ -139,7 +137,6 @@ class InputSampler:
         seed: int = 0,
         laws: Sequence[ContactLaw] = (Exact(), Barrier(mu=1.0)),
         failing_share: float = 1.0,
-        generation: int = 0,
     ) -> None:
         problem, limits = evaluation.problem, evaluation.limits
         self.problem, self.evaluation, self.failing_share = penalized(problem), evaluation, failing_share
@@ -161,9 +158,7 @@ class InputSampler:
             if self.samples > MIN_SAMPLES:
                 break
         self.runs: list[SamplingRun] = []
-        *streams, self._last_stream = np.random.SeedSequence([seed, generation] if generation else seed).spawn(
-            len(choices) + 1
-        )
+        *streams, self._last_stream = np.random.SeedSequence(seed).spawn(len(choices) + 1)
         for (law, basis, knots, beginning), stream in zip(choices, streams, strict=True):
             mean, deviation = (np.tile(row, (knots, 1)) for row in beginnings[beginning])
             name = f"{law.name} law, {knots} {basis} pieces from the {beginning}"
@@ -172,13 +167,6 @@ class InputSampler:
         self.rolled_steps = self.failures = 0
         self._transitions = TransitionPenalty.of_problem(evaluation)
         self._functions: dict[str, tuple[Step, RolloutFunction]] = {}
-        self._seed, self._generation = seed, generation
-
-    def next_generation(self, laws: Sequence[ContactLaw]) -> InputSampler:
-        """Return a sampler under ``laws`` with other random numbers, which shares compiled functions and counts on."""
-        other = InputSampler(self.evaluation, self._seed, laws, self.failing_share, self._generation + 1)
-        other._functions, other.rolled_steps = self._functions, self.rolled_steps
-        return other
 
     def stages(self) -> Iterator[list[SampledPlan]]:
         """Yield after every stage the cheapest plan of each run that has one of finite cost."""
@@ -193,30 +181,24 @@ class InputSampler:
             running = _cheaper_half(running)
 
     def around(self, inputs: np.ndarray, rounds: int) -> SampledPlan:
-        """Return the cheapest plan of runs around inputs (N, nu), each alone and smoothly, by the exact law."""
-        N = len(inputs)
-        changes = [("every input", np.eye(N), AROUND_SHARE, 2)]
-        changes += [
-            (f"{knots} linear pieces", input_basis("linear", N, knots), SMOOTH_SHARE, 1)
-            for knots in KNOTS[1:]
-            if knots < N
-        ]
-        plans = list[SampledPlan]()
-        for (words, weights, share, factor), stream in zip(changes, self._last_stream.spawn(len(changes)), strict=True):
-            deviation = np.tile(share * self.reach, (weights.shape[1], 1))
-            mean = np.zeros_like(deviation)
-            name, generator = f"exact law, {words}, around the answer", np.random.default_rng(stream)
-            run = SamplingRun(Exact(), weights, mean, deviation, generator, name, mean, inputs)
-            run.advance(partial(self._costs, *self._function(run.law)), factor * self.samples, rounds)
-            plans.append(self._plan(run))
-        return min(plans, key=lambda plan: plan.cost)
+        """Return the cheapest plan of a run that changes every input of a plan (N, nu), by the exact law."""
+        deviation = np.tile(AROUND_SHARE * self.reach, (len(inputs), 1))
+        mean, name = np.zeros_like(deviation), "exact law, every input, around the answer"
+        generator = np.random.default_rng(self._last_stream)
+        run = SamplingRun(Exact(), np.eye(len(inputs)), mean, deviation, generator, name, mean, inputs)
+        run.advance(partial(self._costs, *self._function(run.law)), 2 * self.samples, rounds)
+        return self._plan(run)
 
     def _plan(self, run: SamplingRun) -> SampledPlan:
         return SampledPlan(np.clip(run.inputs(run.best), self.lower, self.upper), run.best_cost, run.name)
 
     def exact_cost(self, inputs: np.ndarray) -> float:
         """Return the cost of inputs (N, nu) under the exact law, with penalties."""
-        return float(self._costs(*self._function(Exact()), inputs[None], 1.0)[0])
+        return float(self.exact_costs(inputs[None])[0])
+
+    def exact_costs(self, inputs: np.ndarray) -> np.ndarray:
+        """Return the costs (S,) of inputs (S, N, nu) under the exact law, with penalties; infinite after a failed step."""
+        return self._costs(*self._function(Exact()), inputs, 1.0)
 
     def _function(self, law: ContactLaw) -> tuple[Step, RolloutFunction]:
         """Return the step under a law and the function that rolls it out, compiled once."""

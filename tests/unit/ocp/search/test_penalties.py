@@ -85,19 +85,6 @@ def test_a_finger_that_jumps_through_a_body_pays_for_its_depth() -> None:
     np.testing.assert_allclose(penalty(states, np.zeros((2, 1, problem.system.nu))), expected, rtol=1e-9)
 
 
-def test_a_second_generation_draws_other_numbers_and_compiles_nothing() -> None:
-    at_values = evaluation(get("wall-1d", N=5))
-    sampler, same = InputSampler(at_values, seed=1), InputSampler(at_values, seed=1)
-    plans, again = next(sampler.stages()), next(same.stages())
-    assert [plan.cost for plan in plans] == [plan.cost for plan in again]
-    second, twin = sampler.next_generation((sampler.runs[0].law,)), same.next_generation((same.runs[0].law,))
-    assert second.rolled_steps == sampler.rolled_steps > 0
-    assert second._functions is sampler._functions
-    others = [plan.cost for plan in next(second.stages())]
-    assert others == [plan.cost for plan in next(twin.stages())]
-    assert not set(others) & {plan.cost for plan in plans}
-
-
 def test_sampling_around_a_plan_lowers_its_cost_by_the_same_bits_again() -> None:
     problem = get("wall-1d", N=20)
     at_values = evaluation(problem)
