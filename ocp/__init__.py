@@ -20,7 +20,8 @@ from ocp.store.lookup import save_solution as save
 from ocp.transcription import Direct, MultipleShooting, SingleShooting
 
 if TYPE_CHECKING:
-    from ocp.continuation.walk import Continuation, continue_over
+    from ocp.continuation.curve import Continuation
+    from ocp.continuation.walk import continue_over
     from ocp.gradients.worlds.public import gradient_report
     from ocp.jobs.estimate import estimate
     from ocp.jobs.sweep import sweep
@@ -79,7 +80,7 @@ __all__ = [
 _LOADED_ON_USE = {
     "MPCC": "ocp.mpcc.programs",
     "ClosedLoop": "ocp.mpc.simulate",
-    "Continuation": "ocp.continuation.walk",
+    "Continuation": "ocp.continuation.curve",
     "Controller": "ocp.mpc.controller",
     "Disturbance": "ocp.mpc.plants",
     "complements": "ocp.mpcc.complements",

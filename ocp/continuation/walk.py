@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from dynamics.systems import LAW_PREFIX
+from ocp.continuation.curve import Continuation, CurvePoint, with_neighbour_costs
 from ocp.continuation.events import LOCATION_TOLERANCE, PAIR_EVENTS, Event, merge_simultaneous
 from ocp.continuation.tracking import Tracker
 from ocp.errors import InputError, choose, input_errors
@@ -17,7 +16,6 @@ from ocp.problem.checks import check_physics
 from ocp.programs.solver import Point, Status
 from ocp.routes.homotopy import RouteResult
 from ocp.routes.session import Session
-from ocp.solution import Solution
 from ocp.solve.judging import judge_outcome
 from ocp.solve.request import ProblemLike
 from ocp.solve.solve import new_session
@@ -30,54 +28,6 @@ SCALE_MAPS = {"linear": (float, float), "log": (math.exp, math.log)}
 """Mapping from each scale to two functions, from the scale to values and back."""
 SMALL_STEP_SHARE = 1 / 16
 """Share of the requested step up to which a step counts as small."""
-
-
-@dataclass(frozen=True)
-class CurvePoint:
-    """One solved point: the parameter's value and the judged solution there."""
-
-    value: float
-    solution: Solution
-
-    @property
-    def infinite_costs(self) -> list[str]:
-        """Names of the costs that are not finite: planned, or replayed under the exact law."""
-        costs = {"planned": self.solution.cost, "replayed": self.solution.audit.exact_cost}
-        return [name for name, cost in costs.items() if not math.isfinite(cost)]
-
-    @property
-    def failure_reason(self) -> str:
-        """Sentences that say why the curve ends at this point."""
-        names = " and ".join(self.infinite_costs)
-        return f"its cost, {names}, is not finite. " * bool(names) + self.solution.verdict
-
-    def row(self) -> dict[str, Any]:
-        """Return the point as a JSON-serialisable dict."""
-        solution = self.solution
-        return {
-            "value": self.value,
-            "status": solution.status.label,
-            "success": solution.success,
-            "cost": solution.cost,
-            "exact_cost": solution.audit.exact_cost,
-            "referee_cost": solution.referee.cost,
-            "survives": solution.referee.survives,
-            "stationarity": solution.certificate.stationarity,
-            "iterations": solution.iterations,
-            "complementarity": solution.audit.complementarity,
-        }
-
-
-@dataclass
-class Continuation:
-    """A followed curve: points, events and iterations; ``break_reason`` says where and why it broke off, or is None."""
-
-    parameter: str
-    points: list[CurvePoint] = field(default_factory=list)
-    events: list[Event] = field(default_factory=list)
-    iterations: int = 0
-    nlp_builds: int = 0
-    break_reason: str | None = None
 
 
 def resolve(session: Session, over: str) -> str:
@@ -126,7 +76,8 @@ def continue_over(
     with its multipliers, and a step that fails is halved, down to a thousandth of its first size.
     Where the solver finds another curve, or a linear program with complementarity constraints leads
     to a cheaper point, the curve continues there, which is called a switch. Where nothing succeeds,
-    the curve breaks: the reason is recorded, and the points so far are kept.
+    the curve breaks: the reason is recorded, and the points so far are kept. At the end, the plans of
+    both neighbours of every point are rolled out there; a point where one of them costs less is an outlier.
 
     Raises :class:`~ocp.errors.InputError` for an unknown parameter or scale, fewer than one step,
     equal or non-finite ends, a log scale through zero, or an end at which the law or the mechanics
@@ -164,6 +115,7 @@ class _Walk:
         else:
             verdict = followed.points[-1].failure_reason
             followed.break_reason = f"at the first point, {followed.parameter} = {start:g}: {verdict}"
+        followed.points = with_neighbour_costs(session, followed.parameter, followed.points)
         followed.nlp_builds = session.nlp_builds
         followed.iterations += self.tracker.fruitless_iterations
         followed.events = merge_simultaneous(followed.events, None if self.tracker.log else abs(end - start))
@@ -321,16 +273,3 @@ def check_range(
     if scale == "log" and min(start, end) <= 0:
         raise InputError(f"a log scale needs positive ends, got {start} and {end}")
     return maps
-
-
-def curve_dataset(curve: Continuation) -> Any:
-    """Return a dataset of the points and their trajectories over the dimension ``point``."""
-    import xarray as xr
-
-    stored_arrays = ("x", "u", "lam", "gap", "x_replay", "u_replay", "lam_replay", "gap_replay", "K", "k")
-    datasets = [point.solution.data[[n for n in stored_arrays if n in point.solution.data]] for point in curve.points]
-    data = xr.concat(datasets, dim="point", join="override", combine_attrs="override")
-    data = data.assign_coords(value=("point", np.array([point.value for point in curve.points])))
-    for key in ("cost", "exact_cost", "iterations", "complementarity"):
-        data[key] = ("point", np.array([point.row()[key] for point in curve.points], dtype=float))
-    return data

@@ -41,8 +41,8 @@ class Session:
     """A problem with a contact law, method and policy: its step and one NLP per reformulation, built once.
 
     ``values`` maps names of parameters (problem, law, strategy) to values; change them and solve again.
-    ``user_guess`` is the user's guess, near which a solution is searched. ``windows`` maps blocks of
-    variables to narrower bounds, in every NLP.
+    ``rollout_steps`` is the budget of samples in steps, None for the usual one. ``user_guess`` is the user's guess,
+    near which a solution is searched. ``windows`` maps blocks of variables to narrower bounds, in every NLP.
     """
 
     problem: Problem
@@ -56,6 +56,7 @@ class Session:
     homotopy_start: float | None = None
     search: bool | None = None
     effort: Effort = "quick"
+    rollout_steps: int | None = None
     user_guess: UserGuess | None = None
     windows: dict[str, Window] = field(default_factory=dict)
     compiled: StageCompiler | None = None

@@ -14,7 +14,6 @@ import numpy as np
 
 from ocp.search.sampling import (
     KNOTS,
-    PAIR_STEPS,
     SMOOTHING,
     InputSampler,
     SampledPlan,
@@ -41,14 +40,12 @@ def perturbed_plans(sampler: InputSampler, inputs: np.ndarray, generator: np.ran
     """Return plans near inputs (N, nu), each improved under the exact law from another random change, cheapest first.
 
     Sizes of changes are drawn log-uniformly from :data:`SHARES`; changes are piecewise linear or constant between the
-    knots of :func:`~ocp.search.sampling.input_basis`. The number of plans follows from the budget
-    :data:`~ocp.search.sampling.PAIR_STEPS`.
+    knots of :func:`~ocp.search.sampling.input_basis`. The number of plans follows from the sampler's ``step_budget``.
     """
     N = len(inputs)
     bases = [input_basis(basis, N, min(knots, N)) for basis, knots in product(("linear", "constant"), KNOTS[:2])]
     bases.append(input_basis("linear", N, min(KNOTS[-1], N)))
-    work = max(sampler.problem.system.nlam, 2) ** 2 * N * SAMPLES * ROUNDS
-    count = int(np.clip(PAIR_STEPS / work, MIN_PLANS, MAX_PLANS))
+    count = int(np.clip(sampler.step_budget / (N * SAMPLES * ROUNDS), MIN_PLANS, MAX_PLANS))
     plans = list[SampledPlan]()
     for index, weights in enumerate(bases):
         size = len(range(index, count, len(bases)))

@@ -72,7 +72,8 @@ class SampleSearch(Search):
         In a scene nothing may pass through anything between two nodes, neither in samples nor in answers.
         """
         laws = BOTH_LAWS if self.thorough else (Exact(),)
-        sampler = InputSampler(self.session.evaluation, self.seed, laws, 1.0 if self.thorough else NORMAL_FAILING_SHARE)
+        failing_share = 1.0 if self.thorough else NORMAL_FAILING_SHARE
+        sampler = InputSampler(self.session.evaluation, self.seed, laws, failing_share, self.session.rollout_steps)
         system, generator = self.session.problem.system, np.random.default_rng([self.seed, NEAR_STREAM])
         session = self.session.as_swept() if system.scene and system.phi is not None else self.session
         sampled_plans = self._sampled(sampler, answer)

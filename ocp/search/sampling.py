@@ -8,6 +8,7 @@ law has no gradient away from contact, but sampling needs none; the barrier law 
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -125,10 +126,10 @@ class InputSampler:
     """Runs of the cross-entropy method on the inputs of a problem for which :func:`can_sample` is true.
 
     All ``runs`` start; after every stage of :data:`STAGE_ROUNDS` rounds the costlier half under each law ends.
-    Violated bounds and constraints cost as :mod:`ocp.search.penalties` says. The budget :data:`PAIR_STEPS` determines
-    the ``samples`` of a round; ``rolled_steps`` counts the steps rolled out so far. Sampling ends where more than
-    ``failing_share`` of the first run's samples have a step without solution, since such steps are slow. Plans depend
-    on ``seed`` but not on the number of threads.
+    Violated bounds and constraints cost as :mod:`ocp.search.penalties` says. The budget ``rollout_steps`` of steps, or
+    :data:`PAIR_STEPS`, determines the ``samples`` of a round; ``rolled_steps`` counts the steps rolled out so far.
+    Sampling ends where more than ``failing_share`` of the first run's samples have a step without solution, since such
+    steps are slow. Plans depend on ``seed`` but not on the number of threads.
     """
 
     def __init__(
@@ -137,6 +138,7 @@ class InputSampler:
         seed: int = 0,
         laws: Sequence[ContactLaw] = (Exact(), Barrier(mu=1.0)),
         failing_share: float = 1.0,
+        rollout_steps: int | None = None,
     ) -> None:
         problem, limits = evaluation.problem, evaluation.limits
         self.problem, self.evaluation, self.failing_share = penalized(problem), evaluation, failing_share
@@ -149,11 +151,13 @@ class InputSampler:
         self.reach = reach
         beginnings = {"bounds": (centre, reach), "guess": (guess, np.minimum(size, reach))}
         # With halving, all stages together run at most twice the rounds of the first.
-        affordable = PAIR_STEPS / (max(problem.system.nlam, 2) ** 2 * problem.N * 2 * STAGE_ROUNDS)
+        self.step_budget = rollout_steps or PAIR_STEPS / max(problem.system.nlam, 2) ** 2
+        affordable = self.step_budget / (problem.N * 2 * STAGE_ROUNDS)
+        most = MAX_SAMPLES if rollout_steps is None else math.inf
         for knots in (KNOTS, KNOTS[:-1]):
             n_knots = sorted({min(n, problem.N) for n in knots})
             choices = [*product(laws, get_args(Basis), n_knots, beginnings)]
-            self.samples = int(np.clip(affordable / len(choices), MIN_SAMPLES, MAX_SAMPLES))
+            self.samples = int(np.clip(affordable / len(choices), MIN_SAMPLES, most))
             # Where the budget does not allow all bases, more samples of fewer find more.
             if self.samples > MIN_SAMPLES:
                 break
@@ -197,7 +201,7 @@ class InputSampler:
         return float(self.exact_costs(inputs[None])[0])
 
     def exact_costs(self, inputs: np.ndarray) -> np.ndarray:
-        """Return the costs (S,) of inputs (S, N, nu) under the exact law, with penalties; infinite after a failed step."""
+        """Return the costs (S,) of inputs (S, N, nu) under the exact law, with penalties; infinite if a step fails."""
         return self._costs(*self._function(Exact()), inputs, 1.0)
 
     def _function(self, law: ContactLaw) -> tuple[Step, RolloutFunction]:

@@ -153,7 +153,7 @@ def session_record(session: Session, seed: int) -> dict[str, Any]:
         "solver": session.solver.name,
         "solver_options": session.solver.options,
         "strategy": session.strategy if session.complementary else None,
-        "effort": session.effort,
+        "effort": session.rollout_steps or session.effort,
         "jit": session.compiled.outcome if session.compiled else None,
         "params": {**{name: session.values[name] for name in problem.parameters.names}, **problem.origin.settings},
         "law_parameters": {

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Any, get_args
+from typing import Any
 
 from dynamics.contact import ContactLaw
 from ocp.errors import InputError, choose, input_errors
@@ -19,7 +19,7 @@ from ocp.solve.guesses import GuessLike, given_guess
 from ocp.solve.judging import judge_outcome, keep_best_on_interrupt
 from ocp.solve.refinement import divided_step, refine_step_size
 from ocp.solve.request import ProblemLike, Settings, check_setting_names, rebuilder, resolve_problem
-from ocp.solve.starts import Rank, can_exceed_route, check_starts, check_until, solve_session
+from ocp.solve.starts import Rank, can_exceed_route, check_starts, check_until, is_greater, read_effort, solve_session
 from ocp.solve.warm_start import carried_guess, carry
 from ocp.transcription import METHODS, Method
 from ocp.transcription.factories import DEFAULT_LAW, make_law, policy_of, split_policy_settings
@@ -41,7 +41,7 @@ def solve(
     *,
     guess: GuessLike | None = None,
     search: bool | None = None,
-    effort: Effort = DEFAULT_EFFORT,
+    effort: Effort | float = DEFAULT_EFFORT,
     refine: bool = False,
     until: str | None = None,
     params: Mapping[str, Any] | None = None,
@@ -75,9 +75,10 @@ def solve(
     exact law the solver finds plans that do so, and then improves them without these limits.
 
     ``effort`` says what is tried beyond the usual route under the exact law: ``"quick"`` nothing, unless a scene's
-    answer falls short; ``"normal"`` sampled input sequences, while their costs approach the answer's, and other
-    routes where the answer idles or has no certificate; ``"thorough"`` samples under two laws and all routes
-    (:mod:`ocp.search`). ``search=True`` begins with the thorough search for plans; ``search=False`` allows no search.
+    answer falls short; ``"normal"`` sampled input sequences, while their costs approach the answer's, changes of the
+    best answer, and other routes where the answer idles or has no certificate; ``"thorough"`` samples under two laws
+    and all routes (:mod:`ocp.search`). A number is the normal effort with samples of about so many steps.
+    ``search=True`` begins with the thorough search for plans; ``search=False`` allows no search.
     ``refine`` solves again at half the step, from the last plan, until the cost of the plan agrees with the cost of its
     replay at half the step (:func:`~ocp.solve.refinement.refine_step_size`).
     ``until="survives"`` tries remedies while the plan does not survive the referee: the referee's own contact, finer
@@ -88,8 +89,8 @@ def solve(
     """
     check_starts(n_starts, seed, rank_by)
     _check_beginnings(search, warm_start, guess, n_starts)
-    if warm_start is not None and effort == "thorough":
-        raise InputError("effort thorough would have no effect with warm_start; leave one of them out")
+    if warm_start is not None and is_greater(effort):
+        raise InputError(f"effort {effort} would have no effect with warm_start; leave one of them out")
     named_settings = {"params": params, "contact_settings": contact_settings, **keywords}
     session = new_session(problem, contact, method, policy, solver, settings, **named_settings)
     session = begin_at(session, guess, search, effort)
@@ -115,15 +116,15 @@ def _check_beginnings(search: bool | None, warm_start: Solution | None, guess: G
 
 
 def begin_at(
-    session: Session, guess: GuessLike | None, search: bool | None, effort: Effort = DEFAULT_EFFORT
+    session: Session, guess: GuessLike | None, search: bool | None, effort: Effort | float = DEFAULT_EFFORT
 ) -> Session:
     """Return the session with a user's guess, choice of search, and effort; raise InputError where these conflict."""
-    if effort == "thorough" and (search is False or not can_exceed_route(session)):
+    session.search, (session.effort, session.rollout_steps) = search, read_effort(effort)
+    if is_greater(effort) and (search is False or not can_exceed_route(session)):
         raise InputError(
-            "effort thorough would have no effect: it searches under the exact law, by the direct method and without"
+            f"effort {effort} would have no effect: it searches under the exact law, by the direct method and without"
             " --no-search; leave it out"
         )
-    session.search, session.effort = search, choose("effort", effort, {name: name for name in get_args(Effort)})
     if search:
         from ocp.search.push_search import check_search
 

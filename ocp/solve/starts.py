@@ -15,7 +15,7 @@ from ocp.judge.route_report import Attempt
 from ocp.problem.rollout import initial_guesses
 from ocp.programs.solver import Status
 from ocp.routes.homotopy import COST_GAIN, StageRecord
-from ocp.routes.session import Session
+from ocp.routes.session import DEFAULT_EFFORT, Effort, Session
 from ocp.solution import Interrupted, Solution
 from ocp.solve.judging import add_failures, collect_failures, judge_outcome, keep_best_on_interrupt
 from ocp.validation import Count, Index, validated
@@ -41,6 +41,22 @@ def check_starts(n_starts: int, seed: int = 0, rank_by: str = "planned") -> None
         raise InputError(f"n_starts must be from 1 to 10000, got {n_starts}")
     validated("seed", seed, Index)
     choose("rank", rank_by, dict.fromkeys(get_args(Rank)))
+
+
+def read_effort(effort: Effort | float) -> tuple[Effort, int | None]:
+    """Return an effort's level and, where it is a number of steps to roll out, that number with the level normal.
+
+    Raises :class:`~ocp.errors.InputError` for another word, and for a number that is not positive and whole.
+    """
+    if isinstance(effort, str):
+        levels: dict[str, Effort] = {level: level for level in get_args(Effort)}
+        return choose("effort", effort, levels), None
+    return DEFAULT_EFFORT, validated("effort", effort, Count)
+
+
+def is_greater(effort: Effort | float) -> bool:
+    """Return whether an effort asks for more than the normal one: thorough, or a number of steps."""
+    return effort not in ("quick", DEFAULT_EFFORT)
 
 
 def check_until(until: str | None, session: Session) -> None:

@@ -114,7 +114,11 @@ class SolveOptions(StartsOptions):
         None, metavar="RUN|FILE", help="Begin at a run, or at keyframes, paths, contacts of a .json or .toml file."
     )
     require: str | None = option(None, metavar="survives", help="Exit 3 unless the plan survives the referee.")
-    effort: str = option("normal", metavar="LEVEL", help="Work beyond the usual route: quick, normal or thorough.")
+    effort: str = option(
+        "normal",
+        metavar="LEVEL|STEPS",
+        help="Work beyond the usual route: quick, normal, thorough, or steps to sample.",
+    )
     search: bool | None = option(
         None,
         "--search/--no-search",

@@ -14,13 +14,12 @@ from ocp.judge.constraints import describe_violations
 from ocp.problem.resources import check_memory
 from ocp.programs.solver import Status
 from ocp.routes.homotopy import StageRecord
-from ocp.routes.session import Effort
 from ocp.simulators import SIMULATORS
 from ocp.solution import Interrupted, Replay, Solution
 from ocp.solve.refinement import divided_step
-from ocp.solve.request import rebuilder
+from ocp.solve.request import literal, rebuilder
 from ocp.solve.solve import begin_at, climb_from, refine_from, solve_from
-from ocp.solve.starts import Rank, check_until, solve_session
+from ocp.solve.starts import Rank, check_until, is_greater, solve_session
 from ocp.store import atomic
 from ocp.store.stored_run import StoredRun
 from problems.plugin import edited, law_of, problem_of
@@ -62,14 +61,14 @@ def check(options: SolveOptions) -> tuple[Request, Solution | None] | NLProblem:
         format_of(options.plot)
         check_output_file(options.plot, "figure")
     request = Request.read(options)
-    if options.start is not None and options.effort == "thorough":
-        raise InputError("--effort thorough would have no effect with --from; drop one of them")
+    if options.start is not None and is_greater(options.effort):
+        raise InputError(f"--effort {options.effort} would have no effect with --from; drop one of them")
     if options.search and (options.starts > 1 or options.start is not None):
         raise InputError("--search finds its own starts; drop --starts and --from")
     if options.guess is not None and (options.starts > 1 or options.start is not None):
         raise InputError("--guess says where to begin; drop --starts and --from")
     guess = None if options.guess is None else read_guess(options, options.guess)
-    session = begin_at(request.session, guess, options.search, cast("Effort", options.effort))
+    session = begin_at(request.session, guess, options.search, literal(options.effort))
     request = replace(request, session=session)
     if options.refine:
         divided_step(request.session.problem, request.session.values, 1)

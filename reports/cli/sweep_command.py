@@ -208,6 +208,13 @@ def _verdict(path: Any, end: float) -> str:
         return f"The path broke {path.break_reason}{events}"
     first, last = path.points[0].solution, path.points[-1].solution
     referee = f"; referee: {last.referee.word}" if last.referee.survives is False else ""
+    outliers = [point for point in path.points if point.neighbour_cost is not None]
+    if outliers:
+        values = ", ".join(f"{point.value:g}" for point in outliers)
+        events += (
+            f"\nOutliers: at {path.parameter} = {values} a neighbouring point's plan costs less (neighbour_cost in"
+            " --json); follow the curve from the other end, or solve there with --effort thorough."
+        )
     return (
         f"Continued to {path.parameter} = {end:g}: cost from {first.cost:.6g} to {last.cost:.6g},"
         f" under the exact law {last.audit.exact_cost:.6g} there{referee}.{events}"

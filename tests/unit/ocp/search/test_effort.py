@@ -16,6 +16,7 @@ from ocp.problem.rollout import roll_out
 from ocp.programs.solver import Status
 from ocp.routes.homotopy import StageRecord
 from ocp.search import sample_search
+from ocp.search.sampling import InputSampler
 from ocp.search.shortfalls import cost_to_beat
 from ocp.solution import Interrupted, Solution
 from ocp.solve.starts import CERTIFIED_SHARE, best_solution
@@ -98,6 +99,21 @@ def test_an_unknown_effort_is_named() -> None:
         solve("wall-1d", effort="hard")
 
 
+@pytest.mark.parametrize("effort", [0, -3, 1.5, np.nan])
+def test_an_effort_in_steps_is_a_positive_whole_number(effort: float) -> None:
+    with pytest.raises(InputError, match="effort must be"):
+        solve("wall-1d", effort=effort)
+
+
+def test_an_effort_in_steps_is_the_number_of_steps_of_the_sampled_runs() -> None:
+    at_values = Evaluation(problem := get("wall-1d"), problem.parameters.defaults)
+    for budget in (10**6, 10**7):
+        sampler = InputSampler(at_values, rollout_steps=budget)
+        for _ in sampler.stages():
+            pass
+        assert 0.8 * budget < sampler.rolled_steps < 1.1 * budget
+
+
 @pytest.mark.parametrize("stage", ["samples", "active set"])
 def test_an_interrupt_of_a_search_keeps_the_best_answer(stage: str) -> None:
     problem = get("wall-1d", N=10)
@@ -115,14 +131,15 @@ def test_an_interrupt_of_a_search_keeps_the_best_answer(stage: str) -> None:
     assert stopped.value.solution.certificate.certified
 
 
+@pytest.mark.parametrize("effort", ["thorough", 10**6])
 @pytest.mark.parametrize(
     "words",
     [{"contact": "barrier"}, {"contact": "exact", "method": "single-shooting"}, {"contact": "exact", "search": False}],
     ids=["another law", "shooting", "no search"],
 )
-def test_effort_that_would_change_nothing_is_refused(words: dict[str, Any]) -> None:
-    with pytest.raises(InputError, match="effort thorough would have no effect"):
-        solve("wall-1d", effort="thorough", **words)
+def test_effort_that_would_change_nothing_is_refused(words: dict[str, Any], effort: Any) -> None:
+    with pytest.raises(InputError, match=f"effort {effort} would have no effect"):
+        solve("wall-1d", effort=effort, **words)
 
 
 def test_samples_replace_a_certified_plan_whose_replay_failed(solution: Solution) -> None:
