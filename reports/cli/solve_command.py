@@ -61,7 +61,7 @@ def check(options: SolveOptions) -> tuple[Request, Solution | None] | NLProblem:
         format_of(options.plot)
         check_output_file(options.plot, "figure")
     request = Request.read(options)
-    if options.start is not None and is_greater(options.effort):
+    if options.start is not None and is_greater(literal(options.effort)):
         raise InputError(f"--effort {options.effort} would have no effect with --from; drop one of them")
     if options.search and (options.starts > 1 or options.start is not None):
         raise InputError("--search finds its own starts; drop --starts and --from")
