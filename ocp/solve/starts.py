@@ -145,17 +145,19 @@ def searches_of(session: Session, seed: int, progress: Callable[[StageRecord], N
         return []
     # Imported here, so that other problems do not load what only searches need.
     from ocp.search.other_routes import GuessSearch, RouteSearch
-    from ocp.search.push_search import PushSearch
-    from ocp.search.push_tree import searchable
     from ocp.search.sample_search import SampleSearch
 
     searches: list[Search] = []
-    thorough = session.effort == "thorough"
-    sampled = bool(session.search) and not searchable(session.problem)
+    thorough, sampled = session.effort == "thorough", bool(session.search)
     if session.user_guess is not None:
         searches.append(GuessSearch(session, judge_outcome, seed, progress, guess=session.user_guess))
-    if pushing and not sampled:
-        searches.append(PushSearch(session, judge_outcome, seed, progress))
+    if pushing:
+        from ocp.search.push_search import PushSearch
+        from ocp.search.push_tree import searchable
+
+        sampled = sampled and not searchable(session.problem)
+        if not sampled:
+            searches.append(PushSearch(session, judge_outcome, seed, progress))
     if eager or sampled:
         searches.append(SampleSearch(session, judge_outcome, seed, progress, thorough or sampled))
     if eager:
