@@ -17,8 +17,7 @@ from ocp.routes.branches import polish
 from ocp.routes.homotopy import Homotopy, RouteResult, translate
 from ocp.routes.relaxations import MU_LAST
 from ocp.search.plan_solver import PlanSolver, exact_rollout, is_less
-from ocp.search.search import SAMPLED, Search, can_roll_out
-from ocp.search.shortfalls import FEW_PAIRS, cost_to_beat, is_poor, replay_cost
+from ocp.search.search import FEW_PAIRS, SAMPLED, Search, can_roll_out, cost_to_beat, is_poor, replay_cost
 from ocp.solution import Solution
 from ocp.transcription import Direct
 

@@ -16,8 +16,7 @@ from ocp.routes.session import Session
 from ocp.search.plan_solver import PlanSolver
 from ocp.search.push_tree import TouchSearch, searchable
 from ocp.search.sampling import can_sample
-from ocp.search.search import Search
-from ocp.search.shortfalls import falls_short, penetrates_between_nodes
+from ocp.search.search import Search, falls_short, penetrates_between_nodes
 from ocp.solution import Solution
 
 CANDIDATES = 4

@@ -17,8 +17,7 @@ from ocp.routes.session import Session
 from ocp.search.perturbed_plans import perturbed_plans
 from ocp.search.plan_solver import PlanSolver, exact_rollout, is_less
 from ocp.search.sampling import ROUNDS, InputSampler, SampledPlan
-from ocp.search.search import SAMPLED, Search, can_roll_out
-from ocp.search.shortfalls import is_poor, replay_cost
+from ocp.search.search import SAMPLED, Search, can_roll_out, is_poor, replay_cost
 from ocp.solution import Solution
 
 NORMAL_FAILING_SHARE = 0.4

@@ -17,7 +17,7 @@ from ocp.programs.solver import Status
 from ocp.routes.homotopy import StageRecord
 from ocp.search import sample_search
 from ocp.search.sampling import InputSampler
-from ocp.search.shortfalls import cost_to_beat
+from ocp.search.search import cost_to_beat
 from ocp.solution import Interrupted, Solution
 from ocp.solve.starts import CERTIFIED_SHARE, best_solution
 from problems import get
