@@ -16,8 +16,6 @@ from scipy.optimize import linprog, minimize
 FOLDER = Path(__file__).parents[2] / "examples" / "complementarity"
 SCRIPTS = sorted(path.stem for path in FOLDER.glob("*.py"))
 
-pytestmark = pytest.mark.costly
-
 
 @cache
 def ran(name: str) -> SimpleNamespace:
@@ -60,6 +58,7 @@ def cart_cost(s: SimpleNamespace, impact: int) -> float:
     return convex_minimum(opti)
 
 
+@pytest.mark.costly
 def test_the_cart_uses_the_wall_at_the_best_step() -> None:
     s = ran("cart_between_walls")
     q, right, left = (s.of(part) for part in (s.q, s.right, s.left))
@@ -84,6 +83,7 @@ def hopper_cost(s: SimpleNamespace, flying: np.ndarray) -> float:
     return convex_minimum(opti)
 
 
+@pytest.mark.costly
 def test_the_hopper_flies_as_a_ball_does_and_pushes_as_little_as_possible() -> None:
     """Its contacts cost least among those that differ in one step beside a change."""
     s = ran("hopper")
@@ -118,6 +118,7 @@ def test_the_leader_sells_what_maximises_its_profit_in_equilibrium() -> None:
     np.testing.assert_allclose(s.of(s.y), followers(s.of(s.x)), atol=1e-6)
 
 
+@pytest.mark.costly
 def test_the_elastic_net_is_the_best_of_a_grid_of_weights() -> None:
     s = ran("elastic_net")
 
@@ -152,6 +153,7 @@ def test_the_gas_comes_from_the_compressor_through_the_open_valve() -> None:
     assert s.of(s.valve) == pytest.approx(2, abs=1e-5) and s.of(s.drop) == pytest.approx(0, abs=1e-6)
 
 
+@pytest.mark.costly
 def test_the_capacitor_is_the_smallest_that_keeps_the_voltage() -> None:
     """The rectifier is simulated, V = max(|source|, C V / (C + h / R)), and C found by bisection."""
     s = ran("ideal_diodes")
@@ -183,6 +185,7 @@ def test_the_toll_leads_to_the_least_total_time() -> None:
     assert s.of(s.toll) == pytest.approx(13, abs=1e-3), "the least toll that closes the shortcut"
 
 
+@pytest.mark.costly
 def test_identified_weights_fit_as_well_as_a_direct_search_finds() -> None:
     s = ran("identification")
 
@@ -204,6 +207,7 @@ def test_identified_weights_fit_as_well_as_a_direct_search_finds() -> None:
     assert np.any(np.abs(s.of(s.u)) > 1 - 1e-6), "a bound is active"
 
 
+@pytest.mark.costly
 def test_the_volatility_reproduces_the_price_of_the_option() -> None:
     """The obstacle problem at this volatility is solved by projected Gauss-Seidel."""
     s = ran("optimal_stopping")
@@ -226,6 +230,7 @@ def test_the_volatility_reproduces_the_price_of_the_option() -> None:
     assert s.S[9] == 100.0 and value[9] == pytest.approx(7.5, abs=1e-4)
 
 
+@pytest.mark.costly
 def test_the_brake_stops_the_block_with_the_least_push() -> None:
     """Friction is at its limit while the block moves: for each number of steps the least push is a linear program.
 

@@ -58,7 +58,7 @@ def test_multipliers_have_the_signs_of_casadi_and_derivatives_are_those_of_diffe
     f = ca.sumsqr(x - ca.vertcat(2, 3, p[0], -1, 1)) + x[0] * x[1]
     g = ca.vertcat(x[0] + x[1] + x[2], 2 * x[0], x[3] - p[1], x[4], x[1] ** 2 - x[4])
     G, H = ca.vertcat(x[2] - x[3], x[1]), ca.vertcat(x[0] + x[3] + 2, x[4])
-    solver = mpcc_solver("rows", {"x": x, "p": p, "f": f, "g": g, "pairs": (G, H)})
+    solver = mpcc_solver("rows", {"x": x, "p": p, "f": f, "g": g, "pairs": (G, H)}, {"warm_start": True})
     limits = {"lbg": [-9, -9, 0, 0, -9], "ubg": [2.5, 3, 9, np.inf, 9], "ubx": [9, 2, 0.4, 9, 9]}
     start, p0 = [1.0, 1.0, 0.3, 0.2, 0.0], np.array([1.0, 0.1])
     result = solver(x0=start, p=p0, **limits)
@@ -139,14 +139,20 @@ def test_a_callback_sees_every_run() -> None:
     assert np.abs(last - np.array(result["x"]).ravel()).max(axis=1).min() < 1e-6
 
 
-def test_what_cannot_be_met_is_named() -> None:
+def far() -> dict:
     x = ca.SX.sym("x", 2)
-    problem = {"x": x, "f": x[0], "g": ca.sum1(x), "pairs": (x[0], x[1])}
-    result = mpcc_solver("far", problem)(lbg=-2.0, ubg=-1.0)
+    return {"x": x, "f": x[0], "g": ca.sum1(x), "pairs": (x[0], x[1])}
+
+
+def test_what_cannot_be_met_is_named() -> None:
+    result = mpcc_solver("far", far())(lbg=-2.0, ubg=-1.0)
     assert not result["report"].success and "g[0]" in result["report"].verdict
     assert np.all(np.isnan(np.array(result["lam_x"])))
+
+
+def test_a_call_without_an_answer_raises_where_asked_to() -> None:
     with pytest.raises(NotConverged, match=r"g\[0\]"):
-        mpcc_solver("far", problem, {"error_on_fail": True})(lbg=-2.0, ubg=-1.0)
+        mpcc_solver("far", far(), {"error_on_fail": True})(lbg=-2.0, ubg=-1.0)
 
 
 @pytest.mark.parametrize(
