@@ -89,10 +89,13 @@ def parse_nl(text: str, name: str, names: list[str]) -> NLFile:
     lines = [line.partition("#")[0].split() for line in text.splitlines()]
     if len(lines) < _HEADER_LINES or not lines[0] or not lines[0][0].startswith("g"):
         raise InputError(f"{name} is not an AMPL .nl text file; write it as text (in AMPL: write g{name};)")
-    n, m = int(lines[1][0]), int(lines[1][1])
+    try:
+        n, m = int(lines[1][0]), int(lines[1][1])
+        options, n_integer = [int(word) for word in lines[0][1:]], sum(map(int, lines[_INTEGER_LINE]))
+    except (ValueError, IndexError) as error:
+        raise InputError(f"{name}: the first {_HEADER_LINES} lines are no header of an .nl file: {error}") from error
     symbols = [ca.SX.sym(title) for title in names] if len(names) == n else ca.vertsplit(ca.SX.sym("x", n))
-    n_integer = sum(int(number) for number in lines[_INTEGER_LINE])
-    contents = NLFile(ca.vertcat(ca.SX(0, 1), *symbols), m, [int(word) for word in lines[0][1:]], n_integer)
+    contents = NLFile(ca.vertcat(ca.SX(0, 1), *symbols), m, options, n_integer)
     contents.defined = dict(enumerate(symbols))
     position = _HEADER_LINES
     while position < len(lines):
@@ -100,6 +103,8 @@ def parse_nl(text: str, name: str, names: list[str]) -> NLFile:
             position = _read_segment(contents, lines, position)
         except (ValueError, IndexError, KeyError) as error:
             raise InputError(f"{name}: line {position + 1} begins no segment that can be read: {error}") from error
+    if len(contents.row_ends) < m or len(contents.x_ends) < n:
+        raise InputError(f"{name} has no bounds of all rows and variables (segments r and b); is it cut off?")
     return contents
 
 

@@ -236,3 +236,20 @@ def test_integer_variables_are_counted(tmp_path: Path) -> None:
     path = tmp_path / "binary.nl"
     path.write_text(HEADER.format(n=1, m=0).replace(" 0 0 0 0 0\n 0 0\n", " 1 2 0 0 0\n 0 0\n", 1) + f"{NOTHING}b\n3\n")
     assert read_nl(path).contents.n_integer == 3
+
+
+def test_a_file_that_is_cut_off_is_refused_up_to_its_bounds(tmp_path: Path) -> None:
+    lines = (HEADER.format(n=3, m=3) + market(3.0, 0)).splitlines(keepends=True)
+    path = tmp_path / "cut.nl"
+    bounds_end = lines.index("J0 2\n")
+    for count in range(bounds_end):
+        path.write_text("".join(lines[:count]))
+        with pytest.raises(InputError):
+            read_nl(path)
+
+
+def test_a_header_without_numbers_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "words.nl"
+    path.write_text("g3 1 1 0\n" + "some words here\n" * 12)
+    with pytest.raises(InputError, match="no header"):
+        read_nl(path)
