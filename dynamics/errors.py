@@ -1,4 +1,4 @@
-"""The exception for wrong usage, and helpers for the text of its messages."""
+"""The exception for wrong usage, and functions that format parts of its message."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from difflib import get_close_matches
 MAX_SHOWN_CHARACTERS = 80
 """Maximum length of a value's text in an error message."""
 MIN_SIMILARITY = 0.6
-"""Minimum similarity, from 0 to 1, of a known name that an error message proposes for an unknown one."""
+"""Minimum similarity, from 0 to 1, for proposing a known name in place of an unknown one."""
 
 
 class InputError(ValueError):
@@ -18,7 +18,7 @@ class InputError(ValueError):
 
 
 def abbreviated(value: object) -> str:
-    """Return ``repr(value)`` on one line of at most ``MAX_SHOWN_CHARACTERS``, or the type's name where repr raises."""
+    """Return ``repr(value)`` on one line of at most ``MAX_SHOWN_CHARACTERS``, or the type's name if repr raises."""
     try:
         text = repr(value)
     except Exception:
@@ -30,7 +30,7 @@ def abbreviated(value: object) -> str:
 def did_you_mean(name: str, known: Iterable[str]) -> str:
     """Return ``" (did you mean 'x'?)"`` for the most similar known name, or ``""`` if none is similar."""
     names = {candidate.lower(): candidate for candidate in known}
-    # In a name of two letters one may be wrong, such as mu for nu.
+    # In a name of two letters one letter may be wrong, such as mu for nu.
     cutoff = 0.5 if len(name) == 2 else MIN_SIMILARITY
     matches = get_close_matches(name.lower(), names, n=1, cutoff=cutoff)
     return f" (did you mean {names[matches[0]]!r}?)" if matches else ""

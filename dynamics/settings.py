@@ -2,9 +2,9 @@
 
 :func:`declare` makes a field of a pydantic model, such as a parameter of a problem; :func:`setting` makes a field of
 a dataclass that derives from :class:`Configured`, such as a contact law, a policy or an algorithm. The declaration
-serves to parse text, to check values, to list settings (:func:`settings_of`) and to write error messages.
+is used to parse text, to check values, to list settings (:func:`settings_of`) and to write error messages.
 
-Every option of the command line and every text given to Python follows one grammar of numbers. A number has the
+Numbers in options of the command line and in text passed to Python follow the same grammar. A number has the
 digits 0 to 9, a sign, a point and a power of ten: ``20``, ``-0.5``, ``.5``, ``1e-3``, ``+2E4``. A whole number has
 no fraction: ``20``, ``2e1`` and ``20.0`` are the same. Surrounding blanks are ignored and ``-0`` is 0. The parser
 rejects ``nan``, ``inf``, ``1e999`` and ``1e-999`` (outside the range of a double), ``1_000``, ``0x10``, ``1,5`` and
@@ -32,9 +32,9 @@ from pydantic.fields import FieldInfo
 from dynamics.errors import InputError, did_you_mean
 
 LARGEST = 2**63 - 1
-"""Largest absolute value of a whole number that is accepted."""
+"""Maximum absolute value of a whole number."""
 MAX_CHARACTERS = 30
-"""Maximum number of characters of a whole number in text; longer text is rejected without parsing it."""
+"""Maximum number of characters of a whole number in text; longer text is rejected before it is parsed."""
 _INTEGER = re.compile(r"[+-]?[0-9]+")
 _FLOAT = re.compile(r"[+-]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][+-]?[0-9]+)?")
 _METADATA_KEY = "setting"
@@ -54,8 +54,8 @@ class Range(TypedDict, total=False):
 def declare(default: Any, meaning: str, unit: str = "1", limits: Range | None = None, **extra: Any) -> Any:
     """Declare a field of a pydantic model in SI ``unit`` within ``limits``.
 
-    ``extra`` may contain ``words``, the only values that are allowed, and ``hint``, which ends the error message for
-    a value out of range; other keys are free for the caller to use.
+    ``extra`` may contain ``words``, the only allowed values, and ``hint``, a sentence at the end of the error message
+    for a value out of range; the caller may use other keys as needed.
     """
     limits = limits or {}
     bounds = {"gt": limits.get("above"), "ge": limits.get("least"), "lt": limits.get("below"), "le": limits.get("most")}
@@ -79,23 +79,23 @@ class Setting:
     annotation: Any
 
     def extra(self, key: str, default: Any) -> Any:
-        """Return the entry ``key`` that was declared in addition to unit, meaning and range, or ``default``."""
+        """Return the entry ``key`` that the declaration has besides unit, meaning and range, or ``default``."""
         extra = self.declaration.json_schema_extra
         return extra.get(key, default) if isinstance(extra, dict) else default
 
     @property
     def default(self) -> Any:
-        """Default value; None where the setting is required."""
+        """Default value; None if the setting is required."""
         return None if self.declaration.is_required() else self.declaration.default
 
     @property
     def meaning(self) -> str:
-        """Description of the setting, ``""`` where none was declared."""
+        """Description of the setting, ``""`` if it has none."""
         return self.declaration.description or ""
 
     @property
     def unit(self) -> str:
-        """SI unit, ``"1"`` where none was declared."""
+        """SI unit, ``"1"`` if none was declared."""
         return str(self.extra("unit", "1"))
 
     @property
@@ -131,9 +131,9 @@ class Setting:
         return f"{label} must be {self._range(kind)}, got {value_text}{proposal}{'; ' if hint else ''}{hint}"
 
     def read(self, value: Any, owner: str = "") -> Any:
-        """Return ``value`` checked, and parsed where it is text; the default is accepted without a check.
+        """Return ``value`` checked, and parsed if it is text; the default is accepted without a check.
 
-        Raises :class:`~dynamics.errors.InputError` that names ``owner``, the setting and its range.
+        Raises :class:`~dynamics.errors.InputError` with ``owner``, the setting and its range in its message.
         """
         if not self.declaration.is_required() and type(value) is type(self.default) and value == self.default:
             return value
@@ -159,7 +159,7 @@ class Setting:
 
 
 def read_value(label: str, value: Any, annotation: Any, **limits: Unpack[Range]) -> Any:
-    """Return ``value``, parsed where it is text, as the type ``annotation`` within ``limits``.
+    """Return ``value`` as the type ``annotation`` within ``limits``; text is parsed.
 
     Raises :class:`~dynamics.errors.InputError`, whose message calls the value ``label``.
     """
@@ -172,12 +172,12 @@ def read_count(label: str, value: Any) -> int:
 
 
 def abbreviated_number(value: Any) -> str:
-    """Return the text of a value in an error message: ``repr``, and for numbers without a trailing ``.0``."""
+    """Return the text of a value in an error message: its ``repr``, without a trailing ``.0`` for numbers."""
     return str(value).removesuffix(".0") if isinstance(value, int | float) else repr(value)
 
 
 class Configured:
-    """Base of dataclasses whose fields are declared by :func:`setting`; the constructor parses and checks them."""
+    """Base class of dataclasses whose fields :func:`setting` declares; the constructor parses and checks them."""
 
     def __post_init__(self) -> None:
         name = getattr(type(self), "name", "")
@@ -187,7 +187,7 @@ class Configured:
 
 @cache
 def settings_of(cls: type) -> dict[str, Setting]:
-    """Return the settings of a pydantic model, of a dataclass, or of another class's constructor, by name.
+    """Return a dict from name to setting of a pydantic model, a dataclass, or the constructor of another class.
 
     ``Annotated[float, "meaning"]`` gives the meaning of a constructor's argument; it is "" by default.
     """
@@ -213,7 +213,7 @@ def _from_argument(cls: type, argument: inspect.Parameter) -> Setting:
 
 
 def _annotation(cls: type, name: str) -> Any:
-    """Return the type of a field or argument; ``Any`` where its names are imported for type checkers only."""
+    """Return the type of a field or argument; ``Any`` if its names are imported only for type checkers."""
     owner = next((base for base in cls.__mro__ if name in vars(base).get("__annotations__", {})), cls.__init__)
     scope = vars(sys.modules[owner.__module__])
     with suppress(NameError, KeyError):
@@ -223,7 +223,7 @@ def _annotation(cls: type, name: str) -> Any:
 
 
 def parse_float(text: str) -> float | None:
-    """Parse a finite number; return None where ``text`` is not one or is outside the range of a double."""
+    """Parse a finite number; return None if ``text`` is not a number or is outside the range of a double."""
     text = text.strip()
     if not _FLOAT.fullmatch(text):
         return None
@@ -233,7 +233,7 @@ def parse_float(text: str) -> float | None:
 
 
 def parse_int(text: str) -> int | None:
-    """Parse a whole number; return None where ``text`` is not one or is larger than :data:`LARGEST`."""
+    """Parse a whole number; return None if ``text`` is not one or is larger than :data:`LARGEST`."""
     text = text.strip()
     if _INTEGER.fullmatch(text):
         value = int(text) if len(text) <= MAX_CHARACTERS else LARGEST + 1
@@ -247,9 +247,9 @@ def parse_int(text: str) -> int | None:
 
 
 def parse_number(value: Any, annotation: Any) -> Any:
-    """Parse text as a number where ``annotation`` allows numbers and no text; return any other value unchanged.
+    """Parse text as a number if ``annotation`` allows numbers and no text; return any other value unchanged.
 
-    Where ``annotation`` is a tuple, text is parsed as whole numbers separated by commas.
+    If ``annotation`` is a tuple, text is parsed as whole numbers separated by commas.
 
     Raises ``ValueError``, whose message is the expected kind, for text that is not a number, for true and false in
     place of a number, for numbers that are not finite, and for whole numbers beyond :data:`LARGEST`.
@@ -288,7 +288,7 @@ def _parse_text(text: str, is_real: bool) -> float | int:
 
 
 def _types_in(annotation: Any) -> set[Any]:
-    """Return the alternatives of an annotation, without the metadata of ``Annotated`` and the arguments of generics."""
+    """Return the alternatives of an annotation, without metadata of ``Annotated`` and arguments of generics."""
     if not (arguments := get_args(annotation)):
         return {annotation}
     if hasattr(annotation, "__metadata__"):

@@ -3,7 +3,7 @@
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-from ocp.distribution import version  # first: it raises where a user's module hides a package
+from ocp.distribution import version  # Imported first: it raises an error if a user's module hides a package.
 from ocp.errors import DamagedRun, InputError, NotConverged
 from ocp.problem.free_time import free
 from ocp.problem.parts import FreeStart, Origin
@@ -92,14 +92,14 @@ _LOADED_ON_USE = {
     "simulate": "ocp.mpc.simulate",
     "sweep": "ocp.jobs.sweep",
 }
-"""Mapping from public names that are loaded at first use, so that ``import ocp`` stays quick, to their modules."""
+"""Mapping from public names to their modules, which are imported at first use so that ``import ocp`` is quick."""
 
 
-# Hidden from type checkers, for which the module would then have any name.
+# Hidden from type checkers, which would otherwise accept any name in the module.
 if not TYPE_CHECKING:
 
     def __getattr__(name: str) -> object:
-        """Return an object of :data:`_LOADED_ON_USE`, or ``__version__``, at its first use."""
+        """Return an object of :data:`_LOADED_ON_USE`, or ``__version__``; its module is imported at the first use."""
         if name == "__version__":
             return version()
         if name in _LOADED_ON_USE:

@@ -1,8 +1,8 @@
-"""The distribution: its version and its packages, which a user's modules may hide.
+"""The distribution: its version, and its packages, which modules in the user's folder may hide.
 
 The packages' names are common words. ``python -m ocp`` puts the working directory first on the
-path, where a user's ``problems.py`` would hide the package: importing this module removes that
-entry. For a script beside such a file, the error of the first failed import names the file.
+path, so that a user's ``problems.py`` would hide the package; importing this module removes that
+entry. For a script in the same folder as such a file, the error of the first failed import names the file.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ DISTRIBUTION_NAME = "centralpath"
 _SOURCE_ROOT = Path(__file__).resolve().parents[1]
 """Folder that contains the four packages."""
 PACKAGES = ("dynamics", "ocp", "problems", "reports")
-"""Packages of the distribution, the lowest layer first."""
+"""Packages of the distribution, from the lowest layer to the highest."""
 
 
 class ShadowedPackage(ImportError):
-    """Error where a user's module hides a package of the distribution; the message names the module."""
+    """Error if a user's module hides a package of the distribution; the message names the module."""
 
     exit_code = 2
 
@@ -36,9 +36,9 @@ def version() -> str:
 
 
 def shadowing(names: tuple[str, ...] = PACKAGES, folder: Path | None = None) -> str:
-    """Return a sentence on the module that hides the first hidden package of ``names``, "" if none is hidden.
+    """Return a sentence on the user's module that hides a package of ``names``, "" if no package is hidden.
 
-    With a ``folder``, modules are searched in the order in which a script in that folder finds them.
+    If ``folder`` is given, modules are searched in the order of imports by a script in that folder.
     """
     for name in names:
         loaded = sys.modules.get(name)
@@ -57,7 +57,7 @@ def shadowing(names: tuple[str, ...] = PACKAGES, folder: Path | None = None) -> 
 
 
 def _started_as_module() -> bool:
-    """Return whether this module is imported by ``python -m ocp``, which puts the working directory on the path."""
+    """Return whether ``python -m ocp``, which puts the working directory on the path, imported this module."""
     if sys.argv[:1] != ["-m"] or sys.flags.safe_path:
         return False
     return sys.orig_argv[len(sys.orig_argv) - len(sys.argv)].removeprefix("-m") == "ocp"

@@ -1,4 +1,4 @@
-"""Errors that users may meet, each with a sentence and an exit code."""
+"""Errors that users may see, each with a sentence and an exit code."""
 
 from __future__ import annotations
 
@@ -24,26 +24,26 @@ T = TypeVar("T")
 
 
 class NotWritten(InputError):
-    """A result that could not be written, because of a full disk or an error of the file's format."""
+    """Error for a result that could not be written because the disk is full or its format does not allow it."""
 
     exit_code = 1
 
 
 class NotConverged(RuntimeError):
-    """A solve or a rollout that did not reach its tolerance; the message says where."""
+    """Error for a solve or a rollout that did not reach its tolerance; the message says where."""
 
     exit_code = 3
 
 
 class DamagedRun(RuntimeError):
-    """A run directory that cannot be read back; the message names the file and the reason."""
+    """Error for a run directory that cannot be read; the message contains the file and the reason."""
 
     exit_code = 4
 
 
 @contextmanager
 def input_errors(*kinds: type[Exception]) -> Iterator[None]:
-    """Turn a ValueError, or one of ``kinds``, into an :class:`InputError` with the same message."""
+    """Convert a ValueError, or one of ``kinds``, to an :class:`InputError` with the same message."""
     try:
         yield
     except (ValueError, *kinds) as error:
@@ -52,9 +52,9 @@ def input_errors(*kinds: type[Exception]) -> Iterator[None]:
 
 @contextmanager
 def interruptible() -> Iterator[None]:
-    """Raise KeyboardInterrupt where compiled code has turned it into a SystemError.
+    """Raise KeyboardInterrupt if compiled code has converted it to a SystemError.
 
-    NumPy reads the values of CasADi's matrices in C code; an interrupt makes this code return a result
+    NumPy reads values of CasADi's matrices in C code; after an interrupt this code returns a result
     with an exception set.
     """
     try:
@@ -66,7 +66,7 @@ def interruptible() -> Iterator[None]:
 
 
 def choose(kind: str, name: str, known: Mapping[str, T]) -> T:
-    """Return ``known[name]``; raise :class:`InputError` with the nearest name and a list where there is none."""
+    """Return ``known[name]``; for an unknown name raise :class:`InputError` with the nearest name and a list of all."""
     if name not in known:
         raise InputError(
             f"unknown {kind} {name!r}{did_you_mean(name, known)};"

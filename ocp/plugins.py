@@ -1,4 +1,4 @@
-"""Access to packages above this one, which may not be imported: entry points load them at the first call."""
+"""Access to packages of higher layers, which must not be imported: entry points load them at the first call."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from ocp.distribution import ShadowedPackage, shadowing
 from ocp.errors import InputError
 
 PLUGIN_GROUP = "centralpath.plugins"
-"""Group of entry points that name the packages above this one."""
+"""Group of entry points for the packages of higher layers."""
 
 
 class Plugin:
-    """A package above this one, with those of its ``functions`` that this package calls as attributes.
+    """A package of a higher layer; its attributes are those of its ``functions`` that this package calls.
 
-    The first call loads the module that the entry point of this name refers to. It raises
-    :class:`~ocp.errors.InputError` where the distribution is not installed, and
-    :class:`~ocp.distribution.ShadowedPackage` where a user's module of that name is found instead.
+    The first call loads the module of the entry point with this name. It raises
+    :class:`~ocp.errors.InputError` if the distribution is not installed, and
+    :class:`~ocp.distribution.ShadowedPackage` if a user's module of the same name is imported instead.
     """
 
     def __init__(self, package: str, *functions: str) -> None:
@@ -29,7 +29,7 @@ class Plugin:
         return getattr(self.load(), function)
 
     def load(self) -> Any:
-        """Return the module to which the entry point refers, loaded at the first call."""
+        """Return the module of the entry point; it is loaded at the first call."""
         plugins = [*entry_points(group=PLUGIN_GROUP, name=self.package)]
         if not plugins:
             raise InputError(

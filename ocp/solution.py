@@ -46,9 +46,9 @@ class Replay:
 
     ``cost`` is the mean over scenarios, ``planned_cost`` the plan's cost under its own law, and
     ``state_gap`` the largest |x - planned x|. ``penetration`` [m] is measured by the true signed
-    distance, or by the model's gaps where that is unknown; ``between`` is the penetration on straight
+    distance, or by the model's gaps if that is unknown; ``between`` is the penetration on straight
     lines from node to node, None without geometry. ``broken`` are the noticeable violations of
-    constraints, the worst of every kind with its step. ``inputs`` is "open-loop" or "feedback".
+    constraints: the worst one of every kind, with its step. ``inputs`` is "open-loop" or "feedback".
     """
 
     data: xr.Dataset
@@ -75,9 +75,9 @@ class Replay:
 
 
 def replay_plan(plan: Judgement, law: ContactLaw) -> Replay:
-    """Return the rollout of a plan's inputs, or its policy, under ``law`` from the plan's own starts.
+    """Return the rollout of a plan's inputs, or its policy, under ``law`` from the plan's starts.
 
-    Raises :class:`~ocp.errors.NotConverged` where a step of the law is not solved.
+    Raises :class:`~ocp.errors.NotConverged` if a step under the law is not solved.
     """
     problem, x = plan.problem, plan.data["x"].values
     evaluation = Evaluation(problem, plan.values)
@@ -100,7 +100,7 @@ def replay_plan(plan: Judgement, law: ContactLaw) -> Replay:
 
 
 def units_of(signals: Mapping[str, Sequence[Signal]]) -> tuple[dict[str, list[str]], dict[str, dict[str, str]]]:
-    """Return mappings from dimensions to the units of their signals, and to the attributes of arrays over them."""
+    """Return mappings from dimensions to the units of their signals and to the attributes of arrays over them."""
     units = {dimension: [signal.unit for signal in group] for dimension, group in signals.items()}
     return units, {
         dimension: {"units": group[0] if len(set(group)) == 1 else f"see {dimension}_unit"}
@@ -144,7 +144,7 @@ class Solution(Judgement):
       (interval, control);
     - its replay under the exact law, ``x_replay``, ``u_replay``, ``lam_replay``, ``gap_replay`` (over
       contact_exact, without branches), and by the referee, ``x_referee``, ``u_referee``;
-    - ``phi``, ``phi_replay`` (scenario, node, distance) where the system has signed distances;
+    - ``phi``, ``phi_replay`` (scenario, node, distance) if the system has signed distances;
     - with friction ``normal_impulse``, ``friction_impulse``, ``slip``, ``friction_bound`` (friction times
       normal impulse) and, as 0 or 1, ``active``, ``slipping``, ``degenerate`` (scenario, interval, point)
       of every contact, and the same in the replay, with the suffix ``_replay``;
@@ -154,9 +154,9 @@ class Solution(Judgement):
 
     Of ``solve_s`` [s], ``evaluation_s`` was spent on evaluating cost, constraints and derivatives, and
     the rest, ``solver_s``, in the solver, such as on linear algebra and line search. Both parts are NaN
-    where they were not measured.
+    if they were not measured.
 
-    ``run_hash`` is the content hash of the run from which the solution was read, "" elsewhere.
+    ``run_hash`` is the content hash of the run from which the solution was read, "" for other solutions.
     """
 
     evaluation_s: float = math.nan
@@ -167,7 +167,7 @@ class Solution(Judgement):
         """Return the derivatives of x, u and cost with respect to a parameter, see :mod:`ocp.judge.sensitivity`.
 
         Raises :class:`~ocp.errors.InputError` for an unknown name, for a point that was not solved,
-        and where there is no derivative.
+        and if the derivative does not exist.
         """
         if self.derivative is None:
             raise InputError("a point that was not solved has no sensitivity; solve it first")
@@ -179,12 +179,12 @@ class Solution(Judgement):
 
     @property
     def solver_s(self) -> float:
-        """Seconds of the solve that were not spent on evaluating functions."""
+        """Time of the solve that was not spent on evaluating functions [s]."""
         return self.solve_s - self.evaluation_s
 
     @property
     def iteration_s(self) -> dict[str, float]:
-        """Mean seconds per iteration in ``evaluation`` and in ``solver``; NaN without iterations."""
+        """Mean time per iteration [s] in ``evaluation`` and in ``solver``; NaN without iterations."""
         count = self.iterations or math.nan
         return {"evaluation": self.evaluation_s / count, "solver": self.solver_s / count}
 
@@ -196,10 +196,10 @@ class Solution(Judgement):
     ) -> Replay:
         """Return the replay of the plan under another law, a name with its settings or an object.
 
-        It uses the plan's inputs or, with feedback, its policy from the start of each scenario.
+        The replay uses the plan's inputs or, with feedback, its policy from the start of each scenario.
 
         Raises :class:`~ocp.errors.InputError` for a law that is unknown, or cannot close the system,
-        and :class:`~ocp.errors.NotConverged` where one of its steps is not solved.
+        and :class:`~ocp.errors.NotConverged` if one of its steps is not solved.
         """
         settings = {**(contact_settings or {}), **parameters}
         return replay_plan(self, make_law(contact, settings, self.problem.system))
@@ -219,14 +219,14 @@ class Solution(Judgement):
         return plugins.reports.plot(self)
 
     def animate(self, path: Path | str, fps: int = 25, speed: float = 1.0) -> Path:
-        """Write an animation of plan and replay to a .gif, .mp4 or .html, as ``ocp animate`` does, and return its path.
+        """Write an animation of plan and replay as .gif, .mp4 or .html, like ``ocp animate``, and return its path.
 
         Raises :class:`~ocp.errors.InputError` for another file type, and for a problem without a drawing.
         """
         return plugins.reports.animate(self, expand_path(path), fps, speed)
 
     def report(self, path: Path | str) -> Path:
-        """Write the PDF of ``ocp report`` and return its path; raise :class:`~ocp.errors.InputError` if that fails."""
+        """Write the PDF of ``ocp report``, and return its path; raise :class:`~ocp.errors.InputError` if that fails."""
         return plugins.reports.report(self, expand_path(path))
 
     def __repr__(self) -> str:
@@ -242,9 +242,9 @@ class Solution(Judgement):
 
 
 class Interrupted(KeyboardInterrupt):
-    """Interruption of a solve by Ctrl-C; ``solution`` is the best so far.
+    """Error for a solve interrupted by Ctrl-C; ``solution`` is the best solution so far.
 
-    With several starts it is the best finished solution; if none has finished, it is the best point of
+    With several starts this is the best finished solution; if none has finished, it is the best point of
     the first start, with status :attr:`~ocp.programs.solver.Status.INTERRUPTED`.
     """
 

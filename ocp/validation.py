@@ -1,4 +1,4 @@
-"""Checks of values from outside: axes, structured data and paths; errors are one sentence."""
+"""Checks of external values: axes, structured data and paths; errors are one sentence."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ class Axis:
 
 
 def parse_axis_option(option: str, text: str, least: int = 1) -> Axis:
-    """Return the axis that a text in the form of :data:`AXIS_GRAMMAR` describes.
+    """Return the axis that a text of the form :data:`AXIS_GRAMMAR` describes.
 
-    Raises :class:`~ocp.errors.InputError`, which names the ``option``, for anything else, and for n
-    below ``least`` or above :data:`MAX_AXIS_VALUES`.
+    Raises :class:`~ocp.errors.InputError`, with the ``option`` in its message, for any other text, and for n below
+    ``least`` or above :data:`MAX_AXIS_VALUES`.
     """
     name, equals, spacing = (piece.strip() for piece in text.partition("="))
     if not (name and equals and spacing):
@@ -78,7 +78,7 @@ NotNegative = Annotated[Number, Field(ge=0)]
 Count = Annotated[int, BeforeValidator(_refuse_text), Field(ge=1)]
 Index = Annotated[int, BeforeValidator(_refuse_text), Field(ge=0)]
 Line = Annotated[str, Field(strict=True), AfterValidator(_refuse_control_characters)]
-"""A text on one line without control characters."""
+"""A text of one line without control characters."""
 Name = Annotated[Line, Field(min_length=1)]
 Scalar = bool | int | float | str
 Recorded = Scalar | list[Scalar]
@@ -94,9 +94,9 @@ def _adapter(kind: Any) -> TypeAdapter[Any]:
 
 
 def validated(what: str, value: Any, kind: Any) -> Any:
-    """Return ``value`` converted to the type ``kind``, with its parts checked too.
+    """Return ``value`` converted to the type ``kind``, with its parts checked as well.
 
-    Raises :class:`~ocp.errors.InputError` that names the part of ``what`` that does not fit.
+    Raises :class:`~ocp.errors.InputError`, with the invalid part of ``what`` in its message.
     """
     try:
         return _adapter(kind).validate_python((value,))[0]
@@ -119,7 +119,7 @@ def validate_fields(instance: Any, what: str, **kinds: Any) -> None:
 
 
 def _python_path(value: Any, keys: tuple[int | str, ...]) -> str:
-    """Return the path ``keys`` into a value as Python writes it, without pydantic's labels of union branches."""
+    """Return the path ``keys`` into a value in Python's notation, without pydantic's labels of union branches."""
     path = ""
     for key in keys:
         try:
@@ -134,9 +134,8 @@ def _python_path(value: Any, keys: tuple[int | str, ...]) -> str:
 def expand_path(path: str | PathLike[str]) -> Path:
     """Return the path with a leading ``~`` or ``~name`` replaced by the home directory.
 
-    Shells do this only at the beginning of a word, not after ``--out=``; Python does not do it.
-
-    Raises :class:`~ocp.errors.InputError` where there is no such home directory.
+    Shells expand ``~`` only at the beginning of a word, not after ``--out=``, and Python does not expand it. Raises
+    :class:`~ocp.errors.InputError` if there is no such home directory.
     """
     unexpanded = Path(fspath(path))
     try:

@@ -1,4 +1,4 @@
-"""Shapes in the picture of a problem, as plain data that the package ``reports`` draws.
+"""Shapes in the picture of a problem, as plain data; the package ``reports`` draws them.
 
 Lengths are in metres, angles in radians. Shapes are immutable and can be compared, so that a
 shape that does not change with time (a wall, a goal) can be drawn once. ``role`` is ``"object"``,
@@ -135,7 +135,7 @@ STORED_KINDS: dict[str, type[Shape]] = {
     "HalfPlane": Wall,
     **{kind.__name__: kind for kind in (Segment, Spring, Mark)},
 }
-"""Mapping from the word under which a run stores a shape to the shape's class."""
+"""Mapping from the word that a run stores for a shape to the shape's class."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Import and checks of users' files that define a problem or a contact law."""
+"""Import of users' files that define a problem or a contact law, and checks of these files."""
 
 from __future__ import annotations
 
@@ -80,11 +80,11 @@ def _no_bytecode() -> Iterator[None]:
 
 
 _contents: dict[str, tuple[str, str]] = {}
-"""Mapping from the name of a module in a user's folder to its file and digest at the latest import."""
+"""Mapping from the name of a module in a user's folder to its file and digest at the last import."""
 
 
 def _forget_others(path: Path) -> None:
-    """Remove the user's modules that ``path`` imports from ``sys.modules`` if one has changed or moved elsewhere."""
+    """Remove the user's modules that ``path`` imports from ``sys.modules`` if one of them has changed or moved."""
     modules = folder_modules(path)
     now = {name: (str(file), file_digest(file)) for name, file in modules.items()}
     loaded = {name: file for name in now if (file := _loaded_from(name))}
@@ -106,9 +106,9 @@ def _loaded_from(name: str) -> str:
 
 
 def check(spec: ProblemSpec) -> None:
-    """Build the problem at its defaults and evaluate every part of it once.
+    """Build the problem at its default parameters and evaluate every part once.
 
-    Raises :class:`~ocp.errors.InputError` that names the part whose dimension or value is wrong.
+    Raises :class:`~ocp.errors.InputError`, with the part whose dimension or value is wrong in its message.
     """
     problem = spec.problem()
     p = problem.parameters.values
@@ -203,13 +203,13 @@ CALLS = {
     "frames": ("frames(params, state)", list[ContactFrame]),
     "region": ("region(params)", None),
 }
-"""Mapping from a function in a problem's file to its call, for messages, and the type required of its result."""
+"""Mapping from a function in a problem's file to its call (for messages) and the required type of its result."""
 
 
 def read(module: ModuleType, file: Path, digest: str) -> ProblemSpec:
-    """Return the specification of the problem that ``module`` defines, imported from ``file`` with that digest.
+    """Return the specification of the problem in ``module``, which was imported from ``file`` with this digest.
 
-    Its functions are wrapped so that they raise only :class:`~ocp.errors.InputError`.
+    The functions are wrapped so that they raise only :class:`~ocp.errors.InputError`.
 
     Raises :class:`~ocp.errors.InputError` if a name is missing or has the wrong type.
     """
@@ -231,7 +231,7 @@ def read(module: ModuleType, file: Path, digest: str) -> ProblemSpec:
 
 
 def read_law(module: ModuleType, file: Path, digest: str) -> type[ContactLaw]:
-    """Return the class of the contact law that ``module`` defines, imported from ``file`` with that digest.
+    """Return the class of the contact law in ``module``, which was imported from ``file`` with this digest.
 
     Its functions are wrapped so that they raise only :class:`~ocp.errors.InputError`.
 

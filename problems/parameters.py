@@ -1,4 +1,4 @@
-"""Parameters of a named problem: checked numbers with units, and their symbols."""
+"""Parameters of a named problem: validated numbers with units, and their symbols."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ def quantity(default: float, unit: str, meaning: str, **limits: Unpack[Range]) -
 
 
 def structure(default: float, meaning: str, *, unit: str = "1", **limits: Unpack[Range]) -> Any:
-    """Declare a number >= 0 that sets the problem's structure, such as its horizon, and is never a symbol."""
+    """Declare a number >= 0 that sets the problem's structure, such as its horizon, and never becomes a symbol."""
     return declare(default, meaning, unit, {"least": 0, **limits}, structural=True)
 
 
 def choice(words: tuple[str, ...], meaning: str) -> Any:
-    """Declare a parameter whose value is one of ``words``, by default the first; it is never a symbol."""
+    """Declare a parameter whose value is one of ``words`` (default: the first); it never becomes a symbol."""
     return Field(
         words[0],
         pattern=f"^({'|'.join(words)})$",
@@ -60,7 +60,7 @@ def table(params: BaseModel) -> ParameterTable:
 
 
 def natural_units(params: BaseModel, problem: Problem) -> Units:
-    """Return units that fit the ratios of a problem's parameters to their defaults, SI units if all ratios are 1.
+    """Return units that fit the ratios of a problem's parameters to their defaults; SI units if all ratios are 1.
 
     Words, structural parameters, and parameters that are zero or have changed sign are left out. See
     :func:`~ocp.programs.units.fit_units`.
@@ -80,7 +80,7 @@ def natural_units(params: BaseModel, problem: Problem) -> Units:
 
 
 def friction_of(p: ParameterTable) -> tuple[ParameterTable, ca.SX | None]:
-    """Return the parameters and Coulomb's coefficient; without friction, the other parameters and None.
+    """Return the parameters and the friction coefficient; without friction, the other parameters and None.
 
     A central path needs a friction cone with an interior. Therefore a system whose coefficient is zero has
     no friction pairs, and no parameter ``friction`` that could be varied.
@@ -91,7 +91,7 @@ def friction_of(p: ParameterTable) -> tuple[ParameterTable, ca.SX | None]:
 
 
 def pose_problem(params: Any, system: ContactSystem, **parts: Any) -> Problem:
-    """Return the problem of ``params.N`` steps of ``system``, with the system's name and parameters.
+    """Return the problem of ``params.N`` steps of ``system``, with the name and parameters of the system.
 
     Inputs are bounded by ``±u_max`` if there is such a parameter; ``parts`` are the other fields of
     :class:`~ocp.problem.problem.Problem`.

@@ -43,9 +43,9 @@ def gradient_case(name: str, worlds: Sequence[str] = (), settings: Mapping[str, 
 
 
 def named_file(source: Path | str | None, runs: Sequence[StoredRun]) -> ProblemSpec | None:
-    """Return the problem in the user's file ``source`` from which ``runs`` came; None if ``source`` is None.
+    """Return the problem in the user's file ``source`` from which ``runs`` were made; None if ``source`` is None.
 
-    Raises :class:`~ocp.errors.InputError` if the file cannot be read, or if none of the runs came from its problem.
+    Raises :class:`~ocp.errors.InputError` if the file cannot be read, or if none of the runs is of its problem.
     """
     if source is None:
         return None
@@ -79,8 +79,8 @@ def law_of(
 ) -> tuple[ContactLaw, str | None]:
     """Return the law called ``contact``, and a warning if its file has changed since the run, else None.
 
-    With ``contact`` None it is the law of the run, with the settings stored in the run unless there are
-    ``settings``.
+    If ``contact`` is None, the law of the run is returned, with the settings stored in the run unless ``settings``
+    are given.
 
     Raises :class:`~ocp.errors.InputError` if the law is from a user's file and no file is named.
     """
@@ -102,9 +102,9 @@ def law_of(
 
 
 def spec_of(run: StoredRun, file_spec: ProblemSpec | None = None) -> ProblemSpec:
-    """Return the specification of a run's problem: a problem of the workbench, or ``file_spec``, from a user's file.
+    """Return the specification of a run's problem: a problem of the workbench, or ``file_spec`` from a user's file.
 
-    The file whose path is stored in the run is never loaded without being named. Raises
+    The file whose path is stored in the run is never loaded unless the user names it. Raises
     :class:`~ocp.errors.InputError` if the run's problem is neither of the workbench nor ``file_spec``.
     """
     name = str(run.meta["problem"])
@@ -115,7 +115,7 @@ def spec_of(run: StoredRun, file_spec: ProblemSpec | None = None) -> ProblemSpec
     file = run.record.get("source")
     origin = f"the file {file}" if file else "a problem built in Python"
     raise InputError(
-        f"the run of {name} is of {origin}, and a run never loads code by itself; name the file"
+        f"the run of {name} is of {origin}, and a run never loads code on its own; name the file"
         " that defines it with --source FILE (in Python source=, or problem=)"
     )
 

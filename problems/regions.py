@@ -1,4 +1,4 @@
-"""Regions from which a problem's transitions are sampled: declared in its file, or built around its task."""
+"""Regions from which transitions of a problem are sampled: declared in its file, or built around its task."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from problems import registry
 from problems.spec import ProblemSpec
 
 TUBE_SPREAD = 0.3
-"""Standard deviation of states sampled around the line from start to goal, in the states' characteristic sizes."""
+"""Standard deviation of states around the line from start to goal, in the states' characteristic sizes."""
 
 
 @dataclass(frozen=True)
@@ -65,10 +65,10 @@ def region_of(spec: ProblemSpec, params: Any, problem: Problem) -> Region:
 def around_task(problem: Problem) -> Region:
     """Return a region of states around start, goal and guess, widened by their scales, and of inputs in their bounds.
 
-    The goal is the minimum of the terminal cost, taken as quadratic at the start; coordinates that
-    the cost leaves free keep their start values. Inputs without bounds have the range of the
+    The goal is the minimum of the terminal cost, approximated as quadratic at the start; coordinates on which
+    the cost does not depend have their start values. Inputs without bounds have the range of the
     guess, widened by their scales; states stay within their bounds. A state that no step changes, such as
-    a step size to be optimised, has the range of its initial value, and its value at the start on the line
+    a step size to be optimised, has the range of its initial value, and its initial value on the line
     from start to goal.
     """
     p, sizes, system = problem.parameters.values, problem.scales, problem.system
@@ -102,7 +102,7 @@ def _unchanging(system: ContactSystem) -> np.ndarray:
 
 
 def _goal(problem: Problem, x0: np.ndarray, p: np.ndarray) -> np.ndarray:
-    """Return the state (nx,) after one Newton step from ``x0`` on the terminal cost; ``x0`` if that is not finite."""
+    """Return the state (nx,) after one Newton step from ``x0`` on the terminal cost, or ``x0`` if it is not finite."""
     x = problem.system.x
     curvature, slope = ca.hessian(problem.terminal_cost, x)
     symbols = [x, problem.parameters.vector]

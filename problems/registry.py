@@ -61,7 +61,7 @@ READING_ATTEMPTS = 3
 
 
 def names() -> list[str]:
-    """Names of the problems that ship with the workbench."""
+    """Return the names of the problems that ship with the workbench."""
     return list(PROBLEM_MODULES)
 
 
@@ -75,7 +75,7 @@ def spec(name: str) -> ProblemSpec:
 
 @cache
 def registered(name: str) -> ProblemSpec:
-    """Return the problem called ``name`` that ships with the workbench; no file is ever loaded.
+    """Return the problem called ``name`` that ships with the workbench, without loading any file.
 
     Raises :class:`~ocp.errors.InputError` for an unknown name.
     """
@@ -93,7 +93,7 @@ def _require_known(name: str, known_names: list[str]) -> None:
 
 
 def refuse_robot_file(name: str) -> None:
-    """Raise :class:`~ocp.errors.InputError` if ``name`` is the file of a robot, which defines no problem."""
+    """Raise :class:`~ocp.errors.InputError` if ``name`` is the file of a robot, since such a file has no problem."""
     if name.lower().endswith(ROBOT_FILES):
         raise InputError(
             f"{name}: a robot's file defines no problem; ocp new NAME --robot FILE"
@@ -104,7 +104,7 @@ def refuse_robot_file(name: str) -> None:
 def get(name: str | Parameters, **params: Any) -> Problem:
     """Build the problem ``name`` with ``params`` and the defaults of its other parameters.
 
-    ``name`` can also be the problem's ``Params``, which editors complete and type checkers check:
+    ``name`` can also be the problem's ``Params``, with completion in editors and type checks:
     ``get(push_disc.Params(M=2.0))``.
 
     Raises :class:`~ocp.errors.InputError` for an unknown name or a bad parameter.
@@ -136,7 +136,7 @@ def load(path: str | Path) -> ProblemSpec:
 
 
 _laws: dict[Path, type[ContactLaw]] = {}
-"""Mapping from a user's file to the contact law that was last read from it."""
+"""Mapping from a user's file to the contact law that was last read from this file."""
 
 
 def load_law(path: str | Path) -> type[ContactLaw]:
@@ -175,9 +175,9 @@ OBJECTIVE_MODULES = {
 }
 """Mapping from the name of a static objective to its module."""
 DECISION = "theta"
-"""Name of the parameter that is the decision variable of an objective."""
+"""Name of an objective's decision variable among its parameters."""
 NOISE = "sigma"
-"""Name of the parameter that is the standard deviation of the noise on the decision."""
+"""Name of the standard deviation of the noise on the decision among an objective's parameters."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -232,7 +232,7 @@ def named(name: str) -> ObjectiveSpec | ProblemSpec:
 
 
 def objective_names() -> list[str]:
-    """Names of the static objectives."""
+    """Return the names of the static objectives."""
     return list(OBJECTIVE_MODULES)
 
 

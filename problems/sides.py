@@ -1,4 +1,4 @@
-"""A body that slides on a table and is pushed, without friction, at one of its sides at a time."""
+"""A body that slides on a table and is pushed, without friction, on one of its sides at a time."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ Corner = tuple[ca.SX | float, ca.SX | float]
 
 @dataclass(frozen=True)
 class SidePushing:
-    """Quasi-static motion of a body with ``corners`` (counter-clockwise, in its own frame) [m].
+    """Quasi-static motion of a body with ``corners`` (counter-clockwise, in the body's frame) [m].
 
     The inputs are a force F_i >= 0 [N] for each side and a moment m [N m]. A side pushes with the
     excess of its force over the sum of all others, ``w_i = max(F_i - sum_(j != i) F_j, 0)``, stated
-    as ``0 <= w_i ⟂ w_i - F_i + sum_(j != i) F_j >= 0``: at most one side pushes, anywhere along
-    its length, so that ``|m| <= sum_i w_i L_i / 2``. The limit surface is a sphere in (force,
-    moment / ``reach``), and ``friction m g`` [N] is the largest force of friction with the table::
+    as ``0 <= w_i ⟂ w_i - F_i + sum_(j != i) F_j >= 0``: at most one side pushes, at any point of its
+    length, so that ``|m| <= sum_i w_i L_i / 2``. The limit surface is a sphere in (force,
+    moment / ``reach``), and ``friction m g`` [N] is the maximum friction force with the table::
 
         (x', y') = R(theta) sum_i w_i n_i / (friction m g)
         theta' = (m + sum_i w_i (c_i x n_i)) / (reach friction m g)
 
-    with n_i the inner normal, c_i the middle and L_i the length of side i. ``reach`` [m] is a
-    characteristic length times a factor; the other numbers are among ``parameters``. Steps of length h
-    are by Euler's explicit method.
+    with n_i the inner normal, c_i the midpoint and L_i the length of side i. ``reach`` [m] is a
+    characteristic length times a factor; the other numbers are among ``parameters``. Steps of length h use the
+    explicit Euler method.
     """
 
     name: str
@@ -90,7 +90,7 @@ class SidePushing:
 
     @cached_property
     def on_the_side(self) -> Constraint:
-        """Constraint that the pushing force acts between the ends of its side."""
+        """Constraint that the pushing force acts between the two ends of its side."""
         system = self.system
         largest_moment = sum((system.lam[i] * half_length for i, (*_, half_length) in enumerate(self._sides)), ca.SX(0))
         m = system.u[len(self.corners)]
@@ -98,7 +98,7 @@ class SidePushing:
 
     @property
     def u_lower(self) -> ca.SX:
-        """Lower bounds of the inputs: 0 for the forces, none for the moment."""
+        """Lower bounds of the inputs: 0 for forces, none for the moment."""
         return ca.vertcat(ca.SX.zeros(len(self.corners)), -ca.inf)
 
 
@@ -108,7 +108,7 @@ def outline(corners: Sequence[tuple[float, float]], pose: np.ndarray, role: str)
 
 
 def side_frames(corners: Sequence[tuple[float, float]], pose: np.ndarray) -> list[ContactFrame]:
-    """Return a contact frame at the middle of every side; the point at which the force acts depends on the moment m."""
+    """Return a contact frame at the middle of every side; the actual point of the force depends on the moment m."""
     contact_frames = []
     for x1, y1, x2, y2 in _sides_at(corners, pose):
         length = math.hypot(x2 - x1, y2 - y1)

@@ -1,4 +1,4 @@
-"""Digest of a user's file, of the modules that it imports from its folder, and of data files in its folder.
+"""Digest of a user's file, of the modules that it imports from its folder, and of data files in this folder.
 
 Installed modules, and the four packages of this program, are identified by their versions instead
 (:mod:`ocp.store.provenance`).
@@ -24,12 +24,12 @@ from ocp.store.provenance import file_digest
 def source_digest(path: Path) -> str:
     """Return the SHA-256, in hex, of a file and all files that it depends on, independent of the folder's path.
 
-    The file depends on the modules that it imports, directly or through other modules and also inside
-    functions, except installed modules and those of this program. It also depends on data files in its
-    folder that are named by a string in one of these modules (``np.load(HERE / "table.npy")``).
-    Code that runs only as a program (``if __name__ == "__main__"``) is ignored.
+    The file depends on the modules that it imports, directly or through other modules and also inside functions,
+    except installed modules and those of this program. It also depends on data files in its folder whose names are
+    strings in one of these modules (``np.load(HERE / "table.npy")``). Code that runs only as a program (``if __name__
+    == "__main__"``) is ignored.
 
-    Raises :class:`~ocp.errors.InputError` where a file cannot be read.
+    Raises :class:`~ocp.errors.InputError` if a file cannot be read.
     """
     files = dependency_files(path)
     digest = hashlib.sha256()
@@ -56,9 +56,9 @@ def search_path(folder: Path) -> list[str]:
 
 
 def open_to_imports(folder: Path) -> None:
-    """Add ``folder`` to ``sys.path`` for the whole process, so that imports inside functions work too.
+    """Add ``folder`` to ``sys.path`` for the whole process, so that imports inside functions also work.
 
-    It is added after all installed packages, so that modules in it hide no installed package.
+    The folder is added after all installed packages, so that its modules hide no installed package.
     """
     places, others = search_path(folder), [other for other in _folders if other != str(folder)]
     _folders[:] = [str(folder), *others]
@@ -76,7 +76,7 @@ class _DependencySearch:
     found: dict[str, Path] = field(default_factory=dict)
 
     def add_file(self, name: str, file: Path, package: str = "") -> None:
-        """Add a file to ``found``, and, if it is a module, all that it imports or names."""
+        """Add a file to ``found`` and, if it is a module, all files that it imports or names."""
         self.found[name] = file
         if file.suffix != ".py":
             return
@@ -93,7 +93,7 @@ class _DependencySearch:
                 self.found[f"./{data}"] = file.parent / data
 
     def _module(self, name: str) -> None:
-        """Add the module with the full name ``name`` and its parent packages, up to an installed one."""
+        """Add the module with the full name ``name`` and its parent packages, up to an installed package."""
         path, module = self.path, ""
         for word in name.split("."):
             module = f"{module}.{word}" if module else word
@@ -142,7 +142,7 @@ def _nodes(tree: ast.AST) -> Iterator[ast.AST]:
 
 
 def _imported(node: ast.AST, package: str) -> Iterator[str]:
-    """Yield full names of modules that a node may import; the last part of a name may be an attribute instead."""
+    """Yield full names of modules that a node may import; the last part may be the name of an attribute instead."""
     if isinstance(node, ast.Import):
         yield from (alias.name for alias in node.names)
     elif isinstance(node, ast.ImportFrom):

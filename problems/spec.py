@@ -30,7 +30,7 @@ MOST_NODES = 20_000
 
 @dataclass(frozen=True)
 class Citation:
-    """Source of a problem: its key in the bibliography, and the section or equation in words."""
+    """Source of a problem: its key in the bibliography, and a text with the section or equation."""
 
     key: Line
     text: Line
@@ -40,12 +40,12 @@ class Citation:
 class Golden:
     """Best known cost of a problem at its default parameters, under the contact law ``law``.
 
-    Solving with ``settings`` from guess ``start`` (0 is the problem's own guess, k the k-th perturbed
-    guess with seed 0, see :mod:`ocp.problem.rollout`) ends at ``cost``, within the relative ``tolerance``,
+    Solving with ``settings`` from guess ``start`` (0 is the problem's guess, k is the k-th perturbed guess
+    with seed 0, see :mod:`ocp.problem.rollout`) ends at ``cost``, within the relative ``tolerance``,
     with the ``stationarity`` and ``kind`` of certificate (:mod:`ocp.judge.certificate`). ``tried``
     is the number of solves, over strategies and guesses; no certified solve ended at a lower cost.
 
-    ``independent`` names a confirmation from outside the workbench, "" if there is none; ``note``
+    ``independent`` is a confirmation by other software or a formula, "" if there is none; ``note``
     describes other minima, and the result of the default settings if it differs.
     """
 
@@ -63,12 +63,12 @@ class Golden:
 
     @property
     def certificate(self) -> str:
-        """Stationarity and kind in the words of ``ocp solve``."""
+        """Stationarity and kind in the wording of ``ocp solve``."""
         return ", ".join(word for word in (self.stationarity, self.kind) if word)
 
     @property
     def remarks(self) -> str:
-        """Remarks in one line: options of ``ocp solve`` that are not defaults, the confirmation, and the note."""
+        """Remarks on one line: options of ``ocp solve`` that are not defaults, the confirmation, and the note."""
         options = [f"-s {name}={value}" for name, value in self.settings.items()]
         options += [f"--starts {self.start + 1}"] if self.start else []
         how = f"found with {' '.join(options)}" if options else ""
@@ -77,13 +77,13 @@ class Golden:
 
 
 def smoothed(cost: float, **more: Any) -> Golden:
-    """Return the best known cost under the barrier law, where the certificate is KKT and has no kind."""
+    """Return the best known cost under the barrier law, whose certificate is KKT and has no kind."""
     return Golden(cost, law="barrier", stationarity="KKT", kind="", **more)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Spec:
-    """Specification of a problem or an objective: name, parameters, equations in typst's mathematics, and source."""
+    """Specification of a problem or an objective: name, parameters, equations in typst notation, and source."""
 
     name: str
     title: str
@@ -92,16 +92,16 @@ class Spec:
     citation: Citation | None = None
 
     def params(self, values: Mapping[str, Any]) -> Any:
-        """Check ``values`` and fill in the defaults.
+        """Return the checked ``values`` with defaults for missing parameters.
 
-        Raises :class:`~ocp.errors.InputError` that names the parameter, its unit and its range.
+        Raises :class:`~ocp.errors.InputError` with the parameter, its unit and its range in its message.
         """
         return check_parameters(self.name, self.Params, values)
 
 
 @dataclass(frozen=True, kw_only=True)
 class ProblemSpec(Spec):
-    """Specification of a named problem, which can be built at any parameters.
+    """Specification of a named problem, which can be built at any parameter values.
 
     ``build(params)`` returns the :class:`~ocp.problem.problem.Problem`, ``draw(params, state)`` the
     shapes at one state (nx,), ``frames(params, state)`` the point and direction of each contact,
@@ -120,18 +120,18 @@ class ProblemSpec(Spec):
     digest: str | None = None
 
     def params(self, values: Mapping[str, Any]) -> Any:
-        """Check ``values`` and fill in the defaults; raises as :meth:`Spec.params` does."""
+        """Return the checked ``values`` with defaults for missing parameters; raises as :meth:`Spec.params` does."""
         if self.path is None:
             return super().params(values)
         with user_code("Params failed:", self.path, through=InputError):
             return super().params(values)
 
     def problem(self, values: Mapping[str, Any] | None = None) -> Problem:
-        """Build the problem at ``values`` and the defaults of its other parameters.
+        """Build the problem at ``values`` and the defaults of the other parameters.
 
         Raises :class:`~ocp.errors.InputError` for a bad parameter, and if a user's ``build`` raises
-        or returns no problem, a problem of inconsistent dimensions, or one without physical meaning,
-        for example without mass.
+        or returns no problem, a problem with inconsistent dimensions, or a problem without physical meaning, for
+        example without mass.
         """
         params = self.params(values or {})
         problem = self.build(params)
@@ -162,7 +162,7 @@ class ProblemSpec(Spec):
 
 @dataclass(frozen=True)
 class UserProblemRecord:
-    """Description of a user's problem at given parameters, which its runs store instead of the file's code."""
+    """Description of a user's problem at its parameters, which its runs store instead of the file's code."""
 
     spec: ProblemSpec
     params: Any
@@ -208,10 +208,9 @@ class UserProblemRecord:
 
 
 def check_parameters(owner: str, Params: type[BaseModel], values: Mapping[str, Any]) -> Any:
-    """Check ``values`` against ``Params`` and fill in the defaults.
+    """Return ``values`` checked against ``Params``, with defaults for missing parameters.
 
-    Raises :class:`~ocp.errors.InputError` that names ``owner``, the parameter, its unit and its
-    range.
+    Raises :class:`~ocp.errors.InputError` with ``owner``, the parameter, its unit and its range in its message.
     """
     checked = dict(values)
     settings = settings_of(Params)
@@ -246,7 +245,7 @@ def _range_message(parameter: Setting, value: Any) -> str:
 
 
 def describe(spec: Spec) -> list[dict[str, Any]]:
-    """List the parameters in order, each with name, value, unit, range and description."""
+    """Return a list of the parameters in order, each with name, value, unit, range and description."""
     return [
         {
             "name": about.name,
@@ -260,7 +259,7 @@ def describe(spec: Spec) -> list[dict[str, Any]]:
 
 
 def spec_from_module(kind: type[S], module: ModuleType, **more: Any) -> S:
-    """Return the specification whose fields are the names that ``module`` defines, and ``more``.
+    """Return the specification whose fields are the names defined in ``module``, and ``more``.
 
     Each line of the text ``equations`` is one equation; a line that begins with a space continues
     the previous line.

@@ -1,4 +1,4 @@
-"""Calls of code in a user's file: each error is reported in one sentence, changes to the process are undone."""
+"""Calls of code in a user's file: an error is reported in one sentence, and changes to the process are undone."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ Function = Callable[..., Any]
 def guarded(
     function: Function, what: str, path: Path, check: Function | None = None, through: type[Exception] | tuple[()] = ()
 ) -> Function:
-    """Return ``function`` of the file at ``path``, wrapped so that every error is an InputError of one sentence.
+    """Return ``function`` of the file at ``path`` with every error converted to an InputError of one sentence.
 
-    ``check`` converts the result, or raises :class:`~ocp.errors.InputError`. Errors of the type
+    ``check`` converts the result or raises :class:`~ocp.errors.InputError`. Errors of the type
     ``through`` are raised unchanged.
     """
 
@@ -47,8 +47,8 @@ def user_code(what: str, path: Path, through: type[Exception] | tuple[()] = ()) 
     """Run code of the file at ``path``, then undo its changes to the whole process.
 
     Raises :class:`~ocp.errors.InputError` with ``what``, the line and the reason for any exception
-    raised inside, including ``SystemExit``. Only Ctrl-C and errors of the type ``through`` pass
-    unchanged.
+    raised inside, including ``SystemExit``. Only Ctrl-C and errors of the type ``through`` are
+    raised unchanged.
     """
     try:
         with _restore_process():
@@ -86,7 +86,7 @@ def _folder() -> str | None:
 
 
 def _was_pressed(error: BaseException, path: Path) -> bool:
-    """Return whether a KeyboardInterrupt came from Ctrl-C and not from the user's code."""
+    """Return whether a KeyboardInterrupt was due to Ctrl-C and not raised by the user's code."""
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         return True
     frames = traceback.extract_tb(error.__traceback__)
@@ -107,7 +107,7 @@ def where(error: BaseException, path: Path) -> str:
 
 
 def reason(error: BaseException) -> str:
-    """Return the line of an error's message that states the reason; in CasADi's messages it follows the location."""
+    """Return the line of an error's message with the reason; in CasADi's messages it follows the location."""
     try:
         text = str(error)
     except Exception:

@@ -97,7 +97,7 @@ def _view(solution: Solution) -> RunView:
 
 
 def _file_spec(solution: Solution) -> ProblemSpec | None:
-    """Return the spec of the problem's file, None for a problem that comes from no file."""
+    """Return the spec of the problem's file; None for a problem without a file."""
     from problems.registry import load
 
     source = solution.problem.origin.source

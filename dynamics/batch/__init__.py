@@ -1,4 +1,4 @@
-"""Evaluation of CasADi functions, steps and rollouts for many samples, compiled where a C compiler is found."""
+"""Evaluation of CasADi functions, steps and rollouts for many samples, compiled if there is a C compiler."""
 
 from dynamics.batch.arguments import BatchWarning, NonFinite
 from dynamics.batch.engines.compiler import CompilerError

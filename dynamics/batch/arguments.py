@@ -13,9 +13,9 @@ DEFAULT_BLOCK = 32
 
 
 def bind_arguments(positional: Sequence[Any], named: Mapping[str, Any], names: Sequence[str], owner: str) -> list[Any]:
-    """Return the arguments, given either all by position or all by name, in the order of `names`.
+    """Return the arguments in the order of `names`; they are given either all by position or all by name.
 
-    Raises `TypeError` whose message lists missing, unknown and surplus inputs.
+    Raises `TypeError`, with the missing, unknown and surplus inputs in its message.
     """
     if positional and named:
         raise TypeError(f"{owner} takes its inputs by position or by name, not both at once")
@@ -38,9 +38,9 @@ def bind_arguments(positional: Sequence[Any], named: Mapping[str, Any], names: S
 
 
 def as_rows(value: Any, size: int, name: str, owner: str) -> np.ndarray:
-    """Return `value` as float64 `(n_samples, size)`, or `(1, size)` where its shape is `(size,)`.
+    """Return `value` as float64 `(n_samples, size)`, or `(1, size)` if its shape is `(size,)`.
 
-    A scalar is accepted for size 1. Raises `ValueError` that names the wrong axis.
+    A scalar is accepted for size 1. Raises `ValueError`, with the wrong axis in its message.
     """
     array = as_doubles(value, name, owner)
     if array.ndim == 0 and size == 1:
@@ -73,10 +73,10 @@ def as_doubles(value: Any, name: str, owner: str) -> np.ndarray:
 
 
 def common_length(rows: Mapping[str, np.ndarray], owner: str, lengths: Mapping[str, int] | None = None) -> int:
-    """Return the number of samples that all inputs agree on; inputs of length 1 are shared.
+    """Return the number of samples of a call; all inputs must have this length, or length 1 if samples share them.
 
-    `lengths` maps further names to numbers of samples that must agree too, and that are not shared where they
-    are 1. Where the numbers of samples disagree, raises `ValueError` that lists all of them.
+    `lengths` maps further names to numbers of samples that must be the same, even if they are 1.
+    Raises `ValueError`, with all numbers of samples in its message, if they differ.
     """
     known_lengths = {name: len(a) for name, a in rows.items() if len(a) != 1} | dict(lengths or {})
     if len(set(known_lengths.values())) > 1:
@@ -86,7 +86,7 @@ def common_length(rows: Mapping[str, np.ndarray], owner: str, lengths: Mapping[s
 
 
 def as_output(value: np.ndarray | None, shape: tuple[int, ...], name: str) -> np.ndarray:
-    """Return the output array: a new one where `value` is None, else `value` after a check of its type and shape."""
+    """Return the output array: a new array if `value` is None, else `value` after a check of its type and shape."""
     if value is None:
         return np.empty(shape)
     if value.shape != shape or value.dtype != np.float64 or not value.flags.c_contiguous:
@@ -98,7 +98,7 @@ def as_output(value: np.ndarray | None, shape: tuple[int, ...], name: str) -> np
 
 
 class BatchWarning(UserWarning):
-    """Warning that a backend was unavailable and another one is used, or that results of samples are not finite."""
+    """Warning that a backend was replaced because it is unavailable, or that results of samples are not finite."""
 
 
 @dataclass(frozen=True)

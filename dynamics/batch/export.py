@@ -1,4 +1,4 @@
-"""Export of one step, its derivatives and a policy as one C11 file that needs nothing but C's <math.h>.
+"""Export of one step, its derivatives and a policy as one C11 file that needs only C's <math.h>.
 
 The C code is the code of compiled rollouts with one sample per block: kernels over single doubles, and the
 loops around these kernels that solve for contact.
@@ -135,8 +135,8 @@ def export_step(
 
     The C file begins with a copy of its header; a program may include both files. `values` (np,) are those of
     the parameters `step.p`; `name` is converted to a C identifier, and the file begins with the lines `about`
-    as a comment. The derivatives go through the contact by the implicit function theorem, with mu constant
-    where the law's gradient is frozen.
+    as a comment. The derivatives go through the contact by the implicit function theorem, with mu constant if the
+    law's gradient is frozen.
 
     Raises `ValueError` where sizes do not fit.
     """
@@ -158,14 +158,14 @@ def export_step(
     acts = "" if policy is None else _policy(name, policy, system.nx)
     text = "\n".join((tables, body, acts))
     text = f"{header}\n{scalar_prelude(text)}\n{text}".rstrip()
-    # Files that include this one are free to define the same macros.
+    # Files that include this file may define the same macros.
     defined = re.findall(r"^#define (\w+)", text, re.MULTILINE)
     undone = (f"#undef {word}" for word in defined if word != f"{name}_h")
     return "\n".join((text, *undone, "")), header
 
 
 def c_identifier(name: str) -> str:
-    """Return `name` with every character that a C identifier may not have replaced by an underscore."""
+    """Return `name`, with an underscore in place of every character that a C identifier may not contain."""
     plain = re.sub(r"\W", "_", name, flags=re.ASCII)
     return plain if plain[:1].isalpha() else f"c_{plain}"
 
@@ -195,7 +195,7 @@ def _listed(signals: Iterable[Signal]) -> str:
 
 
 def _harmless(text: str) -> str:
-    """Return `text` with blanks inserted so that it has no `*/`, `/*` or trigraph, for use in a C comment."""
+    """Return `text` with blanks inserted so that it is safe in a C comment: without `*/`, `/*` and trigraphs."""
     return text.replace("*/", "* /").replace("/*", "/ *").replace("??", "? ?")
 
 

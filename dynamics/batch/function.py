@@ -56,10 +56,10 @@ class BatchFunction:
         y = f(x, p)            # x (n_samples, nnz_x), p (n_samples, nnz_p) or (nnz_p,) for all
         y = f(x=x, p=p)["y"]   # by name: a dictionary of outputs
 
-    Rows hold nonzeros in CasADi's order. Outputs are `(n_samples, nnz_out)`: one array, or a tuple
-    where the function has several. `backend` is `c`, `numpy`, `casadi`, or `auto` for the fastest
-    that can be built here. `threads` is None for every CPU. `block` is the number of samples that a
-    kernel works on at once. Results do not depend on `threads` or `block`, to the last bit.
+    Rows hold nonzeros in CasADi's order. Outputs are `(n_samples, nnz_out)`: one array, or a tuple if the function
+    has several. `backend` is `c`, `numpy`, `casadi`, or `auto` for the fastest that can be built on this computer.
+    `threads` is None for all CPUs. `block` is the number of samples that a kernel works on at once. Results do not
+    depend on `threads` or `block`, to the last bit.
 
     After a call `nonfinite` lists the samples with NaN or infinity, and a `BatchWarning` reports them.
 
@@ -142,7 +142,7 @@ def _too_long(tape: Callable[[], Tape]) -> bool:
 
 @dataclass(frozen=True)
 class Steps:
-    """Next states (n, nx) and contact multipliers (n, nlam) of n samples, not finite where a step has no solution."""
+    """Next states (n, nx) and contact multipliers (n, nlam) of n samples, not finite for a step without solution."""
 
     x_next: np.ndarray
     lam: np.ndarray
@@ -155,7 +155,7 @@ class StepFunction:
         f = StepFunction(step)
         x_next = f(x, u).x_next        # x (n, nx), u (n, nu)
 
-    Where the interior-point path fails, it is tried again from other starts, of which there are fewer than in
+    If the interior-point path fails, it is followed again from other starts, fewer of them than in
     :attr:`dynamics.contact.Step.solve`; a sample without a solution is not finite, and `nonfinite` lists it.
     Backends, threads and block are those of `BatchFunction`; results depend neither on threads nor on block, to
     the last bit.
@@ -193,7 +193,7 @@ class StepFunction:
         return {"c": compiled, **{name: partial(chunked, make) for name, make in KERNEL_MAKERS.items()}}
 
     def __call__(self, x: Any, u: Any, p: Any | None = None) -> Steps:
-        """Return the steps from `x` (n, nx) under `u` (n, nu) with `p` (n, np); one row each is shared by all."""
+        """Return the steps from `x` (n, nx) under `u` (n, nu) with `p` (n, np); arrays of one row are shared."""
         return self._evaluate(*self._rows(x, u, p))
 
     def derivatives(self, x: Any, u: Any, p: Any | None = None) -> tuple[Steps, np.ndarray, np.ndarray]:

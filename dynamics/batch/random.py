@@ -7,10 +7,9 @@ maps a counter of four 32-bit words under a key of two words to four random word
     counter = (low word of the sample's index, high word, number of the quadruple, 0)
 
 so every sample has its own stream, which does not depend on the number of samples: the first n samples of a
-larger run are those of a run with n samples. Box and Muller's transform makes two normals of each pair of
-words: 32 random bits for the radius, 32 for the angle. The absolute value of a number is therefore at most
-6.76. An exact normal number exceeds this with probability 1 / 7e10; studies of tails beyond it need another
-generator.
+larger run are those of a run with n samples. The Box-Muller transform converts each pair of words to two normals: 32
+random bits for the radius, 32 for the angle. The absolute value of a number is therefore at most 6.76. An exact
+normal number exceeds this with probability 1 / 7e10; studies of tails beyond it need another generator.
 """
 
 from __future__ import annotations
@@ -51,7 +50,7 @@ def philox(counter: Sequence[np.ndarray] | np.ndarray, key: tuple[int, int]) -> 
 def key_of(seed: int | np.random.SeedSequence) -> tuple[int, int]:
     """Return the two-word Philox key of a seed.
 
-    Raises `ValueError` for anything but a non-negative integer or a `SeedSequence`.
+    Raises `ValueError` unless the seed is a non-negative integer or a `SeedSequence`.
     """
     if isinstance(seed, np.random.SeedSequence):
         sequence = seed
@@ -64,7 +63,7 @@ def key_of(seed: int | np.random.SeedSequence) -> tuple[int, int]:
 
 
 def standard_normals(key: tuple[int, int], first: int, n: int, size: int) -> np.ndarray:
-    """Return independent N(0, 1) numbers `(n, size)` of the samples `first, ..., first + n - 1`.
+    """Return independent N(0, 1) numbers `(n, size)` for the samples `first, ..., first + n - 1`.
 
     Value m of a sample comes from quadruple m // 4: with a = (i + 1/2) / 2**32 and b = j / 2**32,
     (i, j) its first two words or its last two, sqrt(-2 ln a) cos(2 pi b) for even m, sin for odd.
@@ -84,7 +83,7 @@ class Gaussian:
     """White Gaussian noise w ~ N(0, diag(sigma)^2), drawn inside the rollout's kernel.
 
     `sigma` > 0 is the standard deviation of all inputs, or has one value for each input; `seed` chooses the
-    random numbers; `first` is the index of the first sample, so that a run can be continued where it stopped.
+    random numbers; `first` is the index of the first sample, so that a run can be continued from where it stopped.
     With `is_negated` every sample is exactly -w in place of w.
     """
 
@@ -110,9 +109,9 @@ class Gaussian:
         return replace(self, first=self.first + n)
 
     def component_scales(self, nu: int) -> np.ndarray:
-        """Return the factors (nu,) that scale N(0, 1) numbers to noise: sigma, or -sigma where `is_negated`.
+        """Return the factors (nu,) that scale N(0, 1) numbers to noise: sigma, or -sigma if `is_negated`.
 
-        Raises `ValueError` where sigma has another length.
+        Raises `ValueError` if sigma has another length.
         """
         sigma = np.asarray(self.sigma, dtype=np.float64)
         if sigma.shape not in ((), (1,), (nu,)):

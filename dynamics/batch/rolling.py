@@ -57,7 +57,7 @@ class Moments:
 
     @property
     def standard_error(self) -> np.ndarray:
-        """Standard deviation of the mean, sqrt(variance / n)."""
+        """Standard error of the mean, sqrt(variance / n)."""
         return np.sqrt(self.variance / self.n)
 
     def merge_with(self, other: Moments) -> Moments:
@@ -102,10 +102,10 @@ SAMPLES_PER_STRIDE = 1 << 22
 
 @dataclass(frozen=True)
 class RolloutMoments:
-    """Moments over samples of the cost, or of an episode's return, and of its gradient estimates.
+    """Moments over the samples: of the cost, or of an episode's return, and of its gradient estimates.
 
     `gradient` has the moments of d value / d theta, `zeroth` those of (value - baseline) * score, in the
-    policy's shape; each is None where it was not requested. Samples with a NaN or an infinity, which
+    policy's shape; each is None if it was not requested. Samples with a NaN or an infinity, which
     `nonfinite` lists, are left out of all moments.
     """
 
@@ -116,7 +116,7 @@ class RolloutMoments:
 
 
 class SampleOptions(TypedDict, total=False):
-    """Keyword arguments that only some rollouts take: `u_before`, or the options of `EpisodeFunction`."""
+    """Keyword arguments that only some rollouts accept: `u_before`, or the options of `EpisodeFunction`."""
 
     u_before: Any
     linearise_along: Any
@@ -130,7 +130,7 @@ class BatchedRollouts(ABC):
     """
 
     _value_sign = 1.0
-    """Sign that turns the cost that the engines compute into a sample's value."""
+    """Sign of a sample's value relative to the cost that the engines compute."""
 
     def __init__(
         self,
@@ -158,7 +158,7 @@ class BatchedRollouts(ABC):
 
     @property
     def acting(self) -> tuple[np.ndarray, np.ndarray]:
-        """Masks of the entries of the noise w_t (horizon, nu) and of theta (theta's shape) that can affect the cost."""
+        """Masks of the entries of the noise w_t (horizon, nu) and of theta (in its shape) that can affect the cost."""
         noise = self.tapes.cost_dependence.masks(self.horizon)[0]
         return noise, self.policy.acting_parameters(noise)
 
@@ -186,7 +186,7 @@ class BatchedRollouts(ABC):
 
     @abstractmethod
     def _make_request(self, x0: Any, samples: Samples, **options: Any) -> RolloutRequest:
-        """Return the checked request to the engine for the arguments of a call."""
+        """Return the checked request for the engine, made from the arguments of a call."""
 
     def _makers(self) -> dict[str, Any]:
         tapes, threads = self.tapes, self.threads
@@ -198,7 +198,7 @@ class BatchedRollouts(ABC):
         return {"c": lambda: CompiledRolloutEngine(tapes, threads, self.block), **makers}
 
     def _fill_samples(self, q: RolloutRequest, results: RolloutArrays) -> NonFinite:
-        """Fill `results`, warn of samples that are not finite, and return them."""
+        """Fill `results`, warn of samples that are not finite, and return these samples."""
         n_bad = self._engine.samples(q, results) if q.n else 0
         nonfinite = results.non_finite() if n_bad else NonFinite()
         if nonfinite:
@@ -239,7 +239,7 @@ class BatchedRollouts(ABC):
         return merge_chunks(table[:, 0], table[:, 1:split], table[:, split:]), indices
 
     def _find_bad(self, q: RolloutRequest, counts: np.ndarray, chunk: int) -> np.ndarray:
-        """Return the indices of samples that are not finite, by a second rollout of chunks whose count is too small."""
+        """Return the indices of samples that are not finite: repeat the rollout for chunks whose count is too small."""
         bad_indices = []
         for i, count in enumerate(counts):
             begin, end = i * chunk, min((i + 1) * chunk, q.n)

@@ -19,9 +19,9 @@ from dynamics.contact import Step
 
 @dataclass(frozen=True)
 class Rollouts:
-    """Results of n rollouts: `cost` (n,), and where requested `gradient` and `score` (n, *policy.shape) and `states`.
+    """Results of n rollouts: `cost` (n,) and, if requested, `gradient` and `score` (n, *policy.shape) and `states`.
 
-    `states` (n, horizon + 1, nx) start with the initial ones.
+    `states` (n, horizon + 1, nx) start with the initial states.
     """
 
     cost: np.ndarray
@@ -39,9 +39,9 @@ class RolloutFunction(BatchedRollouts):
 
     A stage cost of four arguments takes (x_t, u_t, u_t - u_{t-1}, p); calls then need `u_before`, u_{-1}.
 
-    `step` is a system closed by a contact law, as in the nonlinear programs of plans; p are the step's
-    parameters. `engine` takes backend, threads and block as `BatchFunction` does; results depend neither on
-    threads nor on block, to the last bit. Code size and compile time do not depend on `horizon`.
+    `step` is a system closed by a contact law; p are the step's parameters. `engine` takes backend, threads and block
+    as `BatchFunction` does; results depend neither on threads nor on block, to the last bit. Code size and compile
+    time do not depend on `horizon`.
 
         f = RolloutFunction(step, stage_cost, terminal_cost, 40, open_loop(nx, nu))
         r = f(x0, theta, noise=Gaussian(0.1, seed=0), n_samples=1000)
@@ -79,11 +79,11 @@ class RolloutFunction(BatchedRollouts):
         """Return the cost of each sample, and on request its gradient with respect to theta and its score.
 
         `x0` (n, nx), `theta` (n, *policy.shape) and `p` (n, np) may each lack the axis of samples
-        and are then shared; None for p means the step's own values. `noise` is `Gaussian`, an array
-        (n, horizon, nu), or None. `n_samples` is needed only where no array implies it. The score,
-        sum_t D_theta law(x_t, theta_t)' w_t / sigma^2, is the gradient with respect to theta of the
-        log-density of those entries of the noise that can affect the cost (see
-        `dynamics.batch.graphs.step_graphs`). `out` is an earlier result, whose arrays are overwritten.
+        and are then shared; if p is None, the default values of the step's parameters are used. `noise` is
+        `Gaussian`, an array (n, horizon, nu), or None. `n_samples` is needed only if no array implies it. The
+        score, sum_t D_theta law(x_t, theta_t)' w_t / sigma^2, is the gradient with respect to theta of the
+        log-density of those entries of the noise that can affect the cost (see `dynamics.batch.graphs.step_graphs`).
+        `out` is an earlier result, whose arrays are overwritten.
 
         Raises `ValueError` for wrong shapes, and for a score without `Gaussian` noise.
         """
@@ -105,7 +105,7 @@ class RolloutFunction(BatchedRollouts):
         return self._request(self._start(x0, u_before), samples, **options)
 
     def _start(self, x0: Any, u_before: Any | None) -> np.ndarray:
-        """Return the initial states (n, nx), followed by u_{-1} where the stage cost depends on changes of input."""
+        """Return the initial states (n, nx), followed by u_{-1} if the stage cost depends on changes of input."""
         n_before = self.tapes.n_carried
         if (u_before is not None) != (n_before > 0):
             raise ValueError(
@@ -123,10 +123,10 @@ class RolloutFunction(BatchedRollouts):
 
 @dataclass(frozen=True)
 class Episodes:
-    """Results of n episodes of H steps: `value` (n,), the returns, and `lived` (n,), the steps before the end.
+    """Results of n episodes of H steps: returns `value` (n,), and numbers of steps before the end, `lived` (n,).
 
     `gradient` and `score` (n, *policy.shape), and `trail` (n, H + 1, nx + 2), the states followed by
-    the weight of a reward and the number of steps so far, are None where not requested.
+    the weight of a reward and the number of steps so far, are None if not requested.
     """
 
     value: np.ndarray
@@ -138,9 +138,9 @@ class Episodes:
 
     @property
     def states(self) -> np.ndarray:
-        """States (n, H + 1, nx), where an episode that has ended repeats its last one.
+        """States (n, H + 1, nx); an episode that has ended repeats its last state.
 
-        Raises `ValueError` where states were not requested.
+        Raises `ValueError` if states were not requested.
         """
         if self.trail is None:
             raise ValueError("the states were not kept; pass states=True")
@@ -152,8 +152,8 @@ class EpisodeFunction(BatchedRollouts):
 
         V(theta, w) = sum_{t<H} d^t a_t reward(x_t, u_t, x_{t+1}, p) + d^H a_H final(x_H, p)
 
-    d is the `discount`; a_t is 1 until the first state that is `done` and 0 from there on. An episode
-    that is over adds nothing to return or gradient, and its state does not change.
+    d is the `discount`; a_t is 1 until the first state that is `done` and 0 from then on. An episode that is over
+    adds nothing to return or gradient, and its state does not change.
 
         f = EpisodeFunction(step, Episode(reward, final, done), 40, dense_policy(observe, (64, 64), -1, 1))
         r = f(x0, theta, noise=Gaussian(0.1, seed=0), gradient=True)
@@ -178,12 +178,12 @@ class EpisodeFunction(BatchedRollouts):
         states: bool = False,
         **options: Unpack[SampleOptions],
     ) -> Episodes:
-        """Compute the return of each sample, and on request its gradient by theta, its score and its states.
+        """Compute the return of each sample and, on request, its gradient by theta, its score and its states.
 
         Shapes are those of `RolloutFunction`. The score, `sum_t a_t D_theta law(x_t)' w_t / sigma^2`, includes
         only steps before the end, and only noise that can affect the return. `linearise_along` are episodes of
         the same samples whose states were requested: every step then starts at the state of these episodes, and
-        the gradient is chained along these states. Where the episodes were simulated under the exact law and
+        the gradient is chained along these states. If the episodes were simulated under the exact law and
         this function's step is smoothed, only the gradient is smoothed (algorithm 2 of adaptive barrier
         smoothing). `terminal_gradient` (n, nx) is the gradient of a further terminal reward with respect to the
         last state, such as a critic's discounted value, and zero for episodes that ended before; `gradient`

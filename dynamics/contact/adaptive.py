@@ -17,7 +17,7 @@ from dynamics.settings import setting
 from dynamics.systems import ContactSystem, ParameterTable
 
 MU_FLOOR = 1e-10
-"""mu [N s m] of the quartic law where no contact is inactive."""
+"""mu [N s m] of the quartic law if no contact is inactive."""
 ACTIVE_IMPULSE = 1.0
 """Impulse [N s] above which a contact is active for the quartic law."""
 _QUARTIC = {"mu_max": 1e-2, "scale": 100.0, "power": 4.0}
@@ -29,7 +29,7 @@ def gaussian_mu(z: ca.SX, F: ca.SX, sigma: ca.SX | float) -> ca.SX:
     """Return mu(z) for which the softened contact equals Gaussian randomized smoothing.
 
     ``kappa = (sigma pdf(z/sigma) - z tail(z/sigma)) / F = E[S_0(z + w)]``, w ~ N(0, sigma²), and
-    ``mu = kappa (z + F kappa) > 0``: even in z, at most sigma²/(2 pi F). This corrects eq. 5.1 of
+    ``mu = kappa (z + F kappa) > 0``: mu is even in z and at most sigma²/(2 pi F). This corrects eq. 5.1 of
     adaptive barrier smoothing, whose printed tail, sign and scale are wrong.
     """
     # Not fabs: its derivative at 0 is 0 in CasADi, and the second derivative of mu would be wrong.
@@ -39,21 +39,21 @@ def gaussian_mu(z: ca.SX, F: ca.SX, sigma: ca.SX | float) -> ca.SX:
 
 
 def quartic_mu(distance: ca.SX, mu_max: ca.SX | float, scale: ca.SX | float, power: ca.SX | float) -> ca.SX:
-    """Return ``mu_max (scale d² + 1)^-power`` (adaptive barrier smoothing, eq. C.2), d the ``distance`` [m]."""
+    """Return ``mu_max (scale d² + 1)^-power`` (adaptive barrier smoothing, eq. C.2), with d the ``distance`` [m]."""
     return mu_max * (scale * distance**2 + 1) ** (-power)
 
 
 @dataclass(eq=False, repr=False)
 class Adaptive(ContactLaw):
-    """Contact law ``lam_i gap_i = mu_i(z)`` with z the gap at lam = 0, a function of state and input.
+    """Contact law ``lam_i gap_i = mu_i(z)``; z is the gap at lam = 0, a function of state and input.
 
     ``law="gaussian"``: :func:`gaussian_mu` of each contact, parameter ``contact.sigma`` [m].
     ``law="quartic"``: :func:`quartic_mu` of the smallest |z| over the inactive contacts, parameters
     ``contact.mu_max``, ``contact.scale``, ``contact.power``. In adaptive barrier smoothing, eq. C.2,
     a contact is active when its softened impulse exceeds 1 N s, which depends on mu itself; here
-    that impulse is the closed form of the single contact at ``mu_max``, known before the step. Without
-    an inactive contact mu is 1e-10. ``law="quartic-per-contact"`` uses |z| of each contact.
-    ``law=f``: any function ``f(z, F) -> mu`` of CasADi expressions.
+    that impulse is the closed form of the single contact at ``mu_max``, known before the step. If no contact is
+    inactive, mu is 1e-10. ``law="quartic-per-contact"`` uses |z| of each contact. ``law=f``: any function ``f(z, F)
+    -> mu`` of CasADi expressions.
 
     ``gradient="total"`` differentiates mu as well; ``"frozen"`` treats it as a constant, as in algorithm 2 of
     adaptive barrier smoothing. The result is then not the gradient of the rollout, and a direct transcription
@@ -61,7 +61,7 @@ class Adaptive(ContactLaw):
     """
 
     name: ClassVar[str] = "adaptive"
-    summary: ClassVar[str] = "lam gap = mu(z), wide near contact and vanishing far from it"
+    summary: ClassVar[str] = "lam gap = mu(z), large near contact and close to zero far from it"
 
     law: str | Callable[[ca.SX, ca.SX], ca.SX] = setting("gaussian", "mu(z)", words=tuple(DEFAULT_PARAMETERS))
     sigma: float | None = setting(None, "gaussian: width of the noise; 0.02 if not given", "m", above=0)
@@ -69,7 +69,7 @@ class Adaptive(ContactLaw):
     scale: float | None = setting(None, "quartic: factor of the distance squared; 100 if not given", "1/m²", above=0)
     power: float | None = setting(None, "quartic: exponent by which mu falls with it; 4 if not given", above=0)
     gradient: str = setting(
-        "total", "derivative of mu: frozen holds mu, which shooting alone takes", words=("total", "frozen")
+        "total", "derivative of mu; frozen treats mu as a constant, for shooting only", words=("total", "frozen")
     )
 
     def __post_init__(self) -> None:
@@ -90,7 +90,7 @@ class Adaptive(ContactLaw):
         return self.gradient == "frozen"
 
     def schedule(self, impulse: float, gap: float) -> Schedule | None:
-        """Return the homotopy along ``contact.sigma`` or ``contact.mu_max``; None where mu(z) is a function."""
+        """Return the homotopy along ``contact.sigma`` or ``contact.mu_max``; None if mu(z) is a user's function."""
         if self.law == "gaussian":
             return by_sigma(gap)
         return by_mu("mu_max", impulse, gap) if self.values else None
@@ -109,7 +109,7 @@ class Adaptive(ContactLaw):
         meaning = {
             "sigma": (system.gap_unit, "standard deviation of the matched noise on the gap"),
             "mu_max": ("N s m", "mu at zero distance"),
-            "scale": ("1/m^2", "how fast mu falls with distance"),
+            "scale": ("1/m^2", "exponent of the decrease of mu with distance"),
             "power": ("1", "decay exponent"),
         }
         return ParameterTable(law_parameter(n, v, *meaning[n]) for n, v in self.values.items())

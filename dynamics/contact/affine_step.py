@@ -77,7 +77,7 @@ class AffineStep(Step):
 
     @cached_property
     def relation_jacobian(self) -> ca.SX:
-        """Derivative of the contact relation by lam: ``diag(gap) + diag(lam) F``; for the exact law ``I - D + D F``."""
+        """Derivative of the contact relation by lam: ``diag(gap) + diag(lam) F``, or ``I - D + D F`` if exact."""
         if not self.exact:
             return ca.diag(self.gap_expr) + ca.diag(self.lam) @ self.F
         active = ca.diag(self.lam > self.gap_expr)
@@ -90,7 +90,7 @@ def lcp_solver(n: int, exact: bool = False) -> ca.Function:
 
     ``z``, ``mu``, ``lam`` (impulse), ``s`` (gap), ``error`` are (n, 1), F is a (n, n) P-matrix;
     ``error`` is each contact's scaled violation ``max(|lam s - mu|, |z + F lam - s|)``, at most
-    1e-10 where the path was followed to its end, infinite where the iterates diverged because F is
+    1e-10 if the path was followed to its end, infinite if the iterates diverged because F is
     not a P-matrix. With ``exact`` mu is ignored: the solver follows the path to
     :data:`~dynamics.contact.path.MU_EXACT`, takes the contacts with lam > s as active, and solves the
     linear system on that active set, so that the complementarity is exact to rounding.

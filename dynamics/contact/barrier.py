@@ -1,4 +1,4 @@
-"""The log-barrier contact law, with one constant mu for all contacts."""
+"""The log-barrier contact law, with the same constant mu for all contacts."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from dynamics.settings import setting
 from dynamics.systems import ContactSystem, ParameterTable
 
 DEFAULT_MU = 1e-3
-"""Default mu [N s m], where neither mu nor kappa is given."""
+"""Default mu [N s m], used if neither mu nor kappa is given."""
 
 
 @dataclass(eq=False, repr=False)
@@ -27,8 +27,8 @@ class Barrier(ContactLaw):
     equals randomized smoothing of the exact law with heavy-tailed noise, Student's t with two degrees
     of freedom and scale ``sqrt(2 F mu)``; its tail is the force at a distance.
 
-    Raises ``ValueError`` where both are given or one is not positive and finite; :meth:`close` also raises it
-    for a system without a conversion for kappa.
+    Raises ``ValueError`` if both are given, or if the one given is not positive and finite; :meth:`close` also raises
+    ``ValueError`` for a system without a conversion for kappa.
     """
 
     name: ClassVar[str] = "barrier"
@@ -42,13 +42,13 @@ class Barrier(ContactLaw):
         above=0,
     )
     kappa: float | None = setting(
-        None, "weight of the log-barrier instead of mu, which falls as it grows", "1/J", above=0
+        None, "weight of the log-barrier, in place of mu; mu is proportional to 1/kappa", "1/J", above=0
     )
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.mu is not None and self.kappa is not None:
-            raise InputError("barrier: give mu or kappa, not both; they fix each other")
+            raise InputError("barrier: give mu or kappa, not both; each determines the other")
         if self.mu is None and self.kappa is None:
             self.mu = DEFAULT_MU
 

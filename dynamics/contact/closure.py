@@ -13,7 +13,7 @@ from dynamics.systems import ContactSystem, ParameterTable
 
 @dataclass(frozen=True, eq=False)
 class Branch:
-    """One disturbance ``(x + noise_x, u + noise_u)`` at which contact is solved, and its weight."""
+    """One disturbance ``(x + noise_x, u + noise_u)`` at which contact is solved, with its weight."""
 
     weight: float
     noise_x: ca.SX
@@ -22,7 +22,7 @@ class Branch:
 
 @dataclass(frozen=True)
 class Schedule:
-    """A homotopy to the exact law: a smoothing parameter's name, its first value ``wide``, and its factor per stage.
+    """A homotopy to the exact law: the smoothing parameter's name, its first value ``wide``, and its factor per stage.
 
     ``is_mu`` says that the parameter is the central-path parameter itself.
     """
@@ -36,8 +36,8 @@ class Schedule:
 class Closure(ABC):
     """A relation ``lam_i gap_i = mu_i`` that closes a system in place of ``0 <= lam ⟂ gap >= 0``.
 
-    :meth:`target` gives mu, and :meth:`nodes` the disturbances at which the contact is solved, more
-    than one where the law averages over noise.
+    :meth:`target` gives mu, and :meth:`nodes` the disturbances at which the contact is solved, several if the law
+    averages over noise.
     """
 
     name: ClassVar[str]
@@ -53,13 +53,13 @@ class Closure(ABC):
         return False
 
     def schedule(self, impulse: float, gap: float) -> Schedule | None:
-        """Return the homotopy from this law to the exact one; None where no parameter of the law tends to zero.
+        """Return the homotopy from this law to the exact one; None if no parameter of the law tends to zero.
 
         ``impulse`` and ``gap`` are characteristic magnitudes of a pair's lam and gap, in their units.
         """
         return None
 
     def nodes(self, system: ContactSystem, p: ParameterTable) -> list[Branch]:
-        """Return the disturbances at which the contact is solved, with weights; by default no disturbance, weight 1."""
+        """Return the disturbances at which contact is solved, with weights; by default no disturbance with weight 1."""
         zero_x, zero_u = ca.SX.zeros(system.nx), ca.SX.zeros(system.nu)
         return [Branch(1.0, zero_x, zero_u)]

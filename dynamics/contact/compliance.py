@@ -1,6 +1,6 @@
 """Compliance F of gaps under impulses, ``gap = z + F lam``, and the linear systems of the path solver.
 
-F (n, n) is a matrix or, where many contacts push few coordinates, a product of factors that is never formed.
+F (n, n) is a matrix or, if many contacts act on few coordinates, a product of factors that is never formed.
 Both kinds solve ``(I + diag(ratio) F) step = rhs``, ratio = lam / s.
 """
 
@@ -92,18 +92,18 @@ class PushedCoordinates:
 _PROBES = 8
 """Number of random points at which two pairs are compared."""
 _PROBE_REACH = 1.5
-"""Largest absolute value of a coordinate of a random point."""
+"""Maximum absolute value of a coordinate of a random point."""
 _SWITCHES = frozenset(
     (*(ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_IF_ELSE_ZERO, ca.OP_FMIN, ca.OP_FMAX, ca.OP_FABS, ca.OP_SIGN),)
 )
-"""CasADi operations that switch between formulas, depending on their operands."""
+"""CasADi operations that select a formula depending on their operands."""
 
 
 def _representative_pairs(system: ContactSystem, P: ca.SX, Q: ca.SX) -> tuple[list[int], ca.DM, ca.DM]:
     """Return the indices of representative pairs, ``P_signs`` (n_reduced, n) and ``Q_signs`` (n, n_reduced).
 
-    A pair is represented by another where their columns of P and rows of Q are equal up to sign at random
-    points. Where formulas switch, as at the faces of a box, two contacts may agree in one region only; only
+    A pair is represented by another pair if their columns of P and rows of Q are equal up to sign at random
+    points. If formulas switch, as at the faces of a box, two contacts may agree only in one region; only
     pairs of the same contact then represent each other.
     """
     symbols = ca.vertcat(system.x, system.u, system.parameters.vector, system.x_next, system.lam)
@@ -137,7 +137,7 @@ def _has_switch(symbols: ca.SX, expression: ca.SX) -> bool:
 
 
 def _sign(first: np.ndarray, second: np.ndarray) -> int:
-    """Return 1 where ``first`` equals ``second``, -1 where it equals ``-second``, else 0."""
+    """Return 1 if ``first`` equals ``second``, -1 if it equals ``-second``, else 0."""
     tolerance = 1e-12 * np.nanmax(np.abs(first), initial=0)
     differences = (np.nan_to_num(np.abs(first - k * second)) for k in (1, -1))
     return next((k for k, difference in zip((1, -1), differences, strict=True) if np.all(difference <= tolerance)), 0)

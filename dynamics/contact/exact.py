@@ -11,7 +11,7 @@ from dynamics.systems import ContactSystem, ParameterTable
 
 
 class Exact(ContactLaw):
-    """Contact law ``0 <= lam ⟂ gap >= 0``, that is mu = 0."""
+    """Contact law ``0 <= lam ⟂ gap >= 0``, the limit mu = 0."""
 
     name: ClassVar[str] = "exact"
     summary: ClassVar[str] = "0 <= lam ⟂ gap >= 0, no smoothing"

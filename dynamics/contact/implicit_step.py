@@ -18,8 +18,8 @@ _REFINEMENTS = 2
 class ImplicitStep(Step):
     """Time step whose unknowns are lam and the next states of all branches, ``inner = (states, lam)``.
 
-    Derivatives are taken of residual and gap without substituting ``x_next = a + B lam``, which would make
-    their graphs larger. The solution under the exact law is the end of the central path.
+    Residual and gap are differentiated without substituting ``x_next = a + B lam``, which would enlarge
+    their graphs. The solution under the exact law is the end of the central path.
     """
 
     @cached_property
@@ -61,8 +61,8 @@ class ImplicitStep(Step):
     def solve_relation(self, rhs: ca.SX, transposed: bool = False) -> ca.SX:
         """Solve a linear system with :attr:`relation_jacobian`, or with its transpose.
 
-        Where inertia changes with the state, lam is eliminated before the coordinates that impulses
-        act on, so that the remaining system has only as many unknowns as these coordinates.
+        If the inertia depends on the state, lam is eliminated before the coordinates that impulses act on;
+        the remaining system then has only as many unknowns as there are such coordinates.
         """
         if not self.system.has_variable_inertia:
             return super().solve_relation(rhs, transposed)

@@ -1,7 +1,7 @@
 """The interior-point iteration for the smoothed linear complementarity problem ``lam (z + F lam) = mu``.
 
 :func:`advance_pair` is one iteration of the primal-dual path solver as a graph, :func:`repeat_until_rest`
-repeats it, :func:`scalar_solution` is the closed form for one contact.
+repeats it, and :func:`scalar_solution` is the closed form for one contact.
 """
 
 from __future__ import annotations
@@ -10,11 +10,11 @@ import casadi as ca
 
 from dynamics.contact.compliance import Compliance
 
-# Numbers of iterations of the stages; a stage is entered only where the one before did not converge.
+# Numbers of iterations of the stages; a stage runs only if the previous stage did not converge.
 _STAGE_ITERATIONS = (8, 8, 16, 32, 64, 128)
 ITERATIONS = sum(_STAGE_ITERATIONS)
-"""Maximum number of iterations of the path solver; ten mostly suffice."""
-# Minimum fraction to the boundary: the share of the distance to lam = 0 or s = 0 that a step may take.
+"""Maximum number of iterations of the path solver; ten are usually enough."""
+# Minimum fraction to the boundary: the part of the distance to lam = 0 or s = 0 that a step may cover.
 _BOUNDARY_FRACTION = 0.995
 # Maximum centring parameter, relative to the mean error of the products.
 _MAX_CENTRING = 0.3
@@ -27,7 +27,7 @@ _DEFECT_SHARE = 3e-3
 # Relative error below which an iteration without progress counts as converged.
 _REST_ERROR = 1e-5
 FLOOR = 1e-8
-"""Lower limit, in scaled units, of the mu by which errors of products are divided."""
+"""Lower limit, in scaled units, of the mu that errors of products are divided by."""
 
 
 def scalar_solution(z: ca.SX, F: ca.SX, mu: ca.SX) -> ca.SX:
@@ -51,13 +51,13 @@ def advance_pair(lam: ca.SX, s: ca.SX, gap: ca.SX, F: Compliance, mu: ca.SX, per
 
     All arguments but F are (n, 1); ``gap`` is ``z + F lam`` at lam, ``per_mu`` is 1/mu; lam, s > 0, and
     ``s = gap`` holds only in the limit. This is algorithm 3 of adaptive barrier smoothing, Mehrotra's affine
-    predictor and centring with a fraction to the boundary, with five changes. The affine step aims at the given
-    mu and the target is never less, so that the path ends *at* mu. The second-order correction is used only
-    where the step does not become much shorter and the violation is lower (otherwise the iteration cycles in
-    one problem of ten). The centring is limited and steps near the end are damped (otherwise iterations for
-    strongly coupled contacts stall or cycle there). Products far below their target are raised (otherwise the
-    iterates of rare problems stay at the boundary). The products' target has a lower limit proportional to the
-    defect of ``s = gap``, so that both decrease together.
+    predictor, then centring and a fraction-to-boundary rule, with five changes. The affine step aims at the given mu
+    and the target is never less, so that the path ends *at* mu. The second-order correction is used only if the step
+    does not become much shorter and the violation is lower (otherwise the iteration cycles in one problem of ten).
+    The centring is limited and steps near the end are damped (otherwise iterations for strongly coupled contacts
+    stall or cycle there). Products far below their target are raised (otherwise the iterates of rare problems stay at
+    the boundary). The products' target has a lower limit proportional to the defect of ``s = gap``, so that both
+    decrease together.
 
     A direction satisfies ``lam ds + s dlam = target - lam s``, so that ``dlam ds`` alone determines the
     products after a step.
@@ -108,7 +108,7 @@ def advance_pair(lam: ca.SX, s: ca.SX, gap: ca.SX, F: Compliance, mu: ca.SX, per
 
 
 def _step_length(step: tuple[ca.SX, ca.SX], inverses: tuple[ca.SX, ca.SX], fraction: ca.SX | float) -> ca.SX:
-    """Return the largest factor <= 1 of a step that covers at most ``fraction`` of the distance to lam = 0 or s = 0.
+    """Return the largest factor <= 1 of a step that covers at most ``fraction`` of the distance to a zero of lam or s.
 
     ``inverses`` are 1/lam and 1/s.
     """
@@ -117,7 +117,7 @@ def _step_length(step: tuple[ca.SX, ca.SX], inverses: tuple[ca.SX, ca.SX], fract
 
 
 def _lift(lam: ca.SX, s: ca.SX, smallest_product: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Raise lam or s, whichever is smaller, where lam s is too small; changing the larger one would violate s = gap."""
+    """Return lam and s, the smaller raised if lam s is too small; raising the larger would violate s = gap."""
     lam_is_smaller = lam < s
     lift_lam = ca.logic_and(lam_is_smaller, lam * s < smallest_product)
     lift_s = ca.logic_and(ca.logic_not(lam_is_smaller), lam * s < smallest_product)
@@ -132,7 +132,7 @@ def has_settled(
     F: Compliance,
     mu: ca.SX,
 ) -> ca.SX:
-    """Return an expression that is true where rounding stops the progress from ``pair`` to ``new_pair``."""
+    """Return an expression that is true if rounding errors prevent progress from ``pair`` to ``new_pair``."""
 
     def relative(lam: ca.SX, s: ca.SX, gap: ca.SX) -> ca.SX:
         gap_error = ca.fabs(gap - s) / (1 + s)
@@ -144,7 +144,7 @@ def has_settled(
 
 
 def repeat_until_rest(body: ca.Function, stage: int = 0) -> ca.Function:
-    """Return a function that repeats ``body: (pair, *data) -> pair`` until pair is constant, at most 256 times.
+    """Return a function that repeats ``body: (pair, *data) -> pair`` until pair no longer changes, at most 256 times.
 
     CasADi evaluates a branch of a conditional only when it is taken, so that a problem which is solved
     in ten iterations does not cost the hundreds of iterations that the worst problem needs.

@@ -21,12 +21,12 @@ def by_mu(parameter: str, impulse: float, gap: float) -> Schedule:
 
 
 def by_sigma(gap: float) -> Schedule:
-    """Return the homotopy along the width of the noise; its steps are small, since Gaussian noise has a thin tail."""
+    """Return the homotopy along the standard deviation of the noise, in small steps since Gaussian tails are thin."""
     return Schedule(LAW_PREFIX + "sigma", 3 * gap, 0.55)
 
 
 class ContactLaw(Configured, Closure):
-    """Base of contact laws: a closure with settings and parameters that makes the step of a system.
+    """Base class of contact laws, which have settings and parameters and close a system to a step.
 
     A law is a dataclass whose settings are declared by :func:`dynamics.settings.setting`.
 
@@ -44,7 +44,7 @@ class ContactLaw(Configured, Closure):
         """Return the parameters of the law for this system, with units and values."""
 
     def settings(self) -> dict[str, float | int | str]:
-        """Return the settings that are not None, for the run's record."""
+        """Return the settings that are not None, for the record of the run."""
         return {key: value for key, value in vars(self).items() if value is not None}
 
     def __repr__(self) -> str:
@@ -54,12 +54,12 @@ class ContactLaw(Configured, Closure):
         return f"{type(self).__name__}({arguments})"
 
     def close(self, system: ContactSystem) -> Step:
-        """Return the step of ``system`` closed by this law; raise ``ValueError`` where the law does not apply to it."""
+        """Return the step of ``system`` closed by this law; raise ``ValueError`` if the law does not apply to it."""
         p = self.parameters(system)
         return self.close_at_nodes(system, self, p, tuple(self.nodes(system, p)))
 
     def close_at_nodes(self, system: ContactSystem, law: Closure, p: ParameterTable, nodes: tuple[Branch, ...]) -> Step:
-        """Return the step of ``system`` under ``law``, this law or one that averages it, solved at ``nodes``."""
+        """Return the step of ``system`` under ``law``, which is this law or an average of it, solved at ``nodes``."""
         step_class = AffineStep if system.is_lcp else ImplicitStep
         return step_class(system, law, p, nodes)
 

@@ -1,4 +1,4 @@
-"""A learned model of a step as a CasADi function, and the step that the model defines, without multipliers."""
+"""A learned model of a step as a CasADi function, and the step defined by this model, without multipliers."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class LearnedMap(Protocol):
 
 
 class CasadiMap:
-    """A :class:`LearnedMap` ``y = g(z)`` as CasADi functions, with a cache of values and Jacobians.
+    """A :class:`LearnedMap` ``y = g(z)`` as CasADi functions, with a cache for values and Jacobians.
 
     Each function takes n queries as the columns of ``z`` (n_in, n) and evaluates them in one call.
     """
@@ -86,7 +86,7 @@ class CasadiMap:
         n_in, n_out = self.n_in, self.n_out
 
         def tensor(z: np.ndarray) -> list[np.ndarray]:
-            """Return ``d vec(J) / dz`` (n_out n_in, n_in), vec(J) the columns of J one after the other."""
+            """Return ``d vec(J) / dz`` (n_out n_in, n_in), where vec(J) stacks the columns of J."""
             second = self.model.curvatures(np.repeat(z, n_out, axis=0), np.eye(n_out))
             return [second.transpose(1, 0, 2).reshape(n_out * n_in, n_in)]
 
@@ -103,7 +103,7 @@ class CasadiMap:
         return self._functions[key]
 
     def model_outputs(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return ``y`` (n, n_out) and Jacobians (n, n_out, n_in) at ``z`` (n, n_in), from the cache where possible."""
+        """Return ``y`` (n, n_out) and Jacobians (n, n_out, n_in) at ``z`` (n, n_in), from the cache if possible."""
         keys = [row.tobytes() for row in z]
         missing = [i for i, key in enumerate(keys) if key not in self._cache]
         if len(self._cache) + len(missing) > _CACHE_SIZE:
@@ -124,8 +124,8 @@ def _side_by_side(blocks: np.ndarray) -> np.ndarray:
 class _Callback(ca.Callback):
     """CasADi callback that calls ``compute`` with the transposed arguments, one row per query.
 
-    ``input_shapes`` and ``output_shapes`` are those of arguments and results, ``derivative`` is the
-    Jacobian function of a callback with one argument and one result, None where it is not needed.
+    ``input_shapes`` and ``output_shapes`` are the shapes of arguments and results; ``derivative`` is the
+    Jacobian function of a callback with one argument and one result, or None if it is not needed.
     """
 
     def __init__(
@@ -172,12 +172,12 @@ class _Callback(ca.Callback):
 
 @dataclass(frozen=True, eq=False)
 class LearnedStep(Step):
-    """Time step ``x_next = sum_b w_b g(x + noise_b, u + noise_b)``, g a model; one branch without noise.
+    """Time step ``x_next = sum_b w_b g(x + noise_b, u + noise_b)`` of a model g; without noise there is one branch.
 
     ``inner`` are the model's outputs at the ``queries``, branch after branch; a model may have further
     outputs after the next state (the log-density of the data). There are no multipliers: ``lam``,
     ``gap`` and ``mu`` have no entries. ``trust`` is the weight beta of ``-beta log p`` in the stage
-    cost, None where the law does not have this term.
+    cost, None if the law does not have this term.
     """
 
     learned: CasadiMap
@@ -212,7 +212,7 @@ class LearnedStep(Step):
         return ca.vertcat(self.inner, *(ca.vec(jacobian) for jacobian in self.jacobians))
 
     def query_gradient(self, value: ca.SX) -> ca.SX:
-        """Return the derivative (B n_in, 1) of a scalar with respect to the queries, through ``inner`` alone."""
+        """Return the derivative (B n_in, 1) of a scalar that depends on the queries through ``inner``."""
         output_gradients = ca.vertsplit(ca.densify(ca.gradient(value, self.inner)), self.learned.n_out)
         return ca.vertcat(*(J.T @ gradient for J, gradient in zip(self.jacobians, output_gradients, strict=True)))
 
@@ -234,7 +234,7 @@ class LearnedStep(Step):
 
     @property
     def extra_stage_cost(self) -> ca.SX:
-        """Stage cost ``-beta log p_sigma(x, u)`` of the law, averaged over the branches, p the data's density."""
+        """Stage cost ``-beta log p_sigma(x, u)`` of the law, averaged over the branches; p is the data's density."""
         if self.trust is None:
             return ca.SX(0)
         branch_outputs = zip(self.nodes, self._outputs, strict=True)
@@ -256,7 +256,7 @@ class LearnedStep(Step):
 
     @cached_property
     def relation(self) -> ca.Function:
-        """Function from ``(x, u, x_next, lam, p)`` to the residual of x_next, and empty gap and mu."""
+        """Function from ``(x, u, x_next, lam, p)`` to the residual of x_next, with empty gap and mu."""
         x, u, p = self._symbols()
         x_next, lam, no_contact = ca.MX.sym("x_next", self.system.nx), ca.MX.sym("lam", 0), ca.MX(0, 1)
         names = ["x", "u", "x_next", "lam", "p"], ["residual", "gap", "mu"]

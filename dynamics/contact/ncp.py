@@ -7,9 +7,9 @@ Fischer and Burmeister,
 ``phi(lam, s) = lam + s - sqrt(lam² + s² + 2 mu)``
 
 (Kanzow, doi 10.1137/S1052623493262862); a solver for this root may pass through lam and s that are not
-positive. The method of Levenberg and Marquardt minimises ``|phi(lam, gap(lam))|²`` at the given mu, and is
-started again at another point where it gets stuck. Such steps have several solutions; the impulses of the
-starts increase, so that solutions that throw light bodies around are found last.
+positive. The Levenberg-Marquardt method minimises ``|phi(lam, gap(lam))|²`` at the given mu, and
+starts again from another point if it stalls. Such steps have several solutions; the impulses of the
+starts increase, so that solutions in which light bodies are thrown far are tried last.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from dynamics.contact.reduced_path import path_of
 from dynamics.contact.starts import MIN_EXPONENT, TINY_IMPULSE, irrational_numbers
 from dynamics.systems import ContactSystem
 
-# Scaled violation of a solution, at which the search ends.
+# Scaled violation below which a point is a solution and the search ends.
 _SOLVED_ERROR = 1e-10
 # Maximum number of starts, as a power of two.
 _LOG2_STARTS = 8
@@ -38,7 +38,7 @@ _MAX_EXPONENT_LAST = 2
 _FIRST_DAMPING = 1e-2
 # Minimum damping.
 _MIN_DAMPING = 1e-14
-# Damping above which a descent counts as stuck.
+# Damping above which a descent counts as stalled.
 _MAX_DAMPING = 1e12
 # Residual of the complementarity function that counts as a root.
 _ROOT_RESIDUAL = 1e-11
@@ -50,7 +50,7 @@ def ncp_solver(system: ContactSystem, exact: bool = False) -> ca.Function:
     """Return the solver ``(x, u, p, mu) -> (x_next, lam, gap, error)`` of one step of a system.
 
     ``p`` are the system's parameters; ``mu``, ``lam``, ``gap``, ``error`` are (nlam, 1). ``error`` is each
-    pair's scaled violation, at most 1e-10 where the step was solved. With ``exact`` mu is ignored, and the
+    pair's scaled violation, at most 1e-10 if the step was solved. With ``exact`` mu is ignored, and the
     point of the path at :data:`~dynamics.contact.path.MU_EXACT` is returned.
     """
     names = ["x", "u", "p", "mu"], ["x_next", "lam", "gap", "error"]
@@ -77,7 +77,7 @@ def _recovery_function(path: Path, followed: ca.Function) -> ca.Function:
     lam, gap, error, pair, data = symbols
     search = _repeat(_attempt(path, followed), _LOG2_STARTS, lambda best_point: best_point[size] > _SOLVED_ERROR)
     best_point = search(ca.vertcat(pair, ca.mmax(error), 0), data)
-    # Where the data are not finite, no start leads to a solution.
+    # If the data are not finite, no start leads to a solution.
     best_point = ca.Function("starts", symbols, [*path.ending_function()(best_point[:size], data)])
     unchanged = ca.Function("stay", symbols, [lam, gap, error])
     is_lost = ca.logic_and(ca.mmax(error) > MAX_ERROR, ca.mmax(ca.fabs(data)) < ca.inf)
@@ -88,7 +88,7 @@ def _recovery_function(path: Path, followed: ca.Function) -> ca.Function:
 def _attempt(path: Path, followed: ca.Function) -> ca.Function:
     """Return the function ``(best, data) -> best`` that tries one start.
 
-    ``best`` is the pair with the lowest error so far, this error, and the number of the next start.
+    ``best`` contains the pair with the lowest error so far, this error, and the number of the next start.
     """
     n, size = path.n, path.size
     earlier, data = ca.MX.sym("best", size + 2), ca.MX.sym("data", path.data.numel())
@@ -102,7 +102,7 @@ def _attempt(path: Path, followed: ca.Function) -> ca.Function:
 
 
 def _start_function(path: Path) -> ca.Function:
-    """Return the function ``(k, data) -> (lam, damping)`` (n + 1, 1): start number k, and the first damping.
+    """Return the function ``(k, data) -> (lam, damping)`` (n + 1, 1) of start number k and its first damping.
 
     The first start has almost no impulse, as for a body in the air; the exponents of the others are a
     Kronecker sequence, which fills the cube evenly for any number of starts.
@@ -144,7 +144,7 @@ def _pair_function(path: Path) -> ca.Function:
     """Return the function ``(lam, data) -> (pair, error)``: the pair at lam, and the relative residual of phi there."""
     lam, mu = ca.SX.sym("lam", path.n), path.data_parts["mu"]
     gap, _ = path.true_gap_at(lam)
-    # Near a root the larger member of a pair is accurate, the smaller one is not.
+    # Near a root only the larger member of a pair is accurate.
     larger = ca.fmax(ca.fmax(lam, gap), _ROOT_RESIDUAL)
     smaller = mu / larger
     pair = [ca.if_else(lam > gap, *pair_values) for pair_values in ((larger, smaller), (smaller, larger))]
@@ -154,7 +154,7 @@ def _pair_function(path: Path) -> ca.Function:
 
 
 def _phi(path: Path, lam: ca.SX, gap: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """Return the complementarity function phi of every pair, and its derivatives by lam and by gap."""
+    """Return the complementarity function phi of every pair, and its derivatives with respect to lam and gap."""
     size = ca.sqrt(lam**2 + gap**2 + 2 * path.data_parts["mu"])
     return lam + gap - size, 1 - lam / size, 1 - gap / size
 
@@ -174,7 +174,7 @@ def _repeat(body: ca.Function, doublings: int, unfinished: Callable[[ca.MX], ca.
 
 
 def _where(condition: ca.MX, body: ca.Function, point: ca.MX, data: ca.MX) -> ca.MX:
-    """Return ``body(point, data)`` if ``condition`` holds, else ``point`` without evaluating ``body``."""
+    """Return ``body(point, data)`` if ``condition`` holds, else ``point`` (``body`` is then not evaluated)."""
     symbols = [ca.MX.sym("point", point.numel()), ca.MX.sym("data", data.numel())]
     unchanged = ca.Function("stay", symbols, symbols[:1])
     return ca.Function.if_else(f"if_{body.name()}", body, unchanged)(condition, point, data)

@@ -1,4 +1,4 @@
-"""The normal distribution as CasADi expressions that are accurate also in the far tail."""
+"""The normal distribution as CasADi expressions that are accurate in the far tail too."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def normal_pdf(t: ca.SX) -> ca.SX:
     """Return the density of the standard normal distribution at t, with a relative error of 1e-15.
 
     t is split at a multiple of 1/16, whose square is exact, since rounding t² would cause an error of
-    1e-13 at t = 40. The multiple is piecewise constant, so derivatives are those of the density.
+    1e-13 at t = 40. The multiple is piecewise constant, so that derivatives equal those of the density.
     """
     multiple = ca.floor(16 * t) / 16
     exponent_rest = (t - multiple) * (t + multiple) / 2
@@ -31,13 +31,12 @@ def normal_pdf(t: ca.SX) -> ca.SX:
 def expected_excess(t: ca.SX) -> ca.SX:
     """Return ``E max(0, w - t)`` = pdf(t) - t P(w > t) for standard normal w, with a relative error of 2e-15.
 
-    The difference loses digits like t² for large t. There it is replaced by ``pdf(t) G(t)``, with
+    For large t the difference has a relative error that grows like t². There it is replaced by ``pdf(t) G(t)``, with
 
         G(t) = int_0^inf s exp(-t s - s²/2) ds = R(y) / (1 + t)²,   y = (t - 4) / (t + 4),
 
-    which has positive terms only; R is between 1 and 1.42 for all t >= 0 and approximated by a polynomial of
-    degree 28 in y. The first two derivatives are -P(w > t) and pdf(t), and do not suffer from cancellation
-    either.
+    which has only positive terms; R is between 1 and 1.42 for all t >= 0 and is approximated by a polynomial of
+    degree 28 in y. The first two derivatives, -P(w > t) and pdf(t), are free of cancellation too.
     """
     direct = normal_pdf(t) - t * (1 - ca.erf(t / math.sqrt(2))) / 2
     tail_t = ca.fmax(t, _KNOT)

@@ -1,10 +1,10 @@
 """The central path of one complementarity problem, ``lam gap(lam) = mu``, as graphs.
 
-Rows of the gap that are affine in lam are ``z + F lam``; where all rows are affine, the problem is a linear
+Rows of the gap that are affine in lam are ``z + F lam``; if all rows are affine, the problem is a linear
 complementarity problem. With curved rows the iteration of :mod:`dynamics.contact.interior_point` first follows
 the path of the gap linearised at the start of the step, down to :data:`MU_LINEAR`, and then the path of the
-true gap, linearised at every iterate. If the iteration started on the true gap, large trial impulses would spin
-light bodies round to solutions without physical meaning.
+true gap, linearised at every iterate. If the iteration started on the true gap, large trial impulses would rotate
+light bodies by whole turns, to solutions without physical meaning.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class CurvedGap:
         return rows * scale / c, ca.diag(scale) @ (by_lam + by_w) @ ca.diag(D)
 
     def opening_data(self, C: ca.SX | None = None) -> ca.SX:
-        """Return the column ``opening`` of :meth:`gaps_along`, or without C that of :meth:`gap_at`, from (x, u, p)."""
+        """Return the column ``opening`` of :meth:`gaps_along`, or of :meth:`gap_at` if C is None, from (x, u, p)."""
         C = ca.densify(self._system.reduced.B) if C is None else C
         return ca.vertcat(self._system.reduced.a[self._states], ca.vec(C[self._states, :].nz[:]), self._step_symbols)
 
@@ -64,9 +64,9 @@ class CurvedGap:
 
 
 MU_EXACT = 1e-12
-"""mu in scaled units at the end of the path under the exact law: the solution is this end, or on its active set."""
+"""mu in scaled units at the end of the path for the exact law, whose solution is this end or is on its active set."""
 MU_LEAST = 1e-14
-"""Minimum mu in scaled units; the path solver raises smaller values, which are lost in rounding, to it."""
+"""Minimum mu in scaled units; the path solver raises smaller values, which rounding would dominate, to this value."""
 MU_LINEAR = 1e-4
 """mu in scaled units at which the path changes from the linearised gap to the true one."""
 # Scaled errors of products and gaps below which the path changes from the linearised to the true gap.
@@ -80,24 +80,24 @@ _GAP_TOLERANCE = 1e-9
 _INACTIVE_RATIO = 1e-2
 # Minimum of the scale of gaps, relative to a curved gap.
 _CURVED_SHARE = 1e-6
-# Minimum of a pair's compliance, relative to the largest; smaller ones are replaced by the largest.
+# Minimum compliance of a pair, relative to the largest compliance, which replaces smaller values.
 _MIN_COMPLIANCE_SHARE = 1e-12
 MAX_ERROR = 1e-7
-"""Scaled violation above which the end of a path is not a solution."""
+"""Scaled violation above which the end of a path is not accepted as a solution."""
 TRUE_GAP = 2.0
-"""Phase, the last entry of a pair, on the path of the true gap; on the path of the linearised gap it is 1."""
+"""Phase (last entry of a pair) on the path of the true gap; on the path of the linearised gap the phase is 1."""
 ARRIVED = 3.0
-"""Phase, the last entry of a pair, at the end of its path."""
+"""Phase (last entry of a pair) at the end of its path."""
 DIVERGED = 4.0
-"""Phase, the last entry of a pair, after its numbers are no longer finite."""
+"""Phase (last entry of a pair) once one of its numbers is not finite."""
 
 
 class Path:
     """The central path of one contact problem as graphs in a ``pair`` of unknowns and a column of ``data``.
 
     ``pair`` (size, 1) has lam and s in scaled units and the phase: 1 while curved rows are linearised
-    (a pair of ones is the start), :data:`TRUE_GAP` while they are not, :data:`ARRIVED` at the end,
-    :data:`DIVERGED` where numbers are no longer finite. ``data`` describes the problem of one step:
+    (the start is a pair with all entries 1), :data:`TRUE_GAP` while they are not, :data:`ARRIVED` at the end,
+    :data:`DIVERGED` once numbers are not finite. ``data`` describes the problem of one step:
     scaled z, F, mu, 1/mu, the scales D and c, and the data of curved rows.
 
     ``pattern`` is the sparsity of F (n, n). Without ``system`` F is a P-matrix and the multipliers are
@@ -115,7 +115,7 @@ class Path:
 
     @classmethod
     def of_system(cls, system: ContactSystem, exact: bool) -> Path:
-        """Return the path of solutions in mu of a step of ``system``; gaps may be curved (:meth:`opening_data_of`)."""
+        """Return the path of solutions in mu of a step of ``system``, whose gaps may be curved."""
         return cls(system.reduced.F.sparsity(), exact, system)
 
     @property
@@ -132,8 +132,8 @@ class Path:
         """Return ``data`` of the problem ``lam (z + F lam) = mu``, z and mu (n, 1), F (n, n).
 
         The scaled unknowns lam' = lam / (c D), s' = s D / c with mu' = mu / c² have the same path. With
-        ``exact`` mu is ignored and replaced by :data:`MU_EXACT`. ``true_gap`` are the true gaps at
-        lam = 0 where z is their linear model.
+        ``exact`` mu is ignored and replaced by :data:`MU_EXACT`. ``true_gap`` are the true gaps at lam = 0, if z is
+        their linear model.
         """
         D, c = scale_factors(z, F, 0 * mu if self.exact else mu, self.pairs, true_gap)
         target = mu * 0 + MU_EXACT if self.exact else ca.fmax(mu / c**2, MU_LEAST)
@@ -142,7 +142,7 @@ class Path:
 
     @property
     def curved_data(self) -> ca.SX:
-        """Data of the curved rows, the last entries of ``data``; empty where all rows are affine."""
+        """Data of the curved rows, the last entries of ``data``; empty if all rows are affine."""
         return self.curved.opening_data() if self.curved else ca.SX(0, 1)
 
     @cached_property
@@ -151,7 +151,7 @@ class Path:
         return ca.SX.sym("data", 4 * self.n + self.n_entries + 1 + self.curved_data.numel())
 
     def split_data(self, data: ca.SX) -> dict[str, ca.SX]:
-        """Split ``data`` into z, entries of F, mu, per_mu, D, c, and "more", the data of curved rows."""
+        """Split ``data`` into z, entries of F, mu, per_mu, D, c, and "more" (the data of curved rows)."""
         n, offsets = self.n, [0]
         for length in (n, self.n_entries, n, n, n, 1):
             offsets.append(offsets[-1] + length)
@@ -168,7 +168,7 @@ class Path:
         return ca.vertcat(lam, s, phase)
 
     def iteration_function(self) -> ca.Function:
-        """Return the function ``(pair, data) -> pair`` of one iteration, which does not change a pair at the end."""
+        """Return the function ``(pair, data) -> pair`` of one iteration; a pair at the end of its path is unchanged."""
         n, mu, per_mu = self.n, self.data_parts["mu"], self.data_parts["per_mu"]
         pair = ca.SX.sym("pair", self.size)
         lam, s, phase, on_true_gap = pair[:n], pair[n : 2 * n], pair[2 * n], ca.SX(1)
@@ -198,7 +198,7 @@ class Path:
     def gap_at(self, lam: ca.SX, on_true_gap: ca.SX) -> tuple[ca.SX, Compliance]:
         """Return the scaled gap at lam and its compliance.
 
-        The gap is the true one where ``on_true_gap`` holds, else the one linearised at the start of the step.
+        If ``on_true_gap`` holds, this is the true gap, else the gap linearised at the start of the step.
         """
         entries = self.data_parts
         z, F = ca.SX(entries["z"]), ca.SX(self.pattern, entries["entries"])
@@ -217,8 +217,8 @@ class Path:
     def ending_function(self) -> ca.Function:
         """Return the function ``(pair, data) -> (lam, gap, error)`` of the solution, each (n, 1).
 
-        lam (impulse) and gap are in the caller's units; ``error`` is each contact's scaled violation,
-        the larger one of ``|lam s - mu|`` and ``|z + F lam - s| / (1 + s)``, infinite after divergence.
+        lam (impulse) and gap are in the caller's units; ``error`` is each contact's scaled violation, the larger of
+        ``|lam s - mu|`` and ``|z + F lam - s| / (1 + s)``, infinite after divergence.
         """
         n, entries = self.n, self.data_parts
         pair = ca.SX.sym("pair", self.size)
@@ -238,7 +238,7 @@ class Path:
 
 
 def _on_active_set(lam: ca.SX, s: ca.SX, z: ca.SX, F: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Return lam and s of the linear system on the active set {lam > s} where they are feasible, else unchanged."""
+    """Return lam and s of the linear system on the active set {lam > s} if they are feasible, else unchanged."""
     active = lam > s
     projector = ca.diag(active)
     matrix = projector @ F + ca.SX.eye(lam.numel()) - projector
@@ -270,8 +270,8 @@ def scale_factors(
     c is such that a curved gap, ``true_gap`` at lam = 0, is at most a million in scaled units, since its
     linear model may be zero.
 
-    A pair without compliance, such as a slip pair, is scaled by the pairs to which it is coupled, and a table
-    pair like the other table pairs of its body. Without ``pairs`` F must be a P-matrix; a negative F_ii then
+    A pair without compliance, such as a slip pair, is scaled by the pairs to which it is coupled; a table pair is
+    scaled like the other table pairs of its body. Without ``pairs`` F must be a P-matrix; a negative F_ii then
     gives NaN.
     """
     n = z.numel()
@@ -284,7 +284,7 @@ def scale_factors(
             D[i] = same_body[0]
             continue
         coupled_scales = [ca.fabs(F[i, j]) * scale_of[j] for j in scale_of if not F[i, j].is_zero()]
-        # No impulse changes this gap, such as that between parts that never move.
+        # No impulse changes this gap, for example between parts that never move.
         fallback = ca.mmin(ca.vertcat(*scale_of.values())) if scale_of else ca.SX(1)
         D[i] = 1 / ca.mmax(ca.vertcat(*coupled_scales)) if coupled_scales else fallback
     scales = ca.vertcat(ca.SX(0, 1), *(D[i] for i in range(n)))
@@ -294,7 +294,7 @@ def scale_factors(
 
 
 def _sizes(F: ca.SX, pairs: tuple[Pair, ...]) -> dict[int, ca.SX]:
-    """Return the magnitude of the compliance of each pair that has one, as a dict from the pair's index.
+    """Return a dict from the index of each pair with compliance to the magnitude of this compliance.
 
     Friction may make F_ii of a normal pair small or negative; the entries of F between normal and
     friction pairs of the contact have the magnitude of F_ii without friction. A friction pair without

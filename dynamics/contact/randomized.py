@@ -1,4 +1,4 @@
-"""The randomized contact law, the average of another law's step over noise."""
+"""The randomized contact law: the average of another law's step over noise."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ MAX_NODES_PER_AXIS = 64
 
 @dataclass(eq=False, repr=False)
 class Randomized(ContactLaw):
-    """Contact law ``x_next = sum_j w_j f(x, u + sigma e_j)``, f the step under another law, ``base``.
+    """Contact law ``x_next = sum_j w_j f(x, u + sigma e_j)``, with f the step under another law, ``base``.
 
     The nodes e_j are standard normal and common to every step, state and iteration, so that the averaged map is
     one deterministic function. ``scheme`` is ``"monte-carlo"`` or a scrambled ``"sobol"`` set (both with an
@@ -69,7 +69,7 @@ class Randomized(ContactLaw):
 
     @property
     def base_law(self) -> ContactLaw:
-        """Law that is averaged, the exact one by default."""
+        """Law that is averaged; the exact law by default."""
         return self.base or Exact()
 
     @property
@@ -87,7 +87,7 @@ class Randomized(ContactLaw):
         return by_sigma(gap)
 
     def settings(self) -> dict[str, float | int | str]:
-        """Return the settings, with those of the base law as ``base.<name>``, for the run's record."""
+        """Return the settings, and the base law's settings as ``base.<name>``, for the record of the run."""
         own_settings = {key: value for key, value in vars(self).items() if key != "base"}
         base_settings = {f"base.{key}": value for key, value in self.base_law.settings().items()}
         return {**own_settings, "base": self.base_law.name, **base_settings}
@@ -137,7 +137,7 @@ class Randomized(ContactLaw):
 def standard_normal_nodes(dimension: int, samples: int, seed: int, scheme: str) -> tuple[np.ndarray, np.ndarray]:
     """Return nodes (n, dimension) and weights (n,) of averages over N(0, I).
 
-    Raises ``ValueError`` where a Gauss-Hermite tensor would have more than :data:`MAX_SAMPLES` nodes.
+    Raises ``ValueError`` if a Gauss-Hermite tensor would have more than :data:`MAX_SAMPLES` nodes.
     """
     from scipy.stats import norm, qmc
 

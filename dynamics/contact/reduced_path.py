@@ -13,10 +13,10 @@ from dynamics.systems.elimination import solve_without_pivoting
 
 
 def path_of(system: ContactSystem, exact: bool) -> Path:
-    """Return the path of one step of ``system``, whose gaps may be curved; see :meth:`Path.opening_data_of`.
+    """Return the path of one step of ``system``, whose gaps may be curved.
 
-    The path is a :class:`ReducedPath` where inertia changes with the state, as in a machine, and there are more
-    pairs than coordinates on which their impulses act.
+    The path is a :class:`ReducedPath` if inertia depends on the state, as in a machine, and the impulses of the
+    pairs act on fewer coordinates than there are pairs.
     """
     if system.has_variable_inertia:
         coordinates = PushedCoordinates(system)
@@ -26,7 +26,7 @@ def path_of(system: ContactSystem, exact: bool) -> Path:
 
 
 class ReducedPath(Path):
-    """Central path with the compliance ``F = E + Q T^-1 P`` as its factors, see :class:`LowRankCompliance`."""
+    """Central path with the compliance ``F = E + Q T^-1 P`` stored as its factors, see :class:`LowRankCompliance`."""
 
     def __init__(self, system: ContactSystem, exact: bool, coordinates: PushedCoordinates) -> None:
         self.coordinates, self._system = coordinates, system
@@ -64,11 +64,11 @@ class ReducedPath(Path):
 
     @property
     def curved_data(self) -> ca.SX:
-        """Data of the curved rows, the last entries of ``data``; empty where all rows are affine."""
+        """Data of the curved rows, the last entries of ``data``; empty if all rows are affine."""
         return self.curved.opening_data(self.coordinates.C) if self.curved else ca.SX(0, 1)
 
     def _local_compliance(self) -> ca.SX:
-        """Return the part of F that determines the scales: E, and F between the pairs of one contact."""
+        """Return the part of F that determines the scales: E, and the entries of F between pairs of one contact."""
         factors, coordinates = self._factors, self.coordinates
         system, E = self._system, factors["E"]
         columns = solve_without_pivoting(factors["T"], factors["P"])
@@ -114,7 +114,7 @@ class ReducedPath(Path):
 
 
 def _select_nonzeros(condition: ca.SX, chosen: ca.SX, default: ca.SX) -> ca.SX:
-    """Return ``if_else(condition, chosen, default)`` of two matrices, at the nonzeros of ``default`` only."""
+    """Return ``if_else(condition, chosen, default)`` of two matrices, only at the nonzeros of ``default``."""
     pattern = default.sparsity()
     chosen = ca.project(chosen, pattern)
     return ca.SX(pattern, ca.if_else(condition, chosen.nz[:], default.nz[:])) if default.nnz() else default

@@ -1,7 +1,7 @@
 """Starting points of a step's interior-point path: the impulses of the previous step, and many others.
 
-From these points the path follows the true gap; s is the gap at the point's impulses, raised where it is small.
-Only the path from start number 0, where all unknowns are one, first follows the linearised gap.
+From these points the path follows the true gap; s is the gap at the impulses of the starting point, raised if it is
+small. Only the path from start number 0, where all unknowns are 1, first follows the linearised gap.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import numpy as np
 from dynamics.contact.path import Path
 
 COUNT = 128
-"""Number of starts in addition to that at the impulses of the previous step."""
+"""Number of starts in addition to the start at the impulses of the previous step."""
 # Minimum of lam and s at the start from the previous step, in scaled units, so that both can increase and
 # decrease.
 _MIN_PAIR_ENTRY = 1e-2
@@ -30,7 +30,7 @@ _GAP_LIFTS = (1e-3, 1e-1, 1.0)
 
 
 def warm_start(path: Path) -> ca.Function:
-    """Return the function ``(lam, data) -> pair`` of the start at the previous step's impulses lam (n, 1) [N s]."""
+    """Return the function ``(lam, data) -> pair`` that starts at the impulses lam (n, 1) [N s] of the previous step."""
     lam_before = ca.SX.sym("before", path.n)
     lam = ca.fmax(lam_before / (path.data_parts["c"] * path.data_parts["D"]), _MIN_PAIR_ENTRY)
     gap, _ = path.gap_at(lam, ca.SX(1))
@@ -39,7 +39,7 @@ def warm_start(path: Path) -> ca.Function:
 
 
 def other_start(path: Path) -> ca.Function:
-    """Return the function ``(k, data) -> pair`` of start number k = 0, 1, ..."""
+    """Return the function ``(k, data) -> pair`` of the starting points with numbers k = 0, 1, ..."""
     k, n = ca.SX.sym("k"), path.n
     shared = k * float(np.sqrt(2.0))
     separate = k * ca.DM(irrational_numbers(n))
@@ -55,7 +55,7 @@ def other_start(path: Path) -> ca.Function:
 
 
 def irrational_numbers(n: int) -> np.ndarray:
-    """Return the square roots of the first n primes, linearly independent over the rationals together with 1."""
+    """Return the square roots of the first n primes; with 1 they are linearly independent over the rationals."""
     primes: list[int] = []
     candidate = 2
     while len(primes) < n:

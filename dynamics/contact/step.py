@@ -1,4 +1,4 @@
-"""One time step of a system closed by a contact law: implicit relation, explicit map, derivatives."""
+"""One time step of a system closed by a contact law: implicit relation, explicit map, and derivatives."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ class Step(ABC):
     ``x_next = x_next_expr(inner)``, ``lam_i gap_i = mu_i``, lam, gap >= 0, ``motion = 0``,
 
     gap and mu (n, 1), mu zero for the exact law. ``inner`` are the unknowns of the implicit function
-    theorem: every branch's next state, ``states``, where they are not eliminated, followed by ``lam``.
-    ``p`` has the system's parameters, followed by the law's parameters.
+    theorem: every branch's next state, ``states``, if they are not eliminated, followed by ``lam``.
+    ``p`` contains the system's parameters, followed by the law's parameters.
 
     ``residual`` (nx, 1) and ``gap`` (n, 1) are the same relation in implicit form, in
     ``(x, u, x_next, lam, p)``, for transcriptions that keep x_next and lam as unknowns.
@@ -59,7 +59,7 @@ class Step(ABC):
 
     @cached_property
     def states(self) -> ca.SX:
-        """Symbols of the branches' next states in ``inner``, empty where lam is the only unknown."""
+        """Symbols of the next states of the branches in ``inner``, empty if lam is the only unknown."""
         return ca.SX(0, 1)
 
     @cached_property
@@ -69,7 +69,7 @@ class Step(ABC):
 
     @cached_property
     def states_of_lam(self) -> ca.SX:
-        """Next states of the branches as expressions in (x, u, lam, p), empty where lam is the only unknown."""
+        """Next states of the branches as expressions in (x, u, lam, p), empty if lam is the only unknown."""
         return ca.SX(0, 1)
 
     @cached_property
@@ -158,7 +158,7 @@ class Step(ABC):
 
     @cached_property
     def contacts(self) -> tuple[Signal, ...]:
-        """Names and units of the entries of ``lam``; with several branches a name ends with ``#`` and its branch."""
+        """Names and units of the entries of ``lam``; with several branches a name ends with ``#`` and a number."""
         base = self.system.contacts
         if self.branches == 1:
             return base
@@ -170,7 +170,7 @@ class Step(ABC):
 
     @cached_property
     def relation(self) -> ca.Function:
-        """Function from ``(x, u, x_next, lam, p)`` to ``(residual, gap, mu)``, the implicit form, dense."""
+        """Function from ``(x, u, x_next, lam, p)`` to ``(residual, gap, mu)``: the implicit form, all outputs dense."""
         system = self.system
         return ca.Function(
             "relation",
@@ -184,8 +184,8 @@ class Step(ABC):
     def solve(self) -> ca.Function:
         """Function from ``(x, u, p)`` to ``(x_next, lam, gap, error)``, without derivatives.
 
-        ``error`` (n, 1) is each contact's scaled violation of ``lam gap = mu``: about 1e-10 or less at a
-        solution, above 1e-7 where the step was not solved from any start.
+        ``error`` (n, 1) is each contact's scaled violation of ``lam gap = mu``: about 1e-10 or less at a solution,
+        above 1e-7 if no start led to a solution.
         """
         arguments = self._symbols()
         _, *outputs = self.solution(*arguments)
@@ -209,8 +209,8 @@ class Step(ABC):
         """Explicit step ``(x, u, p) -> (x_next, lam)``, differentiable to second order.
 
         First derivatives come from the implicit function theorem at the solution, see :meth:`contact_jacobian`;
-        CasADi differentiates these again, through the solution, for exact Hessians; a law with a frozen
-        gradient has no Hessian, since the frozen gradient is not that of any function.
+        CasADi differentiates them again, through the solution, for exact Hessians. A law with a frozen
+        gradient has no Hessian, since a frozen gradient is not the gradient of any function.
         """
         x, u, p = self._symbols()
         x_next, lam, _, _ = self.solve(x, u, p)
@@ -243,24 +243,24 @@ class Step(ABC):
     def contact_relation(self, mu: ca.SX | None = None) -> ca.SX:
         """Return the residual ``lam gap - mu`` (n, 1) in (inner, x, u, p), zero at the solved contact.
 
-        Where forces may not be unique (redundant contacts, friction) the exact law is the path's end,
-        whose derivative exists; inactive lam are zero there, and so are their derivatives.
+        If forces may not be unique (redundant contacts, friction) the solution under the exact law is the end of
+        the path, where derivatives exist; inactive lam and their derivatives are zero there.
         """
         return self.lam * self.gap_expr - (self.mu if mu is None else mu)
 
     @cached_property
     def held_mu(self) -> tuple[ca.SX, ca.SX] | None:
-        """Symbol for mu and its value where derivatives treat mu as a constant, None otherwise."""
+        """Symbol for mu and its value, if derivatives treat mu as a constant; None otherwise."""
         return (ca.SX.sym("mu_held", self.n), self.mu) if self.law.frozen else None
 
     @cached_property
     def differentiable_relation(self) -> ca.SX:
-        """Residual that is zero at the solved ``inner``, for derivatives; mu is a symbol if the law is frozen."""
+        """Residual that is zero at the solved ``inner``, for differentiation; mu is a symbol if the law is frozen."""
         return ca.vertcat(self.motion, self.contact_relation(self.held_mu[0] if self.held_mu else None))
 
     @cached_property
     def relation_jacobian(self) -> ca.SX:
-        """Derivative of the relation with respect to ``inner``, which is factorised without pivoting."""
+        """Derivative of the relation with respect to ``inner``; it can be factorised without pivoting."""
         by_inner = ca.jacobian(self.gap_expr, self.inner)
         # The gap of an open contact's slip pair may be zero; its row is then this limit times dlam.
         gap = ca.fmax(self.gap_expr, _MIN_EXACT_GAP) if self.exact else self.gap_expr
@@ -275,10 +275,9 @@ class Step(ABC):
     def inner_jacobian(self, variable: ca.SX) -> ca.SX:
         """Return ``d inner/dw = -(dR/d inner)^-1 dR/dw`` at the solution, shape (n_inner, n_w).
 
-        On the path with ``inner = lam`` this is ``-(diag(gap) + diag(lam) F)^-1 (diag(lam)
-        dgap/dw - dmu/dw)``; adaptive barrier smoothing, eq. A.26, omits the coupling between
-        contacts. Where the law's gradient is frozen, ``dmu/dw`` is omitted for state and input, not
-        for the parameters.
+        On the path with ``inner = lam`` this is ``-(diag(gap) + diag(lam) F)^-1 (diag(lam) dgap/dw - dmu/dw)``;
+        adaptive barrier smoothing, eq. A.26, omits the coupling between contacts. If the law's gradient is frozen,
+        ``dmu/dw`` is omitted for w in the state and the input, but not for parameters.
         """
         by_parameters = variable is self.inputs[2]
         relation = self.differentiable_relation

@@ -1,4 +1,4 @@
-"""Collection of transitions of a step from random states without penetration; half of the states are near the task."""
+"""Collection of transitions of a step from random states without penetration, half of them near the task."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from dynamics.learned.region import Region
 from dynamics.learned.transitions import Transitions
 
 Keep = Callable[[np.ndarray], np.ndarray]
-"""Filter of states: function from states (n, nx) to a mask (n,) of those to use."""
+"""Filter of states: function from states (n, nx) to a mask (n,) of the states to use."""
 
 DrawStates = Callable[[np.random.Generator, int, Sequence[str]], np.ndarray]
 Rows = tuple[np.ndarray, np.ndarray, np.ndarray]
@@ -23,20 +23,20 @@ Rows = tuple[np.ndarray, np.ndarray, np.ndarray]
 MAX_DRAWS_PER_ROW = 1000
 """Number of drawn states per requested transition above which a region is rejected."""
 PIECE_ROWS = 1 << 18
-"""Maximum number of transitions of a piece; a change would change the data, since each piece has its own stream."""
+"""Maximum number of states that are drawn in one batch."""
 STATES_PER_DRAW = 200_000
 """Maximum number of states that are drawn at once."""
 
 
 def collect_transitions(step: Step, region: Region, n: int, seed: int) -> Transitions:
-    """Draw n transitions of ``step``, the first half from states in the region's ranges, the rest from its tube.
+    """Draw n transitions of ``step``: the first half from states in the region's ranges, the rest from its tube.
 
     States with penetration are rejected (:func:`nonpenetrating_filter`). A step that is not solved is replaced
-    by another; ``unsolved`` in the provenance is the number of these. The same seed gives the same data for any
-    number of threads, and of workers that draw pieces.
+    by another; ``unsolved`` in the provenance counts such steps. The same seed gives the same data for any
+    number of threads and of workers.
 
-    Raises ``ValueError`` where the region does not fit the system or almost all its states are
-    rejected, and as :meth:`Transitions.from_arrays` does.
+    Raises ``ValueError`` if the region does not fit the system, if almost all of its states are rejected, and as
+    :meth:`Transitions.from_arrays` does.
     """
     drawn_pieces = [draw_piece(step, region, piece) for piece in split_pieces(n, seed)]
     return merge_pieces(step, region, drawn_pieces, seed)
@@ -57,7 +57,7 @@ class Piece:
 
 @dataclass(frozen=True)
 class Drawn:
-    """Arrays x, u and x_next of a piece from the ranges and from the tube, and its number of unsolved steps."""
+    """Transitions of a piece, sampled from the ranges and from the tube, and the number of unsolved steps."""
 
     in_ranges: Rows
     in_tube: Rows
@@ -65,7 +65,7 @@ class Drawn:
 
 
 def split_pieces(n: int, seed: int) -> list[Piece]:
-    """Split n transitions into pieces with independent random streams; a single piece uses that of the seed itself."""
+    """Split n transitions into pieces with independent random streams; a single piece uses the seed's own stream."""
     count = max(1, -(-n // PIECE_ROWS))
     root = np.random.SeedSequence(seed)
     streams = [root] if count == 1 else root.spawn(count)
@@ -94,7 +94,7 @@ def merge_pieces(
     seed: int,
     provenance: Mapping[str, Any] | None = None,
 ) -> Transitions:
-    """Concatenate pieces in order: first the rows of all pieces from the ranges, then those from the tube."""
+    """Concatenate pieces in order: first the rows of all pieces from the ranges, then the rows from the tube."""
     rows = [*(piece.in_ranges for piece in drawn_pieces), *(piece.in_tube for piece in drawn_pieces)]
     x, u, x_next = (np.concatenate(column) for column in zip(*rows, strict=True))
     full_provenance = {
@@ -121,14 +121,14 @@ class _Source:
         self._states, self._inputs = ([signal.name for signal in signals] for signals in (system.states, system.inputs))
 
     def draw_rows(self, rng: np.random.Generator, n_rows: int, draw_states: DrawStates, place: str) -> Rows:
-        """Return ``n_rows`` rows of x, u and x_next at states from ``draw_states``, which errors call ``place``."""
+        """Return ``n_rows`` rows of x, u and x_next at states from ``draw_states``; ``place`` names these in errors."""
         n_kept, batches = 0, [self._rows(draw_states(rng, 1, self._states)[:0], rng)]
         n_drawn = 0
         while n_kept < n_rows:
             if n_drawn > MAX_DRAWS_PER_ROW * n_rows:
                 raise ValueError(
                     f"only {n_kept} of {n_drawn} states drawn in the {place} of the region could be"
-                    " used; move the region to where the system is free of penetration"
+                    " used; choose a region in which bodies do not penetrate"
                 )
             share = n_kept / n_drawn if n_kept else 0.5
             size = min(int(1.1 * (n_rows - n_kept) / share) + 64, STATES_PER_DRAW)
@@ -148,7 +148,7 @@ class _Source:
 
 
 def nonpenetrating_filter(step: Step, p: np.ndarray) -> Keep:
-    """Return the filter of states whose true signed distances are all >= 0, or of all states where none is defined."""
+    """Return the filter of states whose true signed distances are all >= 0; without distances it accepts all states."""
     system = step.system
     if system.phi is None or not system.phi.numel():
         return lambda x: np.ones(len(x), dtype=bool)

@@ -27,10 +27,10 @@ _MAX_WIDTHS_FROM_DATA = 1e150
 
 @dataclass(frozen=True, eq=False)
 class EwdaModel:
-    """Model ``g(z) = E_w y`` with weights ``w_i = exp(-|z~ - z~_i|² / 2 sigma²)``.
+    """Model ``g(z) = E_w y`` with weights ``w_i = exp(-|z~ - z~_i|² / 2 sigma²)``, where z~ is z in normalised units.
 
-    It is eq. 11 (lemma 3) of "How does noising data affect learned contact dynamics?" (Suh et al.).
-    z~ is z in normalised units, and so is sigma. The last output is ``log p(z)``, the logarithm of
+    The equation is eq. 11 (lemma 3) of "How does noising data affect learned contact dynamics?" (Suh et al.).
+    sigma is in normalised units too. The last output is ``log p(z)``, the logarithm of
     the mean of the Gaussian densities of width sigma around the data, in normalised coordinates.
     The derivatives are moments under the weights,
 
@@ -39,12 +39,12 @@ class EwdaModel:
 
     with ``d = z~_i - E z~``. Far from the data g is the target of the nearest point.
 
-    ``z`` (n, nz) and ``y`` (n, ny) are the data in their own units. `backend` is ``c``, ``numpy``
-    or ``auto`` for the faster available one; `threads` is the number of threads of ``c``, None for
-    every CPU. Results of one backend do not depend on the threads or on other queries.
+    ``z`` (n, nz) and ``y`` (n, ny) are the data in their own units. `backend` is ``c``, ``numpy``,
+    or ``auto`` for the faster of the available two; `threads` is the number of threads of ``c``, None for all
+    CPUs. Results of a backend do not depend on the threads or on other queries.
 
-    Raises ``ValueError`` for sigma or data that are not finite, sigma not above 0, and shapes that do not fit
-    each other; a call raises it for a query that is not finite.
+    Raises ``ValueError`` for sigma or data that are not finite, for sigma <= 0, and for shapes that do not fit
+    each other; a call raises ``ValueError`` for a query that is not finite.
     """
 
     kind: ClassVar[str] = EWDA

@@ -1,4 +1,4 @@
-"""Engines, in NumPy and C, of the weighted sums in the exponentially weighted distance average."""
+"""NumPy and C engines for the weighted sums of the exponentially weighted distance average."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from dynamics.batch.engines.parallel import checked_threads, on_threads
 from dynamics.learned.ewda_source import FAR, POINTS_PER_BOX, REGISTER, ewda_source
 
 CUTOFF = 1e-25
-"""Weights below this fraction of the largest are omitted; their sum is less than its rounding error."""
+"""Weights below this fraction of the largest are omitted; their sum is less than the rounding error of the total."""
 _DISTANCES_PER_BLOCK = 1 << 22
-"""Maximum number of distances that are in memory at once."""
+"""Maximum number of distances that are in memory at the same time."""
 
 
 @dataclass(frozen=True)
@@ -31,14 +31,14 @@ class Cloud:
 class NumpyMoments:
     """Weighted sums over data points z_i for queries q, computed with NumPy.
 
-    The weights are ``w_i = exp((|q - c|² - |q - z_i|²) / 2 sigma²)``, 1 for c, the point nearest to
-    q. Distances are computed as products of matrices, for one block of queries after another.
+    The weights are ``w_i = exp((|q - c|² - |q - z_i|²) / 2 sigma²)``, which is 1 for c, the point nearest to q.
+    Distances are computed as products of matrices, for one block of queries after another.
     """
 
     points: Cloud
 
     def first_moments(self, q: np.ndarray, *, slopes: bool) -> tuple[np.ndarray, np.ndarray]:
-        """Return the index (nq,) of the nearest point c, and ``sum_i w_i a_i b_i'`` (nq, 1 + ny, 1 or 1 + nz).
+        """Return the indices (nq,) of the nearest points c, and ``sum_i w_i a_i b_i'`` (nq, 1 + ny, 1 or 1 + nz).
 
         ``a = (1, y_i - y_c)``, and ``b = (1, z_i - z_c)``, or 1 without ``slopes``.
         """
@@ -79,7 +79,7 @@ class NumpyMoments:
         return d, np.exp(np.minimum(exponent, 64.0))
 
     def _neighbours(self, q: np.ndarray) -> Iterator[tuple[int, int, np.ndarray]]:
-        """Yield every query's index, the index of its nearest point, and the points whose weight is not omitted."""
+        """Yield each query's index, the index of its nearest point, and the points whose weight is not omitted."""
         z = self.points.z
         square = np.einsum("ik,ik->i", z, z)
         reach = np.abs(z).max(axis=0).sum()
@@ -102,7 +102,7 @@ def _with_ones(rows: np.ndarray) -> np.ndarray:
 # Maximum number of parts that the points are divided into; the parts' sums are added in order.
 _MAX_PARTS = 32
 _QUERIES_PER_BATCH = 128
-"""Maximum number of queries for which the C program goes through the points together."""
+"""Maximum number of queries that the C program processes in one pass over the points."""
 _PAIRS_PER_THREAD = 1 << 16
 """Minimum number of pairs of a point and a query for each thread."""
 # Number of phases of the C program.
@@ -130,8 +130,8 @@ class _Job(ctypes.Structure):
 class CompiledMoments:
     """Weighted sums like those of :class:`NumpyMoments`, computed in C.
 
-    A query's result does not depend on the threads and the other queries, to the last bit. Raises
-    ``CompilerError`` where there is no compiler.
+    A query's result does not depend on the threads or on other queries, to the last bit. Raises
+    ``CompilerError`` if there is no compiler.
     """
 
     def __init__(self, points: Cloud, threads: int | None = None) -> None:
@@ -225,10 +225,10 @@ def _aligned(shape: tuple[int, ...], values: np.ndarray | None = None) -> np.nda
 
 
 def order_by_neighbours(points: np.ndarray, chunk: int, finest: int) -> np.ndarray:
-    """Return an order (n,) of ``points`` (n, nz) in which every ``chunk`` consecutive points are close together.
+    """Return an order (n,) of ``points`` (n, nz) in which each chunk of ``chunk`` consecutive points is close together.
 
     The points are split recursively at the widest coordinate, at multiples of ``chunk``, as in a k-d
-    tree of which only the last leaf is not full. Full leaves are halved further in the same way, down
+    tree whose leaves, except the last, are full. Full leaves are halved further in the same way, down
     to ``finest`` points; ``chunk / finest`` is a power of 2.
     """
     order = np.arange(len(points))
@@ -265,7 +265,7 @@ def chunk_rows(rows: np.ndarray, chunk: int, filling: float) -> np.ndarray:
 
 
 def bounding_boxes(rows: np.ndarray, chunk: int, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return minimum and maximum coordinates (m, count) of every chunk; the last chunk's are repeated up to ``count``.
+    """Return minimum and maximum coordinates (m, count) of every chunk; the last values are repeated.
 
     ``rows`` (n, m) are in the order of the chunks.
     """

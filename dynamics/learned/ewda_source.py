@@ -1,7 +1,7 @@
 """C source of the exponentially weighted distance average: weighted moments of the data for each query.
 
 Chunks of `C` neighbouring points are stored coordinate by coordinate, in normalised units; the last
-chunk is padded with points so far away that their weight is 0. With D = z'(z - 2q), which is
+chunk is padded with points that are so far away that their weights are 0. With D = z'(z - 2q), which is
 |z - q|² - |q|², the work on a query q has four phases, each distributed among the threads:
 
 1. `opening`: a lower bound of D over every chunk's bounding box, and the minimum of D in the chunk
@@ -11,8 +11,8 @@ chunk is padded with points so far away that their weight is 0. With D = z'(z - 
    the chunks;
 4. `total`: the sum over the parts, in order.
 
-The parts depend on the number of points alone and every sum has one order, so that results do not depend on the
-threads or the other queries. The exponent of a weight is relative to c, |q - c|² - |q - z_i|² = -d'(d +
+The parts depend only on the number of points, and the order of every sum is fixed, so that results do not
+depend on the threads or on other queries. The exponent of a weight is relative to c, |q - c|² - |q - z_i|² = -d'(d +
 2(c - q)) with d = z_i - c, which does not cancel far away. Cancellation in the moments about c costs at most a
 factor n of precision, since no point has a larger weight than c.
 """
@@ -23,7 +23,7 @@ from dynamics.batch.engines.c_prelude import vector_prelude
 from dynamics.batch.engines.compiler import Compiler
 
 POINTS_PER_BOX = 128
-"""Number of points with a common bounding box; with 18 columns they fill half of a first-level cache."""
+"""Number of points with a common bounding box; with 18 columns they fill half of the first-level cache."""
 REGISTER = 8
 """Number of points in the widest SIMD register; these are the closest neighbours within a chunk."""
 FAR = 1e200
@@ -238,7 +238,7 @@ static void total(const Job *j, i64 i) {
 }
 """
 
-# C code of the four phases. A thread that finds no work left in a phase waits for the threads that still
+# C code of the four phases. A thread without work in a phase waits for the threads that still
 # work on it; a thread that starts late finds no work in any phase.
 _RUN = """\
 INLINE void phase(const Job *j, int number, i64 n, void (*work)(const Job *, i64)) {

@@ -1,4 +1,4 @@
-"""Readers of transitions and models in netCDF files, which contain no code, and of transitions in tables."""
+"""Readers for transitions and models in netCDF files, which contain no code, and for transitions in tables."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def read_model(path: Path) -> Any:
 
 
 def transitions_of(dataset: xr.Dataset, path: Path) -> Transitions:
-    """Return the transitions in ``dataset``, read from the file ``path``; raise ``ValueError`` where there are none."""
+    """Return the transitions in ``dataset``, read from the file ``path``; raise ``ValueError`` if it contains none."""
     kind = dataset.attrs["kind"]
     if kind != TRANSITIONS:
         raise ValueError(
@@ -42,7 +42,7 @@ def transitions_of(dataset: xr.Dataset, path: Path) -> Transitions:
 
 
 def model_of(dataset: xr.Dataset, path: Path) -> Any:
-    """Return the model in ``dataset``, read from the file ``path``; raise ``ValueError`` where there is none."""
+    """Return the model in ``dataset``, read from the file ``path``; raise ``ValueError`` if it contains none."""
     kind = dataset.attrs["kind"]
     if kind == TRANSITIONS:
         raise ValueError(f"{path} holds transitions, not a model; learn one from them: ocp learn")
@@ -62,7 +62,7 @@ def _from_dataset(kind: Any, dataset: xr.Dataset, path: Path) -> Any:
 def read_dataset(path: Path) -> xr.Dataset:
     """Return the dataset in a file of transitions or of a model, after a check of its checksum.
 
-    Raises ``ValueError`` where the file is missing, truncated or changed, or of another kind.
+    Raises ``ValueError`` if the file is missing, truncated, changed, or of another kind.
     """
     import xarray as xr
 
@@ -89,7 +89,7 @@ def read_dataset(path: Path) -> xr.Dataset:
 
 
 def checksum(dataset: xr.Dataset) -> str:
-    """Return the SHA-256 of a dataset's names, shapes, values and attributes, except that of the checksum."""
+    """Return the SHA-256 of a dataset's names, shapes, values and attributes, without the attribute ``checksum``."""
     digest = hashlib.sha256()
     for name in sorted(map(str, dataset.variables)):
         values = np.asarray(dataset.variables[name].values)
@@ -117,9 +117,9 @@ def read_table(
 ) -> Transitions:
     """Read transitions from a table, one per row, with columns for states, inputs, and ``<state>_next``.
 
-    A column's name may end with its unit, ``ox [m]``. ``columns`` maps names of signals to names of columns
-    where they differ. ``signals`` are the expected states and inputs; without ``signals`` a column with a
-    ``_next`` column is a state, and the other columns, or only those in ``columns`` if given, are inputs.
+    A column's name may end with its unit, ``ox [m]``. ``columns`` maps names of signals to names of columns that
+    differ from them. ``signals`` are the expected states and inputs; without ``signals`` a column with a ``_next``
+    column is a state, and the other columns, or only those in ``columns`` if given, are inputs.
 
     Raises ``ValueError`` for a file that cannot be read, columns that are missing or not numeric,
     units other than the expected ones, and as :meth:`Transitions.from_arrays` does.
@@ -174,13 +174,13 @@ def _parquet(path: Path) -> pd.DataFrame:
 
 
 def _split_head(head: str) -> tuple[str, str | None]:
-    """Split a column's head such as ``ox [m]`` into name and unit; the unit is None where the head has none."""
+    """Split the head of a column, such as ``ox [m]``, into name and unit; the unit is None if the head has none."""
     head_match = _HEAD_PATTERN.fullmatch(head)
     return (head_match["name"], head_match["unit"]) if head_match and head_match["name"] else (head, None)
 
 
 Heads = dict[str, tuple[str, str | None]]
-"""Mapping from the name of a signal to the column of the table, and to its unit, None where not given."""
+"""Mapping from a signal's name to its column in the table and its unit, None if the column has no unit."""
 
 
 def _match_columns(path: Path, texts: list[str], columns: Mapping[str, str]) -> Heads:
@@ -214,7 +214,7 @@ def _infer_signals(path: Path, heads: Heads, names: list[str]) -> tuple[tuple[Si
 
 
 def _column(path: Path, heads: Heads, signal: Signal) -> str:
-    """Return the name of a signal's column; raise ``ValueError`` where it is missing or in another unit."""
+    """Return the name of a signal's column; raise ``ValueError`` if it is missing or has another unit."""
     if signal.name not in heads:
         raise ValueError(
             f"{path}: no column for {signal.name} [{signal.unit}]; it has"

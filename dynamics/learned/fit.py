@@ -1,4 +1,4 @@
-"""Errors of a learned model on held-out data, and its behaviour outside of the data."""
+"""Errors of a learned model on held-out data, and its behaviour outside the data."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from dynamics.learned.transitions import Samples
 if TYPE_CHECKING:
     import xarray as xr
 
-# Distances from the data, in normalised units, at which a model is evaluated outside.
+# Distances from the data, in normalised units, at which a model is evaluated outside the data.
 RAY_DISTANCES = (0.0, 0.5, 1.0, 2.0, 4.0)
 # Number of random directions in which rays leave the data.
 N_RAYS = 256
@@ -24,16 +24,17 @@ class Fit:
     """Errors of a learned model g, per coordinate of y and along rays that leave the data.
 
     ``clean`` and ``noised`` (ny,): root mean square of ``g(z) - y`` and of ``g(z + w) - y``, w of width
-    ``sigma`` in normalised units of z, relative to the standard deviation of y in the data; times ``y_scale``
-    they are in the coordinates' units. ``noised`` has a lower bound for every model, since noise can move
-    samples with different y to the same z.
+    ``sigma`` in normalised units of z, relative to the standard deviation of y in the data; multiplied
+    by ``y_scale`` they are in the units of the coordinates. ``noised`` has a lower bound for every model, since noise
+    can move samples with different y to the same z.
 
     A ray starts at the sample farthest out in a random direction of normalised z and follows this direction, so
     that ``distances`` (k,) are distances both to the data's convex hull and to the nearest sample. No y is
     known on the rays. ``displacement`` (k,) is the root mean square over rays and coordinates of ``g - y``
-    relative to y's scale, with y of the sample where the ray starts: it tends to 0 where the model returns the
-    nearest sample, and grows like the distance where it extrapolates. ``outside`` (k,) is the fraction of rays
-    on which a coordinate of g is outside the range of the data's y; it is 0 for averages of the data.
+    relative to y's scale, where y belongs to the sample at which the ray starts: it tends to 0 if
+    the model returns the nearest sample, and grows like the distance if the model extrapolates. ``outside`` (k,) is
+    the fraction of rays on which a coordinate of g is outside the range of the data's y; it is 0 for averages of the
+    data.
     """
 
     sigma: float
@@ -75,7 +76,7 @@ ALONG_RAYS = ("displacement", "outside")
 def measure_fit(learned: LearnedMap, data: Samples, held_out: np.ndarray, sigma: float, seed: int = 0) -> Fit:
     """Compare a model with the rows ``held_out`` of the data, and evaluate it on rays that leave the whole data set.
 
-    Raises ``ValueError`` where no row is held out, or where sizes of model and data differ.
+    Raises ``ValueError`` if no row is held out, or if sizes of model and data differ.
     """
     ny = data.y.shape[1]
     if learned.n_in != data.z.shape[1] or learned.n_out < ny:

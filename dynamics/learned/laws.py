@@ -22,19 +22,19 @@ from dynamics.systems import LAW_PREFIX, ContactSystem, Parameter, ParameterTabl
 
 @runtime_checkable
 class StepModel(LearnedMap, Protocol):
-    """Interface of a model from state and input to the next state that stores the origin of its data."""
+    """Interface of a model from state and input to the next state, with the origin of its data."""
 
     kind: ClassVar[str]
 
     @property
     def origin(self) -> DataOrigin:
-        """Names and units of inputs and outputs, and the problem, parameters and hash of the training data."""
+        """Names and units of inputs and outputs, and problem, parameters and hash of the training data."""
         ...
 
 
 @dataclass(eq=False, repr=False)
 class LearnedLaw(ContactLaw):
-    """Contact law ``x_next = g(x, u)``, g a model learned from transitions; the step has no multipliers.
+    """Contact law ``x_next = g(x, u)`` of a model g learned from transitions; the step has no multipliers.
 
     ``model`` is the model or the path of its file. Raises ``ValueError`` for a file that does not
     contain such a model.
@@ -57,7 +57,7 @@ class LearnedLaw(ContactLaw):
         self._map = CasadiMap(loaded)
 
     def settings(self) -> dict[str, float | int | str]:
-        """Return the path of the model's file, or the hash of its data where it is not from a file."""
+        """Return the path of the model's file, or the hash of its data if it was not read from a file."""
         from_file = isinstance(self._stated, (str, Path))
         return {"model": str(self._stated) if from_file else self.model.origin.data_hash}
 
@@ -80,7 +80,7 @@ class LearnedLaw(ContactLaw):
         return ParameterTable()
 
     def learned_at(self, system: ContactSystem, values: Mapping[str, float]) -> dict[str, tuple[float, float]]:
-        """Return a dict of the motion parameters that have changed since training: name to (value then, value now)."""
+        """Return a dict of the motion parameters changed since training: name to (trained value, current value)."""
         motion_symbols = {str(symbol) for symbol in ca.symvar(ca.vertcat(system.residual, system.gap))}
         training_parameters = self.model.origin.parameters
         return {
@@ -92,7 +92,7 @@ class LearnedLaw(ContactLaw):
         }
 
     def target(self, system: ContactSystem, z: ca.SX, F: ca.SX, p: ParameterTable) -> ca.SX:
-        """Return an empty mu (0, 1), as a learned step has no contact pairs."""
+        """Return an empty mu (0, 1), since a learned step has no contact pairs."""
         return ca.SX(0, 1)
 
     def close_at_nodes(self, system: ContactSystem, law: Closure, p: ParameterTable, nodes: tuple[Branch, ...]) -> Step:
@@ -104,10 +104,10 @@ class LearnedLaw(ContactLaw):
 
 @dataclass(eq=False, repr=False)
 class Ewda(LearnedLaw):
-    """Contact law by the exponentially weighted distance average of transitions (Suh et al., "noising", eq. 11).
+    """Contact law given by the exponentially weighted distance average of transitions (Suh et al., "noising", eq. 11).
 
-    ``trust`` adds ``-trust log p_sigma(x, u)`` to the stage cost, p_sigma the density of the data
-    smoothed by the same noise, in normalised units, so that plans stay near the data.
+    ``trust`` adds ``-trust log p_sigma(x, u)`` to the stage cost, so that plans stay near the data; p_sigma is the
+    density of the data smoothed by the same noise, in normalised units.
     """
 
     name: ClassVar[str] = "ewda"
@@ -116,7 +116,7 @@ class Ewda(LearnedLaw):
     trust: float = setting(0.0, "weight of -log p of the data in the stage cost", least=0)
 
     def settings(self) -> dict[str, float | int | str]:
-        """Return the model's file and the weight ``trust``, for the run's record."""
+        """Return the model's file and the weight ``trust``, for the record of the run."""
         return {**super().settings(), "trust": self.trust}
 
     def parameters(self, system: ContactSystem) -> ParameterTable:
@@ -128,7 +128,7 @@ class Ewda(LearnedLaw):
 
 @dataclass(eq=False, repr=False)
 class Mlp(LearnedLaw):
-    """Contact law by a network trained on clean or noised transitions (Suh et al., "noising", eq. 3)."""
+    """Contact law given by a network trained on clean or noised transitions (Suh et al., "noising", eq. 3)."""
 
     name: ClassVar[str] = "mlp"
     summary: ClassVar[str] = "network trained on transitions, from a model file"

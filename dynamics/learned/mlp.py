@@ -15,21 +15,21 @@ if TYPE_CHECKING:
     import xarray as xr
 
 QUERIES_PER_BLOCK = 256
-"""Maximum number of queries evaluated at once, which limits the memory of the layers' Jacobians."""
+"""Maximum number of queries that are evaluated at once; it limits the memory of the layers' Jacobians."""
 # Number of queries up to which each is a separate matrix product.
 SMALL_BATCH = 64
 IGNORE_OVERFLOW = np.errstate(over="ignore", invalid="ignore")
-"""Context without NumPy's warnings of overflow; callers check for results that are not finite."""
+"""Context that suppresses NumPy's overflow warnings; callers check for results that are not finite."""
 
 
 @dataclass(frozen=True, eq=False)
 class MlpModel:
     """Network ``y = shift_y + scale_y (W_L a_L + b_L)``, ``a_{l+1} = elu(W_l a_l + b_l)``.
 
-    ``a_0`` is z normalised; ``weights[l]`` (n_{l+1}, n_l) and ``biases[l]`` (n_{l+1},) are float64,
-    though trained in float32. ``elu(s) = s`` for s > 0, else ``exp(s) - 1``, has one continuous
-    derivative; the second one jumps at s = 0, where the left limit is used.
-    ``sigma`` is the width of the noise in training, in normalised units of z; 0 for clean data.
+    ``a_0`` is z normalised; ``weights[l]`` (n_{l+1}, n_l) and ``biases[l]`` (n_{l+1},) are float64, although training
+    is in float32. ``elu(s) = s`` for s > 0, else ``exp(s) - 1``, has one continuous derivative; the second derivative
+    jumps at s = 0, where the left limit is used. ``sigma`` is the standard deviation of the training noise in
+    normalised units of z, 0 for clean data.
 
     Far from the data y grows linearly. For a query that is not finite, the result is the limit of y or is not
     finite; the other queries are not affected.
@@ -105,7 +105,7 @@ class MlpModel:
         return 0.5 * (curvatures + curvatures.swapaxes(1, 2))
 
     def _forward(self, z: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Return each layer's pre-activation s (n, n_l) and ``ds/dz`` (n, n_in, n_l); the last s is y normalised."""
+        """Return each layer's pre-activation s (n, n_l) and ``ds/dz`` (n, n_in, n_l); the last s is y, normalised."""
         W, b = self.weights[0], self.biases[0]
         J = np.broadcast_to((W / self.z_scales.scale).T, (len(z), self.n_in, b.size))
         layers = [(self.z_scales.normalise(z) @ W.T + b, J)]

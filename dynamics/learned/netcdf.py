@@ -17,7 +17,7 @@ import numpy as np
 _BASE_CPU_S = 1
 """Limit of the CPU time [s] for reading a small file."""
 _BYTES_PER_CPU_S = 20_000_000
-"""Number of bytes of a file that increase the limit of CPU time by one second."""
+"""Number of bytes of a file for which the limit of CPU time increases by one second."""
 
 
 def check_readable(content: bytes) -> None:
@@ -44,13 +44,13 @@ def check_readable(content: bytes) -> None:
     _, status = os.waitpid(child, 0)
     if os.WIFSIGNALED(status):
         end_signal = signal.Signals(os.WTERMSIG(status))
-        reason = "reading it does not end" if end_signal is signal.SIGXCPU else f"{end_signal.name} ends it"
+        reason = "reading it takes too long" if end_signal is signal.SIGXCPU else f"{end_signal.name} ends it"
     if reason:
         raise ValueError(reason)
 
 
 def _failure(content: bytes, library: object) -> str:
-    """Read every variable of a file; return the reason why it is not valid, ``""`` if it is."""
+    """Read every variable of a file; return the reason why the file is not valid, or ``""`` if it is."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
     seconds = _BASE_CPU_S + len(content) // _BYTES_PER_CPU_S

@@ -1,4 +1,4 @@
-"""Regions from which transitions are drawn: ranges of states and inputs, and a tube from start to goal."""
+"""Regions from which transitions are drawn: ranges of states and inputs, and a tube around a line to the goal."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Region:
     around: Mapping[str, str] = field(default_factory=dict)
 
     def check(self, system: ContactSystem) -> None:
-        """Raise ``ValueError`` where names or sizes differ from ``system``, or a number is not valid."""
+        """Raise ``ValueError`` if names or sizes differ from ``system``, or a number is not valid."""
         states, inputs = ([s.name for s in signals] for signals in (system.states, system.inputs))
         for role, ranges, names in (("state", self.states, states), ("input", self.inputs, inputs)):
             if set(ranges) != set(names):
@@ -76,7 +76,7 @@ class Region:
         return u
 
     def described(self) -> dict[str, Any]:
-        """Return the region as a dict of plain values, for the data's provenance."""
+        """Return the region as a dict of plain values, for the provenance of the data."""
         return asdict(self)
 
 

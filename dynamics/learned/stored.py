@@ -1,4 +1,4 @@
-"""Schema of the files of transitions and models, and its check before anything is built from a file."""
+"""Schema of the files of transitions and models; it is checked before an object is built from a file."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ EWDA = "ewda"
 MLP = "mlp"
 KINDS = (TRANSITIONS, EWDA, MLP)
 LARGEST_NUMBER = 1e50
-"""Largest absolute value of a number in a file, so that sums and products of a few of them are finite."""
+"""Maximum absolute value of a number in a file, so that sums and products of a few numbers are finite."""
 _Count = Annotated[int, Field(ge=0)]
 
 
@@ -74,10 +74,10 @@ _FIT_VARIABLES = ("z_least", "z_most", *(name for name in _DIMENSIONS if name.st
 
 
 def check_dataset(dataset: xr.Dataset, kind: str) -> None:
-    """Raise ``ValueError`` where a dataset does not have the schema of its ``kind``.
+    """Raise ``ValueError`` if a dataset does not have the schema of its ``kind``.
 
     The check covers attributes, variables, their dimensions and types, the signs of scales and
-    errors, and that numbers are finite and at most :data:`LARGEST_NUMBER` in size.
+    errors, and that the absolute values of numbers are at most :data:`LARGEST_NUMBER`.
     """
     attributes = {key: plain_value(value) for key, value in dataset.attrs.items()}
     if attributes.get("kind") != kind:
@@ -128,5 +128,5 @@ def _check_variable(name: str, dataset: xr.Dataset) -> None:
 
 
 def plain_value(value: Any) -> Any:
-    """Return an attribute as a Python value, converted from NumPy where needed."""
+    """Return an attribute as a Python value, converted from NumPy if needed."""
     return value.tolist() if isinstance(value, np.generic | np.ndarray) else value

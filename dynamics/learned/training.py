@@ -43,10 +43,10 @@ class Recipe(Configured):
 
 @dataclass(frozen=True)
 class Epoch:
-    """Mean squared errors per coordinate after one pass over the data, in units of y's scales.
+    """Mean squared errors per coordinate after one pass over the data, in units of the scales of y.
 
     ``train`` is the mean over the pass, with the noise of training; ``clean`` and ``noised`` are the
-    errors of held-out rows (NaN where none are held out), ``best`` is the lowest ``noised`` so far.
+    errors on held-out rows (NaN if no row is held out), ``best`` is the lowest ``noised`` so far.
     """
 
     number: int
@@ -59,19 +59,19 @@ class Epoch:
 class Training:
     """Training run that minimises ``E |h(z + sigma w) - y|²`` by Adam, with new w ~ N(0, I) in every minibatch.
 
-    It is eq. 3 of "How does noising data affect learned contact dynamics?" (Suh et al.). z and y are
+    The loss is eq. 3 of "How does noising data affect learned contact dynamics?" (Suh et al.). z and y are
     normalised; noise is added to z only. The network predicts the next state as in the paper, so that the
-    minimiser is the smoothed step ``g_sigma(z~) = E[y | z~]`` itself, z~ the noised z. A network for the
-    increment, added to the noised state x~, would be another law: ``x~ + E[y - x | x~]`` contains the noise and
-    does not return to the data.
+    minimiser is the smoothed step ``g_sigma(z~) = E[y | z~]``, where z~ is the noised z. A network for the
+    increment, added to the noised state x~, would give a different law: ``x~ + E[y - x | x~]`` contains the
+    noise, and its rollouts do not return to the data.
 
-    Training is in float32; the same seed, data and recipe give the same bits on one computer with the same
-    settings of JAX and number of processors, which determines the order of sums. With the ``state`` of an
-    earlier training it continues that training, and the result has the bits of an uninterrupted run; an
+    Training is in float32. The same seed, data and recipe give the same bits on one computer with the same
+    settings of JAX and the same number of processors, which determines the order of sums. If ``state`` is the
+    state of an earlier training, that training is continued, with the same bits as an uninterrupted run; an
     interrupted epoch is repeated.
 
-    Raises ``ValueError`` for a negative sigma, too few rows, a constant column, a state of another
-    training, and where the extra ``learn`` is not installed.
+    Raises ``ValueError`` for a negative sigma, too few rows, a constant column, or a state of another
+    training, and if the extra ``learn`` is not installed.
     """
 
     def __init__(
@@ -101,12 +101,12 @@ class Training:
 
     @property
     def error(self) -> float:
-        """Lowest mean squared error of held-out rows with noised inputs so far; infinite where none is held out."""
+        """Lowest mean squared error so far on held-out rows with noised inputs; infinite if no row is held out."""
         return self._now.least
 
     @property
     def done(self) -> bool:
-        """Whether all epochs are over or the held-out error has not decreased for ``patience`` epochs."""
+        """Whether all epochs are done or the held-out error has not decreased for ``patience`` epochs."""
         progress, recipe = self._now, self.recipe
         stale = len(self.held_out) > 0 and progress.number - progress.best_at >= recipe.patience
         return progress.number >= recipe.epochs or stale
@@ -148,14 +148,14 @@ class Training:
         return self._network.progress(state)
 
     def _identity(self) -> bytes:
-        """Return a digest of all that determines the weights, without epochs and patience, which may be changed."""
+        """Return a digest of everything that determines the weights, except epochs and patience, which may change."""
         recipe = self.recipe
         identity = recipe.hidden, recipe.batch, recipe.rate, recipe.held_out, self.sigma, self.seed
         identity = (*identity, self.data.hash)
         return hashlib.sha256(repr(identity).encode()).digest()
 
     def model(self) -> MlpModel:
-        """Return the network with the best weights so far, or with the last ones where no row is held out."""
+        """Return the network with the best weights so far, or with the last weights if no row is held out."""
         best_layers = self._now.best
         weights = tuple(np.array(layer.weight, float) for layer in best_layers)
         biases = tuple(np.array(layer.bias, float) for layer in best_layers)
@@ -165,7 +165,7 @@ class Training:
 
 
 def train_network(data: Samples, sigma: float, seed: int = 0, **recipe: Any) -> MlpModel:
-    """Train a network to the end, see :class:`Training`; ``recipe`` are the settings of :class:`Recipe`."""
+    """Train a network to the end, see :class:`Training`; ``recipe`` contains the settings of :class:`Recipe`."""
     training = Training(data, sigma, Recipe(**recipe), seed)
     for _ in training.epochs():
         pass
@@ -173,14 +173,14 @@ def train_network(data: Samples, sigma: float, seed: int = 0, **recipe: Any) -> 
 
 
 EPOCH_STREAM = 1
-"""Index of the random stream for the order and noise of the epochs."""
+"""Index of the random stream that orders the rows and draws the noise of the epochs."""
 HELD_OUT_STREAM = 2
 """Index of the random stream for the noise on held-out rows."""
 
 
 @dataclass(frozen=True)
 class Progress:
-    """State of a training: current layers and Adam's moments, and the layers with the lowest error so far.
+    """State of a training run: current layers and Adam's moments, and the layers with the lowest error so far.
 
     It is replaced as a whole after every epoch, so that an interrupted epoch leaves it unchanged.
     """
@@ -194,7 +194,7 @@ class Progress:
 
 
 class Network:
-    """The network in training: JAX functions that update its float32 weights and measure its errors."""
+    """A network in training: JAX functions that update its float32 weights and measure its errors."""
 
     def __init__(self, n_in: int, n_out: int, recipe: Recipe, sigma: float, seed: int) -> None:
         jax, _, optax = _libraries()
@@ -210,14 +210,14 @@ class Network:
         return self._jax.device_put(z), self._jax.device_put(y)
 
     def epoch(self, progress: Progress, z: Any, y: Any) -> tuple[Progress, float]:
-        """Return the progress after one more pass, in a new order with new noise, and its mean loss."""
+        """Return the progress after one more pass, with a new order and new noise, and the mean loss of the pass."""
         number = progress.number + 1
         key = self._jax.random.fold_in(self._draws, number)
         layers, moments, loss = self._epoch(progress.layers, progress.moments, key, self._sigma, z, y)
         return replace(progress, layers=layers, moments=moments, number=number), float(loss)
 
     def errors(self, layers: Any, z: Any, y: Any) -> tuple[float, float]:
-        """Return the mean squared errors with clean and with noised inputs, with the same noise in every call."""
+        """Return the mean squared errors with clean and with noised inputs; the noise is the same in every call."""
         clean, noised = self._errors(layers, self._held, self._sigma, z, y)
         return float(clean), float(noised)
 
@@ -239,7 +239,7 @@ class Network:
 
 @functools.cache
 def _compiled(batch: int, rate: float, noised: bool) -> tuple[Any, Any]:
-    """Return the functions of one epoch and of the errors, which JAX compiles once for networks of equal sizes."""
+    """Return the functions of one epoch and of the errors, compiled once by JAX for all networks of the same sizes."""
     jax, _, optax = _libraries()
     adam = optax.adam(rate)
 
@@ -293,7 +293,7 @@ def _layers(sizes: tuple[int, ...], key: Any) -> tuple[Any, ...]:
 
 
 def _libraries() -> tuple[Any, Any, Any]:
-    """Import JAX, Equinox and Optax; raise ``ValueError`` that names the extra where they are not installed."""
+    """Import JAX, Equinox and Optax; raise ``ValueError`` with the name of the extra if they are not installed."""
     try:
         import equinox
         import jax

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class DataOrigin:
-    """Names and units of ``z`` and ``y``, and the problem, its parameters and the hash of the data.
+    """Names and units of ``z`` and ``y``, and problem, parameters and hash of the data.
 
     z = (x, u), y = x_next: entries of z with the name of an entry of y are states, the other entries are
     inputs.
@@ -39,7 +39,7 @@ class DataOrigin:
         return tuple(signal for signal in self.z if signal.name not in states)
 
     def coordinates(self) -> dict[str, Any]:
-        """Return a dataset's coordinates ``z``, ``state`` and ``input`` with names, and ``z_unit`` etc. with units."""
+        """Return the coordinates of a dataset: names in ``z``, ``state`` and ``input``, units in ``z_unit`` etc."""
         coordinates: dict[str, Any] = {}
         for dimension, entries in (("z", self.z), ("state", self.y), ("input", self.inputs)):
             # Without a type NumPy would make an array of numbers from an empty list.
@@ -62,7 +62,7 @@ class DataOrigin:
     def from_dataset(cls, dataset: xr.Dataset, kind: str) -> DataOrigin:
         """Return the origin stored in a dataset's coordinates and attributes.
 
-        Raises ``ValueError`` where :func:`~dynamics.learned.stored.check_dataset` does.
+        Raises ``ValueError`` as :func:`~dynamics.learned.stored.check_dataset` does.
         """
         check_dataset(dataset, kind)
         z, y = (_signals(dataset, dimension) for dimension in ("z", "state"))
@@ -90,7 +90,7 @@ class Normalisation:
     def from_rows(cls, rows: np.ndarray, names: Sequence[str]) -> Normalisation:
         """Return the normalisation by mean and standard deviation of every column of ``rows`` (n_samples, n).
 
-        Raises ``ValueError`` that names columns which do not vary.
+        Raises ``ValueError``, with the names of constant columns in its message.
         """
         scale = rows.std(axis=0)
         size = np.abs(rows).max(axis=0, initial=0.0)
@@ -154,7 +154,7 @@ class Samples:
 
 
 def check_finite(arrays: Sequence[np.ndarray], names: Sequence[str]) -> None:
-    """Raise ``ValueError`` that lists rows with values that are not finite; ``names`` are the names of all columns."""
+    """Raise ``ValueError`` with the rows that have values that are not finite; ``names`` are the columns' names."""
     table = np.hstack(arrays)
     rows, columns = np.nonzero(~np.isfinite(table))
     if not len(rows):
@@ -169,7 +169,7 @@ def check_finite(arrays: Sequence[np.ndarray], names: Sequence[str]) -> None:
 
 
 def split_rows(n: int, fraction: float, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """Split n rows at random; return the sorted indices of the rows for training and of the ``fraction`` held out.
+    """Split n rows at random; return the sorted indices of the training rows and of the ``fraction`` held out.
 
     The same n, fraction and seed always give the same rows.
     """
@@ -186,9 +186,9 @@ MIN_ROWS_PER_COORDINATE = 10
 class Transitions:
     """Data of n steps: states ``x`` (n, nx), inputs ``u`` (n, nu) and next states ``x_next`` (n, nx).
 
-    ``states`` and ``inputs`` are the names and units of the columns; ``normalisation`` is that of
-    z = (x, u). ``provenance`` describes the origin of the data: ``problem``, ``parameters``, ``seed``,
-    ``region``, ``how``, as far as they are known.
+    ``states`` and ``inputs`` are the names and units of the columns; ``normalisation`` applies to z = (x, u).
+    ``provenance`` describes the origin of the data: ``problem``, ``parameters``, ``seed``, ``region`` and ``how``, if
+    known.
     """
 
     x: np.ndarray
@@ -258,7 +258,7 @@ class Transitions:
         return digest.hexdigest()
 
     def check_signals(self, states: Sequence[Signal], inputs: Sequence[Signal], owner: str) -> None:
-        """Raise ``ValueError`` unless names and units are those of ``owner``'s ``states`` and ``inputs``, in order."""
+        """Raise ``ValueError`` unless names and units equal those of ``states`` and ``inputs``, in order."""
         expected_signals = [[(s.name, s.unit) for s in group] for group in (states, inputs)]
         for role, data_signals, expected in zip(
             ("states", "inputs"), (self.states, self.inputs), expected_signals, strict=True
@@ -272,7 +272,7 @@ class Transitions:
 
     @property
     def origin(self) -> DataOrigin:
-        """Description of the data's origin, which models of the data store."""
+        """Description of the data's origin; models store it."""
         provenance = self.provenance
         problem, parameters = str(provenance.get("problem", "")), provenance.get("parameters", {})
         return DataOrigin((*self.states, *self.inputs), self.states, problem, parameters, self.hash)
@@ -305,7 +305,7 @@ class Transitions:
 
     @classmethod
     def from_dataset(cls, dataset: xr.Dataset) -> Transitions:
-        """Return the transitions that :meth:`dataset` stored; raise ``ValueError`` for any other dataset."""
+        """Return the transitions that :meth:`dataset` stored; raise ``ValueError`` if the dataset has another form."""
         origin = DataOrigin.from_dataset(dataset, TRANSITIONS)
         names = ("x", "u", "x_next", "z_shift", "z_scale")
         x, u, x_next, shift, scale = (np.array(dataset[name].values) for name in names)
@@ -317,5 +317,5 @@ class Transitions:
 
 
 def list_signals(signals: Sequence[Signal]) -> str:
-    """Return the text of names with units, ``ox [m], theta [rad]``."""
+    """Return names with units as text, ``ox [m], theta [rad]``."""
     return ", ".join(f"{signal.name} [{signal.unit}]" for signal in signals)

@@ -19,7 +19,7 @@ def require_text(name: str, value: Any) -> None:
 
 
 def parse_number(name: str, value: Any) -> float | None:
-    """Return ``value`` as a float, or None where it is a symbolic scalar expression.
+    """Return ``value`` as a float, or None if it is a symbolic scalar expression.
 
     Raises ``ValueError`` for anything else, and for a number that is not finite.
     """
@@ -66,14 +66,14 @@ def parse_point(name: str, value: Any) -> list[float | None]:
 
 
 def require_limits(owner: str, value: Any) -> None:
-    """Raise ``ValueError`` unless ``value`` is None, or two numbers, the lower one first."""
+    """Raise ``ValueError`` unless ``value`` is None or a pair of numbers, the lower first."""
     low, high = (None, None) if value is None else parse_point(f"{owner} limits", value)
     if low is not None and high is not None and not low < high:
         raise ValueError(f"{owner} limits are {low:g} to {high:g}; expected the lower one first")
 
 
 def require_unit_vector(name: str, entries: Sequence[float | None]) -> None:
-    """Raise ``ValueError`` unless a vector with these entries has length 1, or one of them is None (symbolic)."""
+    """Raise ``ValueError`` unless a vector with these entries has length 1 or a symbolic entry (None)."""
     known_entries = [entry for entry in entries if entry is not None]
     length = math.hypot(*known_entries)
     if len(known_entries) == len(entries) and abs(length - 1) > 1e-6:

@@ -31,18 +31,18 @@ def check_cone(name: str, cone: str) -> None:
 
 
 def limit_distances(limits: Sequence[tuple[int, Any, Any]], q: ca.SX) -> ca.SX:
-    """Return the distances of entries of q to their lower, then their upper limits (entry, lower, upper)."""
+    """Return the distances of entries of q from their lower, then their upper limits (entry, lower, upper)."""
     return ca.vertcat(*(q[i] - low for i, low, _ in limits), *(high - q[i] for i, _, high in limits))
 
 
 @dataclass(frozen=True, eq=False)
 class Space:
-    """Maps that contacts in space need and those in the plane do not; ``sliding`` gives 2 nc rows, for two tangents.
+    """Maps of contacts in space that contacts in the plane do not need; ``sliding`` gives 2 nc rows, for two tangents.
 
     Rows multiply the velocities v, of which there are ``velocities`` (nv) and which need not be
     dq/dt: ``pressing`` maps q to J_n (nc, nv), ``tangent`` maps q to the derivative of dq/dt with
-    respect to v (nq, nv). The friction cone is a pyramid with 4 or 8 ``edges``. A machine that moves in a plane
-    has 2, and ``sliding`` gives nc rows, for one tangent.
+    respect to v (nq, nv). The friction cone is a pyramid with 4 or 8 ``edges``. For a machine that moves
+    in a plane, ``edges`` is 2 and ``sliding`` gives nc rows, for one tangent.
     """
 
     velocities: int
@@ -58,7 +58,7 @@ class Space:
         return [first, second, *((first + sign * second) / math.sqrt(2) for sign in (1, -1))]
 
     def components(self, impulses: list[ca.SX]) -> ca.SX:
-        """Return impulses along the tangents, stacked, from those along :meth:`directions`."""
+        """Return impulses along the tangents, stacked, from impulses along :meth:`directions`."""
         if self.edges < 8:
             return ca.vertcat(*impulses)
         first, second, rise, fall = impulses
@@ -85,13 +85,13 @@ class ContactSpec:
 
     @property
     def frictional_contacts(self) -> tuple[list[int], ca.SX]:
-        """Indices of contacts whose friction is not the number zero, and Coulomb's coefficients (nc, 1) of all."""
+        """Indices of contacts whose friction is not the number zero, and all friction coefficients (nc, 1)."""
         nc = len(self.contacts)
         f = ca.SX.zeros(nc) if self.friction is None else ca.SX.ones(nc) * self.friction
         return [i for i in range(nc) if not f[i].is_zero()], f
 
     def referee_model(self, curved: bool, build: Callable[[ContactSpec], ContactSystem]) -> RefereeModel:
-        """Return the most exact model, made by ``build``; ``curved`` says that some distance is not affine in q."""
+        """Return the most exact model, made by ``build``; ``curved`` says that some distances are not affine in q."""
         notes = [TRUE_GAPS] if self.linearised and curved else []
         true = replace(self, linearised=False)
         if self.cone == "edges" and self.friction is not None and self.sliding is not None:
@@ -105,7 +105,7 @@ class ContactRows:
     """The pairs of one step: ``lam`` (nlam, 1), ``gap`` (nlam, 1) and their ``generalised_impulse`` (nq, 1) [N s].
 
     ``signals`` and ``pairs`` describe each pair, ``forces`` are total impulses, None without friction.
-    ``phi`` are the distances at q of contacts and limits; ``curved`` is whether one is not affine in q.
+    ``phi`` are the distances at q of contacts and limits; ``curved`` says that one of them is not affine in q.
     """
 
     lam: ca.SX
@@ -130,10 +130,10 @@ def contact_rows(
 
     ``step_along(J)`` is the displacement of the step along the rows J. The pairs are in this order: normal
     pairs, pairs of limits, pairs of the friction cone. A contact whose friction is the number zero has only its
-    normal pair. Where friction is a parameter whose value is zero, the contact has all pairs, but those of
-    friction ignore its slip and exert no impulse.
+    normal pair. If friction is a parameter whose value is zero, the contact has all pairs, but its friction
+    pairs ignore the slip and exert no impulse.
 
-    Raises ``ValueError`` where a dimension does not fit.
+    Raises ``ValueError`` if a dimension does not fit.
     """
     nc, nl, space = len(spec.contacts), len(spec.limit_names), spec.space
     nv = q.numel() if space is None else space.velocities
@@ -188,7 +188,7 @@ def _friction_rows(
     step_along: Callable[[ca.SX], ca.SX],
     h: ca.SX | float,
 ) -> tuple[ca.SX, list[Row], ContactForces]:
-    """Return all multipliers, the rows of the friction cone, and the total impulses of contacts.
+    """Return all multipliers, the rows of the friction cone, and the total impulses at contacts.
 
     The first row replaces the normal row of contacts with friction; ``tangent_rows`` has one matrix
     (nc, nv) for each tangent.
@@ -220,7 +220,7 @@ def _friction_rows(
 
 
 def _replace_entries(row: Row, replacement: Row, places: list[int]) -> Row:
-    """Return ``row`` with its entries at the indices ``places`` taken from ``replacement``."""
+    """Return ``row`` with the entries at the indices ``places`` replaced by those of ``replacement``."""
     if len(places) == len(row.signals):
         return replacement
     gap, direction, signals = ca.SX(row.gap), ca.SX(row.direction), list(row.signals)

@@ -37,7 +37,7 @@ class LUFactors:
                 self._lower[i][pivot] = factor
                 columns[i] |= dict.fromkeys(beside)
             if beside:
-                # One product updates all entries: a graph of thousands of nodes is built in milliseconds.
+                # A single product updates all entries, so that a graph of thousands of nodes is built in milliseconds.
                 A[below, beside] -= factors @ ca.densify(row[beside]).reshape((1, -1))
 
     def solve(self, b: ca.SX) -> ca.SX:
@@ -59,10 +59,10 @@ def solve_without_pivoting(A: ca.SX, b: ca.SX) -> ca.SX:
 
 
 def solve_in_order(A: ca.SX, b: ca.SX, order: list[int], refinements: int) -> ca.SX:
-    """Solve ``A y = b`` with rows and columns eliminated in this ``order``, then refine the solution.
+    """Solve ``A y = b``, eliminating rows and columns in this ``order``, then refine the solution.
 
     An order that keeps A sparse may give pivots that are small relative to their rows. Each of the
-    ``refinements`` adds the solution for ``b - A y``, which recovers digits lost to such pivots.
+    ``refinements`` adds the solution for ``b - A y``, which reduces the rounding error due to such pivots.
     """
     ordered, factors = A[order, order], LUFactors(A[order, order])
     y = factors.solve(b[order, :])

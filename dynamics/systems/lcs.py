@@ -1,4 +1,4 @@
-"""Linear complementarity systems, and their well-posedness test."""
+"""Linear complementarity systems, and a test of their well-posedness."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ def lcs(
 
     ``x+ = A x + B u + C lam + c``, ``0 <= lam ⟂ D x + E u + F lam + d >= 0``; matrices numeric or
     symbolic in ``parameters``. It has one solution for every (x, u) iff F is a P-matrix, see
-    :func:`is_p_matrix`. Where h is a parameter and ``x+ = x`` at h = 0 without contact, h is only a
-    step size, and h/4 gives the same system with finer steps.
+    :func:`is_p_matrix`. If h is a parameter and ``x+ = x`` at h = 0 without contact, h is only a step size: h/4 gives
+    the same system with finer steps.
 
-    Raises ``ValueError`` where a matrix has the wrong shape.
+    Raises ``ValueError`` if a matrix has the wrong shape.
     """
     matrices = {
         key: ca.SX(ca.DM(np.atleast_2d(value))) if not isinstance(value, ca.SX) else value
@@ -86,9 +86,8 @@ def _column(value: ArrayLike | ca.SX, size: int, name: str) -> ca.SX:
 def is_p_matrix(F: ArrayLike) -> bool:
     """Return whether every principal minor of F (n, n) is positive; n may be up to about 16.
 
-    Uses Tsatsomeros and Li's recursion on Schur complements, 2^n steps without a determinant:
-    F is a P-matrix iff F[0,0] > 0 and both F without row and column 0 and the Schur complement of
-    F[0,0] are P-matrices.
+    The recursion of Tsatsomeros and Li on Schur complements takes 2^n steps and no determinant: F is a P-matrix iff
+    F[0,0] > 0 and both F without row and column 0 and the Schur complement of F[0,0] are P-matrices.
     """
     matrix = np.atleast_2d(np.asarray(F, dtype=float))
     if matrix.shape[0] != matrix.shape[1] or not np.all(np.isfinite(matrix)):

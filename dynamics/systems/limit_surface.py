@@ -17,8 +17,8 @@ class LimitSurface:
     """Friction of the body ``name`` on a table; its coordinates x, y (and angle) start at the index ``first``.
 
     The friction wrench w = (f_x, f_y, m) stays within the ellipsoid ``|g| <= 1``, ``g = (f_x, f_y, m / reach) /
-    force`` (Goyal, Ruina and Papadopoulos, doi 10.1016/0043-1648(91)90104-3; Lynch, doi 10.1109/70.508439), and
-    the body slides along the ellipsoid's normal at w where w lies on its surface::
+    force`` (Goyal, Ruina and Papadopoulos, doi 10.1016/0043-1648(91)90104-3; Lynch, doi 10.1109/70.508439), and where
+    w lies on the surface of the ellipsoid, the body slides along its normal at w::
 
         (dx, dy, reach dangle) = s g,   0 <= s ⟂ h force (1 - |g|²) / 2 >= 0
 
@@ -26,8 +26,8 @@ class LimitSurface:
     written ``p - n``, with ``0 <= p ⟂ m/h (p - s g) >= 0`` and ``0 <= n ⟂ m/h (n + s g) >= 0``.
 
     ``force`` [N] is Coulomb's coefficient times the weight, ``reach`` [m] the mean distance of the
-    pressure from the centre of mass, None for a body that never rotates. w is the applied wrench,
-    less ``M dq / h²`` where the body is ``inertial``; otherwise it is quasi-static.
+    pressure from the centre of mass, None for a body that never rotates. w is the applied wrench, minus ``M dq / h²``
+    if the body is ``inertial``; otherwise the body is quasi-static.
     """
 
     name: str
@@ -52,7 +52,7 @@ def add_table_friction(
     surfaces: Sequence[LimitSurface],
     h: ca.SX | float,
 ) -> tuple[ContactRows, ca.SX]:
-    """Return ``rows`` with the pairs of bodies on a table, and ``residual`` with their sliding motion.
+    """Return ``rows`` with the pairs of bodies on a table added, and ``residual`` with their sliding motion added.
 
     ``pushed`` are the impulses of contacts and load (nq, 1) [N s], ``mass`` is M (nq, nq).
     """

@@ -1,4 +1,4 @@
-"""The interface of machines in the plane and in space, and the machine that a system was built from."""
+"""The interface of machines in the plane and in space, and a record of the machine that a system was built from."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from dynamics.systems.system import ContactSystem
 
 WORLD = "world"
-"""Name of the link or body to which parts that never move belong."""
+"""Name of the link or body of parts that never move."""
 
 
 class PlacedShape(NamedTuple):
@@ -37,7 +37,7 @@ class StepOptions(TypedDict, total=False):
     """Settings of a step, in the plane and in space.
 
     One unit of input is ``scale`` times the gear [N m, N]; ``cone`` is the formulation of the
-    friction cone; with ``linearised`` gaps are expanded at the current pose.
+    friction cone; with ``linearised``, gaps are linearised at the current pose.
     """
 
     scale: float
@@ -91,7 +91,7 @@ class Multibody(ABC):
         """
 
     def meeting_shapes(self) -> Iterator[tuple[tuple[str, str], PlacedShape, PlacedShape]]:
-        """Yield each collision pair and its two shapes; a shape fixed to the world comes second."""
+        """Yield each collision pair and its two shapes; if one of them is fixed to the world, it comes second."""
         by_name = {placed.name: placed for placed in self.shapes}
         for pair in self.collision_pairs:
             first, second = (by_name[name] for name in pair)
@@ -102,8 +102,8 @@ class Multibody(ABC):
 class Mechanism:
     """The ``machine`` that a system was built from, and settings of its step.
 
-    One unit of input is ``scale`` times a joint's gear; ``spheres`` names those that may touch the ground, None
-    for all. ``gyroscopic`` says how the step integrates Coriolis and centrifugal forces in the plane.
+    One unit of input is ``scale`` times a joint's gear; ``spheres`` are the names of the spheres that may
+    touch the ground, None for all. ``gyroscopic`` is the integration of Coriolis and centrifugal forces in the plane.
     """
 
     machine: Multibody

@@ -11,7 +11,7 @@ Built = TypeVar("Built")
 
 
 class OncePerPose(Generic[Built]):
-    """A function of a pose q that is evaluated once per pose, so that expressions share sines and cosines."""
+    """A function of a pose q that is evaluated once per pose, so that its results share sines and cosines."""
 
     def __init__(self, build: Callable[[ca.SX], Built]) -> None:
         self._build = build

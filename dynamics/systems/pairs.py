@@ -1,4 +1,4 @@
-"""Complementarity pairs of a system: kinds, forces, uniqueness; and the most exact model of a system."""
+"""Complementarity pairs of a system (kinds, forces, uniqueness), and the most exact model of a system."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Kind = Literal["normal", "friction", "slip", "limit", "table"]
 class Pair:
     """One complementarity pair ``lam ⟂ gap``: its kind, and the index of its contact or limit.
 
-    In these kinds lam is complementary to gap: ``normal``, an impulse along the normal (or along an edge of the
+    The kinds are, as lam and gap: ``normal``, an impulse along the normal (or along an edge of the
     friction cone) and a distance; ``friction``, an impulse along the tangent and the slip in its direction;
     ``slip``, the slip and the margin of the friction cone; ``limit``, the impulse of a joint limit and the
     distance from it; ``table``, a distance that a body slides on a table and the margin of friction there. All
@@ -71,8 +71,8 @@ class EnergyBalance:
 def deciding_pairs(pairs: tuple[Pair, ...]) -> list[int]:
     """Return, for each pair, the index of the pair whose distance sets its mu.
 
-    For a friction or slip pair this is the normal pair of its contact: how soft a contact is depends on its
-    distance, not on its sliding speed. For edges of a cone, which are normal pairs, and for pairs of a contact
+    For a friction or slip pair this is the normal pair of its contact: the smoothing of a contact depends on
+    its distance, not on its sliding speed. For edges of a cone, which are normal pairs, and for pairs of a contact
     whose normal force is known, the index is the pair's own.
     """
     normal = {pair.contact: i for i, pair in enumerate(pairs) if pair.kind == "normal"}
@@ -84,15 +84,15 @@ _N_PROBES = 3
 # Relative size up to which a singular value or the change of a gap counts as zero.
 _RANK_TOLERANCE = 1e-9
 _MAX_ENUMERATED_CONTACTS = 10
-"""Maximum number of pairs whose subsets are all checked where F does not have full rank."""
+"""Maximum number of pairs for which all subsets are checked if F does not have full rank."""
 
 
 def has_open_multipliers(pairs: tuple[Pair, ...], contact: ca.Function, parameters: np.ndarray) -> bool:
-    """Whether multipliers may be non-unique, so that F is not a P-matrix.
+    """Return whether multipliers may be non-unique, in which case F is not a P-matrix.
 
     ``contact`` maps (x, u, p) to F (n, n) and z (n, 1), the gap being ``z + F lam``. Multipliers may be
-    non-unique with friction, and with edges of a friction cone, which close at the same time. Those of other
-    contacts may be non-unique where a set of contacts has a singular block of F at random states and default
+    non-unique with friction, and with edges of a friction cone, which close at the same time. Multipliers of other
+    contacts may be non-unique if a set of contacts has a singular block of F at random states and default
     parameters, unless a combination ``n' gap = n' z`` of the set's gaps, independent of lam, is a nonzero
     constant, such as the distance between two walls: the contacts of such a set are never closed at the same
     time.
@@ -110,7 +110,7 @@ def has_open_multipliers(pairs: tuple[Pair, ...], contact: ca.Function, paramete
 
 
 def _probes(contact: ca.Function, parameters: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Return F (n, n) and z (n,) at random states and inputs, without samples that are not finite."""
+    """Return F (n, n) and z (n,) at random states and inputs; samples that are not finite are left out."""
     sizes = contact.numel_in(0), contact.numel_in(1)
     rng, samples = np.random.default_rng(0), []
     for _ in range(_N_PROBES):
@@ -120,7 +120,7 @@ def _probes(contact: ca.Function, parameters: np.ndarray) -> list[tuple[np.ndarr
 
 
 def _may_close_at_once(probes: list[tuple[np.ndarray, np.ndarray]], rows: list[int]) -> bool:
-    """Whether the block of F at these ``rows`` is singular and the gaps of all rows may close at the same time."""
+    """Return whether the block of F at these ``rows`` is singular and all gaps of the rows may close together."""
     gap_sizes = []
     for F, z in probes:
         left_vectors, size, _ = np.linalg.svd(F[np.ix_(rows, rows)])
@@ -132,7 +132,7 @@ def _may_close_at_once(probes: list[tuple[np.ndarray, np.ndarray]], rows: list[i
     return not (constant and min(gap_sizes) > _RANK_TOLERANCE)
 
 
-# Notes on the most exact model: what it improves.
+# Notes on the differences between the most exact model and the system.
 ITSELF = "the model itself"
 TRUE_GAPS = "true gaps"
 COULOMB = "Coulomb friction with maximum dissipation"
@@ -144,10 +144,10 @@ _REST_TOLERANCE = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class RefereeModel:
-    """The most exact model of a system; ``note`` states what it improves.
+    """The most exact model of a system; ``note`` says what it adds to the system's own model.
 
-    ``build`` returns it, with the same x, u, x_next and parameters but its own lam and gap, so that states and
-    inputs can be replayed. ``build`` is None where no model more exact than the system is known.
+    ``build`` returns this model, with the same x, u, x_next and parameters but its own lam and gap, so that states and
+    inputs can be replayed. ``build`` is None if no model is known to be more exact than the system.
     """
 
     note: str = ITSELF
@@ -157,7 +157,7 @@ class RefereeModel:
 def by_true_distance(system: ContactSystem) -> RefereeModel | None:
     """Return the most exact model of a system defined without a builder; None for a system without distances ``phi``.
 
-    Where all pairs are frictionless contacts, one for each distance ``phi`` [m], and the gaps of bodies at rest
+    If all pairs are frictionless contacts, one for each distance ``phi`` [m], and the gaps of bodies at rest
     equal phi, the gaps are assumed to be expansions of phi and are replaced by the true distances phi of the
     next state. Other gaps, such as those of a spring or a law of restitution, are unchanged.
     """
@@ -181,7 +181,7 @@ def by_true_distance(system: ContactSystem) -> RefereeModel | None:
 
 
 def _is_distance_at_rest(system: ContactSystem, phi: ca.SX) -> bool:
-    """Whether the gap equals ``phi`` for bodies at rest, ``x_next = x``, at a few random poses."""
+    """Return whether the gap equals ``phi`` for bodies at rest, ``x_next = x``, at a few random poses."""
     gaps_at_rest = ca.Function(
         "both",
         [system.x, system.u, system.parameters.vector],

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from dynamics.systems.checks import parse_number, require_items, require_text
 
 LAW_PREFIX = "contact."
-"""Prefix of the names of a contact law's parameters, which a problem's parameters do not have."""
+"""Prefix of the names of a contact law's parameters; parameters of problems do not have it."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class Parameter:
 
 
 def matrix_parameters(name: str, values: ArrayLike, unit: str = "1") -> list[Parameter]:
-    """Return a parameter for each entry of a matrix, called ``name[i,j]`` (of a vector, ``name[i]``)."""
+    """Return a parameter for each entry of a matrix, called ``name[i,j]``, or ``name[i]`` for a vector."""
     return [
         Parameter(f"{name}[{','.join(map(str, index))}]", float(value), unit)
         for index, value in np.ndenumerate(np.asarray(values))
@@ -165,22 +165,22 @@ class ParameterTable:
 
 
 def _entry(name: str) -> tuple[str, tuple[int, ...]]:
-    """Split a name such as ``A[0,1]`` into the matrix's name and the index, which is empty for other names."""
+    """Split a name such as ``A[0,1]`` into the matrix's name and the index; the index of other names is empty."""
     matrix_name, bracket, indices = name.partition("[")
     return matrix_name, tuple(int(index) for index in indices.rstrip("]").split(",")) if bracket else ()
 
 
 def signals(definition: str) -> tuple[Signal, ...]:
-    """Read ``"x [m] position; v [m/s] velocity"`` into signals.
+    """Parse signals from a text such as ``"x [m] position; v [m/s] velocity"``.
 
-    Raises ``ValueError`` for anything but text of this form.
+    Raises ``ValueError`` for text of any other form.
     """
     require_text("signals", definition)
     parsed = []
     for item in definition.split(";"):
         name, opened, after_bracket = item.strip().partition("[")
         unit, closed, description = after_bracket.partition("]")
-        # A single word is a name without unit; where there are several words, one of them may be meant as the
+        # A single word is a name without unit; with several words, one of them may be intended as the
         # unit.
         if opened != "[" * len(closed) or (not opened and len(name.split()) > 1):
             raise ValueError(

@@ -1,4 +1,4 @@
-"""A mechanical system with contact, independent of the contact law."""
+"""A mechanical system with contact; its definition does not depend on the contact law."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class ReducedContact:
     """The step of a system solved for the next state: ``x_next = a + B lam``.
 
     ``a`` (nx, 1), ``B`` (nx, nlam), the gap ``z`` (nlam, 1) at ``lam = 0`` and its derivative ``F``
-    (nlam, nlam) with respect to lam are expressions in the state, the input and the parameters alone. Where
+    (nlam, nlam) with respect to lam are expressions in the state, the input and the parameters only. If
     ``affine``, ``gap = z + F lam`` for every lam. Otherwise the derivative is taken at ``x_next = x``, before
     any rotation, so that F is the symmetric ``J M^-1 J'`` of a linearised gap, whose value at ``lam = 0`` is
     ``z_linear``.
@@ -47,18 +47,18 @@ class ContactSystem:
 
     ``residual`` (nx, 1) and ``gap`` (nlam, 1) are expressions in the symbols ``x`` (nx, 1), ``u``
     (nu, 1), ``x_next`` (nx, 1), ``lam`` (nlam, 1) and the parameters. The contact law, which solves
-    or smooths the complementarity, is chosen later (:mod:`dynamics.contact`).
+    or smooths the complementarity, is not part of the system (:mod:`dynamics.contact`).
 
-    ``phi`` are the true signed distances [m] as an expression in ``x`` alone, for the audit, since a
-    gap may be a linearisation. ``mu_per_kappa`` converts the log-barrier weight kappa [1/J] to
-    the central-path parameter, ``mu = mu_per_kappa / kappa``.
+    ``phi`` are the true signed distances [m] as an expression in ``x`` only; the audit needs them since a gap may be
+    a linearisation. ``mu_per_kappa`` converts the log-barrier weight kappa [1/J] to the central-path parameter, ``mu
+    = mu_per_kappa / kappa``.
 
     ``pairs`` give the meaning of each entry of ``lam``, by default the normal impulse of a separate
     contact; ``forces`` are total impulses per contact, None without friction. ``energy_balance`` is None
-    where the builder has no expressions for it.
+    if the builder has no expressions for it.
 
-    Where the Jacobian of ``residual`` with respect to ``x_next`` depends on the state, it must have
-    positive leading minors, as a mass matrix has.
+    If the Jacobian of ``residual`` with respect to ``x_next`` depends on the state, it must have positive
+    leading minors, like a mass matrix.
 
     ``referee_model`` is the most exact model known of the system, see :attr:`most_exact`. ``refinable`` says
     that h is only a step size, so that ``h / 4`` gives the same system with finer steps. ``mass`` M (nq, nq),
@@ -70,9 +70,9 @@ class ContactSystem:
 
     ``rotating_entries`` are the indices into x of quaternions, and of origins that rotate about a
     centre of mass: their rows of the residual are ``x_next[i] - f`` with f an expression in (x, u)
-    and the other entries of x_next, and need not be affine.
+    and the other entries of x_next; f need not be affine.
 
-    Raises ``ValueError`` where a dimension does not fit or a symbol is not declared.
+    Raises ``ValueError`` if a dimension does not fit or a symbol is not declared.
     """
 
     name: str
@@ -170,15 +170,15 @@ class ContactSystem:
         """The most exact model known of the same system, or the system itself.
 
         That model has true gaps at the next position in place of linearised gaps, and Coulomb friction with
-        maximum dissipation in place of convex friction. Its x, u, x_next, h and parameters are the same, its
-        lam and gap are its own.
+        maximum dissipation in place of convex friction. Its x, u, x_next, h and parameters are the same; its
+        lam and gap differ.
         """
         sharp = self._referee_model
         return self if sharp is None or sharp.build is None else sharp.build()
 
     @property
     def referee_note(self) -> str | None:
-        """Improvement of :attr:`most_exact` over the model; None for a system without geometry."""
+        """Improvement of :attr:`most_exact` over this system; None for a system without geometry."""
         return None if self._referee_model is None else self._referee_model.note
 
     @property
@@ -190,7 +190,7 @@ class ContactSystem:
 
     @cached_property
     def distance_names(self) -> tuple[str, ...]:
-        """Names of the entries of ``phi``: those of the contacts, then those of joint limits."""
+        """Names of the entries of ``phi``: contacts first, then joint limits."""
         count = 0 if self.phi is None else self.phi.numel()
         kinds = [(pair.kind, signal.name) for pair, signal in zip(self.pairs, self.contacts, strict=True)]
         points = [name for kind, name in kinds if kind == "normal"]
@@ -200,12 +200,12 @@ class ContactSystem:
 
     @cached_property
     def deciding_pairs(self) -> list[int]:
-        """For each pair, the index of the pair whose gap sets its mu."""
+        """Index, for each pair, of the pair whose gap sets its mu."""
         return deciding_pairs(self.pairs)
 
     @cached_property
     def without_rotations(self) -> tuple[ca.SX, ca.SX]:
-        """Residual that is affine in (x_next, lam), and gap without the rotating entries of x_next.
+        """Residual that is affine in (x_next, lam), and gap, both without the rotating entries of x_next.
 
         The residual's rows of rotating entries are linearised about no motion. In the gap these
         entries are replaced by their exact update from the other entries of x_next.
@@ -223,7 +223,7 @@ class ContactSystem:
 
     @cached_property
     def expansion_state(self) -> ca.SX:
-        """The x_next (nx, 1) about which gaps are expanded: x, with velocities that rotate bodies set to zero."""
+        """The x_next (nx, 1) about which gaps are linearised: x, with velocities that rotate bodies set to zero."""
         start, rows = ca.SX(self.x), self.residual[list(self.rotating_entries)]
         for i in range(self.nx):
             if i not in self.rotating_entries and ca.depends_on(rows, self.x_next[i]):
@@ -231,7 +231,7 @@ class ContactSystem:
         return start
 
     def integrate_rotations(self, x_next: ca.SX) -> ca.SX:
-        """Rotating entries (n, 1) of the next state, computed from its other entries."""
+        """Return the rotating entries (n, 1) of the next state, computed from its other entries."""
         rows = list(self.rotating_entries)
         quaternions = self.x_next[rows] - self.residual[rows]
         return ca.substitute(quaternions, self.x_next, x_next)
@@ -260,7 +260,7 @@ class ContactSystem:
     def reduced(self) -> ReducedContact:
         """The step solved for the next state, see :class:`ReducedContact`.
 
-        Raises ``ValueError`` where the residual is not affine in ``(x_next, lam)``.
+        Raises ``ValueError`` if the residual is not affine in ``(x_next, lam)``.
         """
         nx, nothing = self.nx, ca.SX.zeros(self.nlam)
         unknown, (residual, gap) = ca.vertcat(self.x_next, self.lam), self.without_rotations
@@ -270,7 +270,7 @@ class ContactSystem:
         constant = ca.substitute(residual, unknown, ca.SX.zeros(unknown.numel()))
         solve = solve_without_pivoting if self.has_variable_inertia else ca.solve
         solved = -solve(jacobian[:, :nx], ca.horzcat(constant, jacobian[:, nx:]))
-        # CasADi substitutes a symbol only by an expression that has an entry, even where it is zero.
+        # CasADi can replace a symbol only by an expression with an entry, even if this entry is zero.
         a, B = ca.densify(solved[:, 0]), solved[:, 1:]
         by_state, by_lam = (ca.jacobian(gap, symbols) for symbols in (self.x_next, self.lam))
         affine = not ca.depends_on(ca.vertcat(ca.vec(by_state), ca.vec(by_lam)), unknown)
@@ -282,7 +282,7 @@ class ContactSystem:
 
     @cached_property
     def x_next_expr(self) -> ca.SX:
-        """The next state (nx, 1) in terms of (x, u, lam, p); raises as :attr:`reduced` does."""
+        """The next state (nx, 1), an expression in (x, u, lam, p); raises as :attr:`reduced` does."""
         if not self.has_variable_inertia:
             return self.reduced.a + self.reduced.B @ self.lam
         at_zero = ca.substitute(self.without_rotations[0], self.x_next, ca.SX.zeros(self.nx))

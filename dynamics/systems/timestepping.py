@@ -1,4 +1,4 @@
-"""Implicit steps of mechanical systems with contact: Stewart and Trinkle's, and quasi-dynamic ones."""
+"""Implicit steps of mechanical systems with contact: time stepping of Stewart and Trinkle, and quasi-dynamics."""
 
 from __future__ import annotations
 
@@ -50,14 +50,14 @@ def time_stepping(
     - friction ``0 <= beta± ⟂ psi ± h J_t v+ >= 0`` and slip ``0 <= psi ⟂ f gamma - beta+ - beta- >=
       0``: maximum dissipation over the linearised cone, psi [m] the distance slid in a step.
 
-    ``lam`` stacks gamma, nu, beta+, beta-, psi in this order. All products lam gap are in N s m, so
-    one mu suits all pairs, and where ``distance`` is given the log-barrier weight converts as
-    ``mu = h / kappa`` (Suh et al. on pathologies of differentiable simulators, eq. 2-5). The state is
-    ``(q, v)``, each (nq, 1); where the step size is optimised, it is the last state, a symbol h.
+    ``lam`` stacks gamma, nu, beta+, beta-, psi in this order. All products lam gap are in N s m, so one mu suits all
+    pairs, and if ``distance`` is given, the log-barrier weight converts as ``mu = h / kappa`` (Suh et al. on
+    pathologies of differentiable simulators, eq. 2-5). The state is ``(q, v)``, each (nq, 1); if the step size is
+    optimised, it is the symbol h, the last entry of the state.
 
     ``mass`` is M (nq, nq), constant or a function of q; ``impulse`` maps (q, v, u) to the smooth impulse over
     one step (nq, 1) [N s], without the impulse of ``damping`` D and ``stiffness`` K (nq, nq), which act
-    implicitly so that stiff joints stay stable. For the nc ``contacts``, ``distance`` maps q to phi (nc, 1)
+    implicitly so that steps of stiff joints are stable. For the nc ``contacts``, ``distance`` maps q to phi (nc, 1)
     [m], ``sliding`` to the rows J_t (nc, nq) with slip velocity J_t v [m/s]; ``friction`` is Coulomb's f, a
     scalar or (nc, 1), which may be zero, or None without friction. ``limits`` maps q to the distance from every
     joint limit, ``energy_balance`` maps (q, v, u, v+, gamma, beta+ - beta-) to the
@@ -69,16 +69,16 @@ def time_stepping(
     ``upper ⟂ dual + 2 h J_t v+`` and ``dual ⟂ 2 f gamma - upper``, upper = f gamma + beta, dual = psi - h J_t
     v+. At mu = 0 both cones give the same law; their central paths differ.
 
-    With ``cone="edges"`` a step is a convex program where its gaps are affine, but a sliding contact opens, see
+    With ``cone="edges"`` a step is a convex program if its gaps are affine, but a sliding contact opens, see
     :func:`~dynamics.systems.timestepping.quasi_dynamic`; the most exact model of the system has maximum
     dissipation.
 
-    With ``linearised`` the gaps are expanded at the current q, so that rotating bodies may penetrate; the most
+    With ``linearised`` the gaps are linearised at the current q, so that rotating bodies may penetrate; the most
     exact model of the system has the true distances. With ``load`` [N] in place of ``distance`` the contacts
     never open, see :func:`~dynamics.systems.timestepping.pressed_rows`.
 
     Source: Stewart and Trinkle, doi 10.1002/(SICI)1097-0207(19960815)39:15<2673::AID-NME972>3.0.CO;2-I. Raises
-    ``ValueError`` where an argument has the wrong type or a dimension does not fit.
+    ``ValueError`` if an argument has the wrong type or a dimension does not fit.
     """
     _check_arguments(name, states, inputs, contacts, h, parameters, cone)
     functions = {"impulse": impulse, "distance": distance, "sliding": sliding, "limits": limits}
@@ -193,7 +193,7 @@ def pressed_rows(
     m as for other pairs. J = ``slide`` (nc, nq), ``load`` > 0 the normal forces [N], a scalar or (nc, 1);
     ``inertia`` A (nq, nq) and ``free`` (nq, 1) give ``v+ = free + A^-1 J' f``. On the central path
     ``h J v+ = -2 mu f/(b² - f²)``, a barrier on both faces of the cone. With two distances, instead of two
-    impulses and a distance, the multipliers are unique in stick.
+    impulses and a distance, the multipliers of a sticking contact are unique.
 
     The pairs are those of Li, Gong and Chalvatzaki, IMPACT, arXiv 2605.09127, and of adaptive
     barrier smoothing, fig. 6b.
@@ -241,28 +241,28 @@ def quasi_dynamic(
     load: ca.SX | None = None,
     tables: Sequence[LimitSurface] = (),
 ) -> ContactSystem:
-    """Build a quasi-dynamic system, after Suh et al. on noising contact data, eq. 13, with missing transposes added.
+    """Build a quasi-dynamic system (Suh et al. on noising contact data, eq. 13, with missing transposes added).
 
-    ``(1/h) M dq_u = J_u' lam + h load``, ``h K (q_a+ - u) = J_a' lam``, ``gap = phi(q+)``, with
-    ``q = (q_u, q_a)`` the unactuated and actuated coordinates, ``dq = q+ - q``, u the commanded ``q_a`` [m],
-    ``mass`` M (n_u, n_u) [kg], ``stiffness`` K (n_a, n_a) [N/m], ``lam`` an impulse [N s], ``load`` (n_u, 1)
-    [N] a constant force such as weight, none by default. ``distance`` maps q to phi [m]. With ``linearised``,
-    as in the paper, ``gap = phi(q) + J dq``: the step is a convex QP, and rotating bodies may penetrate.
+    ``(1/h) M dq_u = J_u' lam + h load``, ``h K (q_a+ - u) = J_a' lam``, ``gap = phi(q+)``, with ``q = (q_u, q_a)``
+    the unactuated and actuated coordinates, ``dq = q+ - q``, u the commanded ``q_a`` [m], ``mass`` M (n_u, n_u) [kg],
+    ``stiffness`` K (n_a, n_a) [N/m], ``lam`` an impulse [N s], ``load`` (n_u, 1) [N] a constant force such as weight,
+    zero by default. ``distance`` maps q to phi [m]. With ``linearised``, as in the paper, ``gap = phi(q) + J dq``:
+    the step is a convex QP, and rotating bodies may penetrate.
 
     ``friction`` are Coulomb's coefficients, and ``sliding`` maps q to the rows J_t (nc, nq). With
     ``cone="edges"`` each contact has the two gaps ``gap ± friction J_t dq``, one for each edge of its
-    friction cone, and the impulse ``sum (J ± friction J_t)' lam±``. The step is a convex program
-    where the gap is affine, but a sliding contact opens by ``friction |J_t dq|``. The pairs are
-    ``<name>+`` of all contacts, then ``<name>-`` of all. The most exact model has phi at q+ and
-    Coulomb friction with maximum dissipation, see :func:`~dynamics.systems.timestepping.time_stepping`.
+    friction cone, and the impulse ``sum (J ± friction J_t)' lam±``. The step is a convex program if the gap is
+    affine, but a sliding contact opens by ``friction |J_t dq|``. The pairs are ``<name>+`` of all contacts, followed
+    by ``<name>-`` of all contacts. The most exact model has phi at q+ and Coulomb friction with maximum dissipation,
+    see :func:`~dynamics.systems.timestepping.time_stepping`.
 
     Bodies with a surface in ``tables`` lie on a table and slide on it, see
     :class:`~dynamics.systems.limit_surface.LimitSurface`.
 
-    As the QP ``min 1/2 dq' P dq - b' dq`` has the unit J s, the log-barrier weight converts as
+    The objective of the QP ``min 1/2 dq' P dq - b' dq`` has the unit J s, so the log-barrier weight converts as
     ``mu = 1 / kappa``.
 
-    Raises ``ValueError`` where an argument has the wrong type or a dimension does not fit.
+    Raises ``ValueError`` if an argument has the wrong type or a dimension does not fit.
     """
     _check_arguments(name, states, inputs, contacts, h, parameters, cone)
     nq, nu = len(states), len(inputs)

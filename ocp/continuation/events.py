@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 LOCATION_TOLERANCE = 1e-6
-"""Precision of an event's location, as a share of the parameter's range."""
+"""Precision of an event's location, as a fraction of the parameter's range."""
 EVENT_NAMES = {
     "contact": ("contact event", "contact events"),
     "degenerate": ("degenerate event", "degenerate events"),
@@ -16,7 +16,7 @@ EVENT_NAMES = {
 }
 """Mapping from a kind of event to its name in singular and plural."""
 PAIR_EVENTS = ("contact", "degenerate")
-"""Kinds of events at which pairs change."""
+"""Kinds of events at which complementarity pairs change."""
 MAX_LISTED_EVENTS = 3
 """Maximum number of events of a kind that a sentence lists."""
 
@@ -26,7 +26,7 @@ class Event:
     """One event of a continuation at ``value``.
 
     ``kind`` is "contact" (strict complementarity is lost at one pair), "degenerate" (it is lost at
-    several pairs at once, which are not listed since rounding decides their order), "bound" (it is lost
+    several pairs at once; the pairs are not listed, since rounding errors determine their order), "bound" (it is lost
     at a bound or constraint), "fold" (the reduced KKT matrix is singular, the curve turns) or "switch"
     (another stationary point is cheaper, or the curve ends). ``contact`` and ``steps`` locate the event,
     ``change`` describes it.
@@ -52,12 +52,12 @@ class Event:
 
 
 def degenerate_event(value: float, cost: float) -> Event:
-    """Return the event at which strict complementarity is lost at several pairs at once."""
+    """Return an event of strict complementarity lost at several pairs at once."""
     return Event("degenerate", value, cost, "several pairs change at once")
 
 
 def merge_simultaneous(events: list[Event], span: float | None) -> list[Event]:
-    """Merge simultaneous events of pairs into a degenerate one, and those of one bound at several steps into one.
+    """Merge simultaneous events of pairs into a degenerate event, and events of one bound at several steps into one.
 
     Simultaneous means within 1e-6 of ``span``, or of the value if ``span`` is None (a log scale).
     """
@@ -86,7 +86,7 @@ def _event_identity(event: Event) -> tuple[str, str, str]:
 
 
 def describe_events(events: list[Event], parameter: str) -> str:
-    """Return a sentence on at most three events of each kind, for bounds on their number alone; "" without events."""
+    """Return a sentence on up to three events of each kind (bounds are only counted); "" without events."""
     sentences = []
     for kind, words in EVENT_NAMES.items():
         events_of_kind = [event for event in events if event.kind == kind]

@@ -22,9 +22,9 @@ ACTIVE_SET_TOLERANCE = 1e-8
 WEAK_MARGIN = 1e-6
 """Margin below which a pair counts as weakly active at an event."""
 MAX_EVENTS = 500
-"""Maximum number of predictions in one move."""
+"""Maximum number of predictions in a single move."""
 MIN_MOVE_SHARE = 1 / 16
-"""Smallest prediction of a move, as a share of the distance to its goal."""
+"""Minimum length of a predicted move, as a fraction of the distance to its goal."""
 MAX_LOCATIONS = 60
 """Maximum number of iterations that locate an event."""
 MAX_ARCS = 400
@@ -32,14 +32,14 @@ MAX_ARCS = 400
 MAX_ARCS_TO_FOLD = 40
 """Maximum number of arcs before the first fold."""
 JUMP_DISTANCE = 1e-2
-"""Scaled distance from the tangent, plus twice the predicted step, beyond which a solution is on another curve."""
+"""Scaled distance from the tangent, plus twice the predicted step, above which a solution is on another curve."""
 MIN_COST_GAIN = 1e-6
 """Smallest relative decrease of the cost for which the tracker moves to another stationary point."""
 
 
 @dataclass(frozen=True)
 class Stop:
-    """A point on the path around a fold, and the events since the previous point."""
+    """A point on the curve near a fold, and the events since the previous point."""
 
     value: float
     outcome: RouteResult
@@ -47,13 +47,12 @@ class Stop:
 
 
 class Tracker:
-    """Tracker of a solved point of a session along the parameter ``name``.
+    """Tracker that follows a curve of stationary points along the parameter ``name``, from a session's solution.
 
-    ``events`` are those of the last move, ``fruitless_iterations`` the iterations that led to no point.
-    ``curve`` is None if no smooth curve passes through the point (contacts undecided, or a kink of
-    shooting under the exact law). ``meets_kink`` is true if the active set of a program without pairs
-    changes on the way, which only the solver can pass; ``at_end`` is true if the curve ends at the
-    tracker's point.
+    ``events`` are the events of the last move; ``fruitless_iterations`` counts the iterations that led to no point.
+    ``curve`` is None if no smooth curve passes through the point (contacts are undecided, or shooting under the
+    exact law has a kink there). ``meets_kink`` is true if the active set of a program without pairs changes during
+    a move; only the solver can pass such a change. ``at_end`` is true if the curve ends at the tracker's point.
     """
 
     def __init__(self, session: Session, name: str, span: float, log: bool) -> None:
@@ -63,7 +62,7 @@ class Tracker:
         self.at_end, self.past_fold, self.meets_kink, self.fruitless_iterations = False, False, False, 0
 
     def start_at(self, outcome: RouteResult) -> None:
-        """Move the tracker to an outcome, at the session's present values."""
+        """Move the tracker to an outcome at the session's current values."""
         self.curve, self.at_end, self.events = None, False, []
         program, point = outcome.nlp, outcome.result.point
         self.program = program
@@ -88,10 +87,10 @@ class Tracker:
         return float(self.v[-1] * self.curve.unit)
 
     def move_to(self, value: float) -> RouteResult | None:
-        """Return the outcome of a move to a value, or past some events towards it, by predictions and corrections.
+        """Return the outcome of a move towards ``value``, possibly past events, by predictions and corrections.
 
-        None if a sixteenth of the distance is too far and no event happened; the tracker is then at
-        the last point reached. Also None, with ``at_end``, if the curve ends before the value.
+        Returns None if a sixteenth of the distance is too far and no event was located; the tracker is then at
+        the last point reached. Returns None and sets ``at_end`` if the curve ends before the value.
         """
         assert self.curve is not None
         start_time, iterations, last = time.perf_counter(), 0, -1
@@ -137,14 +136,14 @@ class Tracker:
         return abs(np.log(second / first)) if self.log else abs(second - first)
 
     def _violated(self, curve: KKTCurve, v: np.ndarray | None) -> np.ndarray | None:
-        """Return a mask of violated ends at a point; None if there is no point, or a smooth law's pair is violated."""
+        """Return a mask of violated ends at a point; None without a point, or if a smooth law's pair is violated."""
         if v is None:
             return None
         below = self._finite_margins(curve.margins(v)) < -ACTIVE_SET_TOLERANCE
         return None if not curve.pairs.size and below[curve.program.pairs].any() else below
 
     def _curve_beyond_event(self, curve: KKTCurve, v: np.ndarray, end: int) -> KKTCurve | None:
-        """Return the curve beyond an event; None if the cost falls as a pair leaves (0, 0), which ends the curve."""
+        """Return the curve beyond an event; None if the cost decreases as a pair leaves (0, 0): the curve then ends."""
         held = curve.held.toggle_end(end)
         if end in curve.pairs and held.x[end]:
             if curve.program.reformulation != "none":
@@ -155,14 +154,14 @@ class Tracker:
         return self._curve(curve, v, held)
 
     def _curve(self, curve: KKTCurve, v: np.ndarray, held: Held) -> KKTCurve:
-        """Return a curve through a point of another, with the scaling and unit of that point."""
+        """Return a curve through a point of another curve, with the scaling and unit of that point."""
         (x, y), value = curve.primal_dual(v), float(v[-1] * curve.unit)
         unit = abs(value) if self.log else self.span
         values = {**curve.values, self.name: value}
         return KKTCurve(curve.program, values, self.name, unit, Point(x), y, held)
 
     def _locate_event(self, curve: KKTCurve, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, int]:
-        """Return the point before the first change of the active set between two points, and the end that changes."""
+        """Return the point before the first change of the active set between two points, and the changed end."""
         lower_margins, upper_margins = (self._finite_margins(curve.margins(v)) for v in (low, high))
         end, width = 0, 1e-3 * LOCATION_TOLERANCE
         for count in range(MAX_LOCATIONS):
@@ -215,7 +214,7 @@ class Tracker:
         return RouteResult(result, self.program, True, follower.trace)
 
     def pair_changes(self, old_curve: KKTCurve, outcome: RouteResult) -> list[Event]:
-        """Return contact events at this point for pairs whose member held at zero is another on ``old_curve``."""
+        """Return events for pairs whose other member was held at zero on ``old_curve``."""
         if self.curve is None or not self.curve.pairs.size:
             return []
         program = self.curve.program
@@ -225,7 +224,7 @@ class Tracker:
         return [Event("contact", value, cost, "changes", pair.name, (pair.step,)) for pair in pairs]
 
     def cost(self, f: float, value: float | None = None) -> float:
-        """Return the problem's cost, constant terms included, from a program's cost ``f`` at a parameter value."""
+        """Return the problem's cost, with constant terms, from a program's cost ``f`` at a parameter value."""
         values = {**self.session.values, self.name: self.value if value is None else value}
         return f + Evaluation(self.session.problem, values).constant_cost
 
@@ -251,7 +250,7 @@ class Tracker:
         return RouteResult(better, outcome.nlp, True, follower.trace)
 
     def locate_crossing(self, better: RouteResult, since: float) -> Event:
-        """Return the switch at the value, no earlier than ``since``, from which the curve of ``better`` is cheaper."""
+        """Return the switch event at the first value, from ``since`` on, where the curve of ``better`` is cheaper."""
         other, curve, v = Tracker(self.session, self.name, self.span, self.log), self.curve, self.v
         other.start_at(better)
         low, high, cost = since, self.value, self.cost(better.result.f)
@@ -275,10 +274,10 @@ class Tracker:
         return Event("switch", high, cost, f"another point {ending}")
 
     def turn_folds(self, forward: float, first: float, goal: float) -> Iterator[Stop]:
-        """Yield stops around folds, by pseudo-arclength, until the parameter moves ``forward`` (1 or -1) again.
+        """Yield points around folds, by pseudo-arclength, until the parameter moves ``forward`` (1 or -1) again.
 
-        The stops end early, with ``past_fold`` false, where the active set changes, the parameter is back at
-        ``first``, or no fold comes before ``goal``. The tracker is then at the last stop.
+        The iteration ends early, with ``past_fold`` false, if the active set changes, if the parameter returns to
+        ``first``, or if there is no fold before ``goal``. The tracker is then at the last point.
         """
         assert self.curve is not None
         curve, v, start_time = self.curve, self.v, time.perf_counter()
@@ -314,7 +313,7 @@ class Tracker:
                 return
 
     def _fold(self, curve: KKTCurve, v: np.ndarray, t: np.ndarray, weights: np.ndarray, arc: float) -> np.ndarray:
-        """Return the point where the tangent's parameter component is zero, by bisection in the arc."""
+        """Return the point in the arc at which the tangent's parameter component is zero, by bisection."""
         low, high, fold_point = 0.0, arc, v
         for _ in range(40):
             s = (low + high) / 2
@@ -327,7 +326,7 @@ class Tracker:
 
 
 def _unit_tangent(curve: KKTCurve, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return a tangent of length 1 in variables and parameter, and the weights of that length."""
+    """Return a tangent of length 1 in variables and parameter, and the weights used in this length."""
     weights = np.ones_like(t)
     weights[curve.nx : -1] = 0.0
     return t / np.sqrt((weights * t) @ t), weights

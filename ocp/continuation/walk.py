@@ -1,4 +1,4 @@
-"""Continuation of a solution along a parameter, with the location of its contact changes."""
+"""Continuation of a solution along a parameter, with the locations of contact changes."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ from ocp.solve.request import ProblemLike
 from ocp.solve.solve import new_session
 
 MIN_STEP_SHARE = 1e-3
-"""Smallest step along the curve, as a share of the requested one."""
+"""Minimum step along the curve, as a fraction of the requested step."""
 EASY_ITERATIONS = 15
-"""Number of iterations up to which a solve is easy, so that the next step may grow."""
+"""Maximum number of iterations of an easy solve, after which the next step may be longer."""
 SCALE_MAPS = {"linear": (float, float), "log": (math.exp, math.log)}
-"""Mapping from each scale to two functions, from the scale to values and back."""
+"""Mapping from each scale to two functions: from the scale to parameter values, and the inverse."""
 SMALL_STEP_SHARE = 1 / 16
-"""Share of the requested step up to which a step counts as small."""
+"""Maximum length of a small step, as a fraction of the requested step."""
 
 
 def resolve(session: Session, over: str) -> str:
-    """Return the name of the parameter that ``over`` means: ``M`` or ``problem.M``, ``contact.mu`` or ``mu``.
+    """Return the full name of the parameter ``over``, such as ``M`` or ``problem.M``, ``contact.mu`` or ``mu``.
 
-    Raises :class:`~ocp.errors.InputError` with the existing names, and with an alternative for
-    settings that change the program, such as ``N``.
+    Raises :class:`~ocp.errors.InputError` for an unknown name and for settings that change the program, such as
+    ``N``.
     """
     names = [*session.problem.parameters.names, *session.step.p.names]
     name = over.removeprefix("problem.")
@@ -66,7 +66,7 @@ def continue_over(
 
     ``over`` is a parameter of the problem, or of the law with ``contact.``; the ``steps`` are equal on ``scale``.
     ``request`` are arguments of :func:`ocp.solve`: ``contact``, ``method``, ``policy``, ``solver``, ``settings``,
-    ``params``, ``contact_settings`` and keywords; a session, which is already built, has none.
+    ``params``, ``contact_settings`` and keywords; a session in place of a problem accepts none.
 
     The first point is solved as any problem is. From a point whose active set is decided the next
     is predicted by its sensitivity and corrected by Newton's method on that set; where the set
@@ -80,8 +80,8 @@ def continue_over(
     both neighbours of every point are rolled out there; a point where one of them costs less is an outlier.
 
     Raises :class:`~ocp.errors.InputError` for an unknown parameter or scale, fewer than one step,
-    equal or non-finite ends, a log scale through zero, or an end at which the law or the mechanics
-    is not valid, as without mass.
+    equal or non-finite ends, a log scale through zero, or an end at which the law or the mechanics is not valid, such
+    as zero mass.
     """
     session = problem if isinstance(problem, Session) else new_session(problem, **request)
     name = resolve(session, over)
@@ -95,7 +95,7 @@ def continue_over(
 
 @dataclass
 class _Walk:
-    """A running continuation: ``at`` is the share of the range covered, ``outcome`` the last accepted outcome."""
+    """A running continuation: ``at`` is the covered fraction of the range, ``outcome`` the last accepted outcome."""
 
     session: Session
     tracker: Tracker
@@ -106,7 +106,7 @@ class _Walk:
     progress: Callable[[CurvePoint], None] | None
 
     def follow(self) -> Continuation:
-        """Follow the curve to its end, or to a break."""
+        """Follow the curve to the end of the range, or to a value at which the continuation fails."""
         session, followed, (start, end, steps) = self.session, self.followed, self.request
         first = self._solve(start)
         if self._add_point(first, start):
@@ -151,7 +151,7 @@ class _Walk:
         return self.session.solve(start=point, warm_from=nlp)
 
     def _add_point(self, outcome: RouteResult, value: float) -> bool:
-        """Judge an outcome, add it as a point if it is accepted or the first, and return whether it is accepted."""
+        """Judge an outcome, add it as a point if it is accepted or the first; return whether it is accepted."""
         self.session.values[self.followed.parameter] = value
         solution = judge_outcome(self.session, outcome, self.seed)
         point = CurvePoint(value, solution)
@@ -170,7 +170,7 @@ class _Walk:
         return accepted
 
     def _track_to(self, value: float) -> bool:
-        """Follow the curve to a value, or leave it for a cheaper point, and return whether a point was added."""
+        """Follow the curve to a value, or switch to a cheaper point; return whether a point was added."""
         tracker = self.tracker
         if tracker.curve is None:
             return False
@@ -191,7 +191,7 @@ class _Walk:
         return True
 
     def _solve_and_add(self, value: float, small: bool = True, ended: bool = False) -> bool:
-        """Solve at a value and return whether a point was added; jumps, and any step with pairs, must be ``small``."""
+        """Solve at a value and return whether a point was added; ``small`` permits jumps and steps with pairs."""
         tracker, curve = self.tracker, self.tracker.curve
         if curve is not None and curve.pairs.size and not small:
             return False
@@ -237,14 +237,14 @@ class _Walk:
         return True
 
     def _just_beyond(self, value: float) -> float:
-        """Return a value of the parameter just beyond that of an event, limited to the end of the range."""
+        """Return a value of the parameter just beyond an event's value, limited to the end of the range."""
         start, end, _ = self.request
         reach = math.copysign(value, end - start) if self.tracker.log else end - start
         beyond = value + 0.5 * LOCATION_TOLERANCE * reach
         return end if (beyond - end) * (end - start) > 0 else beyond
 
     def _record_break(self, value: float) -> None:
-        """Record where the curve broke, and why."""
+        """Record where and why the continuation stopped."""
         last = self.followed.points[-1].value
         reason = f"after {self.followed.parameter} = {last:g}, on the way to {value:g}: {self.failed.failure_reason}"
         for worst in self.failed.solution.audit.worst[:1]:
@@ -264,7 +264,7 @@ def check_value(session: Session, name: str, value: float) -> None:
 def check_range(
     scale: str, start: float, end: float, steps: int
 ) -> tuple[Callable[[float], float], Callable[[float], float]]:
-    """Return the functions from the scale to values and back; raise as :func:`continue_over` does."""
+    """Return the functions from the scale to values and the inverse; raise as :func:`continue_over` does."""
     if not (math.isfinite(start) and math.isfinite(end) and start != end):
         raise InputError(f"--from and --to must be finite and differ, got {start} and {end}")
     if steps < 1:

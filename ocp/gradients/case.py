@@ -1,4 +1,4 @@
-"""Description of an objective by names and numbers, which can be sent to other processes and built there."""
+"""Description of an objective by names and numbers, from which other processes can build it."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from ocp.store.provenance import check_content
 from ocp.transcription.factories import law_digest, make_law, policy_of
 
 SIGMA_SHARE = 0.1
-"""Default standard deviation of the noise on a problem's inputs, as a share of their characteristic size."""
+"""Default standard deviation of the noise on a problem's inputs, as a fraction of their characteristic size."""
 SIGMA_RATIO = 1e9
-"""Maximum ratio between the noise and the default noise, in both directions; beyond it rounding errors dominate."""
+"""Maximum ratio of noise and default noise, in either direction; beyond it rounding errors dominate."""
 
 
 @dataclass(frozen=True)

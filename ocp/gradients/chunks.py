@@ -1,4 +1,4 @@
-"""Moments of samples in chunks; a chunk has bitwise the same moments in whichever process it is computed."""
+"""Moments of samples in chunks; the moments of a chunk are bitwise the same in every process."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ocp.gradients.objective import Bulk, SampledObjective
 CHUNK = 1 << 13
 """Number of samples per chunk, which is fixed so that sums are bitwise reproducible."""
 BULK = 1 << 18
-"""Number of samples per chunk if moments are computed in bulk, fixed so that sums are bitwise reproducible."""
+"""Number of samples per chunk for moments computed in bulk, fixed so that sums are bitwise reproducible."""
 
 Contributions = Callable[[Gaussian, int], np.ndarray]
 """Function from (noise, m) to estimates (m, d) from the first m samples of the noise."""

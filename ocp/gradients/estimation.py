@@ -39,7 +39,7 @@ from ocp.gradients.verdict import (
 JUMP_STREAM = 4
 """Index of the random stream that :func:`find_sharpest_change` uses."""
 ALPHA_ORDERS = ("zobg-mean", "fobg")
-"""Names of the two estimators, with independent noise, between which the alpha estimators interpolate."""
+"""Names of the two estimators between which alpha estimators interpolate; their noise is independent."""
 REFERENCE_FACTOR = 10
 """Default number of samples for the reference, as a multiple of the number for an estimator."""
 
@@ -121,7 +121,7 @@ def number_or_list(values: np.ndarray) -> float | list[float]:
 
 
 MIN_SIGMA = 1e-150
-"""Minimum sigma, and inverse of the maximum sigma, so that its square neither underflows nor overflows."""
+"""Minimum sigma, and reciprocal of the maximum sigma, for which sigma squared neither underflows nor overflows."""
 
 
 @dataclass(frozen=True)
@@ -210,7 +210,7 @@ def run_sampling(
     checkpoint: CheckpointKey = NOT_SAVED,
     workers: ChunkSource | None = None,
 ) -> dict[str, Estimate]:
-    """Estimate the gradient of one objective as set by ``sampling``, with random streams derived from ``seed``.
+    """Estimate the gradient of one objective with the settings ``sampling``; random streams derive from ``seed``.
 
     ``checkpoint`` is the storage of unfinished sums and the prefix of their keys. ``workers``, if given,
     computes the chunks in other processes.

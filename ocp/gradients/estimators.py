@@ -103,7 +103,7 @@ class FirstOrder(Estimator):
     stream: ClassVar[int] = 1
 
     def make_sampler(self, objective: SampledObjective, noise: Gaussian, n: int) -> Sampler:
-        """Return a sampler of gradients, which are NaN where the cost is not finite."""
+        """Return a sampler of gradients, which are NaN if the cost is not finite."""
 
         def contributions(g: Gaussian, m: int) -> np.ndarray:
             samples = objective.sample_gradients(g, m)
@@ -189,14 +189,14 @@ def inverse_variance(first_variance: float, zeroth_variance: float) -> float:
     """Return the first-order weight ``alpha* = s0^2 / (s0^2 + s1^2)``, which minimises the variance.
 
     The variance is ``alpha^2 s1^2 + (1 - alpha)^2 s0^2``; alpha* is 1 if both variances are 0. In Suh,
-    Simchowitz, Zhang et al. (2022), eq. 6, alpha is the weight of the zeroth order instead.
+    Simchowitz, Zhang et al. (2022), eq. 6, alpha is the weight of the zeroth-order estimate instead.
     """
     total = first_variance + zeroth_variance
     return zeroth_variance / total if total > 0 else 1.0
 
 
 def bernstein_distance(n: int, d: int, variance: float, deviation: float, delta: float) -> float:
-    """Return a bound, of probability 1 - delta, on the distance of the mean of n samples from its expectation.
+    """Return a bound, with probability 1 - delta, on the distance of the mean of n samples from its expectation.
 
     The bound is ``sqrt(2 s^2 l / n) + 2 L l / (3 n)`` with ``l = ln((d + 1)/delta)``, which is the vector
     Bernstein inequality solved for the distance. ``variance`` s^2 is the trace of one sample's covariance, and
@@ -210,7 +210,7 @@ def bernstein_distance(n: int, d: int, variance: float, deviation: float, delta:
 class ConfidenceTest(Configured):
     """Rule for the first-order weight alpha: minimum variance subject to ``alpha B + epsilon <= gamma``.
 
-    B is the distance between the two estimates, and epsilon bounds the error of the zeroth order with failure
+    B is the distance between the two estimates, and epsilon bounds the error of the zeroth-order estimate with failure
     probability ``delta``, so that the error of the interpolated gradient is below ``gamma`` with probability 1
     - delta. This is the rule of Suh, Simchowitz, Zhang and Tedrake (ICML 2022), also used in Suh, Simchowitz,
     Zhang et al. (2022), sec. IV-C. If ``gamma`` is None, a tenth of the zeroth-order gradient's norm is used.
@@ -227,7 +227,7 @@ class ConfidenceTest(Configured):
     summary: ClassVar[str] = "both orders, weighted subject to a confidence test"
 
     def choose_weight(self, evidence: Evidence) -> Choice:
-        """Choose alpha: 0 if even the zeroth order is too uncertain, else alpha*, reduced to satisfy the test."""
+        """Choose alpha: 0 if the zeroth-order estimate is too uncertain, else alpha* reduced until the test holds."""
         deviation = evidence.deviation if self.deviation is None else self.deviation
         epsilon = bernstein_distance(evidence.n, evidence.d, evidence.zeroth_variance, deviation, self.delta)
         gamma = 0.1 * evidence.gradient_size if self.gamma is None else self.gamma
@@ -257,14 +257,14 @@ class InverseVariance:
 
 @dataclass(frozen=True)
 class FixedWeight(Configured):
-    """Rule with a constant weight alpha of the first order; raises :class:`~ocp.errors.InputError` outside [0, 1]."""
+    """Rule with a constant first-order weight alpha; raises :class:`~ocp.errors.InputError` outside [0, 1]."""
 
     alpha: float = setting(0.5, "weight of the first order", least=0, most=1)
     name: ClassVar[str] = "alpha-fixed"
     summary: ClassVar[str] = "both orders, with a constant weight"
 
     def choose_weight(self, evidence: Evidence) -> Choice:
-        """Choose the constant weight, whatever the evidence."""
+        """Return the constant weight for any evidence."""
         return Choice(self.alpha, "constant")
 
 

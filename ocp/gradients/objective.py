@@ -48,7 +48,7 @@ class ClosedForm:
 
 
 class SampledObjective(ABC):
-    """Base class of costs ``V(theta, w)`` whose mean over ``w ~ N(0, sigma^2 I)`` is to be differentiated.
+    """Base class of costs ``V(theta, w)`` whose mean over ``w ~ N(0, sigma^2 I)`` estimators differentiate.
 
     ``decision`` contains the names and units of the d components of ``theta`` (d,). ``parameters`` maps the
     names of all other parameters that a sweep may change to their values. ``n_noise`` is the number of
@@ -193,7 +193,7 @@ class StaticObjective(SampledObjective):
 
 
 def without_warnings(function: Callable[..., Any], *args: Any, **named: Any) -> Any:
-    """Call ``function`` without warnings about non-finite samples, which estimators count themselves."""
+    """Call ``function`` without warnings about non-finite samples, which estimators count separately."""
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", category=BatchWarning, message=".*non-finite")
         return function(*args, **named)

@@ -1,4 +1,4 @@
-"""Objective that consists of a problem's cost along rollouts, as a function of inputs or feedback gains."""
+"""Cost of a problem along rollouts, as an objective in the inputs or the feedback gains."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class RolloutObjective(SampledObjective):
         self.decision = _decision(problem, policy, shape)
 
     def costs(self, noise: np.ndarray) -> np.ndarray:
-        """Return the costs (n,) at the noise (n, N nu), whose first nu columns are for step 0, the next for step 1."""
+        """Return the costs (n,) at the noise (n, N nu); the first nu columns are for step 0, the next nu for step 1."""
         n, system = len(noise), self.problem.system
         noise_per_step = np.ascontiguousarray(noise.reshape(n, self.problem.N, system.nu))
         return self._roll_out(n, 0, noise=noise_per_step, gradient=False).cost
@@ -89,7 +89,7 @@ class RolloutObjective(SampledObjective):
         return CostSamples(rollouts.cost, acts * disturbance / noise.component_scales(d) ** 2)
 
     def moments(self, noise: Gaussian, n: int, order: Order, baseline: float = 0.0) -> Bulk | None:
-        """Return moments over n samples, accumulated by the compiled function that draws the noise and simulates."""
+        """Return moments over n samples, computed in the compiled function that draws the noise and simulates."""
         sums = without_warnings(
             self._forward.moments,
             **self._arguments(n, noise.first),

@@ -16,7 +16,7 @@ from ocp.gradients.objective import SampledObjective
 from ocp.store.checkpoint import UNSAVED, SavedWork
 
 _MAX_STORED_VALUES = 1 << 20
-"""Number of values (samples times components) from which on only moments are stored, not single samples."""
+"""Number of values (samples times components) above which only moments are stored, not single samples."""
 CheckpointKey = tuple[SavedWork, str]
 """Storage of unfinished sums, and the key under which they are saved."""
 NOT_SAVED: CheckpointKey = (UNSAVED, "")
@@ -61,7 +61,7 @@ def run_estimator(
     checkpoint: CheckpointKey = NOT_SAVED,
     workers: ChunkSource | None = None,
 ) -> EstimatorRun:
-    """Draw ``n`` samples of an estimator, and merge the moments of chunks in order by the formulas of Welford and Chan.
+    """Draw ``n`` samples of an estimator, and merge the moments of chunks in order (formulas of Welford and Chan).
 
     Chunks do not depend on threads, block size or ``workers``, so the result is bitwise reproducible.
     With ``checkpoint`` the sums are saved at intervals, and a later call resumes from them.
@@ -87,7 +87,7 @@ def _advance(
     n: int,
     workers: ChunkSource | None,
 ) -> Iterator[int]:
-    """Add the remaining samples to ``sums``, first singly, then as moments of chunks; yield the size of each batch."""
+    """Add the remaining samples to ``sums``, first singly, then as chunk moments; yield the size of each batch."""
 
     chunks = workers or partial(local_chunks, objective)
     estimator = estimator.with_baseline(objective, lambda: mean_of_chunks(chunks(None, noise, 0, n, n)))
@@ -109,14 +109,14 @@ class _Sums:
         self.nonfinite = [np.empty(0, dtype=np.int64)]
 
     def add_singly(self, values: np.ndarray) -> int:
-        """Add the next m samples (m, d) and store the finite ones singly; return m."""
+        """Add the next m samples (m, d), and store each finite sample; return m."""
         self.single_samples.append(values[np.isfinite(values).all(axis=1)])
         self.add(Chunk.of(values))
         return len(values)
 
     @property
     def stores_samples(self) -> bool:
-        """Whether further samples are stored singly."""
+        """Whether further samples are stored, not only their moments."""
         return self.done * len(self.total.mean) < _MAX_STORED_VALUES
 
     def add(self, chunk: Chunk) -> None:
@@ -162,7 +162,7 @@ _QUADRATURE_REACH = 9.0
 
 @dataclass(frozen=True)
 class ReferenceGradient:
-    """Reference gradient (d,) of a smoothed objective, its standard error (d,), and its source in words.
+    """Reference gradient (d,) of a smoothed objective, its standard error (d,), and a text on its source.
 
     ``standard_error`` is 0 for a closed form, the numerical error for a quadrature, and the standard deviation
     of the mean for a sampled reference of ``n_samples`` samples.

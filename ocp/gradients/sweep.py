@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 Build = Callable[[dict[str, float]], SampledObjective]
 """Function that builds an objective at other values of structural parameters, such as the horizon."""
 _MIN_TIMED_NUMBERS = 3e9
-"""Number of random numbers above which a sweep's run time is predicted, by timing a few samples."""
+"""Number of random numbers above which a few samples are timed to predict the run time of a sweep."""
 _PROBE_SAMPLES = 1 << 11
 """Number of samples that are timed to predict a sweep's run time."""
 SAMPLING_AXES = ("sigma", "samples")
@@ -51,7 +51,7 @@ def read_sweep(text: str) -> Axis:
 
 @dataclass(frozen=True)
 class SweepProgress:
-    """Progress of a sweep: ``done`` of ``total`` samples and ``points`` of ``all_points`` points, some ``resumed``."""
+    """Progress of a sweep: numbers of samples (``done`` of ``total``) and of points (``points`` of ``all_points``)."""
 
     done: int
     total: int
@@ -64,8 +64,8 @@ class SweepRun:
     """Sweep of gradient estimates: :meth:`run` computes the points, and ``rows`` contains the finished points.
 
     The random streams of point i are ``SeedSequence(seed, spawn_key=(i,))``, so that results are independent of
-    other points and of interruptions. ``workers`` is a function from a mapping of the swept parameter to its
-    value at a point, to workers that sample the objective at that point.
+    other points and of interruptions. ``workers`` is a function whose argument maps the swept parameter to its
+    value at a point; it returns workers that sample the objective at that point.
     """
 
     def __init__(
@@ -145,7 +145,7 @@ class SweepRun:
 def _point_tasks(
     objective: SampledObjective, sampling: Sampling, sweep: Axis | None, build: Build | None
 ) -> list[tuple[SampledObjective, Sampling]]:
-    """Return the objective and sampling at each point; raise InputError for impossible values."""
+    """Return the objective and the sampling at each point; raise InputError for invalid values."""
     if sweep is None:
         return [(objective, sampling)]
     if sweep.name == "sigma":
@@ -160,7 +160,7 @@ def _point_tasks(
 
 
 def _seconds_per_sample(objective: SampledObjective, sampling: Sampling) -> float:
-    """Return the time per sample [s], measured on the second of two batches, since the first includes compilation."""
+    """Return the time per sample [s] of a second batch, since the first batch includes compilation."""
     noise = Gaussian(sampling.sigma, np.random.SeedSequence(sampling.seed))
     start = 0.0
     for _ in range(2):
@@ -184,7 +184,7 @@ def sweep_dataset(
 ) -> xr.Dataset:
     """Return finished points as a dataset of arrays over (point, estimator, component), with units.
 
-    Names of components are those of ``objective``; points with fewer components are padded with NaN.
+    Names of components are taken from ``objective``; points with fewer components are padded with NaN.
     """
     import xarray as xr
 

@@ -19,7 +19,7 @@ class EmpiricalBias:
     """Empirical bias (beta, Delta, S) of samples z (n, d), as in Suh, Simchowitz, Zhang et al. (2022), def. III.3.
 
     On an event of probability ``1 - beta`` the samples are within ``S`` of their conditional mean, which
-    differs from the mean of z by ``Delta``. ``beta_upper`` is the 95 % upper bound on beta, given the share of
+    differs from the mean of z by ``Delta``. ``beta_upper`` is the 95 % upper bound on beta, given the fraction of
     the n samples outside the event. ``variance`` is the trace of the samples' covariance. It has two lower
     bounds: ``bound`` is ``max(0, (1 - beta) Delta - beta |E z|)^2 / beta`` (lemma III.4), and ``sharp`` is the
     tighter ``(1 - beta)/beta Delta^2``, which does not change if z is shifted. Both use ``beta_upper`` if no
@@ -76,7 +76,7 @@ def empirical_bias(samples: np.ndarray, mean: np.ndarray | None = None) -> Empir
 
 
 def _probability_bound(outside: int, n: int) -> float:
-    """Return Clopper and Pearson's 95 % upper bound on the probability of an event seen ``outside`` times in n."""
+    """Return the 95 % Clopper-Pearson upper bound on the probability of an event observed ``outside`` times in n."""
     from scipy.stats import binomtest
 
     return float(binomtest(outside, n, alternative="less").proportion_ci(0.95).high)
@@ -84,7 +84,7 @@ def _probability_bound(outside: int, n: int) -> float:
 
 @dataclass(frozen=True)
 class Jump:
-    """Sharpest change of a cost between samples: a change by ``size`` over the distance ``width``.
+    """Sharpest change of a cost between samples: change by ``size`` over the distance ``width``.
 
     ``discontinuous`` is true if the change remained while the distance was halved down to rounding errors.
     ``place`` is the noise (n_noise,) at which the cost changes.
@@ -106,7 +106,7 @@ _JUMP_LINES = 64
 _LINE_SEGMENTS = 64
 """Number of segments into which each line is divided."""
 _SEGMENT_HALVINGS = 42
-"""Number of halvings of the segment with the largest change, enough to reach rounding errors."""
+"""Number of halvings of the segment with the largest change, enough to reach rounding error."""
 _LINE_CANDIDATES = 1 << 14
 """Number of samples from which the ends of the lines are chosen."""
 
@@ -116,9 +116,9 @@ def find_sharpest_change(objective: SampledObjective, noise: Gaussian) -> Jump:
 
     Lines go from zero noise to 64 samples and are divided into 64 segments. On each line the segment with the
     largest change of the cost is halved repeatedly, each time keeping the half with the larger change. If the
-    cost is continuous, however steep, its change vanishes; at a discontinuity it remains. The 64 samples are
-    those of 16384 that have the largest residuals of a linear fit of the cost, so that rarely crossed jumps are
-    found.
+    cost is continuous, however steep, its change tends to zero; at a discontinuity it does not. The 64 samples are
+    those with the largest residuals of a linear fit of the cost among 16384, so that jumps that few samples cross
+    are found.
     """
     noise_samples = noise.draw(_LINE_CANDIDATES, 1, objective.n_noise)[:, 0]
     end = noise_samples[_least_linear(noise_samples, objective.costs(noise_samples))]
@@ -170,7 +170,7 @@ Word = Literal[
     "no reference",
 ]
 TOO_WIDE = "too wide to tell"
-"""Short verdict on an estimate whose confidence interval is wider than the gradient itself."""
+"""Short verdict on an estimate whose confidence interval is wider than the gradient."""
 WORST_FIRST = (
     "biased",
     "empirically biased at this sample size",
@@ -180,7 +180,7 @@ WORST_FIRST = (
 )
 """Short verdicts in order, from the worst to the best."""
 NEGLIGIBLE = 1e-4
-"""Error of a component up to which it does not count as bias, as a share of the gradient's largest component."""
+"""Maximum error of a component that does not count as bias, as a fraction of the gradient's largest component."""
 CONFIDENCE = 0.999
 """Probability that an unbiased estimate is judged unbiased in all components together."""
 
@@ -190,7 +190,7 @@ class Verdict:
     """Verdict ``word`` on a gradient estimate, with an explaining ``sentence`` and the norm ``error`` of the error.
 
     ``largest_z`` is the largest component of the error, in standard errors. ``wide`` is true if the confidence
-    interval is wider than the gradient itself, so that the verdict is not informative.
+    interval is wider than the gradient, so that the verdict is not informative.
     """
 
     word: Word
@@ -218,7 +218,7 @@ def judge_estimate(
     An estimate whose interval does not contain the reference is *biased* if the cost jumps, or if ``jump`` is
     None; more samples will not help. It is *empirically biased at this sample size* if the cost is continuous:
     then its expectation is correct (Suh, Simchowitz, Zhang et al. 2022, lemma III.1), but the samples that
-    determine it are too rare to have been drawn.
+    determine it are so rare that none was drawn.
     """
     if reference is None:
         return Verdict("no reference", "There is no reference gradient.", np.nan, np.nan)

@@ -15,13 +15,13 @@ from ocp.jobs.sequential import Callback, Failure, Function, run_job, worker_die
 CONNECT_TIMEOUT_S = 10.0
 """Maximum time [s] to wait for a scheduler's answer."""
 WORKER_IMPORT = "import ocp.jobs.cluster"
-"""Statement that workers must be able to execute, since a job that they cannot unpickle would hang."""
+"""Statement that workers must be able to execute; a job that a worker cannot unpickle would never end."""
 
 
 def run_on_cluster(
     function: Function, jobs: Sequence[Any], address: str, callback: Callback
 ) -> Generator[tuple[int, Any], None, None]:
-    """Run jobs on the workers of the scheduler at ``address``; yield index and outcome of each as it ends.
+    """Run jobs on the workers of the scheduler at ``address``; yield index and outcome of each job as it ends.
 
     Raises :class:`~ocp.errors.InputError` if dask.distributed is not installed, no scheduler answers, the
     scheduler has no workers, or the workers cannot import this package.

@@ -1,4 +1,4 @@
-"""Sampling of gradient estimates in parallel, with bitwise the same results as in one process."""
+"""Parallel sampling of gradient estimates, with bitwise the same results as in one process."""
 
 from __future__ import annotations
 

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 
 AXIS_DIGITS = 12
-"""Number of significant digits to which axis values are rounded, so that 0.3 is exactly 0.3 and can be selected."""
+"""Number of significant digits of axis values, so that 0.3 is exactly 0.3 and can be selected."""
 
 
 def parse_axes(over: Mapping[str, Any] | Iterable[str | Axis]) -> tuple[Axis, ...]:
@@ -88,7 +88,7 @@ def _axis_of_values(name: str, values: Any) -> Axis:
 
 
 def _is_geometric(values: np.ndarray) -> bool:
-    """Return whether values are closer to equal ratios than to equal differences; False for fewer than three values."""
+    """Return whether ratios of successive values are closer to equal than differences; False for fewer than three."""
     if values.size < 3 or np.any(values <= 0):
         return False
     steps, ratios = np.diff(values), np.diff(np.log(values))
@@ -100,7 +100,7 @@ ROW_UNITS = {"solve_s": "s", "seconds": "s", "penetration": "m"}
 SECONDS = "seconds"
 """Name of a point's total time [s]."""
 GAIN_NAMES = {"K": "gain_K", "k": "gain_k"}
-"""Mapping from K and k to their names in a dataset, where parameters may already have the names K and k."""
+"""Mapping from K and k to their names in a dataset, in which parameters may have the names K and k."""
 _DIMENSIONS = ("scenario", "node", "interval", "state", "control", "contact", "contact_exact")
 """Dimensions of a point's trajectories in a dataset."""
 DATASET_NAMES = {
@@ -142,7 +142,7 @@ class Grid:
         return [dict(zip(names, combination, strict=True)) for combination in values]
 
     def structure_key(self, values: Mapping[str, float]) -> tuple[float, ...]:
-        """Return the values of a point that change the structure of its program: settings and integer parameters."""
+        """Return the values at a point that change the structure of its program: settings and integer parameters."""
         fields = self.source.Params.model_fields
 
         def is_integer(name: str) -> bool:
@@ -169,9 +169,9 @@ class Grid:
         return neighbours
 
     def check(self, jobs: int = 1) -> Session:
-        """Check that every value is valid at some point and that memory suffices; return the first valid session.
+        """Check that every value is valid at some point and that memory suffices; return a session of a valid point.
 
-        Raises :class:`~ocp.errors.InputError` if a value is valid at no point, or if ``jobs`` solves at once,
+        Raises :class:`~ocp.errors.InputError` if a value is valid at no point, or if ``jobs`` simultaneous solves,
         or the results of all points, need too much memory.
         """
         source = self.source
@@ -214,13 +214,13 @@ class Grid:
 
 
 def dimension_name(name: str) -> str:
-    """Return the name of the dataset's dimension, such as ``M`` or ``contact.mu``, for an axis's full name."""
+    """Return the name of the dataset's dimension for an axis's full name, such as ``M`` or ``contact.mu``."""
     short = name.removeprefix("problem.")
     return name if short in DATASET_NAMES else short
 
 
 def grid_dataset(study: Grid, session: Session, points: Sequence[JobResult]) -> xr.Dataset:
-    """Return all points as a dataset; each array has a dimension for each axis, then those of its trajectories.
+    """Return all points as a dataset; each array has the dimensions of the axes, followed by those of its trajectories.
 
     If trajectories differ in size, as in a sweep over N, shorter trajectories are padded with NaN.
     """
@@ -254,7 +254,7 @@ def _axis_unit(session: Session, name: str) -> str:
 
 
 def _dimension_sizes(points: Iterable[JobResult]) -> dict[str, int | list[str]]:
-    """Return a mapping from each dimension to its largest size over all points or, if labelled, to all its labels."""
+    """Return a mapping from each dimension to its largest size over all points or, if labelled, to all labels."""
     counts: dict[str, int] = {}
     labels: dict[str, list[str]] = {}
     for array in (array for point in points for array in point.arrays.values()):

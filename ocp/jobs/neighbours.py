@@ -1,4 +1,4 @@
-"""Improvement of a sweep by solving points again from the solutions (plans) of neighbouring points."""
+"""Improvement of a sweep: points are solved again from the plans of neighbouring points."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from ocp.jobs.sweep_job import FAULT_STATUS, REJECTED_STATUS, JobResult, RollJob
 from ocp.jobs.sweep_record import describe_point
 
 OUTLIER_SHARE = 1e-3
-"""Minimum decrease of the cost that counts as better, as a share of the difference to the cost of doing nothing."""
+"""Minimum decrease of the cost that counts as better, relative to the difference from the cost of doing nothing."""
 
 
 @dataclass
 class Exchange:
-    """Solver that improves a grid's points, in several passes, by solves from neighbours' plans.
+    """Improvement of a grid's points, in several passes, by solves from the plans of neighbours.
 
     ``solve(jobs, first)`` yields index and result of each job in a mapping from indices of points to jobs, and
-    saves results under numbers from ``first`` on. ``roll(jobs)`` yields index and costs of each job that rolls
+    saves results under numbers that start at ``first``. ``roll(jobs)`` yields index and costs of each job that rolls
     out plans of other points. For pairs (point, neighbour), ``rolled_costs`` maps the pair to the cost of the
     neighbour's current plan when rolled out at the point, and ``tried`` contains the pairs for which the point
     was already solved from that plan.
@@ -72,7 +72,7 @@ class Exchange:
         return improved
 
     def _roll_plans(self) -> None:
-        """Roll out the plans of all neighbours at each point, except plans whose cost there is already known."""
+        """Roll out the plans of all neighbours at each point, except plans whose cost at the point is already known."""
         jobs, study, neighbours = dict[int, RollJob](), self.study, dict[int, list[int]]()
         for index, values in enumerate(study.point_values):
             new = [k for k in study.neighbours(index) if self.points[k].row["success"]]
@@ -84,7 +84,7 @@ class Exchange:
             self.rolled_costs.update(((index, k), cost) for k, cost in zip(neighbours[index], costs, strict=True))
 
     def _better_plans(self, untried: bool = False) -> dict[int, int]:
-        """Return a mapping from each point at which a neighbour's plan is better to the neighbour with the best plan.
+        """Return a mapping from each point where a neighbour's plan is better to the neighbour with the best plan.
 
         If ``untried``, neighbours are ignored from whose plan the point has already been solved.
         """
@@ -99,7 +99,7 @@ class Exchange:
 
 
 def cheaper_neighbours(study: Grid, points: Sequence[JobResult], changed: Collection[int]) -> dict[int, int]:
-    """Return a mapping from each point that is unsolved, or costs more than a neighbour, to its cheapest neighbour.
+    """Return a mapping from each point that is unsolved or costs more than a neighbour to its cheapest neighbour.
 
     Only neighbours in ``changed`` count, since the point has already been solved from all other neighbours.
     """
@@ -115,7 +115,7 @@ def cheaper_neighbours(study: Grid, points: Sequence[JobResult], changed: Collec
 
 
 def _ranking_cost(study: Grid, row: Mapping[str, Any]) -> float:
-    """Return the cost by which the sweep ranks solutions: the planned, the exact, or the referee's cost."""
+    """Return the cost by which the sweep ranks solutions: the planned cost, the exact cost, or the referee's cost."""
     return row[{"exact": "exact_cost", "referee": "referee_cost"}.get(study.rank, "cost")]
 
 
@@ -129,14 +129,14 @@ def is_better(study: Grid, new: Mapping[str, Any], old: Mapping[str, Any]) -> bo
 
 
 def _gains(study: Grid, cost: float, old: Mapping[str, Any]) -> bool:
-    """Return whether ``cost`` is lower than the cost of ``old`` by a margin that counts (:data:`OUTLIER_SHARE`)."""
+    """Return whether ``cost`` is lower than the cost of ``old`` by at least the margin :data:`OUTLIER_SHARE`."""
     span = abs(old["idle_cost"] - cost)
     min_gain = OUTLIER_SHARE * (span if math.isfinite(span) else abs(cost))
     return _ranking_cost(study, old) - cost > min_gain
 
 
 def outlier(new: JobResult, old: JobResult, start: str) -> JobResult:
-    """Return the better result ``new``, with the neighbour in ``start`` and the cost of the point's own solve."""
+    """Return the better result ``new``, with the neighbour ``start`` and the cost of the point's separate solve."""
     own_cost = old.row["own_cost"] if old.row["start"] else old.row["cost"]
     totals = {name: new.row[name] + old.row[name] for name in ("iterations", "seconds", "solve_s")}
     return JobResult({**new.row, **totals, "own_cost": own_cost, "start": start}, new.arrays)

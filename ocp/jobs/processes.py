@@ -1,7 +1,7 @@
 """Jobs in worker processes, each of which runs one job after another and is replaced if it dies.
 
-The pools of concurrent.futures and joblib are not used because there all jobs fail if one worker is killed, the
-job in which it died is not known, and jobs cannot report progress.
+The pools of concurrent.futures and joblib are not used: with these, all jobs fail if one worker is killed, the job
+in which it died is not known, and jobs cannot report progress.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _spawn_context = multiprocessing.get_context("spawn")
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 """Names of environment variables that limit the threads of numerical libraries."""
 _interrupted = threading.Event()
-"""Event that is set in a worker process when it receives SIGINT, the signal of Ctrl-C."""
+"""Event that is set in a worker process when it receives SIGINT (Ctrl-C)."""
 
 
 def run_in_processes(
@@ -40,7 +40,7 @@ def run_in_processes(
     """Run jobs in ``workers`` processes; yield index and outcome of each job as it ends.
 
     A job whose worker dies is started again in another worker. When the caller stops iterating, workers receive
-    SIGINT, the signal of Ctrl-C, and have some time to save their work.
+    SIGINT (Ctrl-C) and have some time to save their work.
     """
     waiting, tries = deque(range(len(jobs))), [0] * len(jobs)
     pool: list[_Worker] = []
@@ -113,7 +113,7 @@ class _Worker:
 
 @contextmanager
 def _block_interrupts() -> Iterator[None]:
-    """Block SIGINT, the signal of Ctrl-C, within a context, also in processes that are started within it."""
+    """Block SIGINT (Ctrl-C) within a context, also in processes that are started within the context."""
     # Python's resource tracker, which starts with the first process, would unblock signals.
     resource_tracker.ensure_running()
     previous_mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
@@ -125,7 +125,7 @@ def _block_interrupts() -> Iterator[None]:
 
 @contextmanager
 def _isolated_start() -> Iterator[None]:
-    """Context in which processes start with one thread each and without running the caller's main program.
+    """Context in which processes start with one thread each and do not run the caller's main program.
 
     Workers import their function from its module. By default ``spawn`` runs the main program again, which would
     restart a script without a ``__main__`` guard, and is impossible for a program read from a pipe.
@@ -198,7 +198,7 @@ def _interrupt_once(*_: object) -> None:
 
 
 def _end_with_parent() -> None:
-    """Wait for the end of the parent process, and then end this worker."""
+    """Wait until the parent process ends, then end this worker."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()

@@ -24,8 +24,8 @@ def run_jobs(
 ) -> Generator[tuple[int, Any], None, None]:
     """Run all jobs; yield the index and the outcome of each job as it ends.
 
-    ``function(job, report)`` must depend only on the job, which is plain data that can be pickled. Results are
-    then the same in any process and order, and a job can be started again if its worker died. An outcome is a
+    ``function(job, report)`` must depend only on the job, which is plain data that can be pickled. Results
+    are then the same in any process and order, and a job can be started again if its worker dies. An outcome is a
     result or a :class:`~ocp.jobs.scheduling.Failure`. For each report of a job, ``callback(index, message)`` is
     called in this process.
 
@@ -86,7 +86,7 @@ def map_jobs(
     callback: Callable[[Key, Any], None] = lambda *_: None,
     recover: Callable[[Key, Exception], Any] | None = None,
 ) -> Generator[tuple[Key, Any], None, None]:
-    """Run jobs with :func:`run_jobs`; yield key and result of each, first saved results, then others as jobs end.
+    """Run jobs with :func:`run_jobs`; yield key and result of each job: saved results first, others as jobs end.
 
     Jobs with a result in ``saved`` are not run. Each new result is saved there before it is yielded. If a job
     raises, the value of ``recover(key, error)`` is yielded and not saved; without ``recover`` the error is

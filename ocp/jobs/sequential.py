@@ -11,7 +11,7 @@ from ocp.errors import interruptible
 Report = Callable[[Any], None]
 """Callback with a job's progress as plain data: numbers, texts, and lists or dictionaries of these."""
 Function = Callable[[Any, Report], Any]
-"""Function ``function(job, report)`` that runs a job; workers import the function by name, so it must be public."""
+"""Function ``function(job, report)`` that runs a job; it must be public, since workers import it by name."""
 Callback = Callable[[int, Any], None]
 """Callback with the index of a job and one of its reports, called in the process that started the jobs."""
 MAX_TRIES = 3
@@ -47,7 +47,7 @@ def run_sequentially(
 
 
 def worker_died(index: int) -> Failure:
-    """Return the outcome of a job whose worker died at every try."""
+    """Return the outcome of a job whose worker died at every attempt."""
     return Failure(
         RuntimeError(f"job {index + 1} failed: its worker died each time, killed or out of memory; use fewer processes")
     )

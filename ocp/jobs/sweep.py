@@ -69,20 +69,20 @@ def sweep(
     ``over`` maps names to arrays or texts such as ``"0.5:2:7"`` and ``"1e-4:1e-1:4:log"``. A name is a
     parameter of the problem (``M``, also ``N``), a setting of the law (``contact.mu``), a numeric setting of
     the method or solver (``setting.tol``), or a setting of the policy (``policy.bound``). Other arguments are
-    those of :func:`ocp.solve`, but the problem must be a name or a file, since other processes build it too.
+    those of :func:`ocp.solve`, but the problem must be a name or a file, from which other processes can build it.
     Points are solved in parallel by ``jobs`` processes on this computer or, if ``scheduler`` is an address such
     as ``tcp://127.0.0.1:8786``, on a Dask cluster; solutions are the same in all cases.
 
     Each solution is bitwise the same as that of a separate solve, unless a solve that starts from the plan of a
     neighbouring point gives a better one. Then ``start`` is the neighbour, and ``own_cost`` the cost of the
-    separate solve. If a neighbour's plan itself is better at a point but no solve from it is, ``outlier`` is 1
+    separate solve. If a neighbour's plan is better at a point but no solve from this plan is better, ``outlier`` is 1
     and ``neighbour_cost`` is the cost of that plan at the point. A point whose worker was killed is started
     again. If ``store`` is a directory, finished points are stored there until all points are finished, and the
     same call resumes after an interruption.
 
-    Return a dataset with a dimension for each axis and, at each point, ``cost exact_cost referee_cost
-    survives status stationarity iterations seconds verdict`` and more, and the trajectories ``x u
-    lam gap``, their replays, and ``time``. At a failed point, ``verdict`` gives the reason and numbers are NaN.
+    Return a dataset with a dimension for each axis and, at each point, ``cost exact_cost referee_cost survives status
+    stationarity iterations seconds verdict`` and others, the trajectories ``x u lam gap``, their replays, and
+    ``time``. At a failed point, ``verdict`` gives the reason and numbers are NaN.
 
     Raises :class:`~ocp.errors.InputError` for requests that no point can satisfy.
     """
@@ -179,7 +179,7 @@ def solve_grid(
 
 
 def _fault(_: int, error: Exception) -> JobResult:
-    """Return the result of a point whose job failed; it is not saved, since the next attempt may succeed."""
+    """Return the result of a point whose job failed; it is not saved, since another attempt may succeed."""
     if isinstance(error, FilesChanged):
         raise error
     return failed_result(FAULT_STATUS, str(error))

@@ -80,7 +80,7 @@ class RollJob:
 
 @dataclass(frozen=True)
 class LabelledArray:
-    """Array with named dimensions ``dims``; ``labels`` maps labelled dimensions to names of their entries."""
+    """Array with named dimensions ``dims``; ``labels`` maps dimensions with labels to the names of their entries."""
 
     dims: tuple[str, ...]
     values: np.ndarray
@@ -89,7 +89,7 @@ class LabelledArray:
 
 @dataclass(frozen=True)
 class JobResult:
-    """Result of a job: numbers and texts in ``row``, and labelled arrays (none if the job failed)."""
+    """Result of a job: numbers and texts in ``row``, and labelled arrays; without arrays if the job failed."""
 
     row: dict[str, Any]
     arrays: dict[str, LabelledArray]
@@ -144,7 +144,7 @@ def _solve_point(job: SolveJob, report: Callable[[Any], None]) -> JobResult:
 def plan_costs(job: RollJob, report: Callable[[Any], None]) -> list[float]:
     """Return the cost of each of the job's plans, rolled out at the parameters of the job's request.
 
-    The contact law is the one by whose cost solutions are ranked. The cost is NaN if a step is not solved or a
+    The contact law is the law by whose cost solutions are ranked. The cost is NaN if a step is not solved or a
     constraint is violated.
     """
     session = cached_session(job.request)
@@ -194,8 +194,9 @@ ROW_NUMBERS: dict[str, Callable[[Solution], float]] = {
 }
 """Mapping from names of a row's numbers to functions of a solution; numbers are NaN without a solution.
 
-``own_cost`` and ``neighbour_cost`` are set only for outliers: the cost of the point's own solve if the solution is
-from a neighbour's plan, and the cost of a neighbour's plan if that is better than the solution."""
+``own_cost`` and ``neighbour_cost`` are set only for outliers: the cost of the point's separate solve if the
+solution started from a neighbour's plan, and the cost of a neighbour's plan if it is lower than the cost of the
+solution."""
 ROW_TEXTS: dict[str, Callable[[Solution], str]] = {
     "status": lambda solution: solution.status.label,
     "stationarity": lambda solution: solution.certificate.stationarity,
@@ -241,7 +242,7 @@ GRAPH_FIELDS = {"problem", "derivative"}
 
 @dataclass(frozen=True)
 class StartResult:
-    """Result of a solve from one guess: the outcome, with the name of its NLP, and fields of the judged solution."""
+    """Result of a solve from one guess: the outcome, the name of its NLP, and fields of the judged solution."""
 
     outcome: RouteResult
     judged: dict[str, Any]
@@ -307,7 +308,7 @@ def solve_starts(
 
 
 def _solutions_of(session: Session, finished: dict[int, StartResult], seed: int, rank_by: Rank) -> list[Solution]:
-    """Return the solutions of all starts; the best is judged again here, since its graphs are in this process."""
+    """Return the solutions of all starts; the best is judged again, since its graphs are in this process."""
     results = [finished[number] for number in sorted(finished)]
     solutions_of_starts = [Solution(**start.judged, problem=session.problem) for start in results]
     solutions = accept_standing_still(session, solutions_of_starts)

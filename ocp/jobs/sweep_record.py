@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 SWEEP_KIND = "sweep"
 """Value of ``kind`` in the description of a stored run that is a sweep."""
 MAX_LISTED = 5
-"""Maximum number of outliers that a verdict lists, and also of failed points."""
+"""Maximum number of outliers, and of failed points, that a verdict lists."""
 
 
 def run_meta(study: Grid, session: Session, data: xr.Dataset) -> dict[str, Any]:
@@ -64,7 +64,7 @@ def run_meta(study: Grid, session: Session, data: xr.Dataset) -> dict[str, Any]:
 
 
 def _shared_record(study: Grid, session: Session) -> dict[str, Any]:
-    """Return the part of the request that is the same for all points, that is, without the swept values."""
+    """Return the part of the request that is the same for all points, without the swept values."""
     shared = session_record(session, study.seed)
     swept = {axis.name for axis in study.axes}
     groups = {
@@ -96,7 +96,7 @@ def grid_rows(data: xr.Dataset) -> list[dict[str, Any]]:
 
 
 def summarise_points(rows: list[dict[str, Any]], dims: list[str]) -> str:
-    """Return a sentence with counts and with lowest and highest cost, then lines on some outliers and failures."""
+    """Return a sentence with counts and lowest and highest cost, then lines on some outliers and failures."""
     solved = [row for row in rows if row["success"]]
     refereed = [row for row in solved if row["survives"] >= 0]
     count = "All" if len(solved) == len(rows) else f"{len(solved)} of"

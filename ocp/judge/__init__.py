@@ -1,1 +1,1 @@
-"""Judges of a point: audit, certificate and referee, what they measure, and the verdict."""
+"""Judges of a point: audit, certificate and referee, their measures, and the verdict."""

@@ -33,31 +33,30 @@ _CONTACT_FIELDS = (
 )
 """Fields that an audit copies from the contact report."""
 _LEAST_IMPULSE = 1e-7
-"""Multiplier [N s] up to which a pair is inactive."""
+"""Multiplier [N s] up to which a pair counts as inactive."""
 _WORST_COUNT = 5
-"""Maximum number of violations that are listed."""
+"""Maximum number of violations that a list contains."""
 
 
 @dataclass(frozen=True)
 class Audit:
     """Residuals recomputed from the trajectories, and the replay under the exact law.
 
-    Residuals are the largest values over contacts and steps. ``complementarity`` is that of lam gap
-    [N s m], ``complementarity_min`` of min(lam, gap), ``dynamics_residual`` of |residual|,
-    ``law_residual`` of |lam gap - mu|, ``constraint_violation`` of the violations of bounds, path and
-    terminal constraints, ``penetration`` of max(0, -phi) with the true signed distance phi, and
-    ``state_gap`` of |x - x_replay|. ``exact_cost`` and ``exact_penetration`` are those of the replay.
-    ``active_steps`` counts the pairs, also those of friction, whose lam exceeds their gap, over all
-    steps; ``task_gradient`` is computed by :func:`task_gradient`.
+    Residuals are the largest values over contacts and steps: ``complementarity`` of lam gap [N s m],
+    ``complementarity_min`` of min(lam, gap), ``dynamics_residual`` of |residual|, ``law_residual`` of |lam gap - mu|,
+    ``constraint_violation`` of the violations of bounds, path and terminal constraints, ``penetration`` of max(0,
+    -phi) with the true signed distance phi, and ``state_gap`` of |x - x_replay|. ``exact_cost`` and
+    ``exact_penetration`` are those of the replay. ``active_steps`` counts the pairs, including friction pairs, whose
+    lam exceeds their gap, over all steps; ``task_gradient`` is computed by :func:`task_gradient`.
 
     With friction, ``cone_violation`` is the largest max(0, |tangential| - friction normal) [N s], and
     ``dissipation_residual`` [J] the largest energy by which friction dissipates less than it could.
-    Where the energy is known, ``energy_gain`` [J] is its largest rise in one step beyond the work done,
-    by contact or integrator, ``dissipated`` [J] the energy that contact dissipates in all steps, and
-    ``momentum_residual`` [N s] the largest error of the momentum balance. ``contacts`` summarises when
-    each contact acts, how hard, and how far it slides. ``replay_failed`` names the step at which the
-    replay ended early, or is ""; ``replay_broken`` are the replay's noticeable violations, the worst of
-    every kind.
+    If the energy is known, ``energy_gain`` [J] is its largest increase in one step beyond the work done
+    (due to contact or integrator), ``dissipated`` [J] the energy that contact dissipates in all steps, and
+    ``momentum_residual`` [N s] the largest error of the momentum balance. ``contacts`` summarises the times,
+    impulses and sliding distances of each contact. ``replay_failed`` names the step at which the
+    replay ended early, or is ""; ``replay_broken`` contains the worst noticeable violation of every kind in the
+    replay.
     """
 
     complementarity: float
@@ -133,7 +132,7 @@ def _natural(nlp: NLP, plan: Trajectories) -> tuple[np.ndarray, np.ndarray, np.n
 
 
 def _without_contact(nlp: NLP, violation: np.ndarray) -> np.ndarray:
-    """Return the violations without those of the rows that define contact, which other residuals measure."""
+    """Return the violations without the rows that define contact, which other residuals measure."""
     is_judged = np.ones(violation.size, dtype=bool)
     for name in ("contact", "separation"):
         if name in nlp.constraints:
@@ -147,12 +146,13 @@ def _penetration(evaluation: Evaluation, x: np.ndarray, gap: np.ndarray) -> floa
 
 
 def task_gradient(evaluation: Evaluation, replay: Rollout) -> float:
-    """Return the largest derivative of the contact part of the cost by any input, relative to its slopes.
+    """Return the largest derivative of the contact part of the cost with respect to an input, in relative terms.
 
-    It is the largest entry of ``B_k' nu_{k+1} + D_k' dl/dlam``, where ``nu_k = dl/dx + A_k' nu_{k+1} + C_k' dl/dlam``
-    along the exact replay, over the sum of ``|dl/dx|`` and ``|dl/dlam|``; A, B, C, D are the derivatives of the next
-    state and of lam with respect to x and u. The contact part depends on impulses and on states that inputs move
-    through contact alone, since an arm's own motion makes no progress with the object. NaN without such a part.
+    The result is the largest entry of ``B_k' nu_{k+1} + D_k' dl/dlam``, where ``nu_k = dl/dx + A_k' nu_{k+1} + C_k'
+    dl/dlam`` along the exact replay, over the sum of ``|dl/dx|`` and ``|dl/dlam|``; A, B, C, D are the derivatives of
+    the next state and of lam with respect to x and u. The contact part is the part that depends on impulses and on
+    states that inputs move only through contact, since motion of an arm alone does not move the object. Returns NaN
+    without such a part.
     """
     steered, touched = steered_and_touched(evaluation.problem.system)
     mask = np.where(touched & ~steered, 1.0, 0.0)
@@ -163,7 +163,7 @@ def task_gradient(evaluation: Evaluation, replay: Rollout) -> float:
 
 
 def steered_and_touched(system: ContactSystem) -> tuple[np.ndarray, np.ndarray]:
-    """Return masks (nx,) of the states that inputs affect while all contacts are open, and that contacts affect."""
+    """Return masks (nx,) of the states that inputs affect while contacts are open, and that contacts affect."""
     given = [system.x, system.u, system.parameters.vector]
     free = ca.Function("free", given, [system.reduced.a, system.reduced.B])
     sparsities = free.jac_sparsity(0, 0), free.jac_sparsity(0, 1), free.sparsity_out(1)
@@ -176,7 +176,7 @@ def steered_and_touched(system: ContactSystem) -> tuple[np.ndarray, np.ndarray]:
 
 @np.errstate(over="ignore", invalid="ignore")
 def _slopes(evaluation: Evaluation, replay: Rollout, mask: np.ndarray) -> tuple[float, float]:
-    """Return the largest derivative by an input of the cost's part in masked states and lam, and that part's slopes."""
+    """Return, for the part of the cost in masked states and lam, its largest derivative by an input, and its slopes."""
     problem = evaluation.problem
     step, physical = problem.exact_step, evaluation.p
     p = step.p.pack(evaluation.values)
@@ -205,7 +205,7 @@ def _slopes(evaluation: Evaluation, replay: Rollout, mask: np.ndarray) -> tuple[
 
 
 def is_feasible(nlp: NLP, audit: Audit) -> bool:
-    """Return whether the audited residuals are below tolerance; complementarity counts only under the exact law."""
+    """Return whether audited residuals are below tolerance; complementarity is judged only under the exact law."""
     limits = {key: getattr(audit, key) for key in TOLERANCES}
     if not nlp.step.exact:
         limits.pop("complementarity")

@@ -19,15 +19,15 @@ if TYPE_CHECKING:
 
 Stationarity = Literal["B", "KKT", "not", "undecided"]
 RADII = (1e-3, 1e-4)
-"""Radii of the trust regions, in characteristic sizes, in which a descent direction is sought."""
+"""Radii of the trust regions, in characteristic sizes, within which a descent direction is searched for."""
 _BIACTIVE = 1e-6
-"""Value of a pair's member, in its characteristic size, below which it counts as zero."""
+"""Value of a pair's member, relative to its characteristic size, below which the member counts as zero."""
 _FLAT = 1e-4
-"""Share of the cost's typical change up to which a decrease per radius counts as zero."""
+"""Decrease per radius, as a fraction of the cost's typical change, that still counts as zero."""
 _NOISE = 1e-6
-"""Share of the cost's typical change up to which a gain counts as zero."""
+"""Gain, as a fraction of the cost's typical change, that still counts as zero."""
 _STEEP = 100.0
-"""Multiple of the cost's typical change above which the change by one variable hides the gain by others."""
+"""Multiple of the cost's typical change above which the effect of one variable hides the gain by other variables."""
 WITHIN = 1e-2
 """Longest step along a descent direction, in characteristic sizes, for which its gain is computed."""
 
@@ -35,7 +35,7 @@ WITHIN = 1e-2
 UNJUDGED = "the point is not feasible"
 """Reason of a certificate for a point that is not feasible."""
 _MOST_MOVES = 3
-"""Maximum number of contact changes that a verdict names."""
+"""Maximum number of contact changes that a verdict lists."""
 PAIR_CHANGES = {
     "normal": ("opening contact", "closing contact"),
     "limit": ("leaving limit", "meeting limit"),
@@ -44,7 +44,7 @@ PAIR_CHANGES = {
     "table": ("stopping", "starting"),
     "pair": ("freeing the second of", "freeing the first of"),
 }
-"""Mapping from a pair's kind to words for what happens as its gap, or its multiplier, grows from zero."""
+"""Mapping from a pair's kind to words for the event in which its gap, or its multiplier, grows from zero."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class ContactChange:
     last: int
 
     def __str__(self) -> str:
-        """Return the change, the contact's name and the steps in words."""
+        """Return the change, the contact's name and the steps as text."""
         span = f"{self.first}-{self.last}" if self.last > self.first else f"{self.first}"
         plural = "s" if self.last > self.first else ""
         return f"{self.change} {self.contact!r} at step{plural} {span}"
@@ -71,24 +71,22 @@ class ContactChange:
 class Certificate:
     """First-order optimality of a point, recomputed from derivatives and independent of the solver.
 
-    ``stationarity`` is "B" where no first-order move, with any change of contact, lowers the cost;
-    "KKT" where this holds for a problem without complementarity; "not" where some move lowers the
-    cost; "undecided" where the linear programs were not solved. ``reason`` says why they were not
-    solved, or why moves that lower the cost were not made.
-    ``kind`` is the strongest of S, M, C, W whose signs the multipliers at biactive pairs have
-    (Scheel and Scholtes 2000), "" without pairs.
+    ``stationarity`` is "B" if no first-order move, with any change of contact, lowers the cost; "KKT" if this holds
+    for a problem without complementarity; "not" if some move lowers the cost; "undecided" if the linear programs were
+    not solved. ``reason`` says why they were not solved, or why moves that lower the cost were not made. ``kind`` is
+    the strongest of S, M, C, W whose signs the multipliers at biactive pairs have (Scheel and Scholtes 2000), ""
+    without pairs.
 
-    ``biactive`` counts pairs with both members below 1e-6 of their characteristic size;
-    ``lpec_decrease`` is the first-order decrease of the cost per unit of trust region along the
-    steepest direction that keeps complementarity, zero where certified. ``tolerance`` is the
-    largest decrease that counts as zero: 1e-4 of
-    :meth:`~ocp.programs.program.Program.typical_change`. It depends on no constant term of the
-    cost, and grows neither with a sum over many steps nor with one steep entry. ``slope`` is the
-    scaled 1-norm of the cost's gradient, the decrease per radius without constraints. ``gain`` is
-    the decrease along the descent direction within a hundredth of the characteristic sizes, with the
-    Lagrangian's curvature included. ``kkt_residual`` is the largest entry of the Lagrangian's projected
-    gradient, divided by IPOPT's scale of the multipliers. ``negative_curvature`` is the number of negative
-    eigenvalues of the Lagrangian's Hessian on the null space of the active constraints, -1 if not computed.
+    ``biactive`` counts pairs with both members below 1e-6 of their characteristic size; ``lpec_decrease`` is the
+    first-order decrease of the cost per unit of the trust region's radius along the steepest direction that satisfies
+    complementarity, zero if certified. ``tolerance`` is the largest decrease that counts as zero: 1e-4 of
+    :meth:`~ocp.programs.program.Program.typical_change`. It does not depend on constant terms of the cost, on the
+    number of steps in a sum, or on a single steep entry. ``slope`` is the scaled 1-norm of the cost's gradient, the
+    decrease per radius without constraints. ``gain`` is the decrease along the descent direction within a hundredth
+    of the characteristic sizes, with the Lagrangian's curvature included. ``kkt_residual`` is the largest entry of
+    the Lagrangian's projected gradient, divided by IPOPT's scale of the multipliers. ``negative_curvature`` is the
+    number of negative eigenvalues of the Lagrangian's Hessian on the null space of the active constraints, -1 if not
+    computed.
     """
 
     stationarity: Stationarity
@@ -111,7 +109,7 @@ class Certificate:
 
     @property
     def findings(self) -> list[Finding]:
-        """Findings on stationarity, and on the moves that would lower the cost."""
+        """Findings on stationarity, and on moves that would lower the cost."""
         if self.stationarity == "B":
             return [make_finding("B-stationary")]
         if self.stationarity == "KKT":
@@ -136,15 +134,15 @@ def certify(
     """Return the first-order certificate of a feasible point ``x`` of ``nlp``, with its negative curvature.
 
     A mathematical program with complementarity constraints must be given as reformulation "none",
-    in which the pairs alone state the contact; ``bounds`` are the problem's own. The objective and
+    in which contact is stated only by the pairs; ``bounds`` are the problem's own. The objective and
     constraints are linearised at the point, and a direction ``|d_i| <= rho`` (in characteristic
     sizes) that lowers the cost is sought:
 
-    1. by weak duality, without solving a program, from the solver's ``multipliers`` of the rows, if
-       given, and from those that fit best, which lack the residue that an interior point's barrier
-       leaves at every bound of a long horizon;
-    2. by a linear program in which both members of pairs near zero may grow: where it finds no
-       descent the point is strongly stationary, which implies B-stationarity;
+    1. by weak duality, without solving a program, from the solver's ``multipliers`` of the rows, if given, and from
+    the least-squares multipliers, which are free of the errors that the barrier of
+       an interior-point solver leaves at every bound of a long horizon;
+    2. by a linear program in which both members of pairs near zero may grow: if it finds
+       no descent, the point is strongly stationary, which implies B-stationarity;
     3. by the linear program with complementarity constraints (LPEC), with one binary per near pair.
 
     A point is B-stationary if the LPEC finds no descent for some rho; rho falls from 1e-3 to 1e-4,
@@ -152,7 +150,7 @@ def certify(
     Leyffer, arXiv 2501.13835). Constraints and bounds within 1e-4 count as active.
 
     A direction that gains less than 1e-6 of the typical change, curvature included, does not count
-    as descent: where the cost is flat, only this distinguishes a gradient from rounding.
+    as descent; for a flat cost, only this test distinguishes a gradient from rounding errors.
     """
     start_time = time.perf_counter()
     model = LinearModel.at(nlp, x, p, bounds)
@@ -192,7 +190,7 @@ def tolerance_of(model: LinearModel) -> float:
 def _judge(
     model: LinearModel, multipliers: np.ndarray | None, hessian: sp.csr_matrix
 ) -> tuple[Stationarity, bool, Descent, float]:
-    """Return the result of :func:`_search`, "B" if the decrease along its direction is noise, and that decrease."""
+    """Return the result of :func:`_search` and the decrease; "B" if the decrease along its direction is noise."""
     verdict, strong, descent = _search(model, multipliers, tolerance_of(model))
     gain = _gain(descent, hessian) if verdict == "not" else 0.0
     if verdict == "not" and gain <= _NOISE * model.typical_change:
@@ -201,9 +199,9 @@ def _judge(
 
 
 def _steep_factors(model: LinearModel, hessian: sp.csr_matrix) -> np.ndarray:
-    """Return factors (n,) that reduce the sizes of variables by which the cost changes far more than is typical.
+    """Return factors (n,) that reduce the sizes of variables with far more than the typical effect on the cost.
 
-    The curvature of one such variable, and the rounding of the linear program, would hide the gain by all others.
+    The curvature of one such variable, and rounding errors of the linear program, would hide the gain by all others.
     """
     change = np.abs(model.cost) + np.abs(hessian.diagonal()) / 2
     steep = change > max(_STEEP * model.typical_change, 1e-300)
@@ -212,7 +210,7 @@ def _steep_factors(model: LinearModel, hessian: sp.csr_matrix) -> np.ndarray:
 
 
 def _search(model: LinearModel, multipliers: np.ndarray | None, tolerance: float) -> tuple[Stationarity, bool, Descent]:
-    """Return stationarity, whether it is strong, and the descent direction, from shrinking trust regions.
+    """Return stationarity, whether it is strong, and the descent direction, searched in shrinking trust regions.
 
     Stationarity is "B" as soon as one region has no descent direction, and strong if there is none even when both
     members of near pairs may grow.
@@ -234,17 +232,17 @@ def _search(model: LinearModel, multipliers: np.ndarray | None, tolerance: float
 
 
 def _candidates(model: LinearModel, multipliers: np.ndarray | None) -> Iterator[np.ndarray]:
-    """Yield multipliers that may prove stationarity: the solver's, if any, and then those of the least-squares fit."""
+    """Yield multipliers that may prove stationarity: the solver's, if any, then the least-squares multipliers."""
     if multipliers is not None:
         yield multipliers
         yield fit_multipliers(model)
 
 
 def fit_multipliers(model: LinearModel) -> np.ndarray:
-    """Return least-squares multipliers of the rows (in their own units), without those of the wrong sign.
+    """Return least-squares multipliers of the rows (in units of the rows), without multipliers of the wrong sign.
 
-    They minimise ``|cost + rows' y|²`` over the variables that no bound or pair holds, by the augmented
-    system; inequalities of the wrong sign leave the active set, in at most four rounds.
+    The multipliers minimise ``|cost + rows' y|²`` over the variables that no bound or pair fixes, by the augmented
+    system; inequalities with the wrong sign are removed from the active set, in at most four rounds.
     """
     import scipy.sparse as sp
     import scipy.sparse.linalg as sla

@@ -1,4 +1,4 @@
-"""Violations of a problem's constraints by trajectories, and how large they are."""
+"""Violations of a problem's constraints by trajectories, and their sizes."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from ocp.problem.rollout import Rollout, at_steps
 from ocp.transcription.common import constraint_names
 
 CONSTRAINT_SHARE = 0.01
-"""Largest violation of a constraint by a replay, as a share of the characteristic size of what is bounded.
+"""Maximum violation of a constraint by a replay, as a fraction of the characteristic size of the bounded quantity.
 
-It is a tenth of the share by which states may differ. With the solver's tolerance as the limit, no plan that
-runs along a bound would survive another contact law, even if its replay differed only by rounding.
+It is a tenth of the fraction by which states may differ. With the solver's tolerance as the limit, no plan with an
+active bound would survive another contact law, even if its replay differed only by rounding errors.
 """
 _TRAVEL_FACTOR = 10.0
-"""Multiple of a state's range of motion that its size for judging may not exceed."""
+"""Maximum size of a state for judging, as a multiple of the state's range of motion."""
 _LEAST_SIZE = 1e-3
-"""Minimum size of a state for judging, as a share of its characteristic size."""
+"""Minimum size of a state for judging, as a fraction of its characteristic size."""
 CONSTRAINT_KINDS = {
     "bound on x": "bound on",
     "bound on u": "bound on",
@@ -31,12 +31,12 @@ CONSTRAINT_KINDS = {
     "terminal": "terminal constraint",
     "periodic": "periodicity of",
 }
-"""Mapping from each kind of constraint to the words before the name of what it bounds."""
+"""Mapping from each kind of constraint to the words that precede the name of the bounded quantity."""
 
 
 @dataclass(frozen=True)
 class Violation:
-    """Violation of a constraint: its kind (``name``) and ``component``, scenario, step, and ``amount`` in its unit."""
+    """Violation of a constraint: kind (``name``), ``component``, scenario, step, and ``amount`` in its unit."""
 
     name: str
     component: str
@@ -52,11 +52,11 @@ class Violation:
 
 @dataclass(frozen=True)
 class Broken:
-    """Violated constraint, and the violation as a share of the characteristic size of what it bounds.
+    """Violated constraint, and the violation as a fraction of the characteristic size of the bounded quantity.
 
-    For a bound or periodicity that is the size of the state or input; for a path or terminal
-    constraint it is the first-order change of its expression as signals move by their sizes, so
-    that the share does not depend on how the constraint is scaled.
+    For a bound or periodicity this is the size of the state or input; for a path or terminal
+    constraint it is the first-order change of its expression as signals change by their sizes, so
+    that the fraction does not depend on the scaling of the constraint.
     """
 
     violation: Violation
@@ -72,17 +72,17 @@ def tolerance_sizes(problem: Problem, x: np.ndarray) -> np.ndarray:
     """Return characteristic sizes of the states (nx,) for judging against a plan x (S, N+1, nx).
 
     These are the problem's sizes, limited to ten times the largest range of motion of any state of the
-    same unit, but at least a thousandth of the problem's sizes. The limit matters where a plan moves
-    by millimetres and the problem's sizes are metres.
+    same unit, but at least a thousandth of the problem's sizes. The limit matters if a plan moves by millimetres and
+    the problem's sizes are metres.
     """
     sizes = problem.scales.x
     return np.clip(_TRAVEL_FACTOR * travelled_ranges(problem, x), _LEAST_SIZE * sizes, sizes)
 
 
 def travelled_ranges(problem: Problem, x: np.ndarray) -> np.ndarray:
-    """Return for every state (nx,) the largest range in x (S, N+1, nx) of any state of the same unit.
+    """Return for every state (nx,) the largest range in x (S, N+1, nx) of any state with the same unit.
 
-    The range is infinite where no state of that unit moves, or states are NaN.
+    The range is infinite if no state with that unit moves, or if states are NaN.
     """
     units = np.array([signal.unit for signal in problem.system.states])
     with np.errstate(invalid="ignore"):
@@ -92,7 +92,7 @@ def travelled_ranges(problem: Problem, x: np.ndarray) -> np.ndarray:
 
 
 def broken_constraints(evaluation: Evaluation, rollout: Rollout, sizes: np.ndarray | None = None) -> list[Broken]:
-    """Return the constraints that trajectories violate, each component at its worst step, the worst first.
+    """Return the constraints that trajectories violate, each component at its worst step, the worst violation first.
 
     These include bounds of states and inputs, path and terminal constraints, and the periodicity of
     an optimised start. NaN counts as no violation; a failed replay is reported separately.
@@ -134,7 +134,7 @@ def noticeable_violations(broken: Sequence[Broken], share: float = CONSTRAINT_SH
 
 
 def violation_findings(violations: Sequence[Violation]) -> list[Finding]:
-    """Return a finding for every violation: which constraint, by how much, at which step."""
+    """Return a finding for every violation, with the constraint, the amount and the step."""
     return [
         make_finding("constraint-violated", constraint=violation.title, amount=violation.amount, step=violation.step)
         for violation in violations
@@ -174,7 +174,7 @@ def _constraints_off(
     lam: np.ndarray,
     x_sizes: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the violations of constraints, and the first-order changes by :func:`row_sizes`, (S, steps, n) each."""
+    """Return violations of constraints, and first-order changes of their expressions, (S, steps, n) each."""
     problem = evaluation.problem
     expressions = ca.vertcat(*(c.expression for c in constraints))
     lower = ca.vertcat(*(c.lower for c in constraints))
@@ -183,12 +183,12 @@ def _constraints_off(
     outputs = [ca.densify(ca.fmax(lower - expressions, expressions - upper)), ca.densify(changes)]
     function = ca.Function("constraints", problem.step_symbols, outputs)
     violations, changes = at_steps(function, x, u, x_next, lam, p=evaluation.p)
-    # Where no signal changes a constraint to first order, any violation of it counts as large.
+    # If no signal changes a constraint to first order, any violation of the constraint counts as large.
     return violations, np.fmax(changes, 1e-12)
 
 
 def row_sizes(problem: Problem, expressions: ca.SX, x_sizes: np.ndarray) -> ca.SX:
-    """Return the first-order changes (n, 1) of expressions as signals move by their sizes.
+    """Return the first-order changes (n, 1) of expressions as signals change by their characteristic sizes.
 
     ``x_sizes`` (nx,) are the sizes of the states. The largest change by a single entry is taken for
     each of x, u, x_next and lam, and these four changes are summed.

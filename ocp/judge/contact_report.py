@@ -17,21 +17,21 @@ from ocp.problem.rollout import Rollout, mean_multipliers
 from ocp.transcription.nlp import Trajectories
 
 _ACTIVE_SHARE = 1e-6
-"""Share of the characteristic impulse above which a normal impulse counts as acting."""
+"""Normal impulse above which a contact counts as acting, as a fraction of the characteristic impulse."""
 _SLIP_SHARE = 1e-6
-"""Share of the characteristic gap slid in a step above which a contact counts as slipping."""
+"""Distance slid in a step above which a contact counts as slipping, as a fraction of the characteristic gap."""
 _BIACTIVE_SHARE = 1e-5
-"""Share of the characteristic sizes below which both members of a pair count as zero."""
+"""Values below which both members of a pair count as zero, as a fraction of their characteristic sizes."""
 
 
 @dataclass(frozen=True)
 class ContactSummary:
-    """One contact over all scenarios and steps.
+    """Summary of one contact over all scenarios and steps.
 
-    ``steps`` counts the steps at which it is active (:func:`active_contacts`), ``slipping`` those at which it is
-    active and slips, ``distant`` those with a force at a distance, and ``degenerate`` those without strict
+    ``steps`` counts the steps at which it is active (:func:`active_contacts`), ``slipping`` the steps at which it
+    is active and slips, ``distant`` the steps with a force at a distance, and ``degenerate`` the steps without strict
     complementarity: impulse and gap are both near zero, and gradients are one-sided. ``peak_force`` [N] is the largest
-    normal force, ``slid`` [m] the distance slid while active; ``spans`` are the (first, last) steps of active
+    normal force, and ``slid`` [m] the distance slid while active; ``spans`` are the (first, last) steps of active
     phases in the first scenario.
     """
 
@@ -47,15 +47,15 @@ class ContactSummary:
 
 @dataclass(frozen=True)
 class ContactReport:
-    """Forces, energy and momentum of a trajectory; arrays (S, N, points), NaN where a system has no such quantity.
+    """Forces, energy and momentum of a trajectory; arrays (S, N, points), NaN if a system has no such quantity.
 
     ``normal`` and ``tangential`` are impulses [N s] and ``slip`` is a velocity [m/s] (in space, lengths of
     vectors). ``bound`` is the largest possible tangential impulse, friction times normal [N s]. ``active``,
     ``slipping`` and ``degenerate`` say whether the contact is active (:func:`active_contacts`), whether it
     slips while active, and whether its complementarity is not strict. The following are largest values over
     all contacts and steps: ``cone_violation`` max(0, |tangential| - friction normal) [N s];
-    ``dissipation_residual`` friction normal |slip| + tangential slip [J], zero where friction dissipates as
-    much as it can; ``energy_gain`` [J], the rise of energy in a step beyond the work done; and
+    ``dissipation_residual`` friction normal |slip| + tangential slip [J], zero under maximum dissipation;
+    ``energy_gain`` [J], the increase of energy in a step beyond the work done; and
     ``momentum_residual`` [N s]. ``dissipated`` [J] is the energy that contact dissipates in all steps.
     """
 
@@ -116,9 +116,9 @@ def contact_report(evaluation: Evaluation, step: Step, rollout: Rollout | Trajec
 def _in_space(
     tangential: np.ndarray, slip: np.ndarray, edges: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return the lengths of impulse and slip, the power, and the slip along the nearest edge, (S, N, points) each.
+    """Return lengths of impulse and slip, the power, and the slip along the nearest edge, (S, N, points) each.
 
-    In a friction pyramid with ``edges`` the impulse that dissipates most lies on that edge.
+    In a friction pyramid with ``edges`` the impulse of maximum dissipation is on that edge.
     """
     components = [np.array(np.split(vectors, 2, axis=-1)) for vectors in (tangential, slip)]
     sizes = [np.hypot(*vectors) for vectors in components]
@@ -128,11 +128,11 @@ def _in_space(
 
 
 def active_contacts(normal: np.ndarray, gap: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return masks of active contacts, and of contacts that push at a distance.
+    """Return masks of active contacts, and of contacts that exert a force at a distance.
 
-    ``normal`` impulses and ``gap``, of one shape, are shares of their characteristic sizes. An
-    active contact has an impulse above 1e-6 and above its gap. A contact whose impulse is above 1e-6
-    but not above its gap is not active: smoothing lets it push at a distance.
+    ``normal`` impulses and ``gap`` have the same shape and are fractions of their characteristic sizes. An
+    active contact has an impulse above 1e-6 and above its gap. A contact with an impulse above 1e-6 but not
+    above its gap is not active: it exerts a force at a distance, due to smoothing.
     """
     return (normal > _ACTIVE_SHARE) & (normal > gap), (normal > _ACTIVE_SHARE) & (normal <= gap)
 
@@ -213,12 +213,12 @@ def largest_entry(values: np.ndarray) -> float:
 
 
 def least_slip(step: Step, lam: np.ndarray, gap: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return lam and gap (..., n) with the smallest slip psi of every contact that the motion allows.
+    """Return lam and gap (..., n) with the smallest slip psi of every contact that its motion permits.
 
-    In ``0 <= beta± ⟂ psi ± h J_t v+ >= 0`` and ``0 <= psi ⟂ f gamma - beta+ - beta- >= 0`` any psi
-    of at least ``|h J_t v+|`` is a solution where gamma = 0. Under the exact law psi is lowered to
-    this value, by the smallest friction gap of its contact; no product lam gap grows. Under a
-    smoothed law psi is determined, and a learned law has none; both are returned unchanged.
+    In ``0 <= beta± ⟂ psi ± h J_t v+ >= 0`` and ``0 <= psi ⟂ f gamma - beta+ - beta- >= 0`` every psi
+    of at least ``|h J_t v+|`` is a solution if gamma = 0. Under the exact law psi is reduced to this
+    value, by the smallest friction gap of its contact; no product lam gap increases. Under a smoothed law
+    psi is unique, and a learned law has no psi; lam and gap are then returned unchanged.
     """
     lam, gap = lam.copy(), gap.copy()
     if not step.exact or step.n < step.system.nlam:

@@ -1,8 +1,8 @@
-"""Survival of inputs and policies under noise, other parameters and delay, counted over seeded draws.
+"""Survival of inputs and policies under noise, changed parameters and delay, counted over seeded draws.
 
-A draw is replayed under the sharpest contact, at h/4 or, where the step size is part of the model, at h. It survives
-where it costs at most 10 % more than the plan, and violates constraints and penetrates bodies by at most a tenth of
-their sizes (:func:`ocp.judge.referee.outcome_findings`).
+A draw is replayed under the most exact contact model, at h/4 or, if the step size is part of the model, at h. It
+survives if it costs at most 10 % more than the plan, and violates constraints and penetrates bodies by at most a
+tenth of their sizes (:func:`ocp.judge.referee.outcome_findings`).
 """
 
 from __future__ import annotations
@@ -25,18 +25,18 @@ DRAWS = 20
 NOISE_SHARE = 0.01
 """Standard deviation of the noise on the measured state, in characteristic sizes."""
 FRICTION_SPREAD = 0.2
-"""Largest change of every coefficient of friction, as a share."""
+"""Largest relative change of every friction coefficient."""
 MASS_SPREAD = 0.1
-"""Largest change of every mass and inertia, as a share."""
+"""Largest relative change of every mass and inertia."""
 _MASS_UNITS = ("kg", "kg m^2")
 """Units of parameters that are masses."""
 
 
 @dataclass
 class DisturbedPolicy:
-    """Policy that reads the state with ``noise`` (N, nx) added; if ``delayed``, its inputs are applied a step late.
+    """Policy whose measured state has ``noise`` (N, nx) added; if ``delayed``, its inputs are applied a step late.
 
-    ``waiting`` is the input that a delayed policy applies next, at first the input before the plan.
+    ``waiting`` is the input that a delayed policy applies next; initially it is the input before the plan.
     """
 
     policy: StateFeedback
@@ -45,7 +45,7 @@ class DisturbedPolicy:
     waiting: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     def input(self, step: int, x: np.ndarray) -> np.ndarray:
-        """Return the input at a step and state."""
+        """Return the input at a step and a state."""
         answer = self.policy.input(step, x + self.noise[step])
         if not self.delayed:
             return answer
@@ -55,7 +55,7 @@ class DisturbedPolicy:
 
 @dataclass(frozen=True)
 class Draw:
-    """Dict of parameter values, noise on the measured state (N, nx), and whether inputs are applied a step late."""
+    """Dict of parameter values, noise on the measured state (N, nx), and whether inputs are delayed by a step."""
 
     values: dict[str, float]
     noise: np.ndarray
@@ -72,8 +72,8 @@ def disturbed_survival(
     """Count the draws that inputs (S, N, nu), or a policy, survive; one row for every disturbance.
 
     Costs and states are compared with those of ``plan``, and draws start at its first states. ``factors`` are divisors
-    of the step size, such as 16, each of which gets a row too. There is no row for noise where inputs are replayed,
-    which read no state, nor for friction or masses where the problem has no such parameters.
+    of the step size, such as 16, with one row each. There is no row for noise if open-loop inputs are replayed, and no
+    row for friction or masses if the problem has no such parameters.
     """
     rows = []
     for factor in factors if step_size_kind(evaluation.problem.system).kind != "fixed" else ():
@@ -94,7 +94,7 @@ def _counted(name: str, replays: list[Rollout], evaluation: Evaluation, plan: Ro
 
 
 def _draws(evaluation: Evaluation, reads_state: bool, seed: int) -> dict[str, list[Draw]]:
-    """Return a dict from disturbances to their draws; each draw has a random stream of its own."""
+    """Return a dict from disturbances to their draws; each draw has its own random stream."""
     problem, values = evaluation.problem, evaluation.values
     streams = np.random.SeedSequence(seed).spawn(3)
     rngs = [[np.random.default_rng(stream) for stream in streams_of.spawn(DRAWS)] for streams_of in streams]
@@ -122,7 +122,7 @@ def _spread(values: dict[str, float], names: list[str], spread: float, rng: np.r
 
 
 def measured_sizes(problem: Problem) -> np.ndarray:
-    """Return characteristic sizes (nx,) of the states, zero for a step size and quaternions, which get no noise."""
+    """Return characteristic sizes (nx,) of the states for noise; zero for a step size and for quaternions."""
     sizes, step_size = problem.scales.x.copy(), step_size_kind(problem.system)
     sizes[list(problem.system.rotating_entries)] = 0.0
     if step_size.kind == "state":
@@ -131,7 +131,7 @@ def measured_sizes(problem: Problem) -> np.ndarray:
 
 
 def friction_parameters(problem: Problem) -> list[str]:
-    """Return names of the parameters that coefficients of friction depend on."""
+    """Return the names of the parameters that friction coefficients depend on."""
     forces = problem.system.forces
     if forces is None:
         return []
@@ -144,12 +144,12 @@ def friction_parameters(problem: Problem) -> list[str]:
 
 
 def mass_parameters(problem: Problem) -> list[str]:
-    """Return names of the parameters that are masses or inertias."""
+    """Return the names of the parameters that are masses or inertias."""
     return [parameter.name for parameter in problem.parameters if parameter.unit in _MASS_UNITS]
 
 
 def _rolled(evaluation: Evaluation, plan: Rollout, inputs: np.ndarray | StateFeedback, draw: Draw) -> Rollout:
-    """Return the rollout of a draw under the sharpest contact, at h/4, or at h where h cannot be refined."""
+    """Return the rollout of a draw under the most exact contact model, at h/4, or at h if h cannot be refined."""
     problem = evaluation.problem
     drawn = Evaluation(problem, draw.values)
     parts = [_replayed(drawn, start[None], policy) for start, policy in _policies(plan, inputs, draw, drawn)]

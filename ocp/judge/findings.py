@@ -1,4 +1,4 @@
-"""Findings of the judges: each has a code, numbers, and a clause from one table."""
+"""Findings of the judges: each has a code, numbers, and a clause from a table."""
 
 from __future__ import annotations
 
@@ -7,21 +7,21 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 SENTENCES = {
-    # What a solved plan leaves undone.
+    # Parts of the task that a solved plan leaves undone.
     "never-touches": "{bodies} never touch{plural} {others}",
     "contact-never-acts": "the {contacts} never act{plural}",
     "nothing-moves": "nothing moves that the cost depends on",
     "holding-still": "holding still costs {difference}",
-    # The status, where a plan is not solved.
+    # The status of a plan that is not solved.
     "status": "{explanation}",
     "cost-not-finite": (
         "the cost is NaN or infinite at the last iterate: give a guess with a finite cost, and"
         " bounds that keep the states where the cost is finite"
     ),
     "contacts-never-act": "the contacts never act",
-    "no-homotopy": "no homotopy was followed, whose smoothing feels contact from afar",
+    "no-homotopy": "no homotopy was followed, whose smoothing gives contact forces at a distance",
     "unbounded": "the cost {fall}: add a bound, or a cost on it",
-    "iterates-ran-away": "the solver's iterates ran away along {variables}: add a bound, or a cost on it",
+    "iterates-ran-away": "the solver's iterates diverged along {variables}: add a bound, or a cost on it",
     # The certificate.
     "B-stationary": "B-stationary: no first-order move, with any change of contact, lowers the cost",
     "stationary": "stationary: no first-order move lowers the cost",
@@ -35,8 +35,7 @@ SENTENCES = {
         "the problem jumps ({operations}), which derivatives do not show: the certificate holds only between jumps"
     ),
     "functions-not-inspected": (
-        "functions from outside are not inspected for jumps ({functions}): the certificate holds only"
-        " where they are smooth"
+        "external functions are not examined for jumps ({functions}): the certificate holds only where they are smooth"
     ),
     "standing-still": "standing still is the best of {attempts} solution attempts",
     # The model.
@@ -82,7 +81,7 @@ SENTENCES = {
         " instead of {planned:.6g}"
     ),
     "more-steps-not-unique": "{count} more steps have another solution",
-    # Sizes, the route to the answer, and what was computed after the solve.
+    # Sizes, the route to the solution, and results computed after the solve.
     "derived-sizes": "sizes derived from the problem's data (Scaling states others): {sizes}",
     "doubtful-sizes": "of the stated sizes {sizes}; leave them out of Scaling to derive them",
     "step-refined": ("refined to h = {h:.6g}: planned {cost:.6g}, replayed at half the step {replayed:.6g}; {ending}"),
@@ -164,7 +163,8 @@ SENTENCES = {
 class Finding:
     """Result of a judge: a ``code`` of :data:`SENTENCES`, its ``numbers``, and its clause as ``sentence``.
 
-    ``joint`` is the text between it and the previous finding in a line of a verdict, "" where it begins a line.
+    ``joint`` is the text between this finding and the previous one in a line of a verdict, "" at the beginning of a
+    line.
     """
 
     code: str
@@ -178,7 +178,7 @@ class Finding:
         return {"code": self.code, "numbers": self.numbers, "sentence": self.sentence}
 
     def joined(self, joint: str) -> Finding:
-        """Return the finding as a continuation of the previous one's line, after the text ``joint``."""
+        """Return the finding as a continuation of the previous finding's line, after the text ``joint``."""
         return replace(self, joint=joint)
 
 
@@ -188,12 +188,12 @@ def make_finding(code: str, joint: str = "", **numbers: Any) -> Finding:
 
 
 def join_findings(findings: Iterable[Finding], joint: str = "; ", first: str = "") -> list[Finding]:
-    """Return findings as parts of one line: ``first`` is the text before the first one, ``joint`` before the others."""
+    """Return findings as parts of one line: the text ``first`` precedes the first, ``joint`` each of the others."""
     return [finding.joined(joint if index else first) for index, finding in enumerate(findings)]
 
 
 def compose_lines(findings: Iterable[Finding]) -> list[str]:
-    """Return the lines of a verdict: each is a sentence that consists of a finding and those joined to it."""
+    """Return the lines of a verdict; each line is a sentence made of a finding and the findings joined to it."""
     lines: list[str] = []
     for finding in findings:
         if finding.joint and lines:

@@ -1,4 +1,4 @@
-"""Plans that do little: the cost of standing still, and what a plan leaves untouched or unmoved."""
+"""Plans that do little: the cost of standing still, and contacts or states that a plan leaves unused."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ from ocp.problem.evaluation import Evaluation
 from ocp.problem.rollout import Rollout, roll_on
 
 CONTENT = 1e-4
-"""Share of the cost's span up to which its gradient counts as zero, so that standing still is optimal."""
+"""Gradient of the cost, as a fraction of the cost's span, up to which standing still counts as optimal."""
 STILL = 0.05
-"""Largest motion of states over the horizon, as a share of their sizes, under an input that holds them still."""
+"""Largest motion of states over the horizon, as a fraction of their sizes, under an input that counts as holding."""
 _UNMOVED_SHARE = 0.01
-"""Largest motion of a state, as a share of its characteristic size, that counts as none."""
+"""Largest motion of a state, as a fraction of its characteristic size, that counts as no motion."""
 _STEEP_SHARE = 0.01
-"""Slope of the cost per characteristic size, as a share of its span, above which it depends on a state noticeably."""
+"""Slope of the cost per characteristic size, as a fraction of its span, above which a state matters to the cost."""
 _FORCE_UNITS = ("N", "N m", "N s")
-"""Units of inputs that are zero in free fall; others, such as commanded positions, are held."""
+"""Units of inputs that are zero in free fall; inputs with other units, such as commanded positions, are held."""
 
 
 def cost_span(evaluation: Evaluation, plan: Rollout) -> float:
-    """Return the largest change of the cost as all states and inputs move by a characteristic size.
+    """Return the largest change of the cost as all states and inputs change by a characteristic size.
 
     The dynamics are ignored, so that instability has no effect.
     """
@@ -43,12 +43,13 @@ def cost_span(evaluation: Evaluation, plan: Rollout) -> float:
 
 
 def idle_cost(evaluation: Evaluation, step: Step, plan: Rollout) -> float:
-    """Return the cost of doing nothing from the plan's start, the lowest of three.
+    """Return the cost of doing nothing from the plan's start, the lowest of three costs.
 
-    They are the costs of holding the input that acts before the first step, of holding it with its forces set to zero,
-    and of staying at the initial states. The last one counts where one of the plan's inputs can hold the states and
-    the cost depends on them; it contains no cost of that input.
-    NaN where none of the three is possible and satisfies the constraints.
+    These are the costs of holding the input that acts before the first step, of holding this input with forces set to
+    zero, and of staying at the initial states. The third cost counts only if one of the plan's inputs can hold the
+    states and the cost depends on the states; it does not include the cost of that input.
+
+    Returns NaN if none of the three is possible and satisfies the constraints.
     """
     u_before = evaluation.limits.u_before
     falling = np.where([signal.unit in _FORCE_UNITS for signal in step.system.inputs], 0.0, u_before)
@@ -59,7 +60,7 @@ def idle_cost(evaluation: Evaluation, step: Step, plan: Rollout) -> float:
 
 
 def _constant_cost(evaluation: Evaluation, step: Step, plan: Rollout, u: np.ndarray) -> float:
-    """Return the cost of one input (nu,) at all steps, NaN where a step fails or constraints are violated."""
+    """Return the cost of one input (nu,) at all steps, NaN if a step fails or constraints are violated."""
     idle, unsolved = roll_on(evaluation, np.tile(u, (1, evaluation.problem.N, 1)), step, plan.x[:, 0])
     if unsolved is not None or broken_constraints(evaluation, idle):
         return float("nan")
@@ -82,14 +83,14 @@ def _still_cost(evaluation: Evaluation, step: Step, plan: Rollout) -> float:
 
 
 def _state_slopes(evaluation: Evaluation, x: np.ndarray) -> np.ndarray:
-    """Return the first-order change (nx,) of the cost of staying at x (nx,) as each state moves by its size."""
+    """Return the first-order change (nx,) of the cost of staying at x (nx,) as each state changes by its size."""
     problem, u_before = evaluation.problem, evaluation.limits.u_before
     stage_slope, terminal_slope, _ = problem.state_slopes(x, u_before, 0 * u_before, 0, evaluation.p)
     return problem.scales.x * np.abs(problem.N * np.array(stage_slope) + np.array(terminal_slope)).ravel()
 
 
 def _holds(step: Step, p: np.ndarray, x: np.ndarray, inputs: np.ndarray, limit: np.ndarray) -> bool:
-    """Return whether one of ``inputs`` (N, nu) moves no state of x (nx,) by more than ``limit`` (nx,)."""
+    """Return whether one of ``inputs`` (N, nu) keeps every state of x (nx,) within ``limit`` (nx,)."""
     x_start = np.repeat(x[:, None], len(inputs), axis=1)
     x_next = np.array(step.solve.map(len(inputs))(x_start, inputs.T, p)[0])
     return bool(np.any(np.all(np.abs(x_next - x_start) <= limit[:, None], axis=0)))
@@ -98,11 +99,11 @@ def _holds(step: Step, p: np.ndarray, x: np.ndarray, inputs: np.ndarray, limit: 
 def undone_findings(
     evaluation: Evaluation, plan: Rollout, contacts: list[ContactSummary], span: float
 ) -> Iterator[Finding]:
-    """Yield findings on bodies that a plan leaves untouched, or states unmoved, although its cost depends on them.
+    """Yield findings on bodies that a plan leaves untouched and states that it does not move, if they matter.
 
-    The cost depends on a state where its slope per characteristic size, at the start or the end, exceeds a
-    hundredth of the cost's ``span``. A state that inputs move through contact alone, and on which the cost
-    depends at the end, is untouched where no contact with a driven body ever acts.
+    The cost depends on a state if its slope per characteristic size, at the start or the end, exceeds a
+    hundredth of the cost's ``span``. A state that inputs move only through contact, and on which the cost
+    depends at the end, is untouched if no contact with an actuated body is ever active.
     """
     problem, moves = evaluation.problem, np.ptp(plan.x, axis=1).max(axis=0, initial=0.0)
     starts, ends = (
@@ -131,7 +132,7 @@ def _driven_contacts(system: ContactSystem, steered: np.ndarray, passive: np.nda
 
 
 def _untouched(contacts: list[str], passive_states: np.ndarray) -> Finding:
-    """Return the finding that none of ``contacts`` acts, with the bodies' names where contacts are named "a on b"."""
+    """Return the finding that no contact acts, with the names of the bodies if contacts are named "a on b"."""
     bodies = [re.sub(r" \d+$", "", name).split(" on ") for name in contacts]
     if any(len(pair) != 2 for pair in bodies):
         named = f"contact{'s' * (len(contacts) > 1)} {', '.join(contacts)}"

@@ -1,4 +1,4 @@
-"""Detection of jumps in costs, constraints, dynamics and gaps, which derivatives do not show."""
+"""Detection of jumps in costs, constraints, dynamics and gaps, which derivatives do not reveal."""
 
 from __future__ import annotations
 
@@ -29,35 +29,35 @@ _SWITCHES = {
     ca.OP_DIV: "division",
     ca.OP_INV: "division",
 }
-"""Mapping from CasADi's operations that may jump to their names."""
+"""Mapping from CasADi operations that may jump to their names."""
 _CALLS = (-1, 48)
 """CasADi's operation codes of the output of a function call, and of the call itself."""
 _LINES = 64
-"""Number of random lines on which jumps are sought."""
+"""Number of random lines along which jumps are searched for."""
 _LINES_PER_SWITCH = 16
-"""Maximum number of lines on which one switch is located."""
+"""Maximum number of lines on which a single switch is located."""
 _BISECTIONS = 60
-"""Number of bisections that bring the two sides of a switch together."""
+"""Number of bisections that locate a switch."""
 _JUMP_SHARE = 1e-9
-"""Share of the values on the sides of a switch that a difference between them must exceed to be a jump."""
+"""Difference between the two sides of a switch, as a fraction of the values, above which the switch is a jump."""
 _ROUNDING_SHARE = 1e-12
-"""Share of the values at the ends of a line that is added to the tolerance on a jump, for rounding."""
+"""Tolerance on a jump for rounding errors, as a fraction of the values at the ends of a line."""
 _ASIDE_SHARE = 1e-6
-"""Distance from a switch, as a share of the line, of the points whose values are compared with those at the switch."""
+"""Distance from a switch, as a fraction of the line, of the points compared with the values at the switch."""
 _POLE_RATIO = 1e4
 """Ratio of the value at a switch to the value :data:`_ASIDE_SHARE` away from it above which the switch is a pole."""
 _UNKNOWN_SHARE = 1e-3
-"""Share of the values at a line's ends above which a difference is a jump where values at the switch are NaN."""
+"""Difference, as a fraction of the values at a line's ends, that is a jump if values at the switch are NaN."""
 _ZERO_SHARE = 1e-12
-"""Share of the line below which coordinates are rounded to zero, so that ``x == 0`` holds exactly."""
+"""Fraction of the line below which coordinates are rounded to zero, so that ``x == 0`` holds exactly."""
 
 
 @dataclass(frozen=True)
 class Domain:
-    """Box ``lower <= z <= upper`` of variables of characteristic ``sizes``, (n,) each, that is searched for jumps.
+    """Box ``lower <= z <= upper``, (n,) each, of variables with characteristic ``sizes``, searched for jumps.
 
     The search follows random lines; half of them are drawn around ``centre`` (n,), the others around
-    zero. A point at which ``slack(z)`` has a negative entry violates a constraint; jumps there do not count.
+    zero. A point where ``slack(z)`` has a negative entry violates a constraint; jumps there are ignored.
     """
 
     sizes: np.ndarray
@@ -68,7 +68,7 @@ class Domain:
 
     @cached_property
     def ends(self) -> tuple[np.ndarray, np.ndarray]:
-        """First and last points (n, L) of random lines, a hundredth to a hundred sizes from their centres."""
+        """First and last points (n, L) of random lines, 0.01 to 100 sizes from their centres."""
         rng, n = np.random.default_rng(0), self.sizes.size
         distances = 10.0 ** rng.uniform(-2, 2, (2, _LINES, 1))
         centres = np.where(np.arange(_LINES)[:, None] % 2, self.centre, 0.0)
@@ -85,10 +85,10 @@ class Domain:
 
 @lru_cache(maxsize=16)
 def jump_findings(problem: Problem) -> tuple[Finding, ...]:
-    """Return findings on operations at which a problem jumps, and on functions that cannot be inspected.
+    """Return findings on operations at which a problem jumps, and on functions that cannot be examined.
 
     Friction impulses are set to zero and friction gaps are left out, since the basis of the tangents
-    may jump without an effect on the physics. Slip gaps, which contain the friction, are inspected.
+    may jump without an effect on the physics. Slip gaps, which contain the friction coefficient, are examined.
     """
     system, p = problem.system, problem.parameters
     x, u, du, lam, _ = problem.symbols
@@ -125,7 +125,7 @@ def _domain(problem: Problem, moving: ca.SX, most_lam: np.ndarray) -> Domain:
 
 
 def jump_findings_of(expressions: Mapping[str, ca.SX], moving: ca.SX, domain: Domain) -> tuple[Finding, ...]:
-    """Return findings on the jumps of ``expressions``, a dict from names, that depend on ``moving`` (n, 1) alone."""
+    """Return the names of the operations at which ``expression`` (k, 1) jumps as ``moving`` (n, 1) changes."""
 
     def located(find: Callable[[ca.SX], Iterable[str]]) -> list[str]:
         return [f"{node} in {name}" for name, expression in expressions.items() for node in find(expression)]
@@ -178,7 +178,7 @@ def _calls(expression: ca.SX) -> dict[str, None]:
 
 
 def _sides(node: ca.SX) -> list[ca.SX]:
-    """Return piecewise constant expressions that change where an operation may jump."""
+    """Return piecewise constant expressions that change at points where an operation may jump."""
     operation, first, second = node.op(), node.dep(0), node.dep(node.n_dep() - 1)
     if operation in (ca.OP_EQ, ca.OP_NE):
         return [first < second]
@@ -196,7 +196,7 @@ def _at(function: ca.Function, points: np.ndarray, output: int = 0) -> np.ndarra
 
 
 def _jumps_at(side: ca.Function, values: ca.Function, domain: Domain) -> bool:
-    """Return whether ``values`` differ between the sides of a switch, or on the switch differ from both sides."""
+    """Return whether ``values`` differ between the sides of a switch, or differ on the switch from both sides."""
     low, high = domain.ends
     side_low, side_high = _at(side, low), _at(side, high)
     crossing = np.flatnonzero(np.isfinite(side_low + side_high) & (side_low != side_high))[:_LINES_PER_SWITCH]

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     import scipy.sparse as sp
 
 SHARP = 1e-7
-"""Newton step, in characteristic sizes, below which the next one would be no larger than rounding."""
+"""Newton step, in characteristic sizes, below which the next step would be no larger than rounding errors."""
 _BORDER_REGULARISATION = 1e-12
 """Regularisation of the bordered KKT matrix, scaled."""
 _NEWTON_STEPS = 8
@@ -25,18 +25,18 @@ _NEWTON_STEPS = 8
 _CENTRAL_STEP = 1e-5
 """Step of central differences with respect to the parameter, in its unit."""
 _BIACTIVE_MEMBER = 1e-6
-"""Value of a pair's larger member, in characteristic sizes, below which it is held at zero like the smaller one."""
+"""Value of a pair's larger member, in characteristic sizes, below which this member is also held at zero."""
 
 
 @dataclass(frozen=True)
 class Held:
-    """Active set: entries -1, 1 and 0 for ``x`` (n,) and ``g`` (m,) held at the lower, the upper, and no bound."""
+    """Active set: -1, 1 and 0 for entries of ``x`` (n,) and ``g`` (m,) at the lower bound, upper bound, and free."""
 
     x: np.ndarray
     g: np.ndarray
 
     def toggle_end(self, end: int) -> Held:
-        """Return the active set with ``end``, an index into :meth:`KKTCurve.margins`, freed if held, else held."""
+        """Return the active set with the index ``end`` of :meth:`KKTCurve.margins` freed if held, and held if free."""
         x, g = self.x.copy(), self.g.copy()
         signs, index = (x, end) if end < 2 * x.size else (g, end - 2 * x.size)
         sign, index = (-1, index) if index < signs.size else (1, index - signs.size)
@@ -44,7 +44,7 @@ class Held:
         return Held(x, g)
 
     def holds_end(self, end: int) -> bool:
-        """Return whether ``end``, an index into :meth:`KKTCurve.margins`, is held."""
+        """Return whether the index ``end`` of :meth:`KKTCurve.margins` is held."""
         toggled = self.toggle_end(end)
         return np.abs(toggled.x).sum() + np.abs(toggled.g).sum() < (np.abs(self.x).sum() + np.abs(self.g).sum())
 
@@ -158,14 +158,15 @@ class KKTCurve:
         return H[self.free][:, self.free], A[self.acting][:, self.free]
 
     def curvature(self, v: np.ndarray) -> int:
-        """Return the number of directions of negative curvature of the Lagrangian on the held set."""
+        """Return the number of directions of negative curvature of the Lagrangian with the active set held."""
         x, y = self.primal_dual(v)
         return negative_curvature(*self._second(x, y, self.problem_data(v[-1])[0]))
 
     def solve(self, v: np.ndarray, border: np.ndarray, right: np.ndarray) -> np.ndarray:
-        """Solve with the KKT matrix bordered by the row ``border``; the result is NaN where the matrix is singular.
+        """Solve with the KKT matrix bordered by the row ``border``; the result is NaN if the matrix is singular.
 
-        The matrix is regularised by 1e-12. At a simple fold the bordered matrix is regular, the square one singular.
+        The matrix is regularised by 1e-12. At a simple fold the bordered matrix is regular and the unbordered
+        square matrix singular.
         """
         import scipy.sparse as sp
         import scipy.sparse.linalg as sla
@@ -183,7 +184,7 @@ class KKTCurve:
         return self.solve(v, self.parameter_direction if border is None else border, self.parameter_direction)
 
     def newton(self, v: np.ndarray, border: np.ndarray, target: float) -> np.ndarray | None:
-        """Return the point of the curve where ``border' v = target``; None where Newton's method does not converge."""
+        """Return the point of the curve with ``border' v = target``; None if Newton's method does not converge."""
         last = np.inf
         for _ in range(_NEWTON_STEPS):
             residual = np.append(self.equations(v), border @ v - target)
@@ -200,8 +201,8 @@ class KKTCurve:
     def corrected_point(self, v: np.ndarray, tau: float) -> np.ndarray | None:
         """Return the point of the curve at ``tau``, predicted along the tangent from v and then corrected.
 
-        None where Newton's method does not converge, or where the correction exceeds half the prediction, which
-        indicates a jump to another curve.
+        Returns None if Newton's method does not converge, or if the correction exceeds half the prediction,
+        which indicates a jump to another curve.
         """
         ahead = (tau - v[-1]) * self.tangent(v)
         if not np.all(np.isfinite(ahead)):
@@ -213,11 +214,11 @@ class KKTCurve:
         return solution if residual <= 0.5 * np.abs(ahead)[: self.nx].max(initial=0.0) + 1e-4 else None
 
     def margins(self, v: np.ndarray) -> np.ndarray:
-        """Return the scaled margins of the active set: slacks of free ends, multipliers of held ones.
+        """Return the scaled margins of the active set: slacks of free ends, and multipliers of held ends.
 
-        They are those of the lower ends of x, its upper ends, and the same for g, (2n + 2m,). They are
-        infinite where nothing can change: for equations, and for the held member of a pair of which only
-        one is held, since its multiplier may have either sign.
+        Their order (2n + 2m,) is lower ends of x, upper ends of x, lower ends of g, upper ends of g. Margins are
+        infinite if an end cannot change: for equations, and for the held member of a pair with one held
+        member, since its multiplier may have either sign.
         """
         slope, g, bounds = self._state(v)
         x, y = self.primal_dual(v)
@@ -233,11 +234,11 @@ class KKTCurve:
         return np.concatenate([np.concatenate(part) for part in slack_groups])
 
     def lower_slopes(self, v: np.ndarray) -> np.ndarray:
-        """Return the scaled gradient of the Lagrangian: the multipliers of held lower ends, zero where free."""
+        """Return the scaled gradient of the Lagrangian: the multipliers of held lower ends, zero for free ends."""
         return self._state(v)[0]
 
     def end_name(self, end: int) -> tuple[str, int, bool]:
-        """Return the name and step of an end of :meth:`margins`, and whether it belongs to a pair."""
+        """Return the name and step of an end of :meth:`margins`, and whether the end belongs to a pair."""
         program = self.program
         if end < 2 * program.n:
             variable = end % program.n
@@ -261,7 +262,7 @@ class KKTCurve:
 def regular_curve(
     program: Program, point: Point, values: dict[str, float], name: str, unit: float
 ) -> tuple[KKTCurve, np.ndarray]:
-    """Return the curve through a solved point and its coordinates; raise ``InputError`` where it is singular."""
+    """Return the curve through a solved point and its coordinates; raise ``InputError`` if the curve is singular."""
     p, bounds = program.parameter_vector(values), program.bounds(values)
     y = point.lam_g
     if y is None:

@@ -1,4 +1,4 @@
-"""Linear programs with complementarity constraints (LPEC) and negative curvature, both for certificates."""
+"""Linear programs with complementarity constraints (LPEC) and tests of negative curvature, for certificates."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from ocp.programs.program import Program
 
 _SNAP = 1e-4
-"""Share of a characteristic size below which a slack counts as zero; for members of pairs it is a hundredth of this."""
+"""Slack, as a fraction of a characteristic size, that counts as zero; for members of pairs a hundredth of this."""
 NODES = 500
-"""Maximum number of nodes of one search over branches; unlike a time limit, it does not depend on load."""
+"""Maximum number of nodes of a branch-and-bound search; unlike a time limit, it does not depend on the load."""
 
 
 @dataclass(frozen=True)
@@ -31,12 +31,12 @@ class LinearModel:
 
     ``minimise cost' d`` subject to ``row_lower <= rows d <= row_upper``, ``lower <= d <= upper``
     and ``0 <= l + d_l ⟂ g + d_g >= 0`` for the pairs at positions ``pairs`` (2, m). Slacks are
-    those at the point, zero where a constraint is active; an equation becomes ``rows d = 0`` even
-    where it has a residual, which the audit judges.
+    evaluated at the point, and zero if a constraint is active; an equation becomes ``rows d = 0`` even if it has
+    a residual, which the audit judges.
 
     ``cost`` (n,) is the gradient times the sizes, ``rows`` (m_g, n) the Jacobian times the sizes, with
     every row multiplied by a factor ``row_scale`` (m_g,) that brings its largest entry to 1.
-    ``typical_change`` is that of the cost (:meth:`~ocp.programs.program.Program.typical_change`).
+    ``typical_change`` is the typical change of the cost (:meth:`~ocp.programs.program.Program.typical_change`).
     """
 
     cost: np.ndarray
@@ -114,11 +114,11 @@ class LinearModel:
         return not any(np.isnan(array).any() for array in arrays)
 
     def near(self, radius: float) -> np.ndarray:
-        """Return a mask (m,) of pairs whose members are both within ``radius`` of zero: these may open or close."""
+        """Return a mask (m,) of pairs that may open or close: both members are within ``radius`` of zero."""
         return np.all(self.members < radius, axis=0)
 
     def effort(self, radius: float) -> int:
-        """Return the work of a search over branches of near pairs: binaries times nonzeros of the rows."""
+        """Return the cost of a search over branches of near pairs: number of binaries times nonzeros of the rows."""
         return int(self.near(radius).sum()) * self.rows.nnz
 
     @property
@@ -128,7 +128,7 @@ class LinearModel:
 
     @property
     def free(self) -> np.ndarray:
-        """Mask (n,) of variables that are held neither by a bound nor by a pair."""
+        """Mask (n,) of variables that neither a bound nor a pair fixes."""
         free = (self.lower < 0) & (self.upper > 0)
         free[self.held] = False
         return free
@@ -138,7 +138,7 @@ class LinearModel:
         return self.cost + self.rows.T @ (multipliers / self.row_scale)
 
     def box(self, radius: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return the bounds of ``d / radius`` in the trust region; a smaller member stays 0 unless its pair is near."""
+        """Return bounds of ``d / radius`` in the trust region; the smaller member is 0 unless its pair is near."""
         lower = np.maximum(self.lower / radius, -1.0)
         upper = np.minimum(self.upper / radius, 1.0)
         decided = ~self.near(radius)
@@ -170,10 +170,10 @@ class LinearModel:
         """Return the steepest feasible direction with ``|d_i| <= radius``.
 
         Without ``branching`` both members of near pairs may grow (the relaxed problem, a linear program).
-        With it one member of each near pair stays zero, which one binary variable per pair selects. The
-        direction then decreases the cost by more than ``cut`` per radius, and at least half as steeply as
-        the steepest one; with ``first`` it is the first that the search finds. A ``cut`` of minus infinity
-        accepts every direction. The step is zero where no direction exists. The search ends after
+        With ``branching`` one member of each near pair stays zero; a binary variable per pair selects it. The
+        direction then decreases the cost by more than ``cut`` per radius, and at least half as steeply as the
+        steepest direction; with ``first`` the search ends at its first direction. A ``cut`` of minus infinity
+        accepts every direction. The step is zero if no direction exists. The search ends after
         :data:`NODES` nodes.
         """
         near_pairs = np.flatnonzero(self.near(radius)) if branching else np.zeros(0, dtype=int)
@@ -190,7 +190,7 @@ class LinearModel:
     def _program(
         self, radius: float, near_pairs: np.ndarray, cut: float
     ) -> tuple[np.ndarray, tuple[Any, ...], tuple[Any, ...], np.ndarray]:
-        """Return objective, rows, bounds and integrality of the program in the direction and a binary per near pair."""
+        """Return objective, rows, bounds and integrality of the program in the direction and binaries of near pairs."""
         import scipy.sparse as sp
 
         count, size = near_pairs.size, max(float(np.abs(self.cost).max(initial=0.0)), 1e-300)
@@ -227,10 +227,10 @@ class LinearModel:
 
 @dataclass(frozen=True)
 class Descent:
-    """Steepest descent direction ``step``, its ``decrease`` of the cost per radius, and the branch it takes.
+    """Steepest descent direction ``step``, the ``decrease`` of the cost per radius, and the selected branch.
 
     ``active`` is 1 for pairs of ``near`` whose multiplier may grow while the gap stays zero.
-    ``decrease`` is NaN where the program was not solved; ``trouble`` says why.
+    ``decrease`` is NaN if the program was not solved; ``trouble`` says why.
     """
 
     decrease: float
@@ -241,14 +241,14 @@ class Descent:
 
 
 def _active(negative_slack: np.ndarray) -> np.ndarray:
-    """Return lower bounds of a step: negative slacks, zero where the constraint is active or violated."""
+    """Return lower bounds of a step: negative slacks, and zero if the constraint is active or violated."""
     return np.where(negative_slack > -_SNAP, 0.0, negative_slack)
 
 
 def _solved(
     objective: np.ndarray, rows: tuple[Any, ...], box: tuple[Any, ...], integrality: np.ndarray, gap: float
 ) -> OptimizeResult:
-    """Return the solution by HiGHS, which runs again without presolve after numerical trouble."""
+    """Return the solution by HiGHS, which runs again without presolve after numerical problems."""
     from scipy.optimize import Bounds, LinearConstraint, milp
 
     options = {"node_limit": NODES, "mip_rel_gap": gap}
@@ -263,11 +263,11 @@ def _solved(
 _NULL_SPACE_SHIFT = 1e-8
 """Regularisation of the rows when negative eigenvalues are counted."""
 _LEAST_CURVATURE = 1e-7
-"""Size of a negative eigenvalue, as a share of the largest entry of H, up to which it counts as zero."""
+"""Largest absolute value of a negative eigenvalue that counts as zero, as a fraction of the largest entry of H."""
 
 
 def negative_curvature(hessian: sp.csr_matrix, constraints: sp.csr_matrix) -> int:
-    """Return the number of negative eigenvalues of H on the null space of A, -1 where that failed.
+    """Return the number of negative eigenvalues of H on the null space of A, -1 if the computation failed.
 
     H (n, n) is symmetric, A is (m, n). By Haynsworth and Sylvester the matrix ``[[H + e I, A'],
     [A, -e I]]`` has as many negative eigenvalues as H has on the null space of A, and m more, for
@@ -301,7 +301,7 @@ _STDOUT_LOCK = threading.Lock()
 
 @contextmanager
 def unheard() -> Iterator[None]:
-    """Discard output on file descriptor 1, since HiGHS calls ``printf`` regardless of its options."""
+    """Discard output on file descriptor 1, since HiGHS calls ``printf`` whatever its options are."""
     with _STDOUT_LOCK, Path(os.devnull).open("w") as nowhere:
         _flush()
         try:

@@ -1,4 +1,4 @@
-"""Measures along trajectories: values of a system's expressions, penetration, forces at a distance."""
+"""Measures along trajectories: values of a system's expressions, penetration, and forces at a distance."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from ocp.problem.rollout import Rollout, mean_multipliers
 class TrajectoryEvaluator:
     """Evaluator of expressions in (x, u, x_next, lam, p) along trajectories.
 
-    The system is the problem's or its referee's. Trajectories are x (S, N+1, nx), u (S, N, nu), lam
+    The system is the problem's system or the referee's model of it. Trajectories are x (S, N+1, nx), u (S, N, nu), lam
     (S, N, nlam).
     """
 
@@ -61,20 +61,20 @@ class DenseFunction:
 
 
 ACTIVE = 1e-3
-"""Share of the characteristic impulse above which a normal impulse counts as acting."""
+"""Normal impulse above which a contact counts as acting, as a fraction of the characteristic impulse."""
 _WAY_SAMPLES = 16
-"""Number of intervals into which sampling divides the line between two nodes."""
+"""Number of intervals into which the line between two nodes is divided."""
 _GOLDEN = (np.sqrt(5) - 1) / 2
-"""Ratio of the golden section."""
+"""Ratio of the golden-section search."""
 _SECTIONS = 40
 """Number of golden-section steps around the smallest sample."""
 
 
 @dataclass(frozen=True)
 class Worst:
-    """Largest ``amount`` of a measure, with its contact, scenario and step; zero where nothing is measured.
+    """Largest ``amount`` of a measure, with its contact, scenario and step; zero if nothing was measured.
 
-    ``step`` is the number of a node, or of an interval for measures between nodes.
+    ``step`` is the index of a node, or of an interval for measures between nodes.
     """
 
     amount: float
@@ -85,7 +85,7 @@ class Worst:
 
 @dataclass(frozen=True)
 class Physics:
-    """Errors of contact in a trajectory, ideally zero, [m] or the unit of a joint limit; None without geometry.
+    """Errors of contact in a trajectory, ideally zero, in [m] or the unit of a joint limit; None without geometry.
 
     ``penetration`` is max(0, -phi) at the nodes; ``between`` is the same along straight lines in the
     coordinates from node to node; ``force_distance`` is the largest phi(x_next) at which a normal
@@ -98,7 +98,7 @@ class Physics:
 
 
 def measure(evaluation: Evaluation, step: Step, rollout: Rollout) -> Physics:
-    """Return the penetration of trajectories of ``step``, and the distance at which contact forces act in them."""
+    """Return the penetration of trajectories of ``step``, and the largest distance at which contact forces act."""
     problem, x = evaluation.problem, rollout.x
     phi, names = evaluation.signed_distances(x), problem.system.distance_names
     if phi is None:
@@ -125,7 +125,7 @@ def pair_sizes(problem: Problem, system: ContactSystem) -> tuple[np.ndarray, np.
 
 
 def slip_sides(system: ContactSystem) -> list[tuple[int, list[int]]]:
-    """Return the index of each contact's slip pair, with the indices of its friction pairs."""
+    """Return the index of each contact's slip pair, and the indices of the contact's friction pairs."""
     return [
         (i, [j for j, other in enumerate(system.pairs) if other.kind == "friction" and other.contact == pair.contact])
         for i, pair in enumerate(system.pairs)
@@ -150,7 +150,7 @@ def least_between(evaluation: Evaluation, x: np.ndarray) -> np.ndarray:
     """Return the smallest phi (S, N, n_phi) on the straight line from every node to the next, ends included.
 
     The line is sampled at 17 points and searched by golden section around the smallest sample. The
-    result is exact where phi has one minimum between two samples, as for convex bodies that do not
+    result is exact if phi has one minimum between two samples, as for convex bodies that do not
     rotate, whose distance is convex along the line.
     """
     start, displacement = x[:, :-1, None], np.diff(x, axis=1)[:, :, None]

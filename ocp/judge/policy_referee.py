@@ -1,4 +1,4 @@
-"""Referee's report on a policy, by the outcome of its replays at h and at h/4; it need not reach the plan's states."""
+"""Referee's report on a policy from its replays at h and at h/4; states may differ from those of the plan."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from ocp.problem.rollout import Rollout
 
 
 def policy_findings(evaluation: Evaluation, plan: Rollout, outcome: Referee) -> tuple[list[Finding], list[Finding]]:
-    """Return the findings that say why a policy does not survive, at h and at h/4, each empty where it does.
+    """Return findings on why a policy does not survive, at h and at h/4; a list is empty if the policy survives.
 
     Each replay must cost at most 10 % more than ``plan``, and violate constraints and penetrate bodies by at most a
     tenth of their sizes (:func:`~ocp.judge.referee.outcome_findings`). States may differ from those of the plan.

@@ -1,4 +1,4 @@
-"""Referee: replay of a plan under the most exact contact model, and the decision whether it survives."""
+"""Referee: replay of a plan under the most exact contact model, and the decision whether the plan survives."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ from ocp.problem.rollout import Gains, Rollout, StateFeedback, Unsolved, roll_on
 REFINEMENT = 4
 """Factor by which h is divided in the refined replay."""
 COST_SHARE = 0.1
-"""Largest excess of a surviving replay's cost, as a share of the plan's cost."""
+"""Largest cost excess of a replay that survives, as a fraction of the plan's cost."""
 STATE_SHARE = 0.1
-"""Largest distance of a surviving replay's states from the plan's, as a share of their characteristic size."""
+"""Largest distance between states of the plan and of a replay that survives, in characteristic sizes."""
 PENETRATION_SHARE = 0.1
-"""Largest penetration in a surviving replay, at or between nodes, as a share of the characteristic gap.
+"""Largest penetration in a replay that survives, at or between nodes, as a fraction of the characteristic gap.
 
-With true gaps, penetration at nodes is only rounding. Between nodes the straight line passes through
-corners by a hundredth of the gap where contacts roll, and through whole bodies where one tunnels.
+With true gaps, penetration at nodes is only rounding error. Between nodes, the straight line penetrates corners by a
+hundredth of the gap in rolling contacts, and passes through a whole body in the case of tunnelling.
 """
 _LEAST_GAP = 1e-4
 """Minimum gap for judging, as a share of the characteristic gap."""
@@ -49,9 +49,9 @@ NO_GEOMETRY = "no geometry"
 class Referee:
     """Replay of a plan under the most exact contact model of its system, at the same h, and its cost.
 
-    Where a step was not solved, ``failed`` describes that step, and ``cost`` and the rest of
+    If a step was not solved, ``failed`` describes that step, and ``cost`` and the rest of
     ``replay`` are NaN. ``refined`` is the replay at h/4, in which every input is held over four steps;
-    it has the problem's nodes, over which its cost is summed. Where ``refined`` is None, or ended
+    it has the problem's nodes, over which its cost is summed. If ``refined`` is None or ended
     early, ``refined_note`` says why. ``note`` names features that the referee's model has and the
     problem's model lacks; it is None for a system without geometry, whose own model is replayed.
     """
@@ -65,7 +65,7 @@ class Referee:
 
     @property
     def refined_cost(self) -> float:
-        """Cost at h/4, NaN where there is none."""
+        """Cost at h/4, NaN if there is no replay at h/4."""
         return math.nan if self.refined is None else self.refined.cost
 
 
@@ -85,7 +85,7 @@ def refined_replay(
 ) -> tuple[Rollout | None, str]:
     """Return the replay at h / ``factor`` under the referee's model, at the problem's nodes, and a note.
 
-    The note says why the replay ended early, "" if it did not. Where h cannot be refined, the
+    The note says why the replay ended early, and is "" otherwise. If h cannot be refined, the
     replay is None and the note says why.
     """
     problem = evaluation.problem
@@ -175,13 +175,13 @@ class RefereeReport:
 
     @property
     def document(self) -> dict[str, Any]:
-        """The report as a JSON-serialisable dict, with what follows from its findings."""
+        """The report as a JSON-serialisable dict, with the values derived from its findings."""
         derived = ("survives", "survives_at_h", "reasons", "refined_reasons")
         return {**asdict(self), **{name: getattr(self, name) for name in derived}}
 
     @property
     def word(self) -> str:
-        """Outcome in words: the plan survives, survives only at its step size, does not, or has no referee."""
+        """Outcome as text: the plan survives, survives only at its step size, does not survive, or has no referee."""
         if self.survives_at_h and not self.survives:
             return "survives at this step only"
         return {True: "survives", False: "does not survive", None: "no referee"}[self.survives]
@@ -190,10 +190,10 @@ class RefereeReport:
 def referee_plan(
     evaluation: Evaluation, step: Step, plan: Rollout, gains: Gains | None = None
 ) -> tuple[RefereeReport, Referee]:
-    """Return the referee's report on a plan that was made with ``step``, and the replay behind it.
+    """Return the referee's report on a plan that was made with ``step``, and the referee's replay.
 
-    The plan's inputs are replayed, or the policy where there is one, from the plan's own starts.
-    Without geometry there is no referee, and the report has no costs.
+    The plan's inputs, or its policy if it has one, are replayed from the plan's starts. Without geometry there is no
+    referee, and the report has no costs.
     """
     problem = evaluation.problem
     refereed = referee_replay(evaluation, plan.u if gains is None else gains, plan.x[:, 0])
@@ -222,11 +222,11 @@ def referee_plan(
 
 
 def _other_solution(evaluation: Evaluation, plan: Rollout, gains: Gains | None) -> tuple[str, float]:
-    """Return a clause on a step of a plan at which contact has another solution, and the plan's cost with it.
+    """Return a clause on a step at which contact has another solution, and the plan's cost with that solution.
 
-    Of several other solutions it is the one at which the replay ends, or else the costliest. The result
-    is ``("", nan)`` where no step has another solution; the cost is NaN where the motion cannot be
-    followed to the end.
+    Of several other solutions, the solution of the replay is reported, or else the solution of highest cost. The
+    result is ``("", nan)`` if no step has another solution; the cost is NaN if the motion cannot be simulated
+    to the end.
     """
     problem, nonuniqueness = evaluation.problem, find_nonuniqueness(evaluation, plan)
     if nonuniqueness is None:
@@ -269,15 +269,14 @@ def tolerance_gap(problem: Problem, x: np.ndarray) -> float:
 def survival_findings(
     evaluation: Evaluation, plan: Rollout, outcome: Referee, physics: Physics, broken: Sequence[Broken]
 ) -> list[Finding]:
-    """Return the findings that say why a refereed plan does not survive, none where it does.
+    """Return findings on why a refereed plan does not survive; the list is empty if it survives.
 
-    It survives where the replay was solved throughout, costs at most :data:`COST_SHARE` more than
-    the plan, keeps every state within :data:`STATE_SHARE`, every constraint within
-    :data:`~ocp.judge.constraints.CONSTRAINT_SHARE` and penetration within
-    :data:`PENETRATION_SHARE` of the problem's characteristic sizes, which are limited by the
-    plan's own motion (:func:`~ocp.judge.constraints.tolerance_sizes`, :func:`tolerance_gap`).
-    ``physics`` and ``broken`` are those of the replay. Constant terms of the cost do not count
-    (:meth:`~ocp.problem.evaluation.Evaluation.cost_share`).
+    The plan survives if every step of the replay was solved, and the replay costs at most :data:`COST_SHARE` more
+    than the plan, keeps every state within :data:`STATE_SHARE`, every constraint within
+    :data:`~ocp.judge.constraints.CONSTRAINT_SHARE` and penetration within :data:`PENETRATION_SHARE` of the problem's
+    characteristic sizes, which are limited by the plan's own motion (:func:`~ocp.judge.constraints.tolerance_sizes`,
+    :func:`tolerance_gap`). ``physics`` and ``broken`` are those of the replay. Constant terms of the cost do not
+    count (:meth:`~ocp.problem.evaluation.Evaluation.cost_share`).
     """
     problem, cost_excess = evaluation.problem, evaluation.cost_share(outcome.cost - plan.cost, plan.cost)
     differences = np.abs(outcome.replay.x - plan.x)
@@ -308,12 +307,12 @@ def survival_findings(
 
 
 def quarter_step_findings(evaluation: Evaluation, plan: Rollout, outcome: Referee) -> list[Finding]:
-    """Return the findings that say why the replay at h/4 fails, none where it succeeds or is missing.
+    """Return findings on why the replay at h/4 fails; the list is empty if it succeeds or is missing.
 
-    It succeeds where it was solved, costs at most :data:`COST_SHARE` more than the plan, and keeps
+    The replay succeeds if every step was solved, and it costs at most :data:`COST_SHARE` more than the plan, and keeps
     constraints within :data:`STATE_SHARE` and penetration within :data:`PENETRATION_SHARE`. States
-    are not compared node by node: an impact a fraction of a step earlier changes a velocity
-    completely, and the cost little.
+    are not compared node by node: an impact that is a fraction of a step earlier changes a velocity completely, but
+    the cost only slightly.
     """
     if outcome.refined is None:
         return []
@@ -323,7 +322,7 @@ def quarter_step_findings(evaluation: Evaluation, plan: Rollout, outcome: Refere
 
 
 def outcome_findings(evaluation: Evaluation, plan: Rollout, replay: Rollout) -> list[Finding]:
-    """Return the findings that say why a replay, at any step size, fails by its cost, constraints or penetration.
+    """Return findings on why a replay, at any step size, fails by its cost, constraints or penetration.
 
     The limits are those of :func:`quarter_step_findings`. ``evaluation`` is that of the plan.
     """

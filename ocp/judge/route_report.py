@@ -1,4 +1,4 @@
-"""Report on the route to an answer: stages, attempts, searches and refinements, with their costs."""
+"""Report on the route to a solution: stages, attempts, searches and refinements, with their costs."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 @dataclass(frozen=True)
 class StageRecord:
-    """One stage of a homotopy: what it varies (``label``), at which ``value``, and the solver's result.
+    """One stage of a homotopy: the varied parameter (``label``), its ``value``, and the solver's result.
 
     ``evaluation_s`` is the part of ``seconds`` spent on evaluating the NLP and its derivatives.
     """
@@ -27,9 +27,9 @@ class StageRecord:
 
 @dataclass(frozen=True)
 class Attempt:
-    """One of several attempts of a solve: its index ``start``, status, costs, and whether it was ``chosen``.
+    """Attempt of a solve from one start: its index ``start``, status, costs, and whether it was ``chosen``.
 
-    ``route`` names the route that was used, and ``seconds`` is the time in the solver.
+    ``route`` is the name of the route, and ``seconds`` is the time in the solver.
     """
 
     start: int
@@ -44,14 +44,14 @@ class Attempt:
 
 
 NOT_BETTER = "not better"
-"""Status of a searched plan that was solved but not judged, since another answer costs less."""
+"""Status of a searched plan that was solved but not judged, since another solution costs less."""
 
 
 @dataclass(frozen=True)
 class SearchedPlan:
-    """A plan of a search that was solved locally.
+    """A plan found by a search, after a local solve.
 
-    ``rolled_cost`` is the cost of its rollout, ``cost`` that of its solution; ``pushers`` are the
+    ``rolled_cost`` is the cost of its rollout, ``cost`` the cost of its solution; ``pushers`` are the
     positions of the pushers in the rollout, (N+1, nu), empty for other searches.
     """
 
@@ -75,7 +75,7 @@ class SearchReport:
     plans: list[SearchedPlan] = field(default_factory=list)
 
     def __str__(self) -> str:
-        """Return a sentence on what was rolled out and solved."""
+        """Return a sentence with the numbers of rollouts and solves."""
         judged = [plan for plan in self.plans if plan.status != NOT_BETTER]
         count, survivors = len(self.plans), sum(bool(plan.survives) for plan in judged)
         outcome = f"{survivors} survive" if judged else "none better"
@@ -102,7 +102,7 @@ class Level:
 
 @dataclass(frozen=True)
 class Refinement:
-    """Levels of a refinement that halves the step size; ``stopped`` says why it ended without agreement, or is ""."""
+    """Levels of a refinement that halves the step size; ``stopped`` says why it ended early, or is ""."""
 
     levels: list[Level]
     stopped: str = ""
@@ -113,10 +113,10 @@ class Rung:
     """One remedy for a plan that does not survive, and the referee's result for it.
 
     ``planned`` is the cost of the remedy's plan of N steps of ``h`` [s], whose solve ended with ``status``. ``cost``
-    and ``refined_cost`` are the costs of its inputs or its policy under the sharpest contact at h and at h/4, NaN where
-    a replay ended early. A cost that is a sum over nodes, not an integral, is summed over the nodes of the first plan,
-    so that rungs are comparable. ``survives`` is None for a rung that was not tried; ``note`` gives the reason, or
-    says that a rung costs more at its own step size.
+    and ``refined_cost`` are the costs of its inputs or its policy under the most exact contact model at h and at h/4,
+    NaN if a replay ended early. A cost that is a sum over nodes, not an integral, is summed over the nodes of the
+    first plan, so that rungs are comparable. ``survives`` is None for a rung that was not tried; ``note`` gives the
+    reason, or says that a rung costs more at its own step size.
     """
 
     name: str
@@ -132,7 +132,7 @@ class Rung:
 
     @property
     def sharpest_cost(self) -> float:
-        """Cost at h/4, or at h where the step size is part of the model."""
+        """Cost at h/4, or at h if the step size is part of the model."""
         return self.refined_cost if math.isfinite(self.refined_cost) else self.cost
 
     @property
@@ -143,7 +143,7 @@ class Rung:
 
 @dataclass(frozen=True)
 class DisturbedSurvival:
-    """Number of draws of one ``disturbance`` that an answer survives, and median and largest cost over all draws."""
+    """Number of draws of one ``disturbance`` that a solution survives, and median and largest cost of all draws."""
 
     disturbance: str
     survived: int
@@ -154,11 +154,11 @@ class DisturbedSurvival:
 
 @dataclass(frozen=True)
 class Ladder:
-    """Remedies that were tried until a plan survived; the first is the plan itself.
+    """Remedies that were tried until a plan survived; the first rung is the plan itself.
 
-    ``chosen`` is the index of the rung that gives the answer. ``stopped`` says why the search for a surviving plan
-    ended early, or is "". ``disturbed`` counts the disturbances that the answer survives, which are tried in addition
-    to the sharpest contact (:mod:`ocp.judge.disturbances`).
+    ``chosen`` is the index of the rung of the returned solution. ``stopped`` says why the search for a surviving plan
+    ended early, or is "". ``disturbed`` counts the disturbances that this solution survives; they are
+    tried in addition to the most exact contact model (:mod:`ocp.judge.disturbances`).
     """
 
     rungs: list[Rung]
@@ -168,22 +168,21 @@ class Ladder:
 
     @property
     def answer(self) -> Rung:
-        """The rung that the answer is from."""
+        """Rung of the returned solution."""
         return self.rungs[self.chosen]
 
 
 @dataclass(frozen=True)
 class RouteReport:
-    """Route to an answer: ``name`` of the route that gave it, and what else was tried.
+    """Route to a solution: the ``name`` of the route that found it, and the other attempts.
 
-    ``attempts`` are the starts, where there were several. ``started_from`` is the content hash of
-    the solution that the solve started from, None without one; ``resumed`` is False where the solver
-    did not converge from that solution, and solved cold with its trajectories as the guess. ``swept``
-    marks a problem that limits penetration between nodes too, ``sharpest`` a problem that was solved under
-    the sharpest contact of its system (:attr:`ocp.problem.problem.Problem.most_exact`). ``search``,
-    ``refinement`` and ``ladder`` are None where there was none. ``failures`` are the errors that ended
-    other attempts. ``idle_attempts`` is the number of certified attempts where the best of them stands
-    still, and 0 otherwise. ``audit_s`` [s] is the time of audit, certificate and referee.
+    ``attempts`` are the starts, if there were several. ``started_from`` is the content hash of the solution that the
+    solve started from, or None; ``resumed`` is False if the solver did not converge from that solution and started
+    cold with its trajectories as the guess. ``swept`` marks a problem that also limits penetration between nodes,
+    ``sharpest`` a problem that was solved under the most exact contact model of its system
+    (:attr:`ocp.problem.problem.Problem.most_exact`). ``search``, ``refinement`` and ``ladder`` are None if there was
+    none. ``failures`` are the errors that ended other attempts. ``idle_attempts`` is the number of certified attempts
+    if the best of them stands still, and 0 otherwise. ``audit_s`` [s] is the time of audit, certificate and referee.
     """
 
     name: str = ""

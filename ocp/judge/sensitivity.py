@@ -1,4 +1,4 @@
-"""Derivatives of a solution with respect to a parameter, by one linear solve on its active set."""
+"""Derivatives of a solution with respect to a parameter, from one linear solve with its active set."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ if TYPE_CHECKING:
     import xarray as xr
 
 _NOT_STRICT = 1e-7
-"""Slack or multiplier, in characteristic sizes, below which an end is not strictly held or free."""
+"""Slack or multiplier, in characteristic sizes, below which an end is neither strictly held nor strictly free."""
 _STAYS_ZERO = 1e-6
-"""Change of a zero slack or multiplier, per unit of the parameter, below which it counts as staying zero."""
+"""Change of a zero slack or multiplier, per unit of the parameter, that counts as zero."""
 _SINGULAR_MATRIX = 1e-8
 """Norm of the KKT matrix times a unit vector below which the matrix is singular."""
 _COST_ROUNDING = 1e-12
@@ -28,7 +28,7 @@ PARAMETER_STEP = 1e-4
 _SAME_PLAN = 1e-4
 """Change of quantities, such as states and inputs, up to which two solutions count as equal."""
 AGREEMENT = 0.1
-"""Share by which the slope of a replay may differ from a sensitivity that it confirms."""
+"""Relative difference up to which the slope of a replay confirms a sensitivity."""
 Replay = Callable[[Trajectories, dict[str, float]], Any]
 """Function that replays a plan at parameter values under the referee's model, see :mod:`ocp.judge.referee`."""
 
@@ -44,11 +44,11 @@ def sensitivity(program: NLP, point: Point, values: dict[str, float], replay: Re
 
     ``cost_referee`` and ``cost_refined`` are central differences of the cost of the plan's inputs or
     policy, moved along the tangent, in the referee's replays at h and at h/4, ``x_refined`` those of
-    the states at h/4; NaN without such a replay. Where too few steps resolve a stiff contact, they
-    are slopes of the discretisation, not of the physics.
+    the states at h/4; NaN without such a replay. If too few steps resolve a stiff contact, these
+    slopes are those of the discretisation, not of the physics.
 
-    Raises :class:`~ocp.errors.InputError` for an unknown name, and where the solution has no
-    derivative: where strict complementarity does not hold, or the reduced KKT matrix is singular.
+    Raises :class:`~ocp.errors.InputError` for an unknown name, and if the solution has no
+    derivative: if strict complementarity does not hold, or the reduced KKT matrix is singular.
     """
     import xarray as xr
 
@@ -116,7 +116,7 @@ def _finding(curve: KKTCurve, cost: float, replayed: float, refined: float) -> s
 def check_strict(curve: KKTCurve, v: np.ndarray, t: np.ndarray) -> None:
     """Raise InputError where an end is neither strictly held nor strictly free.
 
-    An end whose slack and multiplier are zero, and stay so to first order along the tangent, is
+    An end whose slack and multiplier are zero, and stay zero to first order along the tangent, is
     allowed: the derivative is the same whether the end is held or free, provided that the held
     member of a pair has a multiplier above zero.
     """

@@ -1,4 +1,4 @@
-"""The step size of a model: a parameter, a state, or a part of the model that cannot be refined."""
+"""The step size of a model: a parameter, a state, or a fixed part of the model that cannot be refined."""
 
 from __future__ import annotations
 
@@ -39,6 +39,6 @@ def step_size_kind(system: ContactSystem) -> StepSize:
 
 
 def index_of_symbol(symbol: ca.SX | float, symbols: ca.SX) -> int | None:
-    """Return the index of a symbol in a column of symbols, None if it is not among them."""
+    """Return the index of a symbol in a column of symbols, or None if the column does not contain it."""
     expression = ca.SX(symbol)
     return next((i for i in range(symbols.numel()) if ca.is_equal(expression, symbols[i])), None)

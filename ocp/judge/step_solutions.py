@@ -1,9 +1,9 @@
 """Search for steps of a plan whose contact has another solution, mode by mode.
 
-A contact is open, sticks or slides. A choice of one of these modes for every contact turns its pairs into
-equations: the gap of an active pair is zero, lam of an inactive pair is zero. A solution of these equations
-with ``lam >= 0`` and ``gap >= 0`` solves the step. Where the step is affine, every isolated solution is
-found in this way; where gaps are curved, Newton's method starts at the plan's own end of the step.
+A contact is open, sticks or slides. A choice of one of these modes for every contact determines equations: the gap of
+an active pair is zero, and lam of an inactive pair is zero. A solution of these equations with ``lam >= 0`` and ``gap
+>= 0`` solves the step. If the step is affine, every isolated solution is found in this way; if gaps are curved,
+Newton's method starts at the state that the plan reaches.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from ocp.problem.problem import Problem
 from ocp.problem.rollout import Rollout
 
 APART = 1e-2
-"""Difference of states, as a share of their characteristic size, above which two ends of a step are distinct."""
+"""Difference of states, in characteristic sizes, above which two end states of a step are distinct."""
 SATISFIED = 1e-5
-"""Largest violation of the exact relation by a step of a plan, as a share of the characteristic sizes.
+"""Largest violation of the exact relation by a step of a plan, in characteristic sizes.
 
-A solver that stops at lam gap = 1e-8 N s m leaves errors of a thousandth of both sizes where both are
-near zero; such errors cannot move two ends further apart than :data:`APART`.
+A solver that stops at lam gap = 1e-8 N s m leaves errors of a thousandth of both sizes if both are near
+zero; such errors cannot separate two end states by more than :data:`APART`.
 """
 MODES = 128
 """Maximum number of combinations of modes that are tried at one step."""
@@ -46,11 +46,11 @@ _BATCH_STEPS = 32
 
 @dataclass(frozen=True, eq=False)
 class Nonuniqueness:
-    """Step of a plan from whose state and input the model's exact contact has several solutions.
+    """Step of a plan for which the model's exact contact has several solutions from the same state and input.
 
-    The end of the step in the plan obeys the exact relation, and so do the other ends, ``x_next``
-    (m, nx) with ``lam`` (m, nlam). ``replayed`` says that the solver of the exact step returns the
-    first of these other ends; ``steps`` counts the plan's steps that have other ends.
+    The plan's next state satisfies the exact relation; m other solutions, ``x_next`` (m, nx) with ``lam``
+    (m, nlam), satisfy it too. ``replayed`` says that the solver of the exact step returns the first of these other
+    solutions; ``steps`` counts the plan's steps with several solutions.
     """
 
     step: int
@@ -64,10 +64,10 @@ class Nonuniqueness:
 def find_nonuniqueness(evaluation: Evaluation, plan: Rollout) -> Nonuniqueness | None:
     """Return a step of a plan at which the model's exact contact has another solution, or None.
 
-    It is the first step whose replay ends at another state than the plan's; if there is none, it is the
-    first step for which :class:`StepSolutions` finds another end. Each step is solved from the plan's own
-    state and input, so that earlier differences have no effect. The result is also None where the plan
-    obeys another law or has branches.
+    This is the first step whose replay ends at a state that differs from the plan's state; if there is none, it
+    is the first step for which :class:`StepSolutions` finds another solution. Each step is solved from the plan's
+    state and input, so that earlier differences have no effect. The result is also None if the plan was made with
+    another law or has branches.
     """
     step, (x, u, lam) = evaluation.problem.exact_step, (plan.x, plan.u, plan.lam)
     if lam.shape[2] != step.n or not step.n:
@@ -99,7 +99,7 @@ def _apart(problem: Problem, first: np.ndarray, second: np.ndarray) -> np.ndarra
 
 
 def _obeys(evaluation: Evaluation, plan: Rollout) -> tuple[np.ndarray, np.ndarray]:
-    """Return whether the plan's own steps obey the exact relation, (S, N), and their gaps."""
+    """Return whether steps of the plan satisfy the exact relation, (S, N), and their gaps."""
     system, scaling, lam = evaluation.problem.system, evaluation.problem.scales, plan.lam
     residual, gap = TrajectoryEvaluator(evaluation, system, plan.x, plan.u, lam)(system.residual, system.gap)
     product = scaling.impulse * scaling.gap
@@ -109,7 +109,7 @@ def _obeys(evaluation: Evaluation, plan: Rollout) -> tuple[np.ndarray, np.ndarra
 
 
 def differing_contacts(problem: Problem, first: np.ndarray, second: np.ndarray) -> tuple[str, ...]:
-    """Return the names of contacts whose impulses, each (nlam,), differ."""
+    """Return the names of contacts whose impulses differ between two vectors (nlam,)."""
     system = problem.system
     names = dict(enumerate(() if system.forces is None else system.forces.names))
     for pair, signal in zip(system.pairs, system.contacts, strict=True):
@@ -119,11 +119,11 @@ def differing_contacts(problem: Problem, first: np.ndarray, second: np.ndarray) 
 
 
 class StepSolutions:
-    """Solver that finds the solutions of the exact step of a problem's system, from given states and inputs.
+    """Solver for all solutions of the exact step of a problem's system, from given states and inputs.
 
-    Contacts and limits whose gap is below the characteristic one at the plan's end of the step are
-    tried in every mode, the nearest first, as long as there are at most :data:`MODES` combinations.
-    The others stay as in the plan, as do bodies that slide on tables.
+    Contacts and limits whose gap at the end of the plan's step is below the characteristic gap are
+    tried in every mode, the nearest first, with at most :data:`MODES` combinations. Other contacts, and
+    bodies that slide on tables, keep their mode in the plan.
     """
 
     def __init__(self, evaluation: Evaluation) -> None:
@@ -162,7 +162,7 @@ class StepSolutions:
         return step_index, ends, forces
 
     def _active(self, lam: np.ndarray, gap: np.ndarray) -> np.ndarray:
-        """Return sets of active pairs (modes, nlam) of one step with lam and gap (nlam,), scaled."""
+        """Return the candidate sets of active pairs (modes, nlam) of one step, from scaled lam and gap (nlam,)."""
         nearest, chosen, count = np.array([gap[rows[0]] for rows in self.groups]), [], 1
         for i in np.argsort(nearest, kind="stable"):
             if nearest[i] > 1 or count * len(self.modes[i]) > MODES:
@@ -203,7 +203,7 @@ class StepSolutions:
         return step_index[is_solution], x_next[is_solution], lam[is_solution]
 
     def _let_slide(self, lam: np.ndarray, gap: np.ndarray) -> None:
-        """Raise in place the slip of contacts without friction, left open by their sets, to the slip of the motion."""
+        """Raise in place the slip multipliers of contacts without friction to the slip of the motion."""
         for slip, sides in self._slips:
             extra_slip = np.where(lam[:, sides].any(axis=1), 0.0, -gap[:, sides].min(axis=1).clip(max=0))
             lam[:, slip] += extra_slip
@@ -234,7 +234,7 @@ def _newton(
 
 
 def _modes(rows: np.ndarray, kinds: np.ndarray) -> list[tuple[int, ...]]:
-    """Return the sets of active pairs of one contact: open, or sticking or sliding along an edge or between two."""
+    """Return the sets of active pairs of one contact: open, sticking, or sliding along one edge or between two."""
     edges, slip = rows[kinds == "friction"], rows[kinds == "slip"]
     normal = rows[(kinds == "normal") | (kinds == "limit")]
     if not edges.size:

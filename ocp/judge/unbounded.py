@@ -1,4 +1,4 @@
-"""Search for rays along which a cost falls without end, or towards a value that no point attains."""
+"""Search for rays along which a cost decreases without bound, or towards a value that no point attains."""
 
 from __future__ import annotations
 
@@ -21,40 +21,40 @@ from ocp.problem.rollout import Rollout, roll_on
 from ocp.programs.program import Program
 
 Ray = tuple[str, Callable[[float], float], float]
-"""A ray: names of the variables that move, function from a distance ``t`` to the cost there (NaN where the point is
+"""A ray: names of the variables that move, function from a distance ``t`` to the cost there (NaN if the point is
 not feasible), and distance of the first point from zero; distances are in characteristic sizes."""
 _NEAR_DISTANCES = np.array([0.25, 0.5, 1.0, 2.0])
 """First distances along a ray, in characteristic sizes."""
 _FAR_DISTANCES = 10.0 ** np.arange(1, 8)
-"""Further distances, in characteristic sizes, or in distances of the ray's first point where that is farther."""
+"""Further distances, in characteristic sizes, or in distances of the ray's first point if that is larger."""
 _FIRST_DISTANCE = 1e3
 """Distance along a ray at which the cost is evaluated first, in the unit of :data:`_FAR_DISTANCES`."""
 _LEAST_RATIO = 0.9
-"""Ratio of the falls in successive decades above which a cost falls without end; a logarithm has 1."""
+"""Ratio of the decreases in successive decades above which a cost is unbounded; a logarithm has the ratio 1."""
 _RELATIVE_ROUNDING = 1e-12
-"""Rounding error of a cost, as a share of it."""
+"""Relative rounding error of a cost."""
 _LEAST_FALLS = 4
-"""Minimum number of successive falls of a cost that keeps falling."""
+"""Minimum number of successive decreases of a cost that keeps decreasing."""
 _BEFORE_FLAT = 0.9
-"""Share of the distance to where the cost is flat at which the remaining fall is measured."""
+"""Fraction of the distance to where the cost is flat, at which the remaining decrease is measured."""
 _ROUNDED_FALL = 1e-5
-"""Share of the fall up to which the remaining fall is rounding, as of an exponential; before a kink more remains."""
+"""Remaining decrease, relative to the decrease, that is rounding, as for an exponential; before a kink it is more."""
 _DISTANT_START = 10.0
-"""Distance of the answer, in characteristic sizes, above which rays from the start are tried too."""
+"""Distance of the solution from zero, in characteristic sizes, above which rays from the start are tried too."""
 _RUN_AWAY = 1e6
 """Distance, in characteristic sizes, above which a solver's iterates have diverged."""
 _RAY_TOLERANCE = 1e-6
 """Violation, in characteristic sizes, up to which a point of a ray is feasible."""
 _MOST_SINGLES = 100
-"""Maximum number of variables of a program in which each is also moved alone."""
+"""Maximum number of variables of a program for which each variable is also moved alone."""
 _MOST_PAIRED = 6
-"""Maximum number of inputs of which every two are moved together."""
+"""Maximum number of inputs for which every two inputs are also moved together."""
 
 
 def describe_endless_ray(rays: Iterable[Ray], best: float, least: float = 0.0) -> str:
-    """Return a clause on the first ray along which the cost falls for ever, or "".
+    """Return a clause on the first ray along which the cost decreases for ever, or "".
 
-    ``best`` is the cost of the answer; changes up to ``least`` count as none.
+    ``best`` is the cost of the solution; changes up to ``least`` count as zero.
     """
     for variables, cost, reach in rays:
         if description := describe_fall(cost, reach, best, least):
@@ -63,11 +63,11 @@ def describe_endless_ray(rays: Iterable[Ray], best: float, least: float = 0.0) -
 
 
 def describe_fall(cost: Callable[[float], float], reach: float, best: float, least: float) -> str:
-    """Return how ``cost(t)`` falls: without end, towards a value that no point attains, or "" for neither.
+    """Return how ``cost(t)`` decreases: without bound, towards a value that no point attains, or "" for neither.
 
-    It falls without end where it falls by about as much or more in each of the last three decades of
-    ``t``. It falls towards a value where it never rises but falls by less and less, as ``exp(-t)`` does.
-    In both cases it must end no higher than ``best``; changes up to ``least`` count as none.
+    The cost decreases without bound if it decreases by about as much or more in each successive one of the last three
+    decades of ``t``. It decreases towards a value if it never increases but decreases by less and less, like
+    ``exp(-t)``. In both cases it must not end above ``best``; changes up to ``least`` count as zero.
     """
     times = np.concatenate([[0.0], _NEAR_DISTANCES, max(reach, 1.0) * _FAR_DISTANCES])
     # Most rays end here: the cost is higher far away.
@@ -79,7 +79,7 @@ def describe_fall(cost: Callable[[float], float], reach: float, best: float, lea
     steps, size = np.diff(costs), np.abs(costs)
     rounding, last = least + _RELATIVE_ROUNDING * np.fmax(size[1:], size[:-1]), -steps[-3:]
     if np.all(last > rounding[-3:]) and np.all(last[1:] > _LEAST_RATIO * last[:-1]):
-        return "falls without end along {}"
+        return "decreases without bound along {}"
     falls = int(np.argmin([*(steps < -rounding), False]))
     if falls < _LEAST_FALLS or not np.all(steps <= rounding):
         return ""
@@ -90,17 +90,17 @@ def describe_fall(cost: Callable[[float], float], reach: float, best: float, lea
     remaining_fall = cost(_BEFORE_FLAT * flat_time) - costs[-1]
     if flat_time < times[-1] and remaining_fall > _ROUNDED_FALL * (costs[0] - costs[-1]):
         return ""
-    return "keeps falling along {} towards a value that no point attains"
+    return "keeps decreasing along {} towards a value that no point attains"
 
 
 def unbounded_inputs(evaluation: Evaluation, step: Step, plan: Rollout) -> str:
-    """Return a clause on inputs without bounds along which the plan's cost falls for ever, or ""."""
+    """Return a clause on inputs without bounds along which the plan's cost decreases for ever, or ""."""
     rays = _input_rays(evaluation, step, plan, _cost_of_inputs(evaluation))
     return describe_endless_ray(rays, plan.cost, 1e-3 * _RELATIVE_ROUNDING * evaluation.problem.scales.cost)
 
 
 def _cost_of_inputs(evaluation: Evaluation) -> Callable[[np.ndarray], float] | None:
-    """Return the function from inputs (N, nu) to the cost of inputs alone; None where other costs can be negative."""
+    """Return the function from inputs (N, nu) to the cost of inputs alone; None if other costs can be negative."""
     problem = evaluation.problem
     system, p = problem.system, problem.parameters
     du = ca.SX.sym("du", system.nu) if problem.du is None else problem.du
@@ -126,11 +126,11 @@ def runaway_inputs(problem: Problem, u: np.ndarray) -> str:
 def _input_rays(
     evaluation: Evaluation, step: Step, plan: Rollout, least: Callable[[np.ndarray], float] | None
 ) -> Iterator[Ray]:
-    """Yield rays along which inputs that have no bounds change at all steps of the horizon.
+    """Yield rays along which inputs without bounds change at all steps of the horizon.
 
     A ray moves one input, two inputs at once, or all of them in proportion to the plan. Rays begin at the
-    plan and, where the plan is far from zero, at the guess too; their inputs are rolled out under the law.
-    A ray is left out where ``least``, a lower bound on the cost of inputs, exceeds the plan's cost.
+    plan and, if the plan is far from zero, also at the guess; their inputs are rolled out under the law.
+    A ray is left out if ``least``, a lower bound on the cost of inputs, exceeds the plan's cost.
     """
     problem, limits = evaluation.problem, evaluation.limits
     sizes, low, high = problem.scales.u, np.isfinite(limits.u_lower), np.isfinite(limits.u_upper)
@@ -151,7 +151,7 @@ def _input_rays(
             continue
         variables = " and ".join(names[i] for i in np.flatnonzero(is_moved))
         reach = float(np.abs(planned / sizes)[:, is_moved].max())
-        # The other inputs stay as planned: with those of the guess no ray would end below the plan's cost.
+        # Other inputs are those of the plan: with the inputs of the guess no ray would end below the plan's cost.
         begun = np.where(is_moved, guess, planned)
         for base in (planned, begun) if reach > _DISTANT_START else (planned,):
             if least is not None and least(base + max(reach, 1.0) * _FIRST_DISTANCE * direction) > plan.cost:
@@ -162,7 +162,7 @@ def _input_rays(
 def _rolled(
     evaluation: Evaluation, step: Step, x0: np.ndarray, base: np.ndarray, direction: np.ndarray, t: float
 ) -> float:
-    """Return the cost of inputs ``base + t direction`` (N, nu) from x0 (S, nx), NaN where that is not feasible."""
+    """Return the cost of inputs ``base + t direction`` (N, nu) from x0 (S, nx), NaN if they are not feasible."""
     rolled, unsolved = roll_on(evaluation, (base + t * direction)[None], step, x0)
     broken = broken_constraints(evaluation, rolled)
     is_feasible = unsolved is None and all(entry.share <= CONSTRAINT_SHARE for entry in broken)
@@ -172,9 +172,9 @@ def _rolled(
 def unbounded_variables(
     program: Program, p: np.ndarray, bounds: dict[str, np.ndarray], answer: np.ndarray, start: np.ndarray | None = None
 ) -> str:
-    """Return a clause on variables along which the cost falls for ever, or "".
+    """Return a clause that names variables along which the cost decreases without bound, or "".
 
-    Rays are straight, from the ``answer`` (n,) and, where that is distant or not feasible, from the
+    Rays are straight and begin at the ``answer`` (n,) and, if that is distant or not feasible, at the
     ``start`` (n,), by default the answer.
     """
     model = LinearModel.at(program, answer, p, bounds)
@@ -200,11 +200,11 @@ def _rays(program: Program, x: np.ndarray, p: np.ndarray, bounds: dict[str, np.n
 
 
 def recession_direction(model: LinearModel, wanted: np.ndarray) -> np.ndarray:
-    """Return the direction (n,) nearest to ``wanted`` along which all bounds and constraints hold without end.
+    """Return the direction (n,) nearest to ``wanted`` along which all bounds and constraints hold without limit.
 
-    Its largest entry is 1; it is zero where there is no such direction. In every complementarity pair it is zero for
-    the smaller member, and of equal members for the one that ``wanted`` increases less. Constraints that would
-    otherwise be violated are held constant.
+    Its largest entry is 1; it is zero if there is no such direction. In every complementarity pair it is zero for
+    the smaller member or, if the members are equal, for the member that ``wanted`` increases less. Constraints that
+    would otherwise be violated are held constant.
     """
     import scipy.sparse as sp
     import scipy.sparse.linalg as sla
@@ -243,7 +243,7 @@ def _cost_at(
     direction: np.ndarray,
     t: float,
 ) -> float:
-    """Return the cost at ``base + t direction``, NaN where a bound, row or pair is violated by more than rounding."""
+    """Return the cost at ``base + t direction``, NaN if a bound, row or pair is violated beyond rounding errors."""
     x = base + t * direction
     cost, g = program.values(x, p)
     size = np.fmax((abs(model.rows) @ np.abs(x / model.sizes)) / model.row_scale, 1.0)
@@ -256,7 +256,7 @@ def _cost_at(
 
 
 def _called(program: Program, direction: np.ndarray) -> str:
-    """Return the names of up to three variables that move noticeably along a direction."""
+    """Return the names of up to three variables that change noticeably along a direction."""
     locations = (program.variables.locate(int(i)) for i in np.flatnonzero(np.abs(direction) > 0.1))
     called = (b.components[index[-1]] if b.components else b.name for b, index in locations)
     return " and ".join(list(dict.fromkeys(called))[:3])

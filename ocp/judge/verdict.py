@@ -1,4 +1,4 @@
-"""Judgement of a plan, and its verdict: certificate and referee come first, the solver's status last."""
+"""Judgement of a plan, and its verdict, in which certificate and referee precede the solver's status."""
 
 from __future__ import annotations
 
@@ -28,24 +28,24 @@ if TYPE_CHECKING:
     import xarray as xr
 
 Grade = Literal["survives", "certified", "failed"]
-"""Grade of a plan: "survives" if it is certified and survives, at h/4 too; "certified" if it does not survive, or its
+"""Grade of a plan: "survives" if it is certified and survives, also at h/4; "certified" if it does not survive, or its
 certificate holds only between jumps of the problem's functions; "failed" otherwise. Shown in green, amber and red."""
 _SAME_COST = 1e-5
-"""Change of the cost under the exact law, in characteristic costs, up to which it counts as none."""
+"""Change of the cost under the exact law, in characteristic costs, that counts as zero."""
 _NOTABLE_SHARE = 0.1
-"""Share of the cost, or of the characteristic gap, above which a difference is reported."""
+"""Difference, as a fraction of the cost or of the characteristic gap, above which it is reported."""
 _SAME_SHARE = 1e-3
-"""Difference of cost, as a share, below which standing still costs "as much" as the plan."""
+"""Relative cost difference below which standing still costs "as much" as the plan."""
 _REPORTED_DEPTH = 0.3
-"""Share of the tolerated depth above which penetration between nodes is reported."""
+"""Penetration between nodes, as a fraction of the tolerated depth, above which it is reported."""
 _FAR_ABOVE = 10.0
-"""Share of the cost from which a difference is no longer written as a number."""
+"""Difference, in multiples of the cost, from which it is no longer written as a number."""
 _LARGE_MU = 0.5
-"""Share of the characteristic mu from which a verdict reports that mu is large."""
+"""Smallest mu, as a fraction of the characteristic mu, that a verdict reports as large."""
 _FEASIBLE_LABELS = ("not-optimal", "undecided")
 """Statuses of unsuccessful plans whose survival is reported."""
 _MOST_REASONS = 3
-"""Maximum number of reasons that a verdict gives why a plan does not survive."""
+"""Maximum number of reasons in a verdict for a plan that does not survive."""
 
 
 @dataclass(frozen=True)
@@ -54,11 +54,11 @@ class Judgement:
 
     ``certificate`` says whether the point is stationary for the problem as posed, ``referee`` how it replays
     under the most exact contact model, ``idle_cost`` the cost of standing still under the same law
-    (:func:`~ocp.judge.idling.idle_cost`), ``undone`` what it leaves untouched or unmoved. ``record`` is the
-    request as a JSON-serialisable dict: problem, contact, method, policy, solver, parameters, settings, seed.
-    ``route`` says which route gave the answer and what else was tried. ``unbounded`` is a clause on a ray
-    along which the cost falls without end, or "". ``simulator`` and ``sensitivities``, a mapping from
-    parameters, are results computed after the solve, as dicts, each with a ``sentence`` for the verdict.
+    (:func:`~ocp.judge.idling.idle_cost`), ``undone`` findings on bodies and states that it leaves untouched or
+    unmoved. ``record`` is the request as a JSON-serialisable dict: problem, contact, method, policy, solver,
+    parameters, settings, seed. ``route`` describes the route to the solution and other attempts. ``unbounded`` is a
+    clause on a ray along which the cost decreases without bound, or "". ``simulator`` and ``sensitivities``, a
+    mapping from parameters, are results computed after the solve, as dicts, each with a ``sentence`` for the verdict.
     """
 
     data: xr.Dataset
@@ -89,12 +89,12 @@ class Judgement:
 
     @property
     def success(self) -> bool:
-        """Whether the plan is an answer by audit and certificate, whatever the solver reports."""
+        """Whether audit and certificate accept the plan, whatever the solver reports."""
         return self.status is Status.SOLVED
 
     @property
     def grade(self) -> Grade:
-        """Grade of the plan, which colours the verdict."""
+        """Grade of the plan, which determines the colour of the verdict."""
         if not self.success:
             return "failed"
         return "survives" if self.referee.survives and not jump_findings(self.problem) else "certified"
@@ -123,11 +123,11 @@ class Judgement:
 
     @property
     def verdict(self) -> str:
-        """Headline, and below it the findings, one sentence per line."""
+        """Headline, followed by the findings, one sentence per line."""
         return "\n".join([self.headline, *compose_lines(self.findings)])
 
     def cost_share(self, change: float, cost: float) -> float:
-        """Return a change of ``cost`` as a share of the part of it that a plan can change."""
+        """Return a change of ``cost`` relative to the part of the cost that a plan can change."""
         return Evaluation(self.problem, self.values).cost_share(change, cost)
 
 
@@ -185,7 +185,7 @@ def _has_no_forces(plan: Judgement) -> bool:
 
 
 def _undone_findings(plan: Judgement) -> Iterator[Finding]:
-    """Yield findings on what a solved plan leaves undone, and on standing still if that costs about as much."""
+    """Yield findings on parts of the task that a solved plan leaves undone, and on standing still at a similar cost."""
     yield from plan.undone
     gain = plan.idle_cost - plan.cost
     if plan.route.idle_attempts or not plan.cost_share(gain, plan.idle_cost) < _NOTABLE_SHARE:
@@ -197,7 +197,7 @@ def _undone_findings(plan: Judgement) -> Iterator[Finding]:
 
 
 def _status_findings(plan: Judgement) -> Iterator[Finding]:
-    """Yield findings that say why a plan is not solved."""
+    """Yield findings on why a plan is not solved."""
     stuck = plan.status.label == "no-progress"
     if stuck and plan.audit.active_steps == 0 and not _has_no_forces(plan):
         yield make_finding("contacts-never-act")
@@ -210,7 +210,7 @@ def _status_findings(plan: Judgement) -> Iterator[Finding]:
 
 
 def _model_findings(plan: Judgement) -> Iterator[Finding]:
-    """Yield findings on what the model leaves out, and on differences from its training data."""
+    """Yield findings on features that the model lacks, and on differences from its training data."""
     if _has_no_forces(plan):
         yield make_finding("no-contact-forces")
     if (gaps := plan.problem.system.gap_kind) is not None:
@@ -221,7 +221,7 @@ def _model_findings(plan: Judgement) -> Iterator[Finding]:
 
 
 def _referee_findings(plan: Judgement) -> Iterator[Finding]:
-    """Yield findings on the referee's model, and on why the plan does not survive it, at h or at h/4."""
+    """Yield findings on the referee's model, and on why the plan does not survive, at h or at h/4."""
     referee = plan.referee
     if referee.survives is None:
         yield make_finding("no-referee")
@@ -246,12 +246,12 @@ def _referee_findings(plan: Judgement) -> Iterator[Finding]:
 
 
 def survival_of(ladder: Ladder) -> str:
-    """Return words for the rung by which an answer survives, such as "survives as planned"."""
+    """Return text on the rung by which a solution survives, such as "survives as planned"."""
     return f"survives with {ladder.answer.name}" if ladder.chosen else "survives as planned"
 
 
 def _ladder_findings(plan: Judgement) -> Iterator[Finding]:
-    """Yield findings on the remedy by which the answer survives, its cost, and disturbances that it also survives."""
+    """Yield findings on the remedy that made the solution survive, its cost, and disturbances that it also survives."""
     ladder = plan.route.ladder
     if ladder is None:
         return
@@ -272,7 +272,7 @@ def _ladder_findings(plan: Judgement) -> Iterator[Finding]:
 
 
 def _reliance_findings(plan: Judgement) -> Iterator[Finding]:
-    """Yield findings on forces at a distance and penetration on which a plan that does not survive relies."""
+    """Yield findings on forces at a distance and penetration that a plan which does not survive relies on."""
     least_distance = _NOTABLE_SHARE * plan.problem.scales.gap
     exact = plan.record.get("contact") == "exact"
     worst_places = {
@@ -285,7 +285,7 @@ def _reliance_findings(plan: Judgement) -> Iterator[Finding]:
 
 
 def _replay_findings(plan: Judgement) -> Iterator[Finding]:
-    """Yield findings on how the model's own exact law changes the plan, if it does noticeably."""
+    """Yield findings on differences between the plan and its replay under the model's exact law, if noticeable."""
     exact_cost = plan.audit.exact_cost
     if plan.audit.replay_failed:
         yield make_finding("not-replayed", step=plan.audit.replay_failed)
@@ -308,7 +308,7 @@ def _replay_findings(plan: Judgement) -> Iterator[Finding]:
 
 
 def _size_findings(plan: Judgement) -> Iterator[Finding]:
-    """Yield findings on derived sizes, where they may affect the verdict, and on doubtful stated sizes."""
+    """Yield findings on derived sizes that may affect the verdict, and on doubtful stated sizes."""
     problem = plan.problem
     ordinary = all(np.all(np.asarray(unit) == 1) for unit in vars(problem.natural).values())
     decided = plan.certificate.certified and plan.referee.survives is not False
@@ -319,7 +319,7 @@ def _size_findings(plan: Judgement) -> Iterator[Finding]:
 
 
 def _route_findings(plan: Judgement) -> Iterator[Finding]:
-    """Yield findings on the route to the answer: refinement, time limits, warm start, failed attempts."""
+    """Yield findings on the route to the solution: refinement, time limits, warm start, failed attempts."""
     route = plan.route
     if route.refinement is not None:
         last, ending = route.refinement.levels[-1], route.refinement.stopped or "they agree"

@@ -1,4 +1,4 @@
-"""Learned value function that estimates the return after an unroll which stops before its episode ends."""
+"""Learned value function that estimates the remaining return after an unroll that ends before its episode."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ocp.learning.unrolling import adam_step
 
 @dataclass(frozen=True, kw_only=True)
 class Critic:
-    """Value function ``V(x) = N(o(x)) / (1 - d)`` with discount d, an estimate of the return from x on.
+    """Value function ``V(x) = N(o(x)) / (1 - d)`` with discount d, an estimate of the return from state x.
 
     N is a network with two tanh layers of ``units`` units on normalised observations. Its output is 0 initially
     and has the magnitude of a single reward. After every iteration ``(V - y)²`` is reduced by ``steps`` steps

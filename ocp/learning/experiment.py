@@ -166,12 +166,12 @@ class Experiment(Configured):
 
     @property
     def physics(self) -> np.ndarray:
-        """Physical parameters (np,) of the model: ``model_params``, or the task's own."""
+        """Physical parameters (np,) of the model: ``model_params``, or the task's values."""
         model_params = self.model_params
         return self.task.parameters.values if model_params is None else np.asarray(model_params, float)
 
     def rng(self, k: int, purpose: str) -> np.random.Generator:
-        """Return a random generator seeded by iteration ``k`` and a purpose, in the same state at every call."""
+        """Return a random generator seeded by iteration ``k`` and a purpose, always in its initial state."""
         return np.random.default_rng(self._sequence(k, purpose))
 
     def noise(self, sigma: float, k: int, purpose: str) -> Gaussian:
@@ -216,7 +216,7 @@ class Experiment(Configured):
         return BatchFunction(self.task.observe, "numpy", 1)
 
     def settings(self) -> dict[str, Any]:
-        """Return a mapping from names to settings, except ``iterations``, which a continued training may change."""
+        """Return a mapping from names to settings, without ``iterations``, which may change when training continues."""
         law = {"law": self.law.name, **self.law.settings()}
         return {
             "task": self.task.name,

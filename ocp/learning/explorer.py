@@ -21,7 +21,7 @@ BUFFER_ARRAYS = ("x", "u", "x_next")
 
 @dataclass(frozen=True, eq=False)
 class Buffer:
-    """Buffer of n transitions: states ``x`` (n, nx), inputs ``u`` (n, nu), next states ``x_next`` (n, nx).
+    """Buffer of n transitions: states ``x`` (n, nx), inputs ``u`` (n, nu), and next states ``x_next`` (n, nx).
 
     Raises :class:`~ocp.errors.InputError` if the shapes disagree or a value is not finite.
     """
@@ -59,7 +59,7 @@ class Buffer:
 
     @classmethod
     def from_solved_steps(cls, x: np.ndarray, u: np.ndarray, x_next: np.ndarray) -> Buffer:
-        """Return a buffer of the transitions with a finite next state, that is, of the solved steps."""
+        """Return a buffer of the transitions whose next state is finite (the solved steps)."""
         finite = np.isfinite(x_next).all(axis=1)
         return cls(x[finite], u[finite], x_next[finite])
 
@@ -97,8 +97,8 @@ class EpisodeSteps:
 class Explorer:
     """Simulator of many episodes of a task at once under the exact law.
 
-    ``values`` maps names of parameters to values that replace the task's. Episodes that end, have an unsolved
-    step, or reach the task's horizon are replaced by new ones from :meth:`Task.reset`. After each simulation
+    ``values`` maps names of parameters to values that replace the values of the task. Episodes that end, have an
+    unsolved step, or reach the task's horizon are replaced by new ones from :meth:`Task.reset`. After each simulation
     ``count`` is called with the number of simulated steps. Results do not depend on the number of threads.
     """
 
@@ -137,7 +137,7 @@ class Explorer:
         return self._reward(x, u, x_next, self.p)[:, 0]
 
     def step(self, x: np.ndarray, u: np.ndarray) -> EpisodeSteps:
-        """Simulate one step from states (n, nx) under inputs (n, nu)."""
+        """Return the simulated step from states (n, nx) under inputs (n, nu)."""
         steps = self._step(x, u, self._step_p)
         if self._count is not None:
             self._count(len(x))
@@ -163,8 +163,7 @@ def random_transitions(explorer: Explorer, n: int, seed: int | Sequence[int]) ->
 
     Fifty episodes run at once, each with its own policy ``mid + half tanh(s (G o + w))``. G (nu, n_o) is a
     normal random matrix, w is white noise, and the observations o are divided by their largest values so far
-    and by sqrt(n_o). The scale s is log-uniform, because many episodes would end early if all inputs were
-    large.
+    and by sqrt(n_o). The scale s is log-uniform, because with large inputs only many episodes would end early.
 
     Raises :class:`~ocp.errors.InputError` if no step was solved or ``n`` is below 1.
     """

@@ -28,7 +28,7 @@ class OneStepLoss:
     With ``scale`` 1 this is the loss of Zhang, Jin and Wang (2023), eq. 4.1, which adds squares of m, rad, m/s
     and rad/s. With :meth:`increments` as ``scale`` (nx,) all state entries have similar weight. psi are the
     parameters of ``step`` listed in ``names``; they are positive and are passed as logarithms. All other
-    parameters are fixed at ``values`` (default: the step's own). Where the model's step cannot be solved at
+    parameters are fixed at ``values`` (default: the step's values). If the model's step cannot be solved at
     some psi, its loss is replaced by the mean over the solved steps; L is infinite if more than half of the
     steps cannot be solved.
 
@@ -217,11 +217,11 @@ def identify(
 N_RESAMPLES = 400
 """Number of bootstrap resamples for an interval."""
 INTERVAL_TAIL = (1 - 0.95) / 2
-"""Probability below an interval and, equally, above it; the interval contains 95 %."""
+"""Probability below an interval, and equally above it; the interval contains 95 %."""
 DIFFERENCE_STEP = 1e-4
 """Step of log psi for central differences."""
 FLAT_EIGENVALUE_RATIO = 1e-10
-"""Ratio to the largest eigenvalue of the information matrix up to which an eigenvalue's direction counts as flat."""
+"""Maximum ratio of an eigenvalue of a flat direction to the largest eigenvalue of the information matrix."""
 UNDETERMINED_SHARE = 0.05
 """Norm of the projection of a parameter's axis onto flat directions, above which the parameter is undetermined."""
 

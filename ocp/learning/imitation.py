@@ -19,7 +19,7 @@ from ocp.problem.task import Task
 from ocp.solution import Solution
 
 SMOOTHING_MU_SHARE = 1e-2
-"""Barrier parameter mu of the contact law that tracking gains use, as a share of the problem's characteristic mu."""
+"""Barrier parameter mu of the contact law that tracking gains use, as a fraction of the problem's characteristic mu."""
 
 
 def demonstrations(
@@ -115,7 +115,7 @@ on a busy machine and makes rounding depend on the number of threads."""
 def fit_actions(
     task: Task, states: np.ndarray, inputs: np.ndarray, hidden: tuple[int, ...] = (), seed: int = 0
 ) -> TrainedPolicy:
-    """Fit a policy with tanh layers ``hidden`` to ``inputs`` (n, nu) in ``states`` (n, nx).
+    """Fit a policy with tanh layers ``hidden`` to pairs of ``states`` (n, nx) and ``inputs`` (n, nu).
 
     The fit minimises the mean of ``|a(o) - a*|²``, where a is the action before tanh and ``a* = artanh((u -
     mid) / half)``, with u limited to 0.99 of the half range. Observations are normalised by their mean and

@@ -20,7 +20,7 @@ class MBPO(Algorithm):
     """Model-based policy optimisation with a soft actor-critic.
 
     Algorithm 2 of Janner, Fu, Zhang and Levine, When to trust your model, 2019. Real steps are simulated under
-    the exact law, whatever the experiment's law. Before iteration 0, ``random_steps`` steps are simulated under
+    the exact law for any law of the experiment. Before iteration 0, ``random_steps`` steps are simulated under
     random policies. Each iteration
 
     - continues ``n_envs`` episodes for ``steps`` steps with noisy actions of the policy;
@@ -31,7 +31,7 @@ class MBPO(Algorithm):
       steps; the other steps are from the branches of the last ``branch_iterations`` iterations.
 
     Rewards and ends of model steps are computed by the task's functions. Rewards for the critics are clipped to
-    ``[-reward_clip, reward_clip]``, so that one extreme reward, as just before a fall, does not dominate.
+    ``[-reward_clip, reward_clip]``, so that one extreme reward, for example just before a fall, does not dominate.
     Actions before tanh start with standard deviation ``sigma``. The temperature starts at ``alpha`` and is
     adapted so that the entropy per input is ``target_entropy``; a Gaussian well within the bounds, with
     standard deviation s in half ranges, has 1.42 + ln s.

@@ -46,8 +46,8 @@ def branch_rollouts(
 ) -> Buffer:
     """Return the transitions of model rollouts of ``length`` steps from each of ``starts`` (n, nx).
 
-    A rollout stops at a state at which the task's episode ends, and before a non-finite state. Stopped rollouts
-    are computed on but not recorded, so that array shapes do not change.
+    A rollout stops at a state at which the task's episode ends, and before a non-finite state. Stopped rollouts are
+    still computed but not recorded, so that array shapes do not change.
     """
     x, alive = starts, np.ones(len(starts), dtype=bool)
     buffers = []
@@ -87,7 +87,7 @@ class ObservationScales(NamedTuple):
 
 
 class MBPOTrainer:
-    """Compiled functions of one experiment; whatever changes between iterations is in the state that they take."""
+    """Compiled functions of one experiment; everything that changes between iterations is in the ``state`` argument."""
 
     def __init__(self, settings: MBPO, experiment: Experiment) -> None:
         self.settings, self.experiment, task = settings, experiment, experiment.task

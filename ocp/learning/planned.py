@@ -1,4 +1,4 @@
-"""Formulation of a task's episode as an optimal control problem, and search for its best plan from one start."""
+"""An episode of a task as an optimal control problem, and the search for its best plan from one start."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from ocp.solve.starts import best_of
 
 
 def guess_from_policy(experiment: Experiment, trained: TrainedPolicy) -> Guess:
-    """Return a function that guesses states and inputs: those of a policy's episode under the exact law.
+    """Return a guess function: states and inputs of a policy's episode under the exact law.
 
     After an early end of the episode the last state is repeated, with zero inputs.
     """
@@ -42,7 +42,7 @@ def guess_from_policy(experiment: Experiment, trained: TrainedPolicy) -> Guess:
 
 
 def guess_from_constant_inputs(task: Task, n: int = 64, seed: int = 0) -> Guess:
-    """Return a function that guesses states and inputs: the episode under the best of ``n`` random constant inputs."""
+    """Return a guess function: the episode under the best of ``n`` random constant inputs."""
 
     def guess(problem: Problem, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         share = np.random.default_rng(seed).uniform(-1.0, 1.0, (n, task.system.nu))
@@ -58,14 +58,14 @@ def guess_from_constant_inputs(task: Task, n: int = 64, seed: int = 0) -> Guess:
 
 
 def _hold_last_state(states: np.ndarray) -> np.ndarray:
-    """Return ``states`` (N+1, nx), from the first non-finite state on replaced by the last state before it."""
+    """Return ``states`` (N+1, nx), with states from the first non-finite state on replaced by the state before it."""
     finite = np.isfinite(states).all(axis=1)
     last = len(states) - 1 if finite.all() else int(np.argmin(finite)) - 1
     return states[np.minimum(np.arange(len(states)), last)]
 
 
 MOTION_TOLERANCE = 1e-4
-"""Difference between a guess and the rollout of its inputs, in sizes of states, up to which it counts as a motion."""
+"""Largest difference between a guess and the rollout of its inputs, in sizes of states, that counts as zero."""
 
 
 @dataclass(frozen=True)
@@ -74,8 +74,8 @@ class BestPlan:
 
     ``planned_return`` is the return of the planned trajectories. ``replayed_return`` is the return of an
     episode in which the planned inputs are applied step by step under the exact law, until the episode ends
-    after ``lived`` steps. ``solution`` contains the trajectories, the certificate, the referee's verdict, and
-    in ``others`` the results of all guesses. A certified plan is a local optimum, which only bounds the returns
+    after ``lived`` steps. ``solution`` contains the trajectories, the certificate, the referee's verdict and,
+    in ``others``, the results of all guesses. A certified plan is a local optimum, which only bounds the returns
     of nearby plans. Another guess may lead to a better plan, and a policy may be better.
     """
 
@@ -95,7 +95,7 @@ class BestPlan:
 
     @property
     def description(self) -> str:
-        """Sentence that states the plan's return, its certificate, the replay's return, and the referee's verdict."""
+        """Sentence with the plan's return, its certificate, the replay's return, and the referee's verdict."""
         solution, steps = self.solution, self.solution.problem.N
         certificate_words = ", ".join(
             word for word in (solution.certificate.stationarity, solution.certificate.kind) if word
@@ -123,8 +123,8 @@ def best_plan(
     The search starts at each of ``guesses``, by default at the problem's initial guess. From a guess that is a
     motion under the exact law, the problem is solved with the contact modes of the guess fixed, and the
     solution is then improved locally. From other guesses, or if this fails, it is solved by the default route.
-    The best certified plan is returned or, if none is certified, the best uncertified plan. ``settings`` are
-    those of :func:`ocp.solve`.
+    The best certified plan is returned or, if none is certified, the best uncertified plan. ``settings`` are passed
+    to :func:`ocp.solve`.
 
     Raises the errors of :func:`~ocp.learning.planned.planned_problem`.
     """
@@ -144,7 +144,7 @@ def best_plan(
 
 
 def _polished_motion(session: Session, guess: InitialGuess) -> RouteResult | None:
-    """Return a plan improved from a guess that is a motion; None if the guess is no motion or no solution is found."""
+    """Return a plan improved from a guess that is a motion; None if it is no motion or no solution was found."""
     states, inputs = guess
     problem = session.problem
     rollout, unsolved = roll_on(session.evaluation, inputs[None], session.step)
@@ -193,8 +193,8 @@ def planned_problem(task: Task, x0: np.ndarray, scaling: Scaling | None = None) 
     running, apply to all states before the last, and to the last if there is a final reward. Plans therefore
     never end early.
 
-    Raises :class:`~ocp.errors.InputError` if x0 is not of size nx or the episode ends at x0, if the reward is
-    not such a sum, and if ``done`` depends on x but ``lasts`` is not given.
+    Raises :class:`~ocp.errors.InputError` if x0 is not of size nx or the episode ends at x0, if the reward is not a
+    sum of this form, and if ``done`` depends on x but ``lasts`` is not given.
     """
     system = task.system
     start = np.asarray(x0, dtype=float)

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 MIN_OBSERVATION_SCALE = 1e-2
-"""Minimum scale of an observation; observations that vary less are not scaled up to unit deviation."""
+"""Minimum scale of an observation; smaller variations are not scaled up to unit deviation."""
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,7 @@ def layer_inputs(layers: Layers, observations: np.ndarray) -> list[np.ndarray]:
 
 
 def backpropagate(layers: Layers, inputs: Sequence[np.ndarray], output_gradient: np.ndarray) -> list[np.ndarray]:
-    """Return gradients with respect to observations (n, n_o), then to each layer's values before tanh (n, n_out).
+    """Return gradients with respect to observations (n, n_o), then to values before tanh (n, n_out) of each layer.
 
     ``inputs`` are the :func:`layer_inputs`, and ``output_gradient`` (n, n_out) is the gradient with respect to
     the output of the last layer.
@@ -132,7 +132,7 @@ def policy_vjp(
 
 
 def renormalise_policy(policy: RolloutPolicy, theta: np.ndarray, before: Normaliser, after: Normaliser) -> np.ndarray:
-    """Return parameters (n_theta,) that leave a policy unchanged if ``after`` replaces the normaliser ``before``.
+    """Return parameters (n_theta,) that keep a policy unchanged when ``after`` replaces the normaliser ``before``.
 
     With means m and scales s, the first layer becomes ``W' = W s'/s`` and ``b' = b + W (m' - m)/s``.
     """
@@ -150,9 +150,9 @@ STATE_WEIGHT = 1e-3
 RICCATI_STEPS = 1000
 """Number of Riccati iterations of the stationary regulator."""
 MAX_REST_CHANGE = 1e-2
-"""Change of a state entry in one step up to which the system counts as resting."""
+"""Largest change of a state entry in one step for which the system counts as at rest."""
 TANH_LINEAR_SHARE = 0.1
-"""Factor on the values before tanh of an embedded affine map, small enough for tanh to be nearly linear."""
+"""Factor on the values before tanh of an embedded affine map; it is small, so that tanh is nearly linear."""
 
 
 def balancing_feedback(task: Task, rest: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -184,7 +184,7 @@ def balancing_feedback(task: Task, rest: np.ndarray) -> tuple[np.ndarray, np.nda
 
 
 def embed_affine(W: np.ndarray, b: np.ndarray, layers: Layers) -> None:
-    """Set a network's ``layers`` (views of its parameters) so that its output is close to ``W o + b``.
+    """Set ``layers``, which are views of a network's parameters, so that its output is close to ``W o + b``.
 
     The first units of each hidden layer compute 0.1 (W o + b), for which tanh is nearly linear; the last layer
     multiplies them by 10 and ignores all other units. Raises :class:`~ocp.errors.InputError` if a hidden layer
@@ -235,7 +235,7 @@ class TrainedPolicy(NamedTuple):
 
     @property
     def digest(self) -> str:
-        """First ten hexadecimal digits of a hash of the policy, which identifies it in records."""
+        """First ten hexadecimal digits of a hash of the policy, which identify it in records."""
         n, mean, m2 = self.normaliser.arrays().values()
         arrays = (np.asarray(array, dtype=float) for array in (self.theta, n, mean, m2))
         return hashlib.sha256(b"".join(array.tobytes() for array in arrays)).hexdigest()[:10]
@@ -278,10 +278,10 @@ class Algorithm(Configured):
 
 
 def with_prefix(prefix: str, arrays: Mapping[str, Any]) -> State:
-    """Return the arrays with ``prefix`` put before each name."""
+    """Return the arrays with ``prefix`` added to each name."""
     return {prefix + name: value for name, value in arrays.items()}
 
 
 def without_prefix(prefix: str, state: State) -> State:
-    """Return the entries of ``state`` whose names begin with ``prefix``, under their names without the prefix."""
+    """Return the entries of ``state`` whose names begin with ``prefix``, with the prefix removed from their names."""
     return {n.removeprefix(prefix): value for n, value in state.items() if n.startswith(prefix)}

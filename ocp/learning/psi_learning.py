@@ -16,7 +16,7 @@ from ocp.learning.protocol import Algorithm, Row, State, TrainedPolicy, with_pre
 from ocp.learning.random_search import RandomSearch, SearchDistribution
 
 PSI_PREFIX = "psi_learning."
-"""Prefix of the algorithm's own entries in the state."""
+"""Prefix of the algorithm's entries in the state, as opposed to those of the wrapped algorithm."""
 SEARCH_PREFIX = "psi_search."
 """Prefix of the search distribution's entries in the state."""
 TRANSITIONS_PREFIX = "psi_transitions."
@@ -28,8 +28,8 @@ class PsiLearning(Algorithm):
     """Algorithm that runs another ``algorithm`` and also learns the parameters ``names`` of its model.
 
     Every iteration first continues ``n_envs`` episodes for ``steps`` steps under the exact law with the task's
-    own parameters. The inputs are the policy's plus noise of ``sigma`` half ranges, and the newest ``capacity``
-    transitions are stored. Then the random search for psi does ``search_iterations`` iterations; each compares
+    own parameters. The inputs are those of the policy plus noise of ``sigma`` half ranges, and the newest ``capacity``
+    transitions are stored. Then the random search for psi performs ``search_iterations`` iterations; each compares
     candidates by the one-step loss (eq. 4.1) on ``rows`` of the stored transitions. Finally ``algorithm`` does
     one iteration on the model with the resulting parameters, which are stored as ``psi`` in the state. The
     search starts at the experiment's model parameters. In the rows, ``env_steps`` is the number of steps under
@@ -37,7 +37,7 @@ class PsiLearning(Algorithm):
     """
 
     name: ClassVar[str] = "psi"
-    summary: ClassVar[str] = "any algorithm; it also learns the model's parameters"
+    summary: ClassVar[str] = "any algorithm, which also learns the model's parameters"
     contact: ClassVar[str] = "adaptive"
 
     algorithm: Algorithm
@@ -61,7 +61,7 @@ class PsiLearning(Algorithm):
         self.algorithm.check(experiment)
 
     def begin(self, experiment: Experiment) -> State:
-        """Return the initial state: the wrapped algorithm's, initial states of the episodes, and no transitions."""
+        """Return the initial state: the wrapped algorithm's state, first states of episodes, and no transitions."""
         self.check(experiment)
         loss, explorer = experiment.cached(self._loss), experiment.cached(_explorer)
         start = loss.start(experiment.task.parameters.unpack(experiment.physics))
@@ -80,7 +80,7 @@ class PsiLearning(Algorithm):
         }
 
     def iterate(self, experiment: Experiment, state: State, k: int) -> tuple[State, Row]:
-        """Collect transitions, then update psi, then the policy."""
+        """Collect transitions, then update psi, and finally update the policy."""
         state = self._collect_transitions(experiment, state, k)
         exact_steps = experiment.take_step_count()
         state, loss = self._update_psi(experiment, state)

@@ -56,7 +56,8 @@ class RandomSearch(Configured):
         super().__post_init__()
         if not self.narrow < self.width:
             raise InputError(
-                f"random search ends at a width below that of its start, got {self.width:g} to {self.narrow:g}"
+                f"the final width of a random search must be below its initial width, got {self.width:g} to"
+                f" {self.narrow:g}"
             )
         if not self.width <= self.reach:
             raise InputError(f"reach must be at least the width {self.width:g}, got {self.reach:g}")
@@ -149,5 +150,5 @@ class RandomSearch(Configured):
         return distribution.sigma * np.sqrt(np.diag(distribution.C))
 
     def is_done(self, distribution: SearchDistribution) -> bool:
-        """Return whether the pass has ended, because of its number of iterations or its small standard deviations."""
+        """Return whether the pass has reached its number of iterations or sufficiently small standard deviations."""
         return bool(distribution.count >= self.iterations or np.max(self.deviations(distribution)) <= self.narrow)

@@ -27,7 +27,7 @@ from ocp.problem.task import Task
 class TaskRollouts:
     """Compiled rollouts of ``horizon`` steps of a task under a contact law and a policy.
 
-    ``parameters`` consists of the task's parameters, the law's (such as ``contact.mu``), ``discount``, and
+    ``parameters`` consists of the task's parameters, the law's parameters (such as ``contact.mu``), ``discount``, and
     ``mean[i]`` and ``scale[i]`` of each observation if the policy normalises observations. The final reward is
     included only if ``horizon`` is the task's horizon.
 
@@ -41,7 +41,7 @@ class TaskRollouts:
         self.parameters = self.function.parameters
 
     def with_horizon(self, horizon: int) -> TaskRollouts | None:
-        """Return rollouts with another horizon without recompiling; None if only one of them has the final reward."""
+        """Return rollouts with another horizon without recompiling; None if only one has the final reward."""
         extended = copy(self)
         extended.horizon = horizon
         if _is_truncated(self.task, horizon) != _is_truncated(self.task, self.horizon):
@@ -99,7 +99,7 @@ class TaskRollouts:
 
 
 def episode_rewards(task: Task, horizon: int) -> Episode:
-    """Return the reward functions of an unroll of ``horizon`` steps, with a final reward only for a whole episode."""
+    """Return the reward functions of an unroll of ``horizon`` steps; only a whole episode has a final reward."""
     final = task.finals
     if _is_truncated(task, horizon):
         final = ca.Function("final", [task.system.x, task.parameters.vector], [ca.SX(0)])

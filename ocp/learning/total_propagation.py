@@ -183,7 +183,7 @@ def acting_entries(experiment: Experiment, steps: int) -> np.ndarray:
 
 
 def with_jacobians(fn: ca.Function, count: int) -> BatchFunction:
-    """Return a batch function of ``fn`` and its Jacobians in the first ``count`` arguments, in column-major order."""
+    """Return a batch function of ``fn`` and its Jacobians by the first ``count`` arguments, in column-major order."""
     arguments = fn.sx_in()
     value = fn(*arguments)
     slopes = [ca.densify(ca.jacobian(value, argument)) for argument in arguments[:count]]
@@ -212,7 +212,7 @@ class TotalPropagation(Clipping):
     samples: int = setting(64, "unrolls per iteration", hint="a variance needs two", least=2)
 
     def iterate(self, experiment: Experiment, state: State, k: int) -> tuple[State, Row]:
-        """Simulate particles and take one step along their total-propagation gradient."""
+        """Simulate particles and make one step along their total-propagation gradient."""
         starts, steps = Starts.from_state(state), self.steps(experiment)
         shape = (steps, *starts.x.shape)
         noise = experiment.rng(k, "states").standard_normal(shape)
@@ -285,6 +285,6 @@ def _vector_jacobian(bar: np.ndarray, slope: np.ndarray) -> np.ndarray:
 
 
 def _mean_of_others(values: np.ndarray, alive: np.ndarray) -> np.ndarray:
-    """Return for each particle the mean of ``values`` (n,) over the other particles alive, or 0 if there are none."""
+    """Return for each particle the mean of ``values`` (n,) over the other living particles, or 0 if there are none."""
     count = alive.sum()
     return (values[alive].sum() - values) / max(count - 1, 1) if count > 1 else 0.0 * values

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 
 EVALUATION_SEED = 1_000_000
-"""Default seed of the initial states of evaluations, which thereby differ from the initial states of training."""
+"""Default seed of the initial states of evaluations; it differs from seeds of training."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class PolicyEvaluation:
     unsolved: np.ndarray
 
     def summary(self) -> dict[str, float]:
-        """Return means over the episodes, the standard deviation of returns, and the share of unsolved steps."""
+        """Return means over the episodes, the standard deviation of returns, and the fraction of unsolved steps."""
         steps = max(float(self.lengths.sum()), 1.0)
         return {
             "return": float(self.returns.mean()),
@@ -81,7 +81,7 @@ def evaluate(
 
 
 def evaluate_from(experiment: Experiment, trained: TrainedPolicy, law: ContactLaw, x0: np.ndarray) -> PolicyEvaluation:
-    """Simulate episodes of a policy from given states ``x0`` (n, nx); otherwise the same as :func:`evaluate`."""
+    """Simulate episodes of a policy from given states ``x0`` (n, nx); see :func:`evaluate`."""
     episodes = experiment.rollouts(experiment.task.horizon, law)(
         x0, trained.theta, trained.normaliser, n_samples=len(x0), states=True
     )
@@ -163,11 +163,11 @@ class _Progress:
 
 
 def train(experiment: Experiment, checkpoint: SavedWork = UNSAVED, report: Report | None = None) -> xr.Dataset:
-    """Run an experiment, continuing from ``checkpoint`` if it has progress; return learning curves and the policy.
+    """Run an experiment, or continue it from ``checkpoint``; return learning curves and the policy.
 
     The curves are arrays over ``iteration`` 0..iterations. Entry k describes the policy after k iterations: its
-    results ``evaluation_*`` under the exact law, if it was evaluated; and the number of simulated steps
-    ``env_steps`` (without evaluations) and the time ``wall_s`` [s] until then. The other curves are metrics of
+    results ``evaluation_*`` under the exact law, if it was evaluated; and the total number of simulated steps
+    ``env_steps`` (without evaluations) and the total time ``wall_s`` [s] at that point. The other curves are metrics of
     iteration k itself, such as return and gradient norm, with NaN as last entry. ``theta``, ``mean`` and
     ``scale`` belong to the policy with the best evaluation, ``theta_last`` to the last policy, and ``psi`` are
     the final parameters of the model. Results except times are bitwise the same with and without interruptions,
@@ -333,7 +333,7 @@ def check_training(experiment: Experiment, side_by_side: int) -> None:
 
 
 def _integer_settings(experiment: Experiment) -> dict[str, float]:
-    """Return a mapping from names to the integer settings of the algorithm, including those of a wrapped algorithm."""
+    """Return a mapping from names to the algorithm's integer settings, including those of a wrapped algorithm."""
     counts: dict[str, float] = {}
     settings: dict[str, Any] = experiment.algorithm.settings()
     for name, value in settings.items():

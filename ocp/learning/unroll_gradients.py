@@ -158,9 +158,9 @@ class AoBG(Unrolled):
 
     alpha is the weight of the *first* order (:func:`mixing_weight`). g1 and g0 are computed from two
     independent batches of ``samples``. With probability 1 - ``delta``, |g - E g0| is at most ``gamma``. If
-    there are too few samples to bound even the error of g0 by gamma, alpha is 0. The unit of gamma is that of
-    the return divided by that of theta, so that no value fits all tasks. Source: Suh, Simchowitz, Zhang and
-    Tedrake (ICML 2022), algorithm 1.
+    there are too few samples to bound even the error of g0 by gamma, alpha is 0. The unit of gamma is the unit of the
+    return divided by the unit of theta, so that no value fits all tasks. Source: Suh, Simchowitz, Zhang and Tedrake
+    (ICML 2022), algorithm 1.
     """
 
     name: ClassVar[str] = "aobg"
@@ -200,7 +200,7 @@ def mixing_weight(first: np.ndarray, zeroth: np.ndarray, gamma: float, delta: fl
     ``first`` (n, d) and ``zeroth`` (m, d) are samples of first- and zeroth-order gradients, with means g1 and
     g0. The variance of the mixture is smallest for ``alpha* = s0² / (s0² + s1²)``, where s1² and s0² are the
     variances of g1 and g0. The bias is at most gamma with probability 1 - delta if ``alpha B + eps <= gamma``,
-    where eps bounds the error of the zeroth order's mean (:func:`~ocp.gradients.estimators.bernstein_distance`,
+    where eps bounds the error of the zeroth-order mean (:func:`~ocp.gradients.estimators.bernstein_distance`,
     with the largest deviation in the batch). So alpha is alpha* if alpha* satisfies this condition, else (gamma
     - eps) / B, and 0 if eps > gamma.
     """
@@ -221,7 +221,7 @@ class ARS(Algorithm):
 
     ``theta <- theta + rate / (top sigma_R) sum_i (r_i+ - r_i-) delta_i``, where r_i± are the returns of whole
     episodes at ``theta ± spread delta_i`` from the same start. Of ``directions`` random directions delta_i ~
-    N(0, 1), the sum uses the ``top`` ones with the largest max(r_i+, r_i-); sigma_R is the standard deviation
+    N(0, 1), the sum uses the ``top`` directions with the largest max(r_i+, r_i-); sigma_R is the standard deviation
     of their returns. Parameters that do not affect the return are not changed. An episode with non-finite
     states counts with the smallest finite return.
     """

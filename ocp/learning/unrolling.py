@@ -56,7 +56,7 @@ def adam(slope: Slope, theta: np.ndarray, rate: float) -> Iterator[tuple[np.ndar
 
 
 MAX_NORMALISED_GRADIENT = 1e3
-"""Absolute value of a gradient's largest entry from which normalised ascent takes no step."""
+"""Absolute value of a gradient's largest entry from which normalised ascent makes no step."""
 
 Rule = Callable[[State, np.ndarray, float], State]
 """Function from (state, gradient, rate) to the entries of the state that change, such as ``theta``."""
@@ -188,7 +188,7 @@ def finite_samples(experiment: Experiment, state: State, episodes: Episodes, k: 
 
 
 def _step_without_reward(experiment: Experiment, policy: TrainedPolicy, states: np.ndarray) -> int:
-    """Return the first step whose reward is not finite under inputs without noise, or the number of steps if none."""
+    """Return the first step with a non-finite reward under inputs without noise, or the number of steps if none."""
     task, inputs = experiment.task, experiment.inputs(policy, states[:-1])
     for t, (x, next_state) in enumerate(pairwise(states)):
         if not np.isfinite(float(task.rewards(x, inputs[t], next_state, experiment.physics))):
@@ -235,7 +235,7 @@ class Unrolled(Algorithm):
     """Base class of algorithms that unroll a policy and take steps along a gradient.
 
     Each iteration simulates ``samples`` unrolls of ``unroll`` steps (at most an episode's), which continue
-    those of the last iteration. Actions before tanh have Gaussian noise of standard deviation ``sigma``. Then
+    the unrolls of the last iteration. Actions before tanh have Gaussian noise of standard deviation ``sigma``. Then
     the policy takes one step with learning rate ``rate`` by ``optimiser``, a rule of
     :func:`~ocp.learning.unrolling.ascend`.
     """

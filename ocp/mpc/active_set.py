@@ -1,4 +1,4 @@
-"""Active sets of plans: choices of the zero side of each complementarity pair, with independent equations."""
+"""Active sets of plans: the choice of one side of each complementarity pair, such that equations are independent."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Coulomb:
 
 
 class ActiveSets:
-    """Rules for active sets (N, n): True where a pair is closed, that is, its gap is zero and its force is free.
+    """Rules for active sets (N, n): True for a closed pair, whose gap is zero and whose force is free.
 
     Dry friction in the plane has two forces ``beta_i`` along opposite directions and the slip speed ``gamma``,
     ``0 <= beta_i ⟂ gamma + d_i' v >= 0`` and ``0 <= gamma ⟂ mu lam - sum beta >= 0``. The slip pair, of gamma,
@@ -79,7 +79,7 @@ class ActiveSets:
         return frictionless
 
     def exchangeable(self, closed: np.ndarray) -> np.ndarray:
-        """Return a mask (N, n) of the pairs that may be exchanged alone: no slip pair, no last closed friction pair."""
+        """Return a mask (N, n) of pairs that may be exchanged alone: no slip pair, and no last closed friction pair."""
         exchangeable = ~self.frictionless(closed)
         for contact in self.contacts:
             f = list(contact.friction)

@@ -13,11 +13,11 @@ from ocp.problem.problem import Problem
 from ocp.transcription.common import constraint_names
 
 PENALTIES = (1e3, 1e4, 1e5, 1e6)
-"""Penalties of a slack [characteristic costs / size], tried in order while each lowers the violation by 1 %."""
+"""Penalties of a slack [characteristic costs / size], tried in order while each reduces the violation by 1 %."""
 MET_TOLERANCE = 1e-6
 """Violation, in characteristic sizes, up to which a row counts as satisfied."""
 PENALTY_FALL = 0.99
-"""A larger penalty is accepted if it lowers the violation to less than this share of the previous violation."""
+"""Ratio of violations under successive penalties below which the larger penalty is accepted."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ class ConstraintRows:
 
 
 def _path_sizes(problem: Problem) -> np.ndarray:
-    """Return sizes of path constraints, from slopes at the start plus one characteristic size; 1 for zero slopes."""
+    """Return sizes of path constraints, from slopes at the start and at one characteristic size; 1 for zero slopes."""
     scales, p = problem.scales, problem.parameters
     path = ca.vertcat(ca.SX(0, 1), *(constraint.expression for constraint in problem.path))
     x, u = (np.array(v).ravel() for v in problem.limits(p.values)[:2])

@@ -130,14 +130,14 @@ class Controller:
         self._phase = self._build_phase()
 
     def _evaluate_parameters(self, values: Values) -> tuple[np.ndarray, list[np.ndarray]]:
-        """Return the parameters over the horizon (N+1, np), and the start, last input and bounds that they give."""
+        """Return the parameters over the horizon (N+1, np), and the resulting start, last input and bounds."""
         values = {**self.parameters, **values}
         p = horizon_rows(self.receding, self.model.names, self._base, values, self._dynamics)
         limits = self.receding.problem.limits(p[0, self.model.of_problem])
         return p, [np.array(v).ravel() for v in limits]
 
     def _first_plan(self, p: np.ndarray) -> tuple[RouteResult | None, Plan]:
-        """Solve the problem once from its own start; with a user's policy, return the unsolved initial guess."""
+        """Solve the problem once from its own start; with a user's policy, return the initial guess unsolved."""
         if self.policy is not None:
             x, u = self.receding.problem.initial_guess(p[0, self.model.of_problem])
             zeros = np.zeros((self.model.N, self.model.n))
@@ -178,7 +178,7 @@ class Controller:
 
         Entries of the state that are not finite are replaced by predictions, and a penetrating state is moved
         out of contact; a state outside its bounds is used unchanged. The command's ``note`` mentions each of
-        these. Raises :class:`~ocp.errors.InputError` for arrays of another shape and unknown parameters.
+        these changes. Raises :class:`~ocp.errors.InputError` for arrays of another shape and unknown parameters.
         """
         start_time = time.perf_counter()
         if parameters or self._horizon[0]:
@@ -213,7 +213,7 @@ class Controller:
         return Command(u, answer.plan, status, seconds, note, answer.merit)
 
     def _shifted_plan(self, p: np.ndarray, limits: list[np.ndarray]) -> Plan:
-        """Return the plan shifted by one step and extended by a step with the phase's gain; unshifted at first."""
+        """Return the plan shifted by one step and extended by the phase's gain; unshifted at the first sample."""
         plan = self.plan
         if self.samples == 0 or not self._phase.plans:
             return plan
@@ -228,7 +228,7 @@ class Controller:
         return Plan(x, u, lam, gap)
 
     def _expected_state(self, shifted: Plan, u_before: np.ndarray, p: np.ndarray) -> np.ndarray:
-        """Return the expected state (nx,): predicted by the law if ``trust < 1`` or without plans, else planned."""
+        """Return the expected state (nx,): the law's prediction if ``trust < 1`` or without plans, else the plan's."""
         if not self.samples or (self.trust == 1 and self._phase.plans):
             return shifted.x[0]
         predicted = self.rollouts.step(self._state[None], u_before[None], p)[0]

@@ -21,7 +21,7 @@ class Full(Phase):
     """Phase that solves the whole problem with the method of ``solve``, warm-started from the last solution.
 
     If the solve fails, the phase ``softer`` is used instead, which solves quadratic programs with soft
-    constraints. It is used also at the following samples as long as its plans violate constraints.
+    constraints. It is also used at the following samples as long as its plans violate constraints.
     """
 
     def __init__(self, session: Session, model: StageModel, first: RouteResult, softer: NewtonPhase) -> None:
@@ -69,7 +69,7 @@ class Full(Phase):
         return Answer(plan.u[0], plan, "solved", note, float(merit))
 
     def _shift_solution(self) -> Point:
-        """Return the last solution shifted by one step; unshifted at the first sample."""
+        """Return the last solution shifted by one step, or unshifted at the first sample."""
         if self.is_first:
             self.is_first = False
             return self.point

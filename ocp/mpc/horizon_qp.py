@@ -14,7 +14,7 @@ from ocp.mpc.linearised import Affine, Linearised
 from ocp.mpc.stages import StageModel
 
 PENALTY_CURVATURE = 1e-2
-"""Second derivative of the penalty of a slack, as a share of the penalty's slope."""
+"""Second derivative of the penalty of a slack, relative to the penalty's slope."""
 MAX_ROW_VALUE = 1e4
 """Value of a row, in characteristic sizes, above which the row is scaled down."""
 QP_TOLERANCE = 1e-9
@@ -115,7 +115,7 @@ class HorizonQP:
         predicted[0] += lin.x_next.by_x[0] @ dx0
         row_bounds = -rows.value
         row_bounds[0] -= rows.by_x[0] @ dx0
-        # The solver does not reach its tolerance where entries of 1e9 and of 1 occur together.
+        # The solver does not reach its tolerance if entries of 1e9 and of 1 occur together.
         row_scales = np.maximum(1.0, -row_bounds / MAX_ROW_VALUE)
         entries = np.concatenate([rows.by_x, rows.by_u, np.ones((N, self.n_rows, 1))], axis=2)
         G, row_bounds = self._G((entries / row_scales[:, :, None]).ravel()), row_bounds / row_scales
@@ -162,7 +162,7 @@ class HorizonQP:
 
 
 class _Pattern:
-    """Sparse matrix of fixed pattern, filled from entries in a fixed order; entries with an index of -1 are ignored."""
+    """Sparse matrix with a fixed pattern, filled from entries in a fixed order; the index -1 marks ignored entries."""
 
     def __init__(self, rows: np.ndarray, columns: np.ndarray, shape: tuple[int, int]) -> None:
         self.used = np.flatnonzero((rows >= 0) & (columns >= 0))

@@ -37,7 +37,7 @@ class LinearClosure(NamedTuple):
 
 
 EIGENVALUE_ROUNDING = 1e-12
-"""Magnitude up to which negative eigenvalues count as rounding errors, as a share of the trace."""
+"""Magnitude up to which negative eigenvalues count as rounding errors, relative to the trace."""
 FACTOR_FLOOR = 1e-10
 """Number added to both factors of ``lam gap``, which may both be zero if mu = 0."""
 

@@ -23,7 +23,7 @@ STEP_SHARES = (1.0, 0.5, 0.25, 0.06)
 """Step sizes of the candidates that are rolled out, each with the regulator's feedback."""
 
 MAX_WARM_UP_PROGRAMS = 30
-"""Maximum number of additional programs at the first sample, when the plan is for another law or state."""
+"""Maximum number of additional programs at the first sample, when the plan belongs to another law or state."""
 UNSOLVED = "the quadratic program was not solved"
 """Note on a sample whose quadratic program was not solved."""
 
@@ -75,14 +75,14 @@ class NewtonPhase(Phase):
 
     @abstractmethod
     def closure(self, plan: Plan, evaluated: StageValues, closed: np.ndarray) -> LinearClosure:
-        """Return the contact law linearised at a plan."""
+        """Return the contact law, linearised at a plan."""
 
     @abstractmethod
     def rows(self, lin: Linearised, closed: np.ndarray) -> Affine:
         """Return the rows (N, n_rows) that the program constrains to 0 or above."""
 
     def proposals(self, prepared: Prepared, sample: Sample) -> tuple[list[Proposal], str]:
-        """Return the proposals to roll out, best last (an empty list if no program was solved), and a note."""
+        """Return the proposals to simulate, the best last (none if no program was solved), and a note."""
         proposal = self.propose(prepared.lin, prepared.closed, sample)
         return ([proposal], "") if proposal.step.solved else ([], UNSOLVED)
 
@@ -131,7 +131,7 @@ class NewtonPhase(Phase):
         return best
 
     def feedback(self, sample: Sample) -> Answer:
-        """Solve the program from the measured state, and return the best of the rolled-out candidates."""
+        """Solve the program from the measured state, and return the best candidate among the rollouts."""
         return self._iterate(self._solve_program, sample, self.iterations - 1, 1e-9)
 
     def warm_up(self, sample: Sample) -> Answer:
@@ -139,7 +139,7 @@ class NewtonPhase(Phase):
         return self._iterate(self.feedback, sample, MAX_WARM_UP_PROGRAMS, 1e-6)
 
     def _iterate(self, solve: Callable[[Sample], Answer], sample: Sample, most: int, tolerance: float) -> Answer:
-        """Solve; repeat up to ``most`` times from the new plan while the merit decreases by a share ``tolerance``."""
+        """Solve; repeat up to ``most`` times from the new plan while the merit decreases by ``tolerance``."""
         answer = solve(sample)
         for _ in range(most):
             if answer.plan is None or answer.status == "kept":

@@ -14,7 +14,7 @@ from ocp.mpc.stages import Plan
 
 @dataclass(frozen=True)
 class Sample:
-    """Data of one sample: measured state (nx,), last input (nu,), parameters (N+1, np), and both bounds (nu,) on u."""
+    """Data of one sample: measured state (nx,), last input (nu,), parameters (N+1, np), and bounds (nu,) on u."""
 
     x: np.ndarray
     u_before: np.ndarray
@@ -24,7 +24,7 @@ class Sample:
 
 @dataclass(frozen=True)
 class Answer:
-    """A phase's answer to a measurement: the input to apply, and the plan whose first input this is.
+    """A phase's answer to a measurement: the input to apply, and the plan that begins with this input.
 
     ``plan`` is None for a phase without plans. ``note`` describes anything unusual. ``violated`` is true if the
     plan violates a constraint.
@@ -41,7 +41,7 @@ class Answer:
 class Phase(ABC):
     """Base class of algorithms that compute an input from a measurement.
 
-    ``prepare`` does all work at the shifted plan that does not need the measurement, and ``feedback`` does the
+    ``prepare`` does the work at the shifted plan that does not need the measurement, and ``feedback`` does the
     rest. ``plans`` is true if the phase computes plans over a receding horizon. ``gain`` (nu, nx) is the
     feedback gain for the step by which the shifted plan is extended.
     """
@@ -58,7 +58,7 @@ class Phase(ABC):
         """Return the input and plan that answer a measurement."""
 
     def warm_up(self, sample: Sample) -> Answer:
-        """Answer the first measurement, when the plan is for another contact law or another state."""
+        """Answer the first measurement, when the plan belongs to another contact law or another state."""
         return self.feedback(sample)
 
 

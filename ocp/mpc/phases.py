@@ -63,7 +63,7 @@ class PhaseEntry:
     plans: bool = True
 
     def law(self, law: ContactLaw | None) -> ContactLaw:
-        """Return ``law`` or, if None, the exact law, or for a smoothed phase the barrier law with mu = 1e-2.
+        """Return ``law``; if None, the exact law, or the barrier law with mu = 1e-2 for a smoothed phase.
 
         Raises :class:`~ocp.errors.InputError` for a law that the phase cannot use.
         """

@@ -21,10 +21,10 @@ LEAST_SMOOTHING = 1e-6
 
 
 class Weights(NamedTuple):
-    """Weights of squared deviations from a plan, in characteristic sizes, relative to the cost above its lower bound.
+    """Weights of squared deviations from a plan, relative to the cost above its lower bound.
 
-    ``states`` weights states and ``inputs`` weights inputs, both as means over the horizon; ``end`` weights the
-    last state.
+    Deviations are in characteristic sizes. ``states`` weights states and ``inputs`` weights inputs, both as means
+    over the horizon; ``end`` weights the last state.
     """
 
     states: float = 0.0
@@ -33,7 +33,7 @@ class Weights(NamedTuple):
 
 
 NO_WEIGHTS = Weights()
-"""Weights that add nothing to the problem's own cost."""
+"""Weights that add nothing to the cost of the problem."""
 
 
 class PlanRegulator:
@@ -96,8 +96,8 @@ class PlanRegulator:
 class ControllerPolicy:
     """Receding-horizon controller as a function of the state; it is reset at step 0.
 
-    ``samples`` counts the samples, and ``kept`` those at which no new plan could be computed; ``note`` is the
-    reason at the last of these.
+    ``samples`` counts the samples, and ``kept`` the samples at which no new plan could be computed; ``note``
+    is the reason at the last such sample.
     """
 
     def __init__(self, evaluation: Evaluation) -> None:

@@ -1,4 +1,4 @@
-"""Plants of closed-loop simulations, with the physics of the controller's model or more exact or changed physics."""
+"""Plants of closed-loop simulations: the controller's model, a more exact model, or a changed model."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from ocp.validation import Index, Number, validated
 
 PLANTS = {
     "exact": "the exact law at the model's step size",
-    "referee": "the sharpest contact that the system has",
-    "h/4": "the sharpest contact at a quarter of the step size, the input held",
+    "referee": "the most exact contact model of the system",
+    "h/4": "the most exact contact model at a quarter of the step size, the input held",
     "noise": "the exact law, with noise of 1 % of the characteristic sizes where none is given",
     "mujoco": "MuJoCo with its soft contact, at steps of a millisecond, the input held",
 }
@@ -123,7 +123,7 @@ def check_pushes(problem: Problem, pushes: Mapping[int, np.ndarray], steps: int)
 
 
 def deviations(values: float | Mapping[str, float], names: list[str], what: str) -> np.ndarray:
-    """Return the standard deviations of all signals, from one number or a mapping from names (0 if absent).
+    """Return the standard deviations of all signals, from one number or from a mapping (0 for absent names).
 
     Raises :class:`~ocp.errors.InputError` for an unknown name and a negative or non-finite number.
     """

@@ -1,4 +1,4 @@
-"""Feedback phase without plans, which evaluates a function of the state, or gains."""
+"""Feedback phase without plans that evaluates a function of the state, or gains."""
 
 from __future__ import annotations
 

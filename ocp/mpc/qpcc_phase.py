@@ -26,9 +26,9 @@ class QPCC(NewtonPhase):
 
         sigma_i = -y_k' (d x_{k+1} / d eps_i) - sum_j z_kj (d row_kj / d eps_i),
 
-    is negative. Pairs with ``sigma_i < 0`` are exchanged all at once or, if the optimum does not decrease, only
-    the pair of largest gain, at most ``exchanges`` times. If no such pair is left and multipliers are unique,
-    the program's solution is strongly stationary.
+    is negative. All pairs with ``sigma_i < 0`` are exchanged at once or, if the optimum does not decrease, only the
+    pair with the largest gain, at most ``exchanges`` times. If no such pair is left and multipliers are unique, the
+    program's solution is strongly stationary.
     """
 
     exchanges = 2
@@ -43,7 +43,7 @@ class QPCC(NewtonPhase):
 
     @property
     def n_rows(self) -> int:
-        """Number of rows per step: one for each pair and each constraint."""
+        """Number of rows per step: one row for each pair and for each constraint."""
         return self.model.n + self.model.m
 
     def closure(self, plan: Plan, evaluated: StageValues, closed: np.ndarray) -> LinearClosure:
@@ -65,7 +65,7 @@ class QPCC(NewtonPhase):
         return Affine(*(np.concatenate(parts, axis=1) for parts in both))
 
     def proposals(self, prepared: Prepared, sample: Sample) -> tuple[list[Proposal], str]:
-        """Return a list with the proposal for the plan's active set and the best after exchanges; and a note."""
+        """Return the proposal for the plan's active set, the best proposal after exchanges, and a note."""
         steps, note = super().proposals(prepared, sample)
         for _ in range(self.exchanges if steps else 0):
             better = self._exchange_pairs(prepared, steps[-1], sample)
@@ -75,7 +75,7 @@ class QPCC(NewtonPhase):
         return steps, note
 
     def _exchange_pairs(self, prepared: Prepared, incumbent: Proposal, sample: Sample) -> Proposal | None:
-        """Return a proposal with exchanged pairs that lowers the program's optimum, or None if there is none."""
+        """Return a proposal with exchanged pairs that lowers the program's optimum, or None."""
         gains = self._gains(incumbent)
         pays = gains > MIN_EXCHANGE_GAIN
         if not pays.any():
@@ -116,6 +116,6 @@ class QPCC(NewtonPhase):
 
 
 class FixedActiveSet(QPCC):
-    """Phase that solves the program of :class:`QPCC` without exchanges: the active set is that of the last plan."""
+    """Phase that solves the program of :class:`QPCC` without exchanges, with the active set of the last plan."""
 
     exchanges = 0

@@ -1,4 +1,4 @@
-"""Problem of a receding horizon, whose start and last input are parameters."""
+"""Problem of a receding horizon whose start and last input are parameters."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Receding:
 
     @classmethod
     def of(cls, problem: Problem) -> Receding:
-        """Build the receding problem of ``problem``.
+        """Build the receding-horizon version of ``problem``.
 
         Raises :class:`~ocp.errors.InputError` if the step size is free, since a controller needs a fixed step size.
         """

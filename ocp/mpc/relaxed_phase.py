@@ -18,9 +18,9 @@ class Relaxed(NewtonPhase):
         return self.model.m
 
     def closure(self, plan: Plan, evaluated: StageValues, closed: np.ndarray) -> LinearClosure:
-        """Return ``lam gap = mu`` linearised at the plan."""
+        """Return the closure ``lam gap = mu``, linearised at the plan."""
         return LinearClosure.from_product(plan, evaluated.mu, self.model.sizes)
 
     def rows(self, lin: Linearised, closed: np.ndarray) -> Affine:
-        """Return the rows of the constraints."""
+        """Return the rows of path constraints and bounds, which must be 0 or above."""
         return lin.rows

@@ -10,7 +10,7 @@ from ocp.mpc.linearised import Linearised
 from ocp.transcription.nlp import StageCompiler
 
 INPUT_CURVATURE_SHARE = 1e-9
-"""Multiple of the identity that is added to Quu, as a share of the mean of Quu's diagonal."""
+"""Multiple of the identity added to Quu, relative to the mean of Quu's diagonal."""
 
 
 class Regulator:

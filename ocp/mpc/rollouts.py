@@ -45,7 +45,7 @@ class CandidateRollouts:
         p: np.ndarray,
         penalty: float = MIN_PENALTY,
     ) -> tuple[Plan, float, int, list[Broken]]:
-        """Return the plan of the candidate of lowest merit, its merit, its index, and its violated constraints.
+        """Return the plan of the candidate with the lowest merit, its merit, its index, and its violated constraints.
 
         K (S, N, nu, nx) and k (S, N, nu) are the gains of S candidates. A candidate with an unsolved step has
         infinite merit.

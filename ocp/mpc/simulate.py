@@ -27,7 +27,7 @@ from ocp.routes.session import Session
 from ocp.validation import Count, Index, validated
 
 DIVERGED_FACTOR = 100.0
-"""Factor on the largest of problem scales, start and first plan above which a state counts as diverged."""
+"""Multiple of the largest of problem scales, start and first plan above which a state counts as diverged."""
 FEASIBILITY_TOLERANCE = 1e-6
 """Constraint violation up to which a plan is judged for stationarity, in characteristic sizes."""
 DEFAULT_NOISE_SHARE = 0.01
@@ -96,13 +96,13 @@ class ClosedLoop:
 
     @property
     def certified(self) -> float:
-        """Share of stationary plans among the judged plans, NaN if no plan was judged."""
+        """Fraction of stationary plans among the judged plans, NaN if no plan was judged."""
         certificates = self.data["certificate"].values
         was_judged = certificates != ""
         return float(np.isin(certificates[was_judged], ("B", "KKT")).mean()) if was_judged.any() else np.nan
 
     def percentile(self, share: float, skip: int = 10) -> float:
-        """Return a percentile (0 to 100) of the computing time [s] of samples, without each seed's first ``skip``."""
+        """Return a percentile (0 to 100) of computing times [s], without the first ``skip`` samples of each seed."""
         seconds = self.data["seconds"].values[:, skip:]
         return float(np.nanpercentile(seconds, share)) if seconds.size else np.nan
 

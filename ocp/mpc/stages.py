@@ -41,8 +41,8 @@ class Plan:
 class StageValues(NamedTuple):
     """Values and derivatives of a plan's steps, one row per step.
 
-    They are the ``residual`` (N, nx) of the step's equations, ``gap`` and ``mu`` (N, n), and the ``rows`` (N,
-    m) that constraints keep at 0 or above; the ``jacobian`` of all these in (x, u, x_next, lam); ``gradient``
+    The values are the ``residual`` (N, nx) of the step's equations, ``gap`` and ``mu`` (N, n), and the ``rows``
+    (N, m) that constraints keep at 0 or above; the ``jacobian`` of all these in (x, u, x_next, lam); ``gradient``
     (N, nw + n) and ``hessian`` of the stage cost in w = (x, u_before, u) and lam; and ``end_gradient`` and
     ``end_hessian`` of the terminal cost in x_N.
     """
@@ -143,7 +143,7 @@ class StageModel:
 
     @cached_property
     def sizes(self) -> tuple[np.ndarray, np.ndarray]:
-        """Characteristic sizes (n,) of multipliers and of gaps; for slip pairs both sizes are exchanged."""
+        """Characteristic sizes (n,) of multipliers and of gaps; for slip pairs the two sizes are exchanged."""
         scales, pairs = self.problem.scales, self.problem.system.pairs
         slips = np.array([p.kind in ("slip", "table") for p in pairs] * self.step.branches, bool)
         lam = np.where(slips, scales.gap, scales.impulse)

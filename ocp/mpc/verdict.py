@@ -1,4 +1,4 @@
-"""Verdict on a closed-loop simulation: a status, and findings on cost and on what went wrong."""
+"""Verdict on a closed-loop simulation: a status, and findings on its cost and on failures."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from ocp.mpc.simulate import ClosedLoop
 
 MIN_SOLVED_SHARE = 0.5
-"""Minimum share of samples with a solved program, below which a simulation has failed."""
+"""Minimum fraction of samples with a solved program; below it a simulation has failed."""
 MAX_NAMED_CONSTRAINTS = 3
 """Maximum number of violated constraints that a verdict names."""
 
@@ -25,7 +25,7 @@ class LoopVerdict:
 
     ``status`` is ``done``, ``warnings`` (the simulation reached its end, but the findings report a problem),
     ``stopped`` (by the user), ``diverged``, or ``failed`` (a cost was not finite, less than half of the
-    programs were solved, or a constraint was violated by more than a tenth of its size). ``planned`` is the share
+    programs were solved, or a constraint was violated by more than a tenth of its size). ``planned`` is the fraction
     of samples with a new plan, and ``diverged`` the number of diverged seeds.
     """
 

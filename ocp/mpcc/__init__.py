@@ -1,7 +1,7 @@
 """Mathematical programs with complementarity constraints in CasADi: stated, solved and certified.
 
 The follower of a bilevel problem chooses y to minimise ``(y - x)²`` subject to ``y <= p``; with the
-multiplier s of that bound its optimality is ``y - x + s = 0``, ``0 <= s ⟂ p - y >= 0``. The leader
+multiplier s of this bound, the optimality condition is ``y - x + s = 0``, ``0 <= s ⟂ p - y >= 0``. The leader
 chooses x::
 
     import casadi as ca

@@ -1,4 +1,4 @@
-"""A program with complementarity constraints given as expressions, and its reformulations, differentiated once."""
+"""A program with complementarity constraints given as expressions, and its reformulations and derivatives."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ class MPCC:
     are numbers or sequences; by default g is an equation. ``names`` (k) are the names of the pairs in
     verdicts, ``row_names`` (m) those of g.
 
-    Raises :class:`~ocp.errors.InputError` where sizes do not fit, bounds cross, a symbol is not
-    declared, or a pair is the same expression twice.
+    Raises :class:`~ocp.errors.InputError` if sizes do not fit, a lower bound exceeds an upper bound, a
+    symbol is not declared, or both members of a pair are the same expression.
     """
 
     x: ca.SX
@@ -76,7 +76,7 @@ class MPCC:
             raise InputError(f"{self.name}: {', '.join(unknown)} is neither in x nor in p")
 
     def pair(self, index: int) -> str:
-        """Return the name of the pair number ``index``."""
+        """Return the name of the pair with the index ``index``."""
         return self.names[index] if self.names else f"pair {index}"
 
     @cached_property
@@ -105,7 +105,7 @@ class MPCC:
 
 
 def sized(name: str, what: str, value: float | Sequence[float] | np.ndarray, n: int) -> np.ndarray:
-    """Return numbers as a vector (n,), a single number repeated; raise :class:`InputError` for another size."""
+    """Return numbers as a vector (n,), repeating a single number; raise :class:`InputError` for another size."""
     numbers = np.asarray(value, dtype=float).ravel()
     if numbers.size not in (1, n):
         raise InputError(f"{name}: {what} has {numbers.size} entries, expected {n}")
@@ -115,8 +115,8 @@ def sized(name: str, what: str, value: float | Sequence[float] | np.ndarray, n: 
 class Lifted:
     """An :class:`~ocp.mpcc.MPCC` with slack variables, so that pairs are entries of x, and its derivatives.
 
-    A side of a pair that is an entry of x, in no other pair and without a lower bound above zero, stays
-    this entry; any other side becomes a slack variable with an equation. Common subexpressions are
+    A side of a pair stays an entry of x if it is one, occurs in no other pair and has no lower bound above
+    zero; any other side becomes a slack variable with an equation. Common subexpressions are
     eliminated once before differentiation, which is cheaper than in every derivative.
     """
 
@@ -192,7 +192,7 @@ class Lifted:
 
 
 def programs_of(mpcc: MPCC, p: np.ndarray, start: np.ndarray) -> Callable[[str], MPCCProgram]:
-    """Return a function from a reformulation to the program of ``mpcc`` at p, which builds each program once.
+    """Return a function from a reformulation to the program of ``mpcc`` at p; it builds each program once.
 
     Sizes of variables and cost are derived at ``start`` (n,).
     """
@@ -252,7 +252,7 @@ class MPCCProgram(Program):
         return float(self.lifted.constant(p[:-2]))
 
     def sizes(self, x: np.ndarray) -> np.ndarray:
-        """Return the unit of each variable (n,), or its absolute value at x where that is larger."""
+        """Return the unit of each variable (n,), or its absolute value at x if that is larger."""
         return np.maximum(self.units, np.abs(x))
 
     @cached_property
@@ -271,11 +271,11 @@ class MPCCProgram(Program):
 
     @cached_property
     def scale(self) -> Scale | None:
-        """Units of variables, rows and cost for a solver; None where all are 1.
+        """Units of variables, rows and cost for a solver; None if all are 1.
 
         The unit of the cost is the :func:`~ocp.programs.units.cost_unit` of its largest change by one
-        variable or one pair of variables. In a sum over all variables, a penalty in the cost that is
-        far from its minimum would outweigh the cost.
+        variable or one pair of variables. If changes by all variables were added, a penalty far from its minimum would
+        outweigh the rest of the cost.
         """
         x, p = self.units, self._plain
         point = self.extended(self.start)

@@ -1,4 +1,4 @@
-"""Characteristic sizes of a complementarity problem's variables, from bounds, start and derivatives."""
+"""Characteristic sizes of the variables of a complementarity problem, from bounds, start and derivatives."""
 
 from __future__ import annotations
 
@@ -12,25 +12,25 @@ if TYPE_CHECKING:
     import scipy.sparse as sp
 
 ROW_ROUNDING = 1e-8
-"""Violation of a row, as a share of its change by known sizes, below which it counts as rounding."""
+"""Violation of a row, relative to its change by known sizes, below which it counts as a rounding error."""
 _ROUNDS = 3
-"""Number of passes that derive sizes of variables from those of others in the same rows."""
+"""Number of passes that derive sizes of variables from sizes of other variables in the same rows."""
 
 
 _STEEP = 1e3
-"""Multiple of the median change of the cost above which a variable that a bound holds gets a small size."""
+"""Multiple of the median change of the cost above which a variable at a bound gets a small size."""
 
 
 def variable_sizes(program: Program, start: np.ndarray, p: np.ndarray) -> np.ndarray:
-    """Return the size of every variable (n,), derived at ``start`` (n,); NaN where nothing determines it.
+    """Return the size of every variable (n,), derived at ``start`` (n,); NaN if nothing determines it.
 
     It is the maximum of the variable's value at the start, half the distance between its bounds or the
     distance from its only bound, and one Newton step of the cost. A variable without any of these has
-    the smallest step that satisfies a row violated at the start, else the smallest that changes a row
-    as much as other variables do, else the step that changes the cost as much as the steepest does.
-    The step of rows, up to 1, is also the minimum of every size, so that a start which is zero or
-    optimal up to rounding makes no variable small. Small sizes arise only where a bound holds a
-    variable in which the cost is steep.
+    the smallest step that satisfies a row violated at the start, else the smallest step that changes a row as
+    much as other variables do, else the step that changes the cost as much as the steepest variable does.
+    The step determined from the rows, at most 1, is a lower limit of every size, so that sizes are not small if
+    the start is zero or optimal up to rounding errors. Only a variable at a bound along which the cost is steep
+    has a small size.
     """
     bounds = program.bounds({PENALTY: 0.0, RELAXATION: 0.0})
     slope, g, jacobian = program.first_derivatives(start, p)
@@ -62,7 +62,7 @@ def variable_sizes(program: Program, start: np.ndarray, p: np.ndarray) -> np.nda
 
 
 def _steep_limits(slope: np.ndarray, sizes: np.ndarray, start: np.ndarray, bounds: dict[str, np.ndarray]) -> np.ndarray:
-    """Return (n,), for steep variables that a bound holds, the step that changes the cost by the median; else NaN."""
+    """Return (n,), for steep variables at a bound, the step that changes the cost by the median; else NaN."""
     change = np.abs(slope) * np.where(sizes > 0, sizes, 1.0)
     is_held = np.where(slope > 0, start <= bounds["lbx"], start >= bounds["ubx"])
     others = change[~is_held & (change > 0)]

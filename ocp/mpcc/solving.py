@@ -1,4 +1,4 @@
-"""Solve a complementarity problem from a start, for a certified solution or the least violation."""
+"""Solution of a complementarity problem from a start: a certified point, or the least violation."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from ocp.routes.schedules import improve
 
 
 def violation(program: Program, x: np.ndarray, p: np.ndarray, bounds: dict[str, np.ndarray]) -> tuple[float, str]:
-    """Return the largest violation at x, in natural units, and the name of the bound or constraint that is violated."""
+    """Return the largest violation at x, in natural units, and the name of the violated bound or constraint."""
     _, g = program.values(x, p)
     worst, name, units = 0.0, "nothing", program.natural
     layouts = (("bound on", program.variables, x, "x", units.x), ("constraint", program.constraints, g, "g", units.g))
@@ -45,18 +45,18 @@ def violation(program: Program, x: np.ndarray, p: np.ndarray, bounds: dict[str, 
 Callback = Callable[[int, np.ndarray], None]
 """Function of the number of runs of the solver so far, and of x (n,) after the last one."""
 DEFAULTS = ("l1-quick", "scholtes-quick")
-"""Default strategies: an exact penalty, which is cheapest, and a relaxation, which is more robust."""
+"""Default strategies: an exact penalty, which is cheaper, and a relaxation, which is more robust."""
 DEFAULTS_LARGE = ("l1-quick", "scholtes-exact", "scholtes-quick")
-"""Default strategies of large problems, where slow stages find better minima. The last is followed
-only where no solution of the others is certified."""
+"""Default strategies of large problems, where slow stages find better minima. The last strategy is used
+only if no solution of the others is certified."""
 _LARGE = 300
-"""Minimum number of variables of a large problem, whose solutions are improved only until one is certified."""
+"""Number of variables from which a problem is large; its solutions are improved only until one is certified."""
 _NEAR_BOUND = 1e-8
 """Distance from a bound, in characteristic sizes, up to which a variable is moved onto it."""
 _COARSE = 2.0**7
-"""Ratio of a variable's units at the start and at a solution above which the solve is repeated from there."""
+"""Ratio of a variable's units at the start and at a solution above which the solve is repeated from the solution."""
 _SOFT = ((1.0, 10.0), (1.0, 1000.0), (0.0, 1.0))
-"""Weights of cost and violation in softened problems, which are solved where nothing is certified."""
+"""Weights of cost and violation in softened problems, which are solved if no solution is certified."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class MPCCSolution:
 
     ``success`` means feasible to 1e-6 and certified B-stationary, whatever the solver's status.
     ``infeasibility`` is the largest violation of a bound, of g, or of min(G, H) = 0, each in the
-    unit of its derived size (1 for ordinary sizes); ``worst`` is the name of what is violated.
+    unit of its derived size (1 for ordinary sizes); ``worst`` is the name of the violated item.
     ``strategy`` is the name of the strategy that found x. ``findings`` are sentences on functions
     that jump, or on a cost that is unbounded below. ``multipliers`` are those at a feasible x, else None.
     """
@@ -112,13 +112,13 @@ def solve(
     """Solve a problem from ``x0`` (n,) at parameters ``p``, and certify the solution.
 
     Each strategy relaxes the pairs until their active set is identified. The branch with this active
-    set is solved, and exchanged for others as long as the linear program with complementarity
+    set is solved, then neighbouring branches as long as the linear program with complementarity
     constraints finds descent (:mod:`ocp.routes.branches`). Complementarity problems have many local
-    minima, and strategies find different ones: all are tried and the cheapest certified solution is
-    returned. From 300 variables on, branches are exchanged in the order of their costs until one is
+    minima, and strategies find different ones: all are tried, and the cheapest certified solution is
+    returned. For 300 variables or more, branches are improved in the order of their costs until one is
     certified. ``strategies`` are by default :data:`DEFAULTS` or, for problems of this size,
-    :data:`DEFAULTS_LARGE`. Where no solution is certified, constraints are softened (:func:`softened`),
-    which allows more equations than variables. Where nothing is feasible, the verdict names the violation.
+    :data:`DEFAULTS_LARGE`. If no solution is certified, constraints are softened (:func:`softened`),
+    which allows more equations than variables. If no point is feasible, the verdict names the violation.
 
     A ``warm`` solve begins with the branch nearest to ``x0`` and its neighbours, and returns a certified
     solution of these without following any strategy or searching for jumps. ``callback`` is called after
@@ -169,9 +169,9 @@ def _nearest(mpcc: MPCC, start: np.ndarray, parameter_values: np.ndarray, solver
 
 
 def _coarse(follower: Homotopy, x: np.ndarray) -> bool:
-    """Return whether a very large start made units of variables too large to judge the solution x (n,).
+    """Return whether a very large start made the units of variables too large for judging the solution x (n,).
 
-    Units of ordinary starts are kept, since a solution near zero makes no variable small.
+    Units from ordinary starts are not changed: a solution near zero does not make a variable small.
     """
     program = follower.nlp_of("none")
     assert isinstance(program, MPCCProgram)
@@ -201,7 +201,7 @@ def _jump_findings(mpcc: MPCC, p: np.ndarray, x: np.ndarray) -> tuple[str, ...]:
 def _followed(
     mpcc: MPCC, start: np.ndarray, parameter_values: np.ndarray, strategies: Sequence[str] | None, solver: Solver
 ) -> tuple[MPCCSolution, Homotopy]:
-    """Return the best solution of all strategies from ``start`` (n,), each improved, and the follower of the paths."""
+    """Return the best solution of all strategies from ``start`` (n,), each improved, and the homotopy."""
     programs = programs_of(mpcc, parameter_values, start)
 
     def start_point(program: MPCCProgram) -> Point:
@@ -227,8 +227,8 @@ def softened(mpcc: MPCC, cost: float, weight: float) -> MPCC:
     """Return ``min cost f + weight sum(a + b)`` with ``lbg <= g - a + b <= ubg`` and the same pairs.
 
     The last variables a, b >= 0 (m,) are the violations of upper and of lower limits: every point with
-    complementary pairs is feasible, whatever the rank of the rows. For a large weight its minima are
-    those of the problem (exact penalty); without the cost they have the least violation.
+    complementary pairs is feasible, whatever the rank of the rows. For a large weight the minima are those of
+    the problem (exact penalty); without the cost they have the least violation.
     """
     m, (lower, upper) = mpcc.g.numel(), mpcc.x_bounds
     a, b = ca.SX.sym("above", m), ca.SX.sym("below", m)
@@ -253,7 +253,7 @@ def _softened(
 ) -> MPCCSolution:
     """Return the best of ``best`` and the polished solutions of softened problems with growing weights.
 
-    Where none is feasible, the problem is solved without the cost, from the least violation so far.
+    If no solution is feasible, the problem is solved without the cost, from the point of least violation so far.
     """
     program = follower.nlp_of("none")
     assert isinstance(program, MPCCProgram)
@@ -279,9 +279,9 @@ def _softened(
 
 
 def _at_bounds(program: MPCCProgram, x: np.ndarray, p: np.ndarray, bounds: dict[str, np.ndarray]) -> np.ndarray:
-    """Return x with variables near a bound moved onto it, if the cost falls and constraints still hold.
+    """Return x with variables near a bound moved to the bound, if the cost decreases and constraints still hold.
 
-    An interior-point solution keeps a distance from its bounds, which is costly where the cost is steep.
+    An interior-point solution keeps a distance from bounds, which increases a steep cost noticeably.
     """
     tolerance, snapped = _NEAR_BOUND * program.sizes(x), x
     for bound in (bounds["lbx"], bounds["ubx"]):
@@ -300,7 +300,7 @@ def _rank(solution: MPCCSolution) -> tuple[bool, bool, float]:
 
 
 def _judged(program: MPCCProgram, source: Program, result: Result, start: np.ndarray, name: str) -> MPCCSolution:
-    """Return the solution of a result: certified where feasible, else with the most violated constraint named."""
+    """Return the solution of a result: certified if feasible, else with the name of the most violated constraint."""
     values = {PENALTY: 0.0, RELAXATION: 0.0}
     mpcc, x = program.mpcc, program.extended(result.point.x[: program.mpcc.x.numel()])
     p, bounds = program.parameter_vector(values), program.bounds(values)

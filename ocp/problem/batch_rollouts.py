@@ -1,4 +1,4 @@
-"""Rollouts of a problem by the batch engine: many samples at once, with the problem's own costs."""
+"""Rollouts of a problem by the batch engine: many samples at once, with the costs of the problem."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ocp.problem.problem import Problem
 
 
 def batch_rollouts(problem: Problem, step: Step, policy: RolloutPolicy, **engine: Any) -> RolloutFunction:
-    """Return the function from policy parameters to costs of the problem's rollouts under ``step``.
+    """Return a function from policy parameters to the costs of the problem's rollouts under ``step``.
 
     ``engine`` are options of :class:`~dynamics.batch.RolloutFunction`; the function's argument ``p`` contains the
     values of ``step.p``.

@@ -14,11 +14,11 @@ if TYPE_CHECKING:
     from ocp.problem.problem import Problem
 
 BY_PARAMETERS = ("x0", "u_before", "u_lower", "u_upper", "x_lower", "x_upper")
-"""Names of a problem's fields that are expressions in its parameters alone."""
+"""Names of a problem's fields that are expressions in its parameters only."""
 
 
 def check_symbols(what: str, value: ca.SX, known: Iterable[ca.SX], expected: str) -> None:
-    """Raise :class:`~ocp.errors.InputError` where ``value`` uses a symbol that is not in ``known``.
+    """Raise :class:`~ocp.errors.InputError` if ``value`` uses a symbol that is not in ``known``.
 
     The message says that the symbol is ``expected``, such as "no declared parameter".
     """
@@ -30,7 +30,7 @@ def check_symbols(what: str, value: ca.SX, known: Iterable[ca.SX], expected: str
 
 
 def check_problem_symbols(problem: Problem) -> None:
-    """Raise :class:`~ocp.errors.InputError` where a field of a problem uses a symbol that it may not depend on."""
+    """Raise :class:`~ocp.errors.InputError` if a field of a problem uses a symbol that it may not depend on."""
     name, s, free = problem.name, problem.system, problem.start
     if problem.du is not None and not problem.du.is_valid_input():
         raise InputError(f"{name}: du must be symbols, ca.SX.sym('du', {s.nu})")
@@ -63,11 +63,11 @@ def check_problem_symbols(problem: Problem) -> None:
 
 
 def check_physics(problem: Problem, values: Mapping[str, float] | None = None) -> None:
-    """Check step size, mass, stiffness and friction, where they are known, at x0.
+    """Check step size, mass, stiffness and friction at x0, if they are known.
 
-    ``values`` is a dict from parameters to values, by default the declared ones. Raises
-    :class:`~ocp.errors.InputError` unless h > 0, M and K are positive definite and no
-    coefficient of friction is negative.
+    ``values`` is a dict from parameters to values, by default the declared values. Raises
+    :class:`~ocp.errors.InputError` unless h > 0, M and K are positive definite and no coefficient of friction is
+    negative.
     """
     name = problem.name
     p = problem.parameters.values if values is None else problem.parameters.pack(values)

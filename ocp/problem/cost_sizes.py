@@ -1,4 +1,4 @@
-"""Constant part of a cost, which no plan can change; size of the other part; parameters that are weights of a cost."""
+"""Constant part of a cost, which no plan can change; size of the remaining part; weights of a cost."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ if TYPE_CHECKING:
     from ocp.problem.problem import Problem
 
 _GROWING = {ca.OP_SQ: np.square, ca.OP_FABS: np.abs, ca.OP_SQRT: np.sqrt, ca.OP_COSH: np.cosh}
-"""Mapping from CasADi's operations that are never negative and increase above zero to NumPy's functions."""
+"""Mapping from CasADi operations that are nonnegative and increase above zero to NumPy functions."""
 _DEPTH = 200
 """Maximum depth of nested sums and factors that are searched for constants."""
 
 
 def split_constant(cost: ca.SX, moving: ca.SX, depth: int = _DEPTH) -> tuple[ca.SX, ca.SX]:
-    """Return a scalar ``cost`` without its constant terms, and the sum of these.
+    """Return a scalar ``cost`` without its constant terms, and the sum of the constant terms.
 
     A constant term does not depend on the symbols ``moving``. Sums, differences and products with
     constant factors are searched. A cost without constant terms is returned unchanged, with 0.
@@ -58,7 +58,7 @@ def split_constant(cost: ca.SX, moving: ca.SX, depth: int = _DEPTH) -> tuple[ca.
 def least_value(expression: ca.SX, depth: int = _DEPTH, bounds: dict[int, float] | None = None) -> float:
     """Return a lower bound of a scalar expression, from bounds of its sums, products, squares and similar operations.
 
-    It is minus infinity where none is found.
+    The bound is minus infinity if none is found.
     """
     bounds = {} if bounds is None else bounds
     if expression.is_constant() or depth == 0 or expression.is_leaf():
@@ -73,7 +73,7 @@ def least_value(expression: ca.SX, depth: int = _DEPTH, bounds: dict[int, float]
 
 
 def _bound(operation: int, right: ca.SX, lower_bounds: list[float]) -> float:
-    """Return a lower bound of an operation on operands with ``lower_bounds``."""
+    """Return a lower bound of an operation, given ``lower_bounds`` of its operands."""
     first, second = lower_bounds
     if operation in _GROWING:
         return float(_GROWING[operation](max(first, 0.0)))
@@ -90,9 +90,9 @@ def _bound(operation: int, right: ca.SX, lower_bounds: list[float]) -> float:
 
 
 def natural_cost_unit(problem: Problem, sizes: Scales) -> float:
-    """Return the change of the cost as states and inputs at rest move by ``sizes``, rounded to a power of 2**24.
+    """Return the change of the cost as states and inputs at rest change by ``sizes``, rounded to a power of 2**24.
 
-    Sizes, and the parameters' values, are in natural units (:func:`~ocp.programs.units.cost_unit`).
+    Sizes and parameter values are in natural units (:func:`~ocp.programs.units.cost_unit`).
     """
     units = problem.scaling.units
     p = np.array([parameter.value / units.of(parameter.unit) for parameter in problem.parameters])
@@ -106,7 +106,7 @@ def natural_cost_unit(problem: Problem, sizes: Scales) -> float:
 
 
 def cost_weights(problem: Problem) -> set[str]:
-    """Return the names of parameters that are weights of the cost: it is linear in each, and nothing else uses them."""
+    """Return the names of parameters that are weights: the cost is linear in each, and nothing else uses them."""
     system, cost = problem.system, ca.vertcat(problem.stage_cost, problem.terminal_cost)
     rows = (row for entry in (*problem.path, *problem.terminal) for row in (entry.expression, entry.lower, entry.upper))
     limits = [getattr(problem, field) for field in BY_PARAMETERS]

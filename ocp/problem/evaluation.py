@@ -1,4 +1,4 @@
-"""A problem at parameter values, with the quantities that depend on both, each evaluated once."""
+"""A problem at parameter values, with the quantities that depend on both, each evaluated only once."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from ocp.problem.cost_sizes import least_value
 from ocp.problem.problem import Problem
 
 LEAST_COST = 1e-9
-"""Minimum cost, in characteristic costs, by which a change of cost is divided."""
+"""Minimum cost, in characteristic costs, that changes of cost are divided by."""
 
 
 class Limits(NamedTuple):
-    """Start and bounds of a problem, for states (nx,) and inputs (nu,); ``u_before`` is the input before the first."""
+    """Start and bounds of a problem for states (nx,) and inputs (nu,); ``u_before`` is the input before step 0."""
 
     x0: np.ndarray
     u_before: np.ndarray
@@ -58,7 +58,7 @@ class Evaluation:
 
     @cached_property
     def start_limits(self) -> tuple[np.ndarray, np.ndarray]:
-        """Lower and upper bounds (nx,) of the first state, equal where the start is given."""
+        """Lower and upper bounds (nx,) of the first state; they are equal for a fixed start."""
         lower, upper = (np.array(limit).ravel() for limit in self.problem.start_limits(self.p))
         return lower, upper
 
@@ -69,7 +69,7 @@ class Evaluation:
 
     @cached_property
     def initial_guess(self) -> tuple[np.ndarray, np.ndarray]:
-        """States (N+1, nx) and inputs (N, nu) of the problem's own guess."""
+        """States (N+1, nx) and inputs (N, nu) of the problem's guess."""
         return self.problem.initial_guess(self.p)
 
     @cached_property
@@ -90,9 +90,9 @@ class Evaluation:
         return self.constant_cost + self.problem.N * max(stage, 0.0) + max(terminal, 0.0)
 
     def step_values(self, step: Step, own: bool = True) -> np.ndarray:
-        """Return the values of a step's parameters; those of its law that ``values`` lacks are the law's settings.
+        """Return the values of a step's parameters; parameters of its law that ``values`` lacks are the law's settings.
 
-        Without ``own`` the law's settings are always used.
+        If ``own`` is False, the law's settings are always used.
         """
         table = self.problem.parameters
         return step.p.pack(self.values if own else {name: v for name, v in self.values.items() if name in table})
@@ -100,7 +100,7 @@ class Evaluation:
     def node_times(self, start: np.ndarray | None = None) -> np.ndarray:
         """Return the times [s] of the nodes, (N+1,).
 
-        ``start`` (nx,) is the first state, which contains the step size where that is a state.
+        ``start`` (nx,) is the first state, which contains the step size if the step size is a state.
         """
         problem, first = self.problem, self.initial_states[0] if start is None else start
         h = ca.Function("h", [problem.system.x, problem.parameters.vector], [ca.SX(problem.system.h)])
@@ -120,16 +120,16 @@ class Evaluation:
         return stage, at_steps(self.problem.cost_terms, *last, p=self.p)[1]
 
     def cost_share(self, change: float, cost: float) -> float:
-        """Return a ``change`` as a share of the part of ``cost`` that a plan can change.
+        """Return a ``change`` relative to the part of ``cost`` that a plan can change.
 
-        That part is the cost minus :attr:`least_cost`, so that a constant in the cost changes no verdict; it is at
+        This part is the cost minus :attr:`least_cost`, so that a constant in the cost changes no verdict; it is at
         least :data:`LEAST_COST` characteristic costs.
         """
         changeable = abs(cost - self.least_cost)
         return change / max(changeable, LEAST_COST * self.problem.scales.cost)
 
     def signed_distances(self, x: np.ndarray) -> np.ndarray | None:
-        """Return the true signed distances phi (..., n_phi) [m] at states x (..., nx), None without geometry."""
+        """Return the true signed distances phi (..., n_phi) [m] at states x (..., nx); None without geometry."""
         phi = self.problem.signed_distance
         if phi is None:
             return None

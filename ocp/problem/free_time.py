@@ -1,4 +1,4 @@
-"""Free final time: the step size of all steps is one unknown between two bounds."""
+"""Free final time: the step size, the same for all steps, is an unknown between two bounds."""
 
 from __future__ import annotations
 
@@ -43,9 +43,9 @@ def free(lower: ca.SX | float, upper: ca.SX | float) -> FreeStep:
 
 
 def with_free_step(problem: Any, step: FreeStep) -> dict[str, Any]:
-    """Return fields that make the step size the last state of a :class:`~ocp.problem.problem.Problem`.
+    """Return the fields of a :class:`~ocp.problem.problem.Problem` that make the step size its last state.
 
-    Raises :class:`~ocp.errors.InputError` where h is not a parameter, or a bound depends on it.
+    Raises :class:`~ocp.errors.InputError` if h is not a parameter, or if a bound depends on h.
     """
     name, system = problem.name, problem.system
     step_symbols = [s for s in ca.vertsplit(problem.parameters.vector) if ca.is_equal(s, ca.SX(system.h))]
@@ -91,7 +91,7 @@ def with_free_step(problem: Any, step: FreeStep) -> dict[str, Any]:
 
 
 def _stretched(system: ContactSystem, with_h: Callable[[Any], Any], h: ca.SX, h_next: ca.SX) -> ContactSystem:
-    """Return the system with a state h in place of the parameter h, and ``h_next = h`` as its last equation."""
+    """Return the system with h as a state instead of a parameter, and ``h_next = h`` as its last equation."""
 
     def each(instance: Any) -> Any:
         changed = {
@@ -123,7 +123,7 @@ def _stretched(system: ContactSystem, with_h: Callable[[Any], Any], h: ca.SX, h_
 
 
 def _stretched_guess(guess: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a guess function that appends the start's step size as last state where ``guess`` does not return it."""
+    """Return a guess function that appends the start's step size as last state if ``guess`` does not return it."""
 
     def stretched(problem: Any, p: np.ndarray) -> Any:
         states, inputs = guess(problem, p)

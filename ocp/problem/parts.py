@@ -15,7 +15,7 @@ from ocp.validation import Count, Index, Line, Name, NotNegative, Positive, Reco
 
 
 def column(what: str, value: Any, *sizes: int) -> ca.SX:
-    """Return numbers or an expression as a column, whose number of entries is one of ``sizes``.
+    """Return numbers or an expression as a column; its number of entries must be one of ``sizes``.
 
     Raises :class:`~ocp.errors.InputError` for anything else.
     """
@@ -58,7 +58,7 @@ class Constraint:
 
     A single bound holds for every entry.
 
-    Raises :class:`~ocp.errors.InputError` where the expression or a bound is not a column.
+    Raises :class:`~ocp.errors.InputError` if the expression or a bound is not a column.
     """
 
     name: str
@@ -77,12 +77,12 @@ class Constraint:
 
 @dataclass(frozen=True)
 class Scaling:
-    """Characteristic sizes of contact impulses, gaps, states and inputs, as the user states them.
+    """Characteristic sizes of contact impulses, gaps, states and inputs, as stated by the user.
 
     ``x`` and ``u`` scale the perturbation of guesses in a multi-start and the differences that judges
-    compare. All are multiples of the natural ``units`` of their signals, so that none depends on
+    compare. All are multiples of the natural ``units`` of their signals, so that no size depends on
     the units of the parameters. A size that is None is derived from the problem's data
-    (:mod:`ocp.problem.sizes`); :attr:`~Problem.scales` gives all of them in SI.
+    (:mod:`ocp.problem.sizes`); :attr:`~Problem.scales` returns all sizes in SI units.
 
     Raises :class:`~ocp.errors.InputError` for a size that is not positive and finite.
     """
@@ -99,7 +99,7 @@ class Scaling:
 
     @property
     def derived(self) -> tuple[str, ...]:
-        """Names of the sizes that are None, and thus derived from the problem's data."""
+        """Names of the sizes that are None and therefore derived from the problem's data."""
         return tuple(name for name in ("impulse", "gap", "x", "u") if getattr(self, name) is None)
 
 
@@ -131,14 +131,14 @@ class Scales:
 
 @dataclass(frozen=True)
 class Origin:
-    """Provenance of a problem, which its runs store and no equation uses.
+    """Provenance of a problem, which runs store and no equation uses.
 
     ``settings`` are parameters that are not symbols, such as ``N``; ``citation`` is a key of the bibliography.
-    ``source`` is the user's file that built it, None for a named problem or one made in Python, ``source_digest`` the
-    digest of that file and all that it uses (:mod:`problems.source_digest`), and ``record`` the
-    :class:`problems.spec.UserProblemRecord` of its runs.
+    ``source`` is the user's file that built the problem, None for a named problem or a problem made in Python;
+    ``source_digest`` is the digest of this file and all files that it uses (:mod:`problems.source_digest`), and
+    ``record`` is the :class:`problems.spec.UserProblemRecord` of its runs.
 
-    Raises :class:`~ocp.errors.InputError` for settings that no run can store, and a citation that is not one line.
+    Raises :class:`~ocp.errors.InputError` for settings that no run can store, and for a citation of several lines.
     """
 
     settings: dict[str, float | int | str] = field(default_factory=dict)
@@ -153,9 +153,9 @@ class Origin:
 
 @dataclass(frozen=True)
 class Scenarios:
-    """Initial states ``x0 + std * e_i``, i < n, with e_i standard normal from ``seed``.
+    """Initial states ``x0 + std * e_i``, i < n, with standard normal e_i drawn from ``seed``.
 
-    ``std`` (nx,) is in the units of the states. With n = 1 the nominal start is the only one.
+    ``std`` (nx,) is in the units of the states. With n = 1 the only scenario is the nominal start.
 
     Raises :class:`~ocp.errors.InputError` for n < 1, and for a negative ``std`` or seed.
     """
@@ -179,7 +179,7 @@ class Scenarios:
 @dataclass(frozen=True, eq=False)
 class FreeStart:
     """An optimised initial state: ``lower <= x_0 <= upper``, and ``x_N[i] = x_0[i]`` for i in
-    ``periodic``; ``Problem.x0`` is then its guess.
+    ``periodic``; ``Problem.x0`` is then the guess of x_0.
 
     ``lower`` and ``upper`` (nx, 1) are expressions in the parameters.
     """
@@ -196,7 +196,7 @@ class FreeStart:
         object.__setattr__(self, "periodic", tuple(dict.fromkeys(periodic)))
 
     def check(self, name: str, nx: int) -> None:
-        """Raise :class:`~ocp.errors.InputError` where the start does not fit ``nx`` states."""
+        """Raise :class:`~ocp.errors.InputError` if the start does not fit ``nx`` states."""
         column(f"{name}: lower of the start", self.lower, nx, 1)
         column(f"{name}: upper of the start", self.upper, nx, 1)
         if any(index >= nx for index in self.periodic):

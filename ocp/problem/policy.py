@@ -11,7 +11,7 @@ from dynamics.settings import Configured, setting
 
 @dataclass(frozen=True)
 class OpenLoop:
-    """Open loop: one input sequence ``u_t``, t < N, the same in every scenario."""
+    """Open loop: a single sequence of inputs ``u_t``, t < N, used in every scenario."""
 
     name: ClassVar[str] = "open-loop"
     summary: ClassVar[str] = "one input sequence, the same in every scenario"
@@ -21,11 +21,10 @@ class OpenLoop:
 class Feedback(Configured):
     """Affine feedback ``u_t = K_t x_t + k_t`` shared by all scenarios (noising, eq. 14).
 
-    K_t is (nu, nx), k_t (nu,). The guess is K = 0 and k = the guessed input (never k = 0, which would
-    command the actuator to the origin, into the object). ``penalty`` adds
-    ``penalty * sum_t |K_t|²`` characteristic costs, without which gains along scenarios that nearly
-    coincide are redundant; ``bound`` limits the absolute value of each gain; ``stationary`` uses one
-    (K, k) for all steps.
+    K_t is (nu, nx), k_t (nu,). The guess is K = 0 and k = the guessed input (not k = 0, which would command the
+    actuator to the origin and into the object). ``penalty`` adds ``penalty * sum_t |K_t|²`` characteristic costs,
+    without which gains are not unique along scenarios that nearly coincide; ``bound`` limits the absolute value of
+    each gain; ``stationary`` uses the same (K, k) for all steps.
 
     Raises :class:`~ocp.errors.InputError` for a negative or non-finite penalty or bound.
     """

@@ -25,13 +25,13 @@ from ocp.validation import Count, Name, validated
 __all__ = ["Constraint", "FreeStart", "Guess", "Problem", "Scales", "Scaling", "Scenarios"]
 
 SWEPT = "way between nodes"
-"""Name of the path constraint that keeps bodies apart between nodes in a ``swept`` problem."""
+"""Name of the path constraint that prevents penetration between nodes in a ``swept`` problem."""
 SHARES = (0.25, 0.5, 0.75)
-"""Positions between two nodes, as shares of the step, at which a swept problem keeps bodies apart."""
+"""Positions between two nodes, as fractions of the step, at which a swept problem prevents penetration."""
 DEPTH = 0.05
-"""Largest penetration between nodes, in characteristic gaps, in a swept problem: half of what the referee tolerates."""
+"""Largest penetration between nodes in a swept problem, in characteristic gaps: half of the referee's tolerance."""
 Guess = Callable[["Problem", np.ndarray], tuple[np.ndarray, np.ndarray]]
-"""Function from (problem, parameter values) to states (N+1, nx) and inputs (N, nu) to start from."""
+"""Function from (problem, parameter values) to guessed states (N+1, nx) and inputs (N, nu)."""
 
 _FIELD_TYPES: dict[str, Any] = {
     "name": Name,
@@ -53,17 +53,15 @@ _FIELD_TYPES: dict[str, Any] = {
 class Problem:
     """Problem of minimising the mean over scenarios of ``sum_k l(x_k, u_k, du_k) + l_N(x_N)``, k < N.
 
-    ``stage_cost`` is an expression in ``system.x``, ``system.u``, ``du`` (the symbol for
-    u_k - u_{k-1}, with u_{-1} = ``u_before``), ``system.lam`` (the impulses of contact of the step
-    from x_k to x_{k+1}; the mean over the branches of a law that averages) and the parameters,
-    ``terminal_cost`` in ``system.x`` and the parameters, and ``path`` constraints in the symbols of
-    the stage cost without ``du``, and in ``system.x_next``. ``x0`` (nx,), ``u_before`` (nu,), and all
-    bounds are expressions in the parameters. With ``h=free(lower, upper)`` the step size is the
-    last state, and the final time is free (:func:`~ocp.problem.free_time.free`). With ``swept`` one
-    more path constraint keeps bodies apart between nodes too. ``origin`` is the problem's
-    provenance, which its runs store.
+    ``stage_cost`` is an expression in ``system.x``, ``system.u``, ``du`` (the symbol for u_k - u_{k-1}, with u_{-1} =
+    ``u_before``), ``system.lam`` (the impulses of contact of the step from x_k to x_{k+1}; the mean over the branches
+    of a law that averages) and the parameters, ``terminal_cost`` in ``system.x`` and the parameters, and ``path``
+    constraints in the symbols of the stage cost without ``du``, and in ``system.x_next``. ``x0`` (nx,), ``u_before``
+    (nu,), and all bounds are expressions in the parameters. With ``h=free(lower, upper)`` the step size is the last
+    state, and the final time is free (:func:`~ocp.problem.free_time.free`). With ``swept`` an additional path
+    constraint also prevents penetration between nodes. ``origin`` is the problem's provenance, which its runs store.
 
-    Raises :class:`~ocp.errors.InputError` where a dimension does not fit.
+    Raises :class:`~ocp.errors.InputError` if a dimension does not fit.
     """
 
     name: str
@@ -134,7 +132,7 @@ class Problem:
         return summary(self)
 
     def _sweep(self) -> Constraint:
-        """Return the constraint on true distances at three points of the straight line between nodes."""
+        """Return the constraint on true distances at three points of the straight line between two nodes."""
         system = self.system
         if system.phi is None:
             raise InputError(
@@ -166,16 +164,16 @@ class Problem:
 
     @cached_property
     def referee_step(self) -> Step:
-        """Step of the system's most exact contact model under the exact law, with which the referee replays plans."""
+        """Step of the system's most exact contact model under the exact law, used by the referee to replay plans."""
         sharpest = self.system.most_exact
         return self.exact_step if sharpest is self.system else Exact().close(sharpest)
 
     @cached_property
     def most_exact(self) -> Problem:
-        """The same problem under the sharpest contact that its system has; unchanged where it already uses that.
+        """The same problem with the system's most exact contact model; unchanged if it already uses this model.
 
-        Raises :class:`~ocp.errors.InputError` where cost or path constraints depend on impulses that the sharpest
-        contact divides in another way.
+        Raises :class:`~ocp.errors.InputError` if cost or path constraints depend on impulses that the most
+        exact model splits differently.
         """
         sharpest = self.system.most_exact
         if sharpest is self.system:
@@ -215,7 +213,7 @@ class Problem:
 
     @cached_property
     def start_limits(self) -> ca.Function:
-        """Function from ``p`` to the bounds of x_0, each (nx, 1); both are ``x0`` where the start is not free."""
+        """Function from ``p`` to the bounds of x_0, each (nx, 1); both are ``x0`` if the start is fixed."""
         nx, free = self.system.nx, self.start
         ends = (self.x0, self.x0) if free is None else (free.lower, free.upper)
         outputs = [ca.densify(repeat_bound(end, nx)) for end in ends]
@@ -243,7 +241,7 @@ class Problem:
     def state_slopes(self) -> ca.Function:
         """Function from ``(x, u, du, lam, p)`` to gradients of the costs.
 
-        They are those of stage and terminal cost in x, (nx, 1), and of the stage cost in lam, (nlam, 1).
+        These are the gradients of stage and terminal cost in x, (nx, 1), and of the stage cost in lam, (nlam, 1).
         """
         x, lam = self.system.x, self.system.lam
         derivatives = (self.stage_cost, x), (self.terminal_cost, x), (self.stage_cost, lam)
@@ -252,7 +250,7 @@ class Problem:
 
     @property
     def symbols(self) -> list[ca.SX]:
-        """Symbols ``(x, u, du, lam, p)`` of the costs, with a new one for du where the cost has none."""
+        """Symbols ``(x, u, du, lam, p)`` of the costs, with a new symbol for du if the cost does not depend on it."""
         system = self.system
         du = ca.SX.sym("du", system.nu) if self.du is None else self.du
         return [system.x, system.u, du, system.lam, self.parameters.vector]
@@ -265,7 +263,7 @@ class Problem:
 
     @cached_property
     def scales(self) -> Scales:
-        """Characteristic sizes in SI, one per signal; those not stated are derived."""
+        """Characteristic sizes in SI, one per signal; sizes that are not stated are derived."""
         stated, units = self.scaling, self._units_of_signals
         states = None if stated.x is None else np.broadcast_to(stated.x * units.x, units.x.shape)
         derived = derive_sizes(self, states) if stated.derived else None
@@ -298,8 +296,8 @@ class Problem:
     def pair_units(self) -> np.ndarray:
         """Units (nlam,) of the pairs' gaps, as multiples of the natural unit; multipliers have the inverse units.
 
-        They are powers of two: 1 unless the change of a gap, as states move by their sizes, is far
-        from the characteristic gap, for example where distances are computed in nanometres.
+        The units are powers of two: 1 unless the change of a gap, as states change by their sizes, is far from
+        the characteristic gap, for example if distances are computed in nanometres.
         """
         changes = gap_changes(self, self.scales.x)
         return solver_unit(np.nan_to_num(changes * GAP_SHARE / self.scales.gap), ORDINARY_ROWS)
@@ -321,7 +319,7 @@ class Problem:
 
     @cached_property
     def physics(self) -> ca.Function:
-        """Function from ``(x, p)`` to step size, mass, stiffness and friction, each empty where there is none."""
+        """Function from ``(x, p)`` to step size, mass, stiffness and friction; those that do not exist are empty."""
         system = self.system
         friction = None if system.forces is None else system.forces.friction
         expressions = (
@@ -338,9 +336,9 @@ class Problem:
         return nominal + self.scenarios.offsets(self.system.nx)
 
     def initial_guess(self, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return states (N+1, nx) and inputs (N, nu) to start from; by default everything stands still.
+        """Return guessed states (N+1, nx) and inputs (N, nu), by default a state of rest.
 
-        Raises :class:`~ocp.errors.InputError` for a ``guess`` of other shapes, or not finite.
+        Raises :class:`~ocp.errors.InputError` for a ``guess`` with other shapes or with values that are not finite.
         """
         if self.guess is not None:
             return check_guess(self, self.guess(self, p))

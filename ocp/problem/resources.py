@@ -1,7 +1,7 @@
-"""Estimates of a task's memory and time: tasks that do not fit are refused, long ones announced.
+"""Estimates of a task's memory and time: tasks that do not fit are rejected, long ones announced.
 
-Bytes were measured in float64 for IPOPT with MUMPS. The estimates are coarse, but tell a hundred
-megabytes from a hundred gigabytes.
+Bytes were measured in float64 for IPOPT with MUMPS. The estimates are coarse, but distinguish a
+hundred megabytes from a hundred gigabytes.
 """
 
 from __future__ import annotations
@@ -17,40 +17,40 @@ from ocp.problem.policy import Feedback, Policy
 from ocp.problem.problem import Problem
 
 YEAR = 365.25 * 86400.0
-"""Seconds in a year; tasks that would take longer are refused."""
+"""Seconds in a year; tasks that would take longer are rejected."""
 LONG = 60.0
-"""Seconds from which the user is told beforehand that a task is long."""
+"""Duration [s] from which the user is told in advance that a task is long."""
 BYTES_PER_VARIABLE = 5e3
-"""Bytes of memory of a stage per variable."""
+"""Memory of a stage per variable [bytes]."""
 BYTES_PER_SQUARE = 90.0
-"""Bytes of memory of a stage per squared number of its variables. With v variables peak memory grows per stage by
+"""Memory of a stage per squared number of its variables [bytes]. With v variables peak memory grows per stage by
 37 kB for v = 5 (wall-1d), 46 kB for 8 (push-disc, over steps and over scenarios alike) and 1.0 MB for 81
 (half-cheetah) by direct transcription; by 178 kB for 18 (push-disc with feedback, 20 to 120
 scenarios). Single shooting takes more."""
 SECONDS_PER_BYTE = 5e-10
-"""Seconds of an iteration per byte of the solve's memory, precise enough to tell a minute from an hour."""
+"""Seconds of an iteration per byte of the solve's memory, accurate enough to distinguish a minute from an hour."""
 SOLVE_ITERATIONS = 200
-"""Assumed number of iterations of a solve in estimates of time."""
+"""Number of iterations of a solve assumed in time estimates."""
 STAGE_ITERATIONS = 2
-"""Assumed minimum number of iterations of each stage of a path."""
+"""Minimum number of iterations assumed for each stage of a path."""
 FOLLOWED = 0.1
-"""Time of one point of a parameter continuation, as a share of the time of a solve."""
+"""Time of one point of a parameter continuation, relative to the time of a solve."""
 BYTES_PER_POINT = 1e5
-"""Bytes of memory of a solved point in addition to its trajectories, mostly for labels."""
+"""Memory of a solved point in addition to its trajectories, mostly for labels [bytes]."""
 _ARRAYS = 4
-"""Number of copies of large arrays that are in memory at once."""
+"""Number of copies of large arrays that are in memory at the same time."""
 STUDY = 2e6
-"""Maximum number of bytes of a figure's largest arrays at its default counts."""
+"""Maximum size of a figure's largest arrays at its default counts [bytes]."""
 _CGROUPS = Path("/sys/fs/cgroup")
-"""Folder of all control groups."""
+"""Folder that contains all control groups."""
 _PROCESS_CGROUPS = Path("/proc/self/cgroup")
 """File that names the control groups of this process."""
 
 
 def machine_memory() -> float:
-    """Return the bytes of this machine's memory, or of the part that this process may use.
+    """Return the memory of this computer, or the part that this process may use [bytes].
 
-    Limits are those of its control groups (version 1 and 2) and of ``ulimit -v``.
+    Limits are set by control groups (versions 1 and 2) and by ``ulimit -v``.
     """
     memory = float(os.sysconf("SC_PAGE_SIZE")) * os.sysconf("SC_PHYS_PAGES")
     soft = resource.getrlimit(resource.RLIMIT_AS)[0]
@@ -63,7 +63,7 @@ def machine_memory() -> float:
 
 
 def _limits() -> list[Path]:
-    """Return the files that contain limits of this process's memory, also those of enclosing control groups."""
+    """Return the files with memory limits of this process, including those of enclosing control groups."""
     files = [_CGROUPS / "memory.max", _CGROUPS / "memory/memory.limit_in_bytes"]
     with suppress(OSError):
         for line in _PROCESS_CGROUPS.read_text().splitlines():
@@ -78,14 +78,14 @@ def _limits() -> list[Path]:
 
 
 def stage_size(problem: Problem, policy: Policy | None = None) -> int:
-    """Return the number of variables of a stage: ``nx + nu + 2 nlam``, and the gains of feedback."""
+    """Return the number of variables of a stage: ``nx + nu + 2 nlam``, plus the gains of a feedback policy."""
     system = problem.system
     gains = system.nu * (system.nx + 1) if isinstance(policy, Feedback) else 0
     return system.nx + system.nu + 2 * system.nlam + gains
 
 
 def solve_memory(problem: Problem, policy: Policy | None = None, law: ContactLaw | None = None) -> float:
-    """Return the approximate bytes of a solve: per stage a polynomial in :func:`stage_size`.
+    """Return the approximate memory of a solve [bytes]: per stage a polynomial in :func:`stage_size`.
 
     The program has a stage for every step, scenario and node of the law.
     """
@@ -99,27 +99,27 @@ def solve_memory(problem: Problem, policy: Policy | None = None, law: ContactLaw
 def solve_seconds(
     problem: Problem, policy: Policy | None = None, law: ContactLaw | None = None, path: int = 1
 ) -> float:
-    """Return the approximate seconds of a solve; each of ``path`` stages has at least two iterations."""
+    """Return the approximate time of a solve [s]; each of ``path`` stages has at least two iterations."""
     iterations = max(SOLVE_ITERATIONS, STAGE_ITERATIONS * path)
     return iterations * SECONDS_PER_BYTE * solve_memory(problem, policy, law)
 
 
 def points_memory(problem: Problem, count: float, longer: float = 1.0) -> float:
-    """Return the bytes of ``count`` solved points: plan, replay and referee's replay of each.
+    """Return the memory of ``count`` solved points [bytes]: plan, replay and referee's replay of each point.
 
-    The longest of them has ``longer`` times the steps and scenarios of ``problem``.
+    The longest point has ``longer`` times the steps and scenarios of ``problem``.
     """
     numbers = problem.N * problem.scenarios.n * stage_size(problem) * longer
     return count * (BYTES_PER_POINT + _ARRAYS * 8.0 * numbers)
 
 
 def sampling_memory(decision: float, samples: float) -> float:
-    """Return the bytes of ``samples`` gradients with ``decision`` components each, copies included."""
+    """Return the memory of ``samples`` gradients with ``decision`` components each, including copies [bytes]."""
     return _ARRAYS * 8.0 * decision * samples
 
 
 def check_memory(task_name: str, needed: float) -> None:
-    """Raise :class:`~ocp.errors.InputError` where ``needed`` bytes exceed the memory that is available."""
+    """Raise :class:`~ocp.errors.InputError` if ``needed`` bytes exceed the available memory."""
     available = machine_memory()
     if needed > available:
         raise InputError(
@@ -129,13 +129,13 @@ def check_memory(task_name: str, needed: float) -> None:
 
 
 def check_time(task_name: str, seconds: float) -> None:
-    """Raise :class:`~ocp.errors.InputError` where ``seconds`` are more than a year."""
+    """Raise :class:`~ocp.errors.InputError` if ``seconds`` are more than a year."""
     if seconds > YEAR:
         raise InputError(f"{task_name} would take about {seconds / YEAR:.2g} years; take fewer")
 
 
 def long_task_notice(task_name: str, seconds: float, memory: float = 0.0) -> str | None:
-    """Return a line that announces a task longer than :data:`LONG`, None for a shorter one."""
+    """Return a line that announces a task longer than :data:`LONG`, or None for a shorter task."""
     if seconds < LONG:
         return None
     size = f" and {_gigabytes(memory)} of memory" if memory > 1e9 else ""

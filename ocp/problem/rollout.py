@@ -1,4 +1,4 @@
-"""Rollouts of a plan under a law, step by step, with their costs; initial guesses of a plan."""
+"""Rollouts of a plan under a law, step by step, with costs; and initial guesses of a plan."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ocp.problem.evaluation import Evaluation, at_steps
 from ocp.problem.problem import Problem
 
 STEP_TOLERANCE = 1e-7
-"""Largest scaled error of the step solver at which a step counts as solved."""
+"""Largest scaled error of the step solver for which a step counts as solved."""
 _GUESS_NOISE = 0.3
 """Standard deviation of the noise on guesses, in characteristic sizes."""
 InitialGuess = tuple[np.ndarray, np.ndarray]
@@ -24,7 +24,7 @@ InitialGuess = tuple[np.ndarray, np.ndarray]
 
 @runtime_checkable
 class StateFeedback(Protocol):
-    """Function of the state that gives the inputs of a rollout, node by node."""
+    """Interface of a function of the state that gives the inputs of a rollout at each node."""
 
     def input(self, step: int, x: np.ndarray) -> np.ndarray:
         """Return the input (nu,) at a step and state (nx,)."""
@@ -33,7 +33,7 @@ class StateFeedback(Protocol):
 
 @dataclass(frozen=True)
 class Gains:
-    """Feedback ``u = K x + k``: K (N or 1, nu, nx), k (N or 1, nu)."""
+    """Feedback ``u = K x + k`` with K (N or 1, nu, nx) and k (N or 1, nu)."""
 
     K: np.ndarray
     k: np.ndarray
@@ -48,8 +48,8 @@ class Gains:
 class Rollout:
     """Trajectories of all scenarios: x (S, N+1, nx), u (S, N, nu), lam and gap (S, N, n).
 
-    ``impulses`` (S, N, nlam) are those that the problem's cost depends on
-    (:func:`problem_impulses`), ``costs`` (S,) the scenarios' costs, ``cost`` their mean.
+    ``impulses`` (S, N, nlam) are the impulses that the problem's cost depends on
+    (:func:`problem_impulses`); ``costs`` (S,) are the costs of the scenarios, and ``cost`` is their mean.
     """
 
     x: np.ndarray
@@ -73,16 +73,16 @@ class Rollout:
         return float(self.costs.mean())
 
     def __getitem__(self, which: Sequence[int] | np.ndarray) -> Rollout:
-        """Return the rollout of the scenarios ``which`` alone."""
+        """Return the rollout of the scenarios with the indices ``which``."""
         return Rollout(*(array[which] for array in astuple(self)))
 
 
 @dataclass(frozen=True)
 class Unsolved:
-    """A step of a rollout that did not converge, with its scenario.
+    """A step of a rollout that did not converge, with its scenario and contact.
 
-    ``contact`` names the pair of the largest error; ``violation`` is this error, as scaled by the step
-    solver, infinite where it is NaN.
+    ``contact`` is the name of the pair with the largest error; ``violation`` is this error, scaled by the
+    step solver, and infinite instead of NaN.
     """
 
     step: int
@@ -92,7 +92,7 @@ class Unsolved:
 
     @property
     def brief(self) -> str:
-        """Clause that names the step and the contact alone."""
+        """Clause that names only the step and the contact."""
         return f"step {self.step} did not converge, contact {self.contact!r}"
 
     def __str__(self) -> str:
@@ -110,13 +110,13 @@ def roll_out(
     contact: ContactLaw | Step | None = None,
     x0: np.ndarray | None = None,
 ) -> Rollout:
-    """Return the rollout of ``inputs`` (S or 1, N, nu), or gains, under the law ``contact``, by default the exact one.
+    """Return the rollout of ``inputs`` (S or 1, N, nu), or gains, under the law ``contact`` (default: exact).
 
-    ``values`` is a dict from parameters to values. A law is used with its own settings, a step with the
-    parameters of its law in ``values``. ``x0`` (S, nx) are initial states, by default the problem's
+    ``values`` is a dict from parameters to values. If ``contact`` is a law, its settings apply; if it is a
+    step, the law's parameters in ``values`` apply. ``x0`` (S, nx) are initial states, by default the problem's
     scenarios. Inputs from gains are clipped to the bounds on u, as an actuator would clip them.
 
-    Raises :class:`~ocp.errors.NotConverged`, naming contact, step and scenario, where a step was not solved.
+    Raises :class:`~ocp.errors.NotConverged`, with contact, step and scenario, if a step was not solved.
     """
     rolled, unsolved = roll_on(Evaluation(problem, values), inputs, contact, x0)
     if unsolved is not None:
@@ -132,16 +132,16 @@ def roll_on(
     substeps: int = 1,
     first: int = 0,
 ) -> tuple[Rollout, Unsolved | None]:
-    """Return the rollout of :func:`roll_out`, and the first step that was not solved, without raising an error.
+    """Return the rollout as :func:`roll_out` does, and the first step that was not solved, without raising an error.
 
-    A step may belong to another system with the same states, inputs and parameters as the problem's
-    system, such as its ``most_exact``. A scenario whose step was not solved is NaN from the next node
-    on, and so is its cost. The second result is None where every step was solved.
+    A step may belong to another system with the same states, inputs and parameters as the problem's system, such as
+    its ``most_exact``. If a step of a scenario was not solved, the scenario is NaN from the next node on, and its
+    cost is NaN. The second result is None if every step was solved.
 
-    With ``substeps`` every input, or the policy's input at a node, is held over that many steps; the
-    rollout has the states at the problem's nodes, and between two nodes the sum of lam and the last gap.
-    The step size must then already be divided, in the values or in ``x0``. With ``first``, ``x0`` are
-    the states at that node; all values before it, and so the costs, are NaN.
+    With ``substeps`` every input, or the policy's input at a node, is held over that many steps; the rollout has the
+    states at the problem's nodes, and between two nodes the sum of lam and the last gap. The step size must then
+    already be divided, in the values or in ``x0``. With ``first``, ``x0`` are the states at this node; all earlier
+    values, and therefore the costs, are NaN.
     """
     problem, limits = evaluation.problem, evaluation.limits
     if law is None:
@@ -157,7 +157,7 @@ def roll_on(
     u[:] = np.nan if isinstance(inputs, StateFeedback) else _array("inputs", inputs, (None, N, nu), S)
     error = np.zeros((S, N, step.n))
     x[:, first] = start
-    # A policy needs the state of every node; inputs are rolled out in one call.
+    # A policy needs the state at every node; open-loop inputs are rolled out in one call.
     stride = 1 if isinstance(inputs, StateFeedback) else N
     for k in range(first, N, stride):
         steps = slice(k, k + stride)
@@ -180,9 +180,9 @@ def roll_on(
 
 
 def _array(what: str, value: Any, shape: tuple[int | None, ...], scenarios: int | None = None) -> np.ndarray:
-    """Return ``value`` as an array of ``shape``; its first size may be 1 or ``scenarios``, or any if that is None.
+    """Return ``value`` as an array of ``shape``; its first size may be 1 or ``scenarios``, or any size if that is None.
 
-    Raises :class:`~ocp.errors.InputError` for another shape, and for values that are not numbers.
+    Raises :class:`~ocp.errors.InputError` for any other shape, and for values that are not numbers.
     """
     first = "S" if scenarios is None else str(scenarios)
     expected = f"({', '.join([first, *map(str, shape[1:])])})"
@@ -200,11 +200,11 @@ def _array(what: str, value: Any, shape: tuple[int | None, ...], scenarios: int 
 def _roll_inputs(
     step: Step, x: np.ndarray, u: np.ndarray, p: np.ndarray, count: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return the results of inputs u (S, K, nu), each held for ``count`` steps, from states x (S, nx).
+    """Return results of inputs u (S, K, nu), each held for ``count`` steps, from states x (S, nx).
 
-    For each input these are the state after its steps (S, K, nx), the sum of lam and the last gap
-    (S, K, n), and the largest error of its steps (S, K, n). The error is set to infinity where a state
-    is NaN, since the closed-form solution of a single contact reports none.
+    The results for each input are the state after its steps (S, K, nx), the sum of lam and the last gap
+    (S, K, n), and the largest error of its steps (S, K, n). The error is set to infinity if a state
+    is NaN, since the closed-form solution of a single contact does not report an error.
     """
     S, K = u.shape[:2]
     rolled = step.solve.map(S).mapaccum(K * count)
@@ -217,9 +217,9 @@ def _roll_inputs(
 
 
 def mean_multipliers(step: Step, lam: np.ndarray) -> np.ndarray:
-    """Return the multipliers (S, N, nlam), averaged over a law's branches by their weights.
+    """Return the multipliers (S, N, nlam), averaged over a law's branches with their weights.
 
-    NaN where the law has none although the system has contacts: a learned law has no forces.
+    The result is NaN if the law has no multipliers although the system has contacts, as for a learned law.
     """
     if step.n < step.system.nlam:
         return np.full((*lam.shape[:2], step.system.nlam), np.nan)
@@ -229,11 +229,11 @@ def mean_multipliers(step: Step, lam: np.ndarray) -> np.ndarray:
 
 
 def problem_impulses(evaluation: Evaluation, step: Step, x: np.ndarray, u: np.ndarray, lam: np.ndarray) -> np.ndarray:
-    """Return the impulses (S, N, nlam) of the problem's contacts that belong to multipliers (S, N, n) of a step.
+    """Return the impulses (S, N, nlam) of the problem's contacts, given multipliers (S, N, n) of a step.
 
-    They are the mean over the step's branches. A step of another system, such as one with Coulomb
+    They are averaged over the step's branches. A step of another system, such as one with Coulomb
     friction instead of a pyramid, is matched by the normal and tangential impulses of every contact.
-    NaN where neither the cost nor a path constraint depends on impulses, or none can be matched.
+    The result is NaN if neither the cost nor a path constraint depends on impulses, or if they cannot be matched.
     """
     problem = evaluation.problem
     system, other = problem.system, step.system
@@ -264,7 +264,7 @@ def problem_impulses(evaluation: Evaluation, step: Step, x: np.ndarray, u: np.nd
 def initial_guesses(
     evaluation: Evaluation, count: int, seed: int, first: InitialGuess | None = None
 ) -> list[InitialGuess]:
-    """Return ``count`` guesses: ``first``, by default the problem's own guess, and perturbations of it.
+    """Return ``count`` guesses: ``first`` (default: the problem's guess) and perturbations of it.
 
     The noise has a standard deviation of 0.3 characteristic sizes; each guess has its own random stream.
     """

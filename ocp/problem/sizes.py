@@ -1,4 +1,4 @@
-"""Characteristic sizes of a problem, derived from its data where the user states none."""
+"""Characteristic sizes of a problem, derived from its data if the user does not state them."""
 
 from __future__ import annotations
 
@@ -14,29 +14,29 @@ if TYPE_CHECKING:
     from ocp.problem.problem import Problem
 
 GAP_SHARE = 0.1
-"""Characteristic gap as a share of the change of gaps as states move by their sizes."""
+"""Characteristic gap, as a fraction of the change of gaps when states change by their sizes."""
 _DOUBTFUL = 1e3
-"""Ratio between a stated size and the derived one above which the stated one is doubtful."""
+"""Ratio of a stated size and the derived size above which the stated size is doubtful."""
 _AT_REST = 1e-6
-"""Motion of a state, as a share of its motion in a step without contact, up to which it is at rest."""
+"""Motion of a state up to which it is at rest, relative to its motion in a step without contact."""
 DIFFERENCE_ROUNDING = 1e-12
-"""Share of the largest entry below which a difference is rounding."""
+"""Difference, relative to the largest entry, below which it counts as rounding error."""
 
 
 def derive_sizes(problem: Problem, x: np.ndarray | None = None) -> Scales:
-    """Return the characteristic sizes of a problem, in SI, derived at its own parameter values.
+    """Return the characteristic sizes of a problem, in SI units, derived at its default parameter values.
 
-    If ``x`` (nx,) is given, these are the sizes of the states.
+    If ``x`` (nx,) is given, it contains the sizes of the states.
 
-    A state's size is the largest of: how far the guess and its exact rollout move it from x0, and
-    how far away the goal is, by one Newton step on each cost and on each terminal constraint that
-    x0 violates. States of one unit share the largest size. The size of a velocity is at least the size
+    A state's size is the maximum of two distances from x0: the distance that the guess and its exact rollout
+    reach, and the distance to the goal, from one Newton step on each cost and on each terminal constraint that
+    x0 violates. States with the same unit have the same, largest size. The size of a velocity is at least the size
     of its position over the horizon; a position without size gets the distance that its velocity
-    covers. A state that still has no size gets the change that moves gaps as much as other states do,
-    or else the distance to its bounds, or else x0. An input's size is half the width of its bounds, or
+    covers. A state without any of these sizes gets the change that changes gaps as much as other states do, or
+    else the distance to its bounds, or else x0. An input's size is half the width of its bounds, or
     the input that moves a state by its size within the horizon, or else one Newton step of the stage
-    cost. An impulse's size changes a state by the state's size; a gap's size is :data:`GAP_SHARE` of
-    its change as states move by their sizes.
+    cost. The size of an impulse changes a state by the state's size; the size of a gap is
+    :data:`GAP_SHARE` times its change as states change by their sizes.
     """
     data = _Data(problem)
     x = data.state_sizes() if x is None else x
@@ -45,7 +45,7 @@ def derive_sizes(problem: Problem, x: np.ndarray | None = None) -> Scales:
 
 
 def describe_sizes(problem: Problem) -> str:
-    """Return the derived sizes in words, with units, the largest of each unit; "" if no size is derived."""
+    """Return the derived sizes as text with units, the largest size of each unit; "" if no size is derived."""
     system, scales = problem.system, problem.scales
     sizes = {"impulse": {"N s": scales.impulse}, "gap": {"m": scales.gap}, "x": {}, "u": {}}
     for name, signals in (("x", system.states), ("u", system.inputs)):
@@ -60,7 +60,7 @@ def describe_sizes(problem: Problem) -> str:
 
 
 def doubtful_sizes(problem: Problem) -> list[str]:
-    """Return a clause on each stated size that differs from the derived one by a factor above :data:`_DOUBTFUL`."""
+    """Return a clause on each stated size that differs from the derived size by a factor above :data:`_DOUBTFUL`."""
     stated, derived = problem.scales, derive_sizes(problem)
     doubts = []
     for name in ("impulse", "gap", "x", "u"):
@@ -71,16 +71,16 @@ def doubtful_sizes(problem: Problem) -> list[str]:
 
 
 def gap_changes(problem: Problem, x_sizes: np.ndarray) -> np.ndarray:
-    """Return the first-order change (nlam,) of each gap as states move by ``x_sizes``.
+    """Return the first-order change (nlam,) of each gap as states change by ``x_sizes``.
 
-    It is the larger of the changes by the state and by the next state, at x0; NaN for pairs whose gap
+    It is the larger of the changes by the state and by the next state, at x0; The result is NaN for pairs whose gap
     is neither the distance of a contact nor the distance to a joint limit.
     """
     return _Data(problem).gap_changes(x_sizes)
 
 
 def residual_changes(problem: Problem, x_sizes: np.ndarray) -> np.ndarray:
-    """Return the largest change (nx,) of each row of the step's residual as one next state moves by its size.
+    """Return the largest change (nx,) of each row of the step's residual as one next state changes by its size.
 
     Changes are of first order, at x0.
     """
@@ -90,7 +90,7 @@ def residual_changes(problem: Problem, x_sizes: np.ndarray) -> np.ndarray:
 
 
 class _Data:
-    """Quantities of a problem at its own parameter values, from which sizes are derived."""
+    """Quantities of a problem at its default parameter values, from which sizes are derived."""
 
     def __init__(self, problem: Problem) -> None:
         self.problem, self.system = problem, problem.system
@@ -124,7 +124,7 @@ class _Data:
         return np.where(sizes > 0, sizes, 1.0)
 
     def impulse(self, x: np.ndarray) -> float:
-        """Return the median impulse that changes velocities by their sizes, or positions by an N-th of theirs."""
+        """Return the median impulse that changes velocities by their sizes, or positions by their sizes / N."""
         orders = np.array([0.0 if d is None else -d[2] for d in self.dimensions])
         within_step = np.where(orders > 0, x, x / self.problem.N)
         effect = self.at_start(self.system.reduced.B)[:, self._distances()] / within_step[:, None]
@@ -137,7 +137,7 @@ class _Data:
         return float(np.median(usable)) if usable else 1.0
 
     def typical_gap_change(self, x: np.ndarray) -> float:
-        """Return the median change of contacts' gaps as states move by their sizes, or else the largest length."""
+        """Return the median change of contacts' gaps as states change by their sizes, or else the largest length."""
         changes = self.gap_changes(x)
         usable = changes[np.isfinite(changes) & (changes > 0)]
         if usable.size:
@@ -146,7 +146,7 @@ class _Data:
         return float(max(lengths, default=1.0))
 
     def gap_changes(self, x: np.ndarray) -> np.ndarray:
-        """Return the changes of gaps (nlam,) that the module's :func:`gap_changes` documents."""
+        """Return the changes of gaps (nlam,), see the module's function :func:`gap_changes`."""
         system = self.system
         by_state = [ca.jacobian(system.gap, symbol) for symbol in (system.x, system.x_next)]
         largest = np.max([np.abs(self.at_start(J)) * x for J in by_state], axis=0)
@@ -155,17 +155,17 @@ class _Data:
         return changes
 
     def _distances(self) -> np.ndarray:
-        """Return the indices of the pairs whose gap is the distance of a contact or that to a joint limit."""
+        """Return the indices of the pairs whose gap is the distance of a contact or from a joint limit."""
         kinds = [pair.kind in ("normal", "limit") for pair in self.system.pairs]
         return np.flatnonzero(kinds)
 
     def at_start(self, expression: ca.SX) -> np.ndarray:
-        """Return the value of an expression at rest in x0, without contact impulses."""
+        """Return the value of an expression at rest in x0 without contact impulses."""
         evaluate = ca.Function("at_start", self.problem.step_symbols, [ca.densify(expression)])
         return np.nan_to_num(np.array(evaluate(self.x0, self.u_before, self.x0, 0, self.p)))
 
     def _travel(self) -> np.ndarray:
-        """Return the largest distance from x0 (nx,) of the guess and its exact rollout, 0 where that is rounding."""
+        """Return the largest distances (nx,) from x0 of the guess and its exact rollout, 0 for rounding errors."""
         states, inputs = self.problem.initial_guess(self.p)
         step = self.problem.exact_step
         named = dict(zip(self.problem.parameters.names, self.p, strict=True))
@@ -196,7 +196,7 @@ class _Data:
         return distance
 
     def _newton_step(self, cost: ca.SX, by: ca.SX) -> np.ndarray:
-        """Return the distance (n,) of each symbol to the minimum of the cost in it alone, 0 without curvature."""
+        """Return the distance (n,) of each symbol from the minimum of the cost in this symbol, 0 without curvature."""
         du = ca.SX.sym("du", self.system.nu) if self.problem.du is None else self.problem.du
         slope, curvature = (
             self.at_start(ca.substitute(derivative, du, 0 * du)).ravel()
@@ -209,7 +209,7 @@ class _Data:
         return np.nan_to_num(newton, posinf=0.0)
 
     def _by_gaps(self, sizes: np.ndarray) -> np.ndarray:
-        """Return the change (nx,) of each state that changes a gap as much as states of known ``sizes`` do."""
+        """Return the change (nx,) of each state that changes a gap as much as the states with known ``sizes`` do."""
         by_state = np.abs(self.at_start(ca.jacobian(self.system.gap, self.system.x_next)))
         by_state = by_state[self._distances()]
         gap_changes = (by_state * sizes).max(axis=1, initial=0.0)[:, None]
@@ -218,15 +218,15 @@ class _Data:
         return needed.max(axis=0, initial=0.0)
 
     def _bound_widths(self, _: np.ndarray) -> np.ndarray:
-        """Return the distance (nx,) of every state at x0 to its farther finite bound, zero without one."""
+        """Return the distance (nx,) of every state at x0 from its farther finite bound, zero without a bound."""
         with np.errstate(invalid="ignore"):
             ends = np.abs([self.x_lower - self.x0, self.x_upper - self.x0])
         return np.where(np.isfinite(ends), ends, 0.0).max(axis=0)
 
     def _inputs_over_horizon(self) -> np.ndarray:
-        """Return the change of the state (nx, nu) by unit inputs held over the horizon, without contact.
+        """Return the change of the state (nx, nu) due to unit inputs held over the horizon, without contact.
 
-        The step is linearised; the change is limited to N times that of one step, since an unstable
+        The step is linearised; the change is limited to N times the change of one step, since an unstable
         motion amplifies the effect of an input.
         """
         s = self.system
@@ -237,19 +237,19 @@ class _Data:
         return np.abs(change)
 
     def _units(self) -> list[np.ndarray]:
-        """Return a list with one mask (nx,) for every unit, which selects the states of that unit."""
+        """Return a list with one mask (nx,) per unit, which selects the states with this unit."""
         units = np.array([signal.unit for signal in self.system.states])
         return [units == unit for unit in dict.fromkeys(units)]
 
     def _by_unit(self, sizes: np.ndarray) -> np.ndarray:
-        """Return sizes (nx,) in which every state has the largest of the ``sizes`` of its unit."""
+        """Return sizes (nx,) in which every state has the largest of the ``sizes`` of states with the same unit."""
         shared = np.zeros_like(sizes)
         for rows in self._units():
             shared[rows] = sizes[rows].max()
         return shared
 
     def _linked(self, sizes: np.ndarray) -> np.ndarray:
-        """Return sizes (nx,) in which velocities cover positions in the horizon, and no moving position has size 0."""
+        """Return sizes (nx,) such that velocities cover positions in the horizon and no moving position has size 0."""
         linked = sizes.copy()
         for i, of_position in enumerate(self.dimensions):
             for j, of_velocity in enumerate(self.dimensions):

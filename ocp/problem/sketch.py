@@ -20,11 +20,11 @@ from ocp.validation import Index, Number, validate_fields, validated
 Pose = ArrayLike | Mapping[str, float]
 """All states (nx,), or a mapping from names of some states to values."""
 Window = tuple[np.ndarray, np.ndarray]
-"""Lower and upper bounds of a block of variables, NaN where there are none."""
+"""Lower and upper bounds of a block of variables, NaN for no bound."""
 SLACK = 0.05
 """Largest distance of a plan from a keyframe, in characteristic sizes."""
 START_TOLERANCE = 1e-6
-"""Largest distance of a keyframe at step 0 from the start, in characteristic sizes, that counts as rounding."""
+"""Largest distance of a keyframe at step 0 from the start that counts as rounding error, in characteristic sizes."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class UserGuess:
 
 @dataclass(frozen=True)
 class Sketch:
-    """A partly known guess: poses, paths of states, phases of contact; steps count from 0, the start, to N.
+    """A partial guess: poses, paths of states, and phases of contact; steps count from 0 (the start) to N.
 
     ``keyframes`` map steps to poses: ``{20: {"hammer": -0.1}, 34: {"hammer": 0.05}}``, or arrays (nx,).
     ``paths`` map names of states to values that are spread evenly over the horizon, such as points of a drawn line;
@@ -57,17 +57,17 @@ class Sketch:
         validate_fields(self, "the guess", keyframes=dict[Index, Any], paths=dict[str, Any], contacts=ranges)
 
     def drawn(self, evaluation: Evaluation) -> UserGuess:
-        """Return the states of keyframes and paths, interpolated, and the windows that a plan must satisfy.
+        """Return the interpolated states of keyframes and paths, and the windows that a plan must satisfy.
 
-        Other states follow where equations without inputs and impulses determine them, as velocities from differences
-        of positions; the rest, and the inputs, are the problem's own guess.
+        Other states are computed if equations without inputs and impulses determine them, such as velocities from
+        differences of positions; remaining states, and the inputs, are those of the problem's guess.
 
         Raises :class:`~ocp.errors.InputError` for an empty sketch, unknown names, steps outside the horizon, and
         values of another shape, not finite, or outside their bounds.
         """
         problem = evaluation.problem
         if not (self.keyframes or self.paths or self.contacts):
-            raise InputError("the guess says nothing; give keyframes, paths or contacts")
+            raise InputError("the guess is empty; give keyframes, paths or contacts")
         marks = self.marks(problem)
         self._check_marks(marks, evaluation)
         slack = SLACK * problem.scales.x
@@ -76,7 +76,7 @@ class Sketch:
         return UserGuess((_completed(evaluation, marks, X), U), windows | self._contact_windows(problem))
 
     def marks(self, problem: Problem) -> np.ndarray:
-        """Return the values that keyframes and paths give, (N+1, nx), NaN where they give none."""
+        """Return the values that keyframes and paths specify, (N+1, nx), NaN elsewhere."""
         N, names = problem.N, [signal.name for signal in problem.system.states]
         index_of = {name: index for index, name in enumerate(names)}
         marks = np.full((N + 1, len(names)), np.nan)
@@ -115,7 +115,7 @@ class Sketch:
             raise InputError(f"the guess has {name} = {value:g} at step {step}, where it must be {allowed}")
 
     def _contact_windows(self, problem: Problem) -> dict[str, Window]:
-        """Return upper bounds (N, nlam) of impulses and gaps: closed contacts have no gap, open ones no impulse."""
+        """Return upper bounds (N, nlam) of impulses and gaps: zero gaps for closed, zero impulses for open contacts."""
         if not self.contacts:
             return {}
         system, N = problem.system, problem.N
@@ -154,7 +154,7 @@ def _numbers(place: str, value: Any) -> np.ndarray:
 
 
 def _completed(evaluation: Evaluation, marks: np.ndarray, guess: np.ndarray) -> np.ndarray:
-    """Return states (N+1, nx): marks, interpolated from the start and held after the last, and states that fit them."""
+    """Return states (N+1, nx): marks, interpolated from the start and held after the last, and consistent others."""
     states, is_marked = np.array(guess, dtype=float), ~np.isnan(marks)
     is_marked[0] |= is_marked.any(axis=0)
     values, steps = np.where(np.isnan(marks), guess, marks), np.arange(len(marks))

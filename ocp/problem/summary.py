@@ -1,4 +1,4 @@
-"""Summary of a problem in ten lines with units, which Python prints as its ``repr``."""
+"""Summary of a problem in ten lines with units, printed by Python as its ``repr``."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _WIDTH = 96
 
 
 def summary(problem: Any) -> str:
-    """Return a summary in ten lines of a :class:`~ocp.problem.problem.Problem` at its parameters' values."""
+    """Return a summary in ten lines of a :class:`~ocp.problem.problem.Problem` at its default parameters."""
     system, p = problem.system, problem.parameters
     x0, _, *bounds = (np.array(value).ravel() for value in problem.limits(p.values))
     h = ca.Function("h", [system.x, p.vector], [ca.SX(system.h)])(x0, p.values)
@@ -43,7 +43,7 @@ def summary(problem: Any) -> str:
 
 
 def _within(values: Iterable[str]) -> str:
-    """Return the values on one line; if they do not fit, the first ones and the total number."""
+    """Return the values on one line; if they do not fit, the first values and the total number."""
     values, shown_values = list(values), list[str]()
     for value in values:
         if len(", ".join([*shown_values, value])) > _WIDTH - 30:

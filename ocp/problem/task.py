@@ -1,4 +1,4 @@
-"""Reinforcement learning tasks: a system with random starts, rewards, and ends of episodes."""
+"""Reinforcement learning tasks: a system with random starts, rewards, and conditions that end episodes."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ocp.errors import InputError
 
 @dataclass(frozen=True, eq=False)
 class Measure:
-    """A quantity of one step whose mean evaluations report, such as a speed.
+    """A quantity of one step, such as a speed, whose mean is part of evaluations.
 
     ``expression`` is in (x, u, x_next) of the system and the parameters.
     """
@@ -28,19 +28,19 @@ class Task:
     """Task of maximising the mean over starts of ``sum_t reward(x_t, u_t, x_{t+1}) + final(x_N)``, t < N.
 
     An episode starts at ``start``, an expression in the parameters and in ``chance`` (k, 1), whose
-    entries are independent and uniform on [-1, 1]. It ends after ``horizon`` steps N, where
-    ``final`` (an expression in x) is added, or before, at the first state at which ``done`` (an
-    expression in x) is not zero; there is no reward after that, and no ``final``. A policy maps
+    entries are independent and uniform on [-1, 1]. It ends after ``horizon`` steps N, when
+    ``final`` (an expression in x) is added, or earlier, at the first state at which ``done`` (an
+    expression in x) is not zero; then no further reward and no ``final`` are added. A policy maps
     ``observation``, an expression in x, to inputs between ``lower`` and ``upper`` (nu,).
 
-    ``lasts`` (k, 1) expresses ``done`` for planning: at finite states an episode continues where all
-    its entries, expressions in x, are positive. It is needed only where ``done`` depends on x, and
-    may be empty where ``done`` only rejects states that are not finite.
+    ``lasts`` (k, 1) expresses ``done`` for planning: at finite states an episode continues if all
+    its entries, expressions in x, are positive. It is needed only if ``done`` depends on x, and may
+    be empty if ``done`` only rejects states that are not finite.
 
     All expressions may use the ``parameters``, which include those of the system. Evaluations
     report the ``measures``.
 
-    Raises :class:`~ocp.errors.InputError` where a dimension does not fit.
+    Raises :class:`~ocp.errors.InputError` if a dimension does not fit.
     """
 
     name: str
@@ -94,7 +94,7 @@ class Task:
         return ca.Function("start", arguments, [ca.densify(ca.SX(self.start))])
 
     def reset(self, n: int, rng: np.random.Generator, p: np.ndarray | None = None) -> np.ndarray:
-        """Return ``n`` random first states (n, nx) at parameters ``p`` (by default the task's own)."""
+        """Return ``n`` random first states (n, nx) at parameters ``p`` (by default the task's values)."""
         chance = rng.uniform(-1.0, 1.0, (n, self.chance.numel()))
         values = self.parameters.values if p is None else p
         return np.array(self.starts.map(n)(chance.T, ca.repmat(ca.DM(values), 1, n))).T
@@ -111,7 +111,7 @@ class Task:
 
     @cached_property
     def ends(self) -> ca.Function:
-        """Function from ``(x, parameters)`` to 1 where an episode ends at x, else 0."""
+        """Function from ``(x, parameters)`` to 1 if an episode ends at x, else 0."""
         return self._of_state("done", ca.SX(self.done) != 0)
 
     @cached_property

@@ -1,4 +1,4 @@
-"""Named blocks of a vector."""
+"""Layout of a vector in named blocks."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Block:
-    """A named array inside a vector: its shape, its first index, and names for the entries of its last axis."""
+    """A named array within a vector: its shape, its first index, and names of the entries along its last axis."""
 
     name: str
     shape: tuple[int, ...]
@@ -23,12 +23,12 @@ class Block:
 
     @property
     def index(self) -> np.ndarray:
-        """Indices of the entries in the vector, in the block's shape."""
+        """Indices of the block's entries in the vector, in the shape of the block."""
         return self.start + np.arange(self.size).reshape(self.shape)
 
 
 class Layout:
-    """Named blocks of one vector, one after the other."""
+    """Consecutive named blocks of a vector."""
 
     def __init__(self) -> None:
         self.blocks: dict[str, Block] = {}
@@ -48,7 +48,7 @@ class Layout:
         return self.blocks[name]
 
     def pack(self, values: dict[str, np.ndarray]) -> np.ndarray:
-        """Return the vector of a mapping from names to blocks; other blocks are zero."""
+        """Return the vector made from a mapping of names to blocks; blocks that it lacks are zero."""
         vector = np.zeros(self.size)
         for name, value in values.items():
             block = self.blocks[name]

@@ -18,7 +18,7 @@ LOOSEST = {
     **dict.fromkeys(("constr_viol_tol", "acceptable_constr_viol_tol", "compl_inf_tol"), 1e-6),
     **dict.fromkeys(("feas_tol", "slack_tol", "primal_tolerance"), 1e-6),
 }
-"""Maximum tolerances that a user may set: for constraints the audit's, for optimality the certificate's."""
+"""Maximum tolerances that a user may set: the audit's for constraints, the certificate's for optimality."""
 _UNO = {
     **dict.fromkeys(("primal_tolerance", "dual_tolerance", "time_limit"), "real"),
     **dict.fromkeys(("loose_primal_tolerance", "loose_dual_tolerance"), "real"),
@@ -28,16 +28,16 @@ _UNO = {
     **dict.fromkeys(("constraint_relaxation_strategy", "residual_norm"), "string"),
     "inequality_handling_method": "string",
 }
-"""Types of Uno's options, since Uno ignores unknown options silently."""
+"""Types of Uno's options; they are listed here because Uno silently ignores unknown options."""
 MAX_INTEGER = 2**31 - 1
-"""Maximum of a solver's integer options."""
+"""Maximum value of a solver's integer options."""
 _TYPES: dict[str, Any] = {"integer": int, "real": float, "string": str}
 
 
 def _option(
     name: str, kind: str, meaning: str = "", default: str = "", words: Sequence[str] = (), **limits: Unpack[Range]
 ) -> Setting:
-    """Declare an option; ``default`` and ``meaning`` are quoted from the solver's documentation, where known."""
+    """Declare an option; ``default`` and ``meaning`` are quoted from the solver's documentation, if known."""
     if kind == "integer":
         limits = {"most": MAX_INTEGER, **limits}
     declaration = declare(..., meaning, limits=limits, words=list(words), documented_default=default)
@@ -51,13 +51,13 @@ INTERFACE: dict[str, dict[str, Setting]] = {
         "print_level": _option("print_level", "integer", least=0, most=4),
     }
 }
-"""Options that CasADi's interface to a solver uses itself, in addition to those that it passes on."""
+"""Options that CasADi's interface to a solver reads, in addition to those that it passes to the solver."""
 
 
 def documented(solver: str) -> dict[str, Setting]:
-    """Return the known options of a solver: those that IPOPT documents, or Uno's, with names and types alone.
+    """Return the known options of a solver: IPOPT's documented options, or names and types of Uno's.
 
-    It is empty for fatrop and SLEQP, whose options are probed.
+    The result is empty for fatrop and SLEQP, whose options are probed.
     """
     if solver == "uno":
         return {name: _option(name, kind) for name, kind in _UNO.items()}
@@ -65,7 +65,7 @@ def documented(solver: str) -> dict[str, Setting]:
 
 
 def check_options(solver: str, options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return ``options`` in the solver's types: yes and no for True and False, int for whole numbers.
+    """Return ``options`` converted to the solver's types: yes and no for True and False, int for whole numbers.
 
     Raises :class:`~ocp.errors.InputError` for a name that the solver does not have, a value of
     another type or out of range, and a tolerance above :data:`LOOSEST`.
@@ -85,7 +85,7 @@ def check_options(solver: str, options: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def has_option(solver: str, name: str) -> bool:
-    """Return whether the solver has an option of this name."""
+    """Return whether the solver has an option with this name."""
     try:
         _find_option(solver, name)
     except InputError:
@@ -104,14 +104,14 @@ def _find_option(solver: str, name: str) -> Setting:
 
 @cache
 def _ipopt() -> dict[str, Setting]:
-    """Return IPOPT's options as it documents them itself (``print_options_documentation``, 3.14)."""
+    """Return IPOPT's options as documented by IPOPT (``print_options_documentation``, 3.14)."""
     text = Path(__file__).with_name("ipopt_options.json").read_text(encoding="utf-8")
     return {name: _option(name, **stated) for name, stated in json.loads(text).items()}
 
 
 @cache
 def _probe_option(solver: str, name: str) -> Setting:
-    """Return an option of a solver, with the type that the error states when it is set to a word."""
+    """Return an option of a solver; its type is read from the error message when the option is set to a word."""
     y = ca.MX.sym("y", 2)
     nlp = {"x": y, "f": ca.sumsqr(y - 1), "g": y[0] + y[1]}
     try:

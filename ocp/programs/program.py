@@ -19,13 +19,13 @@ if TYPE_CHECKING:
 
 
 PENALTY = "route.penalty"
-"""Name of the parameter of every program that weights the products of its pairs in the cost."""
+"""Name of the parameter of every program that weights, in the cost, the products of its pairs."""
 RELAXATION = "route.relaxation"
 """Name of the parameter ``t`` of every program, see :class:`Program`."""
 
 
 _AT_BOUND = 1e-4
-"""Distance to a bound, in characteristic sizes, below which a variable is at the bound."""
+"""Distance from a bound, in characteristic sizes, below which a variable is at the bound."""
 REFORMULATIONS = ("product", "none", "fischer-burmeister", "lin-fukushima")
 """Formulations of ``0 <= G ⟂ H >= 0`` in a program, see :class:`Program`."""
 
@@ -50,7 +50,7 @@ class Program(ABC):
 
     ``f_g`` maps (x, p) to (f, g); ``gradient`` to (f, df/dx); ``jacobian`` to (g, dg/dx);
     ``hessian`` maps (x, p, lam_f, lam_g) to the upper triangle of the Lagrangian's Hessian. x is
-    laid out by ``variables``, g by ``constraints``; ``solvers`` keeps compiled solver instances.
+    laid out by ``variables``, g by ``constraints``; ``solvers`` stores compiled solver instances.
     """
 
     variables: Layout
@@ -85,17 +85,17 @@ class Program(ABC):
         """Return the name of the pair ``pairs[:, index]``."""
 
     def constant(self, p: np.ndarray) -> float:
-        """Return the constant terms of the cost, which are not in ``f``."""
+        """Return the sum of the constant terms of the cost, which ``f`` does not contain."""
         return 0.0
 
     def typical_change(self, x: np.ndarray, p: np.ndarray, bounds: dict[str, np.ndarray]) -> float:
-        """Return a typical change of the cost at a point x, the reference for changes that count as small.
+        """Return a typical change of the cost at a point x, a reference for changes that count as small.
 
         A signal, the entries of a block with one last index, changes the cost by the largest
-        ``|slope| + |curvature| / 2`` of its entries as each moves by its size. The result is the lower
+        ``|slope| + |curvature| / 2`` of its entries as each changes by its size. The result is the lower
         median over the signals that change the cost or, if that is larger, the cost without constant
-        terms, but at most the largest change by an entry that no bound holds against the slope. So it
-        grows neither with a sum over many steps nor with one steep entry. Zero for a constant cost.
+        terms, but at most the largest change by an entry that no bound holds against the slope. The result
+        therefore does not grow with a sum over many steps or with one steep entry. It is zero for a constant cost.
         """
         sizes = self.sizes(x)
         f, gradient = self.gradient(x, p)
@@ -114,17 +114,17 @@ class Program(ABC):
 
     @property
     def chains(self) -> np.ndarray:
-        """Indices of pairs that follow one another in time, one row for each chain; empty without time."""
+        """Indices of pairs that are consecutive in time, one row per chain; empty for a program without time."""
         return np.empty((0, 0), dtype=int)
 
     @cached_property
     def scale(self) -> Scale | None:
-        """Divisors of variables, constraints and cost for a solver; None where nothing is scaled."""
+        """Divisors of variables, constraints and cost for a solver; None if nothing is scaled."""
         return None
 
     @property
     def natural(self) -> Scale:
-        """The :attr:`scale`, or ones where it is None."""
+        """The :attr:`scale`, or ones if it is None."""
         return self.scale or Scale.none(self.n, self.m)
 
     @property
@@ -171,7 +171,7 @@ class Program(ABC):
         return sp.csr_matrix(sp.diags(sizes) @ (upper + sp.triu(upper, 1).T) @ sp.diags(sizes))
 
     def active_sets(self, x: np.ndarray) -> list[np.ndarray]:
-        """Return guesses of the active set near x, each a mask (m,) of the pairs whose second member is zero."""
+        """Return guesses of the active set near x, as masks (m,) of the pairs whose second member is zero."""
         first, second = x[self.pairs] / self.sizes(x)[self.pairs]
         return [first > second]
 
@@ -193,7 +193,7 @@ class Functions(NamedTuple):
     def of(
         cls, symbols: Sequence[Any], f_g: Sequence[Any], gradient: Sequence[Any], jacobian: Sequence[Any], hessian: Any
     ) -> Functions:
-        """Make the functions from symbols (x, p, lam_f, lam_g) and their outputs; ``hessian`` is the upper triangle."""
+        """Build the functions from symbols (x, p, lam_f, lam_g) and outputs; ``hessian`` is the upper triangle."""
         names, x_and_p = ["x", "p", "lam:f", "lam:g"], [*symbols[:2]]
         return cls(
             ca.Function("nlp", x_and_p, [*f_g], names[:2], ["f", "g"]),

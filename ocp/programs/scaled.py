@@ -16,7 +16,7 @@ Bounds = dict[str, Any]
 
 @dataclass(frozen=True)
 class Point:
-    """Variables x (n,) and multipliers of an NLP, as a warm start needs them; None where not known."""
+    """Variables x (n,) and multipliers of an NLP, as used for a warm start; None if not known."""
 
     x: np.ndarray
     lam_x: np.ndarray | None = None
@@ -27,14 +27,14 @@ class Scaled:
     """Scaled program ``min f(X z, p)/F`` subject to bounds on ``g(X z, p)/G``, where X, G, F are a program's scale.
 
     A solver's tolerances and barrier are absolute numbers. In the variables z they have the same meaning
-    in whatever units a problem is stated; without a scale everything is passed unchanged.
+    for any units of the problem; without a scale everything is passed unchanged.
     """
 
     def __init__(self, program: Program) -> None:
         self.program, self.scale = program, program.scale
 
     def functions(self) -> dict[str, ca.Function]:
-        """Return ``f_g``, ``grad_f``, ``jac_g`` and ``hess_lag`` in z, with arguments as the program's functions."""
+        """Return ``f_g``, ``grad_f``, ``jac_g`` and ``hess_lag`` in z, with arguments like the program's functions."""
         program, scale = self.program, self.scale
         plain = {"f_g": program.f_g, "grad_f": program.gradient, "jac_g": program.jacobian, "hess_lag": program.hessian}
         if scale is None:
@@ -78,7 +78,7 @@ class Scaled:
     def unscale(
         self, f: float, x: np.ndarray, lam_x: np.ndarray, lam_g: np.ndarray, g: np.ndarray
     ) -> tuple[Point, float, np.ndarray]:
-        """Return point, cost and constraints in the program's units from those in z."""
+        """Convert a point, cost and constraints in z to the program's units."""
         by_x, by_g, by_f = self._factors
         return Point(x * by_x, lam_x * by_f / by_x, lam_g * by_f / by_g), f * by_f, g * by_g
 

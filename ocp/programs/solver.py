@@ -1,4 +1,4 @@
-"""Run a named NLP solver on an NLP and report its status."""
+"""Runs of a named NLP solver on an NLP, and their statuses."""
 
 from __future__ import annotations
 
@@ -25,24 +25,24 @@ from ocp.programs.scaled import Point, Scaled
 
 
 class Status(Enum):
-    """Outcome of a solve; the value is the sentence shown to users."""
+    """Outcome of a solve; the value is the sentence that users see."""
 
     SOLVED = "solved: feasible by the audit, and certified stationary"
     NOT_OPTIMAL = "feasible, not optimal"
     UNDECIDED = "feasible, but whether it is optimal was not decided"
-    UNBOUNDED = "not solved: the cost falls without end"
+    UNBOUNDED = "not solved: the cost decreases without bound"
     INEXACT = "not solved: the solver stopped, but the audited residuals are above tolerance"
     NO_PROGRESS = "no-progress: it does no better than standing still"
     ITERATION_LIMIT = "not converged: the iteration limit was reached"
     TIME_LIMIT = "not converged: the time limit was reached"
-    INFEASIBLE = "not converged: the constraints could not be met from this guess"
+    INFEASIBLE = "not converged: the constraints could not be satisfied from this guess"
     DIVERGED = "not converged: the iterates diverged or a function returned NaN or infinity"
     INTERRUPTED = "interrupted: this is the best point so far; continue with --from its run"
-    FAILED = "not converged: the solver gave up"
+    FAILED = "not converged: the solver stopped without a solution"
 
     @property
     def label(self) -> str:
-        """Short name of the status, as in JSON."""
+        """Short name of the status, as used in JSON."""
         return self.name.lower().replace("_", "-")
 
 
@@ -79,7 +79,7 @@ USUAL: dict[str, dict[str, Any]] = {
 }
 """Default options of each solver: no output, tolerances no looser than the audit's, iteration limits."""
 TIMED_OUT = ("Maximum_CpuTime_Exceeded", "Maximum_WallTime_Exceeded", "time limit")
-"""Return statuses of runs that a time limit stopped; there is no limit unless the user sets one."""
+"""Return statuses of runs that ended at a time limit; there is no limit unless the user sets one."""
 _STATUS = {
     **dict.fromkeys(TIMED_OUT, Status.TIME_LIMIT),
     "Solve_Succeeded": Status.SOLVED,
@@ -93,15 +93,15 @@ _STATUS = {
     "Converged with infeasible stationary point": Status.INFEASIBLE,
     "Terminated with infeasible small step": Status.INFEASIBLE,
 }
-"""Mapping from return statuses of solvers to :class:`Status`; for others the solver's success flag decides."""
+"""Mapping from return statuses of solvers to :class:`Status`; for others the solver's success flag is used."""
 
 
 @dataclass(frozen=True)
 class Result:
     """Result of a solver's run: point, cost, constraints, status, and the solver's return status ``word``.
 
-    Of ``seconds``, ``evaluation_s`` were spent on the NLP's functions and their derivatives, the rest
-    in the solver itself.
+    ``evaluation_s`` is the part of ``seconds`` spent on the NLP's functions and their derivatives; the rest was spent
+    in the solver.
     """
 
     point: Point
@@ -117,7 +117,7 @@ class Result:
     def at(
         cls, program: Program, point: Point, p: np.ndarray, status: Status, word: str, seconds: float = 0.0
     ) -> Result:
-        """Return the result at a point that no solver changed."""
+        """Return the result for a point that no solver has changed."""
         return cls(point, *program.values(point.x, p), status, word, 0, seconds)
 
     @property
@@ -127,11 +127,11 @@ class Result:
 
 
 class Solver:
-    """An NLP solver with its options; instances are cached in the NLP.
+    """An NLP solver with its options; compiled instances are cached in the NLP.
 
-    ``options`` are the solver's own (for IPOPT without the ``ipopt.`` prefix). ``on_result`` may be a
-    function that is called with the program and the result of each run; a run that Ctrl-C ended raises
-    KeyboardInterrupt after that. Raises :class:`~ocp.errors.InputError` for an unknown name, a plugin
+    ``options`` are options of the solver (for IPOPT without the ``ipopt.`` prefix). ``on_result`` may be a
+    function that is called with the program and the result of each run; after a run that Ctrl-C
+    ended, KeyboardInterrupt is then raised. Raises :class:`~ocp.errors.InputError` for an unknown name, a plugin
     that this CasADi lacks, or an option that the solver rejects.
     """
 
@@ -143,7 +143,7 @@ class Solver:
         self.on_result: Callable[[Program, Result], None] | None = None
 
     def run(self, nlp: Program, start: Point, p: np.ndarray, bounds: dict[str, np.ndarray], **overrides: Any) -> Result:
-        """Solve ``nlp`` from ``start``; IPOPT uses the start's multipliers where ``warm_start_init_point`` is set."""
+        """Solve ``nlp`` from ``start``; IPOPT uses the start's multipliers if ``warm_start_init_point`` is set."""
         function = self._solver_function(nlp, overrides)
         _check_bounds(nlp, bounds)
         scaled = Scaled(nlp)
@@ -194,7 +194,7 @@ class Solver:
         return result
 
     def _failed_result(self, nlp: Program, start: Point, p: np.ndarray, error: RuntimeError, seconds: float) -> Result:
-        """Return a failed result for a plugin's exception; raise InputError where it is about options."""
+        """Return a failed result for a plugin's exception; raise InputError if the exception is about options."""
         word = str(error).strip().splitlines()[-1]
         if "option" in word or "logger" in word:
             raise InputError(f"{self.name} rejected its options {self.options}: {word}") from error
@@ -243,7 +243,7 @@ def _check_bounds(nlp: Program, bounds: dict[str, np.ndarray]) -> None:
             position = int(crossed[0])
             block, index = layout.locate(position)
             component = block.components[index[-1]] if block.components else str(index[-1])
-            how = "above" if lower[position] > upper[position] else "and no finite number lies below"
+            how = "above" if lower[position] > upper[position] else "and there is no finite number below"
             raise InputError(
                 f"{nlp.title}: the lower bound of {component} in {block.name} is"
                 f" {lower[position]:g}, {how} its upper bound {upper[position]:g}; exchange or widen them"
@@ -252,11 +252,11 @@ def _check_bounds(nlp: Program, bounds: dict[str, np.ndarray]) -> None:
 
 @contextmanager
 def record_interrupts() -> Iterator[list[int]]:
-    """Yield a list to which every SIGINT is appended; the previous handler runs too.
+    """Yield a list to which every SIGINT is appended; the previous signal handler is also called.
 
     CasADi lets Python handle signals at every evaluation of a function. IPOPT's interface catches
-    what the handler raises, stops, and returns its last iterate silently; other plugins let the
-    exception through. CasADi's warnings about it are not printed.
+    exceptions of the handler, stops, and returns its last iterate silently; other plugins propagate the
+    exception. CasADi's warnings about it are not printed.
     """
     signals: list[int] = []
     previous_handler = signal.getsignal(signal.SIGINT)

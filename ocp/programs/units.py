@@ -1,7 +1,7 @@
 """Units of mass, length, time and cost that fit the numbers of a problem.
 
-A problem's characteristic sizes are stated at its default parameters. At other parameters, for example
-where they are given in other units, the sizes are multiplied by natural units fitted to the changes.
+A problem's characteristic sizes are stated at its default parameters. At other parameters, for example in
+other units, the sizes are multiplied by natural units fitted to the changes.
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ DIMENSIONS = {
 }
 """Exponents of kg, m and s in basic units, of which other units are products. A problem uses one unit of each kind."""
 SMOOTHING = 1e-3
-"""Logarithm of a ratio below which its absolute value is smoothed."""
+"""Absolute logarithm of a ratio below which the absolute value is smoothed."""
 REWEIGHTINGS = 60
-"""Number of reweighted least-squares problems solved for the units."""
+"""Number of reweighted least-squares problems that are solved to fit the units."""
 SLIGHT_CHANGE = 0.05
-"""Logarithm of a ratio below which a parameter counts as unchanged."""
+"""Absolute logarithm of a ratio below which a parameter counts as unchanged."""
 COST_UNIT_VOTE = 0.75
-"""Weight of the equation "the cost keeps its unit", so that changing one of two weights does not change the unit."""
+"""Weight of the equation "the unit of the cost is unchanged", so that changing one of two weights has no effect."""
 
 
 def dimension(unit: str) -> np.ndarray | None:
@@ -66,7 +66,7 @@ class Units:
     cost: float = 1.0
 
     def of(self, unit: str) -> float:
-        """Return the natural unit with the dimension of ``unit``, as a multiple of it; 1 for an unknown unit."""
+        """Return the natural unit with the dimension of ``unit``, as a multiple of ``unit``; 1 for an unknown unit."""
         exponents = dimension(unit)
         if exponents is None:
             return 1.0
@@ -79,17 +79,17 @@ class Units:
 
 
 SI = Units()
-"""SI units, and the cost as it is stated."""
+"""SI units, with the unit of the cost unchanged."""
 
 
 def fit_units(changes: Iterable[tuple[str, float, bool]]) -> Units:
     """Return natural units fitted to ``changes``.
 
-    Each change is a parameter's unit, the ratio of its value to the default, and whether it weights the
-    cost. The fit is ``min over c of sum_i |log ratio_i - e_i' c|`` with the exponents e_i of the unit
+    Each change is a parameter's unit, the ratio of its value to the default, and whether it is a weight of
+    the cost. The fit is ``min over c of sum_i |log ratio_i - e_i' c|`` with the exponents e_i of the unit
     (and of the cost, 1 for a weight), smoothed at 1e-3 and solved by reweighted least squares, then by
-    least squares over the parameters that fit. A change of units is fitted exactly even where a few
-    parameters changed in addition. Units that all differ by less than 5 % from SI are SI.
+    least squares over the parameters that fit. A change of units is fitted exactly even if a few
+    parameters changed in addition. If all units differ by less than 5 % from SI units, SI units are returned.
     """
     known_changes = [(dimension(unit), weighs, ratio) for unit, ratio, weighs in changes if ratio > 0]
     rows = [((*e, weighs), np.log(ratio)) for e, weighs, ratio in known_changes if e is not None]
@@ -107,9 +107,9 @@ def fit_units(changes: Iterable[tuple[str, float, bool]]) -> Units:
 
 
 def cost_unit(span: float) -> float:
-    """Return the power of 2**24 that divides a cost's span into 2**-6 ... 2**18; 1 for an invalid span.
+    """Return the power of 2**24 that scales a cost's span into 2**-6 ... 2**18; 1 for an invalid span.
 
-    Tolerances of solvers suit that whole band, so a cost within it is not scaled.
+    Tolerances of solvers suit this whole range, so a cost within it is not scaled.
     """
     usable = np.isfinite(span) and span > 0
     return 2.0 ** (24 * np.floor((np.log2(span) + 6) / 24)) if usable else 1.0
@@ -140,7 +140,7 @@ class Scale:
 
     @classmethod
     def none(cls, n: int, m: int, f: float = 1.0) -> Scale:
-        """Return the scale that divides only the cost, by ``f``."""
+        """Return the scale that only divides the cost, by ``f``."""
         return cls(np.ones(n), np.ones(m), f)
 
     @property
@@ -152,13 +152,13 @@ class Scale:
 
 
 Entries = Callable[[np.ndarray, np.ndarray], "tuple[float, sp.csr_matrix]"]
-"""Function from variables and parameters to the cost and the Jacobian of constraints, entries in a fixed order."""
+"""Function from variables and parameters to the cost and the entries of the constraint Jacobian in a fixed order."""
 
 
 def measure_scale(x: np.ndarray, defined: np.ndarray, evaluate: Entries, p: np.ndarray, natural: np.ndarray) -> Scale:
-    """Return the scale of a program from the units ``x`` of its variables, with rows and cost measured.
+    """Return the scale of a program from the units ``x`` of its variables; scales of rows and cost are measured.
 
-    Where equations hold in all units, ``J(x z, p) = g J(z, natural) / x`` row by row: ``natural`` are
+    If equations hold in all units, ``J(x z, p) = g J(z, natural) / x`` row by row: ``natural`` are
     the parameters p in natural units, and z the variables. ``defined`` (m,) is the index of the variable
     that a row defines, -1 for none; its unit is that of the row. A row without a finite positive ratio
     has the unit 1.
@@ -186,7 +186,7 @@ def _measure_pass(
 
 
 def _medians(group: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
-    """Return the median of the values in each of ``count`` groups, the larger of two middle ones; 1 if it is empty."""
+    """Return the median of the values in each of ``count`` groups (the larger of two), 1 for an empty group."""
     order = np.lexsort((values, group))
     sizes = np.bincount(group, minlength=count)
     middle = np.cumsum(sizes) - sizes + sizes // 2
@@ -196,11 +196,11 @@ def _medians(group: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
 
 
 def row_scaled(x: np.ndarray, evaluate: Entries, p: np.ndarray, cost: float, largest: float = np.inf) -> Scale | None:
-    """Return the scale of a program whose variables have the units ``x`` (n,); None where all are 1.
+    """Return the scale of a program whose variables have the units ``x`` (n,); None if all scales are 1.
 
-    A row's unit is the power of two nearest to its largest change as one variable moves by its unit,
-    at most ``largest``, and 1 where that change is of ordinary size, so that a constraint means the
-    same to a solver in whatever unit it is written.
+    A row's unit is the power of two nearest to its largest change as one variable changes by its unit,
+    at most ``largest``, and 1 if this change is of ordinary size, so that a solver treats a constraint
+    in the same way for any unit.
     """
     g = np.minimum(row_units(x, evaluate, p), largest)
     ones = np.all(x == 1) and np.all(g == 1) and cost == 1

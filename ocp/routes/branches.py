@@ -1,4 +1,4 @@
-"""Polish to exact complementarity: solve a branch of the problem, then move to better branches.
+"""Polish to exact complementarity: solve a branch of the problem, then change to better branches.
 
 A branch is the program in which one member of every pair is held at zero. Every solution of a branch
 is feasible for the exact problem.
@@ -23,28 +23,28 @@ NEIGHBOUR = "neighbour"
 MAX_BRANCH_ITERATIONS = 300
 """Iteration limit of one branch."""
 SECOND_GUESS_FACTOR = 2
-"""Iteration limit of a second guess of the active set, as a multiple of the iterations that the first guess took."""
+"""Iteration limit of a second guess of the active set, as a multiple of the iterations of the first guess."""
 MIN_SECOND_GUESS = 64
 """Minimum iteration limit of a second guess of the active set."""
 MAX_SIDE_CHANGES = 8
-"""Maximum rounds in which pairs at (0, 0) change sides, while each branch costs less than the one before."""
+"""Maximum number of rounds in which pairs at (0, 0) change sides, while each branch costs less than the last."""
 MAX_EXCHANGES = 12
-"""Maximum exchanges of a branch for a neighbour of lower cost."""
+"""Maximum number of exchanges of a branch for a neighbour of lower cost."""
 DEGENERATE_SIZE = 1e-6
-"""Size of both members of a pair, in natural units, below which it is at (0, 0)."""
+"""Size of both members of a pair, in natural units, below which the pair is at (0, 0)."""
 MIN_MULTIPLIER = 1e-6
-"""Multiplier of a held member, in natural units, above which its growth lowers the cost."""
+"""Multiplier of a held member, in natural units, above which an increase of the member lowers the cost."""
 FIRST_RADIUS = 0.1
 """Trust-region radius of the first exchange, in characteristic sizes."""
 GUESS_RADII = (1e-3, 1e-2, 1e-1, 1.0)
-"""Trust-region radii in which the linear program guesses an active set, in characteristic sizes."""
+"""Trust-region radii for guesses of the active set by a linear program, in characteristic sizes."""
 _EFFORT = 750_000
-"""Maximum of binaries times row entries of a program over branches that is solved: larger ones take
-HiGHS many seconds before its first node, and a smaller trust region has fewer binaries."""
+"""Maximum of binaries times row entries of a program over branches; in larger programs HiGHS
+takes many seconds before the first node, and a smaller trust region has fewer binaries."""
 
 
 class Branches:
-    """Solver of branches of a follower's program, in reformulation "none", at the follower's parameter values."""
+    """Solver of branches of a homotopy's program, in reformulation "none", at the homotopy's parameter values."""
 
     def __init__(self, follower: Homotopy) -> None:
         self.follower = follower
@@ -65,7 +65,7 @@ class Branches:
         mu_init: float = 1e-6,
         label: str = "active set",
     ) -> Result:
-        """Solve the branch with ``H = 0`` where ``active`` and ``G = 0`` elsewhere.
+        """Solve the branch with ``H = 0`` for pairs in ``active`` and ``G = 0`` for the others.
 
         ``max_iterations`` is the iteration limit, ``label`` the name of the stage in the table.
         """
@@ -82,15 +82,15 @@ class Branches:
         return self.follower.record(label, float(active.sum()), self.program, result, self.p, bounds)
 
     def solve_branch(self, start: Point, iteration_limit: int = MAX_BRANCH_ITERATIONS) -> Result | None:
-        """Solve the branch nearest to a point, then neighbouring branches while these cost less.
+        """Solve the branch nearest to a point, then neighbouring branches while they cost less.
 
         In a pair near (0, 0) the member that is smaller in characteristic sizes is held at zero; if the
-        multiplier indicates that the cost falls as it grows, the other member is held instead and the
-        program is solved again. Of several guesses of the active set the cheapest result is returned,
-        None where no guess is solved.
+        multiplier indicates that the cost decreases as this member grows, the other member is held instead
+        and the program is solved again. The cheapest result of several guesses of the active set is
+        returned, or None if no guess is solved.
 
-        The last guess is tried first. Once a guess is solved, the iteration limit of the others is twice
-        that of its longest branch, since a branch without a feasible point nearby does not converge.
+        The last guess is tried first. Once a guess is solved, the iteration limit of the others is twice the
+        iterations of its longest branch, since a branch without a feasible point nearby does not converge.
         """
         results: list[Result] = []
         for active in reversed(self.program.active_sets(start.x)):
@@ -103,7 +103,7 @@ class Branches:
         return min(results, key=lambda result: result.f, default=None)
 
     def follow(self, start: Point, active: np.ndarray, max_iterations: int) -> Result | None:
-        """Solve a branch, then those with pairs at (0, 0) on the other side while these cost less; None if unsolved."""
+        """Solve a branch, then branches with pairs at (0, 0) on the other side while cheaper; None if unsolved."""
         best, point, cost_unit = None, start, self.program.natural.f
         for _ in range(MAX_SIDE_CHANGES):
             result = self.solved.get(active.tobytes()) or self.solve(point, active, max_iterations)
@@ -121,9 +121,9 @@ class Branches:
         """Return the result of a branch proposed by linear programs with complementarity constraints.
 
         Pairs of a relaxed point that are farther from (0, 0) than a radius keep their side; for the
-        others the program chooses, among branches that are feasible to first order within the radius,
-        the cheapest. The radius grows tenfold until a branch is solved (Nurkanovic and Leyffer, arXiv
-        2501.13835, phase 1); None where no branch is.
+        others the program chooses the cheapest branch that is feasible to first order within the radius. The
+        radius grows tenfold until a branch is solved (Nurkanovic and Leyffer, arXiv 2501.13835, phase 1);
+        the result is None if no branch is solved.
         """
         for radius in GUESS_RADII if self.program.pairs.size else ():
             result = self._propose_within(start.x, radius)
@@ -149,13 +149,12 @@ class Branches:
         return result if result.ok else None
 
     def improve(self, start: Result) -> Result:
-        """Return the best result of exchanging branches by a linear program with complementarity constraints.
+        """Return the best result of exchanging branches by linear programs with complementarity constraints.
 
-        The program looks for descent within a trust region whose first radius is a tenth of the
-        characteristic sizes. The branch that it proposes is solved from the proposed point and accepted
-        if it costs less; otherwise the radius shrinks tenfold. The result is B-stationary where no
-        descent is left at the certificate's smallest radius (Nurkanovic and Leyffer,
-        arXiv 2501.13835, phase 2).
+        The program searches for descent within a trust region whose first radius is a tenth of the characteristic
+        sizes. The branch that it proposes is solved from the proposed point and accepted if it costs less; otherwise
+        the radius shrinks tenfold. The result is B-stationary if no descent is left at the certificate's smallest
+        radius (Nurkanovic and Leyffer, arXiv 2501.13835, phase 2).
         """
         best, radius = start, FIRST_RADIUS
         start_time, seconds_before = time.perf_counter(), self.follower.trace.seconds
@@ -175,14 +174,14 @@ class Branches:
         return best
 
     def _no_descent_left(self, model: LinearModel, best: Result, radius: float) -> bool:
-        """Whether the multipliers alone exclude descent, by weak duality."""
+        """Return whether the multipliers exclude descent by weak duality, without a linear program."""
         multipliers = best.point.lam_g
         if multipliers is None:
             return False
         return model.dual_bound(multipliers, radius) <= tolerance_of(model)
 
     def _exchange(self, model: LinearModel, best: Result, radius: float) -> Result | None:
-        """Return the result of the branch that a descent direction leads to; None if there is no such direction."""
+        """Return the result of the branch in a descent direction; None if there is no such direction."""
         if not 0 < model.effort(radius) <= _EFFORT:
             return None
         cut = tolerance_of(model)
@@ -203,7 +202,7 @@ class Branches:
         return result if result.ok else None
 
     def bound_multipliers(self, result: Result, active: np.ndarray) -> np.ndarray:
-        """Return each pair's multiplier (m,): the fall of the cost as its held member grows by a natural unit."""
+        """Return each pair's multiplier (m,): the decrease of the cost per natural unit of its held member."""
         (first, second), units = self.program.pairs, self.program.natural
         if result.point.lam_x is None:
             return np.zeros(active.size)
@@ -211,21 +210,21 @@ class Branches:
         return np.where(active, lam_x[second], lam_x[first])
 
     def _other_side(self, result: Result, active: np.ndarray) -> np.ndarray:
-        """Return a mask (m,) of the pairs at (0, 0) whose held member would lower the cost if it grew."""
+        """Return a mask (m,) of the pairs at (0, 0) for which an increase of the held member would lower the cost."""
         x = result.point.x / self.program.natural.x
         degenerate = np.all(x[self.program.pairs] < DEGENERATE_SIZE, axis=0)
         return degenerate & (self.bound_multipliers(result, active) > MIN_MULTIPLIER)
 
 
 def second_limit(iterations: int) -> int:
-    """Return the iteration limit of a second attempt; a power of two, since each limit needs a new solver."""
+    """Return the iteration limit of a second attempt, a power of two since each new limit needs a new solver."""
     return max(MIN_SECOND_GUESS, 2 ** math.ceil(math.log2(SECOND_GUESS_FACTOR * max(iterations, 1))))
 
 
 def polish(follower: Homotopy, source: Program, result: Result, improving: bool = True) -> RouteResult:
     """Solve the branch nearest to a relaxation's result and, if ``improving``, exchange it for better ones.
 
-    The input is returned, with ``finished`` False, where no branch could be solved.
+    If no branch could be solved, the given result is returned with ``finished`` False.
     """
     branches = Branches(follower)
     branch_point = translate(result.point, source, branches.program)

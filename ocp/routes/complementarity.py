@@ -21,10 +21,10 @@ from ocp.routes.schedules import MAX_FAILURES, distant_schedules, improve
 class RelaxationPlan:
     """Plan of a relaxation: its strategy, the first ``mu`` in natural units, the start, and further attempts.
 
-    ``fallback`` is the strategy to use where no branch is solved. ``rolls`` makes rollouts of inputs,
-    whose branches are solved too (:mod:`~ocp.routes.schedules`): a few after a path that was easy to
-    follow, many after a hard one, for which ``alternatives`` are also followed from the same start.
-    Where few inputs act, rollouts cover their whole range instead. The cheapest of all results is taken.
+    ``fallback`` is the strategy to use if no branch is solved. ``rolls`` makes rollouts of inputs, whose branches are
+    also solved (:mod:`~ocp.routes.schedules`): a few after a path that was easy to follow, many after a hard path,
+    for which ``alternatives`` are also followed from the same start. If only few inputs act, rollouts cover their
+    whole range instead. The cheapest of all results is returned.
     """
 
     strategy: Strategy
@@ -36,9 +36,9 @@ class RelaxationPlan:
 
 
 def solve_pairs(follower: Homotopy, plan: RelaxationPlan) -> RouteResult:
-    """Follow a strategy, solve the branch where it ends, and exchange it for better branches.
+    """Follow a strategy, solve the branch at its end, and exchange it for better branches.
 
-    Where rollouts cover the range of a few acting inputs, a path is followed only if they give no result.
+    If rollouts cover the range of a few acting inputs, a path is followed only if they give no result.
     """
     branches = Branches(follower)
     if plan.rolls is not None and plan.alternatives:
@@ -67,7 +67,7 @@ def solve_pairs(follower: Homotopy, plan: RelaxationPlan) -> RouteResult:
 
 
 def cover_inputs(branches: Branches, rolls: RolloutStarts) -> list[Result]:
-    """Return results on branches of the cheapest rollouts over the inputs' range; empty unless few inputs act."""
+    """Return results on branches of the cheapest rollouts over the range of the inputs; empty if many inputs act."""
     if not 0 < rolls.acting_inputs.sum() <= COVERED_INPUTS:
         return []
     points = rolls.sample_range(branches.program, COVERING_ROLLOUTS, REFINED_ROLLOUTS, ROLLOUTS_AROUND)
@@ -80,7 +80,7 @@ def _best(branches: Branches, results: list[Result], max_failures: int = MAX_FAI
 
 
 def by_strategy(follower: Homotopy, plan: RelaxationPlan, strategy: Strategy) -> RouteResult:
-    """Follow one strategy and solve the branch where it ends, without improving it."""
+    """Follow one strategy and solve the branch at its end, without further improvement."""
     step_backs = 0 if plan.alternatives and strategy not in plan.alternatives else STEP_BACKS
     if isinstance(strategy, CentralPath):
         strategy = strategy.for_horizon(follower.nlp_of("none").chains.shape[-1])
@@ -103,7 +103,7 @@ def follow_paths(
     warm: bool = False,
     step_backs: int = STEP_BACKS,
 ) -> RouteResult:
-    """Follow paths one after the other, from a ``point`` of ``source``, until a path does not finish."""
+    """Follow paths one after another, from a ``point`` of ``source``, until a path does not reach its end."""
     followed: RouteResult | None = None
     for path in paths:
         followed = follower.follow(path, point, warm, source, step_backs)
@@ -115,13 +115,13 @@ def follow_paths(
 
 
 FALLBACK = ScholtesAdaptive()
-"""Fallback of large problems, slower than the default but more robust with many pairs."""
+"""Fallback strategy of large problems, slower than the default but more robust with many pairs."""
 FALLBACK_SMALL = CentralPath(start_below=False)
-"""Fallback of small problems, on the central path from the first stage on."""
+"""Fallback strategy of small problems, on the central path from the first stage."""
 SMALL_ITERATIONS = 128
-"""Iteration limit of a stage of a small problem, which is then polished from its last point."""
+"""Iteration limit of a stage of a small problem; its last point is then polished."""
 SMALL_PAIRS = 128
-"""Maximum number of pairs of a small problem, for which several strategies are followed if the first was hard."""
+"""Maximum number of pairs of a small problem, for which several strategies are followed after a hard path."""
 ROLLOUTS_AFTER_EASY_PATH = 6
 """Number of plans rolled out around each previous plan, after a path that was easy to follow."""
 ROLLOUTS_AFTER_HARD_PATH = 48
@@ -137,13 +137,13 @@ ROLLOUTS_AROUND = 16
 COVERED_BRANCHES = 3
 """Maximum number of branches solved after covering rollouts."""
 COVERED_FAILURES = 4
-"""Failed neighbours in a row that end a search after covering rollouts, which have tried most schedules."""
+"""Number of failed neighbours in a row that ends a search after covering rollouts, which tried most schedules."""
 _PERTURBED = 8
-"""Number of perturbed guesses that are rolled out where nothing better was found."""
+"""Number of perturbed guesses that are rolled out if nothing better was found."""
 WIDE = CentralPath(factor=0.1, start_factor=10.0, start_below=False)
-"""Central path that starts at a large t, where distant contacts have forces too."""
+"""Central path from a large t, at which distant contacts also have forces."""
 ALTERNATIVES = tuple(replace(strategy, max_iterations=SMALL_ITERATIONS) for strategy in (WIDE, ScholtesAdaptive()))
-"""Strategies followed in addition, with step-backs, where the path of a small problem was hard to follow."""
+"""Additional strategies, with step-backs, if the path of a small problem was hard to follow."""
 RELAXATIONS = (CentralPath(), WIDE, CentralPath(factor=0.3), ScholtesAdaptive())
-"""Strategies of successive starts: fast from the product of characteristic sizes; from ten times this
-product; slow; and off the central path."""
+"""Strategies of successive starts: fast, from the product of characteristic sizes; from ten times this
+product; slow; and not on the central path."""

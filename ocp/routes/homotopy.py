@@ -1,4 +1,4 @@
-"""Follow a path of NLPs to its end: warm starts, step-back, and a table of stages."""
+"""Homotopy along a path of NLPs: warm starts, step-backs, and a table of stages."""
 
 from __future__ import annotations
 
@@ -35,11 +35,11 @@ IPOPT_PRIMAL_WARM_START = {
     "slack_bound_frac": 1e-9,
     "bound_mult_init_method": "mu-based",
 }
-"""IPOPT options for a warm start without multipliers, which IPOPT estimates; the variables stay in place."""
+"""IPOPT options for a warm start without multipliers: IPOPT estimates these and does not move the variables."""
 STEP_BACKS = 4
-"""Maximum retries of a stage that fails, each nearer to the last stage that converged."""
+"""Maximum number of retries of a stage that fails, each nearer to the last stage that converged."""
 MAX_STAGES = 10_000
-"""Maximum number of stages of one path, ten times as many as have ever been useful."""
+"""Maximum number of stages of a path, ten times as many as were ever useful."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class HomotopyStage:
 
     ``contact``, the lower and upper bound of contact rows, and a penalty are in natural units of the
     program. ``options`` are IPOPT's; another solver runs every stage with its own defaults. A ``partial``
-    stage may end at its iteration limit: the next one starts from there.
+    stage may end at its iteration limit; the next stage starts from its last iterate.
     """
 
     label: str
@@ -62,10 +62,10 @@ class HomotopyStage:
 
 @dataclass(frozen=True)
 class HomotopyPath:
-    """Values of a parameter, from easy to the target, and the stage at each one.
+    """Values of a parameter, from an easy value to the target, and the stage at each value.
 
-    The path ends early where ``complete(program, result)`` is true. A ``strict`` path must reach its
-    last value; one that only prepares the next path need not.
+    The path ends early if ``complete(program, result)`` is true. A ``strict`` path must reach its last
+    value; a path that only prepares the next path need not.
     """
 
     values: Sequence[float]
@@ -81,7 +81,7 @@ class HomotopyPath:
 
 @dataclass
 class Trace:
-    """Record of a route: the table of stages, the points of accepted stages, iterations and seconds.
+    """Record of a route: the table of stages, points of accepted stages, iterations and seconds.
 
     ``refused`` is the reason why the last proposed exchange of contacts was rejected.
     """
@@ -94,7 +94,7 @@ class Trace:
     refused: str = ""
 
     def absorb(self, other: Trace) -> None:
-        """Append the table of another trace and add its work."""
+        """Append the table of another trace and add its iterations and seconds."""
         self.records += other.records
         self.iterations += other.iterations
         self.seconds += other.seconds
@@ -106,9 +106,9 @@ class Trace:
 class RouteResult:
     """Outcome of a route: the result and its NLP, the table of stages, and whether the route reached its end.
 
-    ``nlp`` is the :class:`~ocp.programs.program.Program` in whose variables the result is given.
-    ``on_branch`` is the same plan in the complementarity problem's variables, None if it was not solved.
-    ``route`` is the name of the route in :mod:`ocp.routes.table`, "" for other outcomes.
+    ``nlp`` is the :class:`~ocp.programs.program.Program` in whose variables the result is given. ``on_branch`` is the
+    same plan in the variables of the complementarity problem, or None if that was not solved. ``route`` is the name
+    of the route in :mod:`ocp.routes.table`, "" for other outcomes.
     """
 
     result: Result
@@ -120,11 +120,10 @@ class RouteResult:
 
 
 class Homotopy:
-    """Follower of homotopy paths on the NLPs ``nlp_of(reformulation)`` with one solver.
+    """Solver that follows homotopy paths on the NLPs ``nlp_of(reformulation)``.
 
-    A stage that fails is retried at the geometric mean of its value and the last one that was solved, up
-    to four times before a value of the path itself is solved. Where a value cannot be reached, the result
-    has ``finished = False``.
+    A stage that fails is retried at the geometric mean of its value and the last solved value, up to four
+    times between two values of the path. If a value cannot be reached, the result has ``finished = False``.
     """
 
     def __init__(
@@ -232,7 +231,7 @@ class Homotopy:
 
 
 def translate(point: Point, source: Program, target: Program) -> Point:
-    """Return a point of ``source`` as one of ``target``, with common blocks copied and other blocks zero."""
+    """Convert a point of ``source`` to a point of ``target``: common blocks are copied, other blocks are zero."""
     if source is target:
         return point
 
@@ -256,8 +255,8 @@ def translate(point: Point, source: Program, target: Program) -> Point:
 def geometric(start: float, end: float, factor: float) -> list[float]:
     """Return a geometric sequence from ``start`` down to exactly ``end``, with a ratio of at least ``factor``.
 
-    Raises :class:`~ocp.errors.InputError` for more than :data:`MAX_STAGES` values, and where the ratio
-    of the ends underflows.
+    Raises :class:`~ocp.errors.InputError` for more than :data:`MAX_STAGES` values, and if the ratio of
+    the ends underflows.
     """
     if start <= end:
         return [end]
@@ -279,19 +278,19 @@ COST_GAIN = 1e-7
 
 
 def lower(candidate: Result, incumbent: Result, margin: float = COST_GAIN) -> bool:
-    """Whether the candidate's cost is below the incumbent's by more than the share ``margin`` of the incumbent's."""
+    """Return whether the candidate's cost is below the incumbent's by more than the relative ``margin``."""
     return candidate.f < incumbent.f - margin * abs(incumbent.f)
 
 
 def better(incumbent: RouteResult | None, candidate: RouteResult) -> RouteResult:
-    """Return the better of two outcomes of one problem.
+    """Return the better of two outcomes of the same problem.
 
-    | incumbent | candidate | taken |
+    | incumbent | candidate | returned |
     |---|---|---|
     | none | any | candidate |
     | finished | not | incumbent |
     | not | finished | candidate |
-    | both | both, or neither | candidate where its cost is lower, else incumbent |
+    | both | both, or neither | candidate if its cost is lower, else incumbent |
     """
     if incumbent is None or (candidate.finished and not incumbent.finished):
         return candidate

@@ -1,7 +1,7 @@
 """Homotopies: strategies for exact complementarity, and the path of a smoothing law's parameter.
 
-The strategies work on a direct transcription, whose pairs ``lam, gap >= 0`` are variables. All but
-those with equalities or smoothing admit the exact solution, so that no plan relies on smoothing.
+The strategies need a direct transcription, whose pairs ``lam, gap >= 0`` are variables. All except those
+with equalities or smoothing admit the exact solution, so that plans do not rely on smoothing.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from ocp.routes.homotopy import IPOPT_PRIMAL_WARM_START, Homotopy, HomotopyPath,
 T_SHARP = 1e-8
 """Relaxation t, in natural units, at which the textbook paths end."""
 _RELAXATION_ITERATIONS = 300
-"""Iteration limit of a stage, after which it is retried at a larger t."""
+"""Iteration limit of a stage, after which the stage is retried at a larger t."""
 LOOSE_OPTIONS = {"bound_relax_factor": 1e-8, "constr_viol_tol": 1e-8, "max_iter": _RELAXATION_ITERATIONS}
 """IPOPT options of a stage that is not the last."""
 _SHORT_HORIZON = 60
@@ -32,21 +32,21 @@ _FLAT_VALLEY_OPTIONS = {
     "acceptable_obj_change_tol": 1e-5,
     "acceptable_iter": 10,
 }
-"""IPOPT options that end a stage in a flat valley of the cost, where it is nearly feasible."""
+"""IPOPT options that end a nearly feasible stage in a flat valley of the cost."""
 T_LOOSE = 1e-4
-"""Fraction of characteristic impulse times gap at which the active set is identified and polishing can begin."""
+"""Fraction of characteristic impulse times gap at which the active set is identified and polishing may begin."""
 
 
 class Strategy(Protocol):
-    """Strategy of a relaxation: paths to follow one after the other, from ``mu``, characteristic impulse times gap."""
+    """Strategy of a relaxation: consecutive paths, starting at ``mu``, characteristic impulse times gap."""
 
     def paths(self, mu: float) -> list[HomotopyPath]:
-        """Return the paths, easiest first."""
+        """Return the paths, the easiest one first."""
         ...
 
 
 def _inexact(t: float) -> dict[str, float]:
-    """Return IPOPT options for a stage that is solved only as tightly as it is relaxed."""
+    """Return IPOPT options for a stage that is solved no more tightly than it is relaxed."""
     tolerance = min(1e-4, max(t, 1e-9))
     return {"tol": tolerance, "mu_target": t / 10, "compl_inf_tol": tolerance, "mu_init": max(t / 10, 1e-11)}
 
@@ -61,14 +61,14 @@ class CentralPath:
     """Strategy ``lam gap = t`` with t falling fast, in inexact stages, until the active set is identified.
 
     Every stage is a point on the central path, so that all contacts have forces in the first stages;
-    polishing makes the last point exact. Where this fails, :meth:`extend` continues the path. With
+    polishing makes the last point exact. If this fails, :meth:`extend` continues the path. With
     ``start_below`` the first stage is ``lam gap <= t``, which halves its iterations from a cold start on
     systems with many contacts.
 
-    Below the path IPOPT's barrier acts on every product of every step, while a cost is mostly terminal
-    or a mean. Beyond sixty ``steps`` the barrier is reduced in proportion to their inverse, or it would
-    outweigh the cost, and the stage would not converge. Where a cost does not determine all of a long
-    plan, a stage ends after ten iterations that gain less than 1e-5, since it only prepares the next.
+    With ``lam gap <= t`` IPOPT's barrier acts on the product of every pair at every step, while a cost is
+    mostly terminal or a mean. Above sixty ``steps`` the barrier is reduced in proportion to 1 / ``steps``;
+    otherwise it would outweigh the cost, and the stage would not converge. If a cost does not determine all
+    of a long plan, a stage ends after ten iterations that gain less than 1e-5, since it only prepares the next.
     """
 
     factor: float = 0.03
@@ -109,8 +109,8 @@ class ScholtesAdaptive(CentralPath):
     """Strategy ``lam gap <= t`` with t falling fast, and IPOPT's adaptive barrier after the first stage.
 
     It suits laws that average exact steps over noise: each of their many nodes has separate contacts,
-    and keeping all of them on the central path costs more than it helps. It is also the second attempt
-    where the central path was not followed to its end. The first stage starts far away, where the
+    and keeping all of them on the central path is not worth the cost. It is also the second attempt if the
+    central path was not followed to its end. The first stage starts far from the solution, where the
     monotone barrier is more robust.
     """
 
@@ -121,9 +121,9 @@ class ScholtesAdaptive(CentralPath):
 
 @dataclass(frozen=True)
 class Falling:
-    """Strategy of one path of t, from ``mu**power`` down to ``1e-8**power`` by ``factor``.
+    """Strategy with one path of t, from ``mu**power`` down to ``1e-8**power`` by ``factor``.
 
-    ``stage`` maps t, and whether it is the first, to a stage.
+    ``stage`` maps t, and whether t is the first value, to a stage.
     """
 
     stage: Callable[[float, bool], HomotopyStage]
@@ -131,7 +131,7 @@ class Falling:
     power: float = 1.0
 
     def paths(self, mu: float) -> list[HomotopyPath]:
-        """Return the path of t, as a list of one."""
+        """Return a list with the only path of t."""
         start = mu**self.power
         values = geometric(start, T_SHARP**self.power, self.factor)
         return [HomotopyPath(values, lambda t: self.stage(t, t >= start))]
@@ -140,8 +140,8 @@ class Falling:
 def _quick(t: float, first: bool) -> HomotopyStage:
     """Return the stage ``lam gap <= t`` with a tolerance of t/100.
 
-    The first stage has IPOPT's default barrier. Bounds are relaxed by 1e-8, as by IPOPT's default, so
-    that a feasible set without an interior, common in complementarity problems, has one.
+    The first stage has IPOPT's default barrier. Bounds are relaxed by 1e-8, IPOPT's default, so that a
+    feasible set without an interior, common in complementarity problems, gets an interior.
     """
     tolerance = max(T_SHARP, min(1e-4, 1e-2 * t))
     barrier = {} if first else {"mu_init": min(1e-3, t / 10)}
@@ -160,7 +160,7 @@ def _lin_fukushima(t: float, first: bool) -> HomotopyStage:
 
 
 def _complementary(nlp: Program, result: Result) -> bool:
-    """Whether all products ``lam gap`` are at most 1e-7 in natural units."""
+    """Return whether all products ``lam gap`` are at most 1e-7 in natural units."""
     lam, gap = (result.point.x / nlp.natural.x)[nlp.pairs]
     return bool(np.abs(lam * gap).max(initial=0.0) <= 1e-7)
 
@@ -192,10 +192,10 @@ nothing is gained by solving a relaxation more tightly than it is relaxed."""
 
 @dataclass(frozen=True)
 class L1ThenScholtes:
-    """Strategy of at most three penalties, which come near a solution, then Scholtes' relaxation from a small t."""
+    """Strategy of at most three penalties, which lead near a solution, then Scholtes' relaxation from a small t."""
 
     def paths(self, mu: float) -> list[HomotopyPath]:
-        """Return the path of penalties, then that of the relaxation."""
+        """Return the path of penalties, followed by the path of the relaxation."""
         return [*L1Penalty(steps=3).paths(mu), *_SCHOLTES.paths(1e-3 * mu)]
 
 
@@ -215,10 +215,10 @@ STRATEGIES: dict[str, Strategy] = {
 """Mapping from names to strategies; "scholtes-cold" is the textbook loop: tight stages, cold multipliers."""
 STRATEGY_USES = {
     "central-path": "the default; all contacts have forces in every stage. Start here",
-    "scholtes-adaptive": "the default of laws that average exact steps over noise; takes over where"
+    "scholtes-adaptive": "the default of laws that average exact steps over noise; takes over if"
     " the central path is not followed to its end",
-    "scholtes": "another relaxation, often another minimum: try it where the plan looks poor",
-    "scholtes-exact": "every stage solved tightly: where fast stages drift into poor minima, on large programs; slow",
+    "scholtes": "another relaxation, often another minimum: use it if the plan is poor",
+    "scholtes-exact": "every stage solved tightly: use it if fast stages lead to poor minima on large programs; slow",
     "scholtes-cold": "the textbook loop with cold multipliers, to compare with a script; slowest",
     "scholtes-quick": "few stages from a problem's own guess; the second of ocp.mpcc",
     "l1": "exact penalty; stays near the guess: with a good guess, or many starts",
@@ -235,9 +235,9 @@ AVERAGED_STRATEGY = "scholtes-adaptive"
 
 
 STAGE_ITERATIONS = 100
-"""Iteration limit of the stages of a law's path before the last, which need not converge tightly."""
+"""Iteration limit of the stages of a law's path except the last; these need not converge tightly."""
 MU_LAST = 1e-9
-"""Parameter mu of the barrier law at which its path ends, as an approximation of the exact law."""
+"""Parameter mu of the barrier law at the end of its path, which approximates the exact law."""
 NEARBY_START = IPOPT_PRIMAL_WARM_START | dict.fromkeys(
     ("bound_push", "bound_frac", "slack_bound_push", "slack_bound_frac"), 1e-6
 )
@@ -247,7 +247,7 @@ NEARBY_START = IPOPT_PRIMAL_WARM_START | dict.fromkeys(
 def law_path(
     schedule: Schedule, target: float, start: float | None = None, factor: float | None = None
 ) -> HomotopyPath:
-    """Return the path of a law's parameter from its schedule's wide start (or ``start``) down to ``target``."""
+    """Return the path of a law's parameter from its schedule's initial value (or ``start``) down to ``target``."""
     values = geometric(start or schedule.wide, target, factor or schedule.factor)
     label = schedule.parameter.removeprefix(LAW_PREFIX)
 
@@ -267,13 +267,13 @@ def law_path(
 def from_exact(
     follower: Homotopy, program: Program, x: np.ndarray, schedule: Schedule | None, value: float
 ) -> Result | None:
-    """Solve at the law's ``value`` from the exact law's solution x, in this program's variables.
+    """Solve at the law's ``value`` from the exact law's solution x, in the variables of ``program``.
 
     The path from a wide law may end in a worse minimum with another contact schedule; the exact solution
     is then the better start. Pairs are moved onto the central path of the law's mu. The solver starts
-    with a low, then with a high barrier parameter, since a high one leaves the neighbourhood of a small
-    cost. The usual push off the bounds, by a hundredth of a unit, is reduced, since it would also leave
-    it by moving small impulses above the path. Returns None where neither converges.
+    with a low, then with a high barrier parameter, since with a high parameter iterates leave the
+    neighbourhood of a solution whose cost is small. The usual push off the bounds, by a hundredth of a unit, is
+    reduced for the same reason, since it would move small impulses off the path. Returns None if neither converges.
     """
     x = x.copy()
     if program.pairs.size:

@@ -24,7 +24,7 @@ from ocp.transcription.nlp import NLP
 _NOISE_SIZES = 0.03, 3.0
 """Minimum and maximum size of the noise, in characteristic units."""
 _NEIGHBOURHOOD_RADII = 2.0, 0.7, 0.25
-"""Radii, in distances between covering plans, of the neighbourhoods in which further plans are drawn."""
+"""Radii of the neighbourhoods in which further plans are drawn, in distances between covering plans."""
 
 
 @dataclass(frozen=True)
@@ -41,13 +41,12 @@ class RolloutStarts:
         return self.evaluation.problem
 
     def around(self, program: Program, plan_points: Sequence[Point], count: int) -> list[Point]:
-        """Return rolled-out plans around the guess and ``plan_points``, the cheapest first, one for each schedule.
+        """Return rollouts of plans around the guess and ``plan_points``, the cheapest first, one for each schedule.
 
-        There are ``count`` plans around each: the plan itself, and others that add to every input a
-        constant and two cosines of up to one period over the horizon, since noise of single steps averages
-        out. The size of these terms is log-uniform from 0.03 to 3 characteristic units, seed 0; inputs are
-        clipped to their bounds. Inputs that do not act stay as they are, since their cost would hide that
-        of the motion.
+        There are ``count`` plans around each: the plan itself, and plans with a constant and two cosines of up to one
+        period over the horizon added to every input, since independent noise at each step averages out. The size of
+        these terms is log-uniform from 0.03 to 3 characteristic units, seed 0; inputs are clipped to their bounds.
+        Inputs that do not act are unchanged, since their cost would hide the cost of the motion.
         """
         sizes, N = self.problem.scales, self.problem.N
         rng, (log_smallest, log_largest) = np.random.default_rng(0), np.log(_NOISE_SIZES)
@@ -61,12 +60,12 @@ class RolloutStarts:
         return self._points(program, self._cheapest(np.array(plans)))
 
     def sample_range(self, program: Program, count: int, centres: int, n_neighbours: int) -> list[Point]:
-        """Return rolled-out plans whose acting inputs cover their range, the cheapest first, one for each schedule.
+        """Return rollouts whose acting inputs cover their range, the cheapest first, one for each schedule.
 
         First ``count`` plans over the range are rolled out, then ``n_neighbours`` plans around each of the
-        ``centres`` cheapest plans of distinct schedules. The second part is done three times with shrinking
-        radii, since a valley of the cost may be narrower than the distance of two plans. Without a bound
-        the range ends three characteristic units from the guess.
+        ``centres`` cheapest plans of distinct schedules. The second part is repeated three times with
+        shrinking radii, since a valley of the cost may be narrower than the distance between two plans. Without a
+        bound the range ends three characteristic units from the guess.
         """
         u, half_range = self.guess[1], _NOISE_SIZES[1] * self.problem.scales.u
         lower, upper = self._bounds
@@ -87,7 +86,7 @@ class RolloutStarts:
         return self._points(program, cheapest)
 
     def _cheapest(self, plans: np.ndarray) -> Rollout:
-        """Return rollouts of ``plans`` (S, N, nu), the cheapest of each schedule, in order of cost."""
+        """Return the rollouts of ``plans`` (S, N, nu), the cheapest of each schedule, in order of cost."""
         best = dict[bytes, int]()
         rolled = self._roll_out(np.clip(plans, *self._bounds))
         active = self._active(rolled)
@@ -101,7 +100,7 @@ class RolloutStarts:
         return acting(rolled.lam, rolled.gap, sizes)
 
     def _distinct_schedules(self, rolled: Rollout, limit: int) -> list[int]:
-        """Return indices of the first rollout of each distinct schedule, at most ``limit``."""
+        """Return the indices of the first rollout of each distinct schedule, at most ``limit``."""
         active, chosen = self._active(rolled), list[int]()
         for s, schedule in enumerate(active):
             if len(chosen) < limit and all(is_apart(schedule, active[k]) for k in chosen):
@@ -118,7 +117,7 @@ class RolloutStarts:
         return self.evaluation.limits[2:4]
 
     def perturbed(self, program: Program, count: int) -> list[Point]:
-        """Return finite rollouts of the guessed inputs and of perturbed inputs, at most ``count`` in all."""
+        """Return finite rollouts of the guessed inputs and of perturbed inputs, at most ``count`` in total."""
         plans = initial_guesses(self.evaluation, count, 0, self.guess)
         rolled = self._roll_out(np.array([u for _, u in plans]))
         solved = np.flatnonzero(np.all(np.isfinite(rolled.x), axis=(1, 2)))
@@ -126,9 +125,9 @@ class RolloutStarts:
 
     @cached_property
     def acting_inputs(self) -> np.ndarray:
-        """Mask (N, nu): whether the step's equations depend on each input, in the states of the guess.
+        """Mask (N, nu): whether the step's equations depend on each input at the states of the guess.
 
-        Inputs and multipliers are random, seed 0: at guessed values a derivative may be zero by chance.
+        Inputs and multipliers are random (seed 0), since at guessed values a derivative may be zero by chance.
         """
         system, (x, u) = self.problem.system, self.guess
         equations = ca.vertcat(system.residual, system.gap)
@@ -146,7 +145,7 @@ class RolloutStarts:
 
 
 def _sequence(count: int, dimension: int) -> np.ndarray:
-    """Return points (count, dimension) of the additive recurrence that fills the unit cube evenly.
+    """Return points (count, dimension) of an additive recurrence that fills the unit cube evenly.
 
     Its steps are powers of 1/phi, where phi solves ``phi^(dimension + 1) = phi + 1``.
     """
@@ -175,10 +174,10 @@ def pack_rollout(nlp: Program, plan: Rollout, gains: Gains | None) -> np.ndarray
 
 @dataclass(frozen=True)
 class RolloutPolish:
-    """Polisher of plans, which rolls them out in ``target`` and solves their branches in ``direct``.
+    """Polisher of plans: it rolls them out in ``target`` and solves their branches in ``direct``.
 
-    A smoothed optimum differs from the exact one by the order of the square root of the last mu. Hence
-    the rolled-out point is written into ``direct``, its contacts are fixed, and ``follower`` solves for
+    A smoothed optimum differs from the exact optimum by the order of the square root of the last mu. The
+    rollout is therefore converted to a point of ``direct``, its contacts are fixed, and ``follower`` solves for
     the other variables (:func:`~ocp.routes.branches.polish`).
     """
 
@@ -188,9 +187,9 @@ class RolloutPolish:
     follower: Homotopy
 
     def polish(self, source: NLP, plan: Result) -> tuple[Result, Result | None]:
-        """Roll out a plan of ``source`` under the exact ``step``, solve its branch; return (rollout, branch result).
+        """Return the rollout of a plan of ``source`` under the exact ``step``, and the result on its branch.
 
-        The rollout uses the branch result's inputs where these cost no more than the plan's; otherwise it
+        The rollout uses the inputs of the branch result if they cost no more than those of the plan; otherwise it
         uses the plan's inputs, and the branch result is None. Contacts of the branch result are exactly
         open or closed, those of a rollout only to the step solver's tolerance. A plan that was solved in
         ``direct`` is already on a branch.
@@ -210,10 +209,10 @@ class RolloutPolish:
         )
 
     def follow(self, follower: Homotopy, path: HomotopyPath, start: Point) -> RouteResult:
-        """Follow a path, solve the branches of its points, and improve the cheapest.
+        """Follow a path, solve the branches of its points, and improve the cheapest branch.
 
-        Near an early stage another branch may be cheaper than near the last one. The path ends early
-        where the branches of two successive points have the same cost.
+        Near an early stage another branch may be cheaper than near the last stage. The path ends early if
+        the branches of two successive points have the same cost.
         """
         branch_results: list[Result] = []
 

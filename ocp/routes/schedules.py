@@ -1,4 +1,4 @@
-"""Search over contact schedules: contacts a step earlier or later, and distant schedules of rollouts."""
+"""Search over contact schedules: contacts one step earlier or later, and distant schedules from rollouts."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ from ocp.routes.branches import MIN_MULTIPLIER, NEIGHBOUR, Branches
 from ocp.routes.homotopy import lower
 
 _ITERATIONS = 40
-"""Iteration limit of one neighbour: useful ones are near, others are often infeasible."""
+"""Iteration limit of one neighbour: useful neighbours are near, others are often infeasible."""
 _TURNS = 3
-"""Maximum rounds of exchanging neighbouring schedules and branches in turn."""
+"""Maximum number of rounds in which neighbouring schedules and branches are exchanged alternately."""
 _MAX_REMOVED_STEPS = 2
-"""Maximum number of steps of a contact that a single move may remove."""
+"""Maximum number of steps of a contact that a move may remove."""
 SEARCH_ITERATIONS = 800
 """Maximum number of solver iterations of a search."""
 SEARCH_WORK = 540_000
-"""Maximum of solver iterations times pairs of a search, which limits large problems."""
+"""Maximum product of solver iterations and pairs in a search, which limits large problems."""
 _NEAREST = 1e-3
-"""Minimum of the distance in :func:`predicted_gains`, in characteristic sizes."""
+"""Lower limit of the distance in :func:`predicted_gains`, in characteristic sizes."""
 MAX_FAILURES = 20
-"""Failed neighbours in a row, the most promising first, after which a search ends."""
+"""Number of failed neighbours in a row, in order of promise, after which a search ends."""
 
 
 @dataclass(frozen=True)
 class ScheduleMove:
-    """Move of contact number ``run`` of a chain of pairs, by ``begins`` steps at its begin and ``ends`` at its end."""
+    """Move of contact number ``run`` in a chain of pairs, by ``begins`` steps at its begin and ``ends`` at its end."""
 
     chain: int
     run: int
@@ -39,12 +39,12 @@ class ScheduleMove:
 
     @property
     def twice(self) -> ScheduleMove:
-        """The same move with twice as many steps."""
+        """The same move by twice as many steps."""
         return replace(self, begins=2 * self.begins, ends=2 * self.ends)
 
 
 def improve(branches: Branches, neighbour: Result, max_failures: int = MAX_FAILURES) -> Result:
-    """Return the best result of exchanging branches by first-order descent and neighbouring schedules in turn."""
+    """Return the best result of alternating first-order exchanges of branches and neighbouring schedules."""
     best = branches.improve(neighbour)
     for _ in range(_TURNS):
         neighbour = improve_schedule(branches, best, max_failures)
@@ -57,10 +57,10 @@ def improve(branches: Branches, neighbour: Result, max_failures: int = MAX_FAILU
 
 
 def improve_schedule(branches: Branches, best: Result, max_failures: int = MAX_FAILURES) -> Result:
-    """Exchange a schedule for a neighbour that costs less, until none does, and return the best result.
+    """Exchange a schedule for a cheaper neighbour until there is none, and return the best result.
 
-    On a time grid every instant of a contact is a separate local minimum: the pairs of adjacent steps
-    are far from (0, 0), so that no first-order descent shifts a contact, whatever the trust region. Hence
+    On a time grid every time of a contact event is a separate local minimum: the pairs of adjacent steps
+    are far from (0, 0), so that first-order descent cannot shift a contact for any trust region. Therefore
     single pairs change sides, or runs of active pairs are moved by a step, and the branch is solved again.
     The first move tried is twice the last successful one; others follow in the order of the gains that
     multipliers predict (:func:`predicted_gains`), until ``max_failures`` in a row do not reduce the cost.
@@ -97,10 +97,10 @@ def improve_schedule(branches: Branches, best: Result, max_failures: int = MAX_F
 
 
 def predicted_gains(branches: Branches, result: Result, active: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the predicted gain (m,) of each pair's change of sides, and its distance (m,).
+    """Return the predicted gain (m,) when each pair changes sides, and the pair's distance (m,) from doing so.
 
-    The gain is the first-order fall of the cost as the held member grows by its characteristic size,
-    zero where the cost does not fall. The distance is the other member, which then falls to zero, in
+    The gain is the first-order decrease of the cost as the held member grows by its characteristic size,
+    zero if the cost does not decrease. The distance is the other member, which then decreases to zero, in
     characteristic sizes; the smaller it is, the better the prediction.
     """
     program, x = branches.program, result.point.x
@@ -112,7 +112,7 @@ def predicted_gains(branches: Branches, result: Result, active: np.ndarray) -> t
 
 
 def moves(active: np.ndarray, chains: np.ndarray) -> Iterator[ScheduleMove]:
-    """Yield moves of every run by a step earlier or later, at one end or both, and removals of short runs."""
+    """Yield moves of every run by a step earlier or later, at one end or both ends, and removals of short runs."""
     for chain, pairs in enumerate(chains):
         for run, (begin, end) in enumerate(runs(active[pairs])):
             for begins, ends in ((1, 1), (-1, -1), (0, 1), (0, -1), (1, 0), (-1, 0)):
@@ -122,7 +122,7 @@ def moves(active: np.ndarray, chains: np.ndarray) -> Iterator[ScheduleMove]:
 
 
 def apply_move(active: np.ndarray, chains: np.ndarray, move: ScheduleMove | int) -> np.ndarray | None:
-    """Return the active set (m,) after a move, or after pair ``move`` changes sides; None where no such run exists."""
+    """Return the active set (m,) after a move, or after pair ``move`` changes sides; None if there is no such run."""
     if not isinstance(move, ScheduleMove):
         changed = active.copy()
         changed[move] ^= True
@@ -139,7 +139,7 @@ def apply_move(active: np.ndarray, chains: np.ndarray, move: ScheduleMove | int)
 
 
 def runs(held: np.ndarray) -> list[tuple[int, int]]:
-    """Return the first index and the index past the last of every unbroken run of True."""
+    """Return the first index, and the index after the last, of every unbroken run of True."""
     steps = np.diff(np.concatenate([[0], held.astype(int), [0]]))
     ends = (np.flatnonzero(steps == sign).tolist() for sign in (1, -1))
     return list(zip(*ends, strict=True))
@@ -148,7 +148,7 @@ def runs(held: np.ndarray) -> list[tuple[int, int]]:
 _MAX_DISTANT_BRANCHES = 8
 """Maximum number of branches solved for distant schedules."""
 _DISTANT_ITERATIONS = 128
-"""Iteration limit of the branch of a distant schedule, which has a feasible point nearby or often none at all."""
+"""Iteration limit of the branch of a distant schedule, which has a feasible point nearby or often none."""
 _MIN_SCHEDULE_DISTANCE = 0.125
 """Distance of two schedules (:func:`apart`) above which they are distinct."""
 _FEASIBLE = 1e-6
@@ -161,8 +161,8 @@ def distant_schedules(
     """Return results on the branches of the cheapest feasible ``points``, one for each distinct schedule.
 
     A contact event some steps earlier or later, or an additional event, gives another local minimum, which
-    often no exchange of neighbouring schedules reaches. A point must cost less than ``cost_limit``; where
-    this limit is infinite, infeasible points are tried after the feasible ones, so that ``max_branches``
+    exchanges of neighbouring schedules often do not reach. A point must cost less than ``cost_limit``; if this
+    limit is infinite, infeasible points are tried after the feasible ones, so that ``max_branches``
     branches are solved if possible.
     """
     program, solved_schedules, polished = branches.program, [], []
@@ -193,16 +193,16 @@ def _usable_points(branches: Branches, points: Sequence[Point], cost_limit: floa
 
 
 def acting(lam: np.ndarray, gap: np.ndarray, sizes: Scales) -> np.ndarray:
-    """Return a mask (..., nlam, N) of impulses larger than gaps (..., N, nlam), both in characteristic sizes."""
+    """Return a mask (..., nlam, N) of impulses that exceed their gaps, (..., N, nlam) in characteristic sizes."""
     return np.swapaxes(lam / sizes.impulse > gap / sizes.gap, -1, -2)
 
 
 def is_apart(first: np.ndarray, second: np.ndarray) -> bool:
-    """Whether two schedules (contacts, N) are distinct, by their distance :func:`apart`."""
+    """Return whether two schedules (contacts, N) are distinct, by their distance :func:`apart`."""
     return apart(first, second) > _MIN_SCHEDULE_DISTANCE
 
 
 def apart(first: np.ndarray, second: np.ndarray) -> float:
-    """Return the total number of steps by which contacts are moved between two schedules (contacts, N), over N."""
+    """Return the number of steps by which contacts differ between two schedules (contacts, N), divided by N."""
     exchanged = np.cumsum(first.astype(int) - second.astype(int), axis=1)
     return float(np.abs(exchanged).sum() / first.shape[1])

@@ -31,9 +31,9 @@ from ocp.transcription.nlp import NLP, StageCompiler
 logger = logging.getLogger(__name__)
 
 Effort = Literal["quick", "normal", "thorough"]
-"""Work in addition to the usual route: none; sampled plans; or sampled plans under two laws, and other routes."""
+"""Additional work after the usual route: none; sampled plans; or sampled plans under two laws, and other routes."""
 DEFAULT_EFFORT: Effort = "normal"
-"""Effort of a single solve; those of a sweep are quick."""
+"""Effort of a single solve; solves of a sweep are quick."""
 
 
 @dataclass
@@ -85,7 +85,7 @@ class Session:
         return len(self.nlps) + sum(sub_session.nlp_builds for sub_session in self.sub_sessions.values())
 
     def nlp_of(self, reformulation: str) -> NLP:
-        """Return the NLP of a reformulation, which is built at its first use."""
+        """Return the NLP of a reformulation; it is built at its first use."""
         if reformulation not in self.nlps:
             start_time = time.perf_counter()
             graph = Graph(self.problem, self.step, self.policy)
@@ -107,7 +107,7 @@ class Session:
 
     @property
     def complementary(self) -> bool:
-        """Whether the NLP itself has complementarity constraints, as for the exact law in direct transcription."""
+        """Whether the NLP has complementarity constraints, as for the exact law in direct transcription."""
         return self.step.exact and isinstance(self.method, Direct)
 
     def solve(
@@ -120,8 +120,8 @@ class Session:
     ) -> RouteResult:
         """Solve at the current values, from a warm point of ``warm_from`` or from a guess.
 
-        ``number`` is the index among several guesses: each uses another relaxation than the one before,
-        since a relaxation that starts wide forgets its guess and ends in the same minimum.
+        ``number`` is the index among several guesses: each uses a different relaxation, since a
+        relaxation with a large initial value does not depend on its guess and ends in the same minimum.
 
         Raises :class:`~ocp.errors.InputError` for values that are not physical, such as a zero mass.
         """
@@ -144,7 +144,7 @@ class Session:
         return replace(route.apply(self, start, follower), route=route.name)
 
     def path(self) -> tuple[Schedule | None, HomotopyPath]:
-        """Return the law's schedule and its homotopy path; None and a single stage where none is followed.
+        """Return the law's schedule and its homotopy path; without a schedule, None and a path of a single stage.
 
         Raises :class:`~ocp.errors.InputError` for a path of too many stages.
         """
@@ -197,7 +197,7 @@ class Session:
         self.values |= {name: value for name, value in values.items() if name in self.values}
 
     def sub_session(self, law: ContactLaw, method: Method) -> Session:
-        """Return the session of the same problem with another law and method, at the values of common parameters."""
+        """Return a session of the same problem with another law and method, at the values of the common parameters."""
         key = f"{law.name} {method.name}"
         if key not in self.sub_sessions:
             self.sub_sessions[key] = Session(
@@ -210,8 +210,8 @@ class Session:
     def judging_nlp(self) -> NLP:
         """Return the NLP in which a solution is audited and certified.
 
-        Under the exact law that is the complementarity problem by direct transcription, whatever
-        the method: only its variables contain the pairs.
+        Under the exact law this is the complementarity problem by direct transcription for every method, since
+        only its variables contain the pairs.
         """
         if not self.step.exact:
             return self.nlp_of("product")
@@ -224,10 +224,10 @@ class Session:
         return self.build_s + sum(sub_session.total_build_s for sub_session in self.sub_sessions.values())
 
     def first_point(self, nlp: NLP, guess: InitialGuess | None = None) -> Point:
-        """Return a starting point of the NLP from guessed trajectories, with multipliers and gaps.
+        """Return a starting point of the NLP from guessed trajectories, including multipliers and gaps.
 
-        Multipliers and gaps start on the central path of the homotopy's first mu. Each gap is the one
-        without contact forces where this is positive.
+        Multipliers and gaps start on the central path of the homotopy's first mu. Each gap is the gap without
+        contact forces if that is positive.
         """
         X, U = guess if guess is not None else self.evaluation.initial_guess
         blocks: dict[str, np.ndarray] = {"x0": X[None, :1], "x": X[None, 1:], "u": U[None]}

@@ -1,4 +1,4 @@
-"""Table of the routes that solve a session's problem; the first route that accepts is used."""
+"""Table of the routes that solve a session's problem; the first route that accepts the session is used."""
 
 from __future__ import annotations
 
@@ -38,15 +38,15 @@ NEAR_RELAXATION = 1e-6
 FAR_RELAXATION = 1e-3
 """Relaxation of lam gap, in characteristic units, for other starts."""
 _DIVERGED = 1e-3
-"""Relative rise of the cost from which on a rollout has diverged from its plan."""
+"""Relative increase of the cost above which a rollout has diverged from its plan."""
 
 
 @dataclass(frozen=True)
 class Start:
     """Start of a solve: from a ``guess``, or warm from a ``point`` of the product NLP.
 
-    ``number`` is the index among several guesses. A ``near`` point is a solution at slightly other
-    parameters; others come from another mesh, law or method.
+    ``number`` is the index among several guesses. A ``near`` point is a solution at slightly different
+    parameters; other points are from another mesh, law or method.
     """
 
     guess: InitialGuess | None = None
@@ -56,20 +56,20 @@ class Start:
 
 
 class Route(ABC):
-    """Route that solves a session's problem by reduction to another problem, and converts the result back."""
+    """Route: reduction of a session's problem to another problem, and conversion of its result."""
 
     name: ClassVar[str]
 
     @abstractmethod
     def accepts(self, session: Session, start: Start) -> bool:
-        """Whether this route can solve the session's problem from a start."""
+        """Return whether this route can solve the session's problem from a start."""
 
     @abstractmethod
     def apply(self, session: Session, start: Start, follower: Homotopy) -> RouteResult:
         """Solve the problem in one of the session's programs; ``follower`` records the work."""
 
     def invert(self, session: Session, outcome: RouteResult, plan: Rollout, gains: Gains | None) -> tuple[NLP, Point]:
-        """Return the program that is judged, and the result's point in it, with multipliers if known."""
+        """Return the program in which the result is judged, and its point there, with multipliers if known."""
         nlp, point = session.judging_nlp(), outcome.result.point
         if nlp is outcome.nlp:
             return nlp, point
@@ -79,16 +79,16 @@ class Route(ABC):
 
 
 class WarmStart(Route):
-    """Route of a warm start: one stage from a point, under the exact law with a narrow relaxation and then polished.
+    """Route of a warm start: one stage from a point; under the exact law, a narrow relaxation and then a polish.
 
     From a point that is not near a solution, the stage is tried again with a high barrier parameter, and
-    the exact law starts with a relaxation that is wide enough to exchange contacts.
+    the exact law starts with a relaxation that is large enough to exchange contacts.
     """
 
     name = "warm start"
 
     def accepts(self, session: Session, start: Start) -> bool:
-        """Whether the start is a warm point."""
+        """Return whether the start is a warm point."""
         return start.point is not None
 
     def apply(self, session: Session, start: Start, follower: Homotopy) -> RouteResult:
@@ -118,11 +118,11 @@ class Complementarity(Route):
     name = "complementarity"
 
     def accepts(self, session: Session, start: Start) -> bool:
-        """Whether the NLP itself has complementarity constraints."""
+        """Return whether the NLP has complementarity constraints."""
         return session.complementary
 
     def apply(self, session: Session, start: Start, follower: Homotopy) -> RouteResult:
-        """Relax the pairs by the chosen strategy, or by the default one for many or for few pairs."""
+        """Relax the pairs by the chosen strategy, or by the default strategy for the number of pairs."""
         return solve_pairs(follower, self._relaxation_plan(session, start))
 
     def _relaxation_plan(self, session: Session, start: Start) -> RelaxationPlan:
@@ -149,20 +149,20 @@ class Complementarity(Route):
 class ExactShooting(Route):
     """Route for the exact law in shooting: a plan of another program, rolled out exactly and polished.
 
-    At a kink of the exact law no gradient vanishes, so that a gradient method does not converge. The
-    plan is that of the complementarity problem in direct transcription; with ``homotopy``, or where
-    its relaxation was hard to follow or its rollout diverges, it is that of the barrier law's path.
+    At a kink of the exact law no gradient vanishes, so that a gradient method does not converge. The plan is
+    the solution of the complementarity problem in direct transcription; with ``homotopy``, or if the relaxation
+    was hard to follow or the rollout diverges, it is the solution along the path of the barrier law.
     The result is the cheapest plan whose rollout does not diverge.
     """
 
     name = "exact shooting"
 
     def accepts(self, session: Session, start: Start) -> bool:
-        """Whether the law is exact, unless ``homotopy`` is False, which chooses the gradient method alone."""
+        """Return whether the law is exact; False if ``homotopy`` is False, which selects the pure gradient method."""
         return session.step.exact and session.homotopy is not False
 
     def apply(self, session: Session, start: Start, follower: Homotopy) -> RouteResult:
-        """Try plans in turn, until one is finished, its rollout does not diverge, and its path was easy to follow."""
+        """Try plans in turn until one is finished, its rollout does not diverge, and its path was easy to follow."""
         nlp, direct, best = session.nlp_of("product"), session.judging_nlp(), None
         polisher = RolloutPolish(
             nlp,
@@ -198,23 +198,23 @@ class ExactShooting(Route):
             yield polisher.follow(within, barrier.path()[1], first)
 
     def invert(self, session: Session, outcome: RouteResult, plan: Rollout, gains: Gains | None) -> tuple[NLP, Point]:
-        """Return the judged program and the plan as a point of it, on its branch where that was solved."""
+        """Return the judged program and the plan as a point of it, on its branch if that was solved."""
         if outcome.on_branch is None:
             return super().invert(session, outcome, plan, gains)
         return session.judging_nlp(), outcome.on_branch.point
 
 
 class LawPath(Route):
-    """Route along the homotopy path of a law's parameter; the exact law's solution is tried as another start."""
+    """Route along the homotopy path of a law's parameter, which also tries the exact law's solution as a start."""
 
     name = "law path"
 
     def accepts(self, session: Session, start: Start) -> bool:
-        """Return True, since this route solves every problem."""
+        """Return True, since this route can solve every problem."""
         return True
 
     def apply(self, session: Session, start: Start, follower: Homotopy) -> RouteResult:
-        """Follow the path, solve its last stage also from the exact law's solution, and return the better result."""
+        """Follow the path, also solve its last stage from the exact law's solution, and return the better result."""
         nlp, (schedule, path) = session.nlp_of("product"), session.path()
         value = session.values[schedule.parameter] if schedule else 0.0
         outcome = follower.follow(path, session.first_point(nlp, start.guess))
@@ -229,7 +229,7 @@ class LawPath(Route):
 
 
 def _by_helper(helper: Session, follower: Homotopy, guess: InitialGuess | None) -> RouteResult:
-    """Return the result of the session ``helper``, whose table and work are added to the follower's."""
+    """Return the result of the session ``helper``, and add its table and work to the table and work of ``follower``."""
     outcome = helper.solve(guess=guess, progress=follower.progress)
     follower.trace.absorb(outcome.trace)
     return outcome
@@ -239,5 +239,5 @@ ROUTES: tuple[Route, ...] = (WarmStart(), Complementarity(), ExactShooting(), La
 
 
 def route_for(session: Session, start: Start = Start()) -> Route:
-    """Return the first route of the table that accepts the session and start."""
+    """Return the first route of the table that accepts the session and the start."""
     return next(route for route in ROUTES if route.accepts(session, start))

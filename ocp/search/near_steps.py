@@ -1,7 +1,7 @@
 """Steps of many states at once with only the nearest contacts, without a compiler.
 
-A scene of many corners has a hundred pairs, of which a step closes a few: without the others, and
-with dense linear algebra over all states at once, no graph of the whole step is built.
+A scene with many corners has a hundred pairs; a step closes only a few of these. The other pairs are left out, and
+dense linear algebra over all states at once replaces a graph of the whole step.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ from ocp.judge.measures import DenseFunction, pair_sizes, slip_sides
 from ocp.problem.evaluation import Evaluation
 
 _ITERATIONS, _LINEARISATIONS, _TO_EDGE, _LEAST = 40, 10, 0.995, 1e-12
-"""Maximum iterations and linearisations, share of the longest step with positive variables, and regularisation."""
+"""Maximum iterations and linearisations, fraction of the longest step with positive variables, and regularisation."""
 _SOLVED, _DEEP = 1e-9, 1e-6
-"""Error below which a step is solved, and largest depth of a contact that was left out, in characteristic units."""
+"""Error below which a step is solved, and largest penetration of an ignored contact, in characteristic units."""
 _LOOSE = 1e-6
-"""Impulse of friction, in characteristic impulses, up to which a contact counts as having none."""
+"""Friction impulse, in characteristic impulses, up to which a contact counts as frictionless."""
 _NEAR = 8
 """Number of nearest contacts that a step includes."""
 
@@ -27,10 +27,10 @@ _NEAR = 8
 class NearSteps:
     """Solver of steps ``x_next = step(x, u)`` under the exact law, from states (S, nx) and inputs (S, nu).
 
-    Impulses act only at the :data:`_NEAR` contacts nearest in each state, and between bodies and
+    Impulses act only at the :data:`_NEAR` nearest contacts of each state, and between bodies and
     tables. Their pairs ``0 <= lam ⟂ gap(x_next, lam) >= 0`` are linearised at the last x_next and
-    lam and solved, until neither changes (Josephy and Newton's method). The next state is NaN where
-    this does not converge, or where it penetrates a contact that was left out.
+    lam and solved, until neither changes (the Josephy-Newton method). The next state is NaN if this does
+    not converge, or if the state penetrates a contact that was left out.
     """
 
     def __init__(self, evaluation: Evaluation, system: ContactSystem) -> None:
@@ -42,7 +42,7 @@ class NearSteps:
         self.slips = slip_sides(system)
         self.curved = not ca.is_linear(system.gap, system.lam)
         width = max(map(len, self.owners))
-        # Contacts with fewer pairs repeat their last, which a mask leaves out.
+        # Contacts with fewer pairs repeat their last pair, which a mask excludes.
         self.rows = np.array(
             [[*contact_rows, *[contact_rows[-1]] * (width - len(contact_rows))] for contact_rows in self.owners]
         )
@@ -131,7 +131,7 @@ class NearSteps:
 
 
 def linear_complementarity(F: np.ndarray, z: np.ndarray, real: np.ndarray) -> np.ndarray:
-    """Return lam (S, n) with ``0 <= lam ⟂ z + F lam >= 0`` for F (S, n, n) and z (S, n), NaN where that fails.
+    """Return lam (S, n) with ``0 <= lam ⟂ z + F lam >= 0``, F (S, n, n), z (S, n); NaN if that fails.
 
     The method is Mehrotra's predictor-corrector; pairs for which ``real`` (S, n) is False are ignored.
     """
@@ -170,7 +170,7 @@ def _direction(
     mu: np.ndarray,
     is_real: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return Newton's direction of multipliers and gaps, (S, n) each."""
+    """Return the Newton direction of multipliers and gaps, (S, n) each."""
     matrix, n = F.copy(), np.arange(lam.shape[1])
     safe = np.where(is_real, lam, 1.0)
     matrix[:, n, n] += np.where(is_real, slack / safe + _LEAST, 1.0)
@@ -178,7 +178,7 @@ def _direction(
     try:
         dl = np.linalg.solve(matrix, right[:, :, None])[:, :, 0]
     except np.linalg.LinAlgError:
-        # NumPy solves none where one matrix is singular: solve the others without it.
+        # NumPy solves no system if one matrix is singular: solve the others without this one.
         regular = np.linalg.cond(matrix) < 1 / np.finfo(float).eps
         dl = np.full(lam.shape, np.nan)
         dl[regular] = np.linalg.solve(matrix[regular], right[regular][:, :, None])[:, :, 0]

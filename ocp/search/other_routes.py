@@ -1,4 +1,4 @@
-"""Searches for better plans than the usual route finds: along other routes, and near a user's guess."""
+"""Searches for plans better than the plan of the usual route: along other routes, and near a user's guess."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ from ocp.solution import Solution
 from ocp.transcription import Direct
 
 SEARCHED = ("guess", SAMPLED)
-"""Route names of answers that searches gave."""
+"""Names of routes whose solutions are from a search."""
 
 
 @dataclass
 class GuessSearch(Search):
-    """Search near a user's ``guess``: it is rolled out and solved on its branch, since a wide relaxation loses it.
+    """Search near a user's ``guess``: its rollout is solved on its branch, since a large relaxation would leave it.
 
     For a sketch, Scholtes's relaxation finds inputs within its windows, and so does the barrier law unless the sketch
-    has contacts: each finds plans that the other misses. On the nail of
+    has contacts: each finds plans that the other does not. On the nail of
     ``tests/golden/cases/test_plans_worth_having.py`` one keyframe of the hammer drawn back, two keyframes, or the steps
     of the blow reduce the cost from 1.208 to 0.027, 0.029 and 0.030 in two seconds.
     """
@@ -38,11 +38,11 @@ class GuessSearch(Search):
     guess: UserGuess = field(kw_only=True)
 
     def wanted(self, solution: Solution) -> bool:
-        """Return whether the guess has windows of a complementarity problem, or inputs that alone determine a plan."""
+        """Return whether the guess has windows in a complementarity problem, or inputs that determine a plan alone."""
         return self.session.complementary if self.guess.windows else can_roll_out(self.session)
 
     def solutions(self, answer: Solution) -> Iterator[Solution]:
-        """Yield answers better than ``answer`` on the branches of the guess's rollouts, and the rollouts themselves."""
+        """Yield solutions better than ``answer`` on the branches of the guess's rollouts, and the rollouts."""
         if not self.guess.windows:
             yield from _near(self, "guess", answer, [self.guess.trajectories[1]])
             return
@@ -61,7 +61,7 @@ class GuessSearch(Search):
                 yield self.judge(session, replace(released, route="guess"), self.seed)
 
     def within_windows(self) -> Iterator[RouteResult]:
-        """Yield outcomes within the ranges that the guess sets, by Scholtes's relaxation and by the barrier law."""
+        """Yield outcomes within the windows of the guess, by Scholtes's relaxation and by the barrier law."""
         session, windows = self.session, self.guess.windows
         changes: list[dict[str, Any]] = [{"strategy": "scholtes"}]
         changes += [] if "gap" in windows else [{"law": Barrier(mu=MU_LAST)}]
@@ -79,8 +79,8 @@ class RouteSearch(Search):
     def wanted(self, solution: Solution) -> bool:
         """Return whether to follow other routes.
 
-        They are followed at thorough effort, or if the usual route gave a poor answer, or if samples gave a better
-        answer and the problem has few contact pairs.
+        Other routes are followed at thorough effort, if the solution of the usual route is poor, or if samples gave a
+        better solution and the problem has few contact pairs.
         """
         if solution.route.name in SEARCHED:
             led_nowhere = solution.route.name == SAMPLED and self.session.problem.system.nlam <= FEW_PAIRS
@@ -89,7 +89,7 @@ class RouteSearch(Search):
         return self.session.complementary and (self.thorough or led_nowhere)
 
     def solutions(self, answer: Solution) -> Iterator[Solution]:
-        """Yield answers of other routes that cost less than ``answer``, or any where that has no certificate."""
+        """Yield solutions of other routes that cost less than ``answer``, or all if that has no certificate."""
         session, best = self.session, answer
         barrier = session.sub_session(Barrier(mu=MU_LAST), Direct())
         smoothed = barrier.solve(progress=self.progress)
@@ -117,7 +117,7 @@ class RouteSearch(Search):
 
 
 def _near(search: Search, name: str, best: Solution, inputs: Sequence[np.ndarray]) -> Iterator[Solution]:
-    """Yield answers on the branches of rollouts of inputs (N, nu), and the rollouts, that cost less than ``best``."""
+    """Yield solutions on the branches of rollouts of inputs (N, nu), and rollouts, that cost less than ``best``."""
     limits = search.session.evaluation.limits
     roll_out = partial(exact_rollout, search.session)
     rollouts = (roll_out(np.clip(plan_inputs, limits.u_lower, limits.u_upper)) for plan_inputs in inputs)

@@ -1,4 +1,4 @@
-"""Penalties for violated constraints: rollouts have none of their own."""
+"""Penalties for violated constraints in rollouts, which do not enforce constraints."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from ocp.problem.parts import Constraint
 from ocp.problem.problem import SWEPT, Problem
 
 PENALTY_WEIGHT = 100.0
-"""Cost of violating a constraint of states by its characteristic size, in characteristic costs."""
+"""Cost, in characteristic costs, of violating a state constraint by its characteristic size."""
 
 
 def penalized(problem: Problem) -> Problem:
-    """Return the problem with violations of bounds and constraints on states and inputs as costs.
+    """Return the problem with violations of constraints on states and inputs, including bounds, added to the cost.
 
-    Those on the next state are left to :class:`TransitionPenalty`, those on impulses to the solver.
+    Constraints on the next state are left to :class:`TransitionPenalty`, constraints on impulses to the solver.
     """
     system = problem.system
     bounds = Constraint("bounds", system.x, problem.x_lower, problem.x_upper)
@@ -39,7 +39,7 @@ def penalized(problem: Problem) -> Problem:
 
 @dataclass(frozen=True)
 class TransitionPenalty:
-    """Penalty of trajectories for constraints on consecutive states, and in scenes for what lies between two nodes.
+    """Penalty of trajectories for constraints on consecutive states and, in scenes, on motion between two nodes.
 
     ``function`` maps (x, u, x_next, p) to the penalty of one step; ``p`` are the values of the parameters.
     """
@@ -49,7 +49,7 @@ class TransitionPenalty:
 
     @classmethod
     def of_problem(cls, evaluation: Evaluation) -> Self | None:
-        """Return the penalty of a problem; None where it has no such constraint."""
+        """Return the penalty of a problem; None if it has no such constraint."""
         problem = evaluation.problem
         if problem.system.scene and problem.system.phi is not None:
             problem = replace(problem, swept=True)
@@ -80,7 +80,7 @@ def _symbols(expression: ca.SX) -> set[str]:
 
 
 def _violations(rows: Iterable[Constraint], problem: Problem) -> ca.SX:
-    """Return the cost of all violations, each divided by its change as states and inputs move by their sizes.
+    """Return the cost of all violations, each relative to its change as states and inputs change by their sizes.
 
     Penetration between nodes is divided by the characteristic gap.
     """

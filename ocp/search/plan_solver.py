@@ -20,15 +20,15 @@ from ocp.search.search import Judge
 from ocp.solution import Solution
 
 ITERATIONS = 100
-"""Maximum number of solver iterations on a plan's branch."""
+"""Maximum number of solver iterations on the branch of a plan."""
 REPLAYS = 3
-"""Maximum number of branches solved for a plan; each after the first is solved from the replay of the previous one."""
+"""Maximum number of branches solved for a plan; after the first, each is the branch of the previous replay."""
 SAME_STATES = 1e-3
-"""Largest difference of states, in characteristic sizes, at which a replay agrees with its plan."""
+"""Largest difference of states, in characteristic sizes, for which a replay agrees with its plan."""
 
 
 def exact_rollout(session: Session, inputs: np.ndarray) -> Rollout | None:
-    """Return the exact rollout of inputs (N, nu), or None where a step is not solved."""
+    """Return the exact rollout of inputs (N, nu), or None if a step is not solved."""
     try:
         return roll_out(session.problem, inputs[None], session.values)
     except NotConverged:
@@ -55,7 +55,7 @@ class PlanSolver:
     n_pushers: int = 0
 
     def solve(self, plans: Iterable[Rollout]) -> Iterator[tuple[Rollout, Solution]]:
-        """Yield each plan with its judged answer, improved on neighbouring branches, the cheapest first.
+        """Yield each plan with its judged solution, improved on neighbouring branches, the cheapest first.
 
         The unimproved answer follows where the improved one does not survive the referee, and the plan's own rollout
         where it costs less than the answer on its branch. Under a law other than the exact one, or another method,
@@ -96,9 +96,9 @@ class PlanSolver:
         self.tried.append(SearchedPlan(plan.cost, cost, status, survives, pushers))
 
     def _settle(self, branches: Branches, plan: Rollout) -> tuple[Result | None, float]:
-        """Return the answer on a plan's branch and the largest difference of its replay's states, in their sizes.
+        """Return the solution on a plan's branch and the largest difference of its replay's states, in their sizes.
 
-        Where states differ, the replay's branch is solved next. The answer is None where the first branch has none.
+        If states differ, the branch of the replay is solved next. The solution is None if the first branch has none.
         """
         settled, program = None, branches.program
         for _ in range(REPLAYS):
@@ -123,17 +123,17 @@ class PlanSolver:
         return Result.at(branches.program, point, branches.p, Status.SOLVED, "rolled out")
 
     def _judge(self, branches: Branches, answer: Result) -> Solution:
-        """Return the judged solution of an answer; it counts all solver work since the previous one."""
+        """Return the judged solution of an outcome; it counts all solver work since the previous one."""
         trace, branches.follower.trace = branches.follower.trace, Trace()
         outcome = RouteResult(answer, branches.program, True, trace, route=self.route)
         return self.judge(self.session, outcome, self.seed)
 
 
 def _order(plan: Rollout, answer: Result | None, difference: float) -> tuple[bool, float]:
-    """Return the key by which answers are sorted: those that agree with their replay first, then by cost."""
+    """Return the sort key of a solution: solutions that agree with their replay come first, then lower costs."""
     return difference > SAME_STATES, plan.cost if answer is None else answer.f
 
 
 def is_less(cost: float, limit: float) -> bool:
-    """Return whether a cost is below ``limit`` by more than the share :data:`COST_GAIN`."""
+    """Return whether a cost is below ``limit`` by more than the relative amount :data:`COST_GAIN`."""
     return cost < limit and (np.isinf(limit) or limit - cost > COST_GAIN * abs(limit))

@@ -1,4 +1,4 @@
-"""Search by a tree over pushes, which needs no guess; each plan is then solved with its contacts fixed."""
+"""Tree search over pushes, which needs no guess; each plan is then solved with its contacts fixed."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ from ocp.solution import Solution
 CANDIDATES = 4
 """Maximum number of the tree's plans that are solved locally."""
 _FIRST = 2
-"""Number of candidates that are solved first; the others follow only where none of them survives the referee."""
+"""Number of candidates that are solved first; others are solved only if none of these survives the referee."""
 _MANY = 24
-"""Number of contact pairs above which a scene is searched before the usual route is followed."""
+"""Number of contact pairs above which a scene is searched before the usual route."""
 
 
 def check_search(session: Session) -> None:
-    """Raise :class:`~ocp.errors.InputError` where neither pushes nor sampled inputs can be searched."""
+    """Raise :class:`~ocp.errors.InputError` if neither pushes nor sampled inputs can be searched."""
     problem = session.problem
     if not (searchable(problem) or can_sample(problem)):
         raise InputError(
@@ -36,15 +36,15 @@ def check_search(session: Session) -> None:
             " leave --search out"
         )
     if isinstance(session.policy, Feedback):
-        raise InputError("the search plans inputs, no feedback gains; leave --search out")
+        raise InputError("the search finds inputs, not feedback gains; leave --search out")
 
 
 @dataclass
 class PushSearch(Search):
-    """Search by a tree over pushes, for plans that also keep bodies apart between nodes (``swept``)."""
+    """Tree search over pushes for plans that also prevent penetration between nodes (``swept``)."""
 
     def replacements(self) -> Iterable[Solution]:
-        """Yield answers that replace the usual route where the search is chosen, and in scenes of many corners.
+        """Yield solutions that replace the usual route, if the search was requested or a scene has many corners.
 
         In such scenes relaxations of the many pairs take minutes, and end in the nearest local minimum.
         """
@@ -55,16 +55,16 @@ class PushSearch(Search):
         return not self._goes_first and self._by_default and falls_short(solution)
 
     def solutions(self, answer: Solution) -> Iterator[Solution]:
-        """Yield answers in addition to the usual route's ``answer``."""
+        """Yield solutions in addition to the ``answer`` of the usual route."""
         return self._answers(answer)
 
     def _answers(self, answer: Solution | None) -> Iterator[Solution]:
-        """Yield the usual route's answer to the swept problem, then the answers of pushes.
+        """Yield the usual route's solution of the swept problem, then the solutions of pushes.
 
-        The route starts at ``answer``. It is left out where ``answer`` does not penetrate bodies between nodes, and,
-        without an ``answer``, in a scene of many corners. Pushes are left out where the solution that starts at
-        ``answer`` does not fall short. Under a law other than the exact one, or with another method, the plans of
-        pushes are guesses for the law's own route.
+        The route starts at ``answer``. It is omitted if ``answer`` does not penetrate bodies between nodes and, without
+        an ``answer``, in a scene with many corners. Pushes are omitted if the solution that starts at ``answer`` does
+        not fall short. Under a law other than the exact law, or with another method, the plans of pushes are guesses
+        for the law's own route.
         """
         swept, few = self.session.as_swept(), self.session.problem.system.nlam <= _MANY
         moving = answer is not None and answer.status is not Status.NO_PROGRESS and penetrates_between_nodes(answer)
@@ -86,7 +86,7 @@ class PushSearch(Search):
 
     @property
     def _by_default(self) -> bool:
-        """Whether the search may begin although the user did not choose it."""
+        """Whether the search may start although the user did not request it."""
         session = self.session
         plain = session.problem.scenarios.n == 1 and not isinstance(session.policy, Feedback)
         return session.search is None and session.complementary and plain

@@ -1,4 +1,4 @@
-"""Tree search over pushes: where a pusher goes, which side it presses, and for how long.
+"""Tree search over pushes: the pusher's position, the side that it presses, and the duration.
 
 From each state the pusher moves around obstacles to a point on a body, and pushes it. Every such
 motion is rolled out under the exact law.
@@ -21,22 +21,22 @@ from ocp.problem.rollout import Rollout
 from ocp.search.near_steps import NearSteps
 
 _ROUNDS, _BEAM = 4, 8
-"""Maximum numbers of successive pushes, and of plans that each round extends."""
+"""Maximum number of successive pushes, and of plans that each round extends."""
 _TOUCHES, _PUSHES = 12, 4
-"""Maximum number of points that a pusher may touch for each contact from one state, and of pushes at each point."""
+"""Maximum number of touched points for each contact from one state, and of pushes at each point."""
 _STOPS, _ALONG = 40, 12
-"""Number of random stops that paths may include, and of checks for collision along the line between two stops."""
+"""Number of random waypoints of paths, and of collision checks along the line between two waypoints."""
 _REACH = 3.0
-"""Longest push, and half the width of the region where points to touch are drawn, in characteristic sizes."""
+"""Longest push, and half the width of the region where touched points are drawn, in characteristic sizes."""
 _NEWTON = 6
 """Number of Newton steps that move a pusher onto a body."""
 _CLEAR, _TOUCHED = 0.02, 1e-3
-"""Distance that a path keeps from bodies, and distance within which a pusher touches, in characteristic gaps."""
+"""Distance between a path and bodies, and distance at which a pusher touches, in characteristic gaps."""
 
 
 @dataclass(frozen=True)
 class Node:
-    """First k steps of a plan: states (k+1, nx), inputs (k, nu), cost, and the cost if nothing moves after them."""
+    """First k steps of a plan: states (k+1, nx), inputs (k, nu), cost, and the cost if nothing moves afterwards."""
 
     x: np.ndarray
     u: np.ndarray
@@ -45,7 +45,7 @@ class Node:
 
 
 def searchable(problem: Problem) -> bool:
-    """Return whether inputs are commanded positions of pushers on springs, and signed distances are known."""
+    """Return whether inputs are commanded positions of pushers on springs and signed distances are known."""
     system = problem.system
     if system.stiffness is None or system.mass is None or problem.signed_distance is None:
         return False
@@ -58,7 +58,7 @@ def searchable(problem: Problem) -> bool:
 class TouchSearch:
     """Tree search over random pushes for a ``problem`` at parameter ``values``.
 
-    ``tried`` counts the motions that were rolled out, ``rolled`` their steps.
+    ``tried`` counts the simulated motions, ``rolled`` their steps.
     """
 
     def __init__(self, problem: Problem, values: dict[str, float], seed: int = 0) -> None:
@@ -109,7 +109,7 @@ class TouchSearch:
         return Node(x0[None], np.zeros((0, u_before.size)), 0.0, resting)
 
     def rounds(self, rounds: int = _ROUNDS) -> Iterator[list[Node]]:
-        """Yield after every round the best plans so far, in the order of their costs if nothing moves after them."""
+        """Yield after every round the best plans so far, in order of their cost if nothing moves afterwards."""
         beam = [self.first()]
         pushed_nodes = list(beam)
         for _ in range(rounds):
@@ -122,7 +122,7 @@ class TouchSearch:
                 break
 
     def _apart(self, nodes: list[Node], most: int) -> list[Node]:
-        """Return the first ``most`` nodes whose bodies end in different places."""
+        """Return the first ``most`` nodes in which bodies end at different positions."""
         free, sizes = slice(0, -self.problem.system.nu), self.problem.scales.x
         distinct: list[Node] = []
         for node in nodes:
@@ -132,7 +132,7 @@ class TouchSearch:
         return distinct
 
     def pushed(self, beam: list[Node]) -> list[Node]:
-        """Return the nodes after pushes from every node of ``beam``, without those that pass through a body."""
+        """Return the nodes after pushes from every node of ``beam``, without nodes that pass through a body."""
         plans: dict[int, list[tuple[Node, np.ndarray]]] = {}
         for node in beam:
             u_before = node.u[-1] if len(node.u) else self._before
@@ -147,7 +147,7 @@ class TouchSearch:
         return self.problem.system.nu
 
     def _ways(self, x: np.ndarray, before: np.ndarray) -> list[np.ndarray]:
-        """Return polylines (n, nu) of commanded positions: each leads to a point on a body, and then pushes it."""
+        """Return polylines (n, nu) of commanded positions that lead to a point on a body and then push it."""
         polylines = []
         for contact, coordinates in self._pressed:
             points = self._touching(x, contact, coordinates)
@@ -165,7 +165,7 @@ class TouchSearch:
         return polylines
 
     def _through(self, point: np.ndarray, into: np.ndarray, own: np.ndarray) -> np.ndarray:
-        """Return the commanded end (nu,) of a push of random length from ``point``, in about the direction ``into``."""
+        """Return the commanded end (nu,) of a push of random length from ``point``, about in the direction ``into``."""
         size = float(self.problem.scales.x[-1])
         length = size * np.exp(self.rng.uniform(np.log(0.1), np.log(_REACH)))
         polyline = into.copy()
@@ -201,7 +201,7 @@ class TouchSearch:
             states[:, places] -= (gap / size)[:, None] * slope
 
     def _paths(self, x: np.ndarray, coordinates: np.ndarray, goals: np.ndarray) -> list[list[np.ndarray] | None]:
-        """Return a pusher's shortest collision-free path via random stops to each goal; None if there is no path."""
+        """Return a pusher's shortest collision-free path via random waypoints to each goal, None if there is none."""
         nu, sizes = self._nu, self.problem.scales
         middle = np.vstack([x[-nu:], goals])
         low, high = middle.min(axis=0), middle.max(axis=0)
@@ -210,7 +210,7 @@ class TouchSearch:
         stops[:, coordinates] = self.rng.uniform(
             (low - wide)[coordinates], (high + wide)[coordinates], (_STOPS, len(coordinates))
         )
-        # Points off every goal, since a pusher leaves and reaches a body along its normal.
+        # Points at a distance from every goal, since a pusher leaves and reaches a body along its normal.
         steps_back = self._outwards(x, np.vstack([x[None, -nu:], goals]))
         all_places = np.vstack([x[None, -nu:], goals, steps_back, stops])
         states = np.repeat(x[None], len(all_places), axis=0)
@@ -243,7 +243,7 @@ class TouchSearch:
         return paths
 
     def _outwards(self, x: np.ndarray, places: np.ndarray) -> np.ndarray:
-        """Return each of the ``places`` (n, nu) moved away from the body nearest to it."""
+        """Return the ``places`` (n, nu), each moved away from the nearest body."""
         states = np.repeat(x[None], len(places), axis=0)
         states[:, -self._nu :] = places
         slope = self._slope(states)
@@ -252,14 +252,14 @@ class TouchSearch:
         return places + 1.5 * self.problem.scales.gap * nearest
 
     def _timed(self, polyline: np.ndarray, steps: int) -> np.ndarray:
-        """Return commands (steps, nu) at equal distances along a polyline."""
+        """Return commands (steps, nu), equally spaced along a polyline."""
         lengths = np.linalg.norm(np.diff(polyline, axis=0), axis=1)
         travelled = np.concatenate([[0.0], np.cumsum(lengths)])
         arc_lengths = travelled[-1] * np.arange(1, steps + 1) / steps
         return np.column_stack([np.interp(arc_lengths, travelled, column) for column in polyline.T])
 
     def _rolled(self, plans: Sequence[tuple[Node, np.ndarray]]) -> list[Node]:
-        """Return the nodes after inputs (K, nu), without those where a step fails or passes through a body."""
+        """Return the nodes after inputs (K, nu), without nodes for which a step fails or passes through a body."""
         nodes, u = [node for node, _ in plans], np.array([inputs for _, inputs in plans])
         S, K = u.shape[:2]
         x = np.full((S, K + 1, self.problem.system.nx), np.nan)
@@ -318,13 +318,13 @@ class TouchSearch:
         return ca.Function("over", symbols, [ca.densify(total)])
 
     def _resting(self, x: np.ndarray, gone: np.ndarray) -> np.ndarray:
-        """Return the cost (S,) of standing still at states x (S, nx) from step ``gone`` to the end of the horizon."""
+        """Return the cost (S,) of staying at rest at states x (S, nx) from step ``gone`` to the end of the horizon."""
         u, none = x[:, None, -self._nu :], np.zeros((len(x), 1, self.problem.system.nlam))
         stage, terminal = at_steps(self.problem.cost_terms, x[:, None], u, 0 * u, none, p=self.evaluation.p)
         return (self.problem.N - gone) * stage[:, 0, 0] + terminal[:, 0, 0]
 
     def rollout(self, inputs: np.ndarray) -> Rollout | None:
-        """Return the rollout of inputs (N, nu) under the model's own exact law, or None where a step fails."""
+        """Return the rollout of inputs (N, nu) under the model's exact law, or None if a step fails."""
         step = self.problem.exact_step
         x, contacts = [self.first().x], []
         for u in inputs:
@@ -338,6 +338,6 @@ class TouchSearch:
         return Rollout.from_trajectories(self.evaluation, step, states, inputs[None], lam, gap)
 
     def whole(self, node: Node) -> np.ndarray:
-        """Return the inputs (N, nu) of a plan, the last one held to the end."""
+        """Return the inputs (N, nu) of a plan, with the last input held until the end."""
         last = node.u[-1] if len(node.u) else self._before
         return np.vstack([node.u, np.repeat(last[None], self.problem.N - len(node.u), axis=0)])

@@ -1,4 +1,4 @@
-"""Search by sampled input sequences, for any system; the best of each contact schedule are solved on their branches."""
+"""Search by sampled input sequences for any system; the best of each contact schedule is solved on its branch."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from ocp.search.search import SAMPLED, Search, can_roll_out, is_poor, replay_cos
 from ocp.solution import Solution
 
 NORMAL_FAILING_SHARE = 0.4
-"""Share of samples with a failing step above which sampling ends, at normal effort."""
+"""Fraction of samples with a failing step above which sampling ends at normal effort."""
 THOROUGH_CANDIDATES = 6
-"""Maximum number of sampled plans that are solved locally at thorough effort, each with another contact schedule."""
+"""Maximum number of sampled plans, with different contact schedules, that are solved locally at thorough effort."""
 NORMAL_CANDIDATES = 3
 """Maximum number of sampled plans that are solved locally at normal effort."""
 BOTH_LAWS = (Exact(), Barrier(mu=1.0))
@@ -39,11 +39,11 @@ CANDIDATES_NEAR = 20
 NEAR_STREAM = 1
 """Number of the stream of random numbers for plans near answers."""
 CATCHING_UP = 0.5
-"""Ratio of the samples' excess cost over the answer to that one stage before, above which normal sampling ends."""
+"""Ratio of the samples' excess costs after and before a stage, above which sampling at normal effort ends."""
 PROMISING = 0.5
-"""Excess of a sampled plan's cost over the answer's, as a share of what a plan can change, below which it is solved."""
+"""Excess cost of a sampled plan, relative to what a plan can change, below which the plan is solved."""
 HEAVY_PAIRS = 40
-"""Number of contact pairs from which rollouts compile longer than most solves take; only poor answers are sampled."""
+"""Number of contact pairs from which compiling rollouts takes longer than most solves."""
 
 
 @dataclass
@@ -58,7 +58,7 @@ class SampleSearch(Search):
     thorough: bool = True
 
     def wanted(self, solution: Solution) -> bool:
-        """Return whether to sample: where the search is chosen, or where inputs alone determine a plan."""
+        """Return whether to sample: if the search was requested, or if inputs alone determine a plan."""
         session = self.session
         if session.search:
             return True
@@ -66,9 +66,9 @@ class SampleSearch(Search):
         return can_roll_out(session) and (self.thorough or light or is_poor(solution))
 
     def solutions(self, answer: Solution) -> Iterator[Solution]:
-        """Yield answers on the branches of the cheapest sampled plans, one of each contact schedule.
+        """Yield solutions on the branches of the cheapest sampled plans, one per contact schedule.
 
-        In a scene nothing may pass through anything between two nodes, neither in samples nor in answers.
+        In a scene, neither samples nor solutions may pass through bodies between two nodes.
         """
         laws = BOTH_LAWS if self.thorough else (Exact(),)
         failing_share = 1.0 if self.thorough else NORMAL_FAILING_SHARE
@@ -112,11 +112,11 @@ class SampleSearch(Search):
 
     @staticmethod
     def _penalized_cost(sampler: InputSampler, solution: Solution) -> float:
-        """Return the cost of an answer's exact rollout with penalties, infinite where its replay failed."""
+        """Return the cost of a solution's exact rollout with penalties, infinite if its replay failed."""
         return sampler.exact_cost(solution.data["u"].values[0]) if np.isfinite(replay_cost(solution)) else np.inf
 
     def _sampled(self, sampler: InputSampler, answer: Solution) -> list[SampledPlan]:
-        """Return the cheapest plan of each run, and a better one near the answer where sampling finds one."""
+        """Return the cheapest plan of each run, and a better plan near the solution if sampling finds one."""
         plans: list[SampledPlan] = []
         excess_before = answer.idle_cost - replay_cost(answer)
         for number, plans in enumerate(sampler.stages(), 1):
@@ -132,13 +132,13 @@ class SampleSearch(Search):
         return [*plans, *self._around(sampler, answer)] if plans else []
 
     def _around(self, sampler: InputSampler, answer: Solution) -> list[SampledPlan]:
-        """Return the plan that sampling every input around an answer gives; empty where it is not cheaper."""
+        """Return the plan from sampling every input around a solution; empty if it is not cheaper."""
         rounds = THOROUGH_ROUNDS_AROUND if self.thorough else ROUNDS
         plan = sampler.around(answer.data["u"].values[0], rounds)
         return [plan] if is_less(plan.cost, self._penalized_cost(sampler, answer)) else []
 
     def _rollouts(self, sampler: InputSampler, plans: list[SampledPlan]) -> list[tuple[float, Rollout]]:
-        """Return the exact rollouts of sampled plans that succeed, with penalized costs, the cheapest first."""
+        """Return the successful exact rollouts of sampled plans, with penalized costs, the cheapest first."""
         costs = [sampler.exact_cost(plan.inputs) for plan in plans]
         rollouts = ((costs[i], exact_rollout(self.session, plans[i].inputs)) for i in np.argsort(costs, kind="stable"))
         return [(cost, rollout) for cost, rollout in rollouts if rollout is not None]
@@ -146,7 +146,7 @@ class SampleSearch(Search):
     def _distinct(
         self, rollouts: list[tuple[float, Rollout]], sampler: InputSampler, answer: Solution
     ) -> list[Rollout]:
-        """Return the first promising rollouts with contact schedules unlike each other and a cheaper answer's."""
+        """Return the first promising rollouts whose schedules differ from each other and from a cheaper solution's."""
         session, certified = self.session, answer.certificate.certified
         cost = self._penalized_cost(sampler, answer)
         limit = THOROUGH_CANDIDATES if self.thorough else NORMAL_CANDIDATES

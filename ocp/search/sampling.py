@@ -2,8 +2,9 @@
 
 A sequence of inputs is ``u = clip(B z, u_lower, u_upper)``, with B (N, K) a basis of K knots and z (K, nu) drawn
 from a normal distribution. Each round rolls all samples out and fits the distribution to the cheapest tenth.
-Runs differ in the law, the basis and the initial distribution, since none of them is best on all problems. The exact
-law has no gradient away from contact, but sampling needs none; the barrier law starts with forces at a distance.
+Runs differ in the law, the basis and the initial distribution, since no choice is best for all problems. The exact
+law has no gradient away from contact, but sampling does not need gradients; the barrier law starts with forces at a
+distance.
 """
 
 from __future__ import annotations
@@ -33,13 +34,13 @@ MAX_SAMPLES = 1000
 MIN_SAMPLES = 96
 """Minimum number of samples in a round, enough to fit a distribution to."""
 STAGE_ROUNDS = 10
-"""Number of rounds of a stage, after which the costlier half of the runs ends."""
+"""Number of rounds of a stage, after which the more expensive half of the runs ends."""
 PAIR_STEPS = 1e8
-"""Budget of all runs: steps rolled out times the square of the contact pairs, with which a step's work grows."""
+"""Budget of all runs: number of steps times the squared number of contact pairs, a measure of a step's work."""
 ELITE_SHARE = 0.1
-"""Share of a round's samples that the next distribution is fitted to."""
+"""Fraction of a round's samples to which the next distribution is fitted."""
 SMOOTHING = 0.2
-"""Weight of the old mean and deviation in the new ones."""
+"""Weight of the previous mean and deviation in the new ones."""
 AROUND_SHARE = 0.1
 """Standard deviation of every input around an answer, as a share of half the width of its bounds."""
 KNOTS = (5, 8, 16)
@@ -47,7 +48,7 @@ KNOTS = (5, 8, 16)
 UNBOUNDED_REACH = 3.0
 """Initial standard deviation of an input without bounds, in characteristic sizes."""
 BARRIER_DECADES = 4
-"""Decades by which a run under the barrier law reduces mu, starting at the characteristic impulse times gap."""
+"""Decades by which a run under the barrier law reduces mu from the characteristic impulse times gap."""
 
 MU = "contact.mu"
 """Name of the barrier law's parameter mu."""
@@ -73,7 +74,7 @@ class SampledPlan:
 
 
 def can_sample(problem: Problem) -> bool:
-    """Return whether inputs alone determine a plan: with one scenario and a given start."""
+    """Return whether inputs alone determine a plan, with one scenario and a fixed start."""
     return problem.scenarios.n == 1 and problem.start is None and problem.system.nu > 0
 
 
@@ -81,7 +82,7 @@ def can_sample(problem: Problem) -> bool:
 class SamplingRun:
     """One run of the cross-entropy method: its law, basis (N, K), and normal distribution (K, nu).
 
-    ``best`` (K, nu) is its cheapest sample with ``best_cost``, after ``rounds`` of :data:`ROUNDS`.
+    ``best`` (K, nu) is its cheapest sample, with the cost ``best_cost``, after ``rounds`` of :data:`ROUNDS` rounds.
     """
 
     law: ContactLaw
@@ -96,12 +97,12 @@ class SamplingRun:
     rounds: int = 0
 
     def inputs(self, z: np.ndarray) -> np.ndarray:
-        """Return the inputs (..., N, nu) of samples (..., K, nu), before they are clipped."""
+        """Return the inputs (..., N, nu) of samples (..., K, nu) before clipping."""
         return self.offset + self.weights @ z
 
     @property
     def narrows(self) -> bool:
-        """Whether mu decreases from round to round, so that costs of two rounds cannot be compared."""
+        """Whether mu decreases from round to round, so that costs of different rounds cannot be compared."""
         return isinstance(self.law, Barrier)
 
     def advance(self, costs_of: Callable[[np.ndarray, float], np.ndarray], samples: int, rounds: int) -> None:
@@ -173,7 +174,7 @@ class InputSampler:
         self._functions: dict[str, tuple[Step, RolloutFunction]] = {}
 
     def stages(self) -> Iterator[list[SampledPlan]]:
-        """Yield after every stage the cheapest plan of each run that has one of finite cost."""
+        """Yield after every stage the cheapest plan of each run with a finite cost."""
         running = self.runs
         for first_round in range(0, ROUNDS, STAGE_ROUNDS):
             for run in running:
@@ -205,7 +206,7 @@ class InputSampler:
         return self._costs(*self._function(Exact()), inputs, 1.0)
 
     def _function(self, law: ContactLaw) -> tuple[Step, RolloutFunction]:
-        """Return the step under a law and the function that rolls it out, compiled once."""
+        """Return the step under a law, and its compiled rollout function from a cache."""
         if law.name not in self._functions:
             system = self.problem.system
             step = law.close(replace(system, parameters=self.problem.parameters))
@@ -215,7 +216,7 @@ class InputSampler:
         return self._functions[law.name]
 
     def _costs(self, step: Step, function: RolloutFunction, inputs: np.ndarray, progress: float) -> np.ndarray:
-        """Return the costs (S,) of clipped inputs (S, N, nu); infinite where a step is not solved.
+        """Return the costs (S,) of clipped inputs (S, N, nu); infinite if a step is not solved.
 
         The barrier law's mu decreases as ``progress`` rises from 0 to 1.
         """
@@ -244,14 +245,14 @@ class InputSampler:
 
 @contextmanager
 def _quietly() -> Iterator[None]:
-    """Hide warnings of the batch engine: samples may fail, and without a C compiler NumPy is fast enough."""
+    """Hide warnings of the batch engine: samples may fail, and NumPy is fast enough without a C compiler."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", BatchWarning)
         yield
 
 
 def _cheaper_half(runs: list[SamplingRun]) -> list[SamplingRun]:
-    """Return the cheaper half of the runs under each law: costs under two laws cannot be compared."""
+    """Return the cheaper half of the runs under each law, since costs under different laws cannot be compared."""
     chosen = set[int]()
     for law in {run.law.name for run in runs}:
         same = sorted((run for run in runs if run.law.name == law), key=lambda run: run.best_cost)

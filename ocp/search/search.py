@@ -22,16 +22,16 @@ FEW_PAIRS = 20
 IDLE_SHARE = 0.9
 """Share of the cost of standing still above which an answer idles."""
 SAMPLED = "sampling"
-"""Route name of answers near sampled plans."""
+"""Route name of solutions near sampled plans."""
 Judge = Callable[[Session, RouteResult, int], Solution]
 """Function from a session, the outcome of its solve and the seed to a judged solution."""
 
 
 @dataclass
 class Search(ABC):
-    """Search for answers to a session's problem; its random choices depend on ``seed`` alone.
+    """Search for solutions of a session's problem; random choices depend only on ``seed``.
 
-    ``report`` counts what was rolled out and lists the plans solved; None before the search.
+    ``report`` counts the rollouts and lists the solved plans; it is None before the search.
     """
 
     session: Session
@@ -41,16 +41,16 @@ class Search(ABC):
     report: SearchReport | None = field(default=None, init=False)
 
     def replacements(self) -> Iterable[Solution]:
-        """Yield answers that replace the usual route, which is followed only where there are none."""
+        """Yield solutions that replace the usual route, which is followed only if there are none."""
         return ()
 
     @abstractmethod
     def wanted(self, solution: Solution) -> bool:
-        """Return whether to search further when ``solution`` is the best one so far."""
+        """Return whether to continue the search when ``solution`` is the best so far."""
 
     @abstractmethod
     def solutions(self, answer: Solution) -> Iterator[Solution]:
-        """Yield answers in addition to the best ``answer`` so far."""
+        """Yield solutions in addition to the best ``answer`` so far."""
 
 
 def can_roll_out(session: Session) -> bool:

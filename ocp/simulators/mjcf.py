@@ -1,4 +1,4 @@
-"""Machines as MJCF, the XML format of MuJoCo, with numbers in place of symbols."""
+"""Conversion of machines to MJCF, the XML format of MuJoCo, with numbers in place of symbols."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from ocp.errors import InputError
 GROUND = "z = 0"
 """Name of the ground's geom."""
 MIN_RADIUS_M = 1e-10
-"""Radius of a sphere that stands for a point [m], since MuJoCo allows no radius of zero."""
+"""Radius of a sphere that represents a point [m], since MuJoCo does not allow a zero radius."""
 _Number = Callable[[Any], float]
 """Function from a parameter or expression to its value."""
 
@@ -35,15 +35,15 @@ class Mjcf(NamedTuple):
 
 
 def write_mjcf(mechanism: Mechanism, number: _Number, friction: Mapping[str, float]) -> Mjcf:
-    """Return a machine as MJCF; ``friction`` maps contacts to coefficients, other contacts are frictionless.
+    """Return a machine as MJCF; ``friction`` maps contacts to coefficients, and other contacts are frictionless.
 
     ``number`` evaluates the machine's entries. Links of the plane rotate about +y, as in the machine;
     their discs become spheres, their boxes get a depth, and a ``free`` link has two slides and a hinge.
-    A massless body that only carries another body is merged into it, which then has the joints of
-    both. Only pairs that may touch in the machine collide; parts in no pair are left out.
+    A massless body with a single child is merged into the child, which then has the joints of both.
+    Only pairs that may touch in the machine collide; parts that occur in no pair are left out.
 
     Raises :class:`~ocp.errors.InputError` for a shape that MuJoCo lacks, and for couplings, which
-    it softens.
+    MuJoCo softens.
     """
     machine, write = mechanism.machine, _Writer(number)
     if getattr(machine, "couplings", ()):
@@ -83,12 +83,12 @@ def write_mjcf(mechanism: Mechanism, number: _Number, friction: Mapping[str, flo
 
 @dataclass(frozen=True)
 class _Writer:
-    """Writer of XML elements, which evaluates entries by ``number``."""
+    """Writer of XML elements; ``number`` evaluates their entries."""
 
     number: _Number
 
     def __call__(self, parent: Element, tag: str, /, **attributes: Any) -> Element:
-        """Append and return an element with texts, numbers and rows of numbers, without attributes that are None."""
+        """Append and return an element with texts, numbers and rows of numbers; attributes that are None are unset."""
         present = {key: value for key, value in attributes.items() if value is not None}
         return SubElement(parent, tag, {key: v if isinstance(v, str) else self._row(v) for key, v in present.items()})
 
@@ -124,7 +124,7 @@ class _Joint(NamedTuple):
 
 
 class _BodyFrame(NamedTuple):
-    """A link or body in MuJoCo: its pose in the parent's frame, and its joints."""
+    """A link or body in MuJoCo: its pose in the parent's frame and its joints."""
 
     owner: Any
     parent: str
@@ -144,7 +144,7 @@ def _link_frame(link: Link, number: _Number) -> _BodyFrame:
     a, name = number(link.offset), link.name
 
     def in_link_frame(x: Any, z: Any) -> tuple[Any, Any, Any]:
-        """Return a direction of the parent's frame in the link's frame."""
+        """Convert a direction from the parent's frame to the link's frame."""
         return x * cos(a) - z * sin(a), 0.0, x * sin(a) + z * cos(a)
 
     moves = [_Joint(link, name, "hinge", (0.0, 1.0, 0.0))]
@@ -160,9 +160,9 @@ def _link_frame(link: Link, number: _Number) -> _BodyFrame:
 
 
 def _merge_massless(frames: dict[str, _BodyFrame], touching: set[str], number: _Number) -> None:
-    """Merge massless bodies that carry a single other body, and touch nothing, into that body.
+    """Merge massless bodies with a single child, which touch nothing, into this child.
 
-    MuJoCo allows no moving body without mass, but several joints in one body, which act in turn.
+    MuJoCo does not allow a moving body without mass, but allows several joints in one body, which act in sequence.
     """
 
     def numbers(values: Any) -> np.ndarray:
@@ -193,13 +193,13 @@ def _merge_massless(frames: dict[str, _BodyFrame], touching: set[str], number: _
 
 
 def _to_space(point: Any) -> tuple[Any, ...]:
-    """Return a point of the plane, or in space, as a point in space."""
+    """Return a point of the plane or of space as a point of space."""
     entries = point if isinstance(point, tuple) else tuple(ca.SX(point).elements())
     return (entries[0], 0.0, entries[1]) if len(entries) == 2 else entries
 
 
 def _shapes(mechanism: Mechanism) -> tuple[dict[str, PlacedShape], dict[str, tuple[str, str]]]:
-    """Return a dict from names to shapes, the ground included, and a dict from contacts to pairs of names."""
+    """Return a dict from names to shapes, including the ground, and a dict from contacts to pairs of names."""
     machine = mechanism.machine
     spheres = [sphere.name for sphere in getattr(machine, "spheres", ())]
     on_ground = [name for name in spheres if mechanism.spheres is None or name in mechanism.spheres]
@@ -230,4 +230,4 @@ def _geom(placed: PlacedShape, number: _Number) -> dict[str, Any]:
             pose = {"pos": _to_space(shape.origin), "zaxis": _to_space(shape.normal)}
             return {"type": "plane", "size": "0 0 1", **pose}
     kind = "rounded" if isinstance(shape, planar_shapes.Box) else "moving"
-    raise InputError(f"part {part_name!r} is a {kind} {type(shape).__name__}, which MuJoCo has not")
+    raise InputError(f"part {part_name!r} is a {kind} {type(shape).__name__}, which MuJoCo does not support")

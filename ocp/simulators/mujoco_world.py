@@ -1,4 +1,4 @@
-"""A problem's machine in MuJoCo: the same masses, forces and distances, with MuJoCo's soft contact."""
+"""A problem's machine in MuJoCo: the same masses, forces and distances, but MuJoCo's soft contact."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from ocp.problem.problem import Problem
 from ocp.simulators.mjcf import write_mjcf
 
 SOLREF_S = 0.02
-"""Time constant of contacts and joint limits, MuJoCo's default [s]."""
+"""Time constant of contacts and joint limits [s], MuJoCo's default."""
 STEP_S = 1e-3
 """Longest step of MuJoCo [s]."""
 RELATIVE_TOLERANCE = 1e-9
 """Largest relative difference between MuJoCo's values and the problem's."""
 ITERATED_TOLERANCE = 1e-5
-"""Largest relative difference of distances that MuJoCo computes by iteration."""
+"""Largest relative difference between distances, for distances that MuJoCo computes by iteration."""
 N_COMPARED_STATES = 3
-"""Number of random states at which the models are compared."""
+"""Number of random states at which the two models are compared."""
 GEOM_CYLINDER = 5
 """MuJoCo's type number of cylinders."""
 GEOM_BOX = 6
@@ -32,18 +32,17 @@ GEOM_BOX = 6
 GEOM_MESH = 7
 """MuJoCo's type number of meshes."""
 DIVERGED = 1e6
-"""Absolute value of a state from which a motion counts as diverged."""
+"""Absolute value of a state from which a motion has diverged."""
 
 
 class MujocoWorld:
     """A problem's machine in MuJoCo, at ``values``, a mapping from parameters to numbers.
 
-    The input is held over the problem's step; states beyond (q, v) follow the problem's own
+    The input is held over the problem's step; states other than (q, v) follow the problem's
     equations. MuJoCo's M, forces and distances are compared with the problem's at construction.
 
-    Raises :class:`~ocp.errors.InputError` without MuJoCo, for a system that was not built from a
-    machine, a cost on contact impulses, a shape that MuJoCo does not have, and if its values
-    differ from the problem's.
+    Raises :class:`~ocp.errors.InputError` if MuJoCo is not installed, for a system that was not built from a machine,
+    a cost on contact impulses or a shape that MuJoCo does not have, and if MuJoCo's values differ from the problem's.
     """
 
     def __init__(self, problem: Problem, values: Mapping[str, float]) -> None:
@@ -68,7 +67,7 @@ class MujocoWorld:
             self.model = self._mujoco.MjModel.from_xml_string(self.mjcf.text)
         except (ValueError, self._mujoco.FatalError) as error:
             obstacle = " ".join(str(error).removeprefix("Error: ").split())
-            raise InputError(f"MuJoCo does not take {problem.name}: {obstacle}") from None
+            raise InputError(f"MuJoCo rejects {problem.name}: {obstacle}") from None
         self.data = self._mujoco.MjData(self.model)
         self._q: list[int] = []
         self._v: list[int] = []
@@ -106,7 +105,7 @@ class MujocoWorld:
     def check(self) -> None:
         """Compare MuJoCo's M, forces and distances at random states with the problem's.
 
-        Raises :class:`~ocp.errors.InputError` that names the quantity that differs.
+        Raises :class:`~ocp.errors.InputError`, with the quantity that differs in its message.
         """
         system, mechanism, data = self.problem.system, self.problem.system.machine, self.data
         assert mechanism is not None
@@ -125,7 +124,7 @@ class MujocoWorld:
         for _ in range(N_COMPARED_STATES):
             x, u = rng.normal(size=system.nx), rng.normal(size=system.nu)
             self._set_state(x, u)
-            x[:nq] = data.qpos[self._q]  # Quaternions have the length 1 there.
+            x[:nq] = data.qpos[self._q]  # Quaternions have length 1 in this state.
             self._mujoco.mj_forward(self.model, data)
             self._mujoco.mj_fullM(self.model, data, full)
             M, bias, phi, _ = (np.array(matrix) for matrix in ours(x, u, self._p))
@@ -163,7 +162,7 @@ class MujocoWorld:
             )
 
     def _set_state(self, x: np.ndarray, u: np.ndarray) -> None:
-        """Set the state and the input, and reset everything else."""
+        """Set the state and the input, and reset all other data."""
         nq, data = len(self._q), self.data
         self._mujoco.mj_resetData(self.model, data)
         data.qpos[self._q], data.qvel[self._v] = x[:nq], x[nq : nq + len(self._v)]

@@ -17,9 +17,9 @@ from ocp.simulators import SIMULATORS
 from ocp.simulators.mujoco_world import SOLREF_S, STEP_S, MujocoWorld
 
 KEPT_COST_SHARE = 0.2
-"""Largest change of a plan's cost, as a share of the part that a plan can change, that counts as none."""
+"""Relative change of a plan's cost up to which a simulator confirms it, without parts that no plan can change."""
 SOLREF_BAND_S = (0.005, 0.04)
-"""Time constants of hard and of soft contact [s]."""
+"""Time constants of hard and soft contact [s]."""
 STEP_BAND_S = (5e-4, 2e-3)
 """Short and long step sizes [s]."""
 

@@ -1,4 +1,4 @@
-"""A solve: from a checked request, or from a solution, to a judged answer."""
+"""A solve: from a checked request, or from a solution, to a judged solution."""
 
 from ocp.solve.solve import solve
 

@@ -1,4 +1,4 @@
-"""Gains that follow a solution's plan: the best of several, and the solution with them as its policy."""
+"""Gains along a solution's plan: the choice of the best gains, and the solution with these gains as its policy."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ WEIGHTS = (
     Weights(states=1.0, end=1.0, inputs=1e-3),
     Weights(states=100.0, end=100.0, inputs=0.1),
 )
-"""Weights of deviations from the plan for which gains are tried."""
+"""Weights of deviations from the plan that are tried in the computation of gains."""
 SMOOTHING = (0.0, 1e-2, 0.1)
-"""Smoothings of the contact for which gains are tried, in characteristic impulses times gaps."""
+"""Smoothings of contact that are tried in the computation of gains, in characteristic impulses times gaps."""
 
 
 def best_gains(evaluation: Evaluation, plan: Rollout) -> tuple[Gains, Referee]:
-    """Return the gains along a plan that survive at the least cost, the larger one of h and h/4, with their replay.
+    """Return the gains along a plan that survive at the lowest cost (the larger of h and h/4), and their replay.
 
-    Smoothed contacts are tried only where no gains survive without; where none survive at all, the cheapest gains are
-    returned. Raises ``numpy.linalg.LinAlgError`` where a step has no linearisation.
+    Smoothed contacts are tried only if no gains survive without smoothing; if no gains survive at all, the cheapest
+    gains are returned. Raises ``numpy.linalg.LinAlgError`` if a step has no linearisation.
     """
     regulator = PlanRegulator(evaluation, plan)
     candidates: list[tuple[bool, float, Gains, Referee]] = []
@@ -47,7 +47,7 @@ def best_gains(evaluation: Evaluation, plan: Rollout) -> tuple[Gains, Referee]:
 
 
 def with_gains(solution: Solution, gains: Gains, outcome: Referee) -> Solution:
-    """Return a solution whose policy are gains, with what the referee says of their replay."""
+    """Return the solution with ``gains`` as its policy, and with the referee's report on their replay."""
     evaluation, plan = plan_of(solution, solution.problem.exact_step)
     report = policy_report(evaluation, plan, outcome, solution.referee)
     data = with_replay(solution, outcome.replay).assign(
@@ -71,6 +71,6 @@ def with_replay(solution: Solution, replay: Rollout) -> Any:
 
 
 def _order_of_outcome(outcome: Referee) -> float:
-    """Return the cost by which candidates are compared: the larger one of h and h/4."""
+    """Return the cost by which candidates are compared: the larger of the costs at h and h/4."""
     costs = [outcome.cost] if outcome.refined is None else [outcome.cost, outcome.refined_cost]
     return max(costs) if all(map(math.isfinite, costs)) else math.inf

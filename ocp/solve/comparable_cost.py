@@ -1,4 +1,4 @@
-"""Cost of a plan with finer steps that can be compared with the cost of a plan with coarser steps."""
+"""Cost of a plan with finer steps, made comparable with the cost of a plan with coarser steps."""
 
 from __future__ import annotations
 
@@ -13,11 +13,12 @@ from ocp.solution import Solution
 
 
 def comparable_cost(coarse: Solution, problem: Problem, finer: Rollout) -> float:
-    """Return the cost of a rollout of ``problem`` for comparison with ``coarse``, whose N divides that of ``problem``.
+    """Return the cost of ``finer``, a rollout of ``problem``, for comparison with ``coarse``, whose N divides its N.
 
-    It is the rollout's cost where the stage cost depends on the step size, as an integral does. Otherwise the cost is a
-    sum over nodes, which grows with their number: it is then summed over the nodes of ``coarse``, with the impulses
-    between two nodes added up. NaN where the cost depends on impulses and the contacts of the problems differ.
+    If the stage cost depends on the step size, as an integral does, the result is the rollout's cost. Otherwise the
+    cost is a sum over nodes, which grows with their number; it is then summed over the nodes of ``coarse``, with the
+    impulses between two nodes added. The result is NaN if the cost depends on impulses and the problems have different
+    contacts.
     """
     target = coarse.problem
     factor = problem.N // target.N

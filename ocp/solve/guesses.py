@@ -1,4 +1,4 @@
-"""Conversion of the guesses that a caller may give to states and inputs of a problem."""
+"""Conversion of a user's guess to states and inputs of a problem."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from ocp.solution import Solution
 from ocp.solve.warm_start import carried_guess
 
 GuessLike = Solution | xr.Dataset | tuple[ArrayLike, ArrayLike] | Sketch | Mapping[int, Pose]
-"""A solution (also a loaded run), a dataset with x and u, a pair of states and inputs, a sketch, or its keyframes."""
+"""A solution (or loaded run), a dataset with x and u, a pair of states and inputs, a sketch, or its keyframes."""
 
 
 def given_guess(guess: GuessLike, problem: Problem, values: dict[str, float]) -> UserGuess:
-    """Return a caller's guess as states (N+1, nx) and inputs (N, nu); a dataset with scenarios gives its first one.
+    """Return a user's guess as states (N+1, nx) and inputs (N, nu); of several scenarios the first is used.
 
-    A run of another problem gives the states and inputs that have the problem's names (:func:`shared_guess`).
+    A run of another problem gives the states and inputs with the same names (:func:`shared_guess`).
 
     Raises :class:`~ocp.errors.InputError` for other shapes, values that are not finite, and a sketch that does not fit.
     """
@@ -47,9 +47,9 @@ def given_guess(guess: GuessLike, problem: Problem, values: dict[str, float]) ->
 
 
 def shared_guess(run: xr.Dataset, evaluation: Evaluation) -> tuple[np.ndarray, np.ndarray]:
-    """Return the problem's own guess, with states and inputs of the same names replaced by a run's, resampled in time.
+    """Return the problem's guess, with states and inputs of the same names replaced by a resampled run's.
 
-    The last values are held beyond the run's end. Raises :class:`~ocp.errors.InputError` where no name is shared.
+    The last values are held after the end of the run. Raises :class:`~ocp.errors.InputError` if no name is shared.
     """
     X, U = (np.array(trajectory, dtype=float) for trajectory in evaluation.initial_guess)
     new_times, old_times = evaluation.node_times(), run["time"].values
@@ -67,7 +67,7 @@ def shared_guess(run: xr.Dataset, evaluation: Evaluation) -> tuple[np.ndarray, n
 
 
 def _names(run: xr.Dataset) -> list[list[str]]:
-    """Return the names of a run's states and those of its inputs, each empty where the run has none."""
+    """Return the names of a run's states and of its inputs; a list is empty if the run has none."""
     return [[str(name) for name in run[axis].values] if axis in run.coords else [] for axis in ("state", "control")]
 
 

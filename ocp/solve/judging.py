@@ -1,4 +1,4 @@
-"""Judgement of a result, or of an interrupted solve's best point, by audit, certificate and referee."""
+"""Judgement of a result, or of the best point of an interrupted solve, by audit, certificate and referee."""
 
 from __future__ import annotations
 
@@ -39,11 +39,11 @@ from ocp.transcription.nlp import Trajectories, trajectories
 _NO_TASK_GRADIENT = 1e-7
 """Relative gradient of the task's cost below which no input changes it."""
 _IDLE = 1e-6
-"""Cost saved relative to standing still, as a share, below which a plan achieves nothing."""
+"""Cost saved, relative to the cost of standing still, below which a plan achieves nothing."""
 
 
 def judge_outcome(session: Session, outcome: RouteResult, seed: int) -> Solution:
-    """Return the labelled solution of an outcome, with its audit, certificate, referee's report and status."""
+    """Return the labelled solution of an outcome, with audit, certificate, referee's report and status."""
     start_time = time.perf_counter()
     nlp, result = outcome.nlp, outcome.result
     evaluation = session.evaluation
@@ -52,7 +52,7 @@ def judge_outcome(session: Session, outcome: RouteResult, seed: int) -> Solution
     plan = trajectories(nlp, result, p)
     audit, replay, contacts = audit_result(nlp, result, plan, evaluation, p, bounds)
     feasible = is_feasible(nlp, audit)
-    # Not the solver's f, which may include a penalty on gains or on products of contact pairs.
+    # The solver's f is not used, since it may include a penalty on gains or on products of contact pairs.
     rolled = Rollout.from_trajectories(evaluation, nlp.step, plan.x, plan.u, plan.lam, plan.gap)
     certificate = Certificate("undecided", reason=UNJUDGED)
     idle, span, derivative, undone = float("nan"), 0.0, None, list[Finding]()
@@ -115,7 +115,7 @@ def status_of(
     evaluation: Evaluation,
     unbounded: bool,
 ) -> Status:
-    """Return the status by audit and certificate, or the solver's own where these confirm no answer."""
+    """Return the status by audit and certificate, or the solver's status if they do not confirm a solution."""
     result = outcome.result
     if result.status is Status.INTERRUPTED:
         return result.status
@@ -126,7 +126,7 @@ def status_of(
     if not is_feasible(outcome.nlp, audit):
         return Status.INEXACT if result.ok else result.status
     # A force at a distance moves bodies that do not move in the exact replay: the cause is smoothing, not idling.
-    # Where standing still violates constraints that the plan satisfies, the plan is better.
+    # If standing still violates constraints that the plan satisfies, the plan is better.
     stands_still = audit.state_gap <= STILL * outcome.nlp.problem.scales.x.max() and np.isfinite(idle)
     blind = audit.active_steps == 0 and audit.task_gradient < _NO_TASK_GRADIENT and stands_still
     sloped = certificate.slope > CONTENT * span
@@ -141,7 +141,7 @@ def status_of(
 
 
 def session_record(session: Session, seed: int) -> dict[str, Any]:
-    """Return a JSON-serialisable dict of everything that determines an answer."""
+    """Return a JSON-serialisable dict of everything that determines a solution."""
     problem, policy = session.problem, session.policy
     learned = session.law if isinstance(session.law, LearnedLaw) else None
     return {
@@ -197,7 +197,7 @@ def keep_best_on_interrupt(session: Session, seed: int, progress: Progress | Non
 
 @dataclass
 class InterruptRecorder:
-    """Recorder of a solve's stages, and of the program and result of each run of the solver."""
+    """Recorder of the stages of a solve, and of the program and result of each run of the solver."""
 
     session: Session
     progress: Progress | None
@@ -227,7 +227,7 @@ class InterruptRecorder:
         return judge_outcome(self.session, RouteResult(result, nlp, False, trace), seed)
 
     def _best(self, nlp: Program, p: np.ndarray) -> Point:
-        """Return the cheapest feasible point, or else the least infeasible one."""
+        """Return the cheapest feasible point or, if none is feasible, the least infeasible point."""
         bounds = nlp.bounds(self.session.values)
         candidates = []
         for program, result in self.ends:
@@ -242,7 +242,7 @@ class InterruptRecorder:
 
 @contextmanager
 def collect_failures(failures: list[Exception]) -> Iterator[None]:
-    """Append to ``failures`` the exception that one of several candidates raises, so that the others are tried.
+    """Append an exception raised by one of several candidates to ``failures``, so that the others are tried.
 
     An :class:`~ocp.errors.InputError`, which every candidate would raise, propagates.
     """
@@ -259,6 +259,6 @@ def collect_failures(failures: list[Exception]) -> Iterator[None]:
 
 
 def add_failures(solution: Solution, failures: list[Exception]) -> Solution:
-    """Return the solution with the errors of failed candidates, if any, in its route report."""
+    """Return the solution with the errors of failed candidates, if any, added to its route report."""
     messages = [f"{type(error).__name__}: {abbreviated(str(error))}" for error in failures]
     return solution.with_route(failures=messages)

@@ -31,7 +31,7 @@ def label(
     evaluation: Evaluation,
     refereed: Rollout,
 ) -> xr.Dataset:
-    """Return a solution's dataset, whose variables :class:`~ocp.solution.Solution` documents."""
+    """Return the dataset of a solution; :class:`~ocp.solution.Solution` describes its variables."""
     import xarray as xr
 
     problem = nlp.problem

@@ -1,7 +1,7 @@
-"""Remedies for a plan that does not survive the referee, tried one after another until one does.
+"""Remedies for a plan that does not survive the referee, tried one after another until one succeeds.
 
-The rungs are: the problem under the referee's own contact, from the plan; finer steps; gains along the plans; a
-controller that plans again at every step.
+The rungs are: the problem under the referee's contact model, from the plan; finer steps; gains along the plans; and
+a controller that plans again at every step.
 """
 
 from __future__ import annotations
@@ -36,29 +36,29 @@ from ocp.transcription import Direct
 logger = logging.getLogger(__name__)
 
 WORK = 20
-"""Iterations that the rungs may take, as a multiple of the plan's own; those at h/2 count twice."""
+"""Limit of the iterations of all rungs, as a multiple of the plan's iterations; those at h/2 count twice."""
 FINER_SHARE = 0.25
-"""Share of these iterations that finer steps may take before gains are tried."""
+"""Fraction of these iterations that finer steps may use before gains are tried."""
 LEAST_WORK = 2000
-"""Least number of iterations that the rungs may take."""
+"""Lower limit of the number of iterations that all rungs may use."""
 PAYING_SHARE = 0.75
-"""Share of a replay's excess cost that is left where halving the step pays."""
+"""Maximum ratio of a replay's excess cost to that before halving the step, for which halving continues."""
 DEARER_SHARE = 1e-3
-"""Share of a cost from which a rung counts as dearer than the plan at its own step size."""
+"""Relative cost difference from which a rung counts as more expensive than the plan at its own step size."""
 
 Build = Callable[[Problem, dict[str, Any]], Problem]
 SolveFrom = Callable[[Session, Solution, int, "Callable[[StageRecord], None] | None"], Solution]
 
 
 class WorkSpentError(NotConverged):
-    """The iterations of all rungs are spent."""
+    """Error raised when the iterations of all rungs are used up."""
 
 
 class SurvivalLadder:
-    """The rungs of one solution: :meth:`climb` returns the first that survives, or else the best.
+    """The rungs of one solution; :meth:`climb` returns the first solution that survives, or else the best.
 
-    ``build`` makes a problem anew, of another one, at other values by name, ``solve_from`` solves a session from a
-    solution. Of rungs that do not survive the best is certified and costs least under the sharpest contact.
+    ``build`` rebuilds a problem with other parameter values, a dict from name to value; ``solve_from`` solves a session
+    from a solution. If no rung survives, the best rung is certified and costs least under the most exact contact model.
     """
 
     def __init__(
@@ -83,7 +83,7 @@ class SurvivalLadder:
         self._add("the plan", solution)
 
     def climb(self) -> Solution:
-        """Try the rungs in order; raises :class:`~ocp.solution.Interrupted` with the best so far after Ctrl-C."""
+        """Try the rungs in order; after Ctrl-C raise :class:`~ocp.solution.Interrupted` with the best rung so far."""
         rungs = {
             "the sharpest contact": self._sharpest,
             "finer steps": self._finer,
@@ -103,7 +103,7 @@ class SurvivalLadder:
             raise Interrupted(self._answer(f"Ctrl-C ended the rung {name or 'of the plan'}")) from stop
 
     def _try(self, name: str, climb: Callable[[], None]) -> None:
-        """Climb one rung; one that cannot be tried is listed with the reason."""
+        """Try one rung; a rung that cannot be tried is listed with the reason."""
         try:
             with interruptible():
                 climb()
@@ -118,16 +118,16 @@ class SurvivalLadder:
         self.answers.append(self.first)
 
     def _sharpest(self) -> None:
-        """Solve under the contact that the referee has."""
+        """Solve the problem under the referee's contact model."""
         if not self.sharpens and isinstance(self.session.law, Exact):
-            raise InputError("the plan is made under the referee's own contact")
+            raise InputError("the plan already uses the referee's contact model")
         solution = self._solve(self._exact_session(self.session.problem.most_exact), self.first)
         self._add("the sharpest contact", solution)
         if solution.success:
             self.plans = [solution]
 
     def _finer(self) -> None:
-        """Halve the step, each plan from the last, until one survives or halving pays no longer."""
+        """Halve the step repeatedly, starting from the last plan, until a plan survives or halving no longer helps."""
         self.work_limit = FINER_SHARE * self.all_work
         excess = self.rungs[self._index_of(self.plans[0])].excess
         for level in range(1, HALVINGS + 1):
@@ -135,12 +135,12 @@ class SurvivalLadder:
                 return
             coarser_excess, excess = excess, self.rungs[-1].excess
             if level < HALVINGS and not excess <= PAYING_SHARE * coarser_excess:
-                raise NotConverged("half the step takes little off what the replay at h/4 costs more")
+                raise NotConverged("half the step hardly reduces the excess cost of the replay at h/4")
 
     def _finer_plan(self, level: int) -> Solution:
-        """Return the plan of the step halved ``level`` times, solved from the one before where it is missing.
+        """Return the plan with the step halved ``level`` times; if missing, it is solved from the previous level.
 
-        Raises :class:`~ocp.errors.NotConverged` where it is not solved.
+        Raises :class:`~ocp.errors.NotConverged` if it is not solved.
         """
         if level < len(self.plans):
             return self.plans[level]
@@ -159,7 +159,7 @@ class SurvivalLadder:
         return solution
 
     def _gains(self) -> None:
-        """Try gains along each plan, the coarsest first, until one survives; finer plans are made as needed."""
+        """Try gains along each plan, the coarsest first, until gains survive; finer plans are made as needed."""
         if self.first.problem.scenarios.n > 1 or self.first.gains is not None:
             raise InputError("gains follow a single plan of open-loop inputs")
         self.work_limit = self.all_work
@@ -173,17 +173,17 @@ class SurvivalLadder:
                 return
             if solution is self.first and not isinstance(self.session.law, Exact):
                 raise InputError("gains follow a plan under the exact law")
-            along = " along the sharper plan" if solution.route.sharpest else ""
+            along = " along the plan of the most exact contact model" if solution.route.sharpest else ""
             self._gains_along(solution, f"gains at {solution.problem.N} steps" if level else f"gains{along}")
 
     def _gains_along(self, solution: Solution, name: str) -> None:
-        """List the best gains along a plan, by the larger of their costs at h and h/4."""
+        """Add the best gains along a plan to the list, by the larger of their costs at h and h/4."""
         evaluation, plan = self._plan(solution)
         gains, outcome = best_gains(evaluation, plan)
         self._add(name, with_gains(solution, gains, outcome), iterations=0)
 
     def _controller(self) -> None:
-        """Plan again at every step, on the referee's plant."""
+        """Try a controller that plans again at every step, on the referee's plant."""
         from ocp.mpc.plan_policies import ControllerPolicy
 
         solution = self.plans[0]
@@ -200,7 +200,7 @@ class SurvivalLadder:
         self.policies[len(self.rungs) - 1] = policy
 
     def _exact_session(self, problem: Problem, changed_values: dict[str, Any] | None = None) -> Session:
-        """Return the session of another problem under the exact law, without searches, at the same values."""
+        """Return a session of another problem under the exact law, without searches, at the same values."""
         same_law = isinstance(self.session.law, Exact)
         return self.session.with_changes(
             changed_values,
@@ -223,7 +223,7 @@ class SurvivalLadder:
         return solution.with_route(sharpest=self.sharpens and is_sharpest)
 
     def _count(self, stage: StageRecord) -> None:
-        """Count a stage's work; raises :class:`WorkSpentError` where that of all rungs exceeds its limit."""
+        """Count the work of a stage; raise :class:`WorkSpentError` if the work of all rungs exceeds its limit."""
         if self.progress is not None:
             self.progress(stage)
         self.work += stage.iterations * self.work_factor
@@ -234,7 +234,7 @@ class SurvivalLadder:
     def _add(
         self, name: str, solution: Solution, outcome: Referee | None = None, iterations: int | None = None
     ) -> None:
-        """List a rung with its costs, so that they compare with the first plan's."""
+        """Add a rung to the list, with costs that are comparable with the costs of the first plan."""
         evaluation, plan = self._plan(solution)
         outcome = outcome or referee_replay(evaluation, solution.inputs, plan.x[:, 0])
         cost, refined_cost = (
@@ -243,7 +243,7 @@ class SurvivalLadder:
         )
         own_cost = comparable_cost(self.first, solution.problem, plan)
         share = self.first.cost_share(own_cost - self.first.cost, self.first.cost)
-        note = f"{100 * share:.2g} % dearer than the plan at its own step size" if share > DEARER_SHARE else ""
+        note = f"{100 * share:.2g} % more expensive than the plan at its own step size" if share > DEARER_SHARE else ""
         self.rungs.append(
             Rung(
                 name,
@@ -268,7 +268,7 @@ class SurvivalLadder:
         return next(i for i, answer in enumerate(self.answers) if answer is solution)
 
     def _best(self) -> int:
-        """Return the number of the rung that does best: of those that survive the last."""
+        """Return the index of the best rung; among rungs that survive this is the last."""
         survivors = [i for i, rung in enumerate(self.rungs) if rung.survives]
         if survivors:
             return survivors[-1]
@@ -280,7 +280,7 @@ class SurvivalLadder:
         return min(range(len(self.rungs)), key=order)
 
     def _answer(self, stopped: str = "") -> Solution:
-        """Return the best rung's solution with the report on all; one that survives is disturbed too."""
+        """Return the best rung's solution with the report on all rungs; if it survives, disturbances are also tried."""
         best = self._best()
         solution = self.answers[best]
         rows = self._disturbed(best) if self.rungs[best].survives and not stopped else []

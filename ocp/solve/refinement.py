@@ -1,4 +1,4 @@
-"""Refinement of a plan: its step size is halved until the answer no longer depends on it."""
+"""Refinement of a plan: its step size is halved until the solution no longer depends on it."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ from ocp.programs.solver import Status
 from ocp.solution import Solution
 
 AGREED = 0.05
-"""Largest difference between the costs of a plan and of its replay at h/2, as a share, at which they agree."""
+"""Largest relative difference between the costs of a plan and of its replay at h/2 that agree."""
 HALVINGS = 4
-"""Maximum number of halvings: at h/16 a solve has sixteen times the variables."""
+"""Maximum number of halvings; at h/16 a solve has sixteen times the variables."""
 _PERTURBATION = 1e-7
 """Perturbation of an initial state, in its characteristic size, whose growth is measured."""
 
 
 def replay_level(solution: Solution) -> Level:
-    """Return a level with the cost of a solution, and the cost of its inputs or policy replayed at half the step."""
+    """Return a level with the cost of a solution and the cost of its inputs or policy replayed at half the step."""
     problem, x0 = solution.problem, solution.data["x"].values[:, 0]
     evaluation = Evaluation(problem, solution.values)
     replay, _ = refined_replay(evaluation, solution.inputs, x0, factor=2)
@@ -52,10 +52,10 @@ def perturbation_growth(solution: Solution) -> float:
 
 
 def divided_step(problem: Problem, values: dict[str, float], factor: int) -> dict[str, Any]:
-    """Return a dict of N and the step size's parameter for the same duration in ``factor`` times as many steps.
+    """Return a dict of N and the step size parameter for the same duration in ``factor`` times as many steps.
 
-    Where the step size is a state, the parameters that bound it are divided.
-    Raises :class:`~ocp.errors.InputError` where h is not the step of a discretisation.
+    If the step size is a state, the parameters of its bounds are divided. Raises :class:`~ocp.errors.InputError` if h
+    is not the step of a discretisation.
     """
     step_size = step_size_kind(problem.system)
     if step_size.kind == "fixed":
@@ -75,7 +75,7 @@ def refine_step_size(coarse: Solution, solve_again: Callable[[dict[str, Any], So
     """Solve at h/2, h/4, ... from the last plan, until a plan and its replay at half the step agree in cost.
 
     ``solve_again`` solves with the values of :func:`divided_step`, starting at a solution. Returns the last
-    plan that is solved, with every level in its ``route.refinement``. Raises as :func:`divided_step` does.
+    solved plan, with every level in its ``route.refinement``. Raises as :func:`divided_step` does.
     """
     finest, levels, stopped, iterations = coarse, [replay_level(coarse)], "", coarse.iterations
     divided = [divided_step(coarse.problem, coarse.values, 2**k) for k in range(1, HALVINGS + 1)]

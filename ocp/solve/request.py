@@ -18,9 +18,9 @@ from ocp.routes.relaxations import DEFAULT_STRATEGY, STRATEGIES
 from ocp.transcription.factories import law_settings, laws_with
 
 ProblemSource: TypeAlias = Any
-"""Builder of a problem at any parameters: a :class:`problems.ProblemSpec`."""
+"""Builder of a problem at any parameter values, a :class:`problems.ProblemSpec`."""
 ProblemLike = Problem | ProblemSource | str | PathLike[str]
-"""A problem, a :class:`problems.ProblemSpec`, the ``Params`` of one, a registered name, or the path of a file."""
+"""A problem, a :class:`problems.ProblemSpec`, its ``Params``, a registered name, or the path of a file."""
 
 
 def resolve_problem(
@@ -31,12 +31,12 @@ def resolve_problem(
     keywords: Mapping[str, Any],
     solver: str,
 ) -> tuple[Problem, dict[str, Any]]:
-    """Return the problem at its parameters, and a dict of the law's settings.
+    """Return the problem at its parameter values, and a dict of the law's settings.
 
     Each of ``keywords`` is a parameter of the problem or a setting of the law.
 
-    Raises :class:`~ocp.errors.InputError` for a keyword that neither has, that both have, or that is also in
-    ``params`` or ``contact_settings``, and for parameters where ``problem`` is already built.
+    Raises :class:`~ocp.errors.InputError` for a keyword that neither or both of them have, or that is also in
+    ``params`` or ``contact_settings``, and for parameters if ``problem`` is already built.
     """
     if hasattr(type(problem), "model_fields"):
         problem = plugins.problems.get(problem)
@@ -55,7 +55,8 @@ def resolve_problem(
 def rebuilder(problem: ProblemLike) -> Callable[[Problem, dict[str, Any]], Problem]:
     """Return a function ``(problem, values) -> Problem`` that rebuilds the problem with other parameter values.
 
-    Of a problem object only N and the recorded settings change; a named problem is built again from its parameters.
+    For a problem object only N and the recorded settings can change; a named problem is built again from its
+    parameters.
     """
 
     def build(built: Problem, changed_values: dict[str, Any]) -> Problem:
@@ -101,7 +102,7 @@ def split_keywords(
 def check_setting_names(settings: Mapping[str, Any], solver: str) -> None:
     """Raise :class:`~ocp.errors.InputError` for a setting that neither ``ocp solve`` nor the solver has.
 
-    The message suggests the nearest name, and says how to list all.
+    The message suggests the nearest name, and says how to list all names.
     """
     choose("solver", solver, SOLVERS)
     for key in sorted(set(settings) - set(SOLVE_SETTINGS)):
@@ -131,7 +132,7 @@ def _unknown_keyword(
     settings: tuple[str, ...],
     solver: str,
 ) -> str:
-    """Return the message for a keyword that neither the problem nor the law has."""
+    """Return the error message for a keyword that neither the problem nor the law has."""
     if key.startswith("policy") or key in SOLVE_SETTINGS or has_option(solver, key):
         return f"{key} is not an argument of solve; use settings={{{key!r}: ...}}"
     built_parts = [
@@ -158,17 +159,17 @@ def _unknown_keyword(
 
 @dataclass(frozen=True)
 class Settings(Configured):
-    """Validated settings of a solve; ``options`` are those of the solver, which checks them."""
+    """Validated settings of a solve; ``options`` belong to the solver, which checks them."""
 
     homotopy: bool | None = setting(
         None,
-        "follow a law's smoothing down from a wide start; not given: where the law smooths. Exact"
+        "follow the law's smoothing parameter from a large initial value; default: if the law smooths. Exact"
         " law in shooting: true follows the barrier law down, false is the gradient method alone,"
         " not given rolls out the plan of the direct transcription",
     )
     strategy: str = setting(
         DEFAULT_STRATEGY,
-        "how a direct transcription meets exact complementarity; ocp settings strategies says which for what",
+        "strategy of direct transcription for exact complementarity; see ocp settings strategies",
         words=tuple(STRATEGIES),
     )
     factor: float | None = setting(
@@ -181,7 +182,7 @@ class Settings(Configured):
     options: dict[str, Any] = field(default_factory=dict)
 
     def given(self) -> dict[str, Any]:
-        """Return a dict of the settings that differ from their defaults, and of the solver's options."""
+        """Return a dict of the settings that differ from their defaults, including the solver's options."""
         values = {key: getattr(self, key) for key in SOLVE_SETTINGS}
         changed = {key: value for key, value in values.items() if value != SOLVE_SETTINGS[key].default}
         return {**changed, **self.options}
@@ -195,11 +196,11 @@ class Settings(Configured):
 
 
 SOLVE_SETTINGS = settings_of(Settings)
-"""Mapping from the name to the description of each setting of a solve, without the solver's options."""
+"""Mapping from the name of each setting of a solve to its description, without the solver's options."""
 
 
 def literal(value: Any) -> Any:
-    """Return a string as an int, float or bool where it reads as one (:mod:`dynamics.settings`), else unchanged."""
+    """Return a string as an int, float or bool if it can be read as one (:mod:`dynamics.settings`), else unchanged."""
     if not isinstance(value, str):
         return value
     if (number := parse_float(value)) is not None:

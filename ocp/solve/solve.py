@@ -48,7 +48,7 @@ def solve(
     contact_settings: Mapping[str, Any] | None = None,
     **keywords: Any,
 ) -> Solution:
-    """Solve ``problem`` and judge the answer by audit, certificate and referee, as ``ocp solve`` does.
+    """Solve ``problem`` and judge the result by audit, certificate and referee, as ``ocp solve`` does.
 
     Problem, law, method and policy are objects or names, with the defaults of the command line::
 
@@ -57,22 +57,23 @@ def solve(
 
     ``problem`` may also be the path of a file, or parameters, which editors complete: ``push_disc.Params(M=2.0)``.
     A named problem or law takes its settings as ``keywords``, or in ``params`` (of the problem) and
-    ``contact_settings`` (of the law) where both have the name. ``settings`` are those of ``-s``: the method's, the
+    ``contact_settings`` (of the law) if both have the name. ``settings`` are those of ``-s``: the method's, the
     solver's, and ``policy.<name>``, or an :class:`ocp.Settings`.
 
-    ``n_starts`` > 1 solves from as many guesses, the first the problem's own, the others perturbed by seeded noise of
-    0.3 characteristic units; the best certified answer is returned, by its own cost or, with ``rank_by``, by its cost
-    when replayed under the ``"exact"`` law or by the ``"referee"``. ``Solution.route.attempts`` lists all of them.
+    ``n_starts`` > 1 solves from as many guesses: first the problem's guess, then guesses perturbed by seeded noise of
+    0.3 characteristic units; the best certified solution is returned, by its own cost or, with ``rank_by``, by its cost
+    when replayed under the ``"exact"`` law or by the ``"referee"``. ``Solution.route.attempts`` lists all
+    attempts.
 
     ``warm_start`` is a solution of the same problem, at other parameters, on another mesh or horizon, under another
     law or by another method; the solver starts from its trajectories and multipliers
-    (:func:`~ocp.solve.warm_start.carry`). Where it does not converge, they are the guess of a usual solve.
+    (:func:`~ocp.solve.warm_start.carry`). If it does not converge, they are the guess of a usual solve.
     ``guess`` replaces the problem's own guess: states (N+1, nx) and inputs (N, nu); a dataset with ``x`` and ``u``;
-    or a solution, such as a run that :func:`ocp.load` reads, resampled where its horizon differs. Under the exact
-    law the guess is also rolled out and improved locally: the answer is never worse than this rollout. A run of
-    another problem gives the states and inputs that have the same names. A :class:`~ocp.problem.sketch.Sketch`, or its
-    keyframes ``{0: pose, 20: pose}`` alone, says only where a plan passes and which contacts close when; under the
-    exact law the solver finds plans that do so, and then improves them without these limits.
+    or a solution, such as a run that :func:`ocp.load` reads, resampled if its horizon differs. Under the exact
+    law the guess is also rolled out and improved locally: the solution is never worse than this rollout. A run of
+    another problem gives the states and inputs with the same names. A :class:`~ocp.problem.sketch.Sketch`, or its
+    keyframes ``{0: pose, 20: pose}`` alone, specifies only some states of a plan and the times at
+    which contacts close; under the exact law the solver finds such plans, and then improves them without these limits.
 
     ``effort`` says what is tried beyond the usual route under the exact law: ``"quick"`` nothing, unless a scene's
     answer falls short; ``"normal"`` sampled input sequences, while their costs approach the answer's, changes of the
@@ -107,7 +108,7 @@ def solve(
 
 
 def _check_beginnings(search: bool | None, warm_start: Solution | None, guess: GuessLike | None, n_starts: int) -> None:
-    """Raise :class:`~ocp.errors.InputError` where another argument conflicts with ``warm_start``."""
+    """Raise :class:`~ocp.errors.InputError` if another argument conflicts with ``warm_start``."""
     for name, exclusive in (("search", search), ("guess", guess is not None)):
         if exclusive and warm_start is not None:
             raise InputError(f"warm_start and {name} both say where to begin; give one of them")
@@ -165,10 +166,10 @@ def climb_from(
     progress: Callable[[StageRecord], None] | None = None,
 ) -> Solution:
     """Try remedies until a session's solution survives, see :class:`~ocp.solve.ladder.SurvivalLadder`."""
-    # Only here: policies and the controller are not loaded for other solves.
+    # Imported only here, so that other solves do not load policies and the controller.
     from ocp.solve.ladder import SurvivalLadder
 
-    if solution.problem is not session.problem:  # It was refined.
+    if solution.problem is not session.problem:  # The solution has been refined.
         session = session.with_changes(solution.values, problem=solution.problem)
     return SurvivalLadder(session, solution, build, solve_from, seed, progress).climb()
 
@@ -176,11 +177,11 @@ def climb_from(
 def solve_from(
     session: Session, start: Solution, seed: int = 0, progress: Callable[[StageRecord], None] | None = None
 ) -> Solution:
-    """Solve a session from the solution ``start``; the route records its hash, and whether the solver converged.
+    """Solve a session from the solution ``start``; the route records its hash and whether the solver converged.
 
-    Where the solver did not converge, the trajectories of ``start`` are the guess of a usual solve. Raises as
+    If the solver did not converge, the trajectories of ``start`` are the guess of a usual solve. Raises as
     :func:`~ocp.solve.warm_start.carry` does, and :class:`~ocp.solution.Interrupted` with the best point
-    where Ctrl-C ends the solve.
+    if Ctrl-C ends the solve.
     """
     if start.route.swept:
         session = session.as_swept()
@@ -210,8 +211,8 @@ def new_session(
 ) -> Session:
     """Return the session of a solve, or of a whole study; the arguments are those of :func:`solve`.
 
-    Raises :class:`~ocp.errors.InputError` for invalid arguments, for a problem that would not fit into memory, and
-    for a setting that would change nothing.
+    Raises :class:`~ocp.errors.InputError` for invalid arguments, for a problem that does not fit into memory, and for
+    a setting without effect.
     """
     raw_settings = settings.given() if isinstance(settings, Settings) else settings or {}
     policy_values, own_settings = split_policy_settings(raw_settings)
@@ -256,5 +257,5 @@ def _check_use(session: Session, given_names: set[str]) -> None:
             f"{' and '.join(unused)} would have no effect for the {session.law.name} law by"
             f" {session.method.name}{advice}; drop {'it' if len(unused) == 1 else 'them'}"
         )
-    # Raises where the path has too many stages, before any work.
+    # Raises an error before any work if the path has too many stages.
     _ = session.seconds

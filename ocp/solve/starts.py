@@ -1,4 +1,4 @@
-"""Solutions from one or several guesses and from searches, and the choice of the best."""
+"""Solutions from one or several guesses and from searches, and the choice of the best solution."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ if TYPE_CHECKING:
     from ocp.search.search import Search
 
 Rank = Literal["planned", "exact", "referee"]
-"""Cost by which answers are ranked: under the law, replayed under the exact law, or replayed by the referee."""
+"""Cost by which solutions are ranked: under the law, replayed under the exact law, or replayed by the referee."""
 UNTIL = {"survives": "try remedies until the plan survives the referee, at h and at h/4"}
 """Values of ``until`` with their meaning."""
 WAYS = 4
-"""Number of guesses to solve from before standing still is accepted as the best answer."""
+"""Number of guesses that are solved before standing still is accepted as the best solution."""
 CERTIFIED_SHARE = 0.01
-"""Excess cost, as a share, below which a certified answer is preferred to a cheaper one without a certificate."""
+"""Relative excess cost below which a certified solution is preferred to a cheaper one without a certificate."""
 _FEASIBLE = {Status.SOLVED: 0, Status.NOT_OPTIMAL: 0, Status.UNDECIDED: 0, Status.NO_PROGRESS: 1}
 """Mapping from each status of a feasible solution to its rank; lower is better."""
 
@@ -60,7 +60,7 @@ def is_greater(effort: Effort | float) -> bool:
 
 
 def check_until(until: str | None, session: Session) -> None:
-    """Raise :class:`~ocp.errors.InputError` for an unknown ``until``, or where the system has no referee."""
+    """Raise :class:`~ocp.errors.InputError` for an unknown ``until``, or if the system has no referee."""
     if until is None:
         return
     choose("until", until, UNTIL)
@@ -77,11 +77,11 @@ def solve_session(
 ) -> Solution:
     """Return the best solution of a session, from one or several guesses and from searches.
 
-    Where a search over pushes is requested, or the scene has many corners, its answers replace those from
-    the guesses, if it finds any. Otherwise it is run after the guesses, where their answer falls short
+    If a search over pushes is requested, or the scene has many corners, the solutions of this search replace those
+    from the guesses. Otherwise the search follows the guesses, if their solution falls short
     (:meth:`ocp.search.push_search.PushSearch.wanted`).
 
-    Raises :class:`~ocp.solution.Interrupted` where Ctrl-C ends the solve, with the best answer so far or,
+    Raises :class:`~ocp.solution.Interrupted` if Ctrl-C ends the solve, with the best solution so far or,
     during the first start, with the best point so far.
     """
     solutions: list[Solution] = []
@@ -112,9 +112,9 @@ def solve_session(
 def search_further(
     session: Session, solutions: list[Solution], failures: list[Exception], searches: list[Search], rank_by: Rank
 ) -> Solution:
-    """Return the best of ``solutions`` and of those that searches add; without solutions raise the first failure.
+    """Return the best of ``solutions`` and of further solutions from searches; raise the first failure if none.
 
-    Raises :class:`~ocp.solution.Interrupted` with the best so far where Ctrl-C ends a search.
+    Raises :class:`~ocp.solution.Interrupted` with the best solution so far if Ctrl-C ends a search.
     """
     if not solutions:
         raise failures[0]
@@ -133,12 +133,12 @@ def search_further(
 
 
 def can_exceed_route(session: Session) -> bool:
-    """Return whether searches can add to the usual route, whose NLP must contain the exact law without branches."""
+    """Return whether searches can improve on the usual route: its NLP must contain the exact law without branches."""
     return session.complementary and session.step.branches == 1
 
 
 def searches_of(session: Session, seed: int, progress: Callable[[StageRecord], None] | None) -> list[Search]:
-    """Return the searches to run in addition to the usual route, in order."""
+    """Return the searches to run after the usual route, in order."""
     pushing = bool(session.problem.system.scene)
     eager = session.effort != "quick" and can_exceed_route(session)
     if session.search is False or not (session.search or eager or pushing or session.user_guess is not None):
@@ -170,9 +170,9 @@ def _stands_still(solution: Solution) -> bool:
 
 
 def best_of(session: Session, solutions: list[Solution], rank_by: Rank = "planned") -> Solution:
-    """Return the best answer, with all attempts listed and their iterations and seconds added up.
+    """Return the best solution, with a list of all attempts and the sum of their iterations and seconds.
 
-    Standing still counts as solved where :func:`accept_standing_still` says so.
+    Standing still counts as solved if :func:`accept_standing_still` accepts it.
     """
     solutions = accept_standing_still(session, solutions)
     best = best_solution(solutions, rank_by)
@@ -196,10 +196,10 @@ def best_of(session: Session, solutions: list[Solution], rank_by: Rank = "planne
 
 
 def accept_standing_still(session: Session, solutions: list[Solution]) -> list[Solution]:
-    """Return the solutions, with status SOLVED where standing still is the best answer.
+    """Return the solutions, with status SOLVED for standing still if that is the best solution.
 
-    It is the best answer where it is certified, costs no more than any feasible solution, and several solves
-    that follow a smoothing ended certified; ``route.idle_attempts`` counts these solves.
+    Standing still is the best solution if it is certified, costs no more than any feasible solution, and several
+    solves that follow a smoothing ended certified; ``route.idle_attempts`` counts these solves.
     """
     certified_solutions = [
         solution for solution in solutions if solution.status in _FEASIBLE and solution.certificate.certified
@@ -217,11 +217,11 @@ def accept_standing_still(session: Session, solutions: list[Solution]) -> list[S
 
 
 def best_solution(solutions: Sequence[Solution], by: Rank = "planned") -> Solution:
-    """Return the best solution: a feasible one of the lowest cost, as ``by`` defines the cost.
+    """Return the best solution: the feasible solution with the lowest cost, with the cost defined by ``by``.
 
-    Under the exact law the planned cost is that of the exact replay. Among costs that differ by less than
-    :data:`CERTIFIED_SHARE` a certified answer is preferred, and among equally good answers one that survives
-    the referee. In a scene, answers that survive the referee at the plan's step size come before all others.
+    Under the exact law the planned cost is the cost of the exact replay. Among costs that differ by less than
+    :data:`CERTIFIED_SHARE` a certified solution is preferred, and among equally good solutions one that survives
+    the referee. In a scene, solutions that survive the referee at the plan's step size precede all others.
     """
     least = min(map(_order_of_end, solutions))
     feasible = [solution for solution in solutions if _order_of_end(solution) == least]
@@ -239,13 +239,13 @@ def best_solution(solutions: Sequence[Solution], by: Rank = "planned") -> Soluti
 
 
 def _order_of_end(solution: Solution) -> int:
-    """Return the rank of a solution: 0 feasible, 1 standing still, 2 other; 3 more in a scene if it fails at h."""
+    """Return the rank of a solution: 0 feasible, 1 standing still, 2 other; plus 3 in a scene if it fails at h."""
     fails_referee = solution.referee.survives_at_h is False and bool(solution.problem.system.scene)
     return _FEASIBLE.get(solution.status, 2) + 3 * fails_referee
 
 
 def _cost_by(solution: Solution, by: Rank) -> float:
-    """Return the cost by which answers are compared, infinite where it is NaN."""
+    """Return the cost by which solutions are compared, infinite in place of NaN."""
     planned = solution.audit.exact_cost if solution.record["contact"] == "exact" else solution.cost
     cost = {"planned": planned, "exact": solution.audit.exact_cost, "referee": solution.referee.cost}[by]
     return cost if np.isfinite(cost) else np.inf

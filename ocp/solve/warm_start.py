@@ -37,7 +37,7 @@ SIGNAL_BLOCKS = {
     "control": ("u", "policy", "u_bound"),
     "contact": ("lam", "gap", "gap_definition", "contact", "separation"),
 }
-"""Mapping from a kind of signals to the blocks of an NLP whose last axis consists of such signals."""
+"""Mapping from a kind of signals to the blocks of an NLP whose last axis has one entry per such signal."""
 BLOCK_SIGNALS = {name: kind for kind, names in SIGNAL_BLOCKS.items() for name in names}
 """Kind of the signals along the last axis of each block."""
 _ONCE = {"terminal", "x0", "periodic"}
@@ -47,14 +47,14 @@ _WHOLE = {"dynamics", "contact", "separation", "K", "k"}
 _IMPULSE = "N s"
 """Unit of signals that are proportional to the step size: half the step, half the impulse."""
 _LEAST = 1e-12
-"""Minimum mu, in characteristic units, of the central path that a pair is moved to."""
+"""Lower limit of mu, in characteristic units, for the central path to which a pair is moved."""
 
 
 def multipliers(nlp: NLP, point: Point) -> dict[str, Any]:
-    """Return a point's multipliers, one variable of a solution's dataset for each block.
+    """Return the multipliers of a point as variables of a solution's dataset, one for each block.
 
-    ``lam_g_<block>`` belong to constraints, ``lam_x_<block>`` to bounds; both are zero where the
-    limit is inactive, positive at upper limits. The dict is empty for a point without multipliers.
+    ``lam_g_<block>`` belong to constraints, ``lam_x_<block>`` to bounds; both are zero at inactive limits and
+    positive at upper limits. The dict is empty for a point without multipliers.
     """
     variables: dict[str, Any] = {}
     for prefix, vector, layout in (("lam_g", point.lam_g, nlp.constraints), ("lam_x", point.lam_x, nlp.variables)):
@@ -78,7 +78,7 @@ def _dimensions(name: str, shape: tuple[int, ...], nlp: NLP) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class _Mesh:
-    """Ends [s] of old and new intervals, matched by time where their numbers differ, else one by one."""
+    """Ends [s] of old and new intervals, matched by time if their numbers differ, otherwise one by one."""
 
     old: np.ndarray
     new: np.ndarray
@@ -93,7 +93,7 @@ class _Mesh:
 
     @property
     def beyond(self) -> np.ndarray:
-        """Mask (N,) of new intervals that begin where the old trajectory has ended."""
+        """Mask (N,) of new intervals that begin after the end of the old trajectory."""
         starts = self.new - self.new[0]
         return np.full(len(self.new), False) if self.same else starts > self.old[-1] * (1 - 1e-9)
 
@@ -113,13 +113,13 @@ class _Mesh:
 def carry(solution: Solution | StoredPlan, nlp: NLP, values: dict[str, float]) -> Point:
     """Return a solution as variables and multipliers of ``nlp`` at parameter ``values``.
 
-    With equal numbers of steps values are copied step by step. Otherwise trajectories are interpolated
-    in time, and impulses scaled with the step; beyond the old end the last state and input are held, and
-    the contacts there are solved for. Contacts are also solved for where the law is another one. Where
-    the law smooths, each pair is moved to its central path, and its larger member is kept.
+    If the numbers of steps are equal, values are copied step by step. Otherwise trajectories are interpolated
+    in time, and impulses are scaled with the step; after the old end the last state and input are held, and
+    the contacts there are solved for. Contacts are also solved for if the law differs. If the law smooths
+    contact, each pair is moved to its central path, with its larger member unchanged.
 
     Raises :class:`~ocp.errors.InputError` for a solution of another problem, with other states or
-    inputs, or that is not finite.
+    inputs, or with values that are not finite.
     """
     _check(solution, nlp)
     carrier = _Carrier(solution, nlp.problem, values)
@@ -127,7 +127,7 @@ def carry(solution: Solution | StoredPlan, nlp: NLP, values: dict[str, float]) -
     lam_g = carrier.duals("lam_g", nlp.constraints, nlp.method)
     lam_x = carrier.duals("lam_x", nlp.variables, nlp.method)
     if not lam_x or ("dynamics" in nlp.constraints and "dynamics" not in lam_g):
-        # Without the multipliers of the dynamics the others help little: the solver estimates all.
+        # Without multipliers of the dynamics the others are of little use: the solver estimates all of them.
         return Point(x)
     if "contact" in nlp.constraints and "contact" not in lam_g and "gap" in lam_x:
         blocks = nlp.variables.unpack(x)
@@ -165,7 +165,7 @@ def _check(solution: Solution | StoredPlan, nlp: NLP) -> None:
 
 
 def _contact_duals(lam: np.ndarray, gap: np.ndarray, lam_x: dict[str, np.ndarray], exact: bool) -> np.ndarray:
-    """Return the multipliers of ``lam gap = mu`` (or <= t) from those of fixed pairs, and change ``lam_x``."""
+    """Return the multipliers of ``lam gap = mu`` (or <= t) from multipliers of fixed pairs, and change ``lam_x``."""
     # The multiplier of a fixed pair's smaller member, held at zero, has either sign. It equals the
     # product's multiplier times the larger member; under the exact law its negative part stays with the bound.
     active = lam > gap
@@ -177,7 +177,7 @@ def _contact_duals(lam: np.ndarray, gap: np.ndarray, lam_x: dict[str, np.ndarray
 
 
 class _Carrier:
-    """Converter of one solution to another mesh of its problem."""
+    """Conversion of one solution to another mesh of its problem."""
 
     def __init__(self, solution: Solution | StoredPlan, problem: Problem, values: dict[str, float]) -> None:
         self.solution, self.data = solution, solution.data
@@ -196,7 +196,7 @@ class _Carrier:
         return ca.jacobian(ca.SX(system.h), system.x).sparsity().get_col()
 
     def first_states(self, rows: int) -> np.ndarray:
-        """Return initial states (rows, 1, nx): the problem's, or the old ones where the start is optimised."""
+        """Return initial states (rows, 1, nx): those of the problem, or the old ones if the start is optimised."""
         start_states = self.evaluation.initial_states[:, None]
         if self.problem.start is not None:
             start_states = self.data["x"].values[:, :1].mean(axis=0, keepdims=True)
@@ -204,7 +204,7 @@ class _Carrier:
         return np.broadcast_to(start_states, (rows, *start_states.shape[1:]))
 
     def _scenarios(self, array: np.ndarray) -> np.ndarray:
-        """Return an array with one row per scenario; if their number changed, each is the mean of the old rows."""
+        """Return an array with one row per scenario; if their number has changed, each row is the old rows' mean."""
         S = self.problem.scenarios.n
         if len(array) == S:
             return array
@@ -232,7 +232,7 @@ class _Carrier:
         return {name: value for name, value in blocks.items() if name in nlp.variables}
 
     def _sizes(self, signals: tuple[Signal, ...]) -> np.ndarray:
-        """Return factors (n,) of signals: the ratio of step sizes for impulses, 1 for others."""
+        """Return factors (n,) for signals: the ratio of step sizes for impulses, 1 for others."""
         return np.array([self.mesh.ratio if s.unit == _IMPULSE else 1.0 for s in signals])
 
     def _gains(self, u: np.ndarray, nlp: NLP) -> dict[str, np.ndarray]:
@@ -261,7 +261,7 @@ class _Carrier:
         return self._on_path(lam, gap, mu)
 
     def _on_path(self, lam: np.ndarray, gap: np.ndarray, mu: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return pairs with ``lam gap = mu``: the larger member, in characteristic sizes, is kept."""
+        """Return pairs with ``lam gap = mu``; the larger member, in characteristic sizes, is unchanged."""
         size = self.problem.scales
         mu = np.maximum(mu, _LEAST * size.impulse * size.gap)
         active = lam / size.impulse > gap / size.gap
@@ -271,7 +271,7 @@ class _Carrier:
         return np.where(active, large, small) * size.impulse, np.where(active, small, large) * size.gap
 
     def duals(self, prefix: str, layout: Layout, method: str) -> dict[str, np.ndarray]:
-        """Return a dict from each block that both NLPs have to its multipliers; empty where some are not finite."""
+        """Return a dict from the blocks that both NLPs have to their multipliers; empty if some are not finite."""
         duals: dict[str, np.ndarray] = {}
         same_method = self.solution.record.get("method") == method
         for name, block in layout.blocks.items():

@@ -1,4 +1,4 @@
-"""Store of runs: requests and results on disk, which can be read back."""
+"""Store of runs: requests and results on disk."""
 
 from ocp.store.lookup import default_root, find_run
 from ocp.store.runs import (

@@ -38,7 +38,7 @@ def write_file(path: Path, content: bytes, what: str = "") -> None:
 
 @contextmanager
 def replace_file(path: Path, what: str = "") -> Iterator[Path]:
-    """Yield the path of a draft that the caller writes and that replaces ``path`` at the end of the context.
+    """Yield the path of a draft for the caller to write; it replaces ``path`` at the end of the context.
 
     A replaced file keeps its permissions. If ``path`` is a link, the file to which it points is replaced. If it
     is a device or a FIFO, the content of the draft is copied to it.
@@ -97,7 +97,7 @@ def _is_handle(path: Path) -> bool:
 
 @contextmanager
 def write_errors(target: str, advice: str = "another place") -> Iterator[None]:
-    """Context that turns an OSError into an :class:`~ocp.errors.InputError` that names the target and a remedy.
+    """Context that converts an OSError to an :class:`~ocp.errors.InputError` with the target and a remedy.
 
     If the disk is full, the error is of the subclass :class:`~ocp.errors.NotWritten`.
     """
@@ -146,7 +146,8 @@ def draft_directory(directory: Path) -> Iterator[Path]:
 def remove_directory(directory: Path) -> None:
     """Remove a directory atomically: rename it to a hidden name and then delete its files.
 
-    If the process is killed in between, the next process that writes in the parent directory deletes the rest.
+    If the process is killed in between, the next process that writes in the parent directory deletes the remaining
+    files.
     """
     hidden = directory.with_name(f"{_DRAFT_PREFIX}{directory.name}")
     directory.rename(hidden)

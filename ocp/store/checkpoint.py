@@ -30,9 +30,9 @@ _LOCK_FILE = ".lock"
 
 
 class SavedWork:
-    """Storage of finished points and of arrays of unfinished work in a directory; if that is None, nothing is saved.
+    """Storage of finished points and of arrays of unfinished work in a directory; without a directory nothing is saved.
 
-    A file that cannot be read counts as missing.
+    A file that cannot be read is treated as missing.
     """
 
     def __init__(self, directory: Path | None = None) -> None:
@@ -158,7 +158,7 @@ class Checkpoint(SavedWork):
         return notes
 
     def _outdated(self, folder: Path) -> Iterator[str]:
-        """Yield a sentence that says why unfinished work for the same request is not resumed, if such work exists."""
+        """Yield a sentence on why unfinished work for the same request is not resumed, if such work exists."""
         source, program = _digests_in_name(self._name, self._prefix)
         for other in sorted(folder.glob(f"{self._prefix}*")):
             old_source, old_program = _digests_in_name(other.name, self._prefix)

@@ -88,7 +88,7 @@ def from_json(kind: Any, value: Any, path: str = "") -> Any:
     Literals, Enums (stored as their names in lower case), and unions. A float that is null becomes NaN, since
     numbers that are not finite are stored as null. A TypedDict may have additional entries.
 
-    Raises ``ValueError`` that describes the mismatch and its ``path`` in the document.
+    Raises ``ValueError``, with the mismatch and its ``path`` in the document in its message.
     """
     origin, arguments = get_origin(kind), get_args(kind)
     if kind is Any:
@@ -123,7 +123,7 @@ _TYPE_DESCRIPTIONS = {
 }
 """Mapping from types to their descriptions in messages."""
 _ACCEPTED_TYPES: dict[Any, Any] = {float: (int, float, NoneType)}
-"""Mapping from types to the Python types accepted for them, where these differ."""
+"""Mapping from types to the Python types accepted for them, if these differ."""
 
 
 def _check_type(kind: Any, value: Any, path: str) -> None:

@@ -22,7 +22,7 @@ from ocp.validation import expand_path
 STORE_VARIABLE = "OCP_RUNS"
 """Name of the environment variable that sets the default folder of runs."""
 _MAX_SUGGESTED_AMONG = 200
-"""Number of latest runs among whose names a suggestion for a misspelt name is searched."""
+"""Number of latest runs whose names are searched for a suggestion when a name is misspelt."""
 
 
 def default_root() -> Path:
@@ -81,7 +81,7 @@ def check_removable(path: Path) -> None:
     Directories that also contain other files are rejected.
     """
     if path.is_symlink():
-        raise InputError(f"{path} is a symbolic link; remove the link, or name what it leads to")
+        raise InputError(f"{path} is a symbolic link; remove the link, or give the path of its target")
     files = list(path.iterdir()) if path.is_dir() else []
     if not {file.name for file in files} & {DATA_FILE, META_FILE}:
         raise InputError(f"{path} is not a run; list the runs with ocp runs")

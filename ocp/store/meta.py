@@ -82,7 +82,7 @@ class OptionalMeta(TypedDict, total=False):
 
 
 class SolveMeta(TypedDict):
-    """Additional entries of ``meta.json`` for a run of ``ocp solve``."""
+    """Further entries of ``meta.json`` for a run of ``ocp solve``."""
 
     status: Status
     grade: Grade
@@ -118,7 +118,7 @@ Ends = TypedDict("Ends", {"from": float, "to": float})
 
 
 class ContinueMeta(Ends):
-    """Additional entries of ``meta.json`` for a run of ``ocp continue``."""
+    """Further entries of ``meta.json`` for a run of ``ocp continue``."""
 
     over: str
     steps: int
@@ -150,7 +150,7 @@ class SweepGrid(TypedDict):
 
 
 class SweepMeta(TypedDict):
-    """Additional entries of ``meta.json`` for a run of ``ocp sweep``."""
+    """Further entries of ``meta.json`` for a run of ``ocp sweep``."""
 
     study: SweepGrid
     solved: int
@@ -160,7 +160,7 @@ class SweepMeta(TypedDict):
 
 
 class EstimateMeta(TypedDict):
-    """Additional entries of ``meta.json`` for a run of ``ocp estimate``."""
+    """Further entries of ``meta.json`` for a run of ``ocp estimate``."""
 
     sweep: Row | None
     estimates: list[Row]
@@ -183,7 +183,7 @@ class GradientsMeta(TypedDict):
 
 
 class TrainMeta(TypedDict):
-    """Additional entries of ``meta.json`` for a run of ``ocp train``."""
+    """Further entries of ``meta.json`` for a run of ``ocp train``."""
 
     evaluation: dict[str, float]
     untrained: dict[str, float]
@@ -194,13 +194,13 @@ class TrainMeta(TypedDict):
 
 
 class FigureMeta(TypedDict):
-    """Additional entries of ``meta.json`` for a run of ``ocp figure``."""
+    """Further entries of ``meta.json`` for a run of ``ocp figure``."""
 
     claims: list[Row]
 
 
 class ClosedLoopMeta(TypedDict):
-    """Additional entries of ``meta.json`` for a run of ``ocp mpc``; ``costs`` and ``ended`` have one item per seed."""
+    """Further entries of ``meta.json`` for a run of ``ocp mpc``; ``costs`` and ``ended`` have one item per seed."""
 
     costs: list[float]
     cost_interval: list[float]
@@ -230,7 +230,7 @@ class MotionRecord(TypedDict):
 
 
 class OwnProblem(TypedDict):
-    """Entries of ``problem.json``, the description of a user's problem, to show a run without its file."""
+    """Entries of ``problem.json``, the description of a user's problem, to show a run when its file is missing."""
 
     title: str
     equations: list[str]
@@ -250,7 +250,7 @@ META_TYPES: dict[str, Any] = {
     "figure": FigureMeta,
     "closed-loop": ClosedLoopMeta,
 }
-"""Mapping from kinds of runs to the types of their additional entries in ``meta.json``."""
+"""Mapping from kinds of runs to the types of their further entries in ``meta.json``."""
 
 
 def check_meta(file: Path, meta: dict[str, Any]) -> None:

@@ -88,7 +88,7 @@ def program_digest() -> str:
 
 @cache
 def git_revision() -> str | None:
-    """Return the git revision of the checkout of this package, followed by ``+`` if the checkout has changes.
+    """Return the git revision of this package's checkout, followed by ``+`` if the checkout has changes.
 
     Return None if the package is not at the root of a checkout or git fails.
     """

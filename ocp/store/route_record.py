@@ -30,14 +30,14 @@ def record_of(solution: Solution) -> dict[str, Any]:
 
 
 def route_to_record(route: RouteReport) -> dict[str, Any]:
-    """Return the record's entries for a route: fields that differ from their defaults, and fields of a warm start."""
+    """Return the record's entries for a route: values that differ from their defaults, and values of a warm start."""
     values, defaults = asdict(route), asdict(RouteReport())
     warm = ("resumed", "swept") if route.started_from is not None else ()
     return {key: values[name] for name, key in _RECORDED.items() if name in warm or values[name] != defaults[name]}
 
 
 def route_from_record(record: Mapping[str, Any], attempts: Any) -> tuple[RouteReport, dict[str, Any]]:
-    """Split a run's record into the report of its route, with ``attempts``, and the other entries.
+    """Split a run's record into its route's report, with ``attempts`` added, and the remaining entries.
 
     Raises ``ValueError`` for an entry of the wrong type.
     """

@@ -120,7 +120,7 @@ def read_regular_file(file: Path, most: int) -> bytes:
 
 
 def error_reason(error: OSError) -> str:
-    """Return the reason for an OSError as a phrase for messages."""
+    """Return the reason for an OSError, as a phrase for messages."""
     if error.errno == errno.ELOOP:
         return "it is a symbolic link; a run holds regular files"
     return error.strerror or str(error)

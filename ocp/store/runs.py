@@ -267,7 +267,7 @@ def _runs_of_problem(problem_folder: Path) -> list[Path]:
 
 
 def read_entry(directory: Path) -> RunEntry:
-    """Read the description of a run and verify its checksums; for a damaged run, the entry gives the reason."""
+    """Read the description of a run and verify its checksums; the entry of a damaged run contains the reason."""
     try:
         os.scandir(directory).close()
         meta = read_meta(directory)
@@ -281,7 +281,7 @@ def read_entry(directory: Path) -> RunEntry:
 
 
 def _visible_folders(directory: Path) -> list[Path]:
-    """Return the folders in ``directory`` that are not hidden, and entries that cannot be examined, by name."""
+    """Return the folders in ``directory`` that are not hidden, and entries that cannot be examined, sorted by name."""
 
     def may_be_visible_folder(entry: os.DirEntry[str]) -> bool:
         try:
@@ -303,7 +303,7 @@ def _age_key(path: Path) -> tuple[str, int, str]:
 
 
 def _rename_into(draft: Path, problem_folder: Path, name: str) -> Path:
-    """Rename a draft to ``name``, with a number appended if a run has this name already; return the new path."""
+    """Rename a draft to ``name``, with a number appended if another run has this name; return the new path."""
     attempt = 1
     while True:
         run_folder = problem_folder / (name if attempt == 1 else f"{name}-{attempt}")

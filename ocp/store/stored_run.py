@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class StoredRun:
-    """A stored run: labelled arrays in ``data``, and everything else as JSON values in ``meta``.
+    """A stored run: labelled arrays in ``data``, and all other values as JSON in ``meta``.
 
     ``parts`` maps names of the run's other files to their contents. ``meta`` contains ``schema kind problem
     created argv versions revision seed hash parts checksum``, with the types of :mod:`ocp.store.meta`, and if
@@ -60,7 +60,7 @@ class StoredRun:
 
     @cached_property
     def own_problem(self) -> dict[str, Any] | None:
-        """Description of a user's problem (:class:`~ocp.store.meta.OwnProblem`), None for the workbench's problems.
+        """Description of a user's problem (:class:`~ocp.store.meta.OwnProblem`); None for problems of the workbench.
 
         Raises the errors of :attr:`audit`.
         """
@@ -128,7 +128,7 @@ class StoredRun:
 
     @property
     def route(self) -> RouteReport:
-        """Report on the route by which the solve reached its solution."""
+        """Report on the route to the solution."""
         return self._route()[0]
 
     def _route(self) -> tuple[RouteReport, dict[str, Any]]:
@@ -163,7 +163,7 @@ CSV_ROW_DIMENSIONS = {
     "train": ("iteration",),
     "closed-loop": ("seed", "node"),
 }
-"""Mapping from kinds of runs to the dimensions over which a CSV has rows; intervals and samples count as nodes."""
+"""Mapping from kinds of runs to the dimensions of the rows of a CSV; intervals and samples count as nodes."""
 
 
 def csv_row_dimensions(run: StoredRun) -> tuple[str, ...] | None:

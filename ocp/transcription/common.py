@@ -19,13 +19,13 @@ from ocp.transcription.eliminated import Compile, EliminatedUnknowns, Implicit, 
 
 @dataclass(eq=False)
 class Graph:
-    """A problem, the step of a contact law and a policy, before a method transcribes them.
+    """A problem, the step of a contact law and a policy, before transcription by a method.
 
-    ``names`` are the names of all scalar parameters, ``p`` their symbols in the same order: those of
-    the problem, those of the law, then ``penalty`` and ``relaxation``.
+    ``names`` are the names of all scalar parameters, ``p`` their symbols in the same order: parameters of
+    the problem, parameters of the law, then ``penalty`` and ``relaxation``.
 
-    Raises :class:`~ocp.errors.InputError` where the problem's cost or constraints depend on contact
-    impulses, which the law does not compute.
+    Raises :class:`~ocp.errors.InputError` if the problem's cost or constraints depend on contact
+    impulses that the law does not compute.
     """
 
     problem: Problem
@@ -63,12 +63,12 @@ class Graph:
 
     @property
     def feedback(self) -> bool:
-        """Whether inputs follow from feedback gains."""
+        """Whether inputs are given by feedback gains."""
         return isinstance(self.policy, Feedback)
 
     @property
     def gain_steps(self) -> int:
-        """Number of distinct gains over the horizon: 1 where they are stationary, else N."""
+        """Number of distinct gains over the horizon: 1 for stationary gains, else N."""
         return 1 if isinstance(self.policy, Feedback) and self.policy.stationary else self.problem.N
 
     def stage_cost(self) -> ca.SX:
@@ -79,7 +79,7 @@ class Graph:
         return cost + self.step.extra_stage_cost
 
     def with_impulses(self, expression: ca.SX) -> ca.SX:
-        """Return ``expression`` in the step's multipliers, whose mean over branches replaces the system's."""
+        """Return ``expression`` with the system's multipliers replaced by the mean of the step's over branches."""
         if not self.problem.uses_impulses:
             return expression
         return ca.substitute(expression, self.problem.system.lam, self.step.impulses)

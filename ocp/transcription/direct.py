@@ -70,7 +70,7 @@ def build_nlp(
 
 
 def trajectory_variables(graph: Graph, pairs: bool) -> Layout:
-    """Return the layout of variables: states, inputs, gains of a feedback policy, and with ``pairs`` lam and gap."""
+    """Return the layout of variables: states, inputs, gains of a feedback policy and, with ``pairs``, lam and gap."""
     layout, (S, N, n) = Layout(), (graph.scenarios, graph.problem.N, graph.step.n)
     if graph.problem.start is not None:
         layout.add("x0", (1, 1, graph.nx), graph.component_names("x"))
@@ -83,7 +83,7 @@ def trajectory_variables(graph: Graph, pairs: bool) -> Layout:
 
 
 def state_index(graph: Graph, variables: Layout) -> np.ndarray:
-    """Return the indices of x_0..x_N in [x; data], shape (S, N+1, nx); x_0 is data, or a variable where optimised."""
+    """Return the indices of x_0..x_N in [x; data], (S, N+1, nx); x_0 is data, or a variable if it is optimised."""
     start = variables.size + np.arange(graph.scenarios * graph.nx)
     if graph.problem.start is not None:
         start = variables["x0"].index
@@ -154,7 +154,7 @@ def _interval(graph: Graph, variables: Layout, constraints: Layout, reformulatio
 
 
 def solved_interval(graph: Graph, variables: Layout, constraints: Layout, compiled: Compile | None) -> Stage:
-    """Return the interval stage with an internally solved step, ``x_next = step(x, u)``, without variables lam, gap."""
+    """Return the interval stage ``x_next = step(x, u)`` with the step solved internally, without lam and gap."""
     problem, S, N = graph.problem, graph.scenarios, graph.problem.N
     symbols, positions = interval_locals(graph, variables)
     blocks = [
@@ -178,7 +178,7 @@ def terminal_stage(graph: Graph, constraints: Layout, w: ca.SX, index: np.ndarra
 
 
 def periodicity(graph: Graph, variables: Layout, constraints: Layout) -> list[Stage]:
-    """Return the stage of constraints ``x_N[i] - x_0[i] = 0`` on periodic states; empty without any."""
+    """Return the stage of constraints ``x_N[i] - x_0[i] = 0`` on periodic states; empty if there are none."""
     start = graph.problem.start
     if start is None or not start.periodic:
         return []
@@ -192,7 +192,7 @@ def periodicity(graph: Graph, variables: Layout, constraints: Layout) -> list[St
 
 
 def gain_penalty(graph: Graph, variables: Layout) -> list[Stage]:
-    """Return the stage of cost ``penalty |K_t|²``, in characteristic costs; empty for open loop or no penalty."""
+    """Return the stage of the cost ``penalty |K_t|²``, in characteristic costs; empty for open loop or no penalty."""
     if not isinstance(graph.policy, Feedback) or graph.policy.penalty == 0:
         return []
     index = variables["K"].index.reshape(graph.gain_steps, -1)

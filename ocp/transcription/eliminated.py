@@ -1,4 +1,4 @@
-"""Unknowns of a stage that its variables determine, and derivatives through them."""
+"""Unknowns of a stage that its variables determine, and derivatives through these unknowns."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ Compile = Callable[[ca.Function], ca.Function]
 class EliminatedUnknowns(ABC):
     """Unknowns ``inner`` (n,) that the local variables w of a stage determine.
 
-    The stage's functions take them as the argument ``symbols``: ``inner``, and further values that
-    derivatives need. The function :attr:`solve` computes these values, ``(w, p) -> symbols``.
+    The argument ``symbols`` of the stage's functions contains ``inner`` and further values that derivatives need. The
+    function :attr:`solve` computes these values, ``(w, p) -> symbols``.
     """
 
     inner: ca.SX
@@ -39,7 +39,7 @@ class EliminatedUnknowns(ABC):
         """Return the second total derivative (nw, nw) of ``lagrangian``, an expression in w and ``inner``."""
 
     def substitute_held(self, outputs: list[ca.SX]) -> list[ca.SX]:
-        """Return the outputs of a stage's function after differentiation, held symbols replaced by their values."""
+        """Return the outputs of a stage's function, differentiated, with held symbols replaced by their values."""
         return outputs
 
     @property
@@ -54,7 +54,7 @@ class EliminatedUnknowns(ABC):
 
 @dataclass(eq=False)
 class Implicit(EliminatedUnknowns):
-    """Unknowns that solve ``relation(inner, w, p) = 0``; ``held`` is a symbol in the relation and its value, or None.
+    """Unknowns that solve ``relation(inner, w, p) = 0``; ``held`` is None, or a symbol in the relation and its value.
 
     All derivatives come from the implicit function theorem, with the held symbol as a constant.
     """
@@ -69,11 +69,11 @@ class Implicit(EliminatedUnknowns):
         self.symbols = self.inner
 
     def sensitivity(self, w: ca.SX) -> ca.SX:
-        """Return ``-(dR/d inner)^-1 dR/dw`` (n, nw), R the relation."""
+        """Return ``-(dR/d inner)^-1 dR/dw`` (n, nw), with R the relation."""
         return -solve_without_pivoting(self.relation_jacobian, ca.jacobian(self.relation, w))
 
     def total_hessian(self, lagrangian: ca.SX, w: ca.SX) -> ca.SX:
-        """Return ``[I; Y]' grad²(L + a' R) [I; Y]``, Y the sensitivity and ``R_y' a = -dL/dy``, y = ``inner``."""
+        """Return ``[I; Y]' grad²(L + a' R) [I; Y]``, with Y the sensitivity and ``R_y' a = -dL/dy``, y = ``inner``."""
         slope = ca.gradient(lagrangian, self.inner)
         solved = -solve_without_pivoting(self.relation_jacobian.T, ca.densify(slope))
         adjoint = ca.SX.sym("adjoint", self.inner.numel())
@@ -130,7 +130,7 @@ class ModelOutputs(EliminatedUnknowns):
         """Return ``[I; Y]' grad² L [I; Y] + sum_b (dz_b/dw)' H_b dz_b/dw + grad²(a' z)``.
 
         H_b is the model's second derivative contracted with dL/dinner. a is dL/dinner times the
-        model's Jacobian, held constant; the last term vanishes where the queries z are affine in w.
+        model's Jacobian, held constant; the last term vanishes if the queries z are affine in w.
         """
         basis = ca.vertcat(ca.SX.eye(w.numel()), self.sensitivity(w))
         total = basis.T @ ca.hessian(lagrangian, ca.vertcat(w, self.inner))[0] @ basis
@@ -146,7 +146,7 @@ class ModelOutputs(EliminatedUnknowns):
         return ca.vertcat(*(ca.vec(curvature) for curvature in self.curvature_symbols))
 
     def curvature_values(self, slope: ca.Function, arguments: list[ca.MX], copies: int) -> list[ca.MX]:
-        """Return values of the H_b of all copies, evaluated in one batch, see :meth:`total_hessian`."""
+        """Return values of the H_b of :meth:`total_hessian` for all copies, evaluated in one batch."""
         weights = slope.map("weights", "serial", copies, [1], [])(*arguments)
         queries = self._queries(arguments[0], arguments[1], copies)
         curvature_function = self.map.curvature_function(queries.shape[1])

@@ -1,4 +1,4 @@
-"""Make contact laws and policies from names and settings; errors list the valid names."""
+"""Construction of contact laws and policies from names and settings; errors list the valid names."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 DEFAULT_LAW = "exact"
-"""Contact law of a solve where none is chosen; docs/theory/laws.md compares it with the barrier law."""
+"""Default contact law of a solve; docs/theory/laws.md compares it with the barrier law."""
 
 
 def contact_law(contact: ContactLaw | str, values: Mapping[str, Any]) -> ContactLaw:
-    """Make the contact law called ``contact`` from its settings; ``base.<k>`` are those of its base law.
+    """Build the contact law called ``contact`` from its settings; settings of its base law are called ``base.<k>``.
 
-    ``contact`` may also be the path of a file that defines a law (:func:`law_class`). A law object is
-    returned unchanged, and takes no settings.
+    ``contact`` may also be the path of a file that defines a law (:func:`law_class`). A law object
+    is returned unchanged, and no settings are allowed with it.
     """
     if isinstance(contact, ContactLaw):
         _refuse(values, f"the law is made already; give it to {type(contact).__name__}(...)")
@@ -66,7 +66,7 @@ def law_class(contact: str, kind: str = "contact law") -> type[ContactLaw]:
 
 
 def law_name(contact: ContactLaw | str) -> str:
-    """Return the name of a contact law, or the path of the file that defines it, as :func:`law_class` takes it."""
+    """Return the name of a contact law, or the path of its file, as accepted by :func:`law_class`."""
     from dynamics.laws import LAWS
 
     if isinstance(contact, str):
@@ -78,13 +78,13 @@ def law_name(contact: ContactLaw | str) -> str:
 
 
 def law_record(law: ContactLaw) -> dict[str, Any]:
-    """Return the entries that a run stores about its contact law, with path and digest of a user's file."""
+    """Return the entries that a run stores about its contact law, including path and digest of a user's file."""
     origin = {"contact_source": law.source, "contact_digest": law.source_digest}
     return {"contact": law.name, "contact_settings": law.settings(), **(origin if law.source else {})}
 
 
 def law_digest(contact: ContactLaw | str) -> str | None:
-    """Return the digest of the file that defines a law; None for a built-in law, or one made in Python."""
+    """Return the digest of the file that defines a law; None for a built-in law or a law made in Python."""
     if isinstance(contact, str) and not contact.endswith(".py"):
         return None
     return (law_class(contact) if isinstance(contact, str) else contact).source_digest
@@ -98,7 +98,7 @@ def law_settings(contact: ContactLaw | str) -> tuple[str, ...]:
 
 
 def laws_with(setting: str) -> str:
-    """Return the end of an error message that names the laws with this ``setting``; empty where none has it."""
+    """Return the end of an error message: the laws with this ``setting``; empty if there is none."""
     from dynamics.laws import LAWS
 
     names = [name for name, law in LAWS.items() if setting in settings_of(law)]
@@ -106,7 +106,7 @@ def laws_with(setting: str) -> str:
 
 
 def make_law(contact: ContactLaw | str, values: Mapping[str, Any], system: ContactSystem) -> ContactLaw:
-    """Make a contact law for ``system``; raise InputError where the law does not suit the system."""
+    """Build a contact law for ``system``; raise InputError if the law is not suitable for the system."""
     from dynamics.laws import LAWS
 
     law = contact_law(contact, values)
@@ -128,7 +128,7 @@ def _check_target(law: ContactLaw, system: ContactSystem, p: ParameterTable) -> 
 
 
 def policy_of(policy: Policy | str, values: Mapping[str, Any]) -> Policy:
-    """Make the policy called ``policy`` from its settings; a policy object is returned, and takes none."""
+    """Build the policy called ``policy`` from its settings; a policy object is returned unchanged."""
     if isinstance(policy, str):
         return _construct("policy", policy, choose("policy", policy, POLICIES), values)
     _refuse(values, f"the policy is made already; give it to {type(policy).__name__}(...)")
@@ -136,7 +136,7 @@ def policy_of(policy: Policy | str, values: Mapping[str, Any]) -> Policy:
 
 
 def split_policy_settings(values: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Separate ``policy.<name>`` from the settings of method and solver."""
+    """Separate settings ``policy.<name>`` from the settings of method and solver."""
     policy_settings = {k.removeprefix("policy."): v for k, v in values.items() if k.startswith("policy.")}
     return policy_settings, {k: v for k, v in values.items() if not k.startswith("policy.")}
 

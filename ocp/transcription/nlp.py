@@ -34,13 +34,13 @@ _SLIP = 1e3
 class NLP(Program):
     """The nonlinear program of a transcribed optimal control problem.
 
-    The parameter vector p is the parameters called ``names`` (of problem and law, then ``penalty`` and
-    ``relaxation`` of the strategies for exact complementarity) followed by ``data`` (the initial states
-    of all scenarios and the input before the first).
+    The parameter vector p contains the parameters called ``names`` (of problem and law, then ``penalty`` and
+    ``relaxation`` of the strategies for exact complementarity), followed by ``data`` (the initial states of all
+    scenarios and the input before the first step).
 
-    ``trajectories`` maps (x, p) to states, inputs, lam and gap where states are not variables,
-    ``contacts`` to lam and gap where these are not. ``windows`` maps blocks of variables to narrower
-    bounds, lower and upper.
+    ``trajectories`` maps (x, p) to states, inputs, lam and gap if states are not variables; ``contacts`` maps (x, p)
+    to lam and gap if these are not variables. ``windows`` maps blocks of variables to narrower bounds, lower and
+    upper.
     """
 
     problem: Problem
@@ -66,7 +66,7 @@ class NLP(Program):
     def of(
         cls, graph: Graph, method: str, variables: Layout, constraints: Layout, functions: Functions, **fields: Any
     ) -> NLP:
-        """Make the program of a transcribed graph from its layouts and functions."""
+        """Build the program of a transcribed graph from its layouts and functions."""
         parts = (graph.problem, graph.step, graph.policy, method, variables, constraints, graph.names, graph.data())
         return cls(*parts, *functions, **fields)
 
@@ -76,7 +76,7 @@ class NLP(Program):
         return self.problem.name
 
     def parameter_vector(self, values: dict[str, float]) -> np.ndarray:
-        """Return the vector p of the parameters ``values`` and the initial data that follow from them."""
+        """Return the vector p: the parameters ``values`` and the initial data computed from them."""
         evaluation = Evaluation(self.problem, values)
         start = {"x0": evaluation.initial_states, "u_before": evaluation.limits.u_before}
         return np.concatenate([[values[name] for name in self.names], self.data.pack(start)])
@@ -86,7 +86,7 @@ class NLP(Program):
         return Evaluation(self.problem, dict(zip(self.names, p, strict=False))).constant_cost
 
     def products(self, x: np.ndarray, p: np.ndarray) -> np.ndarray:
-        """Return ``lam gap`` of every contact and step, flat; in shooting from the solved contacts."""
+        """Return ``lam gap`` of every contact and step, as a flat array; in shooting, of the solved contacts."""
         if self.contacts is None:
             return super().products(x, p)
         lam, gap = (np.array(v).ravel() for v in self.contacts(x, p))
@@ -120,7 +120,7 @@ class NLP(Program):
     def sizes(self, x: np.ndarray) -> np.ndarray:
         """Return the characteristic size (n,) of every variable, in its unit, from the problem's scaling.
 
-        Multipliers have the size of an impulse and gaps that of a distance, exchanged for slip pairs,
+        Multipliers have the size of an impulse and gaps the size of a distance; the two are exchanged for slip pairs,
         whose multiplier is a distance and whose gap an impulse. Gains are inputs over states.
         """
         sizes = self.problem.natural_scales
@@ -130,7 +130,7 @@ class NLP(Program):
         return self._pack_sizes(sizes, impulse, gap) * self.natural.x
 
     def _pack_sizes(self, sizes: Scales, lam: np.ndarray, gap: np.ndarray) -> np.ndarray:
-        """Return sizes of all variables (n,) from those of states, inputs, multipliers and gaps."""
+        """Return sizes of all variables (n,), given the sizes of states, inputs, multipliers and gaps."""
         x, u = sizes.x, sizes.u
         blocks = {"x": x, "x0": x, "u": u, "k": u, "K": u[:, None] / x, "lam": lam, "gap": gap}
         return self.variables.pack({name: blocks[name] for name in self.variables.blocks})
@@ -142,12 +142,12 @@ class NLP(Program):
 
     @cached_property
     def scale(self) -> Scale | None:
-        """Units of variables, constraints and cost for a solver; None where all are 1.
+        """Units of variables, constraints and cost for a solver; None if all units are 1.
 
-        Variables have their :attr:`~ocp.problem.problem.Problem.natural` units. Where these are SI, the unit
-        of a row is the power of two nearest to its change (:func:`~ocp.programs.units.row_units`),
-        elsewhere it is measured (:func:`~ocp.programs.units.measure_scale`). In shooting, whose rows may be
-        steep, the unit of a row is at most 1, and outside SI only the cost is scaled.
+        Variables have their :attr:`~ocp.problem.problem.Problem.natural` units. If these are SI units, the unit of a
+        row is the power of two nearest to its change (:func:`~ocp.programs.units.row_units`), otherwise it is
+        measured (:func:`~ocp.programs.units.measure_scale`). In shooting, whose rows may be steep, the unit of a row
+        is at most 1, and outside SI only the cost is scaled.
         """
         import scipy.sparse as sp
 
@@ -175,7 +175,7 @@ class NLP(Program):
         return replace(measured_scale, f=measured_scale.f * cost)
 
     def _variable_units(self) -> np.ndarray:
-        """Return units of the variables (n,); outside SI gaps have 1, and get their units when rows are measured."""
+        """Return units of the variables (n,); outside SI units gaps have the unit 1 until rows are measured."""
         problem = self.problem
         natural, units = problem.natural, problem.scaling.units
         if units.plain:
@@ -188,10 +188,10 @@ class NLP(Program):
         return self._pack_sizes(natural, lam, gap)
 
     def active_sets(self, x: np.ndarray) -> list[np.ndarray]:
-        """Return one or two masks (m,) of pairs whose gap is probably zero, since lam exceeds it in their sizes.
+        """Return one or two masks (m,) of pairs whose gap is probably zero, since lam exceeds it in scaled units.
 
-        Where slip pairs make a difference, a first mask compares the members of all pairs as impulses and
-        gaps: neither mask alone is right for friction that hardly slides.
+        If slip pairs make a difference, a first mask compares the members of all pairs as impulses and gaps, since
+        neither mask alone is right for contacts that hardly slide.
         """
         by_sizes, sizes = super().active_sets(x), self.problem.natural_scales
         first, second = (x / self.natural.x)[self.pairs]
@@ -231,16 +231,15 @@ class NLP(Program):
 class StageCompiler:
     """Compiler of CasADi functions to C.
 
-    Objects are cached in the user's cache directory by source, compiler and flags, so that a second
-    solve compiles nothing. Without a compiler, or where it fails, functions are returned unchanged,
-    and ``outcome`` states the reason.
+    Objects are cached in the user's cache directory by source, compiler and flags, so that a second solve compiles
+    nothing. Without a compiler, or if it fails, functions are returned unchanged, and ``outcome`` states the reason.
     """
 
     def __init__(self) -> None:
         self._reason = ""
 
     def __call__(self, function: ca.Function) -> ca.Function:
-        """Return the compiled function, or ``function`` itself once compiling has failed."""
+        """Return the compiled function, or ``function`` if compilation has failed."""
         from dynamics.batch.engines.c_external import external_source
         from dynamics.batch.engines.compiler import load_library
 
@@ -260,7 +259,7 @@ class StageCompiler:
 
 @dataclass(frozen=True)
 class Trajectories:
-    """Planned trajectories of all scenarios: x (S, N+1, nx), u (S, N, nu); lam, gap, mu (S, N, n) over all branches."""
+    """Planned trajectories of all scenarios: x (S, N+1, nx), u (S, N, nu); lam, gap, mu (S, N, n) of all branches."""
 
     x: np.ndarray
     u: np.ndarray

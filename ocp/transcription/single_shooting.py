@@ -1,8 +1,8 @@
-"""Single shooting: only inputs (or gains) are variables, states follow from a rollout.
+"""Single shooting: only inputs (or gains) are variables, and states are computed by a rollout.
 
-The stage is that of multiple shooting, differentiated once, with its states condensed: with
+The stage is that of multiple shooting, differentiated once, with states eliminated (condensed): with
 ``M_k = d xi_k / d theta`` the sensitivities of the rollout and ``H_k`` the stage's Hessian of the
-Lagrangian, adjoints included, the exact Hessian is ``sum_k Y_k' H_k Y_k``, ``Y_k = [M_k; E_k]``,
+Lagrangian, including adjoints, the exact Hessian is ``sum_k Y_k' H_k Y_k``, ``Y_k = [M_k; E_k]``,
 where E_k selects the inputs or gains of step k from theta.
 """
 
@@ -35,7 +35,7 @@ class SingleShooting:
     def transcribe(self, graph: Graph, reformulation: str = "product", compiled: Compile | None = None) -> NLP:
         """Build the NLP; ``reformulation`` is ignored, since each step solves its contact.
 
-        Raises :class:`~ocp.errors.InputError` where the initial state is optimised.
+        Raises :class:`~ocp.errors.InputError` if the initial state is optimised.
         """
         problem = graph.problem
         if problem.start is not None:
@@ -57,7 +57,7 @@ class SingleShooting:
 
 
 class _First(NamedTuple):
-    """First derivatives: gradient and constraint Jacobian of the NLP, and Y, Jacobian J and cost gradient per stage."""
+    """First derivatives: gradient and constraint Jacobian of the NLP; Y, Jacobian J and cost gradient per stage."""
 
     gradient: ca.MX
     jacobian: ca.MX
@@ -269,5 +269,5 @@ class _Condensed:
 
 
 def _is_finite(*bounds: ca.SX | float) -> bool:
-    """Whether any bound may be finite; infinite bounds need no constraint."""
+    """Return whether any bound may be finite; infinite bounds need no constraint."""
     return any(not ca.SX(v).is_constant() or np.isfinite(np.array(ca.DM(ca.SX(v)))).any() for v in bounds)

@@ -1,8 +1,8 @@
-"""One stage differentiated once, mapped over all stages and scattered into a sparse NLP.
+"""Stages that are differentiated once, mapped over all copies and scattered into a sparse NLP.
 
-A :class:`Stage` is a cost and constraints in a few local variables; :func:`assemble` gathers these
-for every copy from the decision vector, maps the stage's derivatives over the copies, and
-scatters them into gradient, Jacobian and Hessian. Set-up cost is that of one stage.
+A :class:`Stage` is a cost and constraints in a few local variables; :func:`assemble` gathers these for every copy
+from the decision vector, maps the stage's derivatives over the copies, and scatters them into gradient, Jacobian and
+Hessian. The set-up cost is that of a single stage.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from ocp.transcription.eliminated import Compile, EliminatedUnknowns
 
 @dataclass(eq=False)
 class Stage:
-    """A cost (1,) and constraints (nc,) in local variables ``w`` (nw,), used in a number of ``copies``.
+    """A cost (1,) and constraints (nc,) in local variables ``w`` (nw,), used for a number of ``copies``.
 
     ``index`` (copies, nw) are the indices of each copy's local variables in ``[x; data]``, ``rows``
     (copies, nc) those of its constraints in g; ``weight`` scales the cost. ``eliminated`` are unknowns
-    that w determines, or None; all derivatives include the change of these unknowns with w.
+    that w determines, or None; all derivatives account for the dependence of these unknowns on w.
     """
 
     name: str
@@ -46,7 +46,7 @@ class Stage:
         return self._function("values", self.arguments, [self.cost, self.constraints])
 
     def first(self) -> tuple[ca.Function, ca.Sparsity]:
-        """Return ``(w, p, eliminated) -> (cost, constraints, gradient, Jacobian nonzeros)``, and their pattern."""
+        """Return ``(w, p, eliminated) -> (cost, constraints, gradient, Jacobian nonzeros)``, and the pattern."""
         gradient = self._total(self.cost).T
         jacobian = self._total(self.constraints)
         outputs = [self.cost, self.constraints, ca.densify(gradient), _nonzeros(jacobian)]
@@ -74,7 +74,8 @@ class Stage:
     def second(self) -> tuple[ca.Function, ca.Sparsity]:
         """Return the function ``(w, p, eliminated, s, m, curvatures) -> Hessian nonzeros`` and the Hessian's pattern.
 
-        It is the upper triangle for ``s cost + m' c``; ``curvatures`` is an argument only where ``eliminated`` has it.
+        The Hessian is the upper triangle for ``s cost + m' c``; ``curvatures`` is an argument only if ``eliminated``
+        has it.
         """
         lagrangian, s, m = self._lagrangian()
         arguments = [*self.arguments, s, m]
@@ -87,7 +88,7 @@ class Stage:
         return self._function("second", arguments, [_nonzeros(hessian)]), hessian.sparsity()
 
     def curvature_values(self, arguments: list[ca.MX], copies: int) -> list[ca.MX]:
-        """Return the argument ``curvatures`` of :meth:`second` in a list, from the others; empty where it has none."""
+        """Return the argument ``curvatures`` of :meth:`second` in a list, given the others; empty if it has none."""
         if self.eliminated is None or not self.eliminated.curvatures.numel():
             return []
         lagrangian, s, m = self._lagrangian()
@@ -117,7 +118,7 @@ def _nonzeros(matrix: ca.SX) -> ca.SX:
 
 
 def _call_copies(stage: Stage, function: ca.Function, source: ca.MX, p: ca.MX, *more: ca.MX) -> list[ca.MX]:
-    """Return the outputs of a stage's function for all its copies, from the whole [x; data] and p."""
+    """Return the outputs of a stage's function for all its copies, given the whole [x; data] and p."""
     copies, eliminated = stage.copies, stage.eliminated
     w = ca.reshape(source[stage.index.ravel().tolist()], -1, copies)
     inner = ca.MX(0, copies) if eliminated is None else eliminated.values(w, p, copies)
@@ -189,7 +190,7 @@ def _by_columns(m: int, n: int, row: np.ndarray, column: np.ndarray) -> ca.Spars
 
 
 def _placed(*blocks: tuple[np.ndarray, np.ndarray, ca.Sparsity]) -> list[np.ndarray]:
-    """Return rows and columns of all copies' entries, from ``(row indices, column indices, pattern)`` of each block."""
+    """Return rows and columns of all copies' entries, from blocks ``(row indices, column indices, pattern)``."""
     placed = [
         [index[:, entry].ravel() for index, entry in zip(indices, pattern.get_triplet(), strict=True)]
         for *indices, pattern in blocks

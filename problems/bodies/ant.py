@@ -1,4 +1,4 @@
-"""Gymnasium's ant, which walks: a ball on four legs of two joints each, with the values of ant.xml."""
+"""Gymnasium's ant, a walking robot: a ball on four legs with two joints each, with the values of ant.xml."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ TUBE = 0.08
 LEGS = {"1": (1, 1), "2": (-1, 1), "3": (-1, -1), "4": (1, -1)}
 """Mapping from a leg's number in ant.xml to the signs of its direction along x and y."""
 ANKLES = {"1": (30.0, 70.0), "2": (-70.0, -30.0), "3": (-70.0, -30.0), "4": (30.0, 70.0)}
-"""Limits of the ankles [degrees], which turn about (-1, 1, 0) in legs 1 and 3, (1, 1, 0) in legs 2 and 4."""
+"""Limits of the ankles [degrees]; ankles turn about (-1, 1, 0) in legs 1 and 3, (1, 1, 0) in legs 2 and 4."""
 MOTOR: dict[str, Any] = {"damping": 1.0, "armature": 1.0, "gear": 150.0}
 """Damping [N m s/rad], armature [kg m^2] and torque of one unit of input [N m] of every joint."""
 CAMERA = PinholeCamera.around((0.2, 0.0, 0.3), 1.4)
@@ -98,7 +98,7 @@ def ant() -> SpatialMachine:
 
 
 def standing_pose(bend: float = 1.0) -> np.ndarray:
-    """Return the pose q (15,) of the ant on its four feet, with ankles bent by ``bend`` [rad]."""
+    """Return the pose q (15,) of the ant standing on its four feet, with ankles bent by ``bend`` [rad]."""
     q = np.zeros(15)
     q[2], q[3] = 0.4 * sqrt(2) * sin(bend) + TUBE, 1.0
     q[8::2] = [bend if low > 0 else -bend for low, _ in ANKLES.values()]
@@ -106,7 +106,7 @@ def standing_pose(bend: float = 1.0) -> np.ndarray:
 
 
 class Params(GaitParams):
-    """Parameters of ``ant``; the default h is five steps of 0.01 s, over which the source holds an input."""
+    """Parameters of ``ant``; the default h is five steps of 0.01 s, the time for which the source holds an input."""
 
     friction: float = quantity(1.0, "1", "Coulomb's coefficient with the ground", above=0)
     h: float = quantity(0.05, "s", "step size", above=0)
@@ -123,7 +123,7 @@ def build(params: Params) -> Problem:
 
 
 def _walk(share: np.ndarray) -> np.ndarray:
-    """Return joint angles (n, 8) [rad] at shares (n,) of the path: hips swing, diagonal legs in phase."""
+    """Return joint angles (n, 8) [rad] at fractions (n,) of the path: hips swing, diagonal legs in phase."""
     joints = np.zeros((len(share), 8))
     for k, (x, y) in enumerate(LEGS.values()):
         joints[:, 2 * k] = 0.3 * np.sin(4 * np.pi * share) * x * y

@@ -1,4 +1,4 @@
-"""A hopper of three links that moves back by half a metre."""
+"""A hopper of three links that moves backwards by half a metre."""
 
 from __future__ import annotations
 

@@ -40,7 +40,7 @@ HIP_X = 0.18
 HIP_Y = 0.047
 """Distance of the hips from the trunk's middle along y [m]."""
 HIP_WIDTH = 0.08
-"""Distance of the leg, outwards, from the axis of its hip joint [m]."""
+"""Lateral distance of the leg from the axis of its hip joint [m]."""
 LEGS = {"fl": (1, 1), "fr": (1, -1), "hl": (-1, 1), "hr": (-1, -1)}
 """Mapping from a leg (fore or hind, left or right) to the signs of its position along x and y."""
 MOTOR: dict[str, Any] = {"damping": 0.05, "armature": 0.005, "gear": 25.0}
@@ -128,7 +128,7 @@ CAMERA = PinholeCamera.around((0.25, 0.0, 0.2), 0.75)
 
 
 class Params(GaitParams):
-    """Parameters of ``quadruped``: to jump, give a ``rise``; to stand up, ``start=lie``."""
+    """Parameters of ``quadruped``; it jumps if ``rise`` is given, and stands up if ``start=lie``."""
 
     start: str = choice(("stand", "lie"), "start on its feet, or on its belly with folded legs")
 
@@ -136,14 +136,14 @@ class Params(GaitParams):
 def build(params: Params) -> Problem:
     """Return the problem with steps (quadruped.1), (quadruped.2), contacts (quadruped.3) and cost (quadruped.5).
 
-    The friction is (quadruped.4), the state is (q, v); lam are impulses [N s]."""
+    Friction is (quadruped.4), the state is (q, v); lam are impulses [N s]."""
     lies = params.start == "lie"
     scaling = Scaling(impulse=1.0, gap=0.1, x=0.1, u=0.3)
     return gait(name, params, quadruped(belly=lies), LYING if lies else STANDING, STANDING, _trot, scaling)
 
 
 def _trot(share: np.ndarray) -> np.ndarray:
-    """Return joint angles (n, 12) [rad] of a trot at shares (n,) of the path; each diagonal pair is lifted twice."""
+    """Return joint angles (n, 12) [rad] of a trot at fractions (n,) of the path; each diagonal pair is lifted twice."""
     joints = np.zeros((len(share), 12))
     for k, (fore, left) in enumerate(LEGS.values()):
         lift = np.maximum(0.0, np.sin(4 * np.pi * share) * fore * left)

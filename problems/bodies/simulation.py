@@ -65,13 +65,12 @@ def simulate(
 ) -> Rollout:
     """Simulate a machine from the start of its original environment (:func:`simulation`).
 
-    ``inputs`` (steps, nu) are those of the motors, by default 0, and are not clipped, as in the
+    ``inputs`` (steps, nu) are the inputs of the motors, by default 0, and are not clipped, as in the
     source; ``law`` is the contact law, by default the exact one; for ``gyroscopic`` and ``params`` see
     :func:`simulation`. States (1, steps + 1, nx) are (q, v), for ``half-cheetah`` (q, v, h).
 
-    Raises :class:`~ocp.errors.InputError` if the inputs have another shape, and
-    :class:`~ocp.errors.NotConverged` if a step has no solution or none was found, with a message
-    that says which of the two.
+    Raises :class:`~ocp.errors.InputError` if the inputs have another shape, and :class:`~ocp.errors.NotConverged` if
+    a step has no solution or if no solution was found; the message distinguishes the two cases.
     """
     problem, x0 = simulation(name, steps, seed, gyroscopic, **params)
     plan = np.zeros((steps, problem.system.nu)) if inputs is None else np.asarray(inputs, float)

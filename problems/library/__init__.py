@@ -1,1 +1,1 @@
-"""Named problems and static objectives without a machine of their own, one per module."""
+"""Named problems and static objectives without a machine, one per module."""

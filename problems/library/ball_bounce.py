@@ -77,7 +77,7 @@ def build(params: Params) -> Problem:
 
 
 def draw(params: Params, state: np.ndarray) -> list[Shape]:
-    """Draw floor, goal and ball; the ball, a point in the model, has a radius only in the picture."""
+    """Draw floor, goal and ball; the ball is a point in the model and has a radius only in the picture."""
     radius = 0.05
     return [
         Wall(0, 0, 0, 1),

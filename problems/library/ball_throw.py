@@ -1,4 +1,4 @@
-"""A ball thrown so that it arrives at a goal, with a given velocity, after one bounce."""
+"""A ball thrown so that it reaches a goal, with a given velocity, after one bounce."""
 
 from __future__ import annotations
 
@@ -70,12 +70,12 @@ class Params(ThrowParameters):
 def build(params: Params) -> Problem:
     """Return the problem with time steps (ball-throw.2) and restitution (ball-throw.3); lam is an impulse [N s].
 
-    In free flight the nodes lie on a parabola, since the velocity of a step is the velocity at its
-    middle. The contact keeps the next node above ``-R(s)``, where s is the height at the node before
-    the present one: two steps in contact, with heights a > c at these earlier nodes, end at ``-R(a)`` and
+    In free flight the nodes are on a parabola, since the velocity of a step is the velocity at its
+    middle. The contact keeps the next node above ``-R(s)``, where s is the height at the node before the
+    current node: two steps in contact, with heights a > c at these earlier nodes, end at ``-R(a)`` and
     ``-R(c)``. ``R(s) = e s`` is the published scheme, in which the velocity after a bounce is e times
     the velocity before it, wherever the impact is between two nodes. Since gravity also acts in between,
-    the velocity is a sawtooth function of the place of the impact: its slope has the wrong sign for every
+    the velocity is a sawtooth function of the position of the impact: its slope has the wrong sign for every
     h, and each tooth is a local minimum. The quadratic term of R reflects the parabola instead of
     its tangent, and leaves a delay of two steps. The node in between is at most e h V below the floor.
 
@@ -152,7 +152,7 @@ def _reflected_height(last: Any, fall: Any, e: Any, g: Any, h: Any) -> Any:
 
 
 def roll(params: Params, theta: float, speed: float) -> np.ndarray:
-    """Return states (N+1, 6) of one throw under the exact law, step by step in closed form."""
+    """Return the states (N+1, 6) of one throw under the exact law, step by step in closed form."""
     h, e, g = params.h, params.restitution, params.g
     states = np.zeros((params.N + 1, 6))
     fall = 2 * g * params.z0
@@ -180,7 +180,7 @@ def _guess(params: Params):
 
 
 def draw(params: Any, state: np.ndarray) -> list[Shape]:
-    """Draw floor, hand, goal and ball; the ball, a point in the model, has a radius only in the picture."""
+    """Draw floor, hand, goal and ball; the ball is a point in the model and has a radius only in the picture."""
     radius = 0.05
     return [
         Wall(0, 0, 0, 1),

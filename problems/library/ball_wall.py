@@ -1,4 +1,4 @@
-"""A ball thrown at a wall with a sharp corner: it flies over or bounces back, so that the cost jumps."""
+"""A ball thrown at a wall with a sharp corner: it flies over or bounces back, so the cost jumps."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Params(Parameters):
 
 
 def cost(params: Params, theta: ca.SX, p: ParameterTable) -> ca.SX:
-    """Return the cost in closed form, of free flight with at most one elastic reflection at the wall."""
+    """Return the cost in closed form: free flight with at most one elastic reflection at the wall."""
     forward = p["v0"] * ca.cos(theta)
     meets = p["d"] / forward
     height = p["v0"] * meets * ca.sin(theta) - p["g"] * meets**2 / 2

@@ -19,7 +19,7 @@ f = m v_N \/ (N h F): "the impulse on the block as a share of the largest, from 
 
 
 class Params(Parameters):
-    """Parameters of ``belt-block``; the defaults are ours, since the paper shows only a drawing."""
+    """Parameters of ``belt-block``; the defaults are our choice, since the paper shows only a drawing."""
 
     theta: float = quantity(0.0, "m/s", "velocity of the belt")
     nu: float = quantity(0.01, "m/s", "slip tolerance", above=0)
@@ -31,7 +31,7 @@ class Params(Parameters):
 
 
 def cost(params: Params, theta: ca.SX, p: ParameterTable) -> ca.SX:
-    """Return the block's impulse as a share of the largest, after steps implicit in the sliding velocity.
+    """Return the block's impulse relative to the largest, after steps implicit in the sliding velocity.
 
     The steps are stable for every nu: within the tolerance ``v+ = (v + c b)/(1 + c)`` with
     ``c = 2 h F/(m nu)``, otherwise friction is at its limit. A block as fast as the belt does not

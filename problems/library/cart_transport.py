@@ -1,4 +1,4 @@
-"""A cart that carries a box only by friction, and shifts the box by braking hard."""
+"""A cart that carries a box by friction only, and shifts the box by braking hard."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ golden = {
 class Params(Parameters):
     """Parameters of ``cart-transport``.
 
-    The published task has mb = 0.1, mc = 0.2, friction = 0.2, reach = 1, h = 0.02, N = 300, starts
-    and ends with the box in the middle (offset0 = goal_offset = 0) and has no bound on the force.
+    The published task has mb = 0.1, mc = 0.2, friction = 0.2, reach = 1, h = 0.02 and N = 300, starts and
+    ends with the box in the middle (offset0 = goal_offset = 0), and has no bound on the force.
     """
 
     mc: float = quantity(2.0, "kg", "mass of the cart", above=0)
@@ -68,7 +68,7 @@ def build(params: Params) -> Problem:
     """Return the problem of cart and box (cart-transport.1), relative to the cart, with friction (cart-transport.4).
 
     u is a force [N]. Up to |u| = friction g (mc + mb) the box moves with the cart. It slides from one
-    end of the cart to the other only if the cart brakes harder than that.
+    end of the cart to the other only if the cart brakes harder.
     """
     p = table(params)
     mc, mb, h = p["mc"], p["mb"], p["h"]

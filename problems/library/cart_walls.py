@@ -39,7 +39,7 @@ golden = {
 
 
 class Params(Parameters):
-    """Parameters of ``cart-walls``; the walls are springs that the tip of the pole can hit."""
+    """Parameters of ``cart-walls``; the walls are springs that the tip of the pole can touch."""
 
     mc: float = quantity(1.0, "kg", "mass of the cart", above=0)
     mp: float = quantity(0.1, "kg", "mass of the pole's tip", above=0)

@@ -1,4 +1,4 @@
-"""Coulomb friction with a slip tolerance: continuous, yet first-order gradients from few samples are biased."""
+"""Coulomb friction with a slip tolerance: continuous, but first-order gradients from few samples are biased."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ f(theta, w) = macron(H)_nu (theta + w), quad macron(H)_nu (t) = "clip"(2 t \/ nu
 GAUSS_RULE = np.polynomial.legendre.leggauss(96)
 """Nodes and weights of the Gauss-Legendre rule on [-1, 1]."""
 NOISE_REACH = 12.0
-"""Number of standard deviations beyond which noise has no weight in double precision."""
+"""Number of standard deviations above which the weight of noise is zero in double precision."""
 
 
 class Params(Parameters):
@@ -41,11 +41,10 @@ def cost(params: Params, theta: ca.SX, p: ParameterTable) -> ca.SX:
 def closed_form(values: dict[str, float], sigma: float) -> ClosedForm:
     """Return the exact mean F and its gradient, and means and variances of the gradient's estimators.
 
-    With ``G(y) = y Phi(y/sigma) + sigma phi(y/sigma)``: ``F = (2/nu) (G(theta + nu/2) -
-    G(theta - nu/2)) - 1`` and ``F' = (2/nu) p``, p the probability that the derivative is 2/nu
-    and not zero; so one sample of the first-order gradient has the variance ``(4/nu^2) p (1 - p)``. The
-    paper's closed form of F and its gradient at nu/2 are half of the correct values, and it states 1 - p
-    instead of p.
+    With ``G(y) = y Phi(y/sigma) + sigma phi(y/sigma)``: ``F = (2/nu) (G(theta + nu/2) - G(theta - nu/2)) - 1`` and
+    ``F' = (2/nu) p``, where p is the probability that the derivative is 2/nu and not zero; one sample of the
+    first-order gradient has the variance ``(4/nu^2) p (1 - p)``. The paper's closed form of F and its gradient at
+    nu/2 are half of the correct values, and it states 1 - p instead of p.
     """
     from scipy.stats import norm
 
@@ -69,8 +68,8 @@ def closed_form(values: dict[str, float], sigma: float) -> ClosedForm:
 def zobg_variance(theta: float, nu: float, sigma: float, baseline: float) -> float:
     """Return the variance of one zeroth-order sample ``(f - b) w/sigma^2`` with a constant baseline b.
 
-    It is ``E[(f - b)^2 w^2]/sigma^4 - F'^2``, in closed form where ``f = +-1``, and by Gauss's rule on
-    the linear part; the rule is exact to rounding and suffers no cancellation for small nu.
+    The variance is ``E[(f - b)^2 w^2]/sigma^4 - F'^2``, in closed form where ``f = +-1``, and by Gauss quadrature on
+    the linear part; the quadrature is exact up to rounding errors and has no cancellation for small nu.
     """
     from scipy.stats import norm
 

@@ -54,7 +54,7 @@ def closed_form(values: dict[str, float], sigma: float) -> ClosedForm:
 def zobg_variance(theta: float, sigma: float, baseline: float) -> float:
     """Return the variance of one sample of the zeroth-order gradient with a constant baseline b.
 
-    It is ``((1 - 2 b) A + b^2 - phi(t)^2)/sigma^2``, minimal at b = A; see :func:`closed_form` for A, t.
+    The variance is ``((1 - 2 b) A + b^2 - phi(t)^2)/sigma^2``, minimal at b = A; see :func:`closed_form` for A, t.
     """
     from scipy.stats import norm
 

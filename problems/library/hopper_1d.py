@@ -1,4 +1,4 @@
-"""A hopper on a vertical rail that jumps as high as it can, with a bang-bang optimum in closed form."""
+"""A hopper on a vertical rail that jumps as high as possible, with a bang-bang optimum in closed form."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ golden = {"exact": Golden(-0.6146875, tried=33, independent="the closed form of 
 
 
 class Params(Parameters):
-    """Parameters of ``hopper-1d``; by default stance and flight take half of the time each."""
+    """Parameters of ``hopper-1d``; by default stance and flight each take half of the time."""
 
     mb: float = quantity(4.0, "kg", "mass of the body", above=0)
     mf: float = quantity(1.0, "kg", "mass of the foot", above=0)
@@ -61,7 +61,7 @@ class Params(Parameters):
 def build(params: Params) -> Problem:
     """Return the problem with steps of body (hopper-1d.1) and foot (hopper-1d.2), and stops of the leg (hopper-1d.4).
 
-    lam are impulses [N s]. In flight the leg's force is not determined, since it does not affect the
+    lam are impulses [N s]. In flight the leg's force is not unique, since it does not affect the
     centre of mass, on which the cost depends.
     """
     p = table(params)
@@ -93,7 +93,7 @@ def build(params: Params) -> Problem:
 
 
 def _standing(problem: Problem, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return a guess that stands still, where the force of the leg equals the weight of the body."""
+    """Return a guess at rest, in which the force of the leg equals the weight of the body."""
     values = problem.parameters.unpack(p)
     states = np.tile([values["leg0"], 0, 0, 0], (problem.N + 1, 1))
     return states, np.full((problem.N, 1), values["mb"] * values["g"])

@@ -1,4 +1,4 @@
-"""A ball turned in the plane by two arms of two links each, with friction."""
+"""A ball that two arms of two links each turn in the plane, with friction."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ golden = {
 }
 
 _DISCS = ((0.0, 1 / 3, 2 / 3, 1.0), (0.5, 1.0))
-"""Positions of the published discs along link 1 and link 2, as shares of the link's length."""
+"""Positions of the published discs along link 1 and link 2, as fractions of the link's length."""
 _RIGHT = ((0.0, math.pi / 2), (0.0, 2.4))
 """Limits [rad] of the two joints of the right arm; the limits of the left arm are mirrored."""
 
@@ -72,7 +72,7 @@ class Params(Parameters):
     h: float = quantity(0.1, "s", "step size", above=0)
     N: int = structure(20, "number of steps", least=1)
     links: str = choice(("capsules", "discs"), "shape of a link: one smooth capsule, or the published discs")
-    gap: str = choice(("linearised", "true"), "phi at the next state: linearised, as published, or the true one")
+    gap: str = choice(("linearised", "true"), "phi at the next state: linearised, as published, or exact")
     ox0: float = quantity(0.0, "m", "start of the ball, x")
     oy0: float = quantity(0.35, "m", "start of the ball, y")
     angle0: float = quantity(0.0, "rad", "start of the ball, angle")
@@ -129,7 +129,7 @@ def _limits() -> tuple[list[float], list[float]]:
 
 @dataclass(frozen=True, eq=False)
 class _Link:
-    """A link of an arm: its name, its pose at the joint, and its end [m] in its own frame."""
+    """A link of an arm: its name, its pose at the joint, and its end [m] in the link's frame."""
 
     name: str
     pose: shapes.Pose
@@ -165,7 +165,7 @@ def _touches(q: ca.SX, p: Numbers, discs: bool = False) -> dict[str, shapes.Cont
 def build(params: Params) -> Problem:
     """Return the problem whose quasi-dynamic steps (planar-hand.3) are those of Suh et al. (2023), eq. 13.
 
-    u are the commanded joint angles [rad], lam the impulses [N s] along the two edges of each friction
+    u are the commanded joint angles [rad], and lam the impulses [N s] along the two edges of each friction
     cone. A problem without friction has one impulse per contact and no parameter ``friction``.
     """
     p, friction = friction_of(table(params))
@@ -245,13 +245,13 @@ def draw(params: Params, state: np.ndarray) -> list[Shape]:
 
 
 def _hand(ball: Circle, angle: float) -> Segment:
-    """Return a radius that shows the angle [rad] of a ball; it points upwards at angle zero."""
+    """Return a radius of a ball that shows the ball's angle [rad]; at angle zero it points upwards."""
     x, y = ball.x - ball.radius * math.sin(angle), ball.y + ball.radius * math.cos(angle)
     return Segment(ball.x, ball.y, x, y, ball.role)
 
 
 def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
-    """Return the contact frame of every link, or of its discs, at the nearest point of the ball's rim."""
+    """Return the contact frame of every link, or of its discs, at the nearest point on the ball's rim."""
     contact_frames = []
     for touch in _touches(ca.SX(ca.DM(state)), params.model_dump(), params.links == "discs").values():
         x, y, nx, ny = (float(v) for vector in (touch.point, touch.normal) for v in ca.vertsplit(vector))

@@ -45,7 +45,7 @@ class Params(Parameters):
     friction: float = quantity(2 / 3, "1", "Coulomb's coefficient; 0: frictionless", least=0)
     h: float = quantity(0.1, "s", "step size", above=0)
     N: int = structure(20, "number of steps", least=1)
-    gap: str = choice(("linearised", "true"), "phi at the next state: linearised, as published, or the true one")
+    gap: str = choice(("linearised", "true"), "phi at the next state: linearised, as published, or exact")
     ox0: float = quantity(0.0, "m", "start of the box, x")
     oy0: float = quantity(0.5, "m", "start of the box, y")
     angle0: float = quantity(0.0, "rad", "start of the box, angle")
@@ -84,7 +84,7 @@ class Params(Parameters):
         return self
 
     def _distance(self, x: float, y: float, angle: float) -> float:
-        """Return the signed distance [m] between the pusher at its start and the box at a pose."""
+        """Return the signed distance [m] between the pusher at its start and the box in a given pose."""
         state = ca.SX([x, y, angle, self.ax0, self.ay0])
         return float(_touch(state, ca.SX(self.side), ca.SX(self.r)).phi)
 
@@ -98,7 +98,7 @@ def _touch(q: ca.SX, side: ca.SX, r: ca.SX) -> shapes.Contact:
 def build(params: Params) -> Problem:
     """Return the problem whose quasi-dynamic steps (planar-push.2) are those of Suh et al. (2023), eq. 13.
 
-    u is the commanded position of the pusher [m], lam the impulses [N s] along the two edges of the
+    u is the commanded position of the pusher [m], and lam the impulses [N s] along the two edges of the
     friction cone. A problem without friction has one impulse and no parameter ``friction``.
     """
     p, friction = friction_of(table(params))

@@ -1,4 +1,4 @@
-"""A mass pushed along a line by a spring-held actuator."""
+"""A mass on a line, pushed by an actuator that a spring holds at its command."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ golden = {
 
 
 class Params(Parameters):
-    """Parameters of ``push-1d``; qu is the object, qa the pusher to its left."""
+    """Parameters of ``push-1d``; qu is the object, and qa is the pusher on its left."""
 
     M: float = quantity(1.0, "kg", "mass of the object", above=0)
     K: float = quantity(100.0, "N/m", "stiffness of the actuator", above=0)

@@ -1,4 +1,4 @@
-"""A box on a table, pushed at one side at a time to a goal position and heading."""
+"""A box on a table that is pushed on one side at a time to a goal position and heading."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ golden = {"exact": Golden(5.5740820650, settings={"strategy": "scholtes-exact"},
 
 
 class Params(Parameters):
-    """Parameters of ``push-box`` with the source's values; its goal headings are k pi/9, k = 0 to 17."""
+    """Parameters of ``push-box`` with the source's values, whose goal headings are k pi/9 for k = 0 to 17."""
 
     a: float = quantity(0.5, "m", "half the length of the box", above=0)
     b: float = quantity(0.25, "m", "half the width of the box", above=0)
@@ -46,7 +46,7 @@ class Params(Parameters):
 def build(params: Params) -> Problem:
     """Return the problem with steps (push-box.1), (push-box.2) and cost (push-box.3).
 
-    At the optimum the cost of F equals the cost of w, since a force that does not push only adds cost.
+    At the optimum the cost of F equals the cost of w, since a force without effect only adds cost.
     """
     p = table(params)
     a, b = p["a"], p["b"]

@@ -79,7 +79,7 @@ class Params(Parameters):
 
 
 def fingertip(name: str, stiffness: Number) -> tuple[Body, ...]:
-    """Return the bodies of a fingertip: slides along x, y and z with servos; the last, ``<name>z``, is the tip."""
+    """Return the bodies of a fingertip: slides along x, y and z with servos; the last body, ``<name>z``, is the tip."""
     x, y, z = (f"{name}{axis}" for axis in "xyz")
     return (
         Body(x, None, 0.0, joint="slide", axis=(1.0, 0.0, 0.0), servo=stiffness),
@@ -89,7 +89,7 @@ def fingertip(name: str, stiffness: Number) -> tuple[Body, ...]:
 
 
 def machine(p: ParameterTable | Mapping[str, float]) -> SpatialMachine:
-    """Return the machine of cube, fingertip and table, whose parameters are numbers or symbols."""
+    """Return the machine of cube, fingertip and table; its parameters are numbers or symbols."""
     a, m = p["a"], p["m"]
     return SpatialMachine(
         (Body("cube", None, m, (m * a**2 / 6,) * 3, joint="free"), *fingertip("tip", p["K"])),
@@ -110,7 +110,7 @@ def goal_turn(yaw: ca.SX, over: bool) -> ca.SX:
 
 
 def turn_between(one: ca.SX, other: ca.SX) -> ca.SX:
-    """Return the squared angle between unit quaternions as ``4 sin^2(angle / 2)`` [rad^2]."""
+    """Return the squared angle between two unit quaternions as ``4 sin^2(angle / 2)`` [rad^2]."""
     inverse = ca.vertcat(one[0], -one[1:])
     return 4 * ca.sumsqr(rotation.product(inverse, other)[1:])
 
@@ -141,7 +141,7 @@ def build(params: Params) -> Problem:
 
 
 def _carried(problem: Problem, p: np.ndarray, over: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return a guess: the cube moves evenly to its goal, tilted by ``over`` [rad], the fingertip on its rear face."""
+    """Return a guess in which the cube moves evenly to its goal, tilted by ``over`` [rad], with the tip behind it."""
     values, N = problem.parameters.unpack(p), problem.N
     a, s = values["a"], np.linspace(0, 1, N + 1)
     X = np.tile(problem.initial_states(p)[0], (N + 1, 1))
@@ -182,7 +182,7 @@ def with_goal(shown: SpatialMachine, body: str, place: ca.SX, turn: ca.SX) -> Sp
 
 
 def seen_with_goal(shown: SpatialMachine, camera: PinholeCamera, state: np.ndarray, tips: set[str]) -> list[Shape]:
-    """Draw a machine with fingertips, the bodies ``tips``, and with a transparent goal."""
+    """Draw a machine whose bodies ``tips`` are fingertips, with a transparent goal."""
     visible = [
         replace(shape, shade=0.0) if shape.role == "goal" and isinstance(shape, Circle | Outline) else shape
         for shape in spatial_shapes(shown, camera, state, tips, {"goal"})

@@ -1,4 +1,4 @@
-"""A disc pushed over a plane by a smaller disc, frictionless."""
+"""A disc pushed over a plane by a smaller disc without friction."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A T-shaped body on a table, pushed to a goal pose at one of its eight sides at a time."""
+"""A T-shaped body on a table, pushed on one of its eight sides at a time to a goal pose."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ golden = {
         tried=40,
         note="with FMA the same solve ends in the neighbouring local minimum 0.8620344554",
         # The relative difference of minima whose contact schedules differ by one step is 1e-5 to 1e-4;
-        # the last bit of a sine decides between two minima that differ by 4.2e-5, on processors with FMA.
+        # on processors with FMA the last bit of a sine selects one of two minima that differ by 4.2e-5.
         tolerance=5e-5,
     )
 }
@@ -43,7 +43,7 @@ Width = TypeVar("Width", ca.SX, float)
 
 
 class Params(Parameters):
-    """Parameters of ``push-t``, with the source's values; the bar is 4 and the stem 3 widths long."""
+    """Parameters of ``push-t`` with the source's values; the bar is 4 widths long, and the stem 3 widths."""
 
     width: float = quantity(0.05, "m", "width of bar and stem", above=0)
     m: float = quantity(1.0, "kg", "mass of the T", above=0)
@@ -64,7 +64,7 @@ class Params(Parameters):
 
 
 def _corners(width: Width) -> list[tuple[Width, Width]]:
-    """Return the corners of the T, stem down, counter-clockwise from its foot, relative to the centre of mass."""
+    """Return the corners of the T relative to its centre of mass, counter-clockwise from the foot of the stem."""
     corners = (-0.5, 0), (0.5, 0), (0.5, 3), (2, 3), (2, 4), (-2, 4), (-2, 3), (-0.5, 3)
     return [(x * width, (y - _CENTRE) * width) for x, y in corners]
 

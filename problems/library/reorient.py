@@ -45,7 +45,7 @@ golden = {"exact": Golden(0.00348597807, settings={"strategy": "scholtes"}, trie
 TIPS = ("thumb", "index", "middle")
 """Names of the fingertips."""
 _START_OVERLAP = 0.01
-"""Largest overlap of a fingertip with the object at the start, as a share of the fingertip's radius."""
+"""Largest overlap of a fingertip with the object at the start, as a fraction of the fingertip's radius."""
 
 
 class Params(Parameters):
@@ -90,7 +90,7 @@ def _starts(away: ca.SX | float, z: ca.SX | float) -> ca.SX:
 
 
 def machine(p: ParameterTable | Mapping[str, float], body: str) -> SpatialMachine:
-    """Return the machine of object, fingertips and table, whose parameters are numbers or symbols."""
+    """Return the machine of object, fingertips and table; its parameters are numbers or symbols."""
     a, m = p["a"], p["m"]
     share, shape = (2 / 5, Sphere(a)) if body == "ball" else (2 / 3, Box((a, a, a)))
     fingers = [body for tip in TIPS for body in fingertip(tip, p["K"])]
@@ -139,7 +139,7 @@ def build(params: Params) -> Problem:
 
 @cache
 def _with_goal(dumped: str) -> SpatialMachine:
-    """Return the machine to draw: with its goal, and with marks on a ball that show its rotation."""
+    """Return the machine to draw, with its goal, and with marks on a ball that show its rotation."""
     params = Params.model_validate_json(dumped)
     pictured_machine, a = machine(params.model_dump(), params.body), params.a
     places = ((0.0, 0.0, a), (a, 0.0, 0.0), (-a, 0.0, 0.0), (0.0, a, 0.0), (0.0, -a, 0.0))

@@ -36,11 +36,11 @@ golden = {
 }
 
 _DOUBLINGS = 14
-"""Number of doublings; the error is r^(2^15) if the closed loop's slowest mode shrinks by the factor r per step."""
+"""Number of doublings; the error is r^(2^15) if the slowest mode of the closed loop decays by r per step."""
 
 
 class Params(Parameters):
-    """Parameters of ``soft-walls`` with the source's values, except for N, which is 5 in the source."""
+    """Parameters of ``soft-walls`` with the source's values, except N, which is 5 in the source."""
 
     mc: float = quantity(0.978, "kg", "mass of the cart", above=0)
     mp: float = quantity(0.411, "kg", "mass of the pole", above=0)
@@ -65,8 +65,8 @@ class Params(Parameters):
 def build(params: Params) -> Problem:
     """Return the problem with explicit Euler steps (soft-walls.1), (soft-walls.2) about upright; u, lam are forces [N].
 
-    The walls' forces (soft-walls.3) depend on the state at the start of a step, so that the input
-    affects them one step later. Without walls the optimum of (soft-walls.4) is that of the regulator for any N.
+    The walls' forces (soft-walls.3) depend on the state at the start of a step, so that the input affects them one
+    step later. Without walls the optimum of (soft-walls.4) is the regulator's optimum for any N.
     """
     p = table(params)
     h, mc, mp, lp, lc = (p[key] for key in ("h", "mc", "mp", "lp", "lc"))
@@ -105,7 +105,7 @@ def build(params: Params) -> Problem:
 
 
 def cost_to_go(A: ca.SX, B: ca.SX, Q: ca.SX, R: ca.SX) -> ca.SX:
-    """Return P (n, n) of the discrete Riccati equation (soft-walls.5), as an expression in A, B, Q and R.
+    """Return the solution P (n, n) of the discrete Riccati equation (soft-walls.5), an expression in A, B, Q and R.
 
     The method is structure-preserving doubling, which converges quadratically: Chu, Fan and Lin, "A
     structure-preserving doubling algorithm for continuous-time algebraic Riccati equations", 2005.

@@ -1,1 +1,1 @@
-"""Machines with published constants, their pictures, and parts that their problems share."""
+"""Machines with published constants, their pictures, and parts shared by their problems."""

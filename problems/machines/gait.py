@@ -1,4 +1,4 @@
-"""Problems of a robot in space that moves from one pose to another."""
+"""Problems of moving a robot in space from one pose to another."""
 
 from __future__ import annotations
 
@@ -52,10 +52,10 @@ def gait(
     swing: Callable[[np.ndarray], np.ndarray],
     scaling: Scaling,
 ) -> Problem:
-    """Build the problem of moving from the pose ``start`` to the pose ``stands``, shifted and turned.
+    """Build the problem of moving from the pose ``start`` to the pose ``stands``, translated and rotated.
 
-    Shift and turn are parameters. The first seven entries of a pose q are position and quaternion of the
-    trunk. ``swing`` maps shares (n,) of the path to angles (n, joints), which are added to the joints
+    Translation and rotation are parameters. The first seven entries of a pose q are position and quaternion of the
+    trunk. ``swing`` maps fractions (n,) of the path to angles (n, joints), which are added to the joints
     of the guess, scaled down for a path below 1 m.
     """
     p = table(params)
@@ -78,7 +78,7 @@ def gait(
 
 
 def _end(stands: np.ndarray, distance: ca.SX | float, rise: ca.SX | float, turn: ca.SX | float) -> ca.SX:
-    """Return the goal pose q: ``stands``, shifted by ``distance`` along x and ``rise`` along z, turned by ``turn``."""
+    """Return the goal pose q: ``stands``, moved by ``distance`` along x and ``rise`` along z, rotated by ``turn``."""
     end = ca.SX(stands)
     end[0] += distance
     end[2] += rise
@@ -87,7 +87,7 @@ def _end(stands: np.ndarray, distance: ca.SX | float, rise: ca.SX | float, turn:
 
 
 def _straight(start: np.ndarray, stands: np.ndarray, swing: Callable[[np.ndarray], np.ndarray]) -> Guess:
-    """Return a guess on the straight line from start to goal; its joints add ``swing`` times min(1, |distance|)."""
+    """Return a straight-line guess from start to goal, with ``swing`` times min(1, |distance|) added to joints."""
 
     def guess(problem: Problem, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         share, values = np.linspace(0, 1, problem.N + 1), problem.parameters.unpack(p)

@@ -16,14 +16,14 @@ from dynamics.systems.planar.machine import link_pose
 from problems.drawing import ContactFrame, Shape, Stadium, Wall, solid
 
 START_TOLERANCE = 1e-9
-"""Maximum depth in the ground [m], and maximum excess over a joint's limit [rad], at the start."""
+"""Maximum depth in the ground [m], and maximum excess over a joint limit [rad], at the start."""
 
 
 @dataclass(frozen=True, eq=False)
 class PublishedMachine(Machine):
     """A machine with the constants of the simulation environment that publishes it.
 
-    ``pose`` is the pose at which its values are checked, one value for each coordinate [m, rad];
+    ``pose`` is the pose at which the machine's values are checked, one value for each coordinate [m, rad];
     ``friction`` is Coulomb's coefficient with the ground, ``h`` the environment's time step [s]. The
     start is ``lift`` [m] above the pose, with noise up to ``noise`` in every coordinate and velocity.
     """
@@ -46,7 +46,7 @@ class PublishedMachine(Machine):
     def check_start(self, q: Sequence[float], spheres: Collection[str]) -> None:
         """Check that at the pose ``q`` (nq,) none of ``spheres`` is in the ground and every joint is within its limits.
 
-        Raises ``ValueError`` that names the sphere or the joint, and says how to correct the start.
+        Raises ``ValueError`` with the sphere or the joint, and a correction of the start, in its message.
         """
         chain = self.tree()
         touches = self.contacts(ca.SX(q), spheres)
@@ -69,7 +69,7 @@ class PublishedMachine(Machine):
 BAR_RADIUS = 0.03
 """Radius of the bars that represent links in a drawing [m]."""
 JOINT_ORIGIN = (0.0, 0.0)
-"""Position of a link's joint in the link's own frame [m]."""
+"""Position of a link's joint in the link's frame [m]."""
 
 
 def machine_shapes(machine: Machine, state: np.ndarray) -> list[Shape]:
@@ -88,7 +88,7 @@ def machine_shapes(machine: Machine, state: np.ndarray) -> list[Shape]:
 def machine_frames(
     machine: Machine, state: np.ndarray, spheres: Collection[str] | None, friction: float
 ) -> list[ContactFrame]:
-    """Return the contact frames of ``spheres`` (None: all) on the ground, and of the collision pairs."""
+    """Return the contact frames of ``spheres`` (None for all) on the ground, and of the collision pairs."""
     frames = _frames(machine, None if spheres is None else tuple(spheres))
     rows = np.array(frames(state[: frames.numel_in(0)])).T.tolist()
     return [ContactFrame(x, z, nx, nz, friction) for x, z, nx, nz in rows]
@@ -105,7 +105,7 @@ def _frames(machine: Machine, spheres: tuple[str, ...] | None) -> ca.Function:
 
 
 def _rod(link: Link) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return the ends of the thin rod with the link's mass, inertia and centre of mass, along its ``com``."""
+    """Return the ends of the thin rod, along ``com``, that has the link's mass, inertia and centre of mass."""
     x, z = (float(c) for c in link.com)
     away = math.hypot(x, z)
     axis = (x / away, z / away) if away else (1.0, 0.0)

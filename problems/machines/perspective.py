@@ -1,4 +1,4 @@
-"""Projection of solids in space to the plane shapes that a camera sees, the farthest first."""
+"""Projection of solids in space to plane shapes, as seen by a camera, from the farthest to the nearest."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ OVERLAP = 2e-3
 HALF_FLOOR = 0.7
 """Half the side of the visible floor, in distances from eye to target."""
 FLOOR_SHIFT = 0.3
-"""Shift of the middle of a floor from the target away from the eye, as a multiple of the eye's distance."""
+"""Distance by which the middle of a floor is moved from the target, away from the eye, in eye distances."""
 LIGHT = np.array([-0.5, 0.75, -0.45])
 """Direction to the light in axes of the camera: from the upper left."""
 DARK_FACE = 0.65
@@ -39,7 +39,7 @@ ROUND_SHADE = 0.35
 LINE_SHADE = 0.4
 """Shade of the lines on a floor."""
 EQUAL_RADII = 1.15
-"""Maximum ratio of the radii of a capsule's ends in the picture for which it is drawn with equal ends."""
+"""Largest ratio of the radii of a capsule's ends in the picture for which both ends are drawn equal."""
 CIRCLE = np.array([(math.cos(k * math.pi / 16), math.sin(k * math.pi / 16)) for k in range(32)])
 """Points (32, 2) around the outline of a round body of radius 1."""
 CUBE_CORNERS = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
@@ -50,7 +50,7 @@ CUBE_SIDES = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 
 
 @dataclass(frozen=True)
 class PinholeCamera:
-    """A pinhole camera at ``eye`` that looks at ``target`` [m]; one metre at the target is drawn ``focal`` long."""
+    """A pinhole camera at ``eye`` that looks at ``target`` [m]; one metre at the target has the length ``focal``."""
 
     eye: Point3
     target: Point3 = (0.0, 0.0, 0.0)
@@ -123,9 +123,9 @@ def solids_seen(camera: PinholeCamera, solids: Iterable[Solid]) -> list[Shape]:
 
 
 def frame_seen(camera: PinholeCamera, point: Array, normal: Array, friction: float) -> ContactFrame:
-    """Return the frame of a contact at ``point`` (3,) with unit ``normal`` (3,), as the camera sees it.
+    """Return the frame of a contact at ``point`` (3,) with unit ``normal`` (3,), as seen by the camera.
 
-    The drawn friction cone is wider the more it points to the camera; it has friction 0 if the eye is inside it.
+    The drawn friction cone widens as its axis turns to the camera; its friction is 0 if the eye is inside it.
     """
     ((x, y),), depth = camera.project(point[None])
     right, up, forward = camera.axes @ normal
@@ -158,13 +158,13 @@ def _parts(shape: shapes.Shape) -> tuple[Array, float, Sequence[Sequence[int]]]:
 
 
 def _across(normal: Array) -> Array:
-    """Return two unit vectors (2, 3) that form a right-handed frame with ``normal``; they are x and y for z."""
+    """Return two unit vectors (2, 3) that form a right-handed frame with ``normal``; for z these are x and y."""
     up = np.cross(normal, np.eye(3)[int(abs(normal[0]) > 0.9 * np.linalg.norm(normal))])
     return np.array([np.cross(up, normal) / np.linalg.norm(normal), up]) / np.linalg.norm(up)
 
 
 def _grid(camera: PinholeCamera, origin: Array, normal: Array, role: str) -> Iterator[Segment]:
-    """Yield the visible grid lines of a plane, except lines that come too near to the camera."""
+    """Yield the visible grid lines of a plane, except lines that are too near to the camera."""
     axes, distance = _across(normal), camera.distance
     side = next((each for each in (2.0, 1.0, 0.5, 0.25, 0.1) if each <= distance / 12), 0.05)
     middle = axes @ (camera.target + FLOOR_SHIFT * distance * camera.axes[2] - origin) // side
@@ -178,7 +178,7 @@ def _grid(camera: PinholeCamera, origin: Array, normal: Array, role: str) -> Ite
 
 
 def _from_back(camera: PinholeCamera, bodies: list[_Body]) -> Iterator[_Body]:
-    """Yield bodies from back to front: by depth, but a body in front of a face of another comes after the other."""
+    """Yield bodies from back to front, by depth; a body in front of a face of another body comes after it."""
     shows = np.zeros((len(bodies), len(bodies)), dtype=bool)
     for i, body in enumerate(bodies):
         for corners, normal, faces_eye in body.faces:
@@ -193,7 +193,7 @@ def _from_back(camera: PinholeCamera, bodies: list[_Body]) -> Iterator[_Body]:
 
 
 def _seen(camera: PinholeCamera, body: _Body) -> Iterator[Shape]:
-    """Yield the shapes that draw a body: its outline, unless it is a box, and the faces turned to the camera."""
+    """Yield the shapes that draw a body: its outline (except for a box), and the faces turned to the camera."""
     from scipy.spatial import ConvexHull
 
     places, depth = camera.project(body.points)

@@ -1,4 +1,4 @@
-"""Pictures of a machine in space: its parts and contacts at one state, through a camera."""
+"""Pictures of a machine in space: its parts and contacts at one state, as seen by a camera."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from problems.drawing import ContactFrame, Shape
 from problems.machines.perspective import PinholeCamera, Solid, frame_seen, solids_seen
 
 AXES = ("", "")
-"""Labels of the axes, empty since a picture in perspective has no axes."""
+"""Labels of the axes; they are empty since a picture in perspective has no axes."""
 
 
 def spatial_shapes(
@@ -36,13 +36,13 @@ def spatial_shapes(
 def spatial_frames(
     machine: SpatialMachine, camera: PinholeCamera, state: np.ndarray, friction: float
 ) -> list[ContactFrame]:
-    """Return the frame of every contact at ``state`` (q, v, ...), as the camera sees it."""
+    """Return the frame of every contact at ``state`` (q, v, ...), as seen by the camera."""
     rows = np.array(_frames(machine)(_of_unit_length(machine, state))).T
     return [frame_seen(camera, row[:3], row[3:], friction) for row in rows]
 
 
 def _of_unit_length(machine: SpatialMachine, state: np.ndarray) -> np.ndarray:
-    """Return q of ``state`` with unit quaternions, which the interpolated states of an animation lack."""
+    """Return q of ``state`` with quaternions of unit length, which interpolated states do not have."""
     tree = machine.tree()
     q, turning = np.array(state[: tree.nq], dtype=float), tree.quaternion_entries
     for four in (turning[k : k + 4] for k in range(0, len(turning), 4)):

@@ -1,4 +1,4 @@
-"""Changes to a machine's system for tracking: torques in N m, and a nominal value that changes with time."""
+"""Changes to a machine's system for tracking: torques in N m, and a nominal value that varies with time."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from dynamics.systems import ContactSystem, Signal
 def with_nominal(system: ContactSystem, rate: ca.SX, nominal: Signal) -> ContactSystem:
     """Return the system with an additional last state ``nominal``, which grows by ``rate`` per second.
 
-    Since it is a state, its value continues from one plan of a closed loop to the next, at any step size.
+    Since ``nominal`` is a state, its value continues from one plan of a closed loop to the next, at any step size.
     """
     now, then = ca.SX.sym(nominal.name), ca.SX.sym(f"{nominal.name}_next")
     return replace(

@@ -1,4 +1,4 @@
-"""Conversion of bodies, joints and motors of a compiled file to bodies in space, one for each joint."""
+"""Conversion of bodies, joints and motors of a compiled file to bodies in space, one body per joint."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from dynamics.systems.space.body import Joint
 from problems.robots.inertias import Moments, combined
 
 ROUNDED_TO_ZERO = 1e-12
-"""Size of a vector's entry, as a share of the size of the vector, below which the entry counts as zero."""
+"""Size of a vector's entry, relative to the size of the vector, below which the entry counts as zero."""
 JOINTS: tuple[Joint, ...] = ("free", "ball", "slide", "hinge")
 """Kinds of joints, in the order of MuJoCo's numbers for them."""
 
@@ -37,7 +37,8 @@ class BodyFrame:
 class Actuator:
     """An actuator with the range of its input: a motor with ``gear``, or a servo with the stiffness ``servo``.
 
-    ``damper`` names the joint's velocity servo, whose input is 0 and which adds to ``damping``; "" if none.
+    ``damper`` is the name of the joint's velocity servo, whose input is 0 and which adds to ``damping``; "" if there is
+    none.
     """
 
     name: str
@@ -49,13 +50,13 @@ class Actuator:
 
 
 def exact(values: Sequence[float] | np.ndarray, size: float = 1.0) -> Any:
-    """Return ``values``, of magnitude ``size``, as a tuple; values within rounding errors of 0 and ±1 are exact."""
+    """Return ``values``, of magnitude ``size``, as a tuple; values that are 0 or ±1 up to rounding are exact."""
     without_zeros = (0.0 if abs(value) < ROUNDED_TO_ZERO * size else float(value) for value in values)
     return tuple(float(round(x)) if abs(abs(x) - 1) < ROUNDED_TO_ZERO else x for x in without_zeros)
 
 
 def bodies(model: Any, actuators: Mapping[int, Actuator]) -> tuple[tuple[Body, ...], list[BodyFrame]]:
-    """Return the robot's bodies, in the order of q, and for each body of the file its frame in one of these bodies.
+    """Return the robot's bodies, in the order of q, and for each body of the file its frame in one of the bodies.
 
     Bodies of the file without joints become part of their parent. A body with several joints becomes a
     chain of bodies, of which all but the last have no mass and the names of their joints. The frame of
@@ -135,7 +136,7 @@ def actuators_of(model: Any, followers: Container[int] = ()) -> dict[int, Actuat
     """Return a mapping from the number of a joint to its motor or servo.
 
     If a joint has a position servo and a velocity servo, the latter only adds damping. In a file without
-    actuators, joints with bounded torque get motors, except ``followers``. Raises ``ValueError`` for a
+    actuators, joints with bounded torque have motors, except ``followers``. Raises ``ValueError`` for a
     joint with any other pair of actuators.
     """
     actuators: dict[int, Actuator] = {}

@@ -8,11 +8,11 @@ from typing import Any
 from problems.robots.urdf import Mimic
 
 EQUALITY_KINDS = ("connect", "weld", "joint", "tendon")
-"""Kinds of equality constraints, in the order of MuJoCo's numbers; joints and fixed tendons are linear."""
+"""Kinds of equality constraints, in the order of MuJoCo's numbers; those of joints and fixed tendons are linear."""
 EQUALITIES_DISABLED = 1 << 1
 """Bit of MuJoCo's ``disableflags`` that disables equality constraints."""
 Equation = tuple[dict[int, float], float]
-"""Linear equation of joints: mapping from joint number to coefficient, the dependent joint first, and the sum."""
+"""Linear equation of joints: mapping from joint number to coefficient (dependent joint first), and the sum."""
 
 
 def equations(model: Any, mimics: Iterable[Mimic]) -> list[Equation]:
@@ -57,7 +57,7 @@ def _active(model: Any) -> Iterator[int]:
 
 
 def _length(model: Any, kind: int, number: int) -> tuple[Mapping[int, float], float]:
-    """Return the coefficient of every joint in a coordinate (a joint, or a fixed tendon), and its reference value."""
+    """Return the coefficient of every joint in a coordinate (a joint or a fixed tendon), and its reference value."""
     if number < 0:
         return {}, 0.0
     if kind == 2:

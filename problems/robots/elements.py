@@ -1,4 +1,4 @@
-"""Tables of the elements and attributes of robot files that are read, and reasons why others are not."""
+"""Tables of the elements and attributes that are read from robot files, and reasons for ignoring others."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def _by_name(text: str) -> dict[str, str]:
 ALL = "*"
 """Word that stands for all attributes of an element in a table."""
 _POSE = "pos quat axisangle xyaxes zaxis euler"
-"""Attributes of MJCF that place an element."""
+"""Attributes of MJCF for the pose of an element."""
 _ACTUATOR = """name class joint jointinparent tendon site body refsite cranksite slidersite gear
     ctrllimited ctrlrange forcelimited forcerange gainprm biasprm gaintype biastype
     dyntype dynprm inheritrange"""
@@ -32,7 +32,7 @@ radius length; mesh: filename scale; joint: name type; parent: link; child: link
 limit: lower upper effort; dynamics: damping; mimic: joint multiplier offset; mujoco:; compiler:
 *; lateral_friction: value; mu: value; mu1: value; mu2: value
 """)
-"""Mapping from a URDF element to its attributes that are read; of mu, mu1 and mu2 the text is read too."""
+"""Mapping from a URDF element to the attributes that are read; for mu, mu1 and mu2 the text is also read."""
 MJCF = _table(
     """
 mujoco: model; mujocoinclude: *; include: file; compiler: *; option: gravity; flag: gravity
@@ -49,11 +49,11 @@ position: ACTUATOR kp kv dampratio timeconst; velocity: ACTUATOR kv; keyframe:; 
 intvelocity: *; damper: *; cylinder: *; muscle: *; adhesion: *; dcmotor: *
 """.replace("POSE", _POSE).replace("ACTUATOR", _ACTUATOR)
 )
-"""Mapping from an MJCF element to its attributes that are read; some have no effect, see ``unsupported``."""
+"""Mapping from an MJCF element to the attributes that are read; some have no effect, see ``unsupported``."""
 _BULKY = {"camera", "custom", "light", "material", "skin", "statistic", "texture", "visual"}
 """Elements of MJCF that are removed before compilation, since some of them refer to files."""
 _PICTURES = _BULKY | {"color", "group", "numeric", "rgba", "size", "texcoord", "text", "tuple", "user"}
-"""Elements and attributes that change only pictures."""
+"""Elements and attributes that affect only pictures."""
 _REASONS = _by_name("""
 sensors are not simulated: sensor calibration; each joint has its own motor: transmission; settings
 of another program: gazebo; its soft limits and gains act in another program: safety_controller;
@@ -64,26 +64,26 @@ rigid: solreflimit solimplimit; there is no such friction: solreffriction solimp
 no fluid: fluidshape fluidcoef; height fields have no contacts: hfield; no force acts at sites:
 site; surfaces do not move: surfacevel; motors have no delay: delay; give it to the joint: armature
 """)
-"""Mapping from an element or attribute that is not read to the reason, for notes."""
+"""Mapping from an element or attribute that is not read to the reason, for use in notes."""
 REFUSED = _by_name("""
 it copies another file: attach; bodies are rigid: composite flex flexcomp; it loads compiled code:
 extension plugin; a URDF cannot include files here: include; it closes a loop, and joints form trees
 here: loop_joint; it reads another file: model; it makes copies: replicate
 """)
-"""Mapping from an element that causes an error, since it is unsupported and cannot be ignored, to the reason."""
+"""Mapping from an element that causes an error, since it can neither be read nor ignored, to the reason."""
 REFUSED_OF_URDF = {"include", "loop_joint"}
 """Elements of :data:`REFUSED` that cause an error in a URDF; others have no effect there."""
 
 
 def listed(what: str, names: Iterable[str]) -> str:
-    """Return ``what`` followed by the names, in the plural if there are several: ``"sensors a, b"``."""
+    """Return ``what`` (in the plural for several names) followed by the names: ``"sensors a, b"``."""
     names = list(dict.fromkeys(names))
     many = "" if len(names) == 1 else "s"
     return f"{what.replace('body', 'bodie') if many else what}{many} {', '.join(names)}"
 
 
 def unread(root: Element, *, urdf: bool) -> list[str]:
-    """Return sentences that name everything in a file that is not read, one for each reason.
+    """Return sentences on all parts of a file that are not read, one for each reason.
 
     From a URDF all unread elements are removed, from an MJCF file only the elements in ``_BULKY``.
     Raises ``ValueError`` for an element in :data:`REFUSED`.
@@ -123,9 +123,9 @@ def _unread_attributes(element: Element, read: list[str], *, urdf: bool) -> dict
 
 
 def _sentence(attribute: str, tag: str, kind: str, name: str) -> tuple[tuple[str, str, str], str]:
-    """Return the key of a sentence about an attribute, and the name that it lists.
+    """Return the key of a sentence about an attribute, and the name to list in the sentence.
 
-    The key (prefix, kind of element, reason) is equal for attributes that share a sentence.
+    Attributes in the same sentence have the same key (prefix, kind of element, reason).
     """
     if tag in ("option", "flag"):
         return ("", "option", "settings of a simulator, or of a fluid"), attribute
@@ -140,7 +140,7 @@ def _reason_for(name: str) -> str:
 def _walk(
     root: Element, table: dict[str, list[str]], remove: set[str] | None
 ) -> Iterator[tuple[Element, tuple[Element, ...]]]:
-    """Yield each element that is read, and each topmost unread element, together with its ancestors.
+    """Yield each element that is read, and each topmost unread element, with its ancestors.
 
     Unread elements are removed from the tree if ``remove`` is None or contains their tag.
     """
@@ -155,7 +155,7 @@ def _walk(
 
 
 def _nearest_named(element: Element, owners: tuple[Element, ...]) -> tuple[str, str]:
-    """Return tag and name of the element, or of its nearest ancestor with a name if it has none."""
+    """Return tag and name of the element or, if it has no name, of its nearest ancestor with a name."""
     for ancestor in (element, *reversed(owners)):
         if ancestor.tag in ("default", "worldbody"):
             return ("body", "world") if ancestor.tag == "worldbody" else (ancestor.tag, ancestor.get("class", "main"))

@@ -35,7 +35,7 @@ MOST_CORNERS = 32
 MOST_PAIRS = 10_000
 """Maximum number of pairs of geoms that may touch."""
 PAIRS_NAMED = 3
-"""Maximum number of pairs of geoms that are named in a sentence about ignored pairs."""
+"""Maximum number of pairs of geoms in a sentence about ignored pairs."""
 CONTACT_DISABLED = 1 << 4
 """Bit of MuJoCo's ``disableflags`` that disables contact."""
 PARENT_FILTER_DISABLED = 1 << 10
@@ -60,7 +60,7 @@ class CollisionModel:
 
 
 def collision_model(model: Any, machine: SpatialMachine, poses: Sequence[BodyFrame]) -> CollisionModel:
-    """Add to a machine all geoms of supported shapes, and the pairs of geoms that may touch and can reach each other.
+    """Return a machine with all geoms of supported shapes, and the pairs of geoms that can touch each other.
 
     Raises ``ValueError`` for too many pairs, and for two contacts of the same name.
     """
@@ -111,7 +111,7 @@ def collision_model(model: Any, machine: SpatialMachine, poses: Sequence[BodyFra
 
 
 def _omission(reason: str, pair_names: list[str]) -> str:
-    """Return a sentence about pairs of geoms that are left out for one reason."""
+    """Return a sentence about pairs of geoms that are left out for the same reason."""
     others = f" and {len(pair_names) - PAIRS_NAMED} more" if len(pair_names) > PAIRS_NAMED else ""
     many = "" if len(pair_names) == 1 else "s"
     return f"{len(pair_names)} pair{many} of geoms, {', '.join(pair_names[:PAIRS_NAMED])}{others}: {reason}"
@@ -134,7 +134,7 @@ def _parts(model: Any, poses: Sequence[BodyFrame], geoms: list[int], ignored: li
 
 
 def _shape(model: Any, g: int, kind: str, pose: BodyFrame) -> tuple[Shape, str]:
-    """Return the shape of a geom in the frame of its body, and a note on what the shape leaves out ("": nothing).
+    """Return the shape of a geom in the frame of its body, and a note on omitted features ("" if none).
 
     Raises ``ValueError`` with the reason if the geom's shape is not supported.
     """
@@ -158,7 +158,7 @@ def _shape(model: Any, g: int, kind: str, pose: BodyFrame) -> tuple[Shape, str]:
 
 
 def _hull(model: Any, g: int, pose: BodyFrame) -> tuple[Hull, str]:
-    """Return the hull of the mesh's corners that MuJoCo keeps, and a note on how far it lies inside the mesh."""
+    """Return the hull of the corners that MuJoCo stores, and a note on its largest distance inside the mesh."""
     mesh = int(model.geom_dataid[g])
     first, many = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
     corners = model.mesh_vert[first : first + many].astype(float)

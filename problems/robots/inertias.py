@@ -1,4 +1,4 @@
-"""Check of the masses and inertias of a compiled file, body by body, against the file's own numbers."""
+"""Check of the masses and inertias of a compiled file, body by body, against the numbers in the file."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from scipy.spatial.transform import Rotation
 INERTIA_TOLERANCE = 1e-6
 """Maximum relative difference [1] of an inertia, to allow for its decomposition by the compiler."""
 _ADJUSTMENTS = ("boundmass", "boundinertia", "balanceinertia", "settotalmass")
-"""Settings of a file that make MuJoCo change masses and inertias if they are positive."""
+"""Settings of a file for which MuJoCo changes masses and inertias if they are positive."""
 
 Moments = tuple[float, np.ndarray, np.ndarray]
 """Mass [kg], centre (3,) [m] and inertia about it (3, 3) [kg m²] in the axes of the body."""
 
 
 def check_inertias(model: Any, spec: Any, urdf: Element | None) -> None:
-    """Raise ``ValueError`` if a body of ``model`` has another mass, centre or inertia than in the file.
+    """Raise ``ValueError`` if mass, centre or inertia of a body in ``model`` differ from those in the file.
 
     The expected numbers are those of ``<inertial>``, from the URDF or from ``spec`` before compilation,
     with ``R I R'`` for a frame turned by R. For a body without ``<inertial>`` they are computed from its
@@ -58,7 +58,7 @@ def _compare(name: str, expected: Moments, compiled: Moments) -> None:
         if (difference := np.abs(np.subtract(a, b)).max()) > INERTIA_TOLERANCE * size:
             raise ValueError(
                 f"body {name!r}: MuJoCo {import_module('mujoco').__version__} reads another {quantity}"
-                f" than the file says, by {difference:.3g}; install a version that centralpath[robots]"
+                f" than the file, by {difference:.3g}; install a version that centralpath[robots]"
                 " allows"
             )
 
@@ -87,7 +87,7 @@ def _of_mjcf(body: Any, spec: Any) -> Moments:
 
 
 def _of_geoms(model: Any, body: Any, groups: Any) -> Moments | None:
-    """Return mass, centre and inertia of all geoms of a body; None if a mesh or a shell is among them."""
+    """Return mass, centre and inertia of all geoms of a body together; None if one is a mesh or a shell."""
     solids = list[Moments]()
     for geom in body.geoms:
         if not groups[0] <= geom.group <= groups[1] or geom.mass == 0 or geom.density == 0:
@@ -118,7 +118,7 @@ def combined(solids: Sequence[Moments]) -> Moments:
 
 
 def _solid(kind: str, a: float, b: float, c: float) -> tuple[float, list[float]] | None:
-    """Return volume [m³] and moments of inertia per mass (3,) [m²] of a solid from MuJoCo's sizes; None if unknown."""
+    """Return volume [m³] and moments of inertia per mass (3,) [m²] of a solid with MuJoCo's sizes; None if unknown."""
     if kind == "sphere":
         kind, b, c = "ellipsoid", a, a
     if kind in ("ellipsoid", "box"):
@@ -134,6 +134,6 @@ def _solid(kind: str, a: float, b: float, c: float) -> tuple[float, list[float]]
 
 
 def _turned(turn: Rotation, six: Any) -> np.ndarray:
-    """Return ``R I R'`` (3, 3) for the inertia (xx, yy, zz, xy, xz, yz) in a frame that is turned by R."""
+    """Return ``R I R'`` (3, 3) for the inertia (xx, yy, zz, xy, xz, yz) in a frame that is rotated by R."""
     R, (xx, yy, zz, xy, xz, yz) = turn.as_matrix(), six
     return R @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ R.T

@@ -1,4 +1,4 @@
-"""Test of whether two geoms of a compiled file can touch in any pose within the joints' limits."""
+"""Test whether two geoms of a compiled file can touch in any pose within the joint limits."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ PARALLEL_TOLERANCE = 1e-9
 
 
 def never_collide(model: Any, data: Any, above: list[list[int]], one: int, other: int) -> bool:
-    """Return True if two geoms can never touch, False if they can or if this is not known.
+    """Return True if two geoms can never touch, and False if they can or if the answer is unknown.
 
     ``above`` is the result of :func:`joints_above`; ``data`` is overwritten. The ranges of the joints
     between the geoms are divided into pieces. The geoms never touch if, at the middle of every piece,
@@ -83,7 +83,7 @@ def joints_above(model: Any) -> list[list[int]]:
 
 
 def _range(model: Any, j: int) -> tuple[float, float]:
-    """Return a joint's range; without limits it is a whole turn for a hinge and infinite for other joints."""
+    """Return the range of a joint; without limits it is a whole turn for a hinge, and infinite for other joints."""
     if model.jnt_limited[j] and model.jnt_type[j] > 1:
         return tuple(model.jnt_range[j].tolist())
     return (-math.pi, math.pi) if model.jnt_type[j] == 3 else (-math.inf, math.inf)

@@ -1,4 +1,4 @@
-"""Reading of robots from URDF and MJCF files: MuJoCo compiles them, then they become bodies in space."""
+"""Reading of robots from URDF and MJCF files, which MuJoCo compiles, and conversion to bodies in space."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _SLIDE = 2
 FINITE_FIELDS = ("body_mass", "body_inertia", "body_ipos", "geom_size", "dof_armature")
 """Arrays of a compiled model that must be finite."""
 _TILT = 1e-5
-"""Tolerance [1] on entries of joint axes, to decide whether a robot moves in one plane."""
+"""Tolerance on entries of joint axes in the decision whether a robot moves in one plane [1]."""
 
 
 def load(path: str | Path, *, floating: bool = False, planar: bool = False, folder: str | Path | None = None) -> Robot:
@@ -109,7 +109,7 @@ def _complete(spec: Any, source: Source) -> list[str]:
     if source.urdf:
         plane = import_module("mujoco").mjtGeom.mjGEOM_PLANE
         spec.worldbody.add_geom(name="ground", type=plane, size=[0, 0, 1])
-    # MuJoCo uses the friction of the geom of higher priority: a stated one, and the smaller of two.
+    # MuJoCo uses the friction of the geom of higher priority: a stated coefficient, and the smaller of two.
     ranked = sorted(source.friction.items(), key=lambda item: -item[1])
     for priority, (link, friction) in enumerate(ranked, 1):
         body = spec.body(link)
@@ -127,9 +127,10 @@ def _complete(spec: Any, source: Source) -> list[str]:
 
 
 def _plane_axis(model: Any, file: Path) -> np.ndarray:
-    """Return the horizontal unit vector (3,) about which all hinges turn, y for a robot without hinges.
+    """Return the horizontal unit vector (3,) about which all hinges turn; y for a robot without hinges.
 
-    Raises :class:`~ocp.errors.InputError` if a joint moves the robot out of the plane normal to it.
+    Raises :class:`~ocp.errors.InputError` if a joint moves the robot out of the plane normal to
+    this vector.
     """
     mujoco = import_module("mujoco")
     data = mujoco.MjData(model)
@@ -159,7 +160,7 @@ def _free_in_plane(root: Any, axis: np.ndarray) -> None:
 
 
 def _name(elements: Iterable[tuple[Any, str]]) -> None:
-    """Name each unnamed element by the name paired with it, with ``'`` appended until it is unique."""
+    """Name each unnamed element with the name paired with it, followed by ``'`` until the name is unique."""
     listed = list(elements)
     names = {element.name for element, _ in listed}
     for element, name in listed:
@@ -180,7 +181,7 @@ def _check(model: Any) -> None:
 
 
 def _reason(message: str) -> str:
-    """Return the reason in the first line of the compiler's message, with the element that the message names."""
+    """Return the reason in the first line of the compiler's message, with the element in the message."""
     lines = [line.strip() for line in message.splitlines() if line.strip()]
     text = lines[0].replace("XML ", "").replace("Error: ", "").replace("engine error: ", "")
     named = [line.split("'")[1] for line in lines if line.startswith("Element name '")]
@@ -245,7 +246,7 @@ def _equation(coupling: Coupling) -> str:
 
 
 def _camera(model: Any, home: np.ndarray) -> PinholeCamera:
-    """Return a camera that shows all moving geoms at home, from the side if they move in the plane of x and z."""
+    """Return a camera that shows all moving geoms at home; it is at the side if they move in the plane of x and z."""
     data = import_module("mujoco").MjData(model)
     data.qpos[:] = home
     import_module("mujoco").mj_kinematics(model, data)

@@ -27,8 +27,8 @@ class Robot:
     order of inputs. ``home`` (nq,) is q of the file's keyframe ``home``, or else the joints'
     references. ``friction`` maps the name of a contact to Coulomb's coefficient, in the order of the
     machine's contacts; ``grounds`` are the indices of contacts with level ground. ``camera`` shows
-    the whole robot. ``ignored`` are sentences about parts of the file that have no effect, ``notes``
-    sentences about parts that could be interpreted differently.
+    the whole robot. ``ignored`` are sentences about parts of the file that have no effect, and
+    ``notes`` sentences about parts that could be interpreted differently.
     """
 
     path: Path
@@ -123,7 +123,7 @@ class Robot:
         return spatial_frames(self.machine, self.camera, state, friction)
 
     def document(self) -> dict[str, Any]:
-        """Return the robot as plain data: bodies, coordinates, motors, contacts, notes, ignored parts of the file."""
+        """Return the robot as plain data: bodies, coordinates, motors, contacts, notes, and ignored parts."""
         tree = self.machine.tree()
         gaps, home = np.array(self.distances(self.home)).ravel().tolist(), self.home.tolist()
         return {

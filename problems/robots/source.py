@@ -1,4 +1,4 @@
-"""Reading of a robot's file to a checked text with its meshes, so that compiling it opens no file."""
+"""Reading of a robot's file to a checked text with its meshes, so that its compilation opens no other file."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from problems.robots.elements import listed, unread
 from problems.robots.urdf import Mimic, children, clean, declare_world, take_friction, take_mimics
 
 MOST_BYTES = 2_000_000
-"""Maximum size of a file with all that it includes [bytes]."""
+"""Maximum size of a file, including all included files [bytes]."""
 MOST_LEVELS = 100
 """Maximum depth of nested elements."""
 MOST_ATTRIBUTES = 200
@@ -25,7 +25,7 @@ MOST_JOINTS = 100
 MOST_GEOMS = 1000
 """Maximum number of geoms of a robot."""
 LARGEST_NUMBER = 1e50
-"""Largest number that is accepted in a file; products of several such numbers stay finite."""
+"""Maximum absolute value of a number in a file; products of several such numbers stay finite."""
 TEXT_ATTRIBUTES = {"name", "class", "childclass", "model", "text", "data"}
 """Attributes whose numbers are not checked: names and texts."""
 INFINITE_ATTRIBUTES = {"lower", "upper", "effort", "velocity", "range", "ctrlrange", "forcerange", "actuatorfrcrange"}
@@ -33,7 +33,7 @@ INFINITE_ATTRIBUTES = {"lower", "upper", "effort", "velocity", "range", "ctrlran
 OWNING_ELEMENTS = {"body", "worldbody", "frame"}
 """Elements of MJCF whose child elements ``joint`` and ``geom`` are part of the robot."""
 FOLDER_ATTRIBUTES = ("assetdir", "meshdir", "texturedir")
-"""Attributes of ``<compiler>`` that name the folders of all files, of meshes, and of textures."""
+"""Attributes of ``<compiler>`` with the folders of all files, of meshes, and of textures."""
 MESH_SUFFIXES = {".stl", ".obj", ".msh"}
 """File extensions of the meshes that MuJoCo reads."""
 
@@ -105,7 +105,7 @@ def read_source(file: Path, folder: Path | None = None) -> Source:
 
 
 def _parsed(file: Path, size: int) -> tuple[Element, int]:
-    """Return the root element of a file, and the total size [bytes] of it and the files read before (``size``)."""
+    """Return the root element of a file, and the total size [bytes] of this file and files read before (``size``)."""
     if not file.is_file():
         kind = "is not a regular file" if file.exists() else "there is no such file"
         raise InputError(f"{file}: {kind}; expected a robot as URDF or MJCF")
@@ -125,7 +125,7 @@ def _parsed(file: Path, size: int) -> tuple[Element, int]:
 
 
 def _tree(text: str) -> Element:
-    """Parse XML; namespace prefixes, declared or not, stay in the names."""
+    """Parse XML; namespace prefixes, declared or not, remain part of the names."""
     builder, parser = ElementTree.TreeBuilder(), expat.ParserCreate()
     parser.StartElementHandler = builder.start
     parser.EndElementHandler = builder.end
@@ -136,7 +136,7 @@ def _tree(text: str) -> Element:
 
 @dataclass(frozen=True)
 class RobotFolder:
-    """A robot's ``file``, and the ``folder`` outside which no file is opened."""
+    """A robot's ``file``, and the ``folder`` that contains all files that may be opened."""
 
     file: Path
     folder: Path
@@ -155,7 +155,7 @@ class RobotFolder:
         return path
 
     def existing(self, name: str) -> Path | None:
-        """Return the absolute path of a file, None if there is no such file in the folder."""
+        """Return the absolute path of a file, or None if there is no such file in the folder."""
         try:
             path = self.resolve(name, "mesh")
         except InputError:
@@ -207,7 +207,7 @@ def _check(root: Element, robot_folder: RobotFolder) -> None:
 
 
 def _out_of_range(name: str, value: str) -> str:
-    """Return, as part of a sentence, why a number in an attribute is rejected; "" if all its numbers are valid."""
+    """Return a part of a sentence on why a number in an attribute is rejected; "" if all its numbers are valid."""
     for word in value.split():
         try:
             number = float(word)

@@ -13,7 +13,7 @@ from problems.robots.elements import listed
 
 
 def unsupported_features(model: Any, geoms: Iterable[int]) -> list[str]:
-    """Return sentences that list the features of the file that are ignored, and say what holds instead.
+    """Return sentences on the features of the file that are ignored, and what is assumed instead.
 
     ``geoms`` are the numbers of the geoms that may touch.
     """
@@ -28,7 +28,7 @@ def unsupported_features(model: Any, geoms: Iterable[int]) -> list[str]:
 
 
 def _unsupported_elements(model: Any) -> Iterator[tuple[str, str, list[int], str]]:
-    """Yield, for each ignored feature, its name, the kind and numbers of its elements, and what holds instead."""
+    """Yield, for each ignored feature, its name, kind and numbers of its elements, and what is assumed instead."""
     single = np.flatnonzero(model.jnt_type < 2).tolist()
     for feature, has in (
         ("armature", model.dof_armature[model.jnt_dofadr]),

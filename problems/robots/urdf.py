@@ -20,14 +20,14 @@ FRICTION_HOLDERS = {"contact", "gazebo", "surface", "friction", "ode"}
 MOMENTS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 """Attributes of a link's inertia: moments, then products."""
 DUMMY_MASS_KG = 1e-3
-"""Mass below which a link counts as a dummy without physical meaning [kg]."""
+"""Mass [kg] below which a link counts as a dummy without physical meaning."""
 SINGULAR_INERTIA = 1e-9
-"""Minimum principal moment of a valid inertia, as a share of the largest."""
+"""Minimum principal moment of a valid inertia, relative to the largest."""
 
 
 @dataclass(frozen=True)
 class Mimic:
-    """A joint of a URDF that follows another: ``q = multiplier * q[leader] + offset``.
+    """A joint of a URDF that follows another joint: ``q = multiplier * q[leader] + offset``.
 
     If ``leader`` is "", the joint stays at its offset.
     """
@@ -52,7 +52,7 @@ def declare_world(root: Element) -> None:
 
 
 def take_friction(root: Element, file: Path, notes: list[str]) -> dict[str, float]:
-    """Remove friction from the links of a URDF; return a mapping from link to its smallest friction coefficient.
+    """Remove friction from the links of a URDF; return a mapping from each link to its smallest coefficient.
 
     Raises :class:`~ocp.errors.InputError` for a coefficient that depends on the direction, or is negative.
     """
@@ -140,7 +140,7 @@ def _infinite(value: str | None) -> bool:
 
 
 def _zero_products(link: Element) -> bool:
-    """Set products of inertia that no body can have to zero in a dummy link; return whether it has any."""
+    """Set products of inertia that no body can have to zero in a dummy link; return whether there were any."""
     mass, inertia = link.find("inertial/mass"), link.find("inertial/inertia")
     if mass is None or inertia is None:
         return False

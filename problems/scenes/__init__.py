@@ -1,4 +1,4 @@
-"""Pushing problems built from shapes: things, their contacts, the contact system and the drawing."""
+"""Pushing problems built from shapes: objects, their contacts, the contact system and the drawing."""
 
 from dynamics.systems.shapes import Box, Capsule, Disc, HalfPlane, Polygon, Union
 from problems.scenes.pictures import drawing_functions

@@ -58,7 +58,7 @@ def _require_known(name: str, names: list[str], who: str) -> None:
 
 
 def required(pusher: Pusher, value: Scalar | None, what: str, where: str) -> Scalar:
-    """Return ``value``, the pusher's property ``what``; raise :class:`~ocp.errors.InputError` if it is None."""
+    """Return ``value``, the property ``what`` of a pusher; raise :class:`~ocp.errors.InputError` if it is None."""
     if value is None:
         raise InputError(f"the pusher {pusher.name!r} has no {what}, required in {where}; set it")
     return value

@@ -44,7 +44,7 @@ def energy_balance(scene: Scene, masses: ca.SX, weight: ca.SX, h: Scalar) -> Bal
 
 
 def _contact_impulses(scene: Scene, q: ca.SX, normal: ca.SX, friction: ca.SX) -> dict[str, ca.SX]:
-    """Return a mapping from the name of a moving thing to the impulse (2, 1) [N s] of all its contacts on it."""
+    """Return a mapping from the name of each moving thing to the impulse (2, 1) [N s] of all its contacts."""
     impulses: dict[str, ca.SX] = {}
     for i, (touch, contact) in enumerate(zip(scene.touches, scene.contacts(q), strict=True)):
         push = normal[i] * contact.normal + friction[i] * contact.tangent

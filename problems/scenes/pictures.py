@@ -24,8 +24,8 @@ PlanarPose = tuple[float, float, float]
 def drawing_functions(scene: Callable[[Any], Scene]) -> tuple[Draw, Frames]:
     """Return the functions ``draw`` and ``frames`` of a problem whose scene is ``scene(p)``.
 
-    ``scene`` reads every parameter as ``p["name"]``, so that it works with the symbols of ``build``
-    and with the numbers of a drawing.
+    ``scene`` must read every parameter as ``p["name"]``, so that it accepts the symbols of ``build`` and
+    the numbers of a drawing.
     """
 
     @cache
@@ -71,7 +71,7 @@ def _all_shapes(scene: Scene, poses: list[PlanarPose]) -> list[Shape]:
 
 
 def _shapes(thing: Thing, pose: PlanarPose, role: str) -> list[Shape]:
-    """Return the shapes of a thing, and for a disc that turns also a radius, which points upwards at angle zero."""
+    """Return the shapes of a thing; a disc that rotates also has a radius, which points upwards at angle zero."""
     shapes = [solid(shape, *pose, role) for shape in convex_parts(thing.shape)]
     if not (thing.turns and isinstance(disc := shapes[0], Circle)):
         return shapes

@@ -1,4 +1,4 @@
-"""A scene: bodies, pushers and obstacles that touch, as one contact system."""
+"""A scene: bodies, pushers and obstacles in contact, as one contact system."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ class Scene:
     """Bodies, pushers and obstacles in the plane, with their contacts and friction.
 
     ``things`` are bodies, pushers and obstacles, each with a shape, and goals, which are only drawn.
-    Two things can touch if one of them moves, except the pairs of names in ``non_colliding``. The y
+    Two things can touch if at least one of them moves, except the pairs of names in ``non_colliding``. The y
     axis points up if there is gravity; angles are anticlockwise.
 
-    ``friction`` is Coulomb's coefficient of all contacts, or a mapping from pairs of names to the pair's
-    coefficient; pairs not in it are frictionless. All numbers may be symbols of a problem's parameters.
+    ``friction`` is Coulomb's coefficient of all contacts, or a mapping from pairs of names to coefficients; pairs that
+    are not in the mapping are frictionless. All numbers may be symbols of a problem's parameters.
 
     Coordinates ``q`` are those of the bodies and then of the pushers, in the order of ``things``.
     Raises :class:`~ocp.errors.InputError` for invalid things and for unknown or duplicate names.
@@ -66,7 +66,7 @@ class Scene:
 
     @cached_property
     def hold(self) -> ca.SX:
-        """Commanded coordinates that keep the pushers where they start, (nu, 1)."""
+        """Commanded coordinates that hold the pushers at their start, (nu, 1)."""
         return ca.vertcat(ca.SX(0, 1), *(pusher.start for pusher in self.pushers))
 
     def at_rest(self, system: ContactSystem) -> ca.SX:
@@ -136,11 +136,11 @@ class Scene:
         gravity: Scalar = 9.81,
         inertial: bool = True,
     ) -> ContactSystem:
-        """Return the contact system of bodies without momentum, and pushers that springs pull to commanded positions.
+        """Return the contact system of bodies without momentum and of pushers that springs pull to their commands.
 
-        The state is q, the input the commanded coordinates of the pushers [m]. Gaps are true
+        The state is q, and the input are the commanded coordinates of the pushers [m]. Gaps are true
         distances at the next state unless ``linearised``. Every body is loaded by the force
-        ``load`` [m/s²] times its mass. Bodies with a ``table`` are pressed to it by ``gravity`` [m/s²], and slide
+        ``load`` [m/s²] times its mass. Bodies with a ``table`` are pressed onto it by ``gravity`` [m/s²], and slide
         quasi-statically unless ``inertial`` (:class:`~dynamics.systems.limit_surface.LimitSurface`).
         See :func:`~dynamics.systems.timestepping.quasi_dynamic`.
 
@@ -188,9 +188,9 @@ class Scene:
         cone: Cone = "linearised",
         linearised: bool = False,
     ) -> ContactSystem:
-        """Return the contact system of bodies and pushers with masses and velocities; forces move the pushers.
+        """Return the contact system of bodies and pushers with masses and velocities, in which forces move the pushers.
 
-        The state is (q, v), the input the forces [N] on the pushers along their coordinates;
+        The state is (q, v), and the input are the forces [N] on the pushers along their coordinates;
         ``gravity`` [m/s²] is a vector of the plane. See
         :func:`~dynamics.systems.timestepping.time_stepping`; raises as :meth:`quasi_dynamic` does.
         """
@@ -199,7 +199,7 @@ class Scene:
         ]
         if lying := [body.name for body in self.bodies if body.table is not None]:
             raise InputError(
-                f"{lying[0]!r} lies on a table, which only Scene.quasi_dynamic knows; leave its table out here"
+                f"{lying[0]!r} lies on a table, which only Scene.quasi_dynamic supports; leave its table out here"
             )
         check_numbers(self, parameters)
         pull, M = as_column(gravity), ca.vertcat(ca.SX(0, 1), *self._masses, *masses)

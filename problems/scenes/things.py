@@ -19,9 +19,9 @@ from dynamics.systems.shapes.polygon import convex_parts, vertex_pairs
 
 @dataclass(frozen=True, eq=False)
 class Thing:
-    """A ``shape`` called ``name``, at ``at`` [m], turned anticlockwise by ``angle`` [rad].
+    """A ``shape`` called ``name``, at ``at`` [m], rotated anticlockwise by ``angle`` [rad].
 
-    The shape is in the thing's own frame, whose origin is at ``at``. Raises ``ValueError`` for an
+    The shape is in the thing's frame, whose origin is at ``at``. Raises ``ValueError`` for an
     invalid argument.
     """
 
@@ -47,7 +47,7 @@ class Thing:
 
     @property
     def coordinates(self) -> tuple[Signal, ...]:
-        """Signals of the thing's coordinates; () for an obstacle."""
+        """Signals of the thing's coordinates; empty for an obstacle."""
         return ()
 
     @property
@@ -61,7 +61,7 @@ class Thing:
         return ca.SX(0, 1)
 
     def pose(self, q: ca.SX) -> Pose:
-        """Return the pose of this thing at its own coordinates ``q`` (n, 1)."""
+        """Return the pose of this thing at its coordinates ``q`` (n, 1)."""
         return Pose(as_column(self.at), -ca.SX(self.angle))
 
 
@@ -74,9 +74,9 @@ class Body(Thing):
     """A thing that moves freely, with coordinates x, y [m], and an angle [rad] if it has an ``inertia``.
 
     ``mass`` [kg]; ``inertia`` [kg m²] about the origin of its frame, which is its centre of mass,
-    None for a body that never turns. ``table`` is Coulomb's coefficient with a table on which the body
-    lies, None for a body that glides freely; ``reach`` [m] is the mean distance of the pressure under it
-    from its centre of mass, by default for a pressure that is uniform over its shape.
+    None for a body that never rotates. ``table`` is Coulomb's coefficient with the table under the body, None for a
+    body that glides freely; ``reach`` [m] is the mean distance of the pressure under the body from its centre of
+    mass, by default for a pressure that is uniform over its shape.
     """
 
     mass: Scalar = 1.0
@@ -125,7 +125,7 @@ class Body(Thing):
 
     @property
     def turns(self) -> bool:
-        """Whether the body can turn, that is, has an ``inertia``."""
+        """Whether the body can rotate, that is, whether it has an ``inertia``."""
         return self.inertia is not None
 
     @property
@@ -134,13 +134,13 @@ class Body(Thing):
         return ca.vertcat(as_column(self.at), self.angle) if self.turns else as_column(self.at)
 
     def pose(self, q: ca.SX) -> Pose:
-        """Return the pose of this thing at its own coordinates ``q``."""
+        """Return the pose of this thing at its coordinates ``q``."""
         return Pose(q[:2], -ca.SX(q[2] if self.turns else self.angle))
 
 
 @dataclass(frozen=True, eq=False)
 class Pusher(Thing):
-    """A thing that a motor moves, and that never turns.
+    """A thing that a motor moves and that never rotates.
 
     In a quasi-dynamic scene a spring of ``stiffness`` [N/m] pulls it to the commanded position; in a
     scene with velocities it has a ``mass`` [kg], and a force moves it. It moves in the plane, or on a
@@ -164,7 +164,7 @@ class Pusher(Thing):
         return as_column(self.at) if self.axis is None else ca.SX.zeros(1)
 
     def pose(self, q: ca.SX) -> Pose:
-        """Return the pose of this thing at its own coordinates ``q``."""
+        """Return the pose of this thing at its coordinates ``q``."""
         place = q if self.axis is None else as_column(self.at) + q * as_column(self.axis)
         return Pose(place, -ca.SX(self.angle))
 
@@ -176,7 +176,7 @@ class Pusher(Thing):
 
 @dataclass(frozen=True, eq=False)
 class Goal:
-    """A goal pose of the body called ``body``, which is drawn with the body's shape and has no contacts."""
+    """A goal pose of the body called ``body``; it is drawn with the body's shape and has no contacts."""
 
     body: str
     at: Point
@@ -199,7 +199,7 @@ MOST_FREE_FIRST = (Body, Pusher, Obstacle)
 
 @dataclass(frozen=True, eq=False)
 class Touch:
-    """A contact called ``name``, between ``shape`` of the thing ``one`` and ``against`` of the thing ``other``.
+    """A contact called ``name`` between ``shape`` of the thing ``one`` and ``against`` of the thing ``other``.
 
     Its normal points into ``one``, the thing that moves more freely.
     """
@@ -221,7 +221,7 @@ class Touch:
 
 
 def contact_pairs(things: Sequence[Thing], non_colliding: Collection[frozenset[str]]) -> list[Touch]:
-    """Return all contacts of two things of which one moves, except the pairs of names in ``non_colliding``.
+    """Return all contacts of two things, at least one moving, except the pairs of names in ``non_colliding``.
 
     If one of the two can turn, every corner has a separate contact ``<one> on <other> <number>``, see
     :func:`~dynamics.systems.shapes.polygon.vertex_pairs`.

@@ -1,4 +1,4 @@
-"""A1: mu(z) and lam(z) of one contact, and the noise that each softening averages over."""
+"""A1: mu(z) and lam(z) of one contact, and the noise distribution to which each softened law corresponds."""
 
 from __future__ import annotations
 
@@ -34,19 +34,19 @@ MUS = (0.01, 0.1, 1.0)
 NAMED = 0.1
 """Value of mu [N s m] in the caption of fig. 1d."""
 GAPS = np.array([0.0, 1.0, 2.0, 3.0, 4.0])
-"""Gaps over sigma at which mu(z) and its error are evaluated."""
+"""Ratios of gap to sigma at which mu(z) and its error are evaluated."""
 WIDTHS = np.array([0.5, 1.0, 2.0, 4.0, 8.0, 16.0])
 """Ratios sigma/sqrt(F mu); together with gap/sigma they determine the errors of adaptive and constant mu."""
 COMPLIANCES = np.array([0.3, 1.0, 2.5])
-"""Compliances F [m/(N s)] at which printed formulas are checked; lam(z) by eq. C.2 is monotone only at the first."""
+"""Compliances F [m/(N s)] for checks of printed formulas; lam(z) by eq. C.2 is monotone only at the first."""
 READINGS = {"the tail as printed": printed_kappa, "the ordinary one": ordinary_kappa}
 """Mapping from an interpretation of the error function in eq. 5.1 to the resulting function kappa(z, sigma)."""
 SETTINGS = tuple((F, s) for F in (0.5, 1.0, 2.0) for s in (0.5, 1.0, 2.0))
-"""Pairs of F and variance of the noise at which eq. 5.1 is compared with the smoothed solution."""
+"""Pairs of F and noise variance at which eq. 5.1 is compared with the smoothed solution."""
 TANGENTS = np.array([-1.0, -0.5, 0.5, 1.0])
-"""Gaps over sigma at which the best lines of prop. 5.3 are computed."""
+"""Ratios of gap to sigma at which the best lines of prop. 5.3 are computed."""
 _REACHES = np.array([10.0, 100.0, 1000.0, 10000.0])
-"""Half-widths, over the scale of the noise, of the intervals on which the variance of the noise is integrated."""
+"""Half-widths of the intervals on which the variance of the noise is integrated, in scales of the noise."""
 
 
 class Params(StudyParams):
@@ -157,7 +157,7 @@ def _printed(params: Params) -> dict:
         true = gaussian_contact(z, C, np.sqrt(variance)).lam
         for row, printed in enumerate(READINGS.values()):
             # In N(0, sigma) and exp(-z²/(2 sigma)) of the paper sigma is the variance, in its erf
-            # and Q the standard deviation. The better of the two fits counts.
+            # and Q the standard deviation. The better of the two fits is used.
             readings_of_sigma = (affine_misfit(printed(z, symbol), true, z) for symbol in (variance, variance**0.5))
             misfits[row, column] = min(readings_of_sigma) * C / np.sqrt(variance)
     soft = gaussian_contact(TANGENTS * sigma, F, sigma)
@@ -171,7 +171,7 @@ def _printed(params: Params) -> dict:
 
 
 _FAR_GAP = 3.0
-"""Gap over sigma from which a contact counts as far."""
+"""Ratio of gap to sigma from which a contact counts as distant."""
 
 
 def claims(data: xr.Dataset) -> list[Claim]:

@@ -1,4 +1,4 @@
-"""P6: implicit time stepping and its log-barrier relaxation, one step in front of the wall."""
+"""P6: implicit time stepping and its log-barrier relaxation, for one step in front of the wall."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def eq5(x: np.ndarray, v: np.ndarray, u: np.ndarray, kappa: np.ndarray, m: float
 def solve_qp(x: np.ndarray, v: np.ndarray, u: np.ndarray, m: float, h: float) -> tuple[np.ndarray, np.ndarray]:
     """Return x+ [m] and lam [N s] from the QP of Suh et al. 2022, eq. 3, at n points, by an active-set method.
 
-    ``min m/2 (v+ - v)² - u v+`` subject to ``x/h + v+ >= 0``; lam is the constraint's multiplier.
+    ``min m/2 (v+ - v)² - u v+`` subject to ``x/h + v+ >= 0``; lam is the multiplier of the constraint.
     """
     scalar = ca.DM.ones(1, 1)
     quiet = {"print_iter": False, "print_header": False, "print_info": False}
@@ -58,7 +58,7 @@ def solve_qp(x: np.ndarray, v: np.ndarray, u: np.ndarray, m: float, h: float) ->
 def newton_step(
     x: np.ndarray, v: np.ndarray, u: np.ndarray, kappa: np.ndarray, x_next: np.ndarray, m: float, h: float
 ) -> np.ndarray:
-    """Return Newton's step (n,) [m] from ``x_next`` (n,) to the minimiser of eq. 4, a strictly convex objective."""
+    """Return the Newton step (n,) [m] from ``x_next`` (n,) to the minimum of eq. 4, a strictly convex objective."""
     inputs = [ca.SX.sym(name) for name in ("x", "v", "u", "kappa", "w")]
     position, velocity, push, weight, w = inputs
     objective = m / 2 * (w - velocity) ** 2 - push * w - ca.log(position / h + w) / weight

@@ -26,8 +26,8 @@ NOTES = (
 def in_log_height(mu: float, q0: float, g: float, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return height [m] and vertical velocity [m/s] at ``times`` [s], (n,), of a ball thrown horizontally from q0 [m].
 
-    Integrates Zhang et al. 2023, eq. C.1, in ``s = ln y``: ``s' = v exp(-s)``, ``v' = mu exp(-s) - g``, mu
-    in J/kg; an integration in y would lose the minimum height, about ``q0 exp(-g q0/mu)``, to rounding.
+    The integration of Zhang et al. 2023, eq. C.1, is in ``s = ln y``: ``s' = v exp(-s)``, ``v' = mu exp(-s) - g``,
+    with mu in J/kg; in y, rounding errors would exceed the minimum height, about ``q0 exp(-g q0/mu)``.
     """
     trajectory = _integrate(mu, q0, g, times[-1], times)
     return np.exp(trajectory.y[0]), trajectory.y[1]
@@ -73,7 +73,7 @@ def as_printed(mu: float, q0: float, g: float, times: np.ndarray) -> tuple[np.nd
 def least_height(mu: float, q0: float, g: float) -> float:
     """Return the minimum height [m], where all energy is potential: ``-(mu/g) W0(-(g/mu) exp(-E/mu))``.
 
-    ``E = g q0 - mu ln q0``; W0 is Lambert's function.
+    ``E = g q0 - mu ln q0``; W0 is the Lambert function.
     """
     energy = g * q0 - mu * np.log(q0)
     return float(-(mu / g) * lambertw(-(g / mu) * np.exp(-energy / mu)).real)
@@ -88,7 +88,7 @@ REBOUND_MU = 3.0
 
 
 class Params(StudyParams):
-    """Parameters of study A2; mass and horizontal velocity are the paper's, so that q_x [m] equals the time [s]."""
+    """Parameters of study A2; mass and horizontal velocity are from the paper, so that q_x [m] equals the time [s]."""
 
     g: float = setting(9.81, "m/s^2", "gravity", above=0)
     q0: float = setting(1.0, "m", "height of the throw", above=0)

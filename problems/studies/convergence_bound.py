@@ -1,4 +1,4 @@
-"""AT: gradient ascent on the throw of a ball, and a theorem's bound on its smallest gradient."""
+"""AT: gradient ascent on the throw of a ball, and a theorem's bound on the smallest gradient along it."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ LAWS: dict[str, ContactLaw] = {
     **{f"barrier {mu:g}": Barrier(mu=mu) for mu in (1e-4, 1e-3, 1e-2)},
     "adaptive": Adaptive("quartic"),
 }
-"""Mapping from name to contact law that the gradient is taken through; mu in N s m."""
+"""Mapping from names to the contact laws of the gradient; mu in N s m."""
 _TAIL_DEVIATIONS = 5.0
-"""Reach of the grid of returns beyond the window, in standard deviations of the noise."""
+"""Distance by which the grid of returns extends beyond the window, in standard deviations of the noise."""
 
 
 class Params(StudyParams):
@@ -168,7 +168,7 @@ def _moments(
 
 
 def claims(data: xr.Dataset) -> list[Claim]:
-    """Return claims on the bound, on how tight it is, and on bias and variance."""
+    """Return claims on the bound, its tightness, and bias and variance."""
     laws = [str(law) for law in data["law"].values]
     sides = [bound_sides(data, law) for law in laws]
     is_bounded = [mean_square <= right_side for mean_square, right_side in sides]

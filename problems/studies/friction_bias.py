@@ -22,15 +22,15 @@ NOTES = (
 ORDERS = ("zobg", "fobg")
 """Names of the estimators that are compared."""
 _PANEL_NUS = (1e-3, 0.2)
-"""Slip tolerances [m/s] of the curves in the panel whose horizontal axis is the sliding velocity."""
+"""Slip tolerances [m/s] of the curves in the panel over the sliding velocity."""
 BATCHES = (1, 3, 10, 30, 100, 300, 1000)
-"""Batch sizes for which the share of zero batches is measured."""
+"""Batch sizes for which the fraction of zero batches is measured."""
 _RATIOS = np.geomspace(1e-4, 10, 21)
-"""Ratios nu/sigma at which theta = nu/2 is evaluated; the paper's text is about small ratios."""
+"""Ratios nu/sigma at which theta = nu/2 is evaluated; the text of the paper concerns small ratios."""
 
 
 class Params(StudyParams):
-    """Parameters of study P3; values are those of the authors' code, with fewer slip tolerances."""
+    """Parameters of study P3, with the values of the authors' code but fewer slip tolerances."""
 
     sigma: float = setting(0.1, "m/s", "standard deviation of the noise", CODE, above=0)
     theta: float = setting(0.1, "m/s", "decision of the panel over samples", CODE)
@@ -43,7 +43,7 @@ class Params(StudyParams):
 def run(params: Params) -> xr.Dataset:
     """Compute running means of both gradient estimators, and their variances for every slip tolerance.
 
-    The variances are computed for Coulomb friction on its own and for a block on a belt.
+    The variances are computed for Coulomb friction alone and for a block on a belt.
     """
     nus = params.sigma * np.geomspace(1e-4, 1, params.tolerances)
     coarse = nus[:: max(1, params.tolerances // 8)]
@@ -102,7 +102,7 @@ def run(params: Params) -> xr.Dataset:
 def _at_half(coulomb: SampledObjective, params: Params) -> np.ndarray:
     """Return rows of four numbers at theta = nu/2, one row for each of :data:`_RATIOS`.
 
-    They are F', the probability of a nonzero first-order sample, the observed share of nonzero samples,
+    The numbers are F', the probability of a nonzero first-order sample, the observed fraction of nonzero samples,
     and the largest absolute sample whose noise puts the sliding velocity outside the slip tolerance.
     """
     rows = []
@@ -120,7 +120,7 @@ def _at_half(coulomb: SampledObjective, params: Params) -> np.ndarray:
 
 
 def _silent(objective: SampledObjective, params: Params) -> np.ndarray:
-    """Return, for each batch size, the share of batches whose first-order samples are all zero, (len(BATCHES),)."""
+    """Return, for each batch size, the fraction of batches with all first-order samples zero, (len(BATCHES),)."""
     seed = np.random.SeedSequence(params.seed, spawn_key=(3000,))
     samples = objective.sample_gradients(Gaussian(params.sigma, seed), params.many).direction[:, 0]
     return np.array(
@@ -147,9 +147,9 @@ def _variances(objective: SampledObjective, key: int, n: int, params: Params) ->
 
 
 _RARE_SAMPLES = 0.3
-"""Expected number of a run's samples within nu, below which most runs have none."""
+"""Expected number of samples of a run within nu below which most runs have no such sample."""
 _FREQUENT_SAMPLES = 20.0
-"""Expected number of a run's samples within nu, above which every run has some."""
+"""Expected number of samples of a run within nu above which every run has such samples."""
 _SMALL_NU = 0.1
 """Largest nu/sigma that counts as small: a relaxation much narrower than the noise."""
 
@@ -192,7 +192,7 @@ def _variance(data: xr.Dataset) -> list[Claim]:
 
 
 def _few_samples(data: xr.Dataset) -> list[Claim]:
-    """Check that the first-order gradient and its variance are usually zero when few samples are taken."""
+    """Check that with few samples the first-order gradient and its variance are usually zero."""
     n, nu = data.attrs["n_samples"], data["nu"].values
     p = float(data["truth"]) * data.attrs["nu"] / 2
     sizes, silent = data["batch"].values, data["silent"].values

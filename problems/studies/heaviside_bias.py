@@ -22,7 +22,7 @@ NOTES = (
 ESTIMATORS = ("zobg", "zobg-zero-noise", "zobg-mean", "fobg")
 """Names of the estimators that are compared."""
 _BOX_WIDTHS = (0.1, 0.01, 0.001)
-"""Widths over sigma of boxes of area one that approximate the Dirac delta."""
+"""Widths, relative to sigma, of boxes of area one that approximate the Dirac delta."""
 
 
 class Params(StudyParams):
@@ -80,7 +80,7 @@ def run(params: Params) -> xr.Dataset:
 
 
 _SAMPLES_PER_SIDE = 30
-"""Expected samples on each side of the jump from which errors are nearly normally distributed."""
+"""Expected number of samples on each side of the jump for which errors are nearly normally distributed."""
 
 
 def claims(data: xr.Dataset) -> list[Claim]:

@@ -1,4 +1,4 @@
-"""P7: interpolation of first- and zeroth-order gradients where the first-order one is biased."""
+"""P7: interpolation of first- and zeroth-order gradients in cases where the first-order gradient is biased."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def run(params: Params) -> xr.Dataset:
 
 
 def _worst(data: xr.Dataset, case: str, estimator: str) -> float:
-    """Return the largest root-mean-square error over all decisions, as a share of the largest gradient."""
+    """Return the largest root-mean-square error over all decisions, relative to the largest gradient."""
     runs = data.sel(case=case)
     errors = runs["mean"].sel(estimator=estimator) - runs["truth"]
     size = float(np.abs(runs["truth"]).max())

@@ -1,4 +1,4 @@
-"""P1: objectives with jumps of three simple systems, their smoothing and gradient estimates.
+"""P1: three simple systems whose objectives jump, with smoothed objectives and gradient estimates.
 
 The systems are those of Suh et al. 2022, fig. 1: a dropped ball, a throw past a wall, a pivoted bar.
 """
@@ -24,7 +24,7 @@ NOTES = (
 
 
 class Params(StudyParams):
-    """Parameters of study P1: from the authors' code, and additional ones for physical models of drop and pivot."""
+    """Parameters of study P1 from the authors' code, and further ones for physical models of drop and pivot."""
 
     g: float = setting(9.81, "m/s^2", "gravity", CODE, above=0)
     step_height: float = setting(1.0, "m", "height of the step", CODE, above=0)
@@ -82,7 +82,7 @@ def run(params: Params) -> xr.Dataset:
 def drop_ball(step_height: float, start: float, g: float) -> StaticObjective:
     """Build the objective of a ball dropped at x = theta over a step: minus its final height, -y [m].
 
-    It falls freely until it would be below both levels; the inelastic landing is the exact law
+    The ball falls freely until it would be below both levels; the inelastic landing is the exact law
     ``0 <= lam ⟂ y - ground + lam >= 0`` with ``ground = step_height`` for theta >= 0, else 0.
     """
     theta = ca.SX.sym("theta")
@@ -147,7 +147,7 @@ def _bias(data: xr.Dataset, name: str) -> float:
 
 
 def _steps(data: xr.Dataset, name: str) -> float:
-    """Return the largest step of the smoothed F on its grid, as a share of ``spacing range(f)/(sqrt(2 pi) sigma)``."""
+    """Return the largest step of the smoothed F on its grid, divided by ``spacing range(f)/(sqrt(2 pi) sigma)``."""
     step = np.abs(np.diff(data[f"F_{name}"].values)).max()
     spacing = float(data[f"theta_{name}"][1] - data[f"theta_{name}"][0])
     steepest = np.ptp(data[f"f_{name}"].values) * norm.pdf(0, 0, data.attrs[f"sigma_{name}"])

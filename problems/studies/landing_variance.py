@@ -70,7 +70,7 @@ def run(params: Params) -> xr.Dataset:
 
 
 def _variances(params: Params, h: float, steps: int) -> np.ndarray:
-    """Return the first-order and the likelihood-ratio variance, maximum over both parameters, (2, len(MUS))."""
+    """Return first-order and likelihood-ratio variances, each the larger of two parameters', (2, len(MUS))."""
     problem = get("ball-bounce", h=h, g=params.g)
     step = Barrier(mu=1.0).close(problem.system)
     x, u, p = ca.SX.sym("x", 4), ca.SX.sym("u", 2), ca.SX.sym("p", len(step.p))

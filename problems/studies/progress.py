@@ -17,7 +17,7 @@ _LISTENER: ContextVar[Listener | None] = ContextVar("listener", default=None)
 
 @contextmanager
 def listen_to_progress(listener: Listener) -> Iterator[None]:
-    """Send the progress of every study in this block to ``listener``."""
+    """Send the progress of every study in this context to ``listener``."""
     token = _LISTENER.set(listener)
     try:
         yield

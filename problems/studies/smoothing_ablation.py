@@ -1,4 +1,4 @@
-"""A5: first-order policy gradients of the half-cheetah through contact laws of different mu."""
+"""A5: first-order policy gradients of the half-cheetah through contact laws with different mu."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ LAWS: dict[str, ContactLaw] = {
     "adaptive": Adaptive("quartic"),
     "adaptive, gaussian": Adaptive(sigma=0.02),
 }
-"""Mapping from name to contact law that gradients are taken through; mu in N s m, sigma in m."""
+"""Mapping from names to the contact laws of gradients; mu in N s m, sigma in m."""
 
 
 class Params(StudyParams):
-    """Parameters of study A5; the paper names mu = 1e-10 and 1e-2 and no other number."""
+    """Parameters of study A5; the paper gives mu = 1e-10, mu = 1e-2 and no other number."""
 
     runs: int = setting(5, "1", "seeds of each law", least=2)
     iterations: int = setting(150, "1", "steps of ascent", least=4)
@@ -69,11 +69,11 @@ def run(params: Params, finished: FinishedParts) -> xr.Dataset:
 
 
 _SECTION_7_4 = "ABS, sec. 7.4"
-"""Citation in the claims that the paper makes."""
+"""Citation in the claims from the paper."""
 _SHARP = "mu 1e-10"
-"""Name of the law with the smallest mu that the paper names."""
+"""Name of the law with the smallest mu in the paper."""
 _WIDE = "mu 0.01"
-"""Name of the law with the largest mu that the paper names."""
+"""Name of the law with the largest mu in the paper."""
 _ADAPTIVE = ("adaptive", "adaptive, gaussian")
 """Names of the adaptive laws."""
 

@@ -1,4 +1,4 @@
-"""P5: pushing with contact as a stiff spring: variance of gradients over stiffness, and the stability limit."""
+"""P5: pushing with a stiff contact spring: gradient variance over the stiffness, and the stability limit."""
 
 from __future__ import annotations
 
@@ -37,14 +37,14 @@ _BODY_DISTANCE = 1.0
 MUS = (1e-6, 1e-4, 1e-2)
 """Central-path parameters of the barrier laws [J]."""
 DAMPINGS = np.array([0.1, 0.9, 0.99, 0.998])
-"""Factors on the velocity in each step; the authors use 0.1 for their sweep, 0.99 and 0.998 for their tasks."""
+"""Factors on the velocity in each step; the authors use 0.1 in their sweep, 0.99 and 0.998 in their tasks."""
 
 
 class Params(StudyParams):
     """Parameters of study P5.
 
-    Values are those of the authors' code, except where these do not reproduce the published crossing of
-    the curves.
+    Values are from the authors' code, except values that do not reproduce the published crossing of the
+    curves.
     """
 
     m: float = setting(0.1, "kg", "mass of each body", CODE, above=0)
@@ -61,7 +61,7 @@ class Params(StudyParams):
 
 
 class _Pushing:
-    """Rollouts of one pushing model with the cost ``sum_t (x2 - goal)²``, for the variances of its gradients."""
+    """Rollouts of a pushing model with the cost ``sum_t (x2 - goal)²``, for variances of its gradients."""
 
     def __init__(self, params: Params, step: Step) -> None:
         self._params, self._step = params, step
@@ -76,7 +76,7 @@ class _Pushing:
         )
 
     def variances(self, p: np.ndarray) -> tuple[float, float]:
-        """Return the covariance traces of the first-order gradient (FoBG) and the zeroth-order one (ZoBG).
+        """Return the covariance traces of the first-order (FoBG) and the zeroth-order gradient (ZoBG).
 
         The baseline of ZoBG is the cost without noise.
         """
@@ -97,7 +97,7 @@ class _Pushing:
 
 
 def stability_limit(params: Params) -> float:
-    """Return the stiffness [N/m] from which semi-implicit integration diverges: ``m (1 + c)/h²``."""
+    """Return the stiffness [N/m] above which semi-implicit integration diverges: ``m (1 + c)/h²``."""
     return params.m * (1 + params.c) / params.h**2
 
 
@@ -125,7 +125,7 @@ def _unstable(params: Params) -> float:
 
 
 def run(params: Params) -> xr.Dataset:
-    """Compute variances of both estimators over the stiffness k, and for implicit time stepping, which needs no k."""
+    """Compute variances of both estimators over the stiffness k, and for implicit time stepping, which has no k."""
     k = np.geomspace(params.k_least, params.k_most, params.points)
     penalty = _sweep(params, k)
     others = [params.model_copy(update={"c": c}) for c in DAMPINGS]
@@ -161,8 +161,8 @@ def pushing_system(k: float | None, m: float, c: float, h: float, length: float)
 
     u [N] pushes body 1 towards body 2; the gap is ``x2 - x1 - length``. With a stiffness ``k``
     [N/m] contact is a penalty method under semi-implicit integration, ``f = k max(0, -gap(x))``,
-    written as ``0 <= lam ⟂ gap(x) + lam/k >= 0``, whose exact solution is this force lam [N]. With ``k``
-    None contact is implicit time stepping, ``0 <= lam ⟂ gap(x+) >= 0``.
+    written as ``0 <= lam ⟂ gap(x) + lam/k >= 0``, whose exact solution is this force lam [N]. If ``k`` is
+    None, contact is implicit time stepping, ``0 <= lam ⟂ gap(x+) >= 0``.
     """
     rate = h / m
     table = ParameterTable([] if k is None else [Parameter("k", k, "N/m", "stiffness")])
@@ -190,7 +190,7 @@ _LIGHT_DAMPING = 0.99
 
 
 def crossing_stiffness(k: np.ndarray, first: np.ndarray, zeroth: np.ndarray) -> float:
-    """Return the stiffness at which the two curves of variance cross, interpolated on log axes; NaN if they do not."""
+    """Return the stiffness at which the two variance curves cross, interpolated on log axes; NaN if they do not."""
     excess = np.log(first / zeroth)
     above = np.flatnonzero(excess > 0)
     if not above.size or above[0] == 0:

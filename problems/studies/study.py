@@ -1,4 +1,4 @@
-"""Studies of papers' figures: parameters, a run that returns data with units, and claims checked against them."""
+"""Studies of papers' figures: parameters, a run that returns data with units, and claims checked against the data."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ from problems.parameters import Parameters
 from problems.spec import Citation, check_parameters
 
 WITHIN_NOISE = "within noise"
-"""Verdict on a claim whose statistic lies too near to its threshold to decide."""
+"""Verdict on a claim whose statistic is too near to its threshold for a decision."""
 _NOISE_MARGIN = 3.0
 """Distance of a statistic from its threshold, in standard errors, below which a claim is within noise."""
 PAPER = "paper"
-"""Origin of a value that the paper's text states."""
+"""Origin of a value in the text of the paper."""
 CODE = "authors' code"
-"""Origin of a value that is taken from the authors' public code."""
+"""Origin of a value from the authors' public code."""
 CHOICE = "our choice"
-"""Origin of a value that no source states."""
+"""Origin of a value without a source."""
 
 
 def setting(default: float, unit: str, meaning: str, origin: str = CHOICE, **limits: Unpack[Range]) -> Any:
@@ -49,7 +49,7 @@ class StudyParams(Parameters):
 
 
 class FinishedParts:
-    """Results of a study's finished parts, each under a key, stored in a checkpoint where there is one.
+    """Results of a study's finished parts, each under a key, stored in a checkpoint if there is one.
 
     Independent parts are computed in ``jobs`` processes, by default one per CPU, or on the cluster
     of ``scheduler``.
@@ -77,11 +77,11 @@ class FinishedParts:
 
 @dataclass(frozen=True)
 class Claim:
-    """Sentence of a paper, what was expected and measured, and whether it holds.
+    """Sentence from a paper, what was expected and measured, and whether it holds.
 
-    ``source`` is the paper and the place in it; ``expected`` and ``measured`` are short texts with
-    units; ``holds`` is whether the sentence is true as it stands. Where this depends on a
-    statistic of samples, ``margin`` is its distance from the threshold in standard errors; else it is None.
+    ``source`` is the paper and the section, equation or figure; ``expected`` and ``measured`` are short texts with
+    units; ``holds`` says whether the sentence is true as written. If this depends on a statistic of samples,
+    ``margin`` is its distance from the threshold in standard errors; otherwise it is None.
     """
 
     claim: str
@@ -105,11 +105,11 @@ class Statement:
     observation: str = ""
 
     def expected(self, words: str) -> Statement:
-        """Return a copy of the statement with ``words``, a text with units, for what the source says."""
+        """Return a copy of the statement whose expected value, according to the source, is the text ``words``."""
         return replace(self, expectation=words)
 
     def measured(self, words: str) -> Statement:
-        """Return a copy of the statement with ``words``, a text with units, for what the data show."""
+        """Return a copy of the statement whose measured value is the text ``words``, with units."""
         return replace(self, observation=words)
 
     def holds(self, *conditions: ArrayLike, margin: float | None = None) -> Claim:
@@ -146,7 +146,7 @@ class Statement:
 
 
 def claim(sentence: str, source: str) -> Statement:
-    """Return a statement of ``source``, the paper and the place in it, from which to build a claim.
+    """Return a statement from ``source`` (the paper, with section or figure), from which to build a claim.
 
     A claim is built by ``claim(sentence, source).expected(words).measured(words).below(values,
     limit)``, or with another condition of :class:`Statement` at the end.
@@ -200,9 +200,9 @@ class FigureStudy:
         return self._module.claims(data)
 
     def params(self, values: Mapping[str, Any]) -> Any:
-        """Return the parameters of a run: the checked ``values``, and defaults for the others.
+        """Return the parameters of a run: the checked ``values``, with defaults for missing parameters.
 
-        Raises :class:`~ocp.errors.InputError` that names the parameter, its unit and its range.
+        Raises :class:`~ocp.errors.InputError` with the parameter, its unit and its range in its message.
         """
         return check_parameters(self.id, self.Params, values)
 
@@ -213,13 +213,12 @@ class FigureStudy:
         jobs: int | None = None,
         scheduler: str | None = None,
     ) -> xr.Dataset:
-        """Run the study at ``values``, other parameters at their defaults; return its data, with these as attributes.
+        """Run the study at ``values`` (defaults for others); return its data, with the parameters as attributes.
 
         A study that resumes loads finished parts from ``checkpoint`` and stores new parts there; for
         ``jobs`` and ``scheduler`` see :class:`FinishedParts`.
 
-        Raises :class:`~ocp.errors.InputError` for a bad parameter and ``ValueError`` where a
-        variable has no units.
+        Raises :class:`~ocp.errors.InputError` for a bad parameter and ``ValueError`` if a variable has no units.
         """
         params = self.params(values or {})
         finished = [FinishedParts(checkpoint, jobs, scheduler)] if self.resumes else []
@@ -248,13 +247,13 @@ def dataset(variables: Mapping[str, Any], coordinates: Mapping[str, Any]) -> xr.
 
 
 def share_margin(marks: ArrayLike, least: float) -> float:
-    """Return how far the share of true ``marks`` lies above ``least``, in binomial standard errors at ``least``."""
+    """Return the difference between the fraction of true ``marks`` and ``least``, in binomial standard errors."""
     truths = np.asarray(marks, dtype=float)
     return float((truths.sum() - least * truths.size) / np.sqrt(least * (1 - least) * truths.size))
 
 
 def largest_value(values: ArrayLike) -> float:
-    """Return the largest of ``values``, or NaN, for which every comparison fails, if there are none."""
+    """Return the largest of ``values``, or NaN if there are none, for which every comparison fails."""
     return float(np.max(values)) if np.size(values) else float("nan")
 
 
@@ -264,7 +263,7 @@ def format_values(values: Iterable[float], form: str) -> str:
 
 
 def settings_text(settings: Sequence[object], marks: ArrayLike) -> str:
-    """Return a text that says at which ``settings`` a claim holds: ``for all of a, b`` or ``for a, not for b``.
+    """Return a text on the ``settings`` for which a claim holds: ``for all of a, b`` or ``for a, not for b``.
 
     Numbers are written with four digits; ``marks`` has one truth value for each setting.
     """
@@ -282,7 +281,7 @@ def settings_text(settings: Sequence[object], marks: ArrayLike) -> str:
 def claim_verdict(holds: bool, margin: float | None = None) -> str:
     """Return the verdict on a claim: ``holds``, ``does not hold`` or, for a ``margin`` below 3, ``within noise``.
 
-    Other seeds or another processor's rounding may reverse a claim that is within noise.
+    Other seeds, or other rounding errors, may reverse a claim that is within noise.
     """
     if margin is not None and abs(margin) < _NOISE_MARGIN:
         return WITHIN_NOISE
@@ -290,9 +289,9 @@ def claim_verdict(holds: bool, margin: float | None = None) -> str:
 
 
 def count_text(claims: Iterable[Claim | Mapping[str, Any]]) -> str:
-    """Return a text with the numbers of claims that hold and that are within noise: ``5 of 7 (1 within noise)``.
+    """Return a text on the numbers of claims that hold and that are within noise: ``5 of 7 (1 within noise)``.
 
-    Claims may also be mappings, as they are stored in the record of a run.
+    Claims may also be mappings, as stored in the record of a run.
     """
     rows = [claim if isinstance(claim, Mapping) else vars(claim) for claim in claims]
     verdicts = [claim_verdict(row["holds"], row.get("margin")) for row in rows]
@@ -301,7 +300,7 @@ def count_text(claims: Iterable[Claim | Mapping[str, Any]]) -> str:
 
 
 def claims_sentence(claims: Sequence[Claim]) -> str:
-    """Return a sentence that says how many claims hold; raise ``InputError`` if there are none."""
+    """Return a sentence with the number of claims that hold; raise ``InputError`` if there are no claims."""
     if not claims:
         raise InputError("a study without claims checks nothing; give it at least one")
     return f"{count_text(claims)} claims hold."

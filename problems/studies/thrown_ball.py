@@ -1,4 +1,4 @@
-"""A7: throws of a ball learned by four kinds of policy gradients, and landscapes of the return."""
+"""A7: throws of a ball learned with four kinds of policy gradients, and landscapes of the return."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Params(StudyParams):
 
 
 def make_methods(params: Params) -> dict[str, tuple[Algorithm, ContactLaw]]:
-    """Return a mapping from method to its algorithm and the contact law through which gradients are taken."""
+    """Return a mapping from each method to its algorithm and the contact law of its gradients."""
     n_even = params.samples + params.samples % 2
     options = {"samples": n_even, "unroll": get("ball-throw").horizon, "sigma": params.sigma, "rate": params.rate}
     first = FOPG(**options)
@@ -125,11 +125,11 @@ def _returns(experiment: Experiment, law: ContactLaw, decisions: np.ndarray) -> 
 
 
 _SECTION_7_3 = "ABS, sec. 7.3"
-"""Citation in the claims that the paper makes."""
+"""Citation in the claims from the paper."""
 _GOAL_RETURN = -0.01
 """Minimum return [m²] for which the ball counts as having reached the goal."""
 _PROMINENCE = 1e-3
-"""Minimum prominence of a local maximum, as a share of the range of values."""
+"""Minimum prominence of a local maximum, as a fraction of the range of values."""
 
 
 def claims(data: xr.Dataset) -> list[Claim]:

@@ -33,13 +33,13 @@ LAWS: dict[str, ContactLaw] = {
     **{f"mu {mu:g}": Barrier(mu=mu) for mu in (1e-2, 1e-4, 1e-6, 1e-8, 1e-10)},
     "adaptive": Adaptive("quartic"),
 }
-"""Mapping from name to contact law that gradients are taken through; mu in N s m."""
+"""Mapping from names to the contact laws of gradients; mu in N s m."""
 LENGTHS = (1, 2, 3, 5, 7, 10, 15, 20)
 """Numbers of steps of the unrolls."""
 
 
 class Params(StudyParams):
-    """Parameters of study A3; the paper names mu = 1e-10 and 1e-2 and no other number."""
+    """Parameters of study A3; the paper gives mu = 1e-10, mu = 1e-2 and no other number."""
 
     stages: int = setting(6, "1", "policies along the training", least=2)
     every: int = setting(10, "1", "iterations between them", least=1)
@@ -107,7 +107,7 @@ def _task(task: str, params: Params) -> dict[str, np.ndarray]:
 
 
 def _visited(experiment: Experiment, trained: TrainedPolicy, params: Params, stage: int) -> np.ndarray:
-    """Draw states (n, nx) from episodes of the policy with noise on its actions."""
+    """Return states (n, nx) from episodes of the policy with noise on its actions."""
     rng = experiment.rng(stage, "visited")
     x0 = experiment.first_states(params.unrolls, rng)
     episodes = experiment.rollouts(experiment.task.horizon, LAWS["mu 1e-10"])(
@@ -145,7 +145,7 @@ def _lipschitz_policy(experiment: Experiment, trained: TrainedPolicy, x: np.ndar
 
 
 _SECTION_7_2 = "ABS, sec. 7.2"
-"""Citation in the claims that the paper makes."""
+"""Citation in the claims from the paper."""
 # Names of the laws with the smallest and the largest mu, and of the adaptive one.
 _SHARP = "mu 1e-10"
 _WIDE = "mu 0.01"
@@ -168,7 +168,7 @@ class Growth:
         return (self.high - self.low) / 4
 
     def above(self, other: Growth) -> float:
-        """Return how far the rate lies above that of ``other``, in standard errors of the difference."""
+        """Return the difference of the rate and the rate of ``other``, in standard errors of the difference."""
         return (self.rate - other.rate) / np.hypot(self.error, other.error)
 
     def __str__(self) -> str:
@@ -192,7 +192,7 @@ def variance_growth(data: xr.Dataset, task: str, law: str) -> Growth:
 
 
 def bound_rate(data: xr.Dataset, task: str, law: str) -> float:
-    """Return the growth per step of log(bound) in theorem 4.4, ``4 log(sqrt 2 L_f L_pi)``, L_f and L_pi at least 1."""
+    """Return the growth per step of log(bound) in theorem 4.4, ``4 log(sqrt 2 L_f L_pi)``, with L_f, L_pi >= 1."""
     slope = data["lipschitz"].sel(task=task, law=law).max("stage")
     policy = data["lipschitz_policy"].sel(task=task).max("stage")
     return float(4 * np.log(np.sqrt(2) * np.maximum(slope, 1) * np.maximum(policy, 1)))

@@ -1,4 +1,4 @@
-"""P4: a ball thrown at a rectangular wall, at whose corner the objective jumps, and at a dome on the wall."""
+"""P4: a ball thrown at a rectangular wall, whose corner makes the objective jump, and at a dome on the wall."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Wall:
 
 
 def flight_step(wall: Wall, g: float, h: float) -> ca.Function:
-    """Build one step of the ball's state (x, y, vx, vy), in which the wall reflects it without loss.
+    """Build one step of the ball's state (x, y, vx, vy) with lossless reflection at the wall.
 
     ``v+ = v - g h``; the ball moves along ``h v+`` up to the first impact, after the fraction s of
     the step, then with ``v+ - 2 (v+·n) n`` for the time (1 - s) h. The normal n is (-1, 0) at the
@@ -73,7 +73,7 @@ def flight_step(wall: Wall, g: float, h: float) -> ca.Function:
 
 
 def _fraction(distance: ca.SX, displacement: ca.SX) -> ca.SX:
-    """Return ``distance/displacement``, or the distance where the displacement is zero."""
+    """Return ``distance/displacement``, or the distance if the displacement is zero."""
     is_still = ca.fabs(displacement) < 1e-12
     return distance / ca.if_else(is_still, 1.0, displacement)
 
@@ -135,13 +135,13 @@ class ThrownBall(SampledObjective):
 SHAPES = ("rectangle", "dome")
 """Shapes of the top of the wall."""
 _DOMES = 5
-"""Number of domes in the sweep; each is half as wide as the previous dome."""
+"""Number of domes in the sweep; each dome is half as wide as the previous one."""
 _FINER_STEPS = 20
-"""Divisor of the step size for the drawn paths, which at the full step seem not to touch the wall."""
+"""Divisor of the step size for the drawn paths, which seem not to touch the wall at the full step size."""
 
 
 class Params(StudyParams):
-    """Parameters of study P4; values are those of the authors' code, except for the noise, which is our choice."""
+    """Parameters of study P4; values are from the authors' code, except the noise, which is our choice."""
 
     v0: float = setting(5.0, "m/s", "speed of the throw", CODE, above=0)
     g: float = setting(9.81, "m/s^2", "gravity", CODE, above=0)
@@ -158,13 +158,13 @@ class Params(StudyParams):
 
 
 def make_throw(params: Params, dome: bool, width: float | None = None) -> ThrownBall:
-    """Build the objective of the throw at the dome or the rectangle; ``width`` [m] replaces the wall's."""
+    """Build the objective of the throw at the dome or the rectangle; ``width`` [m] replaces the wall's width."""
     wall = Wall(params.place, width or params.width, params.height, dome)
     return ThrownBall(wall, params.v0, params.g, params.h, params.T)
 
 
 def _shrinking(params: Params, corner: float) -> dict:
-    """Compute the empirical bias (beta, Delta, S), Suh et al. 2022, def. III.3, at a corner rounded ever less."""
+    """Compute the empirical bias (beta, Delta, S), Suh et al. 2022, def. III.3, for decreasing corner radii."""
     # The event is that the ball misses the dome; the slope is then at most that for the rectangle.
     width = params.width / 2.0 ** np.arange(_DOMES)
     at_flat = make_throw(params, False).at({"theta": corner})
@@ -244,7 +244,7 @@ def run(params: Params) -> xr.Dataset:
 
 
 def _chance(n: int) -> float:
-    """Return an upper limit on the mean square of n standard normal scores: its mean 1 plus five deviations."""
+    """Return an upper limit of the mean square of n standard normal scores: its mean 1 plus five deviations."""
     return 1 + 5 * np.sqrt(2 / max(n, 1))
 
 
@@ -291,7 +291,7 @@ def _shapes(data: xr.Dataset) -> list[Claim]:
 
 
 def _narrowing_domes(data: xr.Dataset) -> list[Claim]:
-    """Check variance and empirical bias at the corner's angle as the dome narrows."""
+    """Check variance and empirical bias at the corner's angle for decreasing widths of the dome."""
     width, first = data["width"].values, data["narrow_variance_first"].values
     power = float(np.polyfit(np.log(width), np.log(first), 1)[0])
     rough = data["narrow_variance_zeroth"].values

@@ -1,1 +1,1 @@
-"""Registry of the tasks for which policies are trained, and parts that several tasks share."""
+"""Registry of the tasks for which policies are trained, and parts shared by several tasks."""

@@ -1,4 +1,4 @@
-"""Look-up of tasks by name, with the settings of the algorithms for each task."""
+"""Look-up of tasks by name, and the settings of the algorithms for each task."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class TaskSpec(Spec):
-    """Specification of a named task, which can be built at any parameters.
+    """Specification of a named task, which can be built at any parameter values.
 
     ``build(params)`` returns the :class:`~ocp.problem.task.Task`, ``draw(params, state)`` the shapes at
     one state (nx,), ``frames(params, state)`` the point and direction of each contact; ``axes`` are
@@ -42,7 +42,7 @@ class TaskSpec(Spec):
     learner: str = "fopg"
 
     def task(self, values: Mapping[str, Any] | None = None) -> Task:
-        """Build the task at ``values`` and the defaults of its other parameters.
+        """Build the task at ``values`` and the defaults of the other parameters.
 
         Raises :class:`~ocp.errors.InputError` for a bad parameter.
         """
@@ -58,7 +58,7 @@ TASK_MODULES = {
 
 
 def names() -> list[str]:
-    """Names of the tasks that ship with the workbench."""
+    """Return the names of the tasks that ship with the workbench."""
     return list(TASK_MODULES)
 
 
@@ -69,7 +69,7 @@ def spec(name: str) -> TaskSpec:
 
 
 def get(name: str, **params: Any) -> Task:
-    """Build the task ``name`` with ``params`` and the defaults of its other parameters.
+    """Build the task ``name`` with ``params`` and the defaults of the other parameters.
 
     Raises :class:`~ocp.errors.InputError` for an unknown name or a bad parameter.
     """
@@ -77,7 +77,7 @@ def get(name: str, **params: Any) -> Task:
 
 
 def default_settings(spec: TaskSpec, word: str, cls: type) -> dict[str, Any]:
-    """Return the task's default settings for the algorithm ``cls``, called ``word``, and for its experiment."""
+    """Return the task's default settings for the algorithm ``cls``, called ``word``, and for the experiment."""
     from ocp.learning.experiment import Experiment
 
     settings = {**spec.training.get("all", {}), **spec.training.get(word, {})}
@@ -86,7 +86,7 @@ def default_settings(spec: TaskSpec, word: str, cls: type) -> dict[str, Any]:
 
 
 def make_algorithm(cls: type, values: Mapping[str, Any]) -> tuple[Algorithm, dict[str, Any]]:
-    """Return the algorithm ``cls`` with its settings from ``values``, and the other values, for its experiment.
+    """Return the algorithm ``cls`` with its settings from ``values``, and the other values for its experiment.
 
     Raises :class:`~ocp.errors.InputError` if the algorithm rejects a setting.
     """

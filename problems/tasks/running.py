@@ -1,4 +1,4 @@
-"""Parts that tasks of running machines share: parameters for masses and inertias, the start, and measures."""
+"""Parts shared by tasks of running machines: parameters for masses and inertias, the start, and measures."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from problems.parameters import Parameters, friction_of, quantity, table
 
 
 def with_weights(base: type[Parameters], machine: PublishedMachine) -> type[Parameters]:
-    """Return ``base`` with parameters ``mass_<link>`` and ``inertia_<link>``, by default the values of the links."""
+    """Return ``base`` with parameters ``mass_<link>`` and ``inertia_<link>``; defaults are the links' values."""
     kinds = {"mass": "kg", "inertia": "kg m^2"}
     weights: dict[str, Any] = {
         f"{kind}_{link.name}": (float, quantity(getattr(link, kind), unit, f"{kind} of the {link.name}", above=0))
@@ -33,8 +33,8 @@ def machine_task_fields(
     """Return the machine's contact system at ``params``, and the fields of its :class:`~ocp.problem.task.Task`.
 
     The links have the masses ``mass_<link>`` [kg] and inertias ``inertia_<link>`` [kg m²]; ``spring``
-    is the name of the parameter for the joints' springs. The start is that of
-    :meth:`PublishedMachine.reset`, inputs are in [-1, 1], speed and height of the torso are measured.
+    is the name of the parameter for the joints' springs. The start is that of :meth:`PublishedMachine.reset`, inputs
+    are in [-1, 1], and the measures are speed and height of the torso.
     """
     p, friction = friction_of(table(params))
     stiffness = {spring: p[spring]}
@@ -67,7 +67,7 @@ def machine_task_fields(
 def all_below(x: ca.SX, bound: float) -> ca.SX:
     """Return 1 if the absolute value of every entry of ``x`` is below ``bound``, else 0; for NaN, 0.
 
-    Any comparison with NaN is false, so the entries are tested for being within the bound.
+    Comparisons with NaN are false; therefore entries are tested for being within the bound.
     """
     fine = ca.SX(1)
     for i in range(x.numel()):

@@ -1,4 +1,4 @@
-"""Jobs that train a policy on a named task in any process, and the data of a training that a run stores."""
+"""Jobs that train a policy on a named task in any process, and the training data that a run stores."""
 
 from __future__ import annotations
 
@@ -30,18 +30,18 @@ if TYPE_CHECKING:
 
 
 def policy_of(data: xr.Dataset | Mapping[str, np.ndarray]) -> TrainedPolicy:
-    """Return the policy of a stored run of ``ocp train``, parameters and normaliser, exactly as trained."""
+    """Return the policy of a stored run of ``ocp train``: parameters and normaliser, exactly as trained."""
     theta, mean, scale = (np.asarray(data[name]) for name in ("theta", "mean", "scale"))
     # In binary floating point the square root of a square is exact.
     return TrainedPolicy(theta, Normaliser(2.0, mean, 2.0 * scale**2))
 
 
 def with_episode(experiment: Experiment, data: xr.Dataset) -> xr.Dataset:
-    """Return the results of :func:`~ocp.learning.training.train` with units, and with an episode.
+    """Return the results of :func:`~ocp.learning.training.train` with units, and with an episode added.
 
-    The episode is the first of the evaluations, with the policy that was judged best, under the exact
-    law: ``x`` (scenario, node, state), ``u`` (scenario, interval, control), ``lam`` (scenario,
-    interval, contact), one scenario, and ``time``, up to the episode's end.
+    The episode is the first of the evaluations, with the best policy, under the exact law: ``x`` (scenario, node,
+    state), ``u`` (scenario, interval, control), ``lam`` (scenario, interval, contact), one scenario, and ``time``, up
+    to the episode's end.
     """
     labelled = data.drop_attrs().assign(_episode(experiment, policy_of(data)))
     return _with_units(experiment, labelled)
@@ -95,7 +95,7 @@ def _with_units(experiment: Experiment, data: xr.Dataset) -> xr.Dataset:
 
 
 SAME_TRAINING = ("task", "algorithm", "seed")
-"""Settings that an unfinished training must share with a job to be reported when the job starts."""
+"""Settings that an unfinished training must share with a job to be reported at the start of the job."""
 KIND = "train"
 """Kind of a stored run that contains a trained policy."""
 
@@ -105,7 +105,7 @@ class TrainingJob:
     """Job that trains a policy: an algorithm with its settings and a seed, on a named task.
 
     ``options`` are fields of :class:`~ocp.learning.experiment.Experiment`. ``checkpoint_folder`` is the folder of
-    the checkpoint, which other workers may share; results depend neither on it nor on ``threads``.
+    the checkpoint, which other workers may share; results do not depend on the folder or on ``threads``.
     ``model_params`` are the model's physical parameters that differ from the task's.
     """
 
@@ -121,12 +121,12 @@ class TrainingJob:
 
     @property
     def name(self) -> str:
-        """Algorithm and seed in words, for messages on the terminal."""
+        """Algorithm and seed as text, for messages on the terminal."""
         beside = self.algorithm.settings().get("of")
         return f"{f'{beside} with psi' if beside else self.algorithm.name} seed {self.seed}"
 
     def experiment(self, task: Task | None = None) -> Experiment:
-        """Build the experiment, on ``task`` if it is built already; raises :class:`~ocp.errors.InputError`."""
+        """Build the experiment, on ``task`` if that is already built; raises :class:`~ocp.errors.InputError`."""
         spec = registry.spec(self.task)
         params = spec.params(self.params)
         task = task or spec.build(params)
@@ -150,9 +150,9 @@ class TrainingJob:
 
 
 def unfinished(job: TrainingJob, experiment: Experiment, checkpoint: Checkpoint) -> list[str]:
-    """Return messages: after which iteration the job resumes, and which similar jobs are unfinished.
+    """Return messages on the iteration at which the job resumes, and on similar unfinished jobs.
 
-    Similar jobs have the same task, algorithm and seed, and other settings.
+    Similar jobs have the same task, algorithm and seed, but other settings.
     """
     state, own_settings = checkpoint.state(CHECKPOINT_KEY), to_json(experiment.settings())
     lines = [f"{job.name}: {note}" for note in checkpoint.notes]
@@ -171,7 +171,7 @@ def unfinished(job: TrainingJob, experiment: Experiment, checkpoint: Checkpoint)
 
 
 def run_training(job: TrainingJob, tell: Callable[[dict[str, float]], None]) -> xr.Dataset:
-    """Run a job, continuing from its checkpoint, and return the data to store; a :data:`~ocp.jobs.scheduling.Function`.
+    """Run a job, or continue it from its checkpoint, and return the data to store (a worker's job function).
 
     ``tell`` is called with the numbers of every iteration.
     """
@@ -184,7 +184,7 @@ def run_training(job: TrainingJob, tell: Callable[[dict[str, float]], None]) -> 
 
 
 def record(experiment: Experiment) -> dict[str, Any]:
-    """Return the description of an experiment for a run's record; :func:`rebuilt` reads it."""
+    """Return the description of an experiment for the record of a run; :func:`rebuilt` reads it."""
     names = ("hidden", "initial", "rest", "normalise", "discount", "iterations", "evaluate_every")
     return {
         "problem": experiment.task.name,
@@ -197,7 +197,7 @@ def record(experiment: Experiment) -> dict[str, Any]:
 
 
 def rebuilt(run: StoredRun) -> tuple[Experiment, TrainedPolicy]:
-    """Return the experiment and the policy of a stored run of ``ocp train``, to evaluate the policy again.
+    """Return the experiment and the policy of a stored run of ``ocp train``, for another evaluation.
 
     Raises :class:`~ocp.errors.InputError` for a run of another kind, and if the policy does not fit
     the named task.

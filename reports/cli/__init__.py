@@ -7,7 +7,7 @@ EXIT_CODE = 130
 
 
 def end(*_: object) -> None:
-    """Signal handler of Ctrl-C that ends the process at once."""
+    """Signal handler for Ctrl-C that ends the process at once."""
     try:
         os.write(2, b"stopped by the user\n")
     finally:

@@ -1,4 +1,4 @@
-"""Program ``ocp``: parser and execution of its commands."""
+"""The program ``ocp``: parser and execution of its commands."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def execute(options: Options) -> int:
 
 @contextmanager
 def _damage_reported(runs: Sequence[str]) -> Iterator[None]:
-    """Raise DamagedRun in place of an error in the block that inconsistent content of the named runs has caused."""
+    """Raise DamagedRun in place of an error that inconsistent content of the given runs caused in this context."""
     try:
         yield
     except (ArithmeticError, AssertionError, AttributeError, LookupError, RuntimeError, TypeError, ValueError) as error:
@@ -59,7 +59,7 @@ def run_checked(run: Callable[[Any, Any], int], options: Options, checked: Any) 
 
 
 def click_command(name: str, options: type[Options]) -> Any:
-    """Return the parser of a command: each field of its options class becomes an option."""
+    """Return the parser of a command, with one option for each field of its options class."""
     option_fields = [field for field in fields(options) if field.name != "explicit"]
     # The options that all commands share come last in every help text.
     option_fields.sort(key=lambda field: field.name in {common.name for common in fields(Options)})
@@ -97,7 +97,7 @@ def _parameter(field: Field[Any], hint: Any) -> Parameter:
 
 
 def _at_home(value: Any) -> Any:
-    """Return the value of an option with a leading ~ replaced by the home directory."""
+    """Return the value of an option, with a leading ~ replaced by the home directory."""
     if isinstance(value, list):
         return [_at_home(entry) for entry in value]
     if not (isinstance(value, str | Path) and str(value).startswith("~")):
@@ -120,7 +120,7 @@ class StrictCommand(TyperCommand):
         formatter.write(self.declared.epilog())
 
     def make_parser(self, ctx: Any) -> Any:
-        """Return a parser that reads numbers as settings are read (1e5 as an integer), and rejects malformed words."""
+        """Return a parser that reads numbers like settings (1e5 as an integer) and rejects malformed words."""
         parser = super().make_parser(ctx)
         parse = parser.parse_args
 
@@ -136,7 +136,7 @@ class StrictCommand(TyperCommand):
         return parser
 
     def _number(self, ctx: Any, name: str, word: Any) -> Any:
-        """Return the word of an option, rewritten as typer's parser expects it if it is a number."""
+        """Return the word of an option; a number is rewritten in the form that typer's parser expects."""
         hint = self.hints.get(name)
         if hint is None or not isinstance(word, str) or not word.strip():
             return word
@@ -175,9 +175,9 @@ def _label(parameter: Any) -> str:
 
 
 DISTRIBUTION = "centralpath"
-"""Name of the distribution, whose version ``--version`` prints."""
+"""Name of the distribution; ``--version`` prints its version."""
 EXAMPLES = ("list", "show push-disc", "solve push-disc --contact exact", "runs", "solve --help")
-"""Commands to try first, printed below the help of ``ocp``."""
+"""Commands for a first try, printed below the help of ``ocp``."""
 
 
 class CommandGroup(TyperGroup):
@@ -188,25 +188,25 @@ class CommandGroup(TyperGroup):
         self.commands = dict.fromkeys(COMMANDS)
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        """Return the parser of a command, built at first use; None for an unknown command."""
+        """Return the parser of a command, built at its first use; None for an unknown command."""
         if cmd_name in COMMANDS and self.commands[cmd_name] is None:
             self.commands[cmd_name] = click_command(cmd_name, COMMANDS[cmd_name])
         return self.commands.get(cmd_name)
 
     def resolve_command(self, ctx: Any, args: list[str]) -> tuple[Any, Any, list[str]]:
-        """Return name, parser and arguments of the command named by the first two words or, failing that, the first."""
+        """Return name, parser and arguments of the command given by the first two words or, failing that, the first."""
         two = " ".join(args[:2])
         if len(args) > 1 and two in COMMANDS:
             args = [two, *args[2:]]
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
-        """Write every command with the whole first paragraph of its help."""
+        """Write every command with the first paragraph of its help."""
         with formatter.section("Commands"):
             formatter.write_dl([(name, first_paragraph(self.get_command(ctx, name).help)) for name in COMMANDS])
 
     def format_epilog(self, ctx: Any, formatter: Any) -> None:
-        """Write a few commands to try first."""
+        """Write the commands for a first try."""
         formatter.write("\nExamples:\n")
         formatter.write("".join(f"  ocp {line}\n" for line in EXAMPLES))
 
@@ -251,7 +251,7 @@ def load_commands() -> dict[str, Any]:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code: 0 done, 2 usage, 3 not converged, 4 damaged run.
 
-    After Ctrl-C a solve that stored its best iterate returns 3, every other command 130. Errors are
+    After Ctrl-C a solve that stored its best iterate returns 3, and any other command returns 130. Errors are
     printed on stderr in one or two lines; ``--debug`` adds the traceback.
     """
     words = list(sys.argv[1:] if arguments is None else arguments)

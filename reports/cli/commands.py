@@ -53,11 +53,11 @@ class SettingsOptions(Options):
 
 
 FLOATING = "For a URDF: let its root move freely in space."
-"""Help of ``--floating``."""
+"""Help text of ``--floating``."""
 PLANAR = "For a URDF: let its root move freely in the plane of its joints."
-"""Help of ``--planar``."""
+"""Help text of ``--planar``."""
 FOLDER = "Open no file outside this folder, which contains the robot's file."
-"""Help of ``--folder``."""
+"""Help text of ``--folder``."""
 
 
 class ShowOptions(Options):

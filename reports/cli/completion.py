@@ -23,7 +23,7 @@ _NAMED = {
 
 
 def field_completion(name: str) -> Callable[[typer.Context, str], list[str]] | None:
-    """Return the function that completes the option or argument ``name``; None if nothing completes it."""
+    """Return the completion function of the option or argument ``name``, or None if it has no completion."""
     if name not in _WORDS and name not in _NAMED:
         return None
 

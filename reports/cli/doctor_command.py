@@ -57,7 +57,7 @@ def common_root(roots: dict[str, str]) -> str:
 
 
 def describe_computer() -> dict[str, Any]:
-    """Return versions, threads, plugins that load, the compiler and the cache of kernels."""
+    """Return versions, threads, plugins that can be loaded, the compiler, and the cache of kernels."""
     return {
         "versions": {**versions(), **{n: version(n) for n in ("matplotlib", "typst", "typer")}},
         "threads": len(os.sched_getaffinity(0)),

@@ -31,7 +31,7 @@ from reports.cli.commands import EstimateOptions
 from reports.cli.request import parse_assignments
 
 _ROLLOUT_OPTIONS = {"contact": "--contact", "law_settings": "-c", "policy": "--policy", "decision_run": "--at"}
-"""Mapping from options that affect only objectives with rollouts to their flags."""
+"""Mapping from options that apply only to objectives with rollouts to their flags."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class EstimateRequest:
 
     @classmethod
     def read(cls, options: EstimateOptions) -> EstimateRequest:
-        """Return the request that the options describe; raises InputError for the first invalid value."""
+        """Return the request described by the options; raise InputError for the first invalid value."""
         spec = named(options.problem)
         parameter_texts = parse_assignments("-p", options.params)
         is_static = isinstance(spec, ObjectiveSpec)
@@ -116,21 +116,21 @@ class EstimateRequest:
     def decisive(self) -> dict[str, Any]:
         """Values that must be unchanged for a stopped study to resume; ``content`` is a digest of the user's files.
 
-        The run that ``--at`` names is replaced by a digest of its decision, since ``@last`` may name a
-        different run each time.
+        The run in ``--at`` is replaced by a digest of its decision, since ``@last`` may refer to a different run
+        each time.
         """
         decision = hashlib.sha256(self.objective.theta.tobytes()).hexdigest()
         return {**self.record, "source": None, "at": None, "decision": decision}
 
     @property
     def content(self) -> str:
-        """Digest of the user's files: the problem, the contact law, and files that law settings name."""
+        """Digest of the user's files: the problem, the contact law, and files named in the law's settings."""
         law_settings = parse_assignments("-c", self.options.law_settings)
         digests = getattr(self.spec, "digest", None), law_digest(self.options.contact)
         return content_digest(digests, law_settings)
 
     def rebuilt(self, changed: Mapping[str, float]) -> SampledObjective:
-        """Return the objective, built again for changed structural values such as a number of steps."""
+        """Return the objective, rebuilt for changed structural values such as a number of steps."""
         parameter_fields = self.spec.Params.model_fields
         for name in changed:
             if name not in parameter_fields:
@@ -142,7 +142,7 @@ class EstimateRequest:
         return self.changed(changed).build(self.spec).objective
 
     def changed(self, values: Mapping[str, float]) -> ObjectiveCase:
-        """Return the case at other values of the swept quantity."""
+        """Return the case with other values of the swept quantity."""
         objective = self.objective
         graph_parameters = {*objective.parameters, *(signal.name for signal in objective.decision)}
         if values.keys() <= graph_parameters:
@@ -151,7 +151,7 @@ class EstimateRequest:
 
     @property
     def workers(self) -> Callable[[Mapping[str, float]], JobWorkers] | None:
-        """Function from the swept values to the worker processes; None if this process draws the samples."""
+        """Function from the swept values to worker processes; None if samples are drawn in this process."""
         options = self.options
         if not options.parallel:
             return None
@@ -205,7 +205,7 @@ def _policy_settings(options: EstimateOptions) -> dict[str, str]:
 
 
 def _swept_parameter(swept: Axis, spec: ObjectiveSpec | ProblemSpec) -> str:
-    """Return the name of the swept parameter; "" where noise or the number of samples is swept."""
+    """Return the name of the swept parameter; "" if noise or the number of samples is swept."""
     of_noise = isinstance(spec, ProblemSpec) and swept.name in SAMPLING_AXES
     return "" if of_noise else swept.name.removeprefix("problem.")
 
@@ -251,7 +251,7 @@ def _stored_decision(options: EstimateOptions, spec: ProblemSpec, parameter_text
 def _check_same(
     run: StoredRun, options: EstimateOptions, spec: ProblemSpec, parameter_texts: Mapping[str, Any]
 ) -> None:
-    """Raise InputError unless a run solves this problem with the same parameters, except for the swept one."""
+    """Raise InputError unless a run solves this problem with the same parameters, except the swept one."""
     complaint = f"--at {options.decision_run}: the run is of"
     if run.meta["problem"] != spec.name:
         raise InputError(f"{complaint} {run.meta['problem']}, not of {spec.name}; give a run of {spec.name}")
@@ -275,7 +275,7 @@ def _check_same(
 
 
 def _rules(setting_texts: Mapping[str, str], estimators: tuple[str, ...]) -> list[Any]:
-    """Return the rules of estimators configured by settings such as ``alpha.gamma=0.1``."""
+    """Return the rules of estimators from settings such as ``alpha.gamma=0.1``."""
     known = {f"{rule}.{name}": setting for rule, cls in RULES.items() for name, setting in settings_of(cls).items()}
     settings: dict[str, dict[str, float]] = {}
     for key, text in setting_texts.items():

@@ -26,7 +26,7 @@ from reports.cli.request import check_output_file, parse_assignments
 
 @dataclass(frozen=True)
 class ExportRequest:
-    """Checked request of ``ocp export``: a problem under a law, and the solution of a run, if there is one."""
+    """Checked request of ``ocp export``: a problem under a law, and the solution of a run if one is given."""
 
     name: str
     title: str
@@ -86,7 +86,7 @@ def check(options: ExportOptions) -> ExportRequest:
 
 
 def _find(options: ExportOptions) -> ExportRequest:
-    """Return the request for the problem or the run that the argument names."""
+    """Return the request for the problem or the run given as argument."""
     check_output_file(options.file, "C file")
     name, law_settings = options.subject, parse_assignments("-c", options.law_settings)
     if not options.named_runs:
@@ -102,7 +102,7 @@ def _find(options: ExportOptions) -> ExportRequest:
 
 
 def _read_run(name: str, options: ExportOptions, law_settings: dict[str, str]) -> ExportRequest:
-    """Return the request for a run; for an unknown name raises InputError with the closest problem's name."""
+    """Return the request for a run; an unknown name raises InputError with the closest problem's name."""
     if name in objective_names():
         raise InputError(f"{name} is an objective without dynamics and has no step to export")
     try:

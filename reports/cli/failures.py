@@ -26,7 +26,7 @@ def explain(error: BaseException) -> tuple[str, int]:
         return f"{_shortened(_usage(error, message)).rstrip('.')}; see ocp --help", 2
     if isinstance(code := getattr(error, "exit_code", None), int):
         return _shortened(str(error)), code
-    # rich turns a broken pipe into SystemExit.
+    # rich converts a broken pipe to SystemExit.
     if isinstance(error.__context__ if isinstance(error, SystemExit) else error, BrokenPipeError):
         streams.discard_buffers()
         return "", 1
@@ -65,7 +65,7 @@ def _hidden_package() -> str:
 
 
 def _usage(error: Any, message: str) -> str:
-    """Return the parser's message, in which the nearest name is suggested as in our own messages: (did you mean X?)."""
+    """Return the parser's message, with a suggestion in the form of our own messages: (did you mean X?)."""
     option_names = getattr(error, "possibilities", None)
     if not option_names:
         return re.sub(r"\. Did you mean ('[^']+').*", r" (did you mean \1?)", message)
@@ -74,7 +74,7 @@ def _usage(error: Any, message: str) -> str:
 
 
 def _shortened(message: str) -> str:
-    """Return a message with very long words cut, and control characters and invalid text escaped.
+    """Return a message with very long words shortened, and control characters and invalid text escaped.
 
     Quoted text therefore cannot control the terminal.
     """

@@ -1,6 +1,6 @@
 """``ocp figure ID...``: reproduce figures of the papers, with their claims checked.
 
-A stored run in place of an ID is drawn again as a bare figure, without any computation.
+A stored run in place of an ID is only drawn again, as a bare figure.
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ def run(options: FigureOptions, request: FigureRequest) -> int:
 
 @dataclass(frozen=True)
 class FigureJob:
-    """Job that computes a study with its parameters; finished parts are kept in the store ``out``."""
+    """Job that computes a study with its parameters; finished parts are stored in the store ``out``."""
 
     study: str
     params: dict[str, Any]
@@ -95,7 +95,7 @@ class FigureJob:
 
 
 def study_data(job: FigureJob, report: Callable[[Any], None]) -> xr.Dataset:
-    """Return the data of a study, computed in one process; a job function (:data:`~ocp.jobs.scheduling.Function`)."""
+    """Return the data of a study, computed in one process (a :data:`~ocp.jobs.scheduling.Function`)."""
     study = studies.get(job.study)
     with Checkpoint(job.out if study.resumes else None, study.id, job.params) as checkpoint:
         return study.data(job.params, checkpoint, jobs=1)
@@ -104,7 +104,7 @@ def study_data(job: FigureJob, report: Callable[[Any], None]) -> xr.Dataset:
 def _compute_studies(
     named: dict[int, tuple[FigureStudy, dict[str, Any]]], options: FigureOptions
 ) -> Iterator[tuple[int, xr.Dataset]]:
-    """Yield index and data of every study; ``--jobs`` runs several studies, or the parts of one, in parallel."""
+    """Yield index and data of every study; ``--jobs`` runs several studies, or the parts of a study, in parallel."""
     if not options.parallel or len(named) == 1:
         for place, (study, params) in named.items():
             yield place, _compute_study(study, params, options)
@@ -132,7 +132,7 @@ def _compute_study(study: FigureStudy, params: dict[str, Any], options: FigureOp
 
 @contextmanager
 def _progress(options: FigureOptions) -> Iterator[None]:
-    """Show a progress bar with the time left in the current loop of a study, on a terminal only."""
+    """Show a progress bar with the remaining time of a study's current loop; only on a terminal."""
     hidden = options.output.quiet or not options.output.console.is_terminal
     with Progress(
         *Progress.get_default_columns(), console=options.output.console, transient=True, disable=hidden
@@ -158,10 +158,10 @@ def _write_bare_figure(run: StoredRun, options: FigureOptions) -> Path:
 
 @contextmanager
 def _explain_errors(study: FigureStudy, params: dict[str, Any]) -> Iterator[None]:
-    """Turn an error of a study at parameters other than its defaults into an InputError that names them.
+    """Convert an error of a study at parameters other than its defaults to an InputError with these parameters.
 
     At the default parameters an error is a defect of the program. At other parameters a study may have no
-    result, since the range of each parameter is checked on its own: a ball may, for example, land outside the
+    result, since the range of each parameter is checked separately; for example, a ball may land outside the
     observed interval.
     """
     defaults = study.params({}).model_dump()

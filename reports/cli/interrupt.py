@@ -21,16 +21,16 @@ __all__ = [
 ]
 
 _PRESSED = threading.Event()
-"""Event that is set once Ctrl-C was pressed."""
+"""Event that is set when Ctrl-C is pressed."""
 _ANSWERED = threading.Event()
-"""Event that is set once a Ctrl-C was handled."""
+"""Event that is set when a Ctrl-C has been handled."""
 _DEFERRED = threading.Event()
 """Event that is set while a first Ctrl-C is only recorded."""
 
 
 @contextmanager
 def watch_interrupts() -> Iterator[None]:
-    """Record a Ctrl-C within the block; a second one ends the process at once.
+    """Record a Ctrl-C within the context; a second Ctrl-C ends the process at once.
 
     IPOPT's callback catches Python's KeyboardInterrupt and reports a failed solve, after which a homotopy would
     continue. Therefore :func:`raise_if_interrupted`, called between solves, raises KeyboardInterrupt again.
@@ -51,7 +51,7 @@ def watch_interrupts() -> Iterator[None]:
 
 @contextmanager
 def defer_interrupts() -> Iterator[None]:
-    """Record a first Ctrl-C in the block; only :func:`raise_if_interrupted` then raises KeyboardInterrupt."""
+    """Record a first Ctrl-C within the context; only :func:`raise_if_interrupted` then raises KeyboardInterrupt."""
     _DEFERRED.set()
     try:
         yield
@@ -70,7 +70,7 @@ def mark_handled() -> None:
 
 
 def raise_if_interrupted() -> None:
-    """Raise KeyboardInterrupt after a Ctrl-C that is not handled yet."""
+    """Raise KeyboardInterrupt after a Ctrl-C that has not been handled."""
     if was_interrupted() and not _ANSWERED.is_set():
         raise KeyboardInterrupt
 
@@ -84,7 +84,7 @@ def _note(*_: object) -> None:
 
 
 def _quiet(report: Any) -> Any:
-    """Return a hook that passes to ``report`` all unraisable exceptions except KeyboardInterrupt."""
+    """Return a hook that calls ``report`` for all unraisable exceptions except KeyboardInterrupt."""
 
     def hook(unraisable: Any) -> None:
         if not isinstance(unraisable.exc_value, KeyboardInterrupt):

@@ -71,7 +71,7 @@ def run_list(options: Options, content: Catalogue) -> int:
 
 
 def check_settings(options: SettingsOptions) -> list[SettingGroup]:
-    """Return the groups of settings for a name, or all groups, in which IPOPT has only the options that we change."""
+    """Return the groups of settings for a name, or all groups; of IPOPT's options only those that we change."""
     if options.word is not None:
         return settings.find_groups(options.word)
     return [*settings.declared_groups(), settings.changed_defaults(settings.solver_group("ipopt"))]
@@ -91,7 +91,7 @@ def run_settings(options: SettingsOptions, setting_groups: list[SettingGroup]) -
 
 
 def check_show(options: ShowOptions) -> Callable[[], int]:
-    """Read the named problem or objective, or a file of a robot, data or model; return a function that prints it."""
+    """Read a problem or objective, or a file of a robot, data or model; return a function that prints it."""
     from ocp.store import models
 
     if options.problem.lower().endswith(ROBOT_FILES):

@@ -34,7 +34,7 @@ from reports.tables.console import live
 NOT_SURVIVED = 3
 """Exit code of a closed loop that did not reach its end."""
 _DEFAULT_STEPS = 100
-"""Smallest default number of samples of a closed loop."""
+"""Minimum of the default number of samples of a closed loop."""
 
 
 @dataclass(frozen=True)
@@ -194,7 +194,7 @@ def _store_loop(options: MpcOptions, request: MpcRequest, controller: Controller
 
 @contextmanager
 def _progress(options: MpcOptions, steps: int) -> Iterator[Any]:
-    """Yield a callback that reports samples: one live line on a terminal, elsewhere a line every two seconds."""
+    """Yield a callback that reports samples: a live line on a terminal, otherwise a line every two seconds."""
     with live(not options.output.progress, every_s=2.0) as show:
         show(f"{options.problem}: building the controller", now=True)
 

@@ -46,7 +46,7 @@ def check(options: NewOptions) -> Path:
 
 
 def run(options: NewOptions, file: Path) -> int:
-    """Write the template under its new name, and say how to solve it."""
+    """Write the template under its new name, and print how to solve it."""
     kind = next((kind for kind in TEMPLATES if getattr(options, kind, None)), "plain")
     places = (folder / TEMPLATES[kind] for folder in _TEMPLATE_FOLDERS)
     text = next(place for place in places if place.exists()).read_text(encoding="utf-8")

@@ -34,7 +34,7 @@ def run_report(options: ReportOptions, request: tuple[list[StoredRun], ProblemSp
 
 
 def check_animate(options: AnimateOptions) -> RunView:
-    """Return the view of the run, after checks that it can be drawn and written."""
+    """Return the view of the run, after checks that it can be drawn and the animation can be written."""
     check_format(options.file, options.fps)
     check_output_file(options.file, "animation")
     stored_run = options.stored(options.run)

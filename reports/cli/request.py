@@ -35,7 +35,7 @@ def parse_assignments(option: str, words: Iterable[str] | None) -> dict[str, str
 
 @contextmanager
 def input_errors(prefix: str = "") -> Iterator[None]:
-    """Turn a ValueError in the block into an InputError, with ``prefix`` before its message."""
+    """Convert a ValueError in the context to an InputError, with ``prefix`` before its message."""
     try:
         yield
     except ValueError as error:
@@ -50,9 +50,9 @@ EXAMPLES = {
     "figure": "figure.pdf",
     "data": "data.csv",
 }
-"""Mapping from each kind of output to an example of its file's name."""
+"""Mapping from each kind of output to an example of a file name."""
 _FIXED_SUFFIX = ("PDF", "C file", "transitions", "model")
-"""Kinds of output whose files must have the suffix of their example."""
+"""Kinds of output whose files must have the suffix of the example."""
 
 
 def check_outputs(out: Path, pdf: Path | None) -> None:

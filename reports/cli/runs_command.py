@@ -29,7 +29,7 @@ RunsRequest = tuple[StoredRun | None, datetime | None]
 
 
 def check(options: RunsOptions) -> RunsRequest:
-    """Return the named run and the date of ``--since``; None for each that is not given."""
+    """Return the requested run and the date of ``--since``; None for each if it is not given."""
     narrowed = sorted(options.explicit & {*FILTERS, "tags", "since", "last"})
     if options.run is not None and narrowed:
         raise InputError(f"a single run takes no filter; drop --{narrowed[0].replace('tags', 'tag')}")
@@ -38,7 +38,7 @@ def check(options: RunsOptions) -> RunsRequest:
 
 
 def parse_date(text: str) -> datetime:
-    """Return the date of an age such as ``2h``, or of a date or time in ISO form, in UTC unless it has a zone.
+    """Return the date for an age such as ``2h``, or for an ISO date or time, in UTC unless it has a time zone.
 
     Raises :class:`~ocp.errors.InputError` for anything else.
     """
@@ -131,7 +131,7 @@ def check_rm(options: RmOptions) -> list[Path]:
 
 
 def run_rm(options: RmOptions, run_paths: list[Path]) -> int:
-    """Delete stored runs, damaged ones included; nothing is deleted unless every name is a run."""
+    """Delete stored runs, even damaged runs; nothing is deleted if any of the names is not a run."""
     remove_runs(run_paths)
     for path in run_paths:
         options.output.say(f"removed: {path}")

@@ -88,7 +88,7 @@ def check(options: SolveOptions) -> tuple[Request, Solution | None] | NLProblem:
 
 
 def _start(request: Request, options: SolveOptions) -> Solution:
-    """Return the stored solution that ``--from`` names; raises InputError if it solves another problem."""
+    """Return the stored solution of ``--from``; raises InputError if it solves another problem."""
     run, name = str(options.start), request.session.problem.name
     stored_run = options.stored(run)
     if stored_run.meta["problem"] != name:
@@ -140,7 +140,7 @@ def run(options: SolveOptions, checked: tuple[Request, Solution | None] | NLProb
 
 
 def _cost_slopes(solution: Solution, name: str) -> dict[str, Any]:
-    """Return derivatives of the planned and replayed costs by a parameter, or the reason why there are none."""
+    """Return derivatives of planned and replayed costs by a parameter, or the reason why they do not exist."""
     try:
         sensitivity = solution.sensitivity(name)
     except InputError as error:
@@ -193,7 +193,7 @@ def _solved(options: SolveOptions, request: Request, start: Solution | None) -> 
 
 
 def print_solution(output: Output, solution: Solution) -> None:
-    """Print the homotopy table, the audit, contacts and, for a failure, the worst constraints."""
+    """Print the homotopy table, the audit, contacts and, if the solve failed, the worst constraints."""
     # If stderr is no terminal, the stages were printed as lines during the solve.
     if solution.stages and output.console.is_terminal and output.progress:
         output.note(console.stage_table(solution.stages, solution.cost))
@@ -253,7 +253,7 @@ ReplayRequest = tuple[StoredRun, Solution, ContactLaw | str]
 
 
 def check_replay(options: ReplayOptions) -> ReplayRequest:
-    """Return the run, its solution, and the contact law, or the name of the simulator, of the replay."""
+    """Return the run, its solution, and the contact law or the simulator of the replay."""
     if options.world is not None and options.explicit & {"contact", "law_settings"}:
         raise InputError("--world excludes a contact law; drop --contact and -c, or --world")
     stored_run = options.stored(options.run)

@@ -29,7 +29,7 @@ def main() -> None:
 
 
 def _open_closed() -> None:
-    """Open the null device for closed standard streams, so that no file gets their descriptors."""
+    """Open the null device in place of closed standard streams, so that no file gets their descriptors."""
     for descriptor in range(3):
         try:
             os.fstat(descriptor)

@@ -43,9 +43,9 @@ _saved: list[_Saved] = []
 def redirect_stdout() -> None:
     """Redirect stdout to stderr, until :func:`restore_stdout`; only the JSON document goes to stdout.
 
-    Solvers, compilers and a user's file may print. Compiled code prints directly to descriptor 1, in part only
-    as the process ends. Therefore the descriptor itself is redirected to stderr, and the document is written to
-    a copy of the original.
+    Solvers, compilers and a user's file may print. Compiled code prints directly to descriptor 1, partly only when
+    the process ends. Therefore the descriptor itself is redirected to stderr, and the document is written to a copy
+    of the original.
     """
     stdout = sys.stdout
     if _saved or stdout is None:
@@ -118,13 +118,13 @@ SIGNS = {
     "π": "pi",
     "‖": "||",
 }
-"""Mapping from signs that an encoding may lack to their replacements in ASCII."""
+"""Mapping from signs that an encoding may lack to ASCII replacements."""
 ERROR_HANDLER = "centralpath-signs"
 """Name under which the error handler of encodings is registered."""
 
 
 def to_ascii(text: str) -> str:
-    """Return ``text`` in ASCII: known signs as in :data:`SIGNS`, letters without accents, the rest as ``?``."""
+    """Return ``text`` in ASCII: signs as in :data:`SIGNS`, letters without accents, other characters as ``?``."""
     bare = (unicodedata.normalize("NFKD", sign).encode("ascii", "ignore") for sign in text)
     return "".join(SIGNS.get(sign) or letters.decode() or "?" for sign, letters in zip(text, bare, strict=True))
 
@@ -136,7 +136,7 @@ def _replaced(error: UnicodeError) -> tuple[str, int]:
 
 
 def set_error_handler() -> None:
-    """Make stdout and stderr replace signs that their encoding lacks; UTF-8 streams stay as they are.
+    """Make stdout and stderr replace signs that their encoding lacks; UTF-8 streams do not change.
 
     Under ``PYTHONIOENCODING=cp1252`` or an ASCII locale, ``⟂`` would otherwise end the program.
     """
@@ -149,7 +149,7 @@ def set_error_handler() -> None:
 def discard_buffers() -> None:
     """Discard the buffers of streams that cannot be written.
 
-    Python would flush them again as it ends, and print a traceback.
+    Otherwise Python would flush them again at its end, and print a traceback.
     """
     for stream in (sys.stdout, document_stream()):
         try:
@@ -160,12 +160,12 @@ def discard_buffers() -> None:
 
 
 PACKAGES = ("dynamics", "ocp", "problems", "reports")
-"""Packages whose warnings and logs are printed; repeated from ocp.distribution, which ``--help`` does not import."""
+"""Packages whose warnings and logs are printed; copied from ocp.distribution, which ``--help`` does not import."""
 
 
 @contextmanager
 def libraries_silenced(quiet: bool) -> Iterator[None]:
-    """Print warnings of our own packages as one line each, or none if ``quiet``.
+    """Print each warning of our own packages on one line, or none if ``quiet``.
 
     Warnings and logs of libraries are hidden, since a user cannot act on them (such as those of
     matplotlib on a read-only home); ``python -W error`` still raises them.
@@ -194,7 +194,7 @@ def libraries_silenced(quiet: bool) -> Iterator[None]:
 
 @contextmanager
 def log_to_stderr(verbosity: int) -> Iterator[None]:
-    """Print log records of the block on stderr: none at ``verbosity`` 0, INFO at 1, DEBUG from 2 on.
+    """Print log records of this context on stderr: none at ``verbosity`` 0, INFO at 1, DEBUG from 2 on.
 
     A line shows milliseconds since the start of the program, module and message.
     """
@@ -227,9 +227,9 @@ _VERDICT_STYLES = {"survives": "green", "certified": "yellow", "failed": "red"}
 
 
 class Output:
-    """Output of a command: results go to stdout, with ``--json`` only the JSON document; all else goes to stderr.
+    """Output of a command: results on stdout (with ``--json`` only the JSON document), all other text on stderr.
 
-    If progress is ``logged``, it is not shown in a bar or table as well.
+    If progress is ``logged``, it is not also shown in a bar or table.
     """
 
     def __init__(self, as_json: bool, quiet: bool, logged: bool = False) -> None:
@@ -256,7 +256,7 @@ class Output:
             self.console.print(renderable)
 
     def say(self, line: str) -> None:
-        """Print a line of results on stdout, with ``--json`` on stderr."""
+        """Print a line of results on stdout or, with ``--json``, on stderr."""
         print(line, file=sys.stderr if self.as_json else sys.stdout)
 
     def announce(self, task: str, seconds: float, memory: float = 0.0) -> None:
@@ -268,7 +268,7 @@ class Output:
             print(line, file=sys.stderr, flush=True)
 
     def verdict(self, text: str, grade: str) -> None:
-        """Print a verdict; on a terminal its first line has the colour of its grade."""
+        """Print a verdict; on a terminal its first line is in the colour of its grade."""
         stream = sys.stderr if self.as_json else sys.stdout
         if not stream.isatty():
             self.say(text)
@@ -281,7 +281,7 @@ class Output:
         Console(file=stream, highlight=False).print(*lines, sep="\n")
 
     def document(self, content: dict[str, Any]) -> None:
-        """Print the JSON document on stdout, only with ``--json``."""
+        """Print the JSON document on stdout, if ``--json`` is given."""
         if not self.as_json:
             return
         from ocp.store.json_values import to_json
@@ -290,7 +290,7 @@ class Output:
         print(text, file=document_stream(), flush=True)
 
     def finish(self, run: StoredRun, content: dict[str, Any], pdf: Path | None, file_spec: Any = None) -> None:
-        """Print the path of a run, write its report to ``pdf`` unless None, and print the JSON document.
+        """Print the path of a run, write its report to ``pdf`` if not None, and print the JSON document.
 
         ``file_spec`` is the spec of the solved problem, with which the report draws the solution.
         """

@@ -153,7 +153,7 @@ def run_continue(options: ContinueOptions, request: Request) -> int:
 
 
 def _follow_path(options: ContinueOptions, request: Request) -> tuple[Continuation, bool]:
-    """Return the path of solutions, and whether Ctrl-C ended it early; such a path has only the finished points."""
+    """Return the path of solutions, and whether Ctrl-C ended it early; it then has only the finished points."""
     session, over, finished = request.session, options.over, []
 
     def note(point: Any) -> None:

@@ -8,7 +8,7 @@ from functools import cache
 from pathlib import Path
 
 _ROOT = Path(__file__).parent
-"""Folder that typst may read, with the templates and the bibliography."""
+"""Folder that typst may read: templates and bibliography."""
 
 
 @cache

@@ -14,7 +14,7 @@ from reports.tables.console import number
 _GRADE_OF_STATUS = {"done": "survives", "warnings": "certified", "stopped": "certified"}
 """Mapping from the status of a closed loop to its grade; any other status has the grade ``failed``."""
 _LEADING_KEYS = ("phase", "plant")
-"""Settings of a closed loop that the page lists with its request."""
+"""Settings of a closed loop that the page lists together with its request."""
 
 
 def loops_page(views: list[RunView]) -> Page:

@@ -1,4 +1,4 @@
-"""Content that all pages share: the request of a run, its equations, parameters and settings."""
+"""Content shared by all pages: the request of a run, its equations, parameters and settings."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ _NOT_SETTINGS = (
     "ladder",
     "sharpest",
 )
-"""Keys of a run's record that the table of settings leaves out."""
+"""Keys of a run's record that are not in the table of settings."""
 _REQUEST_KEYS = ("contact", "method", "policy", "solver")
 """Keys of a run's record that :func:`request_rows` shows."""
 _LEAST_MU = 1e-12
@@ -102,7 +102,7 @@ def law_text(run: StoredRun, without: Collection[str] = ()) -> str:
 
 
 def _law_settings(run: StoredRun, name: str) -> dict[str, Any]:
-    """Return the settings of a run's law; an estimate stores them as typed, without the defaults."""
+    """Return the settings of a run's law; for an estimate, as typed by the user, without defaults."""
     typed = run.record.get("law_settings")
     if typed:
         return dict(text.partition("=")[::2] for text in typed)
@@ -162,7 +162,7 @@ def as_text(value: Any) -> str:
 
 
 def setting_rows(run: StoredRun) -> list[list[str]]:
-    """Return rows on the settings of the request that no other table or line shows."""
+    """Return rows on the settings of the request that are not in another table or line."""
     remaining = {key: value for key, value in run.record.items() if key not in _NOT_SETTINGS}
     return [row for row in text_rows(remaining) if row[0] not in _REQUEST_KEYS and not row[0].startswith("contact.")]
 

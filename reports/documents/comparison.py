@@ -28,11 +28,11 @@ from reports.tables.console import number, small, value_text
 from reports.tables.listings import event_rows
 
 _LABEL_KEYS = ("problem", "contact", "method", "policy", "solver", "strategy")
-"""Keys of a request that labels begin with, in this order."""
+"""First keys of a request in labels, in this order."""
 _SETTING_GROUPS = ("params", "contact_settings", "policy_settings", "solver_options")
 """Keys of a request whose values are dictionaries of settings."""
 _NOT_COMPARED = ("source", "versions", "citation", "audit_s", "law_parameters", "jit", "learned_at", "certify", "rate")
-"""Keys of a run's record that labels leave out."""
+"""Keys of a run's record that labels do not contain."""
 
 
 def comparison_page(views: list[RunView], cones: bool = False) -> Page:
@@ -66,7 +66,7 @@ def comparison_page(views: list[RunView], cones: bool = False) -> Page:
 
 
 def describe_runs(views: Sequence[RunView]) -> tuple[list[str], list[str], bool]:
-    """Return letters and labels of several runs, and whether all solve the same problem."""
+    """Return letters and labels of several runs, and whether all runs solve the same problem."""
     letters = [chr(ord("A") + i) if i < 26 else str(i + 1) for i in range(len(views))]
     one_problem = len({view.run.meta["problem"] for view in views}) == 1
     return letters, run_labels([view.run for view in views]), one_problem
@@ -108,7 +108,7 @@ def _flat(run: StoredRun) -> dict[str, Any]:
 
 
 def _differs(key: str, request: Mapping[str, Any], requests: Sequence[Mapping[str, Any]]) -> bool:
-    """Return whether any other request has a different value of ``key``; of a law's settings, any with the same law."""
+    """Return whether a request with the same law (any request, unless ``key`` is a law setting) has another value."""
     others = [other for other in requests if other is not request]
     if key == "strategy" or key.startswith("contact."):
         others = [other for other in others if other.get("contact") == request.get("contact")]

@@ -34,8 +34,8 @@ def write_pdf(
 ) -> None:
     """Write a report of one run, or of several solves, trainings or closed loops.
 
-    ``cones`` draws friction cones; ``file_spec`` is the problem of a user's file; ``signals`` names the signals
-    of a solve that are drawn (all if None). Raises :class:`~ocp.errors.InputError` if the file cannot be
+    ``cones`` draws friction cones; ``file_spec`` is the problem of a user's file; ``signals`` are the names of
+    the drawn signals of a solve (all if None). Raises :class:`~ocp.errors.InputError` if the file cannot be
     written, if runs cannot be compared, or if a problem's typst equations do not compile.
     """
     atomic.write_file(path, render_pdf(runs, cones, file_spec, signals), "the PDF")
@@ -64,9 +64,9 @@ PAGES = {
     "train": "reports.documents.training.training_page",
     "closed-loop": "reports.documents.closed_loop.loops_page",
 }
-"""Mapping from the kind of a run to the function of its page, imported when it is drawn."""
+"""Mapping from the kind of a run to the function that makes its page; the function is imported at its first use."""
 _TEMPLATE_OF_KIND = {"continue": "continuation", "figure": "study", "train": "training"}
-"""Mapping from kinds of run to their templates, where a template does not have the name of the kind."""
+"""Mapping from kinds of run to their templates, for templates with a name other than the kind."""
 
 
 def _page(
@@ -101,7 +101,7 @@ def _page(
 
 
 _SCALES = (1.0, 0.94, 0.88, 0.82, 0.76)
-"""Scales of the figures that are tried in turn until the last page is at least half full."""
+"""Scales of the figures, tried in this order until the last page is at least half full."""
 _TEXT_TOP_PT = 57.0
 """Distance of the first line from the top of the page [pt]."""
 _TEXT_HEIGHT_PT = 717.0
@@ -109,7 +109,7 @@ _TEXT_HEIGHT_PT = 717.0
 
 
 def _with_full_pages(root: Path, template: str, content: dict[str, Any]) -> bytes:
-    """Return the PDF at the largest scale of figures that fills half of the last page, or unscaled if no scale does.
+    """Return the PDF with the largest scale of figures that fills half of the last page, or unscaled if none does.
 
     Raises ``typst.TypstError`` for content that does not compile.
     """

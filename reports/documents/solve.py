@@ -22,14 +22,14 @@ _GAP_STRIP_IN = 0.5
 _START_KEYS = ("start", "route", "status", "cost", "exact_cost", "referee_cost", "iterations", "chosen")
 """Columns of the table of starts."""
 _ENDS = 12
-"""Number of stages that a shortened table keeps at its beginning and at its end."""
+"""Number of stages at the beginning and at the end of a shortened table."""
 
 
 def solve_page(view: RunView, cones: bool = False, signals: str | None = None) -> Page:
     """Return content and figures of the page on one solve; ``cones`` draws friction cones.
 
-    ``signals`` chooses the signals drawn over time (:func:`reports.figures.trajectories.select_signals`); None
-    stands for all.
+    ``signals`` are the names of the signals drawn over time (:func:`reports.figures.trajectories.select_signals`), None
+    for all.
     """
     stored, all_tracks = view.run, trajectories.tracks(view)
     is_solved = stored.status is Status.SOLVED
@@ -81,7 +81,7 @@ def solve_page(view: RunView, cones: bool = False, signals: str | None = None) -
 
 
 def _motion(view: RunView, cones: bool) -> tuple[dict[str, Figure | None], str]:
-    """Return the figures of the motion, one strobe or rows with a strobe per drawn scenario, and their caption."""
+    """Return the figures of the motion (one strobe, or rows with a strobe per drawn scenario), and their caption."""
     if view.scenarios == 1 or view.picture is None:
         return {"strobe": strobe(view, cones)}, ""
     picked = picked_scenarios(view.pictured)
@@ -156,4 +156,4 @@ _SHORT = {
     "energy gained in a step": "energy gained",
     "momentum residual": "momentum",
 }
-"""Mapping from names of the residuals of :func:`reports.tables.console.physics_residuals` to shorter ones."""
+"""Mapping from names of the residuals of :func:`reports.tables.console.physics_residuals` to shorter names."""

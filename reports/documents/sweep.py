@@ -24,7 +24,7 @@ from reports.tables.listings import MAX_ROWS, POINT_HEADS, estimate_cells, forma
 
 
 def sweep_page(view: RunView) -> Page:
-    """Return content and figures of the page on a sweep; tables of parameters and settings leave out swept ones."""
+    """Return content and figures of the page on a sweep; tables of parameters and settings omit swept values."""
     swept, common = {axis["name"] for axis in view.run.meta["study"]["axes"]}, page_header(view)
     varied = {name.removeprefix("problem.") for name in swept}
     parameters = {row[0] for row in common["parameters"]}
@@ -81,7 +81,7 @@ _GRADES = {
     "empirically biased at this sample size": "failed",
     "biased": "failed",
 }
-"""Mapping from the weakest verdict of estimates to the grade that colours their page."""
+"""Mapping from the weakest verdict of estimates to the grade that determines the colour of their page."""
 
 
 def estimate_page(run: StoredRun, file_spec: ProblemSpec | None = None) -> Page:
@@ -118,11 +118,11 @@ def _spec(run: StoredRun, file_spec: ProblemSpec | None) -> ObjectiveSpec | Prob
 
 
 _REQUEST_SETTINGS = ("estimators", "reference", "reference samples", "samples", "sigma")
-"""Settings of an estimate that the rows on its request show."""
+"""Settings of an estimate that are in the rows on its request."""
 
 
 def weakest_sentence(rows: Sequence[dict[str, Any]]) -> str:
-    """Return a sentence on the weakest verdict among estimates, with the estimators that have it."""
+    """Return a sentence on the weakest verdict among estimates, and the estimators with this verdict."""
     verdict = weakest_verdict(rows)
     estimators = list(dict.fromkeys(row["estimator"] for row in rows if short_verdict(row) == verdict))
     if all(short_verdict(row) == verdict for row in rows):

@@ -79,7 +79,7 @@ def _key_numbers(run: StoredRun) -> list[list[str]]:
 
 
 def _learned(group: SeedGroup) -> list[list[str]]:
-    """Return rows on physical parameters learned with the group's best policy, next to the task's values."""
+    """Return rows on physical parameters learned with the group's best policy, next to the values of the task."""
     view = RunView.of(group.best)
     if view.problem is None or "psi" not in view.run.data:
         return []

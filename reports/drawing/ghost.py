@@ -27,6 +27,6 @@ def plan_shapes(view: RunView, sample: int, node: int, body: Sequence[Shape]) ->
 
 
 def with_ghosts(view: RunView, times: np.ndarray, shapes: Sequence[list[Shape]]) -> list[list[Shape]]:
-    """Return the shapes of each frame at ``times`` [s], preceded by shapes at the last state of the sample's plan."""
+    """Return the shapes of each frame at ``times`` [s], preceded by the shapes at the end of the sample's plan."""
     samples = np.searchsorted(view.time, times + 1e-9 * view.time[-1], side="right") - 1
     return [[*plan_shapes(view, int(sample), -1, body), *body] for sample, body in zip(samples, shapes, strict=False)]

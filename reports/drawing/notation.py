@@ -1,4 +1,4 @@
-"""Equations, units and symbols as pages and terminals show them."""
+"""Equations, units and symbols in the notation of pages and terminals."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _TOKEN = re.compile(
     r"|(?P<fraction> */ *| *\\/ *)"
     r"|(?P<other>.)"
 )
-"""Pattern of the tokens of typst's mathematics."""
+"""Pattern of the tokens of mathematics in typst."""
 _PLAIN_WORDS = {
     "lambda": "lam",
     "perp": "⟂",
@@ -33,7 +33,7 @@ _AROUND = {"norm": "||", "abs": "||", "dot": " '", "macron": "  "}
 
 
 def plain(line: str) -> str:
-    """Return a line of typst's mathematics as plain text, such as ``|x|²`` for ``abs(x)^2``."""
+    """Return a line of mathematics in typst as plain text, such as ``|x|²`` for ``abs(x)^2``."""
     tokens, open_brackets = [], []
     brackets = ""
     for match in _TOKEN.finditer(line):
@@ -76,7 +76,7 @@ def _tidy(text: str) -> str:
 
 
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-"""Translation of digits and minus signs into superscripts."""
+"""Translation table from digits and minus signs to superscripts."""
 GREEK = {
     "alpha": "α",
     "beta": "β",
@@ -97,7 +97,7 @@ GREEK = {
 }
 """Mapping from names of Greek letters to the letters."""
 _LAW_SYMBOLS = (("lam", "λ"), ("mu", "μ"), ("<=", "≤"), (">=", "≥"))
-"""Words in the summaries of laws, with their symbols."""
+"""Mapping from words in the summaries of laws to symbols."""
 
 
 def powers(unit: str) -> str:
@@ -110,13 +110,13 @@ def powers(unit: str) -> str:
 
 
 def label(name: str, unit: str) -> str:
-    """Return the label of an axis: a name with its unit in brackets."""
+    """Return the label of an axis: a name followed by its unit in brackets."""
     unit_text = powers(unit)
     return f"{name} [{unit_text}]" if unit_text else name
 
 
 def symbol(name: str) -> str:
-    """Return ``μ`` for ``contact.mu``, ``ν`` for ``nu``, and any other name without its prefix."""
+    """Return ``μ`` for ``contact.mu``, ``ν`` for ``nu``, and other names without their prefix."""
     last = name.rpartition(".")[2]
     return GREEK.get(last, last)
 

@@ -1,4 +1,4 @@
-"""Drawing of shapes on matplotlib axes, and cameras that choose the window around them."""
+"""Drawing of shapes on matplotlib axes, and cameras that choose the window around shapes."""
 
 from __future__ import annotations
 
@@ -44,13 +44,13 @@ GOAL_PT = 11.0
 FILLED = 0.25
 """Opacity of a body's inside."""
 _REACH = 4.0
-"""Length and depth to which a half plane is drawn, as a multiple of the sum of the view's sides."""
+"""Length and depth of the drawn part of a half plane, as a multiple of the sum of the view's sides."""
 
 
 def bounds(shapes: Iterable[Shape]) -> np.ndarray:
     """Return the smallest box around shapes [m]: ((x_low, y_low), (x_high, y_high)), shape (2, 2).
 
-    A half plane counts as the point that defines it; a line drawn on a floor does not count. Without shapes the
+    A half plane counts as the point that defines it; a line drawn on a floor is ignored. Without shapes the
     box is ((inf, inf), (-inf, -inf)).
     """
     points = [point for shape in shapes for point in _corners(shape)]
@@ -142,7 +142,7 @@ def half_plane_path(shape: Wall, middle: np.ndarray, reach: float) -> Path:
 
 
 def width(shape: Shape) -> float:
-    """Return the line width of a shape [pt]; lines on a floor are as thin as edges of bodies."""
+    """Return the line width of a shape [pt]; lines on a floor are as thin as the edges of bodies."""
     return EDGE_PT if is_opaque(shape) else BAR_PT.get(type(shape), EDGE_PT)
 
 
@@ -157,7 +157,7 @@ def is_opaque(shape: Shape) -> bool:
 
 
 def shape_colors(shape: Shape, strength: float = 1.0) -> tuple[Rgba, Rgba]:
-    """Return the colours of a body's inside and edge, which are equal for a bar; ``strength`` scales the darkness."""
+    """Return the colours of a body's inside and edge (equal for a bar); ``strength`` scales the darkness."""
     ink, shade = to_rgba(color(shape.role))[:3], getattr(shape, "shade", 0.0)
     if not is_opaque(shape):
         return (*ink, FILLED * strength), (*ink, strength)
@@ -166,7 +166,7 @@ def shape_colors(shape: Shape, strength: float = 1.0) -> tuple[Rgba, Rgba]:
 
 
 def _on_paper(ink: Sequence[float], share: float) -> Rgba:
-    """Return the opaque colour that equals ``share`` of the ink over white paper."""
+    """Return the opaque colour that looks like ``share`` of the ink on white paper."""
     red, green, blue = (1 + share * (channel - 1) for channel in ink)
     return red, green, blue, 1.0
 
@@ -175,9 +175,9 @@ T = TypeVar("T", bound=Hashable)
 
 
 def constant_shapes(frames: Sequence[Sequence[T]], hiding: Sequence[bool]) -> list[T]:
-    """Return the shapes that are in every frame, to be drawn once below the rest.
+    """Return the shapes that are in every frame, which are drawn once below the others.
 
-    ``hiding`` marks the shapes of the first frame that hide others. Such a shape is returned only if all frames
+    ``hiding`` is a mask of the shapes in the first frame that hide others. Such a shape is returned only if all frames
     are equal up to this shape.
     """
     n_leading = len([*takewhile(lambda same_place: len(set(same_place)) == 1, zip(*frames, strict=False))])
@@ -244,7 +244,7 @@ def _mark(shape: Mark, axis: Axes, strength: float) -> Line2D:
 
 
 _VIEW_MARGIN = 0.08
-"""Margin around bodies, as a share of the longer side of the view."""
+"""Margin around bodies, as a fraction of the longer side of the view."""
 _LEAST_ASPECT = 0.2
 """Minimum ratio of the shorter to the longer side of a fixed view."""
 _LEAST_FOLLOWED_ASPECT = 0.4
@@ -252,9 +252,9 @@ _LEAST_FOLLOWED_ASPECT = 0.4
 _TRAVEL_RATIO = 5.0
 """Ratio of a motion's length to its height and to the bodies' size above which the camera follows it."""
 FOLLOWED_WINDOW = 2.2
-"""Side of a window that follows bodies, as a multiple of their size."""
+"""Side of a window that follows bodies, in multiples of their size."""
 _WIDE_ASPECT = 0.4
-"""Ratio of height to width below which motions are drawn below each other, not side by side."""
+"""Ratio of height to width below which motions are drawn one below the other, not side by side."""
 
 
 @dataclass(frozen=True)
@@ -266,7 +266,7 @@ class Camera:
 
     @property
     def is_wide(self) -> bool:
-        """Whether several motions are drawn below each other, not side by side."""
+        """Whether several motions are drawn one below the other, not side by side."""
         return bool(self.size[1] / self.size[0] < _WIDE_ASPECT)
 
     def aim(self, axis: Axes, frame: int) -> None:
@@ -276,7 +276,7 @@ class Camera:
 
 
 def show(axis: Axes, shapes: Iterable[Shape]) -> None:
-    """Set the limits of ``axis`` around ``shapes``, so that half planes and forces can be clipped to them."""
+    """Set the limits of ``axis`` around ``shapes``, so that half planes and forces are clipped to them."""
     middle, size = view_around(bounds(shapes))
     Camera(middle[None], size).aim(axis, 0)
 
@@ -293,9 +293,9 @@ def view_around(box: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def make_cameras(plays: Sequence[Sequence[list[Shape]]]) -> list[Camera]:
     """Return a camera for each of several motions, from the shapes in each frame.
 
-    All show the same window. It contains the whole first motion, and is extended to contain the others, on each
-    side by at most the longer side of the first motion. If this window is over five times as long as it is high
-    and as the bodies are, each camera follows its own motion instead.
+    All cameras show the same window. It contains the whole first motion and is extended to contain the others, on
+    each side by at most the longer side of the first motion. If this window is over five times as long as its height
+    and as the bodies, each camera follows its own motion instead.
     """
     boxes = [
         np.array([bounds(shape for shape in shapes if not isinstance(shape, Wall)) for shapes in play])

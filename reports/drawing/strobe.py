@@ -21,13 +21,13 @@ from reports.drawing.style import INK, PURPLE, VERMILLION, WIDTH
 from reports.drawing.view import RunView
 
 LEAST = 0.02
-"""Fraction of the largest force below which forces are not drawn."""
+"""Fraction of the largest force below which a force is not drawn."""
 _ARROW_OF_LONG_SIDE = 0.18
-"""Length of the longest arrow, as a share of the longer side of the view."""
+"""Length of the longest arrow, as a fraction of the longer side of the view."""
 _ARROW_OF_SHORT_SIDE = 0.4
-"""Length of the longest arrow, as a share of the shorter side of the view."""
+"""Length of the longest arrow, as a fraction of the shorter side of the view."""
 _CONE_ARROWS = 0.7
-"""Length of a drawn friction cone, as a share of the longest arrow."""
+"""Length of a drawn friction cone, as a fraction of the longest arrow."""
 
 
 def largest_size(values: np.ndarray | None) -> float:
@@ -42,8 +42,8 @@ class Forces:
     """Forces of every contact over a trajectory, in scenario 0.
 
     ``normal`` and ``friction`` (N, points) are along the normal and the tangent of the contact's
-    :class:`~problems.drawing.ContactFrame`, both in ``unit``: impulses of one step [N s], or
-    forces [N] where the system's multipliers are forces.
+    :class:`~problems.drawing.ContactFrame`, both in ``unit``: impulses of one step [N s], or forces [N]
+    if the system's multipliers are forces.
     """
 
     normal: np.ndarray
@@ -60,7 +60,7 @@ def forces_of(view: RunView, suffix: str = "") -> Forces | None:
     """Return the forces of the plan, or of its replay (suffix ``"_replay"``); None without multipliers.
 
     The forces are the stored ``normal_impulse`` and ``friction_impulse``. If these are missing, the system's
-    map from multipliers to forces is used; if it is unknown, every multiplier counts as a normal impulse.
+    map from multipliers to forces is used; if this map is unknown, every multiplier counts as a normal impulse.
     """
     lam = view.array(f"lam{suffix}")
     if lam is None:
@@ -82,7 +82,7 @@ def forces_of(view: RunView, suffix: str = "") -> Forces | None:
 
 
 def forces_drawn(forces: Forces | None, contacts: Sequence[Sequence[ContactFrame]]) -> Forces | None:
-    """Return the forces that arrows show, for contacts in space only normal ones; None without forces."""
+    """Return the forces shown by arrows (in space only normal forces); None without forces."""
     if forces is None or all(frame.flat for frames in contacts[:1] for frame in frames):
         return forces
     return replace(forces, friction=np.zeros_like(forces.friction))
@@ -96,10 +96,10 @@ def arrow_caption(largest: float, unit: str, rough: bool) -> str:
 
 
 def acting_contacts(view: RunView) -> tuple[dict[str, np.ndarray], dict[int, str]]:
-    """Return sizes of contact forces and names of acting contacts, as two mappings.
+    """Return two mappings: sizes of contact forces, and names of the acting contacts.
 
-    The first maps a suffix, "" for the plan or "_replay", to sizes (N, points). The second maps their columns
-    to names, for contacts with a visible force in the plan or in its replay.
+    The first maps a suffix ("" for the plan, or "_replay") to sizes (N, points). The second maps columns of the
+    sizes to names, for contacts with a visible force in the plan or in its replay.
     """
     forces_by_suffix = {suffix: forces_of(view, suffix) for suffix in ("", "_replay")}
     sizes = {key: np.hypot(forces.normal, forces.friction) for key, forces in forces_by_suffix.items() if forces}
@@ -114,7 +114,7 @@ def acting_contacts(view: RunView) -> tuple[dict[str, np.ndarray], dict[int, str
 
 
 def longest_arrow(size: np.ndarray) -> float:
-    """Return the length [m] of the arrow of the largest force in a view of ``size`` (2,)."""
+    """Return the length [m] of the arrow for the largest force in a view of ``size`` (2,)."""
     return min(_ARROW_OF_LONG_SIDE * float(size.max()), _ARROW_OF_SHORT_SIDE * float(size.min()))
 
 
@@ -137,8 +137,8 @@ def draw_contacts(
 ) -> list[Artist]:
     """Draw the forces ``pushes``, normal and friction (points,), and friction cones; return the artists.
 
-    A force of size ``largest`` has the longest arrow (:func:`longest_arrow`); very small forces are left out.
-    ``cones`` is the opacity of the cones relative to the usual one, 0 for none.
+    A force of size ``largest`` has the longest arrow (:func:`longest_arrow`); very small forces are not drawn.
+    ``cones`` is the opacity of the cones relative to the usual opacity, 0 for no cones.
     """
     longest = longest_arrow(np.ptp([axis.get_xlim(), axis.get_ylim()], axis=1))
     artists = list[Artist]()
@@ -150,7 +150,7 @@ def draw_contacts(
 
 
 def draw_force(axis: Axes, frame: ContactFrame, normal: float, friction: float, scale: float) -> Artist:
-    """Draw a force as an arrow from the contact, whose length is the force times ``scale`` [m per unit]."""
+    """Draw a force as an arrow from the contact, with the length force times ``scale`` [m per unit]."""
     x, y = frame.force(normal, friction)
     return axis.annotate(
         "",
@@ -189,7 +189,7 @@ _TALLEST_IN = 3.1
 _ROW_HEIGHT_IN = 1.7
 """Height of a row of strobes before its limits are known [inch]."""
 _LETTERS = 120
-"""Number of characters of titles that fit across a row of strobes."""
+"""Number of characters of titles that fit in the width of a row of strobes."""
 MOST_SCENARIOS = 12
 """Maximum number of scenarios that are drawn."""
 
@@ -213,11 +213,11 @@ def picked_scenarios(count: int) -> list[int]:
 
 
 def strobe_rows(titled_views: Sequence[tuple[str, RunView]], cones: bool = False) -> tuple[list[Figure], str]:
-    """Return one figure per row of titled stroboscopic drawings, and a caption that states the scale of their arrows.
+    """Return one figure per row of titled strobes, and a caption with the scale of their arrows.
 
     Each drawing shows scenario 0 of a view; views that cannot be drawn are omitted. Drawings of the same
-    problem share the limits of their axes and the scale of their arrows; with several problems each has its
-    own.
+    problem share the limits of their axes and the scale of their arrows; different problems have
+    different limits and scales.
     """
     titled_views = [(title, view) for title, view in titled_views if view.picture is not None]
     if not titled_views:
@@ -266,7 +266,7 @@ def _one_view(axes: Sequence[Axes]) -> None:
 def draw_strobe(axis: Axes, view: RunView, cones: bool = False, largest: float | None = None) -> None:
     """Draw the strobe of scenario 0 with its forces into existing axes.
 
-    The longest arrow shows a force of size ``largest``, by default the largest force of the run.
+    The longest arrow is for a force of size ``largest``, by default the largest force of the run.
     """
     picture = view.picture
     assert picture is not None
@@ -292,9 +292,9 @@ def _strongest(forces: Forces) -> int | None:
 
 
 def draw_motion(axis: Axes, plays: list[list[Shape]], strongest: int | None = None) -> np.ndarray:
-    """Draw the shapes at several nodes of a motion, with early ones faint; return these nodes.
+    """Draw the shapes at several nodes of a motion, with early shapes faint; return these nodes.
 
-    ``plays`` holds the shapes at every node. If more than two nodes are drawn, ``strongest`` is among them.
+    ``plays`` contains the shapes at every node. If more than two nodes are drawn, ``strongest`` is among them.
     """
     chosen = _instants(plays)
     if strongest is not None and len(chosen) > 2:
@@ -314,7 +314,7 @@ def draw_motion(axis: Axes, plays: list[list[Shape]], strongest: int | None = No
 
 
 def _instants(plays: list[list[Shape]]) -> np.ndarray:
-    """Return the nodes of a strobe, which are evenly spaced, and fewer if bodies hardly move."""
+    """Return the nodes of a strobe, evenly spaced; fewer nodes if bodies hardly move."""
     fixed = set.intersection(*(set(shapes) for shapes in plays))
     boxes = np.array([bounds(s for s in shapes if s not in fixed) for shapes in plays])
     count = _FEWEST_INSTANTS
@@ -326,7 +326,7 @@ def _instants(plays: list[list[Shape]]) -> np.ndarray:
 
 
 def _forces_drawn(view: RunView) -> Forces | None:
-    """Return the forces to draw; None if the problem has no contact frames, or the run no forces."""
+    """Return the forces to draw; None if the problem has no contact frames or the run has no forces."""
     if view.picture is None or not view.picture.framed:
         return None
     return forces_drawn(forces_of(view), view.picture.contacts("", view.time[:1]))

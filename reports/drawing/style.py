@@ -23,7 +23,7 @@ ORANGE = "#E69F00"  # actuators and slip
 SKY = "#8CCDF2"  # plans and stick
 PURPLE = "#CC79A7"  # friction cones
 CYCLE = (BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY, "#332288", "#882255", "#999933", "#661100", "#7FC41C", "#E6007E")
-"""Twelve distinct colours; the first six are distinct for colour-blind readers and in grey print as well."""
+"""Twelve distinct colours; the first six are also distinct for colour-blind readers and in grey print."""
 GREY = "#7A7A7A"  # the environment, and lines of reference
 FAINT = "#D9D9D9"  # grids, and areas behind others
 INK = "#222222"  # text
@@ -69,7 +69,7 @@ _HOUSE_RC: dict[Any, Any] = {
 
 
 def line_of(place: int) -> dict[str, Any]:
-    """Return colour and line style of line number ``place``, distinct in grey print as well."""
+    """Return colour and line style of line number ``place``; they are also distinct in grey print."""
     place %= len(CYCLE)
     return {"color": CYCLE[place], "linestyle": "-" if place < 6 else _DASH_PATTERNS[place % 2]}
 
@@ -80,7 +80,7 @@ _DASH_PATTERNS = ((0, (5, 1.5)), (0, (1, 1)))
 
 @contextmanager
 def house_style() -> Iterator[None]:
-    """Apply the house style in the block, regardless of the user's settings of matplotlib."""
+    """Apply the house style within the context, regardless of the user's matplotlib settings."""
     with mpl.rc_context():
         mpl.rcdefaults()
         mpl.rcParams.update(_HOUSE_RC)
@@ -88,7 +88,7 @@ def house_style() -> Iterator[None]:
 
 
 def show_literally(figure: Figure) -> Figure:
-    """Make the texts of a figure literal, as names such as ``x$a_{$`` are not mathematics; return the figure.
+    """Make the texts of a figure literal, since names such as ``x$a_{$`` are not mathematics; return the figure.
 
     Numbers at ticks remain mathematics. The figure must not have been drawn before.
     """
@@ -106,7 +106,7 @@ def show_literally(figure: Figure) -> Figure:
 
 
 def to_svg(figure: Figure) -> bytes:
-    """Return a figure as SVG, with the same bytes each time."""
+    """Return a figure as SVG; the bytes are always the same."""
     buffer = io.BytesIO()
     figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
     return buffer.getvalue()

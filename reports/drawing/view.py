@@ -1,4 +1,4 @@
-"""A stored run with its problem or task, and the pictures that can be drawn of it."""
+"""A stored run with its problem or task, and its pictures."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ class RunView:
 
     @property
     def pictured(self) -> int:
-        """Number of scenarios that can be drawn; 1 for an unknown problem, as a run stores one scenario's drawing."""
+        """Number of scenarios that can be drawn; 1 for an unknown problem, whose run stores a single drawing."""
         return self.scenarios if self.spec is not None else 1
 
     def signals(self, kind: str) -> list[Signal]:
@@ -98,9 +98,9 @@ class RunView:
         return str(self.run.data["gap"].attrs.get("units", "m")) if "gap" in self.run.data else "m"
 
     def array(self, name: str) -> np.ndarray | None:
-        """Return the values of a stored array, None if the run has none.
+        """Return the values of a stored array, or None if the run does not have it.
 
-        Coordinates do not count, since a swept parameter may have the name of an array.
+        Coordinates are not arrays here, since a swept parameter may have the name of an array.
         """
         variable = self.run.data.data_vars.get(name)
         return variable.values if variable is not None and variable.size else None
@@ -120,7 +120,7 @@ class RunView:
         return self._of(self.run.data.isel(scenario=[index]))
 
     def at_point(self, point: int) -> RunView:
-        """Return the view of one point of a path, with the problem at its parameters."""
+        """Return the view of one point of a path, with the problem at the parameters of this point."""
         name, data = str(self.run.meta["over"]), self.run.data
         point_view = self._of(data.isel(point=point))
         if not isinstance(self.spec, ProblemSpec) or name not in self.spec.Params.model_fields:
@@ -144,7 +144,7 @@ class RunPicture:
     """Drawing of scenario 0 at any times [s], of the plan or, with a suffix, of its replay.
 
     ``shapes`` and ``contacts`` map a suffix and times to one list per time, which is empty if nothing is known.
-    ``axes`` are the labels of the axes; ``framed`` is whether the problem has contact frames.
+    ``axes`` are the labels of the axes; ``framed`` is true if the problem has contact frames.
     """
 
     axes: tuple[str, str]
@@ -199,9 +199,9 @@ def _read(motion: dict[str, Any]) -> tuple[list[list[Shape]], list[list[ContactF
 
 
 def _between(frames: list[list[T]], place: float) -> list[T]:
-    """Return shapes interpolated between two nodes, or the shapes of the nearer node if they do not correspond.
+    """Return shapes interpolated between two nodes, or the shapes of the nearer node if they do not match.
 
-    Shapes do not correspond if their kinds change, or in a picture of space, where their order may change.
+    Shapes do not match if their kinds change; in a picture of space they never match, since their order may change.
     """
     frame_before, frame_after = frames[int(place)], frames[min(int(place) + 1, len(frames) - 1)]
     changes = [type(shape) for shape in frame_before] != [type(shape) for shape in frame_after]

@@ -1,9 +1,9 @@
-"""Learning tasks as Gymnasium environments, which the import of this package registers.
+"""Learning tasks as Gymnasium environments; importing this package registers them.
 
 ``gymnasium.make("centralpath/HalfCheetah-v0", contact="exact")`` makes an environment after
 ``import reports.environments``; ``gymnasium.make("reports.environments:centralpath/HalfCheetah-v0")``
 imports the package itself, since Gymnasium no longer loads entry points of packages.
-``gymnasium.make_vec(..., num_envs=64)`` makes many that step together.
+``gymnasium.make_vec(..., num_envs=64)`` makes many environments that step together.
 
 Raises ``ImportError`` if Gymnasium is not installed.
 """

@@ -1,4 +1,4 @@
-"""Tasks as Gymnasium environments: one episode at a time, or many that step together."""
+"""Tasks as Gymnasium environments: one episode at a time, or many episodes that step together."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 RENDER_MODE = "rgb_array"
 """The only render mode: images as arrays of bytes."""
 METADATA: dict[str, Any] = {"render_modes": [RENDER_MODE]}
-"""Metadata of a single environment, as Gymnasium reads it."""
+"""Metadata of a single environment, read by Gymnasium."""
 
 
 class TaskEnv(gymnasium.Env[np.ndarray, np.ndarray]):
@@ -33,8 +33,8 @@ class TaskEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     Actions are clipped to [-1, 1] and mapped linearly to the range between the inputs' bounds. An
     episode is *terminated* if the task ends it, if a contact step has no solution
     (``info["unsolved"]``), and after ``horizon`` steps if the task has a final reward; otherwise it is
-    *truncated* after ``horizon`` steps. ``info`` also contains the task's measures. A throw is one
-    action, which lasts for the whole episode.
+    *truncated* after ``horizon`` steps. ``info`` also contains the task's measures. A throw is a single action
+    that lasts for the whole episode.
 
     ``contact`` is the name of a law, with settings ``contact_settings``; other keywords are parameters
     of the task, such as ``horizon``. ``render_mode`` may be ``"rgb_array"``.
@@ -98,7 +98,7 @@ class TaskEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         )
 
     def render(self) -> np.ndarray:  # pyright: ignore[reportIncompatibleMethodOverride]
-        """Return an image (height, width, 3) of the state, or a strobe of the last action if it took several steps."""
+        """Return an image (height, width, 3) of the state, or a strobe of the last action if it has several steps."""
         check_renders(self.render_mode, self._trail)
         seconds = self.world.seconds / self.world.hold * int(self._t[0])
         return self._renderer.of([x[0] for x in self._trail[-self.world.hold :]], seconds)
@@ -111,7 +111,7 @@ class TaskEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
 
 def checked_mode(mode: str | None) -> str | None:
-    """Return the render mode; raises :class:`~ocp.errors.InputError` for an unknown one."""
+    """Return the render mode; raise :class:`~ocp.errors.InputError` for an unknown mode."""
     if mode not in (None, RENDER_MODE):
         raise InputError(f"render_mode must be {RENDER_MODE!r} or None, got {mode!r}")
     return mode
@@ -126,17 +126,16 @@ def check_renders(mode: str | None, trail: list[np.ndarray]) -> None:
 
 
 _VECTOR_METADATA = {**METADATA, "autoreset_mode": AutoresetMode.NEXT_STEP}
-"""Metadata of environments that step together, as Gymnasium reads it."""
+"""Metadata of environments that step together, read by Gymnasium."""
 
 
 class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     """``num_envs`` episodes of a task under a contact law, solved at once by the batch engine.
 
-    After a reset with ``seed``, the i-th episode is that of a
-    :class:`~reports.environments.environment.TaskEnv` reset with ``seed + i`` and given the same actions. An
-    episode that has ended restarts at the next step, which ignores its action (``AutoresetMode.NEXT_STEP``).
-    ``backend`` and ``threads`` are those of :class:`dynamics.batch.StepFunction`; results do not depend on
-    ``threads``. Raises the errors of ``TaskEnv``.
+    After a reset with ``seed``, the i-th episode equals that of a :class:`~reports.environments.environment.TaskEnv`
+    reset with ``seed + i``, for the same actions. An episode that has ended restarts at the next step, which ignores
+    its action (``AutoresetMode.NEXT_STEP``). ``backend`` and ``threads`` are those of
+    :class:`dynamics.batch.StepFunction`; results do not depend on ``threads``. Raises the errors of ``TaskEnv``.
     """
 
     metadata: dict[str, Any] = _VECTOR_METADATA
@@ -225,7 +224,7 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return world.observed(self._x), reward, terminated, truncated, info
 
     def render(self) -> tuple[np.ndarray, ...]:  # pyright: ignore[reportIncompatibleMethodOverride]
-        """Return an image (height, width, 3) of every state, or strobes of the last action if it took several steps."""
+        """Return an image (height, width, 3) of every state, or strobes of the last action if it has several steps."""
         check_renders(self.render_mode, self._trail)
         seconds = self.world.seconds / self.world.hold * self._t
         recent_states = self._trail[-self.world.hold :]
@@ -241,7 +240,7 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
 
 def _put(target: np.ndarray, rows: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Return a copy of ``target`` with ``values`` in ``rows``."""
+    """Return a copy of ``target`` with ``rows`` replaced by ``values``."""
     copied = target.copy()
     copied[rows] = values
     return copied

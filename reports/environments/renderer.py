@@ -19,7 +19,7 @@ _IMAGE_SIZE_IN = (6.4, 4.0)
 _IMAGE_DPI = 100
 """Pixels per inch of an image."""
 _ROOM_BELOW = 0.1
-"""Space below the ground, as a share of the height of the window."""
+"""Space below the ground, as a fraction of the height of the window."""
 
 
 class Renderer:
@@ -47,7 +47,7 @@ class Renderer:
             return np.array(canvas.buffer_rgba())[:, :, :3].copy()
 
     def _view(self, shapes: list[Shape]) -> Camera:
-        """Return a window whose size depends on the bodies of the first image, and which reaches down to the ground."""
+        """Return a window that includes the ground; its size depends on the bodies of the first image."""
         bodies = [shape for shape in shapes if not isinstance(shape, Wall)]
         (x_low, y_low), (x_high, y_high) = bounds(bodies)
         if self._size is None:

@@ -1,4 +1,4 @@
-"""A task under a contact law, with any number of episodes at once."""
+"""A task under a contact law, for any number of episodes at once."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ from ocp.transcription.factories import make_law
 from problems.tasks.registry import spec
 
 LARGEST = float(np.finfo(np.float32).max)
-"""Largest magnitude of states and observations, in any unit; larger ones overflow in single precision."""
+"""Largest magnitude of states and observations in any unit; larger values overflow in single precision."""
 
 Solver = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
-"""Function from states (n, nx) and inputs (n, nu) to next states (n, nx) and whether each is solved (n,)."""
+"""Function from states (n, nx) and inputs (n, nu) to next states (n, nx) and a mask (n,) of solved steps."""
 
 
 @dataclass(frozen=True)
 class StepResult:
     """Result of one action in n episodes; every array has n rows.
 
-    ``trail`` holds the states (n, nx) before the action and after each of its steps. ``unsolved`` marks
-    episodes that a step without solution ended; these stay at the state before the step. ``measures`` (n, k)
+    ``trail`` contains the states (n, nx) before the action and after each of its steps. ``unsolved`` is a
+    mask of episodes that a step without solution ended; these remain at the state before the step. ``measures`` (n, k)
     are the task's measures in the last step.
     """
 
@@ -52,7 +52,7 @@ class World:
     """The task ``name`` at ``params`` under the contact law ``contact`` with ``settings``.
 
     Actions are clipped to [-1, 1] and mapped linearly to the range between the inputs' bounds. An action
-    lasts one step or, if only the first few inputs of an episode matter
+    lasts one step or, if only the first few inputs of an episode have an effect
     (:attr:`~problems.tasks.registry.TaskSpec.decisions`), until the next decision or the end.
 
     Raises :class:`~ocp.errors.InputError` for an unknown task or law, bad parameters or settings.
@@ -126,7 +126,7 @@ class World:
         return StepResult(trail, t, reward, terminated, is_full_length & ~terminated, unsolved, measures)
 
     def alone(self, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Solve the step at each state separately, with further initial guesses if one fails (as a :data:`Solver`)."""
+        """Solve the step at each state separately, with further initial guesses if one fails (a :data:`Solver`)."""
         x_next_rows, solved = np.empty_like(x), np.zeros(len(x), bool)
         for i in range(len(x)):
             x_next, _, _, error = self.step.solve(x[i], u[i], self.p)
@@ -135,7 +135,7 @@ class World:
         return x_next_rows, solved
 
     def together(self, **engine: Any) -> Solver:
-        """Return a solver of all states at once; states that the engine cannot solve are solved by :meth:`alone`."""
+        """Return a solver for all states at once; states that the engine cannot solve are passed to :meth:`alone`."""
         steps = StepFunction(self.step, **engine)
 
         def solved_together(x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -153,7 +153,7 @@ class World:
 
     @cached_property
     def _outcome(self) -> BatchFunction:
-        """Function from (x, u, x_next, p) to reward, whether the task ends the episode, and measures."""
+        """Function from (x, u, x_next, p) to the reward, whether the task ends the episode, and the measures."""
         task, system = self.task, self.task.system
         x, u, p = system.x, system.u, task.parameters.vector
         arguments = [x, u, system.x_next, p]

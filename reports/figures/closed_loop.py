@@ -1,4 +1,4 @@
-"""Figures of closed loops: snapshots with the plan, accumulated cost, times per sample, contacts."""
+"""Figures of closed loops: snapshots with the plan, accumulated cost, computing times, and contacts."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _TIMELINE = 12
 
 
 def snapshot_figure(view: RunView) -> Figure | None:
-    """Draw seed 0 at a few samples, over the middle and end of the sample's plan; return None without a drawing."""
+    """Draw seed 0 at a few samples, over the middle and end of each sample's plan; return None without a drawing."""
     picture = view.picture
     if picture is None:
         return None

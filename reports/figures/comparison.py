@@ -22,13 +22,13 @@ from reports.figures.trajectories import Track, idle_multipliers, tracks
 from reports.tables.console import number, small
 
 _LETTERS = 45
-"""Number of characters in a line of a run's name, next to its costs."""
+"""Number of characters in a line of a run's name next to its costs."""
 _LOG_RATIO = 30.0
-"""Ratio of largest to smallest positive difference of costs above which their scale is logarithmic."""
+"""Ratio of the largest to the smallest positive cost difference above which the scale is logarithmic."""
 
 
 def comparison_rows(views: list[RunView]) -> list[list[str]]:
-    """Return rows of a property and its value in each run; parts of the request only if the runs differ in them."""
+    """Return rows of a property and its value in each run; parts of the request are included only if they differ."""
     request_rows = [
         [key, *(str(view.run.record.get(key, "")) for view in views)]
         for key in ("problem", "contact", "method", "policy", "solver")
@@ -52,7 +52,7 @@ def comparison_rows(views: list[RunView]) -> list[list[str]]:
 
 
 def cost_figure(views: list[RunView], names: list[str]) -> Figure:
-    """Draw the cost of each run above the cheapest plan: planned, replayed, and under the referee."""
+    """Draw the planned, replayed and refereed cost of each run, relative to the cheapest plan."""
     kinds = [
         ("planned", "o", PLANNED, [view.run.meta["cost"] for view in views]),
         ("replayed, exact law", "s", REPLAYED, [view.run.audit.exact_cost for view in views]),
@@ -81,7 +81,7 @@ def cost_figure(views: list[RunView], names: list[str]) -> Figure:
 
 
 def same_instants(views: Sequence[RunView]) -> bool:
-    """Return whether all runs have the same times of nodes, so that differences can be drawn."""
+    """Return whether all runs have the same node times, so that differences can be drawn."""
     first = views[0].time
     return all(v.time.shape == first.shape and np.allclose(v.time, first) for v in views[1:])
 
@@ -89,7 +89,7 @@ def same_instants(views: Sequence[RunView]) -> bool:
 def overlay_rows(views: list[RunView]) -> tuple[list[Row], list[str]]:
     """Return rows of panels of every state, input and multiplier of all runs, with differences from run A below.
 
-    Multipliers that are zero throughout in every run are left out; their names are returned as well.
+    Multipliers that are always zero in every run are omitted; their names are also returned.
     """
     tracks_of_runs = [{(t.heading, t.name): t for t in tracks(view)} for view in views]
     idle_names = set.intersection(
@@ -147,8 +147,8 @@ _MAX_POINTS = 6
 def curve_figure(view: RunView) -> Figure:
     """Draw costs, complementarity and iterations over the parameter, with events marked.
 
-    Complementarity below :data:`~reports.figures.run.FLOOR` is not drawn; the panel is left out if no value is
-    above.
+    Complementarity below :data:`~reports.figures.run.FLOOR` is not drawn; the panel is omitted if no value is
+    above it.
     """
     points = view.run.meta["points"]
     value = _column(points, "value")
@@ -204,7 +204,7 @@ def chosen_points(view: RunView) -> list[int]:
 
 
 def strobe_figures(view: RunView, cones: bool = False) -> tuple[list[Figure], str]:
-    """Return strobes at points along a path, titled by the parameter's value, and the caption of arrows."""
+    """Return strobes at points along a path, with the parameter's value as title, and the caption of arrows."""
     if view.picture is None:
         return [], ""
     return strobe_rows([(title, view.at_point(point)) for point, title in _titled_points(view)], cones)
@@ -275,7 +275,7 @@ def point_key(view: RunView) -> Figure:
 
 
 def _mark(figure: Figure, events: list[dict]) -> None:
-    """Draw a line at every event, numbered as in the table of events; where a bound becomes active, only a tick."""
+    """Draw a line at every event, numbered as in the table of events; for an active bound draw only a tick."""
     top, count = figure.axes[0], 0
     for event in events:
         value = event["value"]

@@ -1,4 +1,4 @@
-"""Small multiples: rows of panels of equal size, between which pages can break."""
+"""Small multiples: rows of panels of equal size; pages can break between rows."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from reports.drawing.style import GREY, INK, WIDTH
 PANEL_COLUMNS = 4
 """Number of panels side by side across a page."""
 _LEFT_IN = 0.40
-"""Space left of a panel, for its ticks [inch]."""
+"""Space on the left of a panel for its ticks [inch]."""
 _RIGHT_IN = 0.08
-"""Space right of a panel [inch]."""
+"""Space on the right of a panel [inch]."""
 _HEADING_IN = 0.2
 """Height of the heading of a group [inch]."""
 _TITLE_IN = 0.17
@@ -30,14 +30,14 @@ _BETWEEN_IN = 0.07
 _FOOT_IN = 0.34
 """Height of the ticks and labels below a panel [inch]."""
 _LONG = 20
-"""Number of characters of a title that fit over a panel."""
+"""Maximum number of characters of a title that fit over a panel."""
 
 Drawing = Callable[[Axes], None]
 
 
 @dataclass(frozen=True)
 class Panel:
-    """One small picture: its title with unit, a function that draws it, and a function that draws a strip below."""
+    """One small picture: its title with unit, a function that draws it, and a function that draws a strip below it."""
 
     title: str
     main: Drawing
@@ -46,7 +46,7 @@ class Panel:
 
 @dataclass(frozen=True)
 class Cell:
-    """A panel in its column; ``heading`` is the title of its group, "" unless it is the group's first in a row."""
+    """A panel in its column; ``heading`` is its group's title if it is the group's first panel in a row, else ""."""
 
     column: int
     heading: str
@@ -60,7 +60,7 @@ def lay_out_rows(groups: Mapping[str, Sequence[Panel]], columns: int = PANEL_COL
     """Return the rows of a layout of ``groups``, which maps headings to panels.
 
     A group begins in the last row of the previous group if that saves a row, else in a new row. Its heading is
-    repeated over each of its rows, since a page may end between them.
+    repeated in each of its rows, since a page may end between rows.
     """
     rows: list[Row] = []
     for heading, panels in groups.items():
@@ -76,14 +76,14 @@ def lay_out_rows(groups: Mapping[str, Sequence[Panel]], columns: int = PANEL_COL
 
 
 def columns_for(count: int) -> int:
-    """Return the number of columns with which ``count`` panels leave the fewest places empty."""
+    """Return the number of columns for which ``count`` panels leave the fewest empty places."""
     return {1: 1, 2: 2, 3: 3, 5: 3, 6: 3, 9: 3}.get(count, PANEL_COLUMNS)
 
 
 def draw_rows(
     rows: Sequence[Row], columns: int = PANEL_COLUMNS, below: float = 0.34, label: str = "time [s]"
 ) -> Figure:
-    """Draw rows of panels below each other, placed in inches so that several figures align.
+    """Draw rows of panels one below the other, placed in inches so that several figures align.
 
     ``below`` is the height [inch] of the strips below panels.
     """
@@ -179,7 +179,7 @@ def fill_band(axis: Axes, time: np.ndarray, low: np.ndarray, high: np.ndarray, *
 
 
 def shade_spans(axis: Axes, time: np.ndarray, is_shaded: np.ndarray, **style: Any) -> None:
-    """Shade the steps at which ``is_shaded`` (N,) is true; adjacent steps form one patch, without a seam."""
+    """Shade the steps at which ``is_shaded`` (N,) is true; adjacent steps are one patch, without a seam."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], np.asarray(is_shaded, dtype=int), [0]])))
     for first, stop in zip(edges[::2], edges[1::2], strict=True):
         axis.axvspan(float(time[first]), float(time[stop]), **style)

@@ -1,4 +1,4 @@
-"""Figures for papers, without a page around them: lettered, one or two columns wide, with embedded fonts."""
+"""Figures for papers: without a page, lettered, one or two columns wide, with embedded fonts."""
 
 from __future__ import annotations
 
@@ -33,16 +33,16 @@ _ROW_IN = 1.75
 _STROBE_TALLEST_IN = 3.0
 """Maximum height of a strobe [inch]."""
 _LINE_STYLES = ("-", (0, (4, 2)))
-"""Line styles of planned and of replayed signals."""
+"""Line styles of planned and replayed signals."""
 _CONSTANT_CHANGE = 1e-6
 """Relative change of signals below which they are drawn as constant."""
 _LEGEND_LINE_SHARE = 0.17
-"""Height of a line of the legend, as a share of the height of the curves."""
+"""Height of a line of the legend, as a fraction of the height of the curves."""
 
 
 @dataclass(frozen=True)
 class SignalGroup:
-    """Signals of one unit: k names, planned values (S, N+1 or N, k), and replayed values or None."""
+    """Signals with the same unit: k names, planned values (S, N+1 or N, k), and replayed values or None."""
 
     title: str
     names: list[str]
@@ -53,7 +53,7 @@ class SignalGroup:
 def solution_figure(view: RunView) -> Figure:
     """Draw a solved run: the strobe, and a panel for each unit of states, inputs and forces.
 
-    Solid lines are planned, dashed ones replayed under the exact law.
+    Solid lines are planned signals, dashed lines are replayed under the exact law.
 
     Raises :class:`~ocp.errors.InputError` for a run of another kind.
     """
@@ -150,19 +150,19 @@ def _draw(axis: Axes, time: np.ndarray, group: SignalGroup) -> None:
 COLUMN_IN = 3.5
 """Width of a column in two-column journals [inch]."""
 BOTH_COLUMNS_IN = 7.16
-"""Width of both columns with the gap between them [inch]."""
+"""Width of both columns including the gap between them [inch]."""
 _RASTER_DPI = 300
 """Dots per inch of bitmaps."""
 _PADDING_IN = 0.02
-"""White space around a panel that is drawn alone [inch]."""
+"""White space around a single panel [inch]."""
 _TALLEST = 0.85
-"""Maximum ratio of height to width of a panel that is drawn alone."""
+"""Maximum ratio of height to width of a single panel."""
 _WIDE_PANEL = 0.55
-"""Share of the figure's width above which a panel drawn alone is two columns wide."""
+"""Fraction of the figure's width above which a single panel is two columns wide."""
 _ALIGNED = 5e-3
-"""Difference of edges, as a share of the figure, up to which axes count as aligned."""
+"""Distance of edges, as a fraction of the figure, up to which axes count as aligned."""
 _LAYOUT_ROUNDS = 4
-"""Number of rounds of resizing, after which the layout has settled."""
+"""Number of rounds of resizing, after which the layout no longer changes."""
 # Type 42 embeds whole TrueType fonts; publishers reject Type 3.
 _SETTINGS: dict[Any, Any] = {"pdf.fonttype": 42}
 FORMATS: dict[str, dict[str, None]] = {
@@ -170,11 +170,11 @@ FORMATS: dict[str, dict[str, None]] = {
     "svg": {"Date": None, "Creator": None},
     "png": {"Software": None},
 }
-"""Mapping from the formats of figures to the metadata that are left out of each."""
+"""Mapping from the formats of figures to the metadata that are omitted from each format."""
 
 
 def format_of(file: Path) -> str:
-    """Return the format that a file's suffix names; raises InputError for an unknown one."""
+    """Return the format of a file from its suffix; raises InputError for an unknown suffix."""
     ending = file.suffix.removeprefix(".")
     if ending not in FORMATS:
         raise InputError(
@@ -199,7 +199,7 @@ def bare_figure(run: StoredRun, ending: str, panel: str | None = None, file_spec
 
 
 def render_figure(figure: Figure, ending: str, panel: str | None = None) -> bytes:
-    """Return a drawn figure, or one of its panels, as bytes of a file, which are the same each time.
+    """Return a drawn figure, or one of its panels, as bytes of a file; the bytes are always the same.
 
     A figure of several panels is two columns wide, and each panel has its letter; a single panel is one column
     wide. ``figure`` is changed, and must not be used again.
@@ -236,9 +236,9 @@ def panel_axes(figure: Figure) -> list[Axes]:
 
 
 def _isolate_panel(figure: Figure, axis: Axes) -> Bbox:
-    """Hide all axes but ``axis``, make it as wide as a column, and return the box that it covers [inch].
+    """Hide all axes except ``axis``, make it as wide as a column, and return the box that it covers [inch].
 
-    A panel whose share of the figure's width is above :data:`_WIDE_PANEL` is made two columns wide.
+    A panel wider than the fraction :data:`_WIDE_PANEL` is made two columns wide.
     """
     canvas, key = FigureCanvasAgg(figure), _lend_key(axis)
     figure.draw_without_rendering()
@@ -272,7 +272,7 @@ def _covered(axis: Axes, canvas: FigureCanvasAgg) -> Bbox:
 
 
 def _lend_labels(other: Axes, axis: Axes) -> None:
-    """Copy to ``axis`` the labels that it lacks from ``other``, if the two are aligned and have the same limits."""
+    """Copy from ``other`` the labels that ``axis`` lacks, if the two are aligned and have the same limits."""
     axis_box, other_box = axis.get_position(), other.get_position()
     if axis.get_shared_x_axes().joined(axis, other) or (
         np.allclose((axis_box.x0, axis_box.x1), (other_box.x0, other_box.x1), atol=_ALIGNED)
@@ -291,7 +291,7 @@ def _lend_labels(other: Axes, axis: Axes) -> None:
 
 
 def _lend_key(axis: Axes) -> Legend | None:
-    """Copy the figure's legend to an axis, in addition to its own, and return it; None if there is none."""
+    """Copy the figure's legend to an axis, in addition to its own, and return it; None if the figure has none."""
     root = axis.get_figure(root=True)
     assert root is not None
     own_part = axis.get_figure(root=False)

@@ -1,4 +1,4 @@
-"""Figures of one solve: contact law, contacts, homotopy stages, compared answers, and feedback gains."""
+"""Figures of one solve: contact law, contacts, homotopy stages, compared solutions, and feedback gains."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ from reports.figures.trajectories import NEGLIGIBLE, SAME, mean_multiplier
 from reports.tables.console import shown_stages, stage_title
 
 FLOOR = 1e-12
-"""Smallest multiplier or gap that is drawn on a log axis; smaller ones are zero up to rounding."""
+"""Smallest multiplier or gap that is drawn on a log axis; smaller values are zero up to rounding errors."""
 
 
 def is_before_path_end(view: RunView) -> bool:
-    """Return whether mu is not zero everywhere, and some contact has both a multiplier and a gap to draw."""
+    """Return whether mu is nonzero somewhere, and some contact has a multiplier and a gap to draw."""
     lam, gap, mu = (view.array(name) for name in ("lam", "gap", "mu"))
     if lam is None or gap is None or mu is None or not np.isfinite(mu).any():
         return False
@@ -104,7 +104,7 @@ def _above(values: np.ndarray) -> np.ndarray:
 
 
 def _central_path(axis: Axes, mu: np.ndarray, gap: np.ndarray) -> None:
-    """Draw ``lam = mu / gap`` around the gaps, at the smallest and the largest mu that occur."""
+    """Draw ``lam = mu / gap`` around the gaps, for the smallest and the largest mu of the run."""
     visible_mu, visible_gaps = mu[np.isfinite(mu) & (mu > FLOOR)], gap[gap > FLOOR]
     if not (visible_mu.size and visible_gaps.size):
         return
@@ -118,11 +118,11 @@ def _central_path(axis: Axes, mu: np.ndarray, gap: np.ndarray) -> None:
 
 @dataclass(frozen=True)
 class ContactTrace:
-    """One contact over the steps of all scenarios, arrays (S, N).
+    """One contact over the steps of all scenarios, as arrays (S, N).
 
     ``normal`` is the normal impulse or force, ``replay`` the same in the replay (None without a replay),
     ``gap`` the gap, None if unknown; ``active`` comes from :func:`ocp.judge.contact_report.active_contacts`.
-    ``friction`` holds friction, its bound, and flags of slip and of degeneracy, or is empty without friction.
+    ``friction`` contains the friction, its bound, and masks of slip and of degeneracy; it is empty without friction.
     ``multipliers`` are the names of the multipliers that the trace shows.
     """
 
@@ -192,7 +192,7 @@ def _frictional_trace(view: RunView, point: int, pairs: Sequence[Pair]) -> Conta
 
 
 _CONE_STYLE: dict[str, Any] = {"facecolor": PURPLE, "alpha": 0.3}
-"""Style of the band in which friction must stay."""
+"""Style of the band that friction cannot leave."""
 _SLIP_STYLE: dict[str, Any] = {"facecolor": ORANGE, "alpha": 0.25, "linewidth": 0}
 """Style of the steps at which a contact slips."""
 _STICK_STYLE: dict[str, Any] = {"facecolor": SKY, "alpha": 0.3, "linewidth": 0}
@@ -202,11 +202,11 @@ _DEGENERATE_STYLE: dict[str, Any] = {"color": INK, "marker": "v", "markersize": 
 
 
 def rows_of_contacts(view: RunView) -> tuple[list[Row], int]:
-    """Return panels of impulse and gap over time for every contact that pushes, and the number of columns.
+    """Return panels of impulse and gap over time for every contact with a force, and the number of columns.
 
     For a contact with friction a panel also shows the friction impulse, in the band between plus and minus the
     friction coefficient times the normal impulse. Steps at which the contact sticks or slips are shaded in two
-    colours, the darker the more scenarios do so; steps without strict complementarity are marked. If the replay
+    colours, darker for more scenarios; steps without strict complementarity are marked. If the replay
     differs from the plan, it is drawn dashed.
     """
     contacts = contacts_of(view)
@@ -243,7 +243,7 @@ def _contact(time: np.ndarray, contact: ContactTrace, largest_gap: float) -> Pan
         assert contact.gap is not None
         draw_lines(axis, time, contact.gap, color=GREEN, **style)
         if largest_gap > 0 and np.max(contact.gap) < NEGLIGIBLE * largest_gap:
-            # At its own scale a gap that never opens would show only noise.
+            # On a separate scale, a gap that never opens would show only rounding errors.
             axis.set_ylim(-0.05 * largest_gap, largest_gap)
 
     return Panel(contact.title, main, None if contact.gap is None else below)
@@ -260,11 +260,11 @@ def _friction(axis: Axes, time: np.ndarray, data: tuple[np.ndarray, ...], style:
 
 
 _BESIDE = 1.81
-"""Width of a figure next to the table of stages [inch], 46 mm."""
+"""Width of a figure next to the table of stages (46 mm) [inch]."""
 
 
 def homotopy_figure(view: RunView) -> Figure:
-    """Draw cost, complementarity and residual after each homotopy stage; zeros are left out."""
+    """Draw cost, complementarity and residual after each homotopy stage; zeros are not drawn."""
     numbers, stages = zip(*shown_stages(view.run.stages, view.run.meta["cost"])[0], strict=True)
     figure = Figure(figsize=(_BESIDE, min(max(1.9, 0.5 + 0.15 * len(numbers)), 2.8)))
     cost_axis, size_axis = figure.subplots(2, 1, sharex=True)
@@ -299,7 +299,7 @@ def homotopy_figure(view: RunView) -> Figure:
 
 
 def candidates_figure(view: RunView) -> Figure:
-    """Draw the exact cost of every answer among which a solve chose, over the accumulated time in the solver."""
+    """Draw the exact cost of every solution that a solve compared, over the accumulated time in the solver."""
     attempts = view.run.meta["others"]
     times = np.cumsum([attempt.get("seconds") or 0.0 for attempt in attempts])
     costs = np.array([attempt["exact_cost"] for attempt in attempts], dtype=float)
@@ -322,7 +322,7 @@ def gains_figure(view: RunView) -> Figure:
     states, inputs = view.signals("states"), view.signals("inputs")
     figure = Figure(figsize=(WIDTH, 0.9 + (0.45 + 0.16 * len(states)) * len(inputs)))
     axes = figure.subplots(len(inputs), 1, sharex=True, squeeze=False)[:, 0]
-    # The colours end at the 98th percentile, so that an outlier does not make all others pale.
+    # The colours end at the 98th percentile, so that the other values are not pale because of an outlier.
     limit = float(np.quantile(np.abs(K), 0.98)) or 1.0
     image = None
     for index, axis in enumerate(axes):

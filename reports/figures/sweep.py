@@ -24,13 +24,13 @@ _GRADE_STYLES = {grade: (GRADE_COLORS[grade], words) for grade, words in _GRADE_
 _MAX_SLICES = 4
 """Number of slices of a grid in one figure."""
 _MAX_WRITTEN_CELLS = 64
-"""Maximum number of cells of a map with numbers written into them."""
+"""Maximum number of cells of a map with numbers written in them."""
 _MOST_TICKS = 8
 """Maximum number of labels along an axis of a map."""
 _TICK_LETTERS = 22
 """Number of characters of labels along an axis above which the labels are rotated."""
 _LEAST_RATIO_RANGE = 1.1
-"""Smallest upper end of the colour scale of replayed over planned cost."""
+"""Minimum upper end of the colour scale of the ratio of replayed to planned cost."""
 Axis = Mapping[str, Any]
 """Axis of a sweep in a run's metadata: ``name``, ``values``, ``log``, ``units``."""
 
@@ -72,7 +72,7 @@ def _outliers(data: xr.Dataset) -> np.ndarray:
 
 
 def replayed_ratio(data: xr.Dataset) -> xr.DataArray:
-    """Return replayed cost (of the referee, else under the exact law) over planned cost; NaN at failed points."""
+    """Return the ratio of replayed cost (referee, else exact law) to planned cost; NaN at failed points."""
     replayed_cost = data["referee_cost"].where(np.isfinite(data["referee_cost"]), data["exact_cost"])
     return (replayed_cost / data["cost"]).where(data["success"] == 1)
 
@@ -126,7 +126,7 @@ def _legend(figure: Figure, axes: Axes, data: xr.Dataset) -> None:
 
 
 class _Shades:
-    """Colour scales shared by all slices: of costs, and of replayed over planned costs."""
+    """Colour scales shared by all slices: of costs, and of ratios of replayed to planned cost."""
 
     def __init__(self, data: xr.Dataset) -> None:
         self.cost = _norm(data["cost"].where(data["success"] == 1).values)
@@ -245,7 +245,7 @@ _NAMES = (
     "alpha-variance",
     "alpha-fixed",
 )
-"""Names of estimators, in the order of their colours and markers, which are the same on every page."""
+"""Names of estimators, in the order of their colours and markers (the same on every page)."""
 _LOG_RATIO = 30.0
 """Ratio of interval ends to the largest reference gradient above which the axis is logarithmic."""
 
@@ -260,7 +260,7 @@ def estimate_caption(run: StoredRun) -> str:
 
 
 def estimator_style(name: str) -> tuple[str, str]:
-    """Return colour and mark of an estimator; all unknown names share one pair."""
+    """Return colour and marker of an estimator; all unknown names have the same pair."""
     place = _NAMES.index(name) if name in _NAMES else len(_NAMES)
     return CYCLE[place % len(CYCLE)], _ESTIMATOR_MARKERS[place % len(_ESTIMATOR_MARKERS)]
 
@@ -279,7 +279,7 @@ def estimate_figure(run: StoredRun) -> Figure:
 
 
 def _show_all(axis: Axes, interval_ends: np.ndarray, reference: np.ndarray) -> None:
-    """Fit the axis to all intervals, on a symmetric log scale if long intervals would make the others invisible."""
+    """Fit the axis to all intervals; the scale is symmetric-log if long intervals would hide the others."""
     ends = interval_ends[np.isfinite(interval_ends)]
     if not ends.size:
         return

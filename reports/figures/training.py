@@ -44,7 +44,7 @@ def learning_figure(seed_groups: Sequence[SeedGroup]) -> Figure:
 
 
 def signal_figure(seed_groups: Sequence[SeedGroup]) -> Figure | None:
-    """Draw returns of samples, and gradients, over the iterations; return None if no run recorded any of these."""
+    """Draw returns of samples, and gradients, over the iterations; return None if no run recorded any of them."""
     names = [name for name in _SIGNAL_TITLES if any(_known(group, name) for group in seed_groups)]
     if not names:
         return None

@@ -1,4 +1,4 @@
-"""Trajectories of a run: every state, input and multiplier, with the difference of its replay."""
+"""Trajectories of a run: every state, input and multiplier, with the difference from its replay."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from reports.drawing.view import RunView
 from reports.figures.panels import Panel, Row, draw_lines, draw_rows, fill_band, lay_out_rows, note_zero
 
 SAME = 1e-4
-"""Share of a signal's range up to which plan and replay count as equal."""
+"""Difference up to which plan and replay count as equal, as a fraction of a signal's range."""
 NEGLIGIBLE = 1e-6
-"""Share of the largest value below which a value is negligible in a figure."""
+"""Value that is negligible in a figure, as a fraction of the largest value."""
 _IDLE = 1e-9
-"""Share of the largest multiplier, slips excepted, below which a multiplier counts as zero throughout."""
+"""Multiplier that counts as always zero, as a fraction of the largest multiplier other than slips."""
 _BEYOND = 3.0
-"""Largest value of a replay that a panel shows, as a multiple of the plan's largest magnitude."""
+"""Largest value of a replay in a panel, as a multiple of the plan's largest magnitude."""
 _STATE_HEADINGS = {"m": "Positions", "rad": "Angles", "m/s": "Velocities", "rad/s": "Angular velocities", "s": "Times"}
 """Mapping from units of states to headings."""
 _MULTIPLIER_HEADINGS = {"N s": "Impulses", "N": "Forces"}
@@ -99,7 +99,7 @@ def mean_multiplier(view: RunView, values: np.ndarray, index: int) -> np.ndarray
 
 
 def idle_multipliers(all_tracks: list[Track]) -> list[str]:
-    """Return names of multipliers that are zero throughout, relative to the largest impulse or force."""
+    """Return the names of multipliers that are always zero, relative to the largest impulse or force."""
     multipliers = [track for track in all_tracks if track.is_multiplier]
     pushes = [track.size for track in multipliers if not track.heading.startswith("Slip")]
     largest_push = max(pushes, default=0.0)
@@ -107,7 +107,7 @@ def idle_multipliers(all_tracks: list[Track]) -> list[str]:
 
 
 def replay_deviation(all_tracks: list[Track]) -> float:
-    """Return the largest deviation of the replay, as a share of the range of a state or input; 0 without a replay."""
+    """Return the largest deviation of the replay, relative to the range of a state or input; 0 without a replay."""
     shares = [
         largest_size(track.difference) / track.span
         for track in all_tracks
@@ -117,7 +117,7 @@ def replay_deviation(all_tracks: list[Track]) -> float:
 
 
 def multipliers_undetermined(all_tracks: list[Track]) -> bool:
-    """Return whether multipliers of the replay differ although the motion is the same."""
+    """Return whether multipliers of the replay differ from the plan although the motion is the same."""
     return not replay_differs(all_tracks) and any(
         track.differs for track in all_tracks if track.is_multiplier and track.name not in idle_multipliers(all_tracks)
     )
@@ -129,10 +129,10 @@ def replay_differs(all_tracks: Sequence[Track]) -> bool:
 
 
 def plan_rows(view: RunView, omitted: Collection[str] = (), signals: Collection[str] = ()) -> list[Row]:
-    """Return rows of panels, one per component, except multipliers ``omitted`` or zero throughout.
+    """Return rows of panels, one panel per component, except multipliers that are ``omitted`` or always zero.
 
     If ``signals`` is not empty, only these components have panels. If plan and replay differ, the band between
-    them is shaded and their difference is drawn below, on one scale in each group.
+    them is shaded and their difference is drawn below, on the same scale within a group.
     """
     all_tracks, time = tracks(view), view.time
     idle_names = {*idle_multipliers(all_tracks), *omitted}
@@ -148,9 +148,9 @@ def plan_rows(view: RunView, omitted: Collection[str] = (), signals: Collection[
 
 
 def select_signals(view: RunView, words: str) -> list[str]:
-    """Return names of signals that match words separated by commas, in which * is a wildcard.
+    """Return the names of signals that match words separated by commas; * is a wildcard.
 
-    Raises :class:`~ocp.errors.InputError` for a word that matches none.
+    Raises :class:`~ocp.errors.InputError` for a word that matches no signal.
     """
     names = [track.name for track in tracks(view)]
     matched: list[str] = []

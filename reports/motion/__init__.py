@@ -1,1 +1,1 @@
-"""Animations of runs, and the files that show them."""
+"""Animations of runs, and the files that contain them."""

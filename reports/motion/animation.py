@@ -19,15 +19,15 @@ from reports.drawing.view import RunView
 _MOST_FRAMES = 1500
 """Maximum number of frames of an animation."""
 _SAME = 2e-4
-"""Share of the largest state up to which plan and replay count as equal, less than a pixel."""
+"""Difference up to which plan and replay count as equal (below a pixel), as a fraction of the largest state."""
 
 
 @dataclass(frozen=True)
 class Motion:
-    """States (n, nx), shapes and contacts of n frames, and the contact forces (n, points) during each frame.
+    """States (n, nx), shapes and contacts of n frames, and contact forces (n, points) during each frame.
 
-    A replay that diverges to non-finite states has fewer frames than the animation has times. ``suffix`` ends
-    the names of the motion's arrays in the run.
+    A replay that diverges to non-finite states has fewer frames than the animation has times. ``suffix`` is the
+    end of the names of the motion's arrays in the run.
     """
 
     title: str
@@ -39,13 +39,13 @@ class Motion:
 
 
 class Animation:
-    """Run sampled at ``times`` [s]: one or two ``motions``, each with its camera."""
+    """A run sampled at ``times`` [s]: one or two ``motions``, each with a camera."""
 
     def __init__(self, view: RunView, fps: int = 25, speed: float = 1.0, cones: bool = False) -> None:
-        """Sample ``fps`` frames per second; ``speed`` 0.5 shows one second of motion in two.
+        """Sample ``fps`` frames per second; with ``speed`` 0.5, two seconds show one second of motion.
 
         Raises :class:`~ocp.errors.InputError` for a run without states or a problem without a
-        drawing, and for more frames than a file should hold.
+        drawing, and for more frames than :data:`_MOST_FRAMES`.
         """
         check_drawable(view)
         assert view.picture is not None
@@ -89,7 +89,7 @@ class Animation:
 def frame_times(duration: float, fps: int, speed: float) -> np.ndarray:
     """Return evenly spaced times of frames from 0 to ``duration`` [s], about ``speed / fps`` apart.
 
-    Raises :class:`~ocp.errors.InputError` for more frames than a file should hold.
+    Raises :class:`~ocp.errors.InputError` for more frames than :data:`_MOST_FRAMES`.
     """
     steps = max(1.0, duration * fps / speed)
     if steps > _MOST_FRAMES:
@@ -101,7 +101,7 @@ def frame_times(duration: float, fps: int, speed: float) -> np.ndarray:
 
 
 def motions(view: RunView, times: np.ndarray) -> list[Motion]:
-    """Return the plan and its exact replay at ``times`` [s]; only the plan if they agree or there is no replay."""
+    """Return the plan and its exact replay at ``times`` [s]; only the plan if both agree or there is no replay."""
     law = view.run.record.get("contact", "chosen")
     title = f"planned under the {law} law"
     if view.run.kind == "train":
@@ -161,16 +161,16 @@ def _sampled(forces: Forces, nodes: np.ndarray, times: np.ndarray) -> Forces:
 
 
 def is_periodic(view: RunView) -> bool:
-    """Return whether the problem requires some states to be the same at the end of a motion as at its start."""
+    """Return whether the problem requires some states at the end of a motion to equal those at its start."""
     start = view.problem.start if isinstance(view.problem, Problem) else None
     return start is not None and bool(start.periodic)
 
 
 def repeated(view: RunView, count: int) -> RunView:
-    """Return ``count`` strides of a periodic run, each starting where the last one ended.
+    """Return ``count`` strides of a periodic run, each starting at the end of the previous one.
 
     From one stride to the next, states increase by their change over a stride (zero for periodic states), and
-    times by its duration; impulses repeat.
+    times increase by the duration of a stride; impulses repeat.
     """
     data = view.run.data.reset_coords()
     nodes = data[[name for name in data if "node" in data[name].dims]]
@@ -186,7 +186,7 @@ def repeated(view: RunView, count: int) -> RunView:
 
 
 def check_drawable(view: RunView) -> None:
-    """Raise :class:`~ocp.errors.InputError` for a run that does not move or has no drawing."""
+    """Raise :class:`~ocp.errors.InputError` for a run without motion or without a drawing."""
     name = view.run.meta["problem"]
     if view.run.kind not in ("solve", "train", "closed-loop") or view.array("x") is None:
         raise InputError(

@@ -60,7 +60,7 @@ class Canvas:
             text = arrow_caption(animation.largest, animation.unit, animation.rough)
             self.figure.supxlabel(text, x=0.01, ha="left", fontsize=8, color=GREY)
         show_literally(self.figure).draw_without_rendering()
-        # Laid out once, so that labels of changing width do not move the picture.
+        # The layout is computed once, so that labels of changing width do not move the picture.
         self.figure.set_layout_engine("none")
         self.clock.set_y(title.get_position()[1])
 
@@ -78,7 +78,7 @@ class Canvas:
 
 
 def _layout(count: int, camera: Camera) -> tuple[Figure, list[Axes]]:
-    """Return figure and axes: two motions below each other if the view is wide, else side by side."""
+    """Return figure and axes: two motions one below the other if the view is wide, else side by side."""
     ratio = float(camera.size[1] / camera.size[0])
     rows = count if camera.is_wide else 1
     columns = count // rows
@@ -93,11 +93,11 @@ def _layout(count: int, camera: Camera) -> tuple[Figure, list[Axes]]:
 MOVIE_FORMATS = (".gif", ".mp4", ".html")
 """Suffixes of the files to which an animation can be written."""
 FASTEST_GIF = 50
-"""Maximum number of frames per second of a GIF, since players turn delays below 20 ms into 100 ms."""
+"""Maximum number of frames per second of a GIF, since players change delays below 20 ms to 100 ms."""
 _REST = 60
-"""Additional time for which a GIF shows its last frame [1/100 s]."""
+"""Additional time of the last frame of a GIF [1/100 s]."""
 _SAMPLED = 12
-"""Number of frames from which the palette of a GIF is made."""
+"""Number of frames from which the palette of a GIF is computed."""
 _NEARLY_WHITE = 246
 """Value of a colour channel above which a colour counts as white."""
 _ROOM = 1 << 20
@@ -105,7 +105,7 @@ _ROOM = 1 << 20
 
 
 def check_format(file: Path, fps: int = 25) -> None:
-    """Raise InputError for an unknown ending, an MP4 without ffmpeg, or a GIF with too many frames per second."""
+    """Raise InputError for an unknown suffix, an MP4 without ffmpeg, or a GIF with too many frames per second."""
     if file.suffix not in MOVIE_FORMATS:
         raise InputError(
             f"an animation must end in {', '.join(MOVIE_FORMATS[:-1])} or {MOVIE_FORMATS[-1]}, got"
@@ -144,7 +144,7 @@ def write_animation(animation: Animation, file: Path, report: Callable[[int], No
 
 
 def gif_delays(count: int, fps: int) -> list[int]:
-    """Return delays of ``count`` frames in hundredths of a second, whole numbers that sum to ``count / fps``."""
+    """Return the delays of ``count`` frames in hundredths of a second, integers with the sum ``count / fps``."""
     ends = np.round(100 * np.arange(count + 1) / fps).astype(int)
     return np.diff(ends).tolist()
 
@@ -175,7 +175,7 @@ def _write_gif(animation: Animation, draft: Path, report: Callable[[int], None])
 def _palette(canvas: Canvas, count: int) -> Image.Image:
     """Return a palette of at most 256 colours for all frames, from every other line of a few of them.
 
-    Colours are chosen by difference, not by frequency, since an arrow has few pixels.
+    Colours are selected by difference and not by frequency, since an arrow has few pixels.
     """
     sampled_frames = np.unique(np.linspace(0, count - 1, _SAMPLED).round().astype(int))
     lines = np.concatenate([canvas.picture(frame)[::2, :, :3].copy() for frame in sampled_frames])

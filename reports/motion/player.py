@@ -27,7 +27,7 @@ from reports.motion.animation import Animation, Motion
 _PAGE_FOLDER = Path(__file__).with_name("page")
 """Folder of the page's HTML, CSS and JavaScript."""
 _DIGITS = 5
-"""Number of digits of positions relative to the size of the view; further ones are far below a pixel."""
+"""Number of digits of positions relative to the size of the view; more digits are far below a pixel."""
 _SIGNIFICANT_DIGITS = 7
 """Number of significant digits of numbers on the page."""
 
@@ -50,10 +50,10 @@ def player_page(animation: Animation) -> str:
 def player_data(animation: Animation) -> dict[str, Any]:
     """Return the data that the page's script draws.
 
-    Each frame in ``motions`` has lists of shapes and arrows. A shape is ``[kind, numbers...]``: the index of
-    its name and role in ``kinds``, and its fields in :mod:`problems.drawing` except the role, with all corners
-    in one list ``x, y, ...``. An arrow is ``[x, y, force x, force y, normal x, normal y, friction]``.
-    ``charts`` are those of :func:`~reports.motion.player.player_charts` over ``nodes`` [s].
+    Each frame in ``motions`` has lists of shapes and arrows. A shape is ``[kind, numbers...]``: the index of its name
+    and role in ``kinds``, and its fields in :mod:`problems.drawing` except the role, with all corners in one list
+    ``x, y, ...``. An arrow is ``[x, y, force x, force y, normal x, normal y, friction]``. ``charts`` are the charts
+    of :func:`~reports.motion.player.player_charts` over ``nodes`` [s].
     """
     size = animation.cameras[0].size
     digits = max(0, _DIGITS - math.floor(math.log10(float(size.max()))))
@@ -115,7 +115,7 @@ def _numbers(shape: Shape, kinds: dict[tuple[str, str], int], digits: int) -> tu
 
 
 def _rounded(value: Any, digits: int) -> Any:
-    """Return a rounded number, or for corners their rounded coordinates in one tuple."""
+    """Return a rounded number or, for corners, their rounded coordinates in one tuple."""
     if isinstance(value, tuple):
         return tuple(round(float(coordinate), digits) for corner in value for coordinate in corner)
     return round(float(value), digits)
@@ -139,7 +139,7 @@ def _short(value: float) -> float | None:
 
 
 _CHART_ROOM = 0.06
-"""Space above and below curves, as a share of their range."""
+"""Space above and below curves, as a fraction of their range."""
 
 Chart = dict[str, Any]
 """Chart with ``title``, ``label``, ``range`` [low, high], ``wide``, and ``curves``.
@@ -150,7 +150,7 @@ between them (N,); a curve of costs also has ``end``, the total cost.
 
 
 def player_charts(animation: Animation) -> list[Chart]:
-    """Return charts of the forces of each motion, all on one scale, and a chart of the motions' costs."""
+    """Return charts of the forces of each motion, all on the same scale, and a chart of the motions' costs."""
     view = animation.view
     all_charts = [forces for motion in animation.motions if (forces := _forces(view, motion))]
     curve_values = [curve["values"] for chart in all_charts for curve in chart["curves"]]
@@ -216,8 +216,8 @@ def cumulative_cost(view: RunView, suffix: str) -> tuple[np.ndarray, float] | No
     """Return the sum of stage costs before each node (N+1,), and the total with the terminal cost.
 
     The costs are those of scenario 0 at the stored parameters. For a task they are rewards, and the total
-    includes the final reward only after a full episode. Returns None for an unknown problem, and if the run
-    lacks arrays that the cost needs.
+    includes the final reward only after a full episode. Returns None for an unknown problem, and if the run lacks
+    arrays that the cost depends on.
     """
     problem, x, u = view.problem, view.array(f"x{suffix}"), view.array(f"u{suffix}")
     if view.run.kind == "closed-loop":
@@ -241,7 +241,7 @@ def cumulative_cost(view: RunView, suffix: str) -> tuple[np.ndarray, float] | No
 
 
 def _widened(low: float, high: float) -> list[float]:
-    """Return a range around low, high and zero, with space above and, for negative values, below; never empty."""
+    """Return a range around low, high and zero, with space above and (for negative values) below; never empty."""
     low, high = min(low, 0.0), max(high, 0.0)
     room = _CHART_ROOM * (high - low) or 0.5
     return [low - room if low < 0 else 0.0, high + room]

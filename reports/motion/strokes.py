@@ -44,7 +44,7 @@ class MotionArtist:
             ruler.set_animated(True)
 
     def draw(self, frame: int) -> None:
-        """Draw a frame onto the canvas, unless the motion has diverged before it."""
+        """Draw a frame on the canvas, unless the motion has diverged before this frame."""
         if frame >= len(self._motion.x):
             return
         self.put(frame)

@@ -1,4 +1,4 @@
-"""Arrays and numbers of a closed loop, as a run stores and reports print them."""
+"""Arrays and numbers of a closed loop, as stored in a run and printed in reports."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from ocp.solution import units_of
 from reports.tables.console import number, percent, table_of
 
 _WARM = 10
-"""Number of samples at the start of each seed that timings leave out, since the first plans start cold."""
+"""Number of samples at the start of each seed that timings exclude, since the first plans start cold."""
 
 
 def labelled_arrays(loop: ClosedLoop, mismatch: Mapping[str, float]) -> xr.Dataset:
@@ -55,7 +55,7 @@ def labelled_arrays(loop: ClosedLoop, mismatch: Mapping[str, float]) -> xr.Datas
 
 
 def _contacts(problem: Problem, data: xr.Dataset, values: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
-    """Return multipliers and gaps (S, T, nlam) of the exact law; NaN where nothing was simulated."""
+    """Return multipliers and gaps (S, T, nlam) of the exact law; NaN for steps that were not simulated."""
     step, x, u = problem.exact_step, data["x"].values, data["u"].values
     multipliers_and_gaps = np.full((2, *u.shape[:2], problem.system.nlam), np.nan)
     is_simulated = np.isfinite(x[:, :-1]).all(axis=2) & np.isfinite(u).all(axis=2)
@@ -72,7 +72,7 @@ def _contacts(problem: Problem, data: xr.Dataset, values: Mapping[str, float]) -
 
 
 def loop_summary(loop: ClosedLoop, data: xr.Dataset, notes: Sequence[str], rate: float | None) -> dict[str, Any]:
-    """Return the fields of :class:`~ocp.store.meta.ClosedLoopMeta`, among them ``status`` and ``verdict``.
+    """Return the fields of :class:`~ocp.store.meta.ClosedLoopMeta`, such as ``status`` and ``verdict``.
 
     Times per sample are compared with the period of ``rate`` [Hz], or with the model's step if it is None.
     """
@@ -122,7 +122,7 @@ def counted_times(seconds: np.ndarray) -> np.ndarray:
 
 
 def rate_sentence(meta: Mapping[str, Any]) -> str:
-    """Return a sentence on the samples that took longer than the period."""
+    """Return a sentence on the number of samples that took longer than the period."""
     times = meta["seconds"]
     count_text = f"{times['over']} of {times['samples']} samples took longer than"
     return f"{count_text} the period of {_ms(times['period'])} ms."

@@ -32,7 +32,7 @@ def print_table(table: Table | Group) -> None:
 
 
 def number(value: float | None, digits: int = 6) -> str:
-    """Return a number as text with ``digits`` significant digits; a dash for a missing or non-finite one."""
+    """Return a number as text with ``digits`` significant digits; a dash for a missing or non-finite number."""
     if value is None or not math.isfinite(value):
         return "–"
     return f"{value:.{digits}g}"
@@ -44,17 +44,17 @@ def value_text(value: Any, digits: int = 6) -> str:
 
 
 def percent(share: float | None) -> str:
-    """Return a share in percent; a dash for a missing or non-finite one."""
+    """Return a fraction in percent; a dash for a missing or non-finite value."""
     return "–" if share is None else f"{number(100 * share, 3)} %"
 
 
 def small(value: float | None) -> str:
-    """Return a residual as text with two digits, such as ``1.5e-07``; a dash for a missing or non-finite one."""
+    """Return a residual as text with two digits, such as ``1.5e-07``; a dash for a missing or non-finite value."""
     return "–" if value is None or not math.isfinite(value) else f"{value:.1e}"
 
 
 def table_of(*columns: str, rows: Iterable[Sequence[str]] = (), title: str | None = None, header: bool = True) -> Table:
-    """Return a table with titled columns, right-aligned where the title begins with ``>``."""
+    """Return a table with titled columns, right-aligned if the title begins with ``>``."""
     table = Table(box=None, title=title, title_justify="left", pad_edge=False, padding=(0, 2, 0, 0), show_header=header)
     for name in columns:
         head = Text(name.removeprefix(">"))  # brackets around a unit are not markup
@@ -135,13 +135,13 @@ class StageLines:
 
 
 class StageFilter:
-    """Filter and counter of stages that tables show: all but neighbouring contact schedules with no lower cost."""
+    """Filter and counter of the stages in tables: all except neighbouring schedules without a lower cost."""
 
     def __init__(self) -> None:
         self.lowest, self.number = float("inf"), 0
 
     def take(self, stage: StageRecord) -> bool:
-        """Return whether the next stage is shown, and add it to ``number``, the count of shown stages, if so."""
+        """Return whether the next stage is shown; if so, increase ``number``, the count of shown stages."""
         lowers_cost = stage.accepted and stage.cost < self.lowest
         if lowers_cost and stage.label in ("active set", NEIGHBOUR):
             self.lowest = stage.cost
@@ -151,10 +151,10 @@ class StageFilter:
 
 
 def shown_stages(stages: Sequence[StageRecord], cost: float | None) -> tuple[list[tuple[int, StageRecord]], bool]:
-    """Return the stages that tables show, with their numbers, and whether the last one is the answer.
+    """Return the stages that tables show, with their numbers, and whether the last stage gave the solution.
 
-    The answer is the iterate of the last accepted stage whose cost equals ``cost``. Stages after it are left
-    out. If no stage has this cost, all of them are shown.
+    The solution is the iterate of the last accepted stage whose cost equals ``cost``. Later stages are omitted. If no
+    stage has this cost, all stages are shown.
     """
     stage_filter = StageFilter()
     numbered_stages = [(stage_filter.number, stage) for stage in stages if stage_filter.take(stage)]
@@ -166,11 +166,11 @@ def shown_stages(stages: Sequence[StageRecord], cost: float | None) -> tuple[lis
 
 
 _SAME = 1e-6
-"""Largest relative difference between the costs of an answer and of the stage that gave it."""
+"""Largest relative difference between the costs of a solution and of its stage."""
 
 
 def stage_note(stages: Sequence[StageRecord], cost: float | None) -> str:
-    """Return sentences on the stage that gave the answer and on stages left out of tables, "" if none apply."""
+    """Return sentences on the stage that gave the solution and on stages omitted in tables, "" if none apply."""
     numbered_stages, has_answer = shown_stages(stages, cost)
     n_neighbours = sum(stage.label == NEIGHBOUR for stage in stages)
     n_neighbours -= sum(stage.label == NEIGHBOUR for _, stage in numbered_stages)
@@ -194,9 +194,9 @@ def _line(*cells: str) -> str:
 def live(quiet: bool, every_s: float, delay: bool = False) -> Iterator[Callable[..., None]]:
     """Yield ``show(line, now=False, picture=None)``, which reports progress on stderr.
 
-    On a terminal the ``line``, or ``picture()``, is updated in place ten times a second at most; elsewhere a
-    line is printed if it is not empty, at most once per ``every_s`` seconds unless ``now`` is true. With
-    ``delay`` the first report comes only after one such interval.
+    On a terminal the ``line``, or ``picture()``, is updated in place ten times a second at most; otherwise a line is
+    printed if it is not empty, at most once per ``every_s`` seconds unless ``now`` is true. With
+    ``delay`` the first report is made only after one such interval.
     """
     console = Console(stderr=True, highlight=False)
     screen = Live(console=console, transient=True, auto_refresh=False)
@@ -220,7 +220,7 @@ def live(quiet: bool, every_s: float, delay: bool = False) -> Iterator[Callable[
 
 @contextmanager
 def progress(visible: bool, first: str) -> Iterator[Callable[[StageRecord], None]]:
-    """Yield a callback that reports homotopy stages: one live line on a terminal, elsewhere lines of a table."""
+    """Yield a callback that reports homotopy stages: a live line on a terminal, otherwise lines of a table."""
     if not visible or not sys.stderr.isatty():
         yield StageLines() if visible else lambda _: None
         return
@@ -274,7 +274,7 @@ def judged_rows(certificate: Certificate, referee: RefereeReport) -> list[tuple[
 
 
 def distance_rows(referee: RefereeReport) -> list[tuple[str, str, str]]:
-    """Return rows (name, value, place) on the deepest penetration between nodes and the largest gap with a force."""
+    """Return rows (name, value, location) on the deepest penetration between nodes and the largest gap with a force."""
     named_distances = (
         ("penetration between nodes", referee.between),
         ("distance where force acts", referee.force_distance),
@@ -309,7 +309,7 @@ def violation_rows(audit: Audit) -> list[tuple[str, ...]]:
 
 
 def starts_table(attempts: Sequence[Attempt]) -> Table:
-    """Return a table of all answers among which a solve chose, one row per answer."""
+    """Return a table of all solutions that a solve compared, one row per solution."""
     columns = ("start", "route", "status", "cost", "exact_cost", "referee_cost", "iterations")
     values = ([getattr(attempt, name) for name in columns] for attempt in attempts)
     rows = ([number(v, 8) if isinstance(v, float) else str(v) for v in row] for row in values)

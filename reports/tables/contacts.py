@@ -26,7 +26,7 @@ def contact_table(audit: Audit) -> Group:
 
 
 def contact_columns(audit: Audit) -> tuple[list[str], list[list[str]]]:
-    """Return column titles, with ``>`` before titles of numbers, and a row per contact that pushes.
+    """Return column titles, with ``>`` before titles of numbers, and a row for each contact with a force.
 
     Columns on sliding appear only with friction, the column of distant steps only if there are such steps.
     """
@@ -60,7 +60,7 @@ def contact_columns(audit: Audit) -> tuple[list[str], list[list[str]]]:
 
 
 def contact_notes(audit: Audit) -> list[str]:
-    """Return sentences that define active and distant contacts, and count the contacts that never push."""
+    """Return sentences that define active and distant contacts, and count the contacts without a force."""
     idle = [contact for contact in audit.contacts if not (contact.steps or contact.distant)]
     notes = [_ACTIVE_NOTE, *([_DISTANT_NOTE] if _far(audit) else [])]
     if idle:

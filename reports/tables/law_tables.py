@@ -8,7 +8,7 @@ import xarray as xr
 
 
 def excess_text(share: float) -> str:
-    """Return a relative excess in percent, from threefold on as a factor; a dash if it is not finite."""
+    """Return a relative excess in percent, or from threefold on as a factor; a dash if it is not finite."""
     if not math.isfinite(share):
         return "–"
     if share >= 2:
@@ -24,5 +24,5 @@ def broken_name(problem: str) -> str:
 
 
 def seconds_of(data: xr.Dataset) -> xr.DataArray:
-    """Return the time (problem, law) [s] of learning and solving together, the median over seeds."""
+    """Return the time (problem, law) [s] for learning and solving together, the median over seeds."""
     return data["seconds"].sum("part").median("seed")

@@ -143,7 +143,7 @@ def origin_lines(document: Mapping[str, Any]) -> list[str]:
 
 
 def _collection_lines(document: Mapping[str, Any]) -> list[str]:
-    """Return a list with one line on how collected data were sampled; the list is empty for imported data."""
+    """Return a list with one line on the sampling of collected data; the list is empty for imported data."""
     if document.get("in_tube") is None:
         return []
     near = f"{document['in_tube']} near the line from start to goal"
@@ -151,7 +151,7 @@ def _collection_lines(document: Mapping[str, Any]) -> list[str]:
 
 
 def document_tables(document: Mapping[str, Any]) -> list[Group]:
-    """Return the table of ranges and scales; for a fitted model also of errors, and of predictions away from data."""
+    """Return tables of ranges and scales and, for a fitted model, of errors and of predictions away from data."""
     fitted = document.get("fit") is not None
     model_tables = [fit_table(document), outside_table(document)] if fitted else []
     return [coordinate_table(document), *model_tables]
@@ -193,9 +193,9 @@ def outside_table(document: Mapping[str, Any]) -> Group:
 
 @contextmanager
 def show_epochs(quiet: bool, epochs: int) -> Iterator[Callable[[Epoch, str], None]]:
-    """Yield a callback that reports epochs: one live line on a terminal, elsewhere one line per ten epochs.
+    """Yield a callback that reports epochs: a live line on a terminal, otherwise one line per ten epochs.
 
-    The callback takes an epoch and the text that its line begins with.
+    The arguments of the callback are an epoch and the text at the beginning of its line.
     """
     start_s, first = time.monotonic(), dict[str, int]()
     with live(quiet, every_s=math.inf) as show:

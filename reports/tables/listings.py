@@ -134,7 +134,7 @@ def run_lines(rows: Sequence[Row]) -> Iterator[str]:
 
 
 def run_outcome(row: Row) -> str:
-    """Return the return of a training run, or grade or status and cost of another run, as text."""
+    """Return the return of a training run, or grade (or status) and cost of another run, as text."""
     if row["damage"]:
         return "damaged"
     if row["return"] is not None:
@@ -199,10 +199,10 @@ _BAR_WIDTH = 20
 
 @contextmanager
 def sweep_progress(names: Sequence[str], n_resumed: int, quiet: bool) -> Iterator[Callable[[int, JobResult], None]]:
-    """Yield a callback that takes the index of a finished point and its result; ``names`` label all points.
+    """Yield a callback of the index of a finished point and its result; ``names`` are the labels of all points.
 
-    The first ``n_resumed`` calls, for points finished earlier, show nothing. A terminal shows one live
-    line; elsewhere a line is printed at most every two seconds, and for each point that failed.
+    The first ``n_resumed`` calls, for points finished earlier, show nothing. On a terminal there is one live
+    line; otherwise a line is printed at most every two seconds, and for each point that failed.
     """
     start_s, n_done = time.monotonic(), 0
     with live(quiet, every_s=2.0) as show:
@@ -222,7 +222,7 @@ def sweep_progress(names: Sequence[str], n_resumed: int, quiet: bool) -> Iterato
 
 
 def sweep_line(done: int, total: int, name: str, row: dict[str, Any], seconds_left: float) -> str:
-    """Return one line: number of finished points, result of the last one, time left."""
+    """Return one line: number of finished points, result of the last point, remaining time."""
     finding = f"cost {number(row['cost'], 5)}" if row["success"] else row["status"]
     return f"{done}/{total}  {name}  {finding}  {format_duration(seconds_left)} left"
 
@@ -236,7 +236,7 @@ def format_duration(seconds: float) -> str:
 
 @contextmanager
 def estimate_progress(quiet: bool, check: Callable[[], None]) -> Iterator[Callable[[SweepProgress], None]]:
-    """Yield a callback that calls ``check``, and shows rate and time left of an estimate."""
+    """Yield a callback that calls ``check`` and shows the rate and the remaining time of an estimate."""
     start_s, n_first = time.monotonic(), None
     with live(quiet, every_s=5.0, delay=True) as show:
 
@@ -250,7 +250,7 @@ def estimate_progress(quiet: bool, check: Callable[[], None]) -> Iterator[Callab
 
 
 def progress_line(state: SweepProgress, n_since: int, seconds: float) -> str:
-    """Return one line: number of the point, share of samples done, samples per second, time left."""
+    """Return one line: number of the point, fraction of finished samples, samples per second, remaining time."""
     rate = n_since / seconds if seconds > 0 else 0.0
     time_left = f"{(state.total - state.done) / rate:.0f} s left" if rate > 0 else "time left unknown"
     points = f"point {state.points + 1} of {state.all_points}, " if state.all_points > 1 else ""

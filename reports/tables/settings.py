@@ -37,7 +37,7 @@ class SettingRow:
 
 
 def setting_rows(cls: type) -> list[SettingRow]:
-    """Return the settings of a class that have a declared meaning; only these can be set by users."""
+    """Return the settings of a class with a declared meaning; users can set only these."""
     return [setting_row(setting) for setting in settings_of(cls).values() if setting.meaning]
 
 
@@ -63,12 +63,12 @@ class SettingGroup:
 
 
 def law_groups() -> list[SettingGroup]:
-    """Return a group per contact law, with the settings that ``-c`` takes."""
+    """Return a group per contact law, with the settings of ``-c``."""
     return _groups(LAWS, "-c NAME=VALUE")
 
 
 def law_group(name: str) -> SettingGroup:
-    """Return the settings of the law in a user's file; the meaning of undeclared ones is empty."""
+    """Return the settings of the law in a user's file; the meaning of undeclared settings is empty."""
     cls = law_class(name)
     return SettingGroup(cls.name, "-c NAME=VALUE", cls.summary, [*map(setting_row, settings_of(cls).values())])
 
@@ -88,7 +88,7 @@ def method_groups() -> list[SettingGroup]:
 
 
 def estimator_groups() -> list[SettingGroup]:
-    """Return a group per estimator that mixes zeroth and first order, with its settings in ``ocp estimate``."""
+    """Return a group, with its settings in ``ocp estimate``, for each estimator that mixes zeroth and first order."""
     return _groups(RULES, "-s {}.NAME=VALUE")
 
 
@@ -98,7 +98,7 @@ def _groups(table: Mapping[str, Any], syntax: str) -> list[SettingGroup]:
 
 
 def training_groups() -> list[SettingGroup]:
-    """Return groups of settings of ``ocp train``: those of all algorithms, of psi, and of each algorithm."""
+    """Return groups of settings of ``ocp train``: shared by all algorithms, of psi, and of each algorithm."""
     psi = SettingGroup(
         "psi",
         "-s psi=NAMES, and -s psi.NAME=VALUE",
@@ -125,7 +125,7 @@ def declared_groups() -> list[SettingGroup]:
 
 
 def _groups_by_kind() -> dict[str, list[SettingGroup]]:
-    """Return a mapping from a word that ``ocp settings`` takes, such as ``laws``, to groups of settings."""
+    """Return a mapping from words that ``ocp settings`` accepts, such as ``laws``, to groups of settings."""
     return {
         "methods": method_groups(),
         "laws": law_groups(),
@@ -135,7 +135,7 @@ def _groups_by_kind() -> dict[str, list[SettingGroup]]:
 
 
 def changed_defaults(group: SettingGroup) -> SettingGroup:
-    """Return the options of a solver whose default here differs from the solver's own."""
+    """Return the options of a solver whose default in the workbench differs from the solver's default."""
     solver_options = documented(group.name)
     changed_settings = [
         setting
@@ -146,10 +146,10 @@ def changed_defaults(group: SettingGroup) -> SettingGroup:
 
 
 def find_groups(word: str) -> list[SettingGroup]:
-    """Return the groups of a kind, the group called ``word``, or all settings with that name.
+    """Return the groups of a kind, the group called ``word``, or all settings with this name.
 
-    The name of a ``*.py`` file stands for the contact law in it. Raises :class:`~ocp.errors.InputError` for an
-    unknown name.
+    For the name of a ``*.py`` file, the group is that of the contact law in this file. Raises
+    :class:`~ocp.errors.InputError` for an unknown name.
     """
     if word.endswith(".py"):
         return [law_group(word)]
@@ -189,7 +189,7 @@ def setting_line(setting: SettingRow) -> str:
 
 
 def default_text(value: Any) -> str:
-    """Return a default as it is typed on the command line; "" for None."""
+    """Return a default value in the syntax of the command line; "" for None."""
     if value is None or isinstance(value, bool):
         return "" if value is None else str(value).lower()
     if isinstance(value, tuple):

@@ -1,4 +1,4 @@
-"""Tables of remedies tried for a plan that does not survive, and of disturbances that the answer survives."""
+"""Tables of remedies for a plan that does not survive, and of disturbances that the solution survives."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def rung_rows(ladder: Ladder) -> list[list[str]]:
 
 
 def disturbance_rows(ladder: Ladder) -> list[list[str]]:
-    """Return a row for every disturbance of the answer."""
+    """Return a row for every disturbance of the solution."""
     return [
         [row.disturbance, f"{row.survived} of {row.draws}", number(row.median_cost, 6), number(row.largest_cost, 6)]
         for row in ladder.disturbed

@@ -16,7 +16,7 @@ from ocp.store.stored_run import StoredRun
 from reports.tables.console import number, percent, table_of, value_text
 
 _EVALUATION_PREFIX = "evaluation_"
-"""Prefix of the arrays of a training run that come from evaluations of its policy."""
+"""Prefix of the arrays of a training run that are from evaluations of its policy."""
 
 
 def training_meta(data: xr.Dataset) -> dict[str, Any]:
@@ -110,7 +110,7 @@ def algorithm_of(run: StoredRun) -> str:
 
 
 def _label(request: Mapping[str, Any], firsts: Sequence[Mapping[str, Any]]) -> str:
-    """Return a label with the algorithm, and with the law and other settings if groups differ in them."""
+    """Return a label with the algorithm, and with the law and other settings if they differ between groups."""
     laws = {other["contact"] for other in firsts}
     name = f"{request['algorithm']} {request['contact']}" if len(laws) > 1 else request["algorithm"]
     shared_pair = [request["algorithm"], request["contact"]]
@@ -209,14 +209,14 @@ def summary_table(runs: Sequence[StoredRun]) -> Table:
 _CONFIDENCE = 0.95
 """Confidence level of the intervals of means."""
 _SHARE_TITLES = {"fallen": "episodes ended", "lost": "episodes lost", "unsolved": "steps unsolved"}
-"""Mapping from shares of episodes or steps to their titles in tables."""
+"""Mapping from fractions of episodes or steps to their titles in tables."""
 
 
 def evaluation_summary(task: Task, evaluation: PolicyEvaluation) -> dict[str, Any]:
     """Return mean, 95 % confidence interval, minimum and maximum of return, length and measures.
 
-    ``fallen`` is the share of episodes that the task ended before its horizon, ``lost`` the share that ended
-    because the contact law had no solution, ``unsolved`` the share of steps without a solution.
+    ``fallen`` is the fraction of episodes that the task ended before its horizon, ``lost`` the fraction that ended
+    because the contact law had no solution, and ``unsolved`` the fraction of steps without a solution.
     """
     lost = {int(sample) for sample in np.asarray(evaluation.unsolved).reshape(-1, 2)[:, 0]}
     ended_early = [n for n, length in enumerate(evaluation.lengths) if length < task.horizon and n not in lost]
@@ -248,7 +248,7 @@ def _spread(values: np.ndarray, unit: str) -> dict[str, Any]:
 
 
 def evaluation_sentence(judged: Mapping[str, Any]) -> str:
-    """Return the verdict as a sentence: the return, the return in training, and failures."""
+    """Return a sentence with the return of the evaluated policy, its return in training, and the failures."""
     returns, training_row = judged["return"], judged["own"]
     count_text = "1 episode" if judged["episodes"] == 1 else f"{judged['episodes']} episodes"
     head = f"Return {number(returns['mean'], 4)}{_interval(returns)} under the {judged['contact']} law"
@@ -271,7 +271,7 @@ def _interval(spread: Mapping[str, Any]) -> str:
 
 
 def evaluation_table(judged: Mapping[str, Any]) -> Table:
-    """Return a table of return, length, measures and shares, next to their values in training."""
+    """Return a table of return, length, measures and fractions, next to their values in training."""
     training_row = judged["own"]
     table = table_of("", ">mean", ">95 % interval", ">least", ">most", ">in training")
     rows = {"return": judged["return"], "length": judged["length"], **judged["measures"]}

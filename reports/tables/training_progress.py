@@ -1,4 +1,4 @@
-"""Progress of training runs on the terminal: a line and a curve per run; for a single run also its last rows."""
+"""Progress of training runs on the terminal: a line and a curve per run; for a single run also the last rows."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _ELSEWHERE = (
     "evaluation_length",
     "evaluation_unsolved",
 )
-"""Quantities that the table of last rows leaves out."""
+"""Quantities that are not in the table of last rows."""
 
 
 @dataclass
@@ -42,22 +42,22 @@ class LearningCurve:
     rows: list[Mapping[str, float]] = field(default_factory=list)
 
     def values(self, name: str) -> list[float]:
-        """Return the values of quantity ``name``, from all rows that have it."""
+        """Return the values of the quantity ``name`` in all rows that have it."""
         return [row[name] for row in self.rows if name in row]
 
     def last(self, name: str) -> float | None:
-        """Return the last value of quantity ``name``; None before the first."""
+        """Return the last value of the quantity ``name``, or None before the first value."""
         return next(reversed(self.values(name)), None)
 
     @property
     def curve(self) -> list[float]:
-        """Returns under the exact law; while there are fewer than two, mean returns of the training samples."""
+        """Returns under the exact law; if there are fewer than two, mean returns of the training samples."""
         exact, sampled = self.values("evaluation_return"), self.values("return_mean")
         return exact if len(exact) > 1 or not sampled else sampled
 
     @property
     def left(self) -> float | None:
-        """Estimated time to the last iteration [s], from the rate since the first row; None while unknown."""
+        """Estimated time to the last iteration [s], from the rate since the first row; None if unknown."""
         first, last = self.rows[0], self.rows[-1]
         done = last["iteration"] - first["iteration"]
         if not done or "wall_s" not in last:
@@ -67,10 +67,10 @@ class LearningCurve:
 
 @contextmanager
 def show_trainings(trainings: Mapping[str, int], quiet: bool, check: Callable[[], None]) -> Iterator[Callback]:
-    """Yield a callback that takes the index of a training run and its next row.
+    """Yield a callback whose arguments are the index of a training run and its next row.
 
-    ``trainings`` maps names of runs to their numbers of iterations. A terminal shows all runs; elsewhere
-    a line is printed per evaluation, at most every ten seconds. Each call calls ``check``.
+    ``trainings`` maps names of runs to their numbers of iterations. On a terminal all runs are shown; otherwise
+    a line is printed per evaluation, at most every ten seconds. Each call of the callback calls ``check``.
     """
     curves = [LearningCurve(name, iterations) for name, iterations in trainings.items()]
     with console.live(quiet, every_s=10.0) as show:
@@ -129,7 +129,7 @@ def _cells(training: LearningCurve) -> tuple[str, ...]:
 
 
 def rows_table(rows: Sequence[Mapping[str, Any]]) -> RenderableType:
-    """Return a table of a training run's rows: first the columns of evaluations, then others."""
+    """Return a table of a training run's rows: columns of evaluations first, then others."""
     names = list(dict.fromkeys(name for row in rows for name in row if name not in _ELSEWHERE))
     names.sort(key=lambda name: not name.startswith("evaluation_"))
     names = names[:_ROW_COLUMNS]
@@ -143,12 +143,12 @@ _EIGHTHS = " ▁▂▃▄▅▆▇█"
 
 
 def sparkline(values: Sequence[float], width: int) -> str:
-    """Return at most ``width`` characters from ▁, the smallest value, to █, the largest; spaces for NaN."""
+    """Return up to ``width`` characters from ▁, the smallest value, to █, the largest; spaces for NaN."""
     return _bars(values, width, 1)[0][0]
 
 
 def bar_plot(values: Sequence[float], width: int, height: int) -> list[str]:
-    """Return the lines of a bar chart, with the largest and the smallest value on the left."""
+    """Return the lines of a bar chart, with the largest and the smallest value at the left."""
     rows, low, high = _bars(values, width, height)
     ends = [f"{high:.4g}", *[""] * (height - 2), f"{low:.4g}"]
     margin = max(map(len, ends))
@@ -156,7 +156,7 @@ def bar_plot(values: Sequence[float], width: int, height: int) -> list[str]:
 
 
 def _bars(values: Sequence[float], width: int, height: int) -> tuple[list[str], float, float]:
-    """Return rows of a bar chart, the smallest and the largest value; more than ``width`` values are thinned out."""
+    """Return rows of a bar chart, and the smallest and largest value; more than ``width`` values are thinned out."""
     numbers = np.asarray(values, dtype=float)
     if len(numbers) > width:
         numbers = numbers[np.linspace(0, len(numbers) - 1, width).round().astype(int)]

@@ -175,7 +175,7 @@ GUESSES = {
     "no table": ("guess.json", "[1]", ["guess.json must be a dictionary"]),
     "table": ("guess.json", '{"keyframe": {}}', ["did you mean 'keyframes'"]),
     "table's kind": ("guess.json", '{"contacts": 3}', ["guess.json['contacts'] must be a dictionary, got 3"]),
-    "nothing": ("guess.json", "{}", ["says nothing"]),
+    "nothing": ("guess.json", "{}", ["is empty"]),
     "state": ("guess.toml", "[keyframes.3]\ny = 1", ["unknown state 'y'", "there are x, v"]),
     "step": ("guess.toml", "[keyframes.99]\nx = 1", ["steps 0 to 30, got 99"]),
     "step's name": ("guess.toml", "[keyframes.-1]\nx = 1", ["is its step, a whole number; got '-1'"]),

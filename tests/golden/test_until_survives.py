@@ -91,7 +91,7 @@ def test_the_sharpest_contact_is_solved_and_stored(tmp_path: Path) -> None:
     assert answer.problem.system is answer.problem.system.most_exact
     assert answer.referee.cost == pytest.approx(answer.cost, rel=1e-6)
     assert ladder.rungs[0].cost > (1 + COST_SHARE) * ladder.rungs[0].planned
-    assert "dearer than the plan at its own step size" in ladder.answer.note
+    assert "more expensive than the plan at its own step size" in ladder.answer.note
     read = ocp.load(ocp.save(answer, tmp_path))
     assert read.problem.system.nlam == answer.problem.system.nlam
     assert read.replay("exact").cost == pytest.approx(answer.cost, rel=1e-6)

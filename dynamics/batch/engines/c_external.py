@@ -1,7 +1,7 @@
-"""C source of a CasADi function with CasADi's interface; a long one is cut into short C functions.
+"""C source of a CasADi function with CasADi's interface; a long function is divided into short C functions.
 
-CasADi itself writes one C function with one statement per operation; gcc needs minutes to compile one with tens
-of thousands of statements.
+CasADi itself writes one C function with one statement per operation; gcc needs minutes to compile a function
+with tens of thousands of statements.
 """
 
 from __future__ import annotations

@@ -107,7 +107,7 @@ def data_addresses(arrays: list[np.ndarray]) -> ctypes.Array[ctypes.c_void_p]:
 
 
 def batch_source(tape: Tape, block: int, machine: Compiler) -> str:
-    """Return the C text that evaluates a tape on this machine, in blocks of about `block` samples."""
+    """Return the C text that evaluates a tape on this computer, in blocks of about `block` samples."""
     abreast = ABREAST if len(tape.operations) <= LONG_GRAPH else ABREAST_IN_LONG_GRAPHS
     layout = RegisterLayout(("U",) * len(tape.input_sizes), ("U",) * len(tape.output_sizes), abreast)
     registers = abreast * max(1, block // (abreast * machine.width))

@@ -169,7 +169,7 @@ _SCALAR = {
 
 
 def scalar_prelude(text: str) -> str:
-    """Return the C text that precedes `text`, kernels over single doubles, with the definitions that it uses."""
+    """Return the definitions that the C text `text` (kernels over single doubles) uses, to be placed before it."""
     erfinv = _ERFINV_LANE.replace("__builtin_", "") if "verfinv" in text else ""
     lines = ["#include <math.h>", "#define V double", "#define M int"]
     used = set(re.findall(r"\w+", text + erfinv))
@@ -200,14 +200,14 @@ def vector_prelude(compiler: Compiler) -> str:
 
 
 def _fused(compiler: Compiler) -> str:
-    """Return the C function `fused`, a*b + c with one rounding, or two where the CPU lacks the instruction."""
+    """Return the C function `fused`, a*b + c with one rounding, or with two if the CPU lacks the instruction."""
     if not compiler.has_fma:
         return "INLINE V fused(V a, V b, V c) { return a * b + c; }\n"
     return _instruction("fused", "V a, V b, V c", _FUSED, "__builtin_fma(a[l], b[l], c[l])")
 
 
 def _instruction(name: str, parameters: str, variants: tuple[tuple[str, int, str], ...], lane: str) -> str:
-    """Return an inline C function that uses the first builtin for this width (0 for any), else a loop over lanes."""
+    """Return an inline C function: the first builtin for this vector width (0: any), else a loop over lanes."""
     lines = []
     for k, (builtin, width, call) in enumerate(variants):
         condition = f"__has_builtin({builtin})" + (f" && W == {width}" if width else "")

@@ -8,7 +8,7 @@ from dynamics.batch.engines.c_source import c_double
 from dynamics.batch.random import INCREMENTS, MULTIPLIERS, ROUNDS
 
 # C code of Philox4x32. A 64-bit product of all lanes takes at least three multiplications without
-# AVX-512; the product of the lower halves is one instruction, which gcc uses only where it is named.
+# AVX-512; the product of the lower halves is one instruction, which gcc uses only if the source names it.
 _PHILOX = """\
 typedef int H __attribute__((vector_size(8 * W)));
 #if __has_builtin(__builtin_ia32_pmuludq512_mask) && W == 8

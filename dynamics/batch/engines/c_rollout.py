@@ -284,10 +284,10 @@ def rollout_source(
     per_sample_p: bool = False,
     per_sample_theta: bool = False,
 ) -> str:
-    """Return the C text of a rollout on this machine, for blocks of about `block` samples.
+    """Return the C text of a rollout on this computer, for blocks of about `block` samples.
 
-    With `per_sample_p` the parameters p differ between samples; otherwise all samples share them, so that they
-    may stay in registers. `per_sample_theta` says the same of the weights of dense layers.
+    With `per_sample_p` the parameters p differ between samples; otherwise all samples share them, so that the
+    compiler can keep them in registers. `per_sample_theta` does the same for the weights of dense layers.
     """
     functions, layers = c_steps.forward_graphs(tapes, warm=True), tapes.layers
     for name in ("adjoint", "score", "terminal", "terminal_adjoint"):
@@ -297,7 +297,7 @@ def rollout_source(
     length, abreast, registers = c_steps.side_by_side(functions, block, machine)
     constants = {
         "EACH": "UNROLL" if length <= c_steps.MAX_UNROLLED_OPERATIONS else "",
-        # Long graphs skip the unused registers of the last block.
+        # For long graphs the unused registers of the last block are skipped.
         "LIVE": "U" if length <= c_steps.MAX_UNROLLED_OPERATIONS else "live",
         "U": registers,
         "PS": "U" if per_sample_p else "1",

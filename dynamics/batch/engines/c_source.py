@@ -15,14 +15,14 @@ from dynamics.batch.graphs.tape import BOOLEAN, Operation, Tape, operands_of, se
 # Maximum number of operations of one C function; a longer tape is cut into parts, as gcc's time and
 # the number of values that it moves between registers and memory grow faster than the length.
 WHOLE = 1500
-# Operations of each part of a longer tape.
+# Number of operations of each part of a longer tape.
 PART = 300
 # Maximum number of operations of a function that is inlined; calls of longer functions cost little, and callers
 # of such functions compile faster.
 INLINED = 150
 # Largest integer exponent written as a product, since the vector pow only approximates it.
 LARGEST_PRODUCT = 4
-# Range of constant divisors that are replaced by their reciprocal; a division costs ten products.
+# Range of constant divisors that are replaced by their reciprocal; a division takes as long as ten products.
 MODERATE = (1e-300, 1e300)
 # Operations that have no operands.
 _LEAVES = (ca.OP_INPUT, ca.OP_CONST)
@@ -40,7 +40,7 @@ _CALLS = {
     **{ca.OP_COPYSIGN: "vcopysign", ca.OP_FMIN: "vfmin", ca.OP_FMAX: "vfmax"},
     **{ca.OP_FLOOR: "vfloor", ca.OP_CEIL: "vceil", ca.OP_FABS: "vfabs", ca.OP_SIGN: "vsign"},
 }
-# Faster C functions of operations, whose result depends on the processor where an operand is NaN.
+# Faster C functions of operations; if an operand is NaN, their result depends on the processor.
 _LOOSE = {ca.OP_FMIN: "vsmaller", ca.OP_FMAX: "vlarger"}
 # C operators of arithmetic.
 _INFIX = {ca.OP_ADD: "+", ca.OP_SUB: "-", ca.OP_MUL: "*"}
@@ -61,11 +61,11 @@ def c_double(value: float) -> str:
 class RegisterLayout:
     """Memory layout of a kernel's inputs and outputs, for a kernel that works on several registers at once.
 
-    Entry j of an array for register r is at index `j * stride + r`, or at `j` where the stride is 1 and all
-    registers share the entry. Strides are C expressions, "1" by default; they may contain `ts`, which is then
-    the kernel's last argument. The kernel works on `abreast` registers at once, since one long chain of
-    dependent operations leaves a processor idle. With `loose` the result of a minimum or maximum of a NaN
-    depends on the processor.
+    Entry j of an array for register r is at index `j * stride + r`, or at `j` if the stride is 1 and all registers
+    share the entry. Strides are C expressions, "1" by default; they may contain `ts`, which is then the kernel's last
+    argument. The kernel works on `abreast` registers at once, since in one long chain of dependent operations each
+    would wait for the previous one. With `loose` the result of a minimum or maximum of a NaN depends on the
+    processor.
     """
 
     inputs: tuple[str, ...] = ()
@@ -101,7 +101,7 @@ def kernel_source(tape: Tape, name: str, layout: RegisterLayout | None = None, p
 
 
 class _TapeParts:
-    """Division of the computed values of `tape`, in order, into parts of at most `size` values.
+    """Partition of the computed values of `tape`, in order, into parts of at most `size` values.
 
     `parts[p]` lists the values of part p; `slots` maps each value that a later part reads to its
     slot in memory, out of `n_slots`; `ends[p]` lists the outputs (value, output, nonzero) that part p
@@ -120,11 +120,11 @@ class _TapeParts:
         self.ends = self._output_parts()
 
     def read_values(self, operation: Operation) -> tuple[int, ...]:
-        """Return the values that an operation reads, as operands or in the selection that replaces an `if_else`."""
+        """Return the values that an operation reads: its operands, or those of the selection for an `if_else`."""
         return operands_of(operation) + (selection_of(self.tape, operation) or ())
 
     def product_factors(self, i: int, members: set[int]) -> tuple[int, int] | None:
-        """Return the two factors of value i where it is a product in `members` that is read once, else None."""
+        """Return the two factors of value i if it is a product in `members` that is read only once, else None."""
         operation = self.tape.operations[i]
         if i not in members or self.counts[i] != 1:
             return None
@@ -135,13 +135,13 @@ class _TapeParts:
         return None
 
     def integer_power(self, operation: Operation) -> int | None:
-        """Return the exponent of `OP_CONSTPOW` where it is a small positive integer, else None."""
+        """Return the exponent of `OP_CONSTPOW` if it is a small positive integer, else None."""
         exponent = self.tape.operations[operation.args[1]]
         is_small_integer = exponent.op == ca.OP_CONST and exponent.value in range(1, LARGEST_PRODUCT + 1)
         return int(exponent.value) if is_small_integer else None
 
     def constant_reciprocal(self, operation: Operation) -> float | None:
-        """Return the reciprocal of a division's divisor, None unless that is a constant in the range `MODERATE`."""
+        """Return the reciprocal of a division's divisor; None unless it is a constant in the range `MODERATE`."""
         divisor = self.tape.operations[operation.args[1]]
         moderate = divisor.op == ca.OP_CONST and MODERATE[0] < abs(divisor.value) < MODERATE[1]
         return 1.0 / divisor.value if moderate else None
@@ -211,7 +211,7 @@ class _KernelEmitter:
 
 
 class _PartEmitter:
-    """Writer of the C statements of one part of a tape, for one of the registers that a kernel works on at once."""
+    """Writer of the C statements of one part of a tape, for one of the kernel's registers."""
 
     def __init__(self, parts: _TapeParts, p: int, layout: RegisterLayout, register: int) -> None:
         self.parts, self.tape, self.layout, self.register = parts, parts.tape, layout, register
@@ -321,12 +321,12 @@ class _PartEmitter:
         return f"v{a} / v{b}" if reciprocal is None else f"v{a} * {c_double(reciprocal)}"
 
     def _selection(self, operation: Operation) -> str:
-        """Return the C expression of CasADi's if_else as one conditional selection, "" for other operations."""
+        """Return the C expression of CasADi's `if_else` as one conditional selection, "" for other operations."""
         choice = selection_of(self.tape, operation)
         return "pick(m{}, v{}, v{})".format(*choice) if choice else ""
 
     def _fused(self, operation: Operation) -> str:
-        """Return a*b + c as one fused C call where the product is not read elsewhere; else ""."""
+        """Return a*b + c as one fused C call if no other operation reads the product, else ""."""
         left_operand, right_operand = operation.args
         minus = "-" if operation.op == ca.OP_SUB else ""
         factors = self.parts.product_factors(right_operand, self.own_set)

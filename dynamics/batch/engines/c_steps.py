@@ -39,7 +39,7 @@ _LOCAL_STRIDES = {
 _CLOSED_FORM = "#define one_step step\n"
 
 # C code of the iteration along the path. A lane that has converged keeps its value, so that a sample
-# does not depend on its neighbours. NaN does not count as open, and so ends the loop.
+# does not depend on its neighbours. NaN does not count as open, so it ends the loop.
 _FOLLOW = """\
 INLINE int some(const M *m, int n) {
   M either = m[0];
@@ -191,7 +191,7 @@ def step_source(tapes: RolloutTapes, block: int, machine: Compiler) -> str:
 
 
 def side_by_side(functions: Mapping[str, ca.Function], block: int, machine: Compiler) -> tuple[int, int, int]:
-    """Return three counts: operations in all graphs, registers per call of a kernel, and registers per block."""
+    """Return three counts: operations in all graphs, registers per kernel call, and registers per block."""
     length = sum(fn.n_instructions() for fn in functions.values())
     abreast = 2 if MAX_UNROLLED_OPERATIONS < length <= MAX_ABREAST_OPERATIONS else 1
     return length, abreast, abreast * max(1, block // (abreast * machine.width))
@@ -229,14 +229,14 @@ def step_kernels(
 def _path_abreast(tapes: RolloutTapes, abreast: int) -> int:
     """Return the number of registers that the path's kernels work on at once.
 
-    It is one where Newton's method comes first: the path is then rarely needed, and its text is half as long.
+    The number is 1 if Newton's method comes first: the path is then rarely needed, and its C text is half as long.
     """
     loop = tapes.forward
     return 1 if isinstance(loop, InnerLoop) and loop.newton else abreast
 
 
 def step_constants(tapes: RolloutTapes, abreast: int, more: Mapping[str, object]) -> str:
-    """Return preprocessor definitions of the sizes in the C text of a step, and of the constants `more`."""
+    """Return preprocessor definitions of the sizes in the C text of a step, followed by the constants `more`."""
     loop = tapes.forward
     inner = (loop.n, loop.n_data, loop.n_pair) if isinstance(loop, InnerLoop) else (0, 0, 0)
     values = {

@@ -16,11 +16,11 @@ from dynamics.contact.path import ARRIVED
 Array = np.ndarray
 
 PYTHON_CHUNK = 4096
-"""Number of samples in a chunk of long graphs whose loops run in Python."""
+"""Number of samples in a chunk where loops run in Python and graphs are long."""
 
 
 class ChunkSolver:
-    """Solver for the contact multipliers of one step, branch by branch, with the same loops as the C code."""
+    """Solver for the contact multipliers of one step, one branch after another, with the same loops as the C code."""
 
     def __init__(self, loop: InnerLoop, make: Callable[[ca.Function], Kernel]) -> None:
         self.loop = loop
@@ -94,9 +94,9 @@ class ChunkSolver:
 
 
 class ChunkNetwork:
-    """Dense network from a state's observation to the mean action `a = W_L tanh(...) + b_L`, samples last.
+    """Dense network from the observation of a state to the mean action `a = W_L tanh(...) + b_L`, samples last.
 
-    theta is (n_weights, m), or (n_weights, 1) where all samples share it.
+    theta is (n_weights, m), or (n_weights, 1) if all samples share it.
     """
 
     def __init__(self, layers: Layers, make: Callable[[ca.Function], Kernel]) -> None:
@@ -144,7 +144,7 @@ def _weighted_sums(weights: Array, values: Array, axes: tuple[int, int]) -> Arra
 
 
 class ChunkRollout:
-    """Forward and adjoint sweeps for one chunk of samples, samples along the last axis.
+    """Forward and adjoint sweeps for one chunk of samples; samples are the last axis.
 
     `make` turns a CasADi function into a `Kernel`; each graph of `tapes` is one kernel. The length of the noise
     is the horizon N; theta has one row for every step, or a single row that all steps share.
@@ -177,8 +177,8 @@ class ChunkRollout:
         """Return states `(N + 1, nx, m)`, multipliers `(N, nlam, m)` and costs `(m,)`.
 
         The next call overwrites these arrays. `x0` (nx, m), `theta` (N or 1, n_theta, m), `p` (np, m) and `w`
-        (N, nu, m) may each have 1 in place of m, where all samples share them. ``slopes`` is needed for a later
-        adjoint sweep. Step t starts at entry t of ``linearise_along`` (N + 1, nx, m), where given.
+        (N, nu, m) may each have 1 in place of m if all samples share them. ``slopes`` is needed for a later
+        adjoint sweep. If ``linearise_along`` (N + 1, nx, m) is not None, step t starts at its entry t.
         """
         x = self.scratch.array("x", len(w) + 1, self.tapes.nx, m)
         x_next_unused = self.scratch.array("after", self.tapes.nx, m)
@@ -205,7 +205,7 @@ class ChunkRollout:
         return x, lam, cost[0]
 
     def _theta(self, theta: Array, x: Array, p: Array, t: int) -> Array:
-        """Return theta of step t: its own row, the row shared by all steps, or the network's mean actions."""
+        """Return theta of step t: the row of this step, the row shared by all steps, or the network's mean actions."""
         if self.network is not None:
             return self.network.mean_actions(theta[0], x, p)
         return theta[min(t, len(theta) - 1)]

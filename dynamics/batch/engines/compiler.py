@@ -1,4 +1,4 @@
-"""The system's C compiler, and the cache of compiled objects.
+"""The system's C compiler, and the cache of compiled libraries.
 
 The user's cache directory contains objects named `<key>-<sha256>.so`. The key is a hash of the source, the
 compiler's version, the flags and the CPU's instruction set; the second part is the checksum of the object
@@ -31,7 +31,7 @@ from pathlib import Path
 _LOG = logging.getLogger(__name__)
 # Names of compilers; the first that is on the search path is used.
 CANDIDATES = ("cc", "gcc", "clang")
-# Compiler flags. None of them lets the compiler assume that NaN or infinity do not occur, reorder a sum, or
+# Compiler flags. None of them permits the compiler to assume that NaN or infinity do not occur, reorder a sum, or
 # choose where to contract a*b+c; the emitted source uses explicit fused operations.
 FLAGS = (
     *("-std=c11", "-O2", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math"),
@@ -67,7 +67,7 @@ class Compiler:
     """A C compiler, and the CPU features that its code may use.
 
     `width` is the number of doubles in a SIMD register; `vector_math` maps the name of a C function
-    to that of its vector version in the system's vector math library (empty where there is none).
+    to its vector version in the system's vector math library (empty without such a library).
     """
 
     path: str
@@ -81,7 +81,7 @@ class Compiler:
 
 
 def find_compiler() -> Compiler:
-    """Return the first compiler that runs among `cc`, `gcc`, `clang` on the search path.
+    """Return the instruction set, its doubles per register, and the prefix of its names in the vector math library.
 
     Raises `CompilerError` when none is found; when none of those found runs, with the error of the first.
     """
@@ -133,7 +133,7 @@ def _simd(defined: set[str]) -> tuple[str, int, str]:
 
 
 def vector_math(mangling: str) -> dict[str, str]:
-    """Return a mapping from the name of a C function to that of its vector version in glibc's libmvec.
+    """Return a mapping from names of C functions to names of their vector versions in glibc's libmvec.
 
     `mangling` is the prefix of a vector function's name and encodes the instruction set; see "Vector
     Function Application Binary Interface Specification for OpenMP", x86 and AArch64.
@@ -147,7 +147,7 @@ def vector_math(mangling: str) -> dict[str, str]:
 
 
 def _run(command: list[str], limit_s: float = COMPILE_TIMEOUT_S) -> str:
-    """Return the output of a command; where it fails, kill its process group and raise `CompilerError`."""
+    """Return the output of a command; if it fails, kill its process group and raise `CompilerError`."""
     try:
         with subprocess.Popen(
             command,
@@ -185,7 +185,7 @@ _MIN_FREE_BYTES = 1 << 24
 def load_library(source: str, symbols: Sequence[str] = ()) -> ctypes.CDLL:
     """Compile C source to a shared object with the functions ``symbols``, or find it in the cache, and load it.
 
-    Where the compiler or the loader fails, raises `CompilerError` with the last line of its output.
+    If the compiler or the loader fails, raises `CompilerError` with the last line of its output.
     """
     compiler = find_compiler()
     flags = (*FLAGS, *compiler.native)
@@ -207,7 +207,7 @@ def load_library(source: str, symbols: Sequence[str] = ()) -> ctypes.CDLL:
 
 
 def _open(path: Path, symbols: Sequence[str]) -> ctypes.CDLL | None:
-    """Load an object and check that it has the functions ``symbols``; return None where the file has vanished."""
+    """Load a library and check that it has the functions ``symbols``; return None if the file no longer exists."""
     try:
         library = ctypes.CDLL(str(path))
         for name in symbols:
@@ -268,7 +268,7 @@ def _compile(key: str, source: str, compiler: Compiler, flags: tuple[str, ...], 
 
 @functools.cache
 def _private_directory() -> Path:
-    """Return a temporary folder for objects where the cache cannot be used; it is removed when the process ends."""
+    """Return a temporary folder for libraries if the cache cannot be used; it is removed when the process ends."""
     holder = tempfile.TemporaryDirectory(prefix="centralpath-")
     _holders.append(holder)
     return Path(holder.name)
@@ -278,7 +278,7 @@ _holders: list[tempfile.TemporaryDirectory[str]] = []
 
 
 def cache_directory() -> Path | None:
-    """Return the owner-only directory of compiled objects, created if needed; None where it cannot be used.
+    """Return the owner-only directory of compiled libraries, created if needed; None if it cannot be used.
 
     A directory that belongs to another user, or that others may write to, is not used.
     """
@@ -308,7 +308,7 @@ def compiler_info() -> dict[str, object]:
     """Describe the compiler, its vector library, and the cache, for `ocp doctor`.
 
     The keys are `compiler version instruction_set width vector_math cache objects bytes`. Without a compiler
-    `compiler` is None and `problem` is the cause; `cache` is None where it is unusable.
+    `compiler` is None and `problem` is the cause; `cache` is None if it is unusable.
     """
     directory = cache_directory()
     objects = list(directory.glob("*.so")) if directory else []

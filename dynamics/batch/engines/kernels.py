@@ -28,7 +28,7 @@ _reported_reasons: set[str] = set()
 
 
 def choose_backend(backend: str, makers: Mapping[str, Callable[[], EngineT]], owner: str) -> tuple[str, EngineT]:
-    """Build the named backend, or for `auto` the first of `makers` that can be built; return its name and engine.
+    """Build the named backend, or for `auto` the first in `makers` that can be built; return its name and engine.
 
     `auto` skips a backend that cannot be built; a `BatchWarning` gives the reason and the replacement, once for
     each reason in a process. Raises `ValueError` for an unknown name, and the error of a backend that was
@@ -65,7 +65,7 @@ CACHE_BYTES = 1 << 20
 
 
 class Kernel(Protocol):
-    """Interface of the evaluation of one short graph for m samples, with arrays `(nnz, m)`, samples last."""
+    """Interface of a graph's evaluation for m samples, with arrays `(nnz, m)`, samples last."""
 
     def run(self, inputs: Sequence[Array], outputs: Sequence[Array]) -> None:
         """Fill `outputs`; an input of shape `(nnz, 1)` is shared by all samples."""
@@ -80,7 +80,7 @@ def _special(name: str, a: Array) -> Array:
 
 
 def _remainder(a: Array, b: Array) -> Array:
-    """Return the IEEE remainder a - n b, n the integer nearest a/b (ties to even), exact as in C."""
+    """Return the IEEE remainder a - n b, exact as in C; n is the integer nearest to a/b (ties to even)."""
     r = np.fmod(a, b)
     half_divisor = 0.5 * np.abs(b)
     n_odd = np.fmod(np.abs(a), 2.0 * np.abs(b)) >= np.abs(b)
@@ -115,7 +115,7 @@ class NumpyKernel:
 
     `run(inputs, outputs)` takes one array `(nnz, m)` per input and fills one `(nnz, m)` per output:
     samples last, so that every operation is one contiguous pass. An input of shape `(nnz, 1)`
-    broadcasts. Each value is deleted after its last use, and `width` is the maximum number alive at once.
+    broadcasts. Each value is deleted after its last use; `width` is the maximum number of values stored at once.
     """
 
     def __init__(self, tape: Tape) -> None:
@@ -168,7 +168,7 @@ class NumpyKernel:
         return last_reader
 
     def _argument(self, op: int, position: int, arg: int) -> str:
-        """Return an operand's Python expression, converted between number and truth value where `op` needs it."""
+        """Return the Python expression of an operand, converted between number and truth value if `op` needs it."""
         wants_mask = op in _LOGICAL or (op == ca.OP_IF_ELSE_ZERO and position == 0)
         if wants_mask == (self._tape.operations[arg].op in BOOLEAN):
             return f"v{arg}"
@@ -207,7 +207,7 @@ KERNEL_MAKERS: dict[str, Callable[[ca.Function], Kernel]] = {
 
 
 class ChunkedEngine:
-    """Engine that calls a kernel's `run(inputs, outputs)` for one chunk of samples after another, on threads."""
+    """Engine that calls a kernel's `run(inputs, outputs)` for consecutive chunks of samples, on several threads."""
 
     def __init__(self, run: Callable[..., None], chunk: int, threads: int) -> None:
         self._run, self._chunk, self._threads = run, chunk, threads

@@ -1,4 +1,4 @@
-"""Threads that work on chunks of samples, and their work arrays. Kernels release the interpreter lock."""
+"""Threads that work on chunks of samples, and their work arrays. Kernels run without the interpreter lock."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ def available_threads() -> int:
 
 
 def checked_threads(threads: int | None) -> int:
-    """Return `threads`, or every available CPU for None; raise `ValueError` below one."""
+    """Return `threads`, or the number of available CPUs for None; raise `ValueError` if it is below one."""
     return available_threads() if threads is None else read_count("threads", threads)
 
 
 def over_chunks(n: int, chunk: int, threads: int, work: Callable[[int, int], None]) -> None:
     """Call `work(begin, end)` for consecutive chunks of `range(n)` on up to `threads` threads.
 
-    Free threads take the chunks in turn. The chunks depend on `n` and `chunk` alone, so that results
-    do not depend on `threads`. The first exception is raised.
+    Each thread takes the next chunk when it has finished one. The chunks depend on `n` and `chunk` alone, so that
+    results do not depend on `threads`. The first exception is raised.
     """
     starts = range(0, n, chunk)
     tickets = itertools.count()
@@ -64,7 +64,7 @@ def run_chunks(run: Callable[..., int], n: int, chunk: int, threads: int, *argum
     """Call the C function `run(next, n, chunk, *arguments)` on up to `threads` threads.
 
     The threads take chunks of `range(n)` from the counter `next`, without the interpreter lock. Returns the sum
-    of the threads' results; raises `MemoryError` where a result is negative.
+    of the threads' results; raises `MemoryError` if a result is negative.
     """
     begin = ctypes.c_int64(0)
 
@@ -85,7 +85,7 @@ def _executor() -> ThreadPoolExecutor:
 
 
 def _forget_pool() -> None:
-    # The threads of a pool do not survive a fork; the child makes its own.
+    # The threads of a pool do not exist in a forked process; the child starts new threads.
     global _pool
     _pool = None
 
@@ -99,7 +99,7 @@ _TILE = 256
 
 
 class Scratch(threading.local):
-    """Named work arrays of each thread, which are reused, since new memory costs a page fault every 4 KiB.
+    """Named work arrays of each thread, reused because each new page of memory costs a page fault.
 
     A second request for a name returns the same memory.
     """
@@ -123,6 +123,6 @@ class Scratch(threading.local):
 
 
 def copy_transposed(source: np.ndarray, target: np.ndarray) -> None:
-    """Copy an array (n_samples, size) in tiles, where source or target is the transpose of a contiguous array."""
+    """Copy an array (n_samples, size) in tiles; source or target is the transpose of a contiguous array."""
     for begin in range(0, len(source), _TILE):
         target[begin : begin + _TILE] = source[begin : begin + _TILE]

@@ -1,4 +1,4 @@
-"""Backends of rollouts, and the request and results that they exchange with their callers."""
+"""Backends of rollouts, and the requests and results that they exchange with their callers."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class RolloutRequest:
-    """One evaluation of n rollouts; arrays have n rows, or one row shared by all.
+    """Request to evaluate n rollouts; arrays have n rows, or one row that all samples share.
 
     `x0` (., nx), `theta` (., parts * n_theta), `p` (., np); `w` (n, horizon * nu) is the noise itself,
     `gaussian` describes noise to be drawn; both are None without noise. `precision` (horizon, nu) is
-    1 / sigma^2, the factor of each noise in the score, and 0 where the noise does not affect the cost;
+    1 / sigma^2, the factor of each noise in the score, and 0 for noise that does not affect the cost;
     `baseline` is subtracted from the cost before the cost multiplies the score, in moments. `linearise_along`
-    (n, (horizon + 1) * nx) are the states at which the steps start, None for the rollout's own;
+    (n, (horizon + 1) * nx) are the states at which the steps start; None means the states of the rollout itself;
     `terminal_gradient` (n, nx) is added to the derivative of the cost with respect to the last state.
     """
 
@@ -50,11 +50,11 @@ class RolloutRequest:
 
     @property
     def n_values(self) -> int:
-        """Number of entries of a sample's vector in moments: cost, gradient, score times cost."""
+        """Number of entries of a sample's vector in moments: cost, gradient, and score times cost."""
         return 1 + self.theta.shape[1] * (self.gradient + self.score)
 
     def slice_samples(self, begin: int, end: int) -> RolloutRequest:
-        """Return the same request for samples `begin <= i < end` alone."""
+        """Return the same request for the samples `begin <= i < end` alone."""
         names = ("x0", "theta", "p", "w", "linearise_along", "terminal_gradient")
         batched = {name: getattr(self, name) for name in names}
         rows = {k: a[begin:end] for k, a in batched.items() if a is not None and len(a) > 1}
@@ -64,7 +64,7 @@ class RolloutRequest:
 
 @dataclass(frozen=True)
 class RolloutArrays:
-    """Arrays that an engine fills with results of n samples; None where not requested.
+    """Arrays that an engine fills with the results of n samples; arrays that were not requested are None.
 
     `cost` (n, 1), `gradient` and `score` (n, parts * n_theta), `last` (n, nx), the last state, and
     `trail` (n, (horizon + 1) * nx), all states, each with the entries that the objective adds.
@@ -78,7 +78,7 @@ class RolloutArrays:
 
     @classmethod
     def allocate(cls, q: RolloutRequest, **outputs: Array | None) -> Self:
-        """Return new arrays for the cost, and for gradient and score where `q` requests them."""
+        """Return new arrays for the cost, and for gradient and score if `q` requests them."""
         size = q.theta.shape[1]
         gradient, score = (np.empty((q.n, size)) if on else None for on in (q.gradient, q.score))
         return cls(np.empty((q.n, 1)), gradient, score, **outputs)
@@ -112,17 +112,17 @@ class Job(ctypes.Structure):
 
 # Number of samples in the widest SIMD register.
 _WIDEST_REGISTER = 8
-# Number of chunks of samples for each thread, where there are many samples.
+# Number of chunks of samples for each thread, if there are many samples.
 _SHARES_PER_THREAD = 4
-# Minimum number of samples in a chunk, where every thread gets one.
+# Minimum number of samples in a chunk if every thread gets only one chunk.
 _MIN_SHARED_SAMPLES = 32
 
 
 class CompiledRolloutEngine:
     """Engine of rollouts with a compiled C function `run(next, n, chunk, job)`.
 
-    One version is for parameters p that all samples share, another, compiled at its first use, for parameters
-    that differ between samples. Where the policy has layers, there are two such versions for theta as well.
+    There is one version for parameters p that all samples share, and another, compiled at its first use, for
+    parameters that differ between samples. If the policy has layers, there are also two such versions for theta.
     Raises `CompilerError` where the rollout cannot be compiled.
     """
 
@@ -161,7 +161,7 @@ class CompiledRolloutEngine:
         return run_chunks(self._runs[per_sample], q.n, chunk, self._threads, ctypes.addressof(job))
 
     def _share(self, n: int) -> int:
-        """Return the number of samples in a chunk, for a few chunks per thread, or one where samples are few."""
+        """Return the number of samples in a chunk, such that each thread gets a few chunks; at least one."""
         if self._threads == 1:
             return self.chunk
         one_share, several_shares = (
@@ -170,7 +170,7 @@ class CompiledRolloutEngine:
         return min(self.chunk, max(several_shares, min(one_share, _MIN_SHARED_SAMPLES)))
 
     def _job(self, q: RolloutRequest, want: int, results: dict[str, Array | None]) -> tuple[Job, object]:
-        """Return the C structure, and the arrays that it points to, which must live as long as it is in use."""
+        """Return the C structure, and the arrays that it points to; keep them as long as the structure is used."""
         nu = self._tapes.nu
         noise, seed_key, sigma = 0, (0, 0), np.ones(nu)
         if q.w is not None:
@@ -207,8 +207,8 @@ _SHORT_GRAPH_CHUNK = 16384
 class ChunkEngine:
     """Engine of rollouts whose loops run in Python, over chunks of samples.
 
-    Chunks are so large that an operation takes longer than its call from Python, so that threads run in
-    parallel, and so small that the arrays of a long graph stay in the cache.
+    Chunks are large enough that an operation takes longer than its call from Python, so that threads run
+    in parallel, and small enough that the arrays of a long graph stay in the cache.
     """
 
     def __init__(self, tapes: RolloutTapes, threads: int, make: Callable[[ca.Function], Kernel]) -> None:

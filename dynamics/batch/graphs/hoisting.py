@@ -1,8 +1,8 @@
-"""Hoisting of expressions in parameters alone out of a graph that is evaluated repeatedly.
+"""Moving of expressions that depend only on parameters out of a graph that is evaluated repeatedly.
 
-Parameters are constant over a rollout, so an expression in them, such as h/m, is computed once and
-passed to the graphs of the step as a value, instead of once per step and sample; a division by such
-a value becomes a product with its reciprocal, and a chain of such products becomes one product.
+Parameters are constant over a rollout, so an expression in them, such as h/m, is computed once, instead of once per
+step and sample, and passed to the graphs of the step as a value; a division by such a value becomes a product with
+its reciprocal, and a chain of such products becomes one product.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from dynamics.batch.graphs.tape import (
 def hoist_parameters(
     functions: Mapping[str, tuple[ca.Function, int]], n_parameters: int
 ) -> tuple[ca.Function, dict[str, ca.Function]]:
-    """Split functions into the expressions that depend on parameters alone and the rest.
+    """Split functions into expressions that depend only on parameters, and the remaining functions.
 
     `functions` maps a name to an SX function and the position of its argument p, (n_parameters).
     Returns `derived: p -> q`, and the functions with q in place of p.
@@ -48,7 +48,7 @@ def hoist_parameters(
 
 
 class _Pool:
-    """Expressions in parameters alone, shared by all functions, each stored once."""
+    """Expressions that depend only on parameters, shared by all functions, each stored once."""
 
     def __init__(self, n_parameters: int) -> None:
         self.p = ca.SX.sym("p", n_parameters)
@@ -81,7 +81,7 @@ class _Pool:
 
 
 class _Split:
-    """One function, whose operations on parameters alone are moved to the pool."""
+    """One function whose operations on parameters alone are moved to the pool."""
 
     def __init__(self, tape: Tape, position: int, pool: _Pool) -> None:
         self.tape, self.position, self.pool = tape, position, pool
@@ -167,8 +167,8 @@ def carry_costly_values(forward: ca.Function, adjoint: ca.Function) -> tuple[ca.
 
     `forward: (x, theta, w, p) -> (x_next, lam, cost)`, `adjoint: (x, theta, w, p, lam, xbar) -> (...)`. In the
     returned functions `lam` ends with these values. The forward step stores them there, and the adjoint reads
-    them instead of computing them again, since a division takes as long as ten products and reading a stored
-    number only one load.
+    them instead of computing them again, since a division takes as long as ten products, and reading a stored number
+    takes one load.
     """
     forward_graph, adjoint_graph = (_Graph(share_reciprocals(tape_of(f))) for f in (forward, adjoint))
     same_in_forward = adjoint_graph.match_values(forward_graph, lam_input=4)
@@ -193,13 +193,13 @@ def carry_costly_values(forward: ca.Function, adjoint: ca.Function) -> tuple[ca.
 
 
 class _Graph:
-    """A tape whose values can be matched with those of another tape."""
+    """A tape whose values can be matched with the values of another tape."""
 
     def __init__(self, tape: Tape) -> None:
         self.tape = tape
 
     def first_met(self, ends: set[int]) -> list[int]:
-        """Return the members of ``ends`` that the outputs depend on without another member in between."""
+        """Return the members of ``ends`` that the outputs depend on directly, without another member in between."""
         visited: set[int] = set()
         first_met, pending = [], [i for row in self.tape.outputs for i in row]
         while pending:
@@ -241,7 +241,7 @@ class _Graph:
         return operation.op, ordered, operation.value
 
     def expressions(self, arguments: list[ca.SX], replacements: dict[int, ca.SX]) -> list[ca.SX]:
-        """Return every value as an expression in ``arguments``, with ``replacements`` for some values by index."""
+        """Return every value as an expression in ``arguments``; ``replacements`` maps indices to values to use."""
         values: list[ca.SX] = []
         for i, operation in enumerate(self.tape.operations):
             if i in replacements:

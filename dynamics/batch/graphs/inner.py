@@ -5,15 +5,15 @@ Newton's method for the smoothed complementarity
     lam + s - sqrt((lam - s)^2 + 4 mu) = 0,    s = z + F lam,
 
 which is equivalent to lam s = mu with lam, s > 0, needs three to five iterations from the solution
-of each contact alone. Where it does not converge (a few problems in a hundred, ill-conditioned and
+of each contact alone. If it does not converge (a few problems in a hundred, ill-conditioned and
 close to complementarity) the interior-point path of `dynamics.contact.interior_point`, which does
-not fail on a P-matrix, starts from ones. For the exact law the iteration is on the active set: solve
-on {lam > s}, until the set does not change.
+not fail on a P-matrix, starts with all unknowns equal to 1. For the exact law the iteration updates the active set:
+the equations of {lam > s} are solved until this set no longer changes.
 
-All graphs use the solver's scaling, where F has a unit diagonal. Where the contact is not linear
+All graphs use the solver's scaling, where F has a unit diagonal. If the contact is not linear
 (friction, curved gaps) only the path of :mod:`dynamics.contact.path` is used, which starts from the solution of
-the previous step of the rollout. Where the path fails it is tried from the starts of
-:mod:`dynamics.contact.starts`, and the sample is reported where no start leads to a solution.
+the previous step of the rollout. If the path fails, it is followed from the starts of
+:mod:`dynamics.contact.starts`; if no start leads to a solution, the sample is reported.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _NEWTON_TOLERANCE = 1e-11
 # Maximum number of iterations of a path that starts from the solution of the previous step; ten mostly suffice,
 # and longer paths mostly fail.
 _WARM_ITERATIONS = 16
-# Maximum number of iterations of a path that starts from ones.
+# Maximum number of iterations of a path that starts with all unknowns equal to 1.
 _COLD_ITERATIONS = 24
 # Maximum number of iterations of a path from each of the other starts.
 _SEARCH_ITERATIONS = 40
@@ -45,13 +45,13 @@ _SEARCH_ITERATIONS = 40
 class InnerLoop:
     """Graphs of the contact solver; each branch is solved separately, with its own `data`.
 
-    `pair` has the `n_pair` unknowns of the path, of which the last is its phase, see
+    `pair` has the `n_pair` unknowns of the path; the last of these is the phase of the path, see
     :class:`~dynamics.contact.path.Path`.
 
     - `opening: (x, theta, w, p) -> (lam, data)`, first guess and data of all branches in order
-    - `path: (pair, data) -> pair`, one iteration along the path, which starts at ones
-    - `path_solution: (pair, data) -> lam` [N s], the unscaled multipliers at the end of the path, infinite
-      where the end is not a solution, so that the sample is reported as not finite
+    - `path: (pair, data) -> pair`, one iteration along the path, which starts with `pair` equal to 1
+    - `path_solution: (pair, data) -> lam` [N s], the unscaled multipliers at the end of the path, infinite if the end
+    is not a solution, so that the sample is reported as not finite
     - `closing: (x, theta, w, p, lam) -> (x_next, lam, cost)`
 
     Either Newton's method comes before a path of at most `max_iterations` iterations,
@@ -60,8 +60,8 @@ class InnerLoop:
     - `newton_solution: (lam, data) -> lam` [N s], the unscaled multipliers at the end of Newton's method
 
     or the path is tried from several starts: at most `max_warm_iterations` iterations from `warm`, or
-    `max_iterations` from ones; if these do not converge, at most `max_other_iterations` from each of `starts`
-    other starts, until a solution is found.
+    `max_iterations` from `pair` equal to 1; if these do not converge, at most `max_other_iterations` from each of
+    `starts` other starts, until a solution is found.
 
     - `warm: (lam_before, data) -> pair`, the start at the multipliers [N s] of the previous step
     - `other_start: (k, data) -> pair`, the other start number k
@@ -88,7 +88,7 @@ class InnerLoop:
     starts: int = 0
 
     def graphs(self) -> dict[str, ca.Function]:
-        """Return a dict from name to graph, without those that are None."""
+        """Return a dict from name to graph, without the graphs that are None."""
         names = ("opening", "newton", "newton_solution", "warm", "other_start", "path", "path_solution", "closing")
         by_name = {name: getattr(self, name) for name in names}
         return {name: graph for name, graph in by_name.items() if graph is not None}
@@ -110,7 +110,7 @@ def solver_fields(path: Path) -> dict[str, Any]:
     pair = ca.SX.sym("pair", path.size)
     path_end = path.ending_function()(pair, path.data)
     sizes = {"n": path.n, "n_pair": path.size, "n_data": path.data.numel()}
-    # Infinite where the path was not followed to its end, so that the sample is not counted.
+    # Infinite if the path was not followed to its end, so that the sample is reported as not finite.
     checked_end = path_end[0] / (ca.mmax(path_end[2]) <= MAX_ERROR)
     path_solution = dense_function("path_solution", [pair, path.data], [checked_end])
     return {
@@ -122,7 +122,7 @@ def solver_fields(path: Path) -> dict[str, Any]:
 
 
 def _from_starts(path: Path) -> dict[str, Any]:
-    """Return the fields of an `InnerLoop` that has no Newton's method, since multipliers may not be unique."""
+    """Return the fields of an `InnerLoop` without Newton's method, since multipliers may not be unique."""
     iteration_limits = {
         "max_iterations": _COLD_ITERATIONS,
         "max_warm_iterations": _WARM_ITERATIONS,
@@ -140,7 +140,7 @@ def _by_newton(path: Path) -> dict[str, Any]:
         newton_outputs, newton_lam = _active_set(lam, z, F), ca.fmax(0, lam) * c * D
     else:
         s = z + F @ lam
-        # Where lam < s, mu / s is accurate to all digits, and the root is not.
+        # For lam < s, mu / s is accurate to all digits, but the root is not.
         newton_outputs, newton_lam = _newton(lam, z, F, mu), ca.if_else(s > lam, mu / s, lam) * c * D
     return {
         "newton": dense_function("newton", [lam, path.data], list(newton_outputs)),

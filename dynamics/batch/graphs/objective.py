@@ -1,4 +1,4 @@
-"""Objectives of rollouts: sums of costs over the steps, and the variables that they add to the state."""
+"""Objectives of rollouts: sums of costs over the steps, and the variables by which they extend the state."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ DISCOUNT_NAME = "discount"
 
 
 class Objective(ABC):
-    """A sum of costs over the steps of a rollout, which may add variables to the system's state."""
+    """A sum of costs over the steps of a rollout; an objective may add variables to the system's state."""
 
     @cached_property
     @abstractmethod
@@ -30,12 +30,12 @@ class Objective(ABC):
 
     @property
     def end_entry(self) -> int | None:
-        """Index of the entry of `carried` that is zero once a rollout has ended early; None where none ends early."""
+        """Index of the entry of `carried` that is zero once a rollout has ended early; None if none does."""
         return None
 
     @abstractmethod
     def check(self, step: Step) -> None:
-        """Raise `ValueError` where the dimensions of the objective's functions do not fit the step."""
+        """Raise `ValueError` if the dimensions of the objective's functions do not fit the step."""
 
     @abstractmethod
     def step_outcome(self, step: Step, x_next_expr: ca.SX) -> tuple[ca.SX, ca.SX]:
@@ -56,7 +56,7 @@ class Objective(ABC):
         return bars
 
     def mask_finished(self, bars: ca.SX) -> ca.SX:
-        """Return a step's contribution `bars` to gradient or score, set to zero where the rollout is over."""
+        """Return a step's contribution `bars` to gradient or score, set to zero if the rollout is over."""
         return bars
 
 
@@ -83,11 +83,11 @@ class Costs(Objective):
 
     @cached_property
     def carried(self) -> ca.SX:
-        """Symbols (nu, 1) of the previous input, empty where the stage cost does not depend on changes."""
+        """Symbols (nu, 1) of the previous input, empty if the stage cost does not depend on changes."""
         return ca.SX.sym("before", self.stage.numel_in(2) if self.with_change else 0)
 
     def check(self, step: Step) -> None:
-        """Raise `ValueError` where the arguments or outputs of the costs do not fit the step."""
+        """Raise `ValueError` if the arguments or outputs of the costs do not fit the step."""
         nx, nu, np = step.system.nx, step.system.nu, len(step.p)
         extra_sizes = {"du": nu} if self.with_change else {}
         extra_sizes |= {"lam": step.system.nlam} if self.with_impulses else {}
@@ -103,7 +103,7 @@ class Costs(Objective):
         require_sizes("terminal cost", self.final, (nx, np), "(x, p)", 1)
 
     def step_outcome(self, step: Step, x_next_expr: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Return the next state, followed by the input where the cost depends on changes, and the stage cost."""
+        """Return the next state, followed by the input if the cost depends on changes, and the stage cost."""
         system, p = step.system, step.p.vector
         extra_arguments = [system.u - self.carried] if self.with_change else []
         extra_arguments += [step.impulses] if self.with_impulses else []
@@ -116,7 +116,7 @@ class Costs(Objective):
 
 
 def free_of_cost(step: Step) -> Costs:
-    """Return costs that are zero, for functions that need the step alone."""
+    """Return costs that are zero, for functions that only need the step."""
     system, p, nothing = step.system, step.p.vector, ca.SX(0)
     return Costs(
         ca.Function("stage", [system.x, system.u, p], [nothing]),
@@ -129,7 +129,7 @@ class Episode(Objective):
     """Negative return of an episode, `-sum_t d^t a_t reward(x_t, u_t, x_{t+1}, p) - d^N a_N final(x_N, p)`.
 
     d is the parameter `discount`. a_t is 1 until the first state x_t, t > 0, at which `done(x, p)` is
-    not zero, and 0 from there on: the state then does not change, and rewards and gradients are zero.
+    not zero, and 0 from that step on: the state then does not change, and rewards and gradients are zero.
     Each function takes as p the first parameters of the step, as many as its argument has.
     """
 
@@ -139,7 +139,7 @@ class Episode(Objective):
 
     @cached_property
     def carried(self) -> ca.SX:
-        """Symbols of the reward's weight `d^t a_t` and of the number of steps before the episode's end."""
+        """Symbols of the reward's weight `d^t a_t`, and of the number of steps before the end of the episode."""
         return ca.vertcat(ca.SX.sym("weight"), ca.SX.sym("lived"))
 
     @cached_property
@@ -148,7 +148,7 @@ class Episode(Objective):
         return ParameterTable([Parameter(DISCOUNT_NAME, 1.0, "1", "worth of a reward one step later")])
 
     def check(self, step: Step) -> None:
-        """Raise `ValueError` where the arguments or outputs of the functions do not fit the step."""
+        """Raise `ValueError` if the arguments or outputs of the functions do not fit the step."""
         nx, nu = step.system.nx, step.system.nu
         for role, fn, sizes, arguments in (
             ("reward", self.reward, (nx, nu, nx), "(x, u, x_next, p)"),
@@ -159,7 +159,7 @@ class Episode(Objective):
             require_sizes(role, fn, (*sizes, np), arguments, 1)
 
     def step_outcome(self, step: Step, x_next_expr: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Return the next state (the present one once the episode is over) and minus the weighted reward."""
+        """Return the next state (the current state once the episode is over), and minus the weighted reward."""
         x, u, p = step.system.x, step.system.u, step.p.vector
         weight, lived = ca.vertsplit(self.carried)
         is_done = call_with_first(self.done, x_next_expr, p=p) != 0
@@ -173,7 +173,7 @@ class Episode(Objective):
         return ca.vertcat(*stays, carried_weight, lived + self.is_alive), -gain
 
     def terminal(self, step: Step) -> ca.SX:
-        """Return minus the weighted terminal reward, zero for episodes that ended before."""
+        """Return minus the weighted terminal reward, zero for episodes that ended before the last step."""
         gain = call_with_first(self.final, step.system.x, p=step.p.vector)
         return -ca.if_else(self.is_alive, self.carried[0] * gain, 0)
 
@@ -188,13 +188,13 @@ class Episode(Objective):
         return self.carried[0] > 0
 
     def carry_cotangent(self, bars: ca.SX, xbar: ca.SX) -> ca.SX:
-        """Return the cotangent before a step: zero for `carried`, and `xbar` for the state once the episode is over."""
+        """Return the cotangent before a step: once the episode is over, zero for `carried` and `xbar` for the state."""
         n = bars.numel() - self.carried.numel()
         state_bars = [ca.if_else(self.is_alive, bars[k], xbar[k]) for k in range(n)]
         return ca.vertcat(*state_bars, ca.SX.zeros(self.carried.numel()))
 
     def mask_finished(self, bars: ca.SX) -> ca.SX:
-        """Return `bars`, set to zero once the episode is over even where they are not finite."""
+        """Return `bars`, set to zero once the episode is over, even if they are not finite."""
         return ca.vertcat(ca.SX(0, 1), *(ca.if_else(self.is_alive, bar, 0) for bar in ca.vertsplit(ca.densify(bars))))
 
 
@@ -216,5 +216,5 @@ def require_sizes(role: str, fn: ca.Function, sizes: tuple[int, ...], arguments:
 
 
 def call_with_first(fn: ca.Function, *arguments: ca.SX, p: ca.SX) -> ca.SX:
-    """Return `fn(*arguments, p)` with the first entries of p, as many as the function's last argument has."""
+    """Return `fn(*arguments, p)`, with p cut to the length of the function's last argument."""
     return ca.densify(expand_function(fn)(*arguments, p[: fn.numel_in(fn.n_in() - 1)]))

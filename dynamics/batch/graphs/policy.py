@@ -43,11 +43,11 @@ class RolloutPolicy:
 
     @cached_property
     def parameters(self) -> ParameterTable:
-        """Parameters that the policy adds to the p of the step, without gradients; an empty table by default."""
+        """Parameters that the policy adds to the p of the step, without gradients; by default an empty table."""
         return ParameterTable()
 
     def total(self, horizon: int) -> int:
-        """Number of the policy's parameters over a whole rollout."""
+        """Number of parameters of the policy over a whole rollout."""
         return self.n_theta * (horizon if self.per_step else 1)
 
     def acting_parameters(self, noise: np.ndarray) -> np.ndarray:
@@ -63,14 +63,14 @@ class RolloutPolicy:
 
 @dataclass(frozen=True, kw_only=True)
 class DensePolicy(RolloutPolicy):
-    """Policy by a network of dense layers with tanh between them, on normalised observations.
+    """Policy given by a network of dense layers with tanh between them, on normalised observations.
 
         o = (observe(x, p) - mean) / scale
         a = W_L tanh(... tanh(W_1 o + b_1) ...) + b_L + w,    u = actuate(a)
 
     `sizes` are the lengths of o, of the hidden layers and of a; theta holds W_1 row by row, b_1, W_2, and so
-    on. `law` takes the mean action in place of theta. Loops over the layers compute the mean action, so that no
-    graph grows with the sizes. Raises `ValueError` for sizes that are not positive integers.
+    on. `law` takes the mean action in place of theta. The mean action is computed in loops over the layers, so that
+    no graph grows with the sizes. Raises `ValueError` for sizes that are not positive integers.
     """
 
     observe: ca.Function
@@ -137,7 +137,7 @@ def constant_policy(nx: int, lower: Any, upper: Any) -> RolloutPolicy:
 
 
 def dense_policy(observe: ca.Function, hidden: Sequence[int], lower: Any, upper: Any) -> DensePolicy:
-    """Return a network with hidden layers of these sizes, u = squash(a); without any, a is affine in o.
+    """Return a network with hidden layers of these sizes and u = squash(a); without hidden layers, a is affine in o.
 
     `observe: (x, p) -> o` takes p as the functions of `Episode` do; for `squash` see `squash_function`.
     """
@@ -152,7 +152,7 @@ def dense_policy(observe: ca.Function, hidden: Sequence[int], lower: Any, upper:
 
 
 def squash_function(lower: Any, upper: Any) -> ca.Function:
-    """Return the function `a -> (lower + upper) / 2 + (upper - lower) / 2 tanh(a)`, inputs between bounds."""
+    """Return the function `a -> (lower + upper) / 2 + (upper - lower) / 2 tanh(a)` from actions to bounded inputs."""
     low, high = (np.atleast_1d(np.asarray(end, dtype=float)) for end in (lower, upper))
     if not (np.isfinite(low).all() and np.isfinite(high).all() and (low < high).all()):
         raise ValueError(f"inputs need finite bounds, lower below upper, got {low} and {high}")

@@ -1,4 +1,4 @@
-"""The graphs that a rollout evaluates at every step: step, inner iteration, adjoint of the step, costs.
+"""The graphs that a rollout evaluates at every step: step, inner iteration, adjoint of the step, and costs.
 
 The forward pass of one step under a policy and noise w is
 
@@ -9,8 +9,8 @@ function theorem: with s = z + F lam,
 
     (diag(s) + diag(lam) F) d lam = d mu - diag(lam) (d z + d F lam)
 
-where under the exact law the indicator of the active set (1 where lam > s) replaces lam, and its complement s.
-Where the contact is not an LCP, the adjoint goes through the relation of the step's inner unknowns.
+where under the exact law lam is replaced by the indicator of the active set (1 where lam > s), and s by 1 minus this
+indicator. Where the contact is not an LCP, the adjoint goes through the relation of the step's inner unknowns.
 """
 
 from __future__ import annotations
@@ -41,11 +41,11 @@ from dynamics.systems.elimination import solve_without_pivoting
 
 
 def build_tapes(step: Step, objective: Objective, policy: RolloutPolicy) -> RolloutTapes:
-    """Build the graphs of the step closed by the policy, with first derivatives.
+    """Build the graphs of the step closed by the policy, and of its first derivatives.
 
     In place of the parameters of the step, the objective and the policy, the graphs take the values
-    that `RolloutTapes.derived` computes from them. Raises `ValueError` where the dimensions of
-    objective, policy and step do not fit.
+    that `RolloutTapes.derived` computes from them. Raises `ValueError` if the dimensions of objective, policy and
+    step do not fit.
     """
     objective.check(step)
     _check(step, policy)
@@ -53,7 +53,7 @@ def build_tapes(step: Step, objective: Objective, policy: RolloutPolicy) -> Roll
 
 
 def parameters_of(step: Step, objective: Objective, policy: RolloutPolicy) -> ParameterTable:
-    """Return all parameters of a rollout: those of the step, the objective and the policy."""
+    """Return all parameters of a rollout, of step, objective and policy."""
     return step.p + objective.parameters + policy.parameters
 
 
@@ -88,7 +88,7 @@ class ClosedStep:
         self.arguments = [self.x, self.theta, self.w, self.p]
 
     def build_tapes(self) -> RolloutTapes:
-        """Return the graphs, with the expressions in parameters alone moved to `derived`."""
+        """Return the graphs, with expressions that depend only on parameters moved to `derived`."""
         law, at_end = self.law(self.step.system.x, self.theta), [self.x, self.p]
         dependence = self.cost_dependence()
         score = self.objective.mask_finished(ca.jtimes(law, self.theta, self._effective_noise(dependence), True))
@@ -146,14 +146,14 @@ class ClosedStep:
         return cost_dependence(outputs, self.terminal_cost, self.x, self.w)
 
     def _effective_noise(self, dependence: CostDependence) -> ca.SX:
-        """Return the noise, with components set to zero in states where they have no effect, see `CostDependence`."""
+        """Return the noise, with components set to zero in states where they have no effect on the cost."""
         noise = ca.vertsplit(self.w)
         for j, s in np.argwhere(dependence.gates).tolist():
             noise[j] = ca.if_else(self.x[s] != 0, noise[j], 0)
         return ca.vertcat(*noise)
 
     def _observation_graphs(self) -> dict[str, tuple[ca.Function, int]]:
-        """Return the graphs of normalised observations, each with the position of p; empty without dense layers."""
+        """Return the graphs of normalised observations and the position of p in each; empty without dense layers."""
         policy = self.policy
         if not isinstance(policy, DensePolicy):
             return {}
@@ -168,14 +168,14 @@ class ClosedStep:
         }
 
     def _substitute_policy(self, *expressions: ca.SX) -> list[ca.SX]:
-        """Return expressions in the step's (x, u, p) with the policy's input substituted for u."""
+        """Return expressions in the step's (x, u, p), with the input of the policy substituted for u."""
         u = self.law(self.step.system.x, self.theta) + self.w
         if self.policy.actuate is not None:
             u = expand_function(self.policy.actuate)(u)
         return ca.substitute(list(expressions), [self.step.system.u], [u])
 
     def _effects(self, lam: ca.SX) -> list[ca.SX]:
-        """Return next state, multipliers and stage cost for given multipliers."""
+        """Return next state, multipliers and stage cost for the multipliers ``lam``."""
         x_next, cost = self._substitute_policy(self.x_next, self.stage_cost)
         x_next, cost = ca.substitute([x_next, cost], [self.step.lam], [lam])
         return [x_next, lam, cost]
@@ -195,7 +195,7 @@ class ClosedStep:
         return dense_function("forward", self.arguments, self._effects(ca.vertcat(ca.SX(0, 1), *solved)))
 
     def _contact_graphs(self) -> InnerLoop | ModelStepGraphs | None:
-        """Return the graphs of a step that needs a contact solver or a model; None where one graph is enough."""
+        """Return the graphs of a step that needs a contact solver or a model; None if one graph is enough."""
         if isinstance(self.step, LearnedStep):
             return self._model_graphs(self.step)
         explicit = self.step.system.nlam <= isinstance(self.step, AffineStep)
@@ -252,7 +252,7 @@ class ClosedStep:
             value += contact_term
         value = self._substitute_policy(value)[0]
         bars = [ca.gradient(value, self.x), ca.gradient(value, self.theta)]
-        # Where contact moves no state the multiplier's cotangent has no entries.
+        # If contact moves no state, the cotangent of the multiplier has no entries.
         bars = ca.substitute(
             bars, held_symbols, [ca.densify(held_value) for held_value in self._substitute_policy(*held_values)]
         )
@@ -300,10 +300,10 @@ class ClosedStep:
         return self._adjoint_function(step.lam, xbar, ca.cse(bars))
 
     def _contact_term(self, step: AffineStep, lambar: ca.SX) -> tuple[list[ca.SX], list[ca.SX], ca.SX]:
-        """Return the contact term of the function whose gradient is the adjoint.
+        """Return the term by which contact enters the function whose gradient is the adjoint.
 
-        The result is the symbols to hold constant while differentiating, their values, and the term
-        `v' (mu - diag(lam) (z + F lam))`, v the solution of the transposed system.
+        The result also lists the symbols to hold constant while differentiating, and their values. The term is
+        `v' (mu - diag(lam) (z + F lam))`, where v solves the transposed system.
         """
         lam, gap = step.lam, step.z + step.F @ step.lam
         if step.exact:
@@ -334,5 +334,5 @@ def _root(z: ca.SX, F: ca.SX, mu: ca.SX) -> ca.SX:
 
 
 def _dependent_scalar(expressions: ca.SX) -> ca.SX:
-    """Return a scalar that depends on all symbols in the expressions, for structural dependence only."""
+    """Return a scalar that depends on all symbols in the expressions; only its sparsity matters."""
     return ca.dot(ca.SX.sym("weight", expressions.numel()), expressions)

@@ -1,8 +1,8 @@
-"""The graphs of one step of a rollout, which engines evaluate, and which noise affects the cost.
+"""The graphs of one step of a rollout that engines evaluate, and the noise that affects the cost.
 
-Where noise does not affect the cost, the cost times the score `w_t / sigma^2` has mean zero and only
-adds variance. The graphs alone, not the drawn values, decide which noise is left out, so that no mean
-changes.
+If noise does not affect the cost, the cost times the score `w_t / sigma^2` has mean zero and only
+adds variance. Which noise is left out depends on the graphs alone, not on the drawn values, so that no
+mean changes.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from dynamics.contact.learned_step import LearnedMap
 
 @dataclass(frozen=True)
 class CostDependence:
-    """Boolean tables of whether x_next and the cost of a step depend on x and on the noise w.
+    """Boolean tables: which of x_next and the cost of a step depend on x and on the noise w.
 
     `by_x` (nx + 1, nx) and `by_w` (nx + 1, nu) have a row for each entry of x_next and one for the
     cost, and include the dependence through contact and policy for any values of state and
-    parameters; `at_end` (nx,) is the dependence of the terminal cost on x. Noise j has no effect in
-    states where x_s is zero for any s with `gates[j, s]` (nu, nx).
+    parameters; `at_end` (nx,) is the dependence of the terminal cost on x. Noise j has no effect in a state x if x_s
+    = 0 for some s with `gates[j, s]` (nu, nx).
     """
 
     by_x: np.ndarray
@@ -47,7 +47,7 @@ class CostDependence:
 def cost_dependence(outputs: ca.SX, terminal: ca.SX, x: ca.SX, w: ca.SX) -> CostDependence:
     """Return the dependence of a step with `outputs` (x_next, cost) in (x, w), and `terminal` cost in x.
 
-    Only states that no noise changes can be gates: others are almost never zero.
+    Only states that no noise changes can be gates; other states are almost never zero.
     """
     by_x, by_w = dependence_table(outputs, x), dependence_table(outputs, w)
     nx = x.numel()
@@ -64,13 +64,13 @@ def cost_dependence(outputs: ca.SX, terminal: ca.SX, x: ca.SX, w: ca.SX) -> Cost
 
 
 def dependence_table(expression: ca.SX, symbols: ca.SX) -> np.ndarray:
-    """Return a Boolean table of whether each entry of an expression (rows) depends on each symbol (columns)."""
+    """Return a Boolean table: which entries of an expression (rows) depend on which symbols (columns)."""
     pattern = ca.jacobian_sparsity(ca.densify(expression), symbols)
     return np.array(ca.DM(pattern, 1).full(), dtype=bool).reshape(expression.numel(), symbols.numel())
 
 
 def stand_ins(unknown: ca.SX, rows: ca.SX) -> ca.SX:
-    """Return, for each unknown (n, 1), an expression with the dependencies of the solution of `rows` (n, 1) = 0.
+    """Return, for each unknown (n, 1), an expression with the same dependencies as the solution of `rows` (n, 1) = 0.
 
     Unknown i depends on all symbols in row i and in the rows that are coupled to it.
     """
@@ -99,7 +99,7 @@ class Layers:
 
 
 def layer_slices(sizes: Sequence[int]) -> list[tuple[slice, slice, tuple[int, int]]]:
-    """Return, for each layer, the slices of theta with its weights and offsets, and the weights' shape."""
+    """Return, for each layer, the slices of theta with its weights and its offsets, and the shape of the weights."""
     slices, start = [], 0
     for size_in, size_out in pairwise(sizes):
         middle, end = start + size_in * size_out, start + (size_in + 1) * size_out
@@ -110,13 +110,12 @@ def layer_slices(sizes: Sequence[int]) -> list[tuple[slice, slice, tuple[int, in
 
 @dataclass(frozen=True)
 class RolloutTapes:
-    """CasADi functions of one step of a rollout; all SX, with dense columns as arguments.
+    """CasADi functions of one step of a rollout; all are SX, and their arguments are dense columns.
 
     Here x is the system's state followed by the `n_carried` variables that the objective adds to it;
     `nx` counts both.
 
-    - `forward: (x, theta, w, p) -> (x_next, lam, cost)`, or an `InnerLoop` where there is no closed form for
-      lam
+    - `forward: (x, theta, w, p) -> (x_next, lam, cost)`, or an `InnerLoop` if lam has no closed form
     - `adjoint: (x, theta, w, p, lam, xbar) -> (xbar_before, thetabar)`
     - `score: (x, theta, w) -> thetabar`, the product D_theta law(x, theta)' w, without the components of w that
       do not affect the cost in state x, see `cost_dependence`
@@ -126,8 +125,8 @@ class RolloutTapes:
 
     With `layers`, the argument theta is the mean action, the output of the layers.
 
-    In all graphs p stands for the `np` values that `derived: parameters -> p` computes: subexpressions of the
-    graphs that depend on the parameters only.
+    In all graphs p is the output of `derived: parameters -> p`: the `np` subexpressions of the graphs that
+    depend only on parameters.
     """
 
     nx: int
@@ -149,7 +148,7 @@ class RolloutTapes:
 
 @dataclass(frozen=True)
 class ModelStepGraphs:
-    """Graphs of a step whose next state comes from a learned model, which is evaluated between the graphs.
+    """Graphs of a step with a learned model, which is evaluated between the two graphs.
 
     - `queries: (x, theta, w, p) -> z`, the model's inputs, branch after branch
     - `closing: (x, theta, w, p, lam) -> (x_next, lam, cost)`

@@ -1,4 +1,4 @@
-"""Tapes, which are CasADi SX functions as flat lists of scalar operations."""
+"""Tapes: CasADi SX functions as flat lists of scalar operations."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ COMMUTATIVE = frozenset({ca.OP_ADD, ca.OP_MUL, ca.OP_EQ, ca.OP_NE, ca.OP_AND, ca
 
 
 class UnsupportedOperation(NotImplementedError):
-    """Error for a CasADi operation without a scalar form; the message names it and its function."""
+    """Error for a CasADi operation without a scalar form; the message contains the operation and its function."""
 
 
 @dataclass(frozen=True)
@@ -87,9 +87,9 @@ def operands_of(operation: Operation) -> tuple[int, ...]:
 
 
 def selection_of(tape: Tape, operation: Operation) -> tuple[int, int, int] | None:
-    """Return the indices (condition, value, other) where an operation is CasADi's `if_else`, else None.
+    """Return the indices (condition, value, other) if an operation is CasADi's `if_else`, else None.
 
-    CasADi writes it as a sum of two terms, `if_else_zero` of a condition and of its negation.
+    CasADi writes `if_else` as a sum of two terms, `if_else_zero` of a condition and of its negation.
     """
     if operation.op != ca.OP_ADD:
         return None
@@ -104,11 +104,11 @@ def selection_of(tape: Tape, operation: Operation) -> tuple[int, int, int] | Non
 
 
 def share_reciprocals(tape: Tape) -> Tape:
-    """Return the tape with repeated divisions by one value replaced by products with its reciprocal.
+    """Return the tape with repeated divisions by the same value replaced by products with its reciprocal.
 
-    A division takes as long as ten products. The quotient may differ by a rounding, and is wrong for
-    a divisor below 1e-308, whose reciprocal is infinite, so use it only for graphs in which such
-    divisors have no meaning.
+    A division takes as long as ten products. The quotient may differ by a rounding error, and is wrong for
+    a divisor below 1e-308, whose reciprocal is infinite. Use this function only for graphs in which such divisors
+    do not occur.
     """
     divisors = Counter(o.args[1] for o in tape.operations if o.op == ca.OP_DIV)
     operations: list[Operation] = []
@@ -133,8 +133,8 @@ def share_reciprocals(tape: Tape) -> Tape:
 def tape_of(fn: ca.Function) -> Tape:
     """Flatten a CasADi `Function` (SX, or MX that expands) to a `Tape`.
 
-    Raises `UnsupportedOperation` where the function cannot be written in scalar operations: an MX
-    graph that does not expand, a call that was kept (`never_inline`), or free variables.
+    Raises `UnsupportedOperation` if the function cannot be written in scalar operations: an MX
+    graph that does not expand, a call that is never inlined (`never_inline`), or free variables.
     """
     fn = _as_sx(fn)
     builder = _Builder(fn)

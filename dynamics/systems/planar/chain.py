@@ -16,7 +16,7 @@ from dynamics.systems.shapes.planar import Pose
 
 @dataclass(frozen=True, eq=False)
 class _Frame(Pose):
-    """Pose of a link, and the vector ``step`` (2, 1) [m] from its parent's origin to its own."""
+    """Pose of a link, and the vector ``step`` (2, 1) [m] from its parent's origin to the link's origin."""
 
     step: ca.SX
 
@@ -46,12 +46,12 @@ class Chain:
     """Equations of motion of trees of rigid links in the vertical plane.
 
     ``M(q) dv/dt + bias(q, v) = B u + spring(q) + damping(v) + contact forces``, the Euler-Lagrange equations of
-    ``L = kinetic - potential`` where no force acts. M comes from the composite-rigid-body algorithm, the rest
+    ``L = kinetic - potential`` without other forces. M comes from the composite-rigid-body algorithm, the rest
     from Newton-Euler recursions (Featherstone, Rigid Body Dynamics Algorithms, 2008, ch. 5-6), whose graphs are
-    several times smaller than those of derivatives of L. Coordinates ``q`` (nq, 1) have the order of the links
-    given. All methods take and return SX expressions; q and v may be any expressions.
+    several times smaller than graphs of derivatives of L. Coordinates ``q`` (nq, 1) are in the order of the given
+    links. All methods take and return SX expressions; q and v may be any expressions.
 
-    Raises ``ValueError`` where the links form no tree.
+    Raises ``ValueError`` if the links do not form a tree.
     """
 
     def __init__(self, links: Sequence[Link], gravity: Number | Vector = 9.81) -> None:
@@ -159,11 +159,11 @@ class Chain:
         return self.inverse_dynamics(q, ca.SX(self.nq, 1), ca.SX(self.nq, 1))
 
     def link_velocities(self, q: ca.SX, v: ca.SX) -> dict[str, ca.SX]:
-        """Return, for each link, its centre of mass's velocity and its angular velocity, ``w = J(q) v`` (3, 1)."""
+        """Return, for each link, the velocity of its centre of mass and its angular velocity, ``w = J(q) v`` (3, 1)."""
         return {link.name: ca.vertcat(velocity, spin) for link, spin, velocity in self._centres(q, v)}
 
     def link_momenta(self, q: ca.SX, w: dict[str, ca.SX]) -> ca.SX:
-        """Return momenta ``J(q)' m w`` (nq, 1) [N m s, N s] for link velocities w, m masses and inertias of links."""
+        """Return momenta ``J(q)' m w`` (nq, 1) [N m s, N s] at link velocities w, with masses and inertias m."""
         frames, loads = self._frames(q), {}
         for link in self._ordered:
             linear, r = link.mass * w[link.name][:2], frames[link.name].rotate(link.com)
@@ -251,7 +251,7 @@ class Chain:
         ]
 
     def _composites(self, frames: dict[str, _Frame]) -> dict[str, tuple[ca.SX, ca.SX, ca.SX]]:
-        """Return mass, first and second moment about its joint of each link with its descendants."""
+        """Return, for each link with its descendants, the mass, and first and second moments about the link's joint."""
         bodies = {}
         for link in self._ordered:
             x, z = link.com
@@ -295,7 +295,7 @@ class Chain:
     def _accelerations(
         self, frames: dict[str, _Frame], v: ca.SX, a: ca.SX
     ) -> tuple[dict[str, ca.SX], dict[str, ca.SX], dict[str, ca.SX]]:
-        """Return angular velocity and acceleration of each link, and its origin's acceleration less gravity."""
+        """Return angular velocity and acceleration of each link, and its origin's acceleration minus gravity."""
         omega: dict[str, ca.SX] = {}
         alpha: dict[str, ca.SX] = {}
         acceleration: dict[str, ca.SX] = {}

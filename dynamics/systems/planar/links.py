@@ -1,4 +1,4 @@
-"""Rigid links in the vertical plane, and the trees they form."""
+"""Rigid links in the vertical plane, and trees of links."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ class Link:
     the angle ``a = a_parent + offset + q``, without ``q`` for a slide.
 
     ``mass`` [kg], ``inertia`` about the centre of mass [kg m²], ``com`` its position in the
-    link's frame [m], ``anchor`` the joint in the parent's frame [m] (the world's where ``parent`` is
-    None), ``offset`` a fixed angle [rad].
+    link's frame [m], ``anchor`` the joint in the parent's frame [m] (in the world's frame if ``parent`` is None),
+    ``offset`` a fixed angle [rad].
 
     ``joint``: a ``hinge`` turns by q [rad]; a ``slide`` moves along ``axis``, a unit vector in
     the parent's frame, by q [m]; ``free`` has the coordinates x, z [m] and angle [rad] of a link
@@ -84,7 +84,7 @@ class Link:
 
 
 class Member(Protocol):
-    """A link or body of a tree: it has a name and the name of its parent."""
+    """Interface of a link or body of a tree: its name and the name of its parent."""
 
     @property
     def name(self) -> str:
@@ -103,7 +103,7 @@ Branch = TypeVar("Branch", bound=Member)
 def root_first(links: Sequence[Branch]) -> tuple[Branch, ...]:
     """Return ``links`` in an order in which each follows its parent.
 
-    Raises ``ValueError`` where the links form no tree: a cycle, an unknown parent, a repeated name.
+    Raises ``ValueError`` if the links do not form a tree: for a cycle, an unknown parent, a repeated name.
     """
     by_name: dict[str, Branch] = {}
     for link in links:

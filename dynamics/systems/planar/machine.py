@@ -36,7 +36,7 @@ def link_pose(chain: Chain, q: ca.SX, link: str) -> Pose:
 class Part:
     """A ``shape`` fixed to a link, in the link's frame, which may touch parts of other links.
 
-    On the link :data:`WORLD` a part never moves, such as a wall, a slope or a step.
+    A part of the link :data:`WORLD`, such as a wall, a slope or a stair, never moves.
 
     Raises ``ValueError`` for an empty name and for a shape that is no :class:`Shape`.
     """
@@ -83,7 +83,7 @@ class Machine(Multibody):
     contact is called ``<one> on <other>``. ``gravity`` [m/s²] points down, or is the acceleration
     (x, z), as on a slope.
 
-    Raises ``ValueError`` for links that form no tree, and for names that are unknown or used twice.
+    Raises ``ValueError`` for links that do not form a tree, and for names that are unknown or used twice.
     """
 
     links: tuple[Link, ...]
@@ -148,7 +148,7 @@ class Machine(Multibody):
     ) -> ContactSystem:
         """Return one step of the machine over the ground z = 0, with friction and joint limits.
 
-        ``friction`` None is frictionless. ``options`` are those of :class:`PlanarStepOptions`. Names
+        ``friction`` is None without friction. ``options`` are those of :class:`PlanarStepOptions`. Names
         of contacts are those of :meth:`contacts`, of limits ``<joint> low`` and ``<joint> high``.
 
         Raises ``ValueError`` for an unknown ``gyroscopic``.
@@ -162,8 +162,8 @@ class PlanarStepOptions(StepOptions, total=False):
     """Settings of a step in the plane, in addition to those of :class:`StepOptions`.
 
     ``spheres`` are the names of the spheres that may touch the ground, by default all. With ``free_step`` h is
-    a symbol and the last state. ``gyroscopic`` is whether Coriolis and centrifugal forces are explicit, or
-    implicit without gain of energy (:func:`~dynamics.systems.planar.flight.gyroscopic_impulse`).
+    a symbol and the last entry of the state. ``gyroscopic`` says whether Coriolis and centrifugal forces are
+    explicit, or implicit without gain of energy (:func:`~dynamics.systems.planar.flight.gyroscopic_impulse`).
     """
 
     spheres: Collection[str] | None
@@ -259,11 +259,11 @@ class _PlanarStep:
 
 
 def with_implicit_forces(system: ContactSystem) -> ContactSystem:
-    """Return the system with velocity forces that gain no energy, as simulations use them.
+    """Return the system with velocity-dependent forces that gain no energy, for simulation.
 
     The impulse :func:`~dynamics.systems.planar.flight.gyroscopic_impulse` replaces ``-h C(q, v) v``, also in
-    the most exact model of the system. A system is returned unchanged where it was not built from a planar
-    machine, where x does not begin with q and v, or where its velocity forces are implicit already.
+    the most exact model of the system. A system is returned unchanged if it was not built from a planar
+    machine, if x does not begin with q and v, or if its velocity-dependent forces are implicit already.
     """
     mechanism = system.machine
     if mechanism is None or mechanism.gyroscopic == "implicit" or not isinstance(mechanism.machine, Machine):

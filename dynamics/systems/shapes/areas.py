@@ -11,11 +11,11 @@ import numpy as np
 from dynamics.systems.shapes.planar import Box, Capsule, Disc, Point, Shape, as_column
 from dynamics.systems.shapes.polygon import Polygon, Union, box_polygon, convex_parts
 
-# Nodes and weights of Gauss' rule on [-1, 1].
+# Nodes and weights of Gauss quadrature on [-1, 1].
 _GAUSS = np.polynomial.legendre.leggauss(16)
-# Nodes of Gauss' rule on [0, 1].
+# Nodes of Gauss quadrature on [0, 1].
 _GAUSS_NODES = (_GAUSS[0] + 1) / 2
-# Weights of Gauss' rule on [0, 1].
+# Weights of Gauss quadrature on [0, 1].
 _GAUSS_WEIGHTS = _GAUSS[1] / 2
 
 
@@ -41,9 +41,9 @@ class Area(NamedTuple):
 
 
 def shape_area(shape: Shape | Union) -> Area:
-    """Return area and moments of a bounded shape: its core, rectangles at its sides, sectors at its corners.
+    """Return area and moments of a bounded shape: the sum of its core, rectangles at the sides and sectors at corners.
 
-    Shapes of a union count in full, so they must not overlap. Raises ``ValueError`` for a
+    The areas of a union's shapes are added, so they must not overlap. Raises ``ValueError`` for a
     half-plane.
     """
     pieces = [piece for member in convex_parts(shape) for piece in _pieces(member)]
@@ -59,7 +59,7 @@ def mean_distance(shape: Shape | Union) -> ca.SX:
     """Mean distance [m] of a shape's points from its centroid: ``int |r| dA / A``.
 
     By the divergence theorem ``int |r| dA`` is the integral of ``|r| (x dy - y dx) / 3`` along the
-    boundary, here by Gauss' quadrature; shapes of a union count in full.
+    boundary, computed by Gauss quadrature; the integrals of a union's shapes are added.
     """
     total_area, total = shape_area(shape), ca.SX(0)
     for member in convex_parts(shape):
@@ -82,7 +82,7 @@ class _Side(NamedTuple):
 
 
 def _sides(core: list[ca.SX]) -> Iterator[_Side]:
-    """Yield the sides of a core with two or more corners, counterclockwise; a capsule's segment has two."""
+    """Yield the sides of a core with two or more corners, counterclockwise; the segment of a capsule has two sides."""
     ends = core[1:] + core[:1]
     normals = [ca.vertcat(*(e[1], -e[0])) / ca.norm_2(e) for e in map(ca.minus, ends, core)]
     for i, (a, b, n) in enumerate(zip(core, ends, normals, strict=True)):
@@ -141,7 +141,7 @@ def _ring(vertices: list[ca.SX]) -> Area:
 
 
 def _sector(centre: ca.SX, r: ca.SX, angle: ca.SX, direction_integral: ca.SX) -> Area:
-    """Return area and moments of a disc's sector; ``direction_integral`` is that of unit vectors over ``angle``."""
+    """Return area and moments of a disc's sector; ``direction_integral`` integrates unit vectors over ``angle``."""
     size, first = angle * r**2 / 2, r**3 / 3 * direction_integral
     second = angle * r**4 / 4 + 2 * ca.dot(centre, first) + size * ca.sumsqr(centre)
     return Area(size, size * centre + first, second)

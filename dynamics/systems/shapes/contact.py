@@ -30,13 +30,13 @@ class Contact:
 
     @classmethod
     def between(cls, shape_a: Shape, pose_a: Pose, shape_b: Shape, pose_b: Pose) -> Contact:
-        """Return the contact of two convex shapes, at that corner of either core which is nearest to the other shape.
+        """Return the contact of two convex shapes, at the corner of either core that is nearest to the other shape.
 
-        The distance is exact where the cores are apart or one contains a corner of the other, but not where
-        they cross and neither contains a corner of the other. For shapes that do not rotate relative to each
+        The distance is exact if the cores are disjoint or one contains a corner of the other, but not if they
+        cross and neither contains a corner of the other. For shapes that do not rotate relative to each
         other it is the distance from a fixed convex set, once differentiable outside that set. For shapes that
-        rotate it has kinks at poses where two sides lie flush on each other; then make each corner a separate
-        contact, see :func:`~dynamics.systems.shapes.polygon.vertex_pairs`.
+        rotate, the distance has kinks at poses where two sides coincide; make each corner a separate contact in this
+        case, see :func:`~dynamics.systems.shapes.polygon.vertex_pairs`.
 
         Raises ``ValueError`` for two half-planes.
         """
@@ -65,11 +65,11 @@ class Contact:
         return ca.vertcat(self.normal[1], -self.normal[0])
 
     def jacobians(self, q: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Rows ``J_n`` and ``J_t``, each (1, nq), of the relative velocity at the contact.
+        """Return the rows ``J_n`` and ``J_t``, each (1, nq), of the relative velocity at the contact.
 
-        ``J_n dq/dt`` and ``J_t dq/dt`` are the normal and the tangential component of A's velocity
-        relative to B's [m/s], both taken at ``point``, so that a force and its reaction act along
-        one line. ``J_n`` is the gradient of ``phi``. q must be symbols.
+        ``J_n dq/dt`` and ``J_t dq/dt`` are the normal and the tangential component of A's velocity relative to B's
+        [m/s], both at ``point``, so that a force and its reaction act along one line. ``J_n`` is the gradient of
+        ``phi``. q must be symbols.
         """
         slip = _point_jacobian(self.a, self.point, q) - _point_jacobian(self.b, self.point, q)
         # A floor's normal has a zero entry, which would otherwise leave columns of explicit zeros.
@@ -106,9 +106,9 @@ class Row(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class FrictionSpec:
-    """The nc contacts with friction: ``gap`` (nc, 1) [m], rows ``J_n`` (nc, nq) along the normal.
+    """The nc contacts with friction: ``gap`` (nc, 1) [m], and rows ``J_n`` (nc, nq) along the normals.
 
-    ``J_t`` are rows (nc, nq) along each direction of the friction cone, one in the plane, ``slip``
+    ``J_t`` are rows (nc, nq) along each direction of the friction cone (one direction in the plane), and ``slip``
     (nc, 1) [m] the distances slid along them in a step; ``friction`` is Coulomb's f (nc, 1). ``lam``
     are the multipliers (nc, 1) of the normal row, then those of the cone formulation's other rows.
     """
@@ -123,21 +123,21 @@ class FrictionSpec:
 
     @property
     def has_friction(self) -> ca.SX:
-        """Indicator (nc, 1): 1, or 0 where the friction coefficient is zero.
+        """Indicator (nc, 1): 1, or 0 if the friction coefficient is zero.
 
-        Without friction the friction cone has no interior, which a central path needs. The pairs are then those
-        of a contact with coefficient 1 that does not slide, and exert no impulse.
+        A central path needs a friction cone with an interior. Without friction the cone has no interior; the pairs are
+        then those of a contact with coefficient 1 that does not slide, and they exert no impulse.
         """
         return ca.if_else(self.friction == 0, 0, 1)
 
     @property
     def bound(self) -> ca.SX:
-        """Maximum tangential impulse f gamma (nc, 1) [N s], with f = 1 where the friction is zero."""
+        """Maximum tangential impulse f gamma (nc, 1) [N s], with f = 1 if the friction is zero."""
         return ca.if_else(self.friction == 0, 1, self.friction) * self.lam[0]
 
     @property
     def directions(self) -> list[tuple[str, ca.SX, ca.SX]]:
-        """Number as text (empty in the plane), rows, and distance slid, for each tangential direction."""
+        """For each tangential direction: its number as text (empty in the plane), rows, and distance slid."""
         numbers = [""] if len(self.J_t) == 1 else [str(k) for k in range(1, len(self.J_t) + 1)]
         return list(zip(numbers, self.J_t, self.slip, strict=True))
 
@@ -147,10 +147,10 @@ class FrictionSpec:
 
 
 class ConeForm(NamedTuple):
-    """A formulation of the friction cone as complementarity pairs: their number, and their rows.
+    """A formulation of the friction cone as complementarity pairs: the number of pairs, and their rows.
 
-    ``n_further`` maps the number of tangential directions to the number of rows besides the normal one. ``pairs``
-    returns all rows, the normal one first, and the impulses along the normal and along every direction.
+    ``n_further`` maps the number of tangential directions to the number of rows besides the normal row. ``pairs``
+    returns all rows, the normal row first, and the impulses along the normal and along every direction.
     """
 
     n_further: Callable[[int], int]
@@ -203,7 +203,7 @@ LINEARISED = ConeForm(lambda directions: 2 * directions + 1, _linearised_pairs)
 def _second_order_pairs(at: FrictionSpec) -> tuple[list[Row], ca.SX, list[ca.SX]]:
     """Return the pairs ``gamma ⟂ gap``, ``upper ⟂ dual + 2 slip`` and ``dual ⟂ 2 f gamma - upper``.
 
-    The cone's lower eigenvalue is the gap of ``dual``, so that no equation but the pairs is needed.
+    The cone's lower eigenvalue is the gap of ``dual``, so that no further equation is needed.
     """
     if len(at.J_t) > 1:
         raise ValueError("the second-order cone is written for one tangent; take cone='linearised'")

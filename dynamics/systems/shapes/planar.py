@@ -19,7 +19,7 @@ class Pose:
     """Pose of a body in the plane: ``position`` (2, 1) [m] of its origin and ``angle`` [rad].
 
     The angle is measured from the second axis of the plane towards the first, in the plane (x, z) about +y:
-    ``R(a)(x, z) = (x cos a + z sin a, -x sin a + z cos a)``. Where a model measures its angle in the opposite
+    ``R(a)(x, z) = (x cos a + z sin a, -x sin a + z cos a)``. If a model measures its angle in the opposite
     direction, pass the negative angle.
     """
 
@@ -28,7 +28,7 @@ class Pose:
 
     @classmethod
     def fixed(cls) -> Pose:
-        """Return the pose of the world itself, which never moves."""
+        """Return the pose of the world frame, which never moves."""
         return cls(ca.SX.zeros(2), ca.SX(0))
 
     @cached_property
@@ -69,7 +69,7 @@ class Shape(ABC):
     @property
     @abstractmethod
     def corners(self) -> tuple[Point, ...]:
-        """Corners of the core in the body's frame [m]; empty where the core is unbounded."""
+        """Corners of the core in the body's frame [m]; empty if the core is unbounded."""
 
     @abstractmethod
     def signed_distance(self, point: ca.SX, pose: Pose) -> tuple[ca.SX, ca.SX]:
@@ -104,8 +104,8 @@ class Box(Shape):
         """Return the distance ``|max(d, 0)| + min(max(d_1, d_2), 0) - radius`` [m] and the normal (2, 1).
 
         ``d = |p| - half_size + radius``, p the point relative to the centre in the box's axes. Outside
-        the normal points away from the nearest point of the box, inside towards the nearest side. Not
-        differentiable inside where two sides are equally near.
+        the normal points away from the nearest point of the box, inside towards the nearest side. Inside, the
+        distance is not differentiable where two sides are equally near.
         """
         p = pose.to_local(point) - as_column(self.centre)
         side = ca.if_else(p >= 0, 1, -1)
@@ -142,7 +142,7 @@ class Capsule(Shape):
         return (self.start, self.end)
 
     def signed_distance(self, point: ca.SX, pose: Pose) -> tuple[ca.SX, ca.SX]:
-        """Return ``|point - nearest point of the segment| - radius`` and the normal, undefined on the segment."""
+        """Return ``|point - nearest point of the segment| - radius`` and the normal (undefined on the segment)."""
         start = pose.to_world(self.start)
         segment = pose.to_world(self.end) - start
         share = ca.fmin(ca.fmax(ca.dot(point - start, segment) / ca.sumsqr(segment), 0), 1)

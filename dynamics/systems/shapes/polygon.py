@@ -18,11 +18,11 @@ _FLAT_TOLERANCE = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Polygon(Shape):
-    """A convex polygon, its ``vertices`` (at least three, in order) rounded by ``radius``.
+    """A convex polygon with ``vertices`` (at least three, in order), rounded by ``radius``.
 
     Vertices are given relative to ``centre`` and stored in the frame of the body. Rounding removes area at the
-    corners and does not move the sides, as for :class:`Box`. Numeric vertices may run either way round;
-    symbolic ones must run from the first axis of the plane to the second, counterclockwise in (x, y).
+    corners and does not move the sides, as for :class:`Box`. Numeric vertices may be in either order; symbolic
+    vertices must run from the first axis of the plane to the second, counterclockwise in (x, y).
 
     Raises ``ValueError`` for vertices without area, with crossing sides, or not convex, and for a radius so
     large that a side vanishes.
@@ -60,7 +60,7 @@ class Polygon(Shape):
 
     @property
     def corners(self) -> tuple[Point, ...]:
-        """The centres of the rounded corners, ``v - r (m + n)/(1 + m'n)`` between normals m, n."""
+        """Centres of the rounded corners, ``v - r (m + n)/(1 + m'n)`` between normals m, n."""
         return self._corners
 
     @cached_property
@@ -72,10 +72,10 @@ class Polygon(Shape):
         )
 
     def signed_distance(self, point: ca.SX, pose: Pose) -> tuple[ca.SX, ca.SX]:
-        """Return ``|p - c| - r`` where the corner c of the core is nearest, else ``max n'(p - c) - r``, and the normal.
+        """Return ``|p - c| - r`` if a corner c of the core is nearest, else ``max n'(p - c) - r``, and the normal.
 
-        The maximum is over the sides: outside it is at the side facing p, inside at the nearest
-        side. Once differentiable wherever p is outside the core or near one side alone.
+        The maximum is over the sides: for p outside it is at the side that faces p, for p inside at the nearest
+        side. The distance is once differentiable if p is outside the core or near one side only.
         """
         p, corners, n = pose.to_local(point), list(map(as_column, self.corners)), self.normals
         heights = [ca.dot(m, p - c) for m, c in zip(n, corners, strict=True)]
@@ -102,7 +102,7 @@ def box_polygon(box: Box) -> Polygon:
 
 
 def polygon_defect(vertices: np.ndarray, radius: float) -> str | None:
-    """Return why ``vertices`` (n, 2), rounded by ``radius``, form no convex polygon; None if they form one."""
+    """Return why ``vertices`` (n, 2), rounded by ``radius``, do not form a convex polygon; None if they form one."""
     edges = np.roll(vertices, -1, axis=0) - vertices
     size = float(np.ptp(vertices, axis=0).max())
     if not size or np.linalg.norm(edges, axis=1).min() <= _FLAT_TOLERANCE * size:
@@ -131,12 +131,12 @@ def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def is_clockwise(vertices: np.ndarray) -> bool:
-    """Whether ``vertices`` (n, 2) run clockwise in (x, y), from the second axis of the plane to the first."""
+    """Return whether ``vertices`` (n, 2) run clockwise in (x, y), from the second axis of the plane to the first."""
     return bool(_cross(vertices, np.roll(vertices, -1, axis=0)).sum() < 0)
 
 
 def _crosses(vertices: np.ndarray) -> bool:
-    """Whether two sides of a polygon that are not neighbours cross."""
+    """Return whether two sides of a polygon that are not neighbours cross."""
     n, ends = len(vertices), np.roll(vertices, -1, axis=0)
     for i in range(n):
         for j in range(i + 2, n - (i == 0)):
@@ -177,13 +177,12 @@ def vertex_pairs(shape_a: Shape | Union, shape_b: Shape | Union) -> list[tuple[S
     central path of the contact smooths this program, and each ``phi_i`` is once differentiable outside the
     cores. The n impulses of two shapes add up to ``mu sum 1/phi_i``, between ``mu/d`` and ``n mu/d``; shapes
     pressed together by an impulse F stay between ``mu/F`` and ``n mu/F`` apart. All these bounds go to zero
-    with mu. Two sides that lie on each other touch at the two ends of their common segment. A disc has one
+    with mu. Two coincident sides touch at the two ends of their common segment. A disc has one
     contact with each part.
 
-    The minimum of ``phi_i`` is the distance of disjoint or touching shapes, and minus the penetration depth
-    where a corner is inside a side. Where two sharp corners overlap it is larger than minus the depth. Shapes
-    that cross without a corner inside the other count as disjoint. Two corners at the same point have two
-    impulses.
+    The minimum of ``phi_i`` is the distance of disjoint or touching shapes, and minus the penetration depth if a
+    corner is inside a side. If two sharp corners overlap, it is larger than minus the depth. Shapes that cross
+    without a corner inside the other count as disjoint. Two corners at the same point have two impulses.
     """
     pairs = []
     for part_a in convex_parts(shape_a):
@@ -197,7 +196,7 @@ def vertex_pairs(shape_a: Shape | Union, shape_b: Shape | Union) -> list[tuple[S
 
 
 def _outer(shape: Shape, body: Shape | Union) -> list[Point]:
-    """Return the corners of the part ``shape`` that are corners of ``body``; shared ones count for the first part."""
+    """Return the corners of the part ``shape`` that are corners of ``body``; the first part has the shared ones."""
     members = convex_parts(body)
     if len(members) == 1 or not isinstance(shape, Polygon):
         return list(shape.corners)
@@ -211,7 +210,7 @@ def _outer(shape: Shape, body: Shape | Union) -> list[Point]:
 
 
 def _angle(member: Shape, place: Point) -> float:
-    """Return the angle [rad] that ``member`` fills around ``place``.
+    """Return the interior angle [rad] of ``member`` at the point ``place``.
 
     The angle is 0 for a member that is not a polygon. For a polygon with symbolic sides it is 1e-3 at the
     polygon's corners and 0 elsewhere.

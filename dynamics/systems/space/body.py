@@ -29,16 +29,16 @@ VELOCITIES = {"free": 6, "ball": 3, "hinge": 1, "slide": 1, "fixed": 0}
 class Body:
     """A rigid body in space and the joint to its parent; every number may be a CasADi symbol.
 
-    The body's frame has its origin in the joint. At q = 0 (a ball at the quaternion 1) it lies at
-    ``position`` [m], rotated by the unit ``quaternion`` (w, x, y, z), in the frame of ``parent``,
-    which is the world where None. z points up.
+    The body's frame has its origin in the joint. At q = 0 (for a ball, at the quaternion 1) it is at
+    ``position`` [m], rotated by the unit ``quaternion`` (w, x, y, z), in the frame of ``parent``; None is the world.
+    z points up.
 
     ``mass`` [kg], which may be zero for a body with children; ``inertia`` about the centre of mass
     in the body's axes, (xx, yy, zz) or (xx, yy, zz, xy, xz, yz) [kg m²]; ``com`` the position of
     that centre [m].
 
     ``joint``: a ``hinge`` turns about ``axis``, a unit vector of the body's frame, by q [rad]; a ``slide``
-    moves along it by q [m]; a ``ball`` has a unit quaternion, and its angular velocity in the body's axes
+    moves along ``axis`` by q [m]; a ``ball`` has a unit quaternion, and its angular velocity in the body's axes
     [rad/s]; ``free`` has the position in the world [m] and a quaternion, the velocity of the origin in the
     world's axes [m/s] and an angular velocity in the body's axes (both velocities at the previous pose in a
     step, see :func:`~dynamics.systems.space.stepping.centre_velocities`); ``fixed`` has no coordinates.
@@ -47,7 +47,7 @@ class Body:
     :class:`~dynamics.systems.Link`. ``servo`` is the stiffness [N m/rad; N/m] of a motor whose input is its
     target position.
 
-    Raises ``ValueError`` for an invalid argument: a negative mass or inertia, inertia that breaks
+    Raises ``ValueError`` for an invalid argument: a negative mass or inertia, inertia that violates
     the triangle inequality, an axis or quaternion not of unit length, reversed limits, and a setting
     that the kind of joint does not have.
     """
@@ -143,7 +143,7 @@ class Body:
 
 
 def require_vector(name: str, value: object, sizes: tuple[int, ...]) -> list[float | None]:
-    """Return the entries of a tuple of numbers, None for a symbolic one; raise ``ValueError`` for other ``sizes``."""
+    """Return the entries of a tuple of numbers, None for symbolic entries; raise ``ValueError`` for other ``sizes``."""
     if not isinstance(value, tuple) or len(value) not in sizes:
         counts = " or ".join(map(str, sizes))
         raise ValueError(f"{name} must be a tuple of {counts} numbers, got {value!r}")

@@ -14,15 +14,15 @@ from dynamics.systems.space.body import Vector
 from dynamics.systems.space.shapes import Box, Capsule, Cylinder, Hull, Plane, Shape, Sphere
 
 JointAxes = list[tuple[int, ca.SX, ca.SX, ca.SX]]
-"""Joint axes that move a body, as returned by :meth:`~dynamics.systems.space.tree.Tree.joint_axes`."""
+"""Joint axes that move a body, as :meth:`~dynamics.systems.space.tree.Tree.joint_axes` returns them."""
 _FLAT = 1e-3
-"""Sine of the angle between a cylinder's axis and a plane's normal around which its lowest point is smoothed."""
+"""Sine of the angle between a cylinder's axis and a plane's normal below which its lowest point is smoothed."""
 _DOWN = -0.7
-"""z component of a normal below which its tangents are those of the mirrored basis."""
+"""z component of a normal below which the tangents are those of the mirrored basis."""
 
 
 class SpatialPose(NamedTuple):
-    """A shape's frame: rotation (3, 3) into the world, origin (3, 1) [m]."""
+    """Frame of a shape: rotation (3, 3) into the world's axes, and origin (3, 1) [m]."""
 
     R: ca.SX
     p: ca.SX
@@ -46,7 +46,7 @@ class SpatialContact:
 
     @property
     def tangents(self) -> tuple[ca.SX, ca.SX]:
-        """Two unit vectors along the surface of B, (1, 0, 0) and (0, 1, 0) on a floor.
+        """Two unit vectors along the surface of B; on a floor they are (1, 0, 0) and (0, 1, 0).
 
         Frisvad's basis, doi 10.1080/2165347X.2012.689606, mirrored for normals that point down, where it is singular.
         """
@@ -59,7 +59,7 @@ class SpatialContact:
         return ca.sparsify(first), ca.sparsify(second)
 
     def jacobian_rows(self, motions_a: JointAxes, motions_b: JointAxes, nv: int) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """Rows (1, nv) along the normal and both tangents of the relative velocity at ``point``.
+        """Return rows (1, nv) of the relative velocity at ``point``, along the normal and both tangents.
 
         ``motions_a`` and ``motions_b`` are the axes that move A and B. A force and its reaction act along one line.
         """
@@ -75,8 +75,8 @@ class SpatialContact:
 def contacts_between(shape_a: Shape, pose_a: SpatialPose, shape_b: Shape, pose_b: SpatialPose) -> list[SpatialContact]:
     """Return the contacts of two shapes, one for each point where they may touch.
 
-    Spheres and capsules may touch everything but hulls. Boxes and hulls may touch planes with their
-    corners, cylinders with the lowest point of either rim. A capsule touches planes, boxes and
+    Spheres and capsules may touch all shapes except hulls. Boxes and hulls may touch planes with their
+    corners, and cylinders may touch planes with the lowest point of either rim. A capsule touches planes, boxes and
     cylinders with its two ends. Raises ``ValueError`` for other pairs.
     """
     if isinstance(shape_b, Sphere | Capsule) and not isinstance(shape_a, Sphere):
@@ -94,7 +94,7 @@ def contacts_between(shape_a: Shape, pose_a: SpatialPose, shape_b: Shape, pose_b
 
 
 def at_random_poses(rows: ca.SX) -> np.ndarray:
-    """Values (m, 3 n) of an expression (m, n) at three random values of all its symbols."""
+    """Return values (m, 3 n) of an expression (m, n) at three random values of all its symbols."""
     symbols = ca.vertcat(ca.SX(0, 1), *ca.symvar(rows))
     evaluate, rng = ca.Function("rows", [symbols], [ca.densify(rows)]), np.random.default_rng(0)
     return np.hstack([evaluate(rng.uniform(0.1, 1, symbols.numel())).full() for _ in range(3)])
@@ -129,19 +129,19 @@ def _find_contacts(shape_a: Shape, pose_a: SpatialPose, shape_b: Shape, pose_b: 
 
 
 def _contact(distance: ca.SX, normal: ca.SX, centre: ca.SX, radius: ca.SX | float) -> SpatialContact:
-    """Return the contact with B of a sphere whose centre is at ``distance`` from B."""
+    """Return the contact of B with a sphere whose centre is at ``distance`` from B."""
     return SpatialContact(distance - radius, normal, centre - radius * normal)
 
 
 def _of_points(point_a: ca.SX, radius: ca.SX | float, point_b: ca.SX, other_radius: ca.SX | float) -> SpatialContact:
-    """Return the contact of two spheres around two points."""
+    """Return the contact of two spheres, given their centres and radii."""
     offset = point_a - point_b
     distance = ca.norm_2(offset)
     return _contact(distance - other_radius, offset / distance, point_a, radius)
 
 
 def _lowest(shape: Shape, pose: SpatialPose, normal: ca.SX) -> list[tuple[ca.SX, ca.SX | float]]:
-    """Return the points of a shape that may touch a plane first, each with the radius of the sphere around it."""
+    """Return the points of a shape that may touch a plane first, and for each the radius of the sphere around it."""
     match shape:
         case Sphere():
             return [(pose.to_world(shape.centre), shape.radius)]
@@ -207,7 +207,7 @@ def _distance_to_round(shape: Sphere | Capsule, pose: SpatialPose, point: ca.SX)
 
 
 def _distance_to_box(box: Box, pose: SpatialPose, point: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Return the signed distance of a point from a box (inside, from the nearest side), and the outward normal."""
+    """Return the signed distance of a point from a box (if inside, from the nearest side), and the outward normal."""
     R = pose.R @ ca.sparsify(rotation.matrix(ca.SX(ca.vertcat(*box.quaternion))))
     local = R.T @ (point - pose.to_world(box.centre))
     side = ca.if_else(local >= 0, 1, -1)
@@ -222,7 +222,7 @@ def _distance_to_box(box: Box, pose: SpatialPose, point: ca.SX) -> tuple[ca.SX, 
 
 
 def _distance_to_cylinder(cylinder: Cylinder, pose: SpatialPose, point: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Return the signed distance of a point from a cylinder (inside, from the nearest side), and the outward normal."""
+    """Return the signed distance of a point from a cylinder (if inside, from the nearest side), and the normal."""
     start, end = pose.to_world(cylinder.start), pose.to_world(cylinder.end)
     axis, middle = end - start, (start + end) / 2
     half_length = ca.norm_2(axis) / 2
@@ -238,7 +238,7 @@ def _distance_to_cylinder(cylinder: Cylinder, pose: SpatialPose, point: ca.SX) -
 
 
 def _distance_to_faces(d: ca.SX, face: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Return the signed distance and normal of a point at distances d from perpendicular faces.
+    """Return signed distance and normal of a point, given its distances d from perpendicular faces.
 
     ``face`` is the normal of a point inside.
     """

@@ -14,10 +14,10 @@ from dynamics.systems.space.tree import Tree
 
 @dataclass(frozen=True)
 class Coupling:
-    """The equation ``sum(coefficients[body] * q[body]) = value`` between hinges and slides.
+    """The equation ``sum(coefficients[body] * q[body]) = value`` between positions of hinges and slides.
 
-    The first body's joint depends on the others. The equation holds exactly at the end of a step, by
-    forces that do no work on the motions it allows. ``value`` has the unit of the first body's q.
+    The first body's joint depends on the others. The equation holds exactly at the end of a step, due to
+    forces that do no work on the motions that it allows. ``value`` has the unit of the first body's q.
     """
 
     coefficients: Mapping[str, float]
@@ -30,7 +30,7 @@ class CoupledJoints:
     ``dependent`` are indices into v of the dependent joints, ``independent`` all others, and
     ``basis`` (nv, nv - m) the velocities that the couplings allow, ``v = basis v[independent]``.
 
-    Raises ``ValueError`` for an unknown body, one that is neither a hinge nor a slide, and
+    Raises ``ValueError`` for an unknown body, for a joint that is neither a hinge nor a slide, and for
     couplings that contradict or repeat each other.
     """
 
@@ -64,9 +64,9 @@ class CoupledJoints:
     def constrain(self, force: ca.SX, position: ca.SX, v_next: ca.SX, h: ca.SX | float) -> ca.SX:
         """Return the equations of motion (nv, 1): the dynamics along ``basis``, and the couplings.
 
-        ``force`` (nv, 1) is the residual without couplings, ``position`` (nv, 1) the positions of
-        hinges and slides before the step. Rows of dependent joints become
-        ``A v+ + (A p - b) / h = 0``, so that the couplings hold at the end of the step.
+        ``force`` (nv, 1) is the residual without couplings, and ``position`` (nv, 1) contains the positions of hinges
+        and slides before the step. Rows of dependent joints become ``A v+ + (A p - b) / h = 0``, so that the
+        couplings hold at the end of the step.
         """
         rows = ca.SX(force)
         rows[self.independent] = self.basis.T @ force

@@ -12,11 +12,10 @@ from dynamics.systems.space.body import Body
 
 @dataclass(frozen=True, eq=False)
 class JointFrame:
-    """Rotation of a body's axes into its parent's axes, its origin in the parent's frame [m], and its joint's motions.
+    """Rotation of a body's axes into its parent's axes, origin in the parent's frame [m], and motions of the joint.
 
-    ``turns`` and ``moves`` (3, n) are the columns of angular and linear velocity in the body's own axes for
-    each entry of v; the linear velocities of a free joint are left out, see
-    :class:`~dynamics.systems.space.tree.Tree`.
+    ``turns`` and ``moves`` (3, n) are the columns of angular and linear velocity in the body's axes for each
+    entry of v; linear velocities of a free joint are omitted, see :class:`~dynamics.systems.space.tree.Tree`.
     """
 
     R: ca.SX
@@ -26,7 +25,7 @@ class JointFrame:
 
 
 def joint_frame(body: Body, at: ca.SX) -> JointFrame:
-    """Return the frame of a body whose entries of q are ``at``."""
+    """Return the frame of a body; ``at`` are the body's entries of q."""
     axis = ca.sparsify(ca.SX(ca.vertcat(*body.axis)))
     turn, none = rotation.matrix(ca.SX(ca.vertcat(*body.quaternion))), ca.SX(3, 1)
     place = ca.sparsify(ca.SX(ca.vertcat(*body.position)))

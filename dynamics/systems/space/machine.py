@@ -1,4 +1,4 @@
-"""Machines in space: trees of bodies whose parts touch the world and each other."""
+"""Machines in space: trees of bodies whose parts may touch the world and each other."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ EQUAL_CONTACTS_TOLERANCE = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class SpatialPart:
-    """A ``shape`` fixed to a body, in the body's frame, or to the :data:`WORLD`, where it never moves."""
+    """A ``shape`` fixed to a body, in the body's frame; on the :data:`WORLD` a part never moves."""
 
     name: str
     body: str
@@ -55,11 +55,11 @@ class SpatialMachine(Multibody):
     """A machine in space: a tree of bodies, parts on them, and pairs of parts that may touch.
 
     ``collision_pairs`` are pairs of names of parts on different bodies; one of the two may be on the
-    :data:`WORLD`. Their contacts are called ``<one> on <other>``, with a number appended where a pair has
-    several points. Points that all joints move alike, such as the front and back corners of a box that moves in
-    a plane, are one contact. ``gravity`` is an acceleration [m/s²].
+    :data:`WORLD`. Their contacts are called ``<one> on <other>``, with a number appended if a pair has
+    several points. Points that all joints move in the same way, such as front and back corners of a box that moves
+    in a plane, are one contact. ``gravity`` is an acceleration [m/s²].
 
-    Raises ``ValueError`` for bodies that form no tree, and for names that are unknown or used twice.
+    Raises ``ValueError`` for bodies that do not form a tree, and for names that are unknown or used twice.
     """
 
     bodies: tuple[Body, ...]
@@ -94,11 +94,11 @@ class SpatialMachine(Multibody):
         return self._tree
 
     def coupled_joints(self) -> CoupledJoints | None:
-        """Return the couplings of the tree's joints, None without any."""
+        """Return the couplings of the tree's joints; None if there are none."""
         return CoupledJoints(self.tree(), self.couplings) if self.couplings else None
 
     def contacts_with_bodies(self, q: ca.SX) -> dict[str, tuple[SpatialContact, str, str]]:
-        """Return a mapping from names to contacts at ``q`` (nq, 1), each with the bodies of shape A and of shape B."""
+        """Return a mapping from names to contacts at ``q`` (nq, 1), each with the bodies of its shapes A and B."""
         places, contacts = body_places(self.tree(), q), {}
         for pair, placed_a, placed_b in self.meeting_shapes():
             owners = placed_a.owner, placed_b.owner
@@ -116,7 +116,7 @@ class SpatialMachine(Multibody):
 
     @cached_property
     def _q(self) -> ca.SX:
-        """Symbolic pose at which points are compared; all pairs share it, so that the tree is evaluated once."""
+        """Symbolic pose for the comparison of points; all pairs share it, so that the tree is evaluated once."""
         return ca.SX.sym("q", self.tree().nq)
 
     def contacts(self, q: ca.SX, spheres: Collection[str] | None = None) -> dict[str, SpatialContact]:
@@ -167,16 +167,16 @@ def body_places(tree: Tree, q: ca.SX) -> dict[str, SpatialPose]:
 
 
 def name_contacts(name_a: str, name_b: str, contacts: Sequence[SpatialContact]) -> dict[str, SpatialContact]:
-    """Return a mapping from names to the contacts of two parts; the names are numbered where there are several."""
+    """Return a mapping from names to the contacts of two parts; with several contacts the names are numbered."""
     numbers = [f" {k}" for k in range(1, len(contacts) + 1)] if len(contacts) > 1 else [""]
     return {f"{name_a} on {name_b}{number}": contact for number, contact in zip(numbers, contacts, strict=False)}
 
 
 def distinct_points(tree: Tree, q: ca.SX, part_a: PlacedShape, part_b: PlacedShape, count: int) -> list[int]:
-    """Return indices of the ``count`` contacts of two parts, without those that duplicate another.
+    """Return indices of the ``count`` contacts of two parts, without contacts that duplicate another.
 
-    Contacts are duplicates where distances and rows along normal and tangents agree at random poses of the
-    symbol ``q`` (nq, 1); where distances or rows depend on a quaternion, no contacts count as duplicates.
+    Contacts are duplicates if their distances, and their rows along normal and tangents, agree at random poses of
+    the symbol ``q`` (nq, 1). If distances or rows depend on a quaternion, no contacts count as duplicates.
     """
     if count < 2:
         return list(range(count))

@@ -9,7 +9,7 @@ _SERIES_LIMIT = 1e-3
 
 
 def product(a: ca.SX, b: ca.SX) -> ca.SX:
-    """Return Hamilton's product of two quaternions (4, 1): rotation by b, then by a."""
+    """Return the Hamilton product of two quaternions (4, 1): rotation by b, then by a."""
     return ca.vertcat(
         a[0] * b[0] - ca.dot(a[1:], b[1:]),
         a[0] * b[1:] + b[0] * a[1:] + ca.cross(a[1:], b[1:]),
@@ -17,7 +17,7 @@ def product(a: ca.SX, b: ca.SX) -> ca.SX:
 
 
 def matrix(q: ca.SX) -> ca.SX:
-    """Rotation matrix (3, 3) of a unit quaternion, ``R(q) v = q v q*``."""
+    """Return the rotation matrix (3, 3) of a unit quaternion, ``R(q) v = q v q*``."""
     w, x, y, z = ca.vertsplit(q)
     return ca.vertcat(
         ca.horzcat(1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
@@ -27,7 +27,7 @@ def matrix(q: ca.SX) -> ca.SX:
 
 
 def from_axis_angle(axis: ca.SX, angle: ca.SX) -> ca.SX:
-    """Rotation matrix (3, 3) about a unit ``axis`` (3, 1) by ``angle`` [rad], Rodrigues' formula.
+    """Return the rotation matrix (3, 3) about a unit ``axis`` (3, 1) by ``angle`` [rad], Rodrigues' formula.
 
     About a coordinate axis the entries 0 and 1 are constants of the graph.
     """
@@ -43,10 +43,10 @@ def from_axis_angle(axis: ca.SX, angle: ca.SX) -> ca.SX:
 
 
 def integrate(q: ca.SX, rotation_vector: ca.SX) -> ca.SX:
-    """Return ``q (+) w``: q rotated exactly by ``rotation_vector`` w (3, 1) [rad], in the rotated frame's axes.
+    """Return ``q (+) w``: q rotated by ``rotation_vector`` w (3, 1) [rad], given in the rotated frame's axes.
 
-    ``q exp(w / 2)``, normalised by one step of Newton's method, so that rounding errors do not add
-    up over steps.
+    The result is ``q exp(w / 2)``, exact and normalised by one step of Newton's method, so that rounding errors
+    do not add up over steps.
     """
     half_angle_squared = ca.sumsqr(rotation_vector) / 4
     is_small = half_angle_squared < _SERIES_LIMIT
@@ -63,6 +63,6 @@ def integrate(q: ca.SX, rotation_vector: ca.SX) -> ca.SX:
 
 
 def rate_matrix(q: ca.SX) -> ca.SX:
-    """Derivative (4, 3) of ``q (+) w`` with respect to w at zero, for unit q: ``dq/dt = rate_matrix(q) omega``."""
+    """Return the derivative (4, 3) of ``q (+) w`` by w at zero, for unit q: ``dq/dt = rate_matrix(q) omega``."""
     w, v = q[0], q[1:]
     return ca.vertcat(-v.T, w * ca.SX.eye(3) + ca.skew(v)) / 2

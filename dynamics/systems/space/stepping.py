@@ -33,7 +33,7 @@ PYRAMID_EDGES = (4, 8)
 
 @dataclass(frozen=True, eq=False)
 class ContactPair:
-    """A contact at a pose: its name, the axes that move its bodies A and B, and whether B is the world."""
+    """A contact at a pose: its name, the axes that move the bodies A and B, and whether B is the world."""
 
     name: str
     contact: SpatialContact
@@ -48,15 +48,15 @@ class SpatialStep:
 
     ``M(q) (v+ - v) = h (B u - C(q, v) v+ - g(q) - D v+ - K (p + h v+ - r)) + J_n' gamma + J_t' beta + J_l' nu``
     and ``q+ = q (+) h v+``, which rotates quaternions exactly and keeps their unit length; p are the positions
-    of hinges and slides, r the rest positions of springs or the commands of servos. Velocity forces are linear
-    in v+ and generate no energy where M is constant. For a free body ``v+ - v`` is the change of velocity of
+    of hinges and slides, r the rest positions of springs or the commands of servos. Velocity-dependent forces
+    are linear in v+ and generate no energy if M is constant. For a free body ``v+ - v`` is the change of velocity of
     its centre of mass, with v taken at the previous pose ``q (-) h v``, so that momentum is conserved. The
     pairs are those of :func:`~dynamics.systems.timestepping.time_stepping`, except that the friction cone is a
     pyramid inscribed in Coulomb's cone, with 4 or 8 ``edges``:
 
     ``0 <= beta_k ⟂ psi + h d_k' J_t v+ >= 0``  and  ``0 <= psi ⟂ f gamma - sum beta_k >= 0``.
 
-    Where all contacts can slide only along their first tangent, or all only along their second, the
+    If all contacts can slide only along their first tangent, or all only along their second, the
     pyramid has two edges, along this tangent.
 
     The state is (q, v), multipliers are impulses [N s]. Without ``inertial`` the step is independent of v and
@@ -113,7 +113,7 @@ class SpatialStep:
         return ca.vertcat(ca.SX(0, 1), *(touch.contact.phi for touch in self.touches(q)))
 
     def _rows(self, q: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Rows along normals (nc, nv), and along first and second tangents (2 nc, nv), at a pose."""
+        """Return rows along the normals (nc, nv), and along first and second tangents (2 nc, nv), at a pose."""
         nv = self.tree.nv
         rows = [touch.contact.jacobian_rows(touch.axes_a, touch.axes_b, nv) for touch in self.touches(q)]
         normal, *tangential = (ca.vertcat(ca.SX(0, nv), *(row[k] for row in rows)) for k in range(3))
@@ -231,7 +231,7 @@ def _input(tree: Tree, motor: str) -> Signal:
 
 
 def about_centres(tree: Tree, q: ca.SX, v: ca.SX, sign: int = 1) -> ca.SX:
-    """Return v (nv, 1) with velocities of free bodies' centres of mass in place of velocities of their origins.
+    """Return v (nv, 1) with velocities of centres of mass in place of origins, for free bodies.
 
     With ``sign`` -1 convert from centres of mass to origins.
     """
@@ -246,8 +246,8 @@ def about_centres(tree: Tree, q: ca.SX, v: ca.SX, sign: int = 1) -> ca.SX:
 def centre_velocities(tree: Tree, q: ca.SX, v: ca.SX, h: ca.SX | float) -> ca.SX:
     """Return :func:`about_centres` of v at the previous pose ``q (-) h v``.
 
-    A step of h ends with velocities of origins at the pose where it started, so that this returns the
-    velocities of centres of mass exactly.
+    A step of h ends with velocities of origins at the pose where the step started, so that the returned
+    velocities of centres of mass are exact.
     """
     q_before = ca.SX(q)
     for name in tree.centres:

@@ -18,14 +18,14 @@ from dynamics.systems.space.joints import JointFrame, joint_frame
 class Tree:
     """Equations of motion of trees of rigid bodies in space.
 
-    ``M(q) dv/dt + C(q, v) v + g(q) = B u + springs + dampers + contact forces``. M comes from
-    the composite-rigid-body algorithm, the rest from Newton-Euler recursions in the axes of each body
-    (Featherstone, Rigid Body Dynamics Algorithms, 2008, ch. 5-6). q and v have the order of the
-    bodies given, as in MuJoCo: a free joint has its position in the world and its quaternion, the
-    velocity of its origin in the world's axes and its angular velocity in the body's.
+    ``M(q) dv/dt + C(q, v) v + g(q) = B u + springs + dampers + contact forces``. M comes from the
+    composite-rigid-body algorithm, the rest from Newton-Euler recursions in the axes of each body (Featherstone,
+    Rigid Body Dynamics Algorithms, 2008, ch. 5-6). q and v are in the order of the given bodies. As in MuJoCo, a free
+    joint has its position in the world and its quaternion, the velocity of its origin in the world's axes and its
+    angular velocity in the body's axes.
 
-    All methods take and return SX expressions; quaternions in q must be of unit length.
-    Raises ``ValueError`` where the bodies form no tree.
+    All methods take and return SX expressions; quaternions in q must be of unit length. Raises ``ValueError`` if the
+    bodies do not form a tree.
     """
 
     def __init__(self, bodies: Sequence[Body], gravity: Vector = (0.0, 0.0, -9.81)) -> None:
@@ -80,7 +80,7 @@ class Tree:
 
     @cached_property
     def centres(self) -> dict[str, ca.SX]:
-        """Mapping from names of free bodies to their centre of mass (3, 1) [m] where it is not the origin."""
+        """Mapping from names of free bodies whose centre of mass is not the origin to this centre (3, 1) [m]."""
         centres = {
             name: ca.sparsify(ca.SX(ca.vertcat(*body.com)))
             for name, body in self.bodies.items()
@@ -99,7 +99,7 @@ class Tree:
         return sum((ca.SX(body.mass) for body in self._ordered), ca.SX(0))
 
     def per_velocity(self, value: Callable[[Body], Number | None]) -> ca.SX:
-        """Return, for each velocity, ``value`` of the body whose joint it belongs to (nv, 1), zero where it is None."""
+        """Return, for each velocity, the ``value`` of the body of its joint (nv, 1), zero if the value is None."""
         values = (value(body) for body in self.bodies.values() for _ in range(VELOCITIES[body.joint]))
         return ca.sparsify(ca.vertcat(ca.SX(0, 1), *(ca.SX(0 if entry is None else entry) for entry in values)))
 
@@ -112,10 +112,10 @@ class Tree:
         return positions
 
     def advance(self, q: ca.SX, displacements: ca.SX, *, centred: bool = True) -> ca.SX:
-        """Return ``q (+) displacements`` (nq, 1), displacements (nv, 1) along v; quaternions rotate exactly.
+        """Return ``q (+) displacements`` (nq, 1), with displacements (nv, 1) along v; quaternions rotate exactly.
 
-        The centre of mass of a free body moves straight and its origin rotates about it; where not
-        ``centred`` the origin moves straight, which is the same to first order.
+        The centre of mass of a free body moves in a straight line and its origin rotates about it; if not
+        ``centred``, the origin moves in a straight line, which is the same to first order.
         """
         q_parts = []
         for name, body in self.bodies.items():
@@ -138,7 +138,7 @@ class Tree:
         return self._poses(q)[body]
 
     def joint_axes(self, q: ca.SX, body: str) -> list[tuple[int, ca.SX, ca.SX, ca.SX]]:
-        """Return the axes that move a body: (index into v, turning axis, direction moved, a point of the axis).
+        """Return the axes that move a body: (index into v, rotation axis, direction of motion, a point of the axis).
 
         The vectors are in the world's axes; the list covers the joints of the body and of its ancestors.
         """
@@ -205,8 +205,8 @@ class Tree:
         ``w' (dM/dt - 2 C) w = 0`` for every w, and velocity forces can be implicit in w. Niemeyer and Slotine, doi
         10.1177/027836499101000201; Echeandia and Wensing, doi 10.1115/1.4051169.
 
-        Where ``centred``, a has accelerations of free bodies' centres of mass, the rate of change of
-        :func:`~dynamics.systems.space.stepping.about_centres`, in place of those of their origins.
+        If ``centred``, a contains the accelerations of free bodies' centres of mass, the rate of change of
+        :func:`~dynamics.systems.space.stepping.about_centres`, in place of the accelerations of their origins.
         """
         joints, gravity_acceleration = self._joints(q), self.gravity if gravity is None else gravity
         states = self._accelerations(joints, v, w, a, -gravity_acceleration, self.centres if centred else {})
@@ -271,7 +271,7 @@ class Tree:
         return poses
 
     def _composites(self, joints: dict[str, JointFrame]) -> dict[str, tuple[ca.SX, ca.SX, ca.SX]]:
-        """Return mass, first and second moment about its origin of each body with its descendants."""
+        """Return mass, first and second moment about its origin for each body together with its descendants."""
         composites = {}
         for body in self._ordered:
             com, mass = ca.sparsify(ca.SX(ca.vertcat(*body.com))), ca.SX(body.mass)
@@ -299,10 +299,10 @@ class Tree:
         world_acceleration: ca.SX,
         centres: dict[str, ca.SX],
     ) -> dict[str, tuple[ca.SX, ca.SX, ca.SX, ca.SX]]:
-        """Return, for each body, angular velocity of v and of w, and angular and linear acceleration of its origin.
+        """Return, for each body, angular velocities of v and of w, and angular and linear acceleration of its origin.
 
         All are in the body's axes; ``world_acceleration`` is the acceleration of the world. For bodies in
-        ``centres``, a has the acceleration of this point, not of the origin.
+        ``centres``, a contains the acceleration of this point, not of the origin.
         """
         still = ca.SX(3, 1)
         states: dict[str, tuple[ca.SX, ca.SX, ca.SX, ca.SX]] = {}
@@ -333,7 +333,7 @@ class Tree:
 
 
 def _second_moment(a: ca.SX, b: ca.SX) -> ca.SX:
-    """Return ``a'b 1 - a b'``, for a = b the second moment of a point mass of 1 kg at a."""
+    """Return ``a'b 1 - a b'``; for a = b this is the second moment of a point mass of 1 kg at a."""
     return ca.dot(a, b) * ca.SX.eye(3) - a @ b.T
 
 

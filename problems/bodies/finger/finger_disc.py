@@ -71,10 +71,10 @@ def _start(p: ParameterTable) -> ca.SX:
 def build(params: Params) -> Problem:
     """Return the problem with steps (finger-disc.1), contact (finger-disc.2) and cost (finger-disc.5).
 
-    The start is (finger-disc.3), the tracking error (finger-disc.4), the state (q, v); lam are
-    impulses [N s]. Impacts are plastic. In the source the tip starts away from the disc, a penalty keeps
-    it left of 1.4 m, and torques are at most 15 N m. The source's weights on the errors of the joints are
-    0.5 and 0.1; its terminal weights on these errors and on the disc's velocity are 1.
+    The start is (finger-disc.3), the tracking error is (finger-disc.4), the state is (q, v); lam are impulses [N s].
+    Impacts are plastic. In the source the tip starts away from the disc, a penalty keeps it left of 1.4 m, and
+    torques are at most 15 N m. The source's weights on the errors of the joints are 0.5 and 0.1; its terminal weights
+    on these errors and on the disc's velocity are 1.
     """
     p = table(params)
     system = finger_system(name, p)

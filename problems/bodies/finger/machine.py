@@ -1,4 +1,4 @@
-"""A finger of two links and a disc on a pin, which it turns."""
+"""A finger of two links, and a disc on a pin that it turns."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def finger_system(name: str, p: ParameterTable) -> ContactSystem:
 
 
 def finger_shapes(params: FingerParams, state: np.ndarray, goal: float) -> list[Shape]:
-    """Draw links, tip, and the disc with one radius at its angle and another at the angle ``goal`` [rad]."""
+    """Draw links, tip, and the disc, with one radius at its angle and another at the angle ``goal`` [rad]."""
     (x, z), elbow, tip = (params.x, params.z), *_elbow_and_tip(params, state)
     disc = Circle(x, z, params.R)
 

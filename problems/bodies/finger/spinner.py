@@ -45,10 +45,10 @@ class Params(FingerParams):
 def build(params: Params) -> Problem:
     """Return the problem with steps (spinner.1), contact (spinner.2), nominal (spinner.3) and cost (spinner.4).
 
-    The state is (q, v, nominal); lam are impulses [N s]. The nominal angle starts at zero, the angle of
-    the disc. It is a state, so that it continues in a closed loop, where the offset ``lead`` can move it
-    to the present angle of the disc. Contact is rigid, whereas the source has stiff springs; nothing
-    drives the disc, whereas the source penalises a force on it.
+    The state is (q, v, nominal); lam are impulses [N s]. The nominal angle starts at zero, the initial angle of the
+    disc. It is a state, so that it continues in a closed loop, where the offset ``lead`` can move it to the current
+    angle of the disc. Contact is rigid, whereas the source has stiff springs; no force drives the disc, whereas the
+    source penalises such a force.
     """
     p = table(params)
     system = with_nominal(finger_system(name, p), p["rate"], Signal("nominal", "rad", "nominal angle of the disc"))

@@ -1,4 +1,4 @@
-"""The half-cheetah: a torso on a hind and a fore leg of three links each.
+"""The half-cheetah: a torso on a hind leg and a fore leg of three links each.
 
 The values are from Dojo's halfcheetah.urdf and its environment (Howell et al., Dojo, 2022), reduced
 to the plane.
@@ -30,10 +30,10 @@ def half_cheetah(
 ) -> PublishedMachine:
     """Return the half-cheetah of Zhang et al. (2023), sec. 7: 9 coordinates, 6 motors, 14.000 kg.
 
-    ``spring_scale`` multiplies the stiffnesses of the six joints (60 to 240 N m/rad), ``damping``
-    [N m s/rad] acts in each joint. ``base_damping`` acts on x, z and angle of the torso [N s/m,
-    N m s/rad]; the source has none. One unit of input is 30 to 120 N m; inputs are meant to be in
-    [-1, 1], which the source does not enforce. At ``pose`` both feet touch the ground.
+    ``spring_scale`` multiplies the stiffnesses of the six joints (60 to 240 N m/rad), ``damping`` [N m s/rad] acts in
+    each joint. ``base_damping`` acts on x, z and angle of the torso [N s/m, N m s/rad]; the source has no such
+    damping. One unit of input is 30 to 120 N m; the intended range of inputs is [-1, 1], which the source does not
+    enforce. At ``pose`` both feet touch the ground.
     """
     torso = Link("torso", None, 6.36031, 0.8835, joint="free", damping=base_damping)
     legs = tuple(

@@ -1,4 +1,4 @@
-"""Problem of the half-cheetah: run in a periodic gait at a given mean speed."""
+"""Problem of the half-cheetah: running in a periodic gait at a given mean speed."""
 
 from __future__ import annotations
 

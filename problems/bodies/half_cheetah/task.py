@@ -1,4 +1,4 @@
-"""Task of the half-cheetah for training policies: run."""
+"""Task of the half-cheetah for training policies: running."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Problem of a one-legged planar hopper: hop forward and land at rest."""
+"""Problem of a one-legged planar hopper: hopping forward and landing at rest."""
 
 from __future__ import annotations
 

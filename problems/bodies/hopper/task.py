@@ -1,4 +1,4 @@
-"""Task of the hopper for training policies: run without falling."""
+"""Task of the hopper for training policies: running without falling."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ STEEPEST_PITCH = 0.2
 LARGEST_STATE = 100.0
 """Absolute value of an entry of the state at which an episode ends [m, rad, m/s, rad/s]."""
 FASTEST_SEEN = 10.0
-"""Absolute value to which observed velocities are clipped [m/s, rad/s]."""
+"""Maximum absolute value of observed velocities, which are clipped [m/s, rad/s]."""
 observation_bounds = {signal.name: (-FASTEST_SEEN, FASTEST_SEEN) for signal in problem.MACHINE.tree().velocities}
 
 
@@ -75,9 +75,9 @@ class Params(with_weights(HopperDynamics, problem.MACHINE)):
 
 
 def build(params: Params) -> Task:
-    """Build the task; the state is (q, v), the reward the speed in m/s, plus 0.1, minus a cost of inputs.
+    """Build the task; the state is (q, v), and the reward is the speed in m/s plus 0.1 minus a cost of inputs.
 
-    Inputs are bounded by one unit, 200 N m, whereas the source has no bounds. A state that is not finite
+    Inputs are bounded by one unit (200 N m), whereas the source has no bounds. A state that is not finite
     also ends the episode.
     """
     system, common = machine_task_fields(name, params, hopper, "spring", problem.SPHERES[params.spheres])

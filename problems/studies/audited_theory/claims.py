@@ -9,7 +9,7 @@ from problems.studies.study import Claim, claim, format_values, settings_text
 
 
 def claims(data: xr.Dataset) -> list[Claim]:
-    """Return a claim for each theorem and, where the theorem fails, a second claim for its corrected form."""
+    """Return a claim for each theorem and, if the theorem fails, a second claim for its corrected form."""
     return [
         *_stiffness(data),
         *_near_contact(data),
@@ -21,7 +21,7 @@ def claims(data: xr.Dataset) -> list[Claim]:
 
 
 def _holds(data: xr.Dataset, bound: str) -> tuple[float, float, str]:
-    """Return the shares of symmetric matrices and of P-matrices for which a bound holds, and a text with both."""
+    """Return the fractions of symmetric matrices and of P-matrices for which a bound holds, and a text with both."""
     share = []
     for kind in data["kind"].values:
         ratio = data["ratio"].sel(bound=bound, kind=kind).values

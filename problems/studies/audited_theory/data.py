@@ -13,11 +13,11 @@ SIZES = tuple(range(1, 9))
 MUS = 10.0 ** np.arange(-8, 1)
 """Central-path parameters of the sweep."""
 GAINS = np.array([0.8, 1.0, 1.2])
-"""Lipschitz constants of the dynamics in the check of the variance's growth."""
+"""Lipschitz constants of the dynamics for which the growth of the variance is checked."""
 _DOMAIN_POINTS = 5
-"""Number of points in each system's domain over which the largest slope and |z| for thm. 4.5 are taken."""
+"""Number of points in each system's domain at which the largest slope and |z| for thm. 4.5 are taken."""
 HORIZONS = np.array([2, 4, 6, 8, 10, 12, 14, 16, 18, 20])
-"""Horizons [steps] in the check of the variance's growth."""
+"""Horizons [steps] for which the growth of the variance is checked."""
 BOUNDS = (
     "4.5 as printed",
     "4.5, sign corrected",
@@ -42,7 +42,7 @@ class Params(StudyParams):
 
 
 def _audit(params: Params, rng: np.random.Generator) -> dict:
-    """Compute ratios of slope to bound (kind, size, bound, draw); a bound holds where its ratio is at most one."""
+    """Compute ratios of slope to bound (kind, size, bound, draw); a bound holds if its ratio is at most one."""
     shape = (len(bounds.KINDS), len(SIZES), len(BOUNDS), params.draws)
     ratio = np.full(shape, np.nan)
     step = np.zeros(shape[:2])
@@ -88,13 +88,13 @@ def _over_domain(
 
 
 def _sweep(params: Params, rng: np.random.Generator, n: int = 4) -> dict:
-    """Compute largest slope, largest curvature at a kink and printed bound for each kind and mu, (kind, mu) each."""
+    """Compute largest slope, largest curvature at a kink and printed bound for each (kind, mu)."""
     slope, curvature, bound = np.empty((3, len(bounds.KINDS), len(MUS)))
     for row, kind in enumerate(bounds.KINDS):
         F = np.stack([bounds.random_p_matrix(rng, n, kind) for _ in range(params.sweep)])
         open_, shut = np.exp(rng.standard_normal((2, params.sweep, n)))
         for column, mu in enumerate(MUS):
-            # Contact 0 at its kink, contact 1 pressed, the others open.
+            # Contact 0 is at its kink, contact 1 is closed, and the others are open.
             lam, gap = mu / open_, open_.copy()
             lam[:, 1], gap[:, 1] = shut[:, 1], mu / shut[:, 1]
             lam[:, 0] = gap[:, 0] = np.sqrt(mu)

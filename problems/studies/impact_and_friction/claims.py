@@ -8,7 +8,7 @@ import xarray as xr
 from problems.studies.study import Claim, claim, format_values, settings_text
 
 _NOISY_ERROR = 0.02
-"""Standard error over the slope h/m above which an average counts as noisy."""
+"""Standard error, relative to the slope h/m, above which an average counts as noisy."""
 
 
 def claims(data: xr.Dataset) -> list[Claim]:

@@ -20,10 +20,9 @@ def softened_box(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return a box's next velocity [m/s] from rest under pushes u [N], and its derivative by u [m/(N s)], (n,) each.
 
-    A barrier on both faces of |f| <= b = friction h m g, f the friction impulse, gives
-    ``v+ = r(f) = -(2 mu/h) f/(b² - f²)`` with ``m v+ = h u + f``, which has one root f; mu in N s m. The
-    derivative is ``(h/m) c/(1 + c)``, ``c = -m r'(f) = (2 m mu/h) (b² + f²)/(b² - f²)²``; it
-    tends to 0 in stick and to h/m in slip.
+    A barrier on both faces of |f| <= b = friction h m g, with f the friction impulse, gives ``v+ = r(f) = -(2 mu/h)
+    f/(b² - f²)`` with ``m v+ = h u + f``, which has a single root f; mu is in N s m. The derivative is ``(h/m) c/(1 +
+    c)``, ``c = -m r'(f) = (2 m mu/h) (b² + f²)/(b² - f²)²``; it tends to 0 in stick and to h/m in slip.
     """
     b = friction * h * m * g
 
@@ -43,7 +42,7 @@ def smoothed_box(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return mean and variance, (n,) each, of a box's exact dv+/du [m/(N s)] at pushes N(u, sigma²).
 
-    The exact derivative is h/m where |u| > friction m g, else 0, so that mean and variance depend only on
+    The exact derivative is h/m if |u| > friction m g, else 0, so that mean and variance depend only on
     the probability of slip.
     """
     bound = friction * m * g
@@ -53,12 +52,12 @@ def smoothed_box(
 
 @dataclass(frozen=True)
 class Cost:
-    """Number of exact solves that replace one solve of the softened box at equal bias, and related errors.
+    """Number of exact solves that replace one softened solve of the box at equal bias, and related errors.
 
     ``bias`` [m/(N s)]: root mean square, over the pushes, of the softened slope minus the exact one;
     ``sigma`` [N]: noise for which the averaged exact slope has the same bias; ``single``: error of one
-    exact solve over that bias; ``needed``: number of exact solves whose average has an error at most a
-    tenth above the bias.
+    exact solve over that bias; ``needed``: number of exact solves whose average has an error of at most 1.1 times the
+    bias.
     """
 
     bias: float
@@ -91,11 +90,11 @@ COUNTS = (10, 100, 1000)
 BALL_MUS = (1e-4, 1e-3, 1e-2)
 """Central-path parameters of the ball's barrier laws [N s m]."""
 BOX_MUS = np.array([1 / 300, 1 / 30, 1 / 3])
-"""Central-path parameters of the box over h b²/m, b = friction h m g its largest friction impulse."""
+"""Central-path parameters of the box divided by h b²/m, where b = friction h m g is the maximum friction impulse."""
 _POINTS_NEAR_IMPACT = 2000
 """Number of positions, at most sigma from the impact, at which randomized smoothing is evaluated."""
 FINER = (1, 10, 100)
-"""Ratios of the step size of the barrier law to that of the exact rollout which randomized smoothing averages."""
+"""Ratios of the barrier law's step size to the step size of the exact rollouts that are averaged."""
 
 
 class Params(StudyParams):
@@ -163,7 +162,7 @@ def _averaged(
 
 
 def _push(params: Params, rng: np.random.Generator) -> tuple[dict, dict]:
-    """Compute the derivative of the next velocity of a box at rest with respect to the push on it."""
+    """Compute the derivative of the next velocity of a box at rest with respect to the push."""
     arguments = {"m": 1.0, "g": params.g, "friction": params.friction, "h": params.h_box}
     system = get("box-slide", **arguments).system
     u, x_rest = np.linspace(-10, 10, 81), np.zeros((1, 2))

@@ -1,4 +1,4 @@
-"""C1: costs of closed loops that plan again at every sample, compared over contact laws."""
+"""C1: costs of closed loops that plan again at every sample, compared between contact laws."""
 
 from problems.studies.laws_in_the_loop.claims import claims
 from problems.studies.laws_in_the_loop.data import QUICK, Params, run

@@ -12,11 +12,11 @@ from problems.studies.shared.trainings import Difference, mean_difference, small
 from problems.studies.study import Claim, claim, settings_text
 
 _EQUAL_COST = 0.01
-"""Relative difference of mean costs up to which they count as equal."""
+"""Relative difference up to which two mean costs count as equal."""
 _CLOSE_COST = 0.1
 """Relative excess of one mean cost over another up to which the two count as close."""
 _SETTINGS_SHARE = 0.75
-"""Minimum share of the settings in which a claim must hold."""
+"""Minimum fraction of the settings in which a claim must hold."""
 _OUR_CHECK = "our check"
 """Citation in the claims that no paper makes."""
 _SHIRAI = "Linear feedback, its title; its abstract: seems not"
@@ -31,19 +31,19 @@ def claims(data: xr.Dataset) -> list[Claim]:
 
 
 def _costs(data: xr.Dataset, span: str, setting: tuple[str, str]) -> dict[str, np.ndarray]:
-    """Return a mapping from controller to its relative costs, one per seed, at a ``setting`` (task, plant)."""
+    """Return a mapping from each controller to its relative costs at a ``setting`` (task, plant), one per seed."""
     costs = relative_cost(data).sel(span=span, task=setting[0], plant=setting[1])
     return {str(name): costs.sel(controller=name).values for name in data["controller"].values}
 
 
 def _settings_text(settings_run: list[tuple[str, str]], marks: list[bool]) -> str:
-    """Return a text that says in how many settings a claim holds, and lists those in which it does not."""
+    """Return a text with the number of settings in which a claim holds, and a list of the others."""
     missed = [f"{task} on {plant}" for (task, plant), mark in zip(settings_run, marks, strict=True) if not mark]
     return f"{sum(marks)} of {len(marks)} settings" + f"; not {', '.join(missed)}" * bool(missed)
 
 
 def _cheapest(data: xr.Dataset) -> list[Claim]:
-    """Check for each plant that no loop planned under a smoothed law costs less than the loop under the exact law."""
+    """Check for each plant that no loop under a smoothed law costs less than the loop under the exact law."""
     results = []
     for plant in PLANTS:
         tasks = [task for task, other in run_settings(data) if other == plant]
@@ -59,13 +59,13 @@ def _cheapest(data: xr.Dataset) -> list[Claim]:
 
 
 def _exact_gain(costs: dict[str, np.ndarray]) -> Difference:
-    """Return the least excess of a smoothed law's cost, increased by :data:`_EQUAL_COST`, over the exact law's."""
+    """Return the smallest excess of a smoothed law's cost, plus :data:`_EQUAL_COST`, over the exact law's."""
     gains = [mean_difference((1 + _EQUAL_COST) * costs[law], costs["exact"]) for law in list(LAWS)[1:]]
     return min(gains, key=lambda gain: gain.mean)
 
 
 def _over_mu(data: xr.Dataset) -> list[Claim]:
-    """Check that costs fall as mu falls, and that at the smallest mu they are close to the exact law's costs."""
+    """Check that costs decrease with mu and are close to the exact law's costs at the smallest mu."""
     settings_run = run_settings(data)
     means = [
         {law: float(values.mean()) for law, values in _costs(data, "run", setting).items()} for setting in settings_run
@@ -88,7 +88,7 @@ def _over_mu(data: xr.Dataset) -> list[Claim]:
 
 
 def _feedback(data: xr.Dataset) -> list[Claim]:
-    """Compare linear feedback along one plan with the plan's inputs alone and with planning again at every sample."""
+    """Compare linear feedback along one plan with open-loop inputs and with planning again at every sample."""
     settings_run, results = run_settings(data), []
     means = [
         {law: float(values.mean()) for law, values in _costs(data, "first horizon", setting).items()}
@@ -115,7 +115,7 @@ def _feedback(data: xr.Dataset) -> list[Claim]:
 
 
 def _surviving(data: xr.Dataset) -> list[Claim]:
-    """Compare the shares of runs that survive under each law, on the model and over all plants."""
+    """Compare the fractions of runs that survive under each law, on the model and on all plants."""
     survivals, settings_run = survival(data).sel(span="run"), run_settings(data)
     shares = {
         law: np.concatenate([survivals.sel(controller=law, task=t, plant=p).values for t, p in settings_run])

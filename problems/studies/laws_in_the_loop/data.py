@@ -1,7 +1,7 @@
 """C1: closed loops of every controller on every plant of every task.
 
 The study has one part for each task, controller and plant, which is stored when it is finished: the
-costs of all seeds, whether each run diverged, and the computing time of a sample.
+costs of all seeds, which runs diverged, and the computing time of a sample.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ TASKS = {
     "finger-disc": "m",
     "spinner": "m",
 }
-"""Mapping from task to the parameter that the plant ``mismatch`` changes."""
+"""Mapping from each task to the parameter that the plant ``mismatch`` changes."""
 PLANTS = ("model", "referee", "h/4", "mismatch", "noise")
 """Names of the plants that are controlled."""
 LAWS: dict[str, ContactLaw] = {
@@ -39,9 +39,9 @@ LAWS: dict[str, ContactLaw] = {
     "adaptive": Adaptive(),
     "randomized": Randomized(),
 }
-"""Mapping from name to the contact law of plans; mu in N s m, the last two laws at their default settings."""
+"""Mapping from names to the contact laws of plans; mu in N s m, the last two laws at their default settings."""
 FOLLOWED = ("exact", "barrier 0.01")
-"""Names of the laws under which one plan is made and then followed by gains or inputs."""
+"""Names of the laws whose plan is followed by gains or by its inputs."""
 FEEDBACK = tuple(f"gains, {law}" for law in FOLLOWED)
 """Names of the controllers that follow one plan by linear feedback."""
 INPUTS = tuple(f"inputs, {law}" for law in FOLLOWED)
@@ -54,13 +54,13 @@ _MISMATCH_FACTOR = 1.3
 _RUN_HORIZONS = 2
 """Length of a run, as a multiple of the problem's horizon."""
 _LARGEST_RATIO = 1000.0
-"""Upper limit on the ratio of a cost to the best one; runs whose cost is NaN get this value."""
+"""Upper limit of the ratio of a cost to the lowest cost; runs with the cost NaN get this value."""
 _SURVIVAL_RATIO = 2.0
-"""Maximum ratio of a run's cost to the lowest cost on the model from the same seed, for the run to survive."""
+"""Maximum ratio of the cost of a run that survives to the lowest cost on the model from the same seed."""
 
 
 class Params(StudyParams):
-    """Parameters of study C1; problems and laws keep their defaults."""
+    """Parameters of study C1; problems and laws have their defaults."""
 
     tasks: int = setting(len(TASKS), "1", "the first of the tasks", least=1, most=len(TASKS))
     seeds: int = setting(20, "1", "seeds of starts and noise", least=2, most=200)
@@ -85,7 +85,7 @@ class TaskLoops:
 
     @property
     def plants(self) -> list[str]:
-        """Names of the plants for this task: ``referee`` and ``h/4`` only where they differ from the model."""
+        """Names of the plants for this task, with ``referee`` and ``h/4`` only if they differ from the model."""
         alike = {
             "referee": self.problem.referee_step is self.problem.exact_step,
             "h/4": step_size_kind(self.problem.system).kind == "fixed",
@@ -93,7 +93,7 @@ class TaskLoops:
         return [plant for plant in PLANTS if not alike.get(plant)]
 
     def loop(self, name: str, plant: str) -> dict[str, np.ndarray]:
-        """Simulate the controller ``name`` on ``plant`` for all seeds, and return a mapping from name to array.
+        """Simulate the controller ``name`` on ``plant`` for all seeds; return a mapping from names to arrays.
 
         ``cost`` (seeds, 2) has the costs of the first horizon and of the whole run, ``ended`` (seeds,) is
         True for diverged runs, and ``ms`` is the 99th percentile of the computing time of a sample [ms].
@@ -119,7 +119,7 @@ class TaskLoops:
 
 
 def initial_states(problem: Problem, params: Params) -> np.ndarray:
-    """Return initial states (seeds, nx) without penetration: the problem's own, then random ones around it."""
+    """Return initial states (seeds, nx) without penetration: the problem's start, then random states around it."""
     p, system = problem.parameters.values, problem.system
     nominal = np.array(problem.limits(p)[0]).ravel()
     phi = ca.SX(0) if system.phi is None else system.phi
@@ -133,7 +133,7 @@ def initial_states(problem: Problem, params: Params) -> np.ndarray:
 
 
 def cost_at(closed_loop: ClosedLoop, N: int) -> np.ndarray:
-    """Return costs (seeds,) of the first ``N`` samples, including the terminal cost of the state after them."""
+    """Return the costs (seeds,) of the first ``N`` samples, including the terminal cost of the state after them."""
     x, u, stage_costs = (closed_loop.data[name].values for name in ("x", "u", "cost"))
     problem, last = closed_loop.problem, u[:, N - 1]
     terms, p = problem.cost_terms, problem.parameters.values
@@ -174,13 +174,13 @@ def run(params: Params, finished: FinishedParts) -> xr.Dataset:
 
 
 def relative_cost(data: xr.Dataset) -> xr.DataArray:
-    """Return ratios of costs to the lowest cost on the same task, plant and seed; NaN for what was not run."""
+    """Return ratios of costs to the lowest cost on the same task, plant and seed; NaN for loops that were not run."""
     ratio = data["cost"] / data["cost"].min("controller")
     return ratio.fillna(_LARGEST_RATIO).clip(max=_LARGEST_RATIO).where(data["ended"].notnull())
 
 
 def survival(data: xr.Dataset) -> xr.DataArray:
-    """Return 1 where a cost is at most twice the same seed's lowest cost on the model, else 0; NaN if not run."""
+    """Return 1 for costs of at most twice the same seed's lowest cost on the model, else 0; NaN if not run."""
     best = data["cost"].sel(plant="model", drop=True).min("controller")
     return (data["cost"] <= _SURVIVAL_RATIO * best).astype(float).where(data["ended"].notnull())
 

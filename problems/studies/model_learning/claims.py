@@ -12,11 +12,11 @@ _MODEL_LEARNING = "Adaptive barrier smoothing, sec. 7, model learning"
 _PSI_TOLERANCE = 0.05
 """Relative error up to which a parameter in psi counts as identified."""
 _COVERED_SHARE = 0.85
-"""Minimum share of the 95 % intervals that must contain the true value; they are few and not independent."""
+"""Minimum fraction of 95 % intervals that contain the true value; there are few, and they are not independent."""
 
 
 def claims(data: xr.Dataset) -> list[Claim]:
-    """Return claims on errors of both models and on psi, for exact data, data with noise, and data with drag."""
+    """Return claims on the errors of both models and on psi, for exact data and for data with noise or drag."""
     return [*_errors(data), *_found(data), *_noise(data), *_drag(data)]
 
 

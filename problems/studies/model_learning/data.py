@@ -32,7 +32,7 @@ MIXED = "m, rad, m/s, rad/s"
 
 
 class Params(StudyParams):
-    """Parameters of study AM; the network's are from the authors' code, the other parameters are our choice."""
+    """Parameters of study AM; the network's parameters are from the authors' code, the others are our choice."""
 
     data: int = setting(2000, "1", "transitions, of which a 40th, a 10th, a 4th are fewer", least=400)
     held: int = setting(1000, "1", "held-out transitions", least=50)
@@ -47,12 +47,12 @@ class Params(StudyParams):
 
 
 def transition_counts(params: Params) -> list[int]:
-    """Return the numbers of transitions to learn from; only networks use the last, four times the full number."""
+    """Return the numbers of training transitions; only networks use the last, four times the full number."""
     return [params.data // 40, params.data // 10, params.data // 4, params.data, 4 * params.data]
 
 
 def run(params: Params, finished: FinishedParts) -> xr.Dataset:
-    """Learn from each number of exact transitions, and from the full number of transitions with noise or drag."""
+    """Fit models to each number of exact transitions, and to ``params.data`` transitions with noise or drag."""
     sizes = transition_counts(params)
     errors = np.full((len(DATA), len(MODELS), len(sizes), params.seeds, len(WHERE)), np.nan)
     shape = len(DATA), len(sizes), params.seeds, len(PSI)
@@ -109,15 +109,15 @@ def run(params: Params, finished: FinishedParts) -> xr.Dataset:
 
 
 LINKS = ("torso", "thigh", "leg", "foot")
-"""Links of the hopper with a mass and an inertia to learn."""
+"""Links of the hopper whose mass and inertia are learned."""
 PSI = ("friction", "spring", "damping", *(f"mass_{link}" for link in LINKS), *(f"inertia_{link}" for link in LINKS))
-"""Names of the hopper's parameters to learn."""
+"""Names of the hopper's parameters that are learned."""
 DATA = ("exact", "noise", "drag")
-"""Kinds of transitions: exact, with noise on next states, and with a drag that the learned model does not have."""
+"""Kinds of transitions: exact, with noise on next states, and with a drag that the learned model lacks."""
 DRAG = 50.0
-"""Drag on the torso [N s/m, N m s/rad] that the learned model does not have; its size is from the authors' code."""
+"""Drag on the torso [N s/m, N m s/rad] that the learned model lacks; its value is from the authors' code."""
 POOL = 1
-"""Seed key of the random stream of transitions to learn from."""
+"""Seed key of the random stream of training transitions."""
 HELD = 2
 """Seed key of the random stream of held-out transitions."""
 JUDGES = 1000
@@ -126,7 +126,7 @@ JUDGES = 1000
 
 @dataclass(frozen=True, eq=False)
 class TransitionData:
-    """Transitions of one kind: ``pool`` to learn from, in random order, and ``held``, held out for tests.
+    """Transitions of one kind: ``pool`` for training, in random order, and ``held``, held out for tests.
 
     ``held`` has no noise. The masks ``landed`` (n,) for ``pool`` and ``touched`` (n,) for ``held`` are
     True where bodies touch in the next state.
@@ -140,7 +140,7 @@ class TransitionData:
 
     @classmethod
     def of(cls, kind: str, params: Params, n: int) -> TransitionData:
-        """Draw ``n`` transitions of ``kind``, one of :data:`DATA`, and in addition held-out transitions."""
+        """Draw ``n`` transitions of ``kind``, one of :data:`DATA`, and further transitions that are held out."""
         task = get("hopper")
         explorer = Explorer(task, values={"base_damping": DRAG} if kind == "drag" else None)
         transitions, landed = random_transitions(explorer, n, [params.seed, POOL])
@@ -156,7 +156,7 @@ class TransitionData:
         return cls(task, transitions, landed[order], held, touched)
 
     def errors(self, x_next: np.ndarray) -> np.ndarray:
-        """Return mean errors (3,) of ``x_next``, predictions of the held-out next states: all, in flight, in contact.
+        """Return mean errors (3,) of the predicted next states ``x_next``: of all, in flight, and in contact.
 
         Units are :data:`MIXED`. NaN predictions are left out.
         """
@@ -176,10 +176,10 @@ class TransitionData:
 
 
 def by_psi(source: TransitionData, n: int, seed: int, params: Params) -> dict[str, np.ndarray]:
-    """Learn psi from the first ``n`` transitions, and return a mapping from name to array.
+    """Learn psi from the first ``n`` transitions, and return a mapping from names to arrays.
 
-    ``errors`` are held-out errors; ``psi``, ``low`` and ``high``, the ends of its intervals, and ``way``,
-    its values during the search, are divided by the true values.
+    ``errors`` are held-out errors; ``psi``, ``low`` and ``high``, the ends of the intervals of psi, and
+    ``way``, the values of psi during the search, are divided by the true values.
     """
     transitions = source.pool[:n]
     step = Exact().close(source.task.system)
@@ -201,7 +201,7 @@ def by_psi(source: TransitionData, n: int, seed: int, params: Params) -> dict[st
 
 
 def in_flight(source: TransitionData) -> dict[str, np.ndarray]:
-    """Return the upper ends of psi's intervals from transitions without contact, divided by the true values."""
+    """Return the upper ends of psi's intervals from transitions without contact, relative to the true values."""
     flying = source.pool[np.flatnonzero(~source.landed)[:JUDGES]]
     scale = OneStepLoss.increments(source.pool)
     loss = OneStepLoss(Exact().close(source.task.system), PSI, scale=scale)
@@ -209,7 +209,7 @@ def in_flight(source: TransitionData) -> dict[str, np.ndarray]:
 
 
 def by_network(source: TransitionData, n: int, seed: int, params: Params) -> dict[str, np.ndarray]:
-    """Train a network of four layers on the first ``n`` transitions; return its held-out errors."""
+    """Train a network of four layers on the first ``n`` transitions, and return its held-out errors."""
     transitions, judges, system = source.pool[:n], source.held, source.task.system
     origin = DataOrigin((*system.states, *system.inputs), system.states)
     samples = Samples(np.hstack([transitions.x, transitions.u]), transitions.x_next, origin)

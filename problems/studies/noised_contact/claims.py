@@ -8,13 +8,13 @@ import xarray as xr
 from problems.studies.study import Claim, claim, format_values, largest_value, settings_text
 
 _MATCH_SHARE = 1 / 2
-"""Ratio of a distance of two maps to its reference (an effect of the noise, or sigma) below which they match."""
+"""Ratio of the distance of two maps to its reference (a noise effect, or sigma) below which they match."""
 _SETS_SHARE = 0.8
-"""Minimum share of the data sets for which a claim must hold."""
+"""Minimum fraction of the data sets for which a claim must hold."""
 
 
 def claims(data: xr.Dataset) -> list[Claim]:
-    """Return claims on the pusher and on the block between walls, each learned from dense and from sparse data."""
+    """Return claims on the pusher and on the block between walls, each learned from dense and sparse data."""
     return [*_dense(data), *_sparse(data), *_penetrating(data), *_support(data), *_rollouts(data)]
 
 

@@ -1,4 +1,4 @@
-"""N1: a pushed block and a block between walls, learned from noised data, sparse and dense."""
+"""N1: a pushed block and a block between walls, learned from noised data, either sparse or dense."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from problems.studies.study import CODE, StudyParams, dataset, setting
 REGIMES = ("sparse", "dense")
 """Names of the two amounts of data."""
 STARTS = np.array([-1.6, -1.25, -1.05, 1.05, 1.25, 1.6])
-"""Initial states of the rollouts [m], in penetration by at most six sigma."""
+"""Initial states of the rollouts [m], which penetrate the walls by at most six sigma."""
 DOTS = np.linspace(-1.4, 1.4, 29)
 """Commands at which f_sigma is sampled [m]."""
 SPARSE_STATES = 5
-"""Number of states of the block in sparse data."""
+"""Number of the block's states in sparse data."""
 SPARSE_REACH = 0.5
 """Largest distance [m] of the block's sparse states from the middle."""
 STEPS = 12
 """Number of steps of a rollout."""
 _TRAINING_ROWS = 2000
-"""Number of rows up to which a small data set is repeated for training, so that a minibatch averages over noise."""
+"""Number of rows up to which a small data set is repeated, so that minibatches average over the noise."""
 _ROWS_TRAINED_ON = 1600
-"""Number of rows to train on; the other rows select the best epoch, since the weights fluctuate to the end."""
+"""Number of training rows; the other rows select the best epoch, since the weights fluctuate until the end."""
 
 
 class Params(StudyParams):
@@ -99,9 +99,9 @@ def _learned(
     f: Callable[[np.ndarray], np.ndarray],
     params: Params,
 ) -> dict[str, Any]:
-    """Return variables of the dataset for the map ``f``: g_sigma and networks h_sigma, evaluated at ``places`` (k,).
+    """Return dataset variables of the map ``f``, of g_sigma and of networks h_sigma, at ``places`` (k,).
 
-    They include the data, rms values of h_sigma - g_sigma and g_sigma - f, weighted by the density of
+    The variables include the data, rms values of h_sigma - g_sigma and g_sigma - f, weighted by the density of
     the noised data, and for the block rollouts from :data:`STARTS`.
     """
     g = np.empty((len(REGIMES), len(places)))
@@ -167,7 +167,7 @@ DEPTHS = np.array([0.0, 0.05, 0.1, 0.2, 0.5, 1.0, 10.0])
 
 
 def sample_sets(pusher: LinePusher, sparse: int, dense: int, seed: int) -> dict[str, Any]:
-    """Compute, for many random data sets, errors and slopes of g_sigma and its next states after penetration.
+    """Compute, for many random data sets, errors and slopes of g_sigma and its next states from penetration.
 
     A weighted mean of random data has the standard error ``|w (y - g)|/sum w``. Errors divided by it
     have variance 1 if g_sigma differs from f_sigma only because the data are random.
@@ -214,7 +214,7 @@ def _with_error(z: np.ndarray, y: np.ndarray, sigma: float, places: np.ndarray) 
 
 
 def _slopes(pusher: LinePusher, z: np.ndarray, sigma: float) -> tuple[float, float]:
-    """Return the largest and the smallest slope of g_sigma over rho, from sigma above the kink to the last datum."""
+    """Return the largest and smallest slope of g_sigma divided by rho, from sigma above the kink to the last datum."""
     model = average_of(z, pusher.step(z), sigma)
     places = np.linspace(pusher.c + sigma, z.max(), 400)
     slope = model.jacobians(places[:, None])[1][:, 0, 0] / pusher.rho

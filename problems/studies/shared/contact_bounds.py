@@ -1,4 +1,4 @@
-"""Bounds that two papers state on contact slopes, gradient estimators and variance, and random tests of them.
+"""Bounds from two papers on contact slopes, gradient estimators and variance, and random tests of these bounds.
 
 Theorems 4.4 to 5.4 are from Zhang et al. 2023, lemmas with the number III from Suh et al. 2022.
 """
@@ -65,7 +65,7 @@ def smoothing_pairs(rng: np.random.Generator, n: int) -> dict[str, np.ndarray]:
 
 
 def _misfit(F: float, scale: float) -> float:
-    """Return the misfit of eq. 5.1 divided by scale/F, the minimum for sigma as standard deviation and as variance."""
+    """Return the error of eq. 5.1 divided by scale/F, the smaller for sigma as standard deviation or variance."""
     z = scale * np.linspace(-3, 3, 121)
     true = gaussian_contact(z, F, scale).lam
     return F / scale * min(affine_misfit(printed_kappa(z, s), true, z) for s in (scale, scale**2))
@@ -76,8 +76,8 @@ def theorem_5_4(rng: np.random.Generator, n: int) -> dict[str, np.ndarray]:
 
     The slope errors ``bias`` and the bounds ``bound``, (len(CONSTANTS), n) each, are for n random
     (F, sigma, z) and every pair of :data:`CONSTANTS`, with C = D = 1 and E = 0. The softened solution is
-    the nonnegative root of ``lam (z + F lam) = mu``, ``mu = kappa (z + F kappa)``, and its slope the total
-    derivative by z; where there is no root (mu < 0) the error is infinite.
+    the nonnegative root of ``lam (z + F lam) = mu``, ``mu = kappa (z + F kappa)``, and its slope is the total
+    derivative by z; if there is no root (mu < 0), the error is infinite.
     """
     F, sigma = 10 ** rng.uniform(-1, 1, (2, n))
     z = sigma * rng.uniform(-2, 2, n)
@@ -99,7 +99,7 @@ def theorem_5_4(rng: np.random.Generator, n: int) -> dict[str, np.ndarray]:
 
 
 def _printed_mass(F: np.ndarray, mu: np.ndarray) -> np.ndarray:
-    """Return the integral (n,) of S_mu'' over z, which is 1 if S_mu'' is a density, as prop. 5.2 says."""
+    """Return the integral (n,) of S_mu'' over z, which is 1 if S_mu'' is a density as prop. 5.2 states."""
     positive_grid = np.geomspace(1e-5, 1e5, 4001)
     grid = np.concatenate((-positive_grid[::-1], positive_grid))
     spread = np.sqrt(F * mu)[:, None] * grid
@@ -131,8 +131,8 @@ def empirical_bias_pairs(rng: np.random.Generator, n: int) -> dict[str, np.ndarr
 def compare_orders(seed: int, n: int) -> dict[str, float]:
     """Compare first- and zeroth-order gradients of ``wall-1d`` under the exact law, over all inputs.
 
-    ``z_score`` is the largest difference of the two means divided by its standard error, ``components`` the
-    number of inputs.
+    ``z_score`` is the largest difference of the two means divided by its standard error, and ``components``
+    the number of inputs.
     """
     problem = get("wall-1d", N=15, x0=0.3)
     step = Exact().close(problem.system)
@@ -153,8 +153,8 @@ def variance_growth(seed: int, n: int, horizons: np.ndarray, gains: np.ndarray) 
 
     With a = b = L/sqrt(2), the Lipschitz constant of the dynamics in (x, u) is the gain L. The policy
     ``u = x + theta + s w`` has the Lipschitz constant sqrt(1 + s²) in (x, w), where s is
-    :data:`GROWTH_NOISE` and w standard normal; that of the terminal cost sqrt(s² + x²) is 1. From the
-    start x = 0 the noise determines the sign of the final x, and thus that of the gradient.
+    :data:`GROWTH_NOISE` and w is standard normal; the Lipschitz constant of the terminal cost
+    sqrt(s² + x²) is 1. From the start x = 0, the noise determines the sign of the final x and of the gradient.
     """
     variances = np.empty((len(gains), len(horizons)))
     for row, gain in enumerate(gains):
@@ -189,7 +189,7 @@ KINDS = ("symmetric", "P-matrix")
 def random_p_matrix(rng: np.random.Generator, n: int, kind: str) -> np.ndarray:
     """Draw a random P-matrix (n, n) of one of the :data:`KINDS`.
 
-    A symmetric one is positive definite. The other kind adds a skew part to such a matrix and rescales
+    A symmetric matrix is positive definite. The other kind adds a skew part to such a matrix and rescales
     rows and columns by positive factors, which preserves the P property but not definiteness.
     """
     G = rng.standard_normal((n, n))
@@ -267,13 +267,13 @@ def pointwise_4_5(lam: np.ndarray, mu: np.ndarray) -> np.ndarray:
 
 
 def definite_bound(F: np.ndarray) -> np.ndarray:
-    """Return the slope's bound ``1/lambda_min(S)`` (k,), S the symmetric part of F; infinite if S is not definite."""
+    """Return the bound ``1/lambda_min(S)`` (k,) on the slope, S the symmetric part of F; infinite for indefinite S."""
     smallest_eigenvalue = np.linalg.eigvalsh((F + F.transpose(0, 2, 1)) / 2)[:, 0]
     return np.where(smallest_eigenvalue > 0, 1 / np.where(smallest_eigenvalue > 0, smallest_eigenvalue, 1), np.inf)
 
 
 def theorem_5_1(z: np.ndarray, mu: np.ndarray) -> np.ndarray:
-    """Return the slope's bound (k,) of thm. 5.1 for z > 0: ``|I|_F² n mu sum 1/z_i²``."""
+    """Return the bound (k,) of thm. 5.1 on the slope for z > 0: ``|I|_F² n mu sum 1/z_i²``."""
     n = z.shape[1]
     return n * n * mu * np.sum(1 / z**2, axis=1)
 
@@ -286,7 +286,7 @@ def corrected_5_1(z: np.ndarray, F: np.ndarray, mu: np.ndarray) -> np.ndarray:
 
 
 def printed_a26(lam: np.ndarray, gap: np.ndarray, F: np.ndarray) -> np.ndarray:
-    """Return dlam/dz by eq. A.26 of Zhang et al. 2023, which couples no contacts: ``-lam_i/(gap_i + lam_i F_ii)``."""
+    """Return dlam/dz by eq. A.26 of Zhang et al. 2023, without coupling: ``-lam_i/(gap_i + lam_i F_ii)``."""
     diagonal = np.diagonal(F, axis1=1, axis2=2)
     diagonal_slope = -lam / (gap + lam * diagonal)
     return diagonal_slope[:, :, None] * np.eye(lam.shape[1])

@@ -15,7 +15,7 @@ _QUADRATURE_NODES = 4001
 
 
 def both_orders(objective: SampledObjective, sigma: float, n: int, seed: int, stream: int) -> list[EstimatorRun]:
-    """Run the first-order estimator and the zeroth-order one with the mean as baseline, on independent noise."""
+    """Run the first-order estimator, and the zeroth-order estimator with mean baseline, on independent noise."""
     seeds = np.random.SeedSequence(seed, spawn_key=(stream,)).spawn(2)
     return [
         run_estimator(objective, SAMPLED[name], Gaussian(sigma, own_seed), n)
@@ -26,7 +26,7 @@ def both_orders(objective: SampledObjective, sigma: float, n: int, seed: int, st
 def sweep_decision(
     objective: SampledObjective, theta: np.ndarray, sigma: float, n: int, seed: int
 ) -> dict[str, np.ndarray]:
-    """Return the smoothed objective and gradient estimates at decisions ``theta`` (k,), to which noise is added.
+    """Return the smoothed objective and gradient estimates at decisions ``theta`` (k,) with added noise.
 
     ``F`` and ``slope`` (k,) are the smoothed objective and its derivative by quadrature over +-6
     sigma, ``F' = E[f w]/sigma²``; ``first`` and ``zeroth`` (k, 2) are mean and standard error

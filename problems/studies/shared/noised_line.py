@@ -1,6 +1,6 @@
-"""One-dimensional contact and its averages over noised data; sigma [m], data not normalised.
+"""One-dimensional contact systems and their averages over noisy data; sigma is in metres, and data are not normalised.
 
-Both systems of Suh et al. 2023, sec. IV: a block that a pusher moves, and a block between two walls.
+The systems are those of Suh et al. 2023, sec. IV: a block moved by a pusher, and a block between two walls.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from ocp.errors import InputError
 ORIGIN = DataOrigin((Signal("z", "m"),), (Signal("y", "m"),))
 """Input z and output y of a model along the line, both [m]."""
 _METRES = Normalisation(np.zeros(1), np.ones(1))
-"""Normalisation that leaves data in metres."""
+"""Normalisation that does not change data in metres."""
 
 
 @dataclass(frozen=True)
 class LinePusher:
-    """Block on a line that a pusher, commanded to u, moves in one step: ``q+ = q + rho max(0, u - c)``.
+    """Block on a line, moved in one step by a pusher commanded to u: ``q+ = q + rho max(0, u - c)``.
 
     The pusher touches the block at c; ``rho = h² K/(m + h² K)`` for a block of mass m, a pusher of
     stiffness K and a step h. This solves eq. 13 of Suh et al. 2023 without friction.
@@ -62,7 +62,7 @@ class LinePusher:
 
 @dataclass(frozen=True)
 class Walls:
-    """Block that stays where it is put, ``f(x) = x``, between walls at ``low`` and ``high`` [m]."""
+    """Block that stays where it is, ``f(x) = x``, between walls at ``low`` and ``high`` [m]."""
 
     low: float = -1.0
     high: float = 1.0
@@ -82,10 +82,11 @@ class Walls:
         return 1 + (near_wall - far_wall * ratio) / mass - ((1 - ratio) / mass) ** 2
 
     def _relative_to_walls(self, x: ArrayLike, sigma: float) -> tuple[np.ndarray, ...]:
-        """Return the sign of x from the middle, the ratio of the densities at the walls, the mass, and both distances.
+        """Return the side of x, the ratio of densities at the walls, the mass, and distances from both walls.
 
-        Densities are those of N(x, sigma²). The mass is the probability between the walls divided by the
-        density at the nearer wall; distances are those of x from the walls in units of sigma.
+        The side is the sign of x from the middle. Densities are those of N(x, sigma²). The mass is the probability
+        between the walls divided by the density at the nearer wall; distances are those of x from the walls in units
+        of sigma.
         """
         # Relative to the density at the nearer wall nothing underflows, at any distance of x from the walls.
         from_middle = np.asarray(x) - 0.5 * (self.low + self.high)
@@ -97,7 +98,7 @@ class Walls:
 
 
 def _mills(s: np.ndarray) -> np.ndarray:
-    """Return Mills' ratio at s: the upper tail probability of the standard normal divided by its density."""
+    """Return the Mills ratio at s: the upper tail probability of the standard normal divided by its density."""
     return np.sqrt(np.pi / 2) * erfcx(s / np.sqrt(2))
 
 

@@ -1,4 +1,4 @@
-"""Contact steps evaluated at many points, and the solution of a single contact as a function of its gap."""
+"""Contact steps evaluated at many points, and solutions of a single contact as functions of its gap."""
 
 from __future__ import annotations
 
@@ -131,7 +131,7 @@ def gaussian_contact(z: ArrayLike, F: ArrayLike, sigma: ArrayLike) -> ScalarCont
 
 
 def scalar_contact(law: ContactLaw, z: ArrayLike, F: ArrayLike, **law_values: ArrayLike) -> ScalarContact:
-    """Solve ``0 <= lam ⟂ z + F lam >= 0``, exactly or softened as ``law`` says, at gaps ``z`` (n,) [m].
+    """Solve ``0 <= lam ⟂ z + F lam >= 0``, exactly or softened according to ``law``, at gaps ``z`` (n,) [m].
 
     lam is an impulse [N s]; F [m/(N s)] and ``law_values`` (``mu``, ``sigma``) are numbers
     or (n,). The system is ``x+ = lam`` with the gap as its state.
@@ -175,12 +175,12 @@ Density = Callable[[Any], Any]
 
 
 def student_density(F: float, mu: float) -> Density:
-    """Return the density of the noise that a constant mu averages over: Student's t_2 with scale sqrt(2 F mu)."""
+    """Return the noise density to which a constant mu corresponds: Student's t_2 with scale sqrt(2 F mu)."""
     return lambda w: t.pdf(w, 2, 0, np.sqrt(2 * F * mu))
 
 
 def gaussian_density(sigma: float) -> Density:
-    """Return the density of N(0, sigma²), the noise that the adaptive law averages over."""
+    """Return the density of N(0, sigma²), the noise to which the adaptive law corresponds."""
     return lambda w: norm.pdf(w, 0, sigma)
 
 
@@ -207,14 +207,14 @@ def affine_misfit(printed: np.ndarray, true: np.ndarray, z: np.ndarray) -> float
 
 
 def averaged_exact(z: float, F: float, density: Density) -> float:
-    """Return the mean exact impulse E[max(0, -(z + w))/F] over noise w of ``density``, by quadrature."""
+    """Return the mean exact impulse E[max(0, -(z + w))/F] over noise w with ``density``, by quadrature."""
     return quad(lambda w: -(z + w) / F * density(w), -np.inf, -z, epsabs=1e-13)[0]
 
 
 def least_residual(z: float, F: float, sigma: float) -> float:
     """Return the minimum over K, W of ``E|S_0(z + w) - W w - K|``, w ~ N(0, sigma²); Zhang et al. 2023, prop. 5.3.
 
-    S_0 is homogeneous, so that this is sigma/F times the value at z/sigma.
+    S_0 is homogeneous, so that the minimum is sigma/F times the value at z/sigma.
     """
     (K, W), _ = best_lines(z / sigma)
     w = np.linspace(-8, 8, 8001)

@@ -19,11 +19,11 @@ from problems.tasks.registry import default_settings, make_algorithm
 from problems.tasks.training import TrainingJob, run_training
 
 Curves = dict[str, np.ndarray]
-"""Arrays of one training run, as a mapping from name to array."""
+"""Mapping from names to arrays of one training run."""
 
 
 def make_job(task: str, algorithm: str, law: ContactLaw, seed: int, **changed: Any) -> TrainingJob:
-    """Build the job of one training run; ``changed`` are settings that differ from the task's defaults."""
+    """Return the job of one training run; ``changed`` are settings that differ from the task's defaults."""
     cls = choose("algorithm", algorithm, ALGORITHMS)
     values = {**default_settings(registry.spec(task), algorithm, cls), **changed}
     chosen, options = make_algorithm(cls, values)
@@ -31,7 +31,7 @@ def make_job(task: str, algorithm: str, law: ContactLaw, seed: int, **changed: A
 
 
 def training_curves(jobs: Mapping[str, TrainingJob], finished: FinishedParts) -> dict[str, Curves]:
-    """Run all training jobs; return a mapping from each job's key to its arrays, see :func:`side_by_side`.
+    """Run all training jobs; return a mapping from each job's key to its arrays (see :func:`side_by_side`).
 
     Except ``wall_s``, results do not depend on the number of processes.
     """
@@ -47,8 +47,8 @@ def trained_curves(job: TrainingJob, tell: Report) -> Curves:
 def side_by_side(function: Function, jobs: Mapping[str, Any], finished: FinishedParts) -> dict[str, Curves]:
     """Apply ``function`` to all jobs in parallel; return a mapping from each job's key to its arrays.
 
-    Stored results are not computed again; the others are computed as :class:`FinishedParts` says.
-    Raises the error that a job raised.
+    Stored results are not computed again; for the others see :class:`FinishedParts`. Raises the error of a
+    failed job.
     """
     results: dict[str, Curves] = {}
     report_progress("jobs", 0, len(jobs))
@@ -78,12 +78,12 @@ class Difference:
 
     @property
     def better(self) -> bool:
-        """Whether the whole interval lies above zero."""
+        """Whether the whole interval is above zero."""
         return self.low > 0
 
     @property
     def margin(self) -> float:
-        """Mean difference divided by its standard error, which is the width of the interval divided by 3.92."""
+        """Mean difference divided by its standard error, the width of the interval divided by 3.92."""
         width = self.high - self.low
         return self.mean / (width / 3.92) if width > 0 else float(np.copysign(np.inf, self.mean))
 
@@ -106,14 +106,14 @@ def mean_difference(runs: np.ndarray, other_runs: np.ndarray, paired: bool = Tru
 
 
 def smallest_margin(gains: Iterable[Difference]) -> float:
-    """Return the smallest margin of ``gains``, which is the margin of the claim that all gains are positive."""
+    """Return the smallest margin of ``gains``, the margin of the claim that all gains are positive."""
     return min(gain.margin for gain in gains)
 
 
 def claim_gains(
     sentence: str, source: str, expected: str, settings: Sequence[object], gains: list[Difference]
 ) -> Claim:
-    """Return the claim that the intervals of all ``gains``, one for each of ``settings``, lie above zero."""
+    """Return the claim that the intervals of all ``gains``, one for each of ``settings``, are above zero."""
     better = [gain.better for gain in gains]
     measured = f"{settings_text(settings, better)}: {', '.join(map(str, gains))}"
     return claim(sentence, source).expected(expected).measured(measured).holds(better, margin=smallest_margin(gains))

@@ -1,4 +1,4 @@
-"""Claims of N3 on which smoothing to trust."""
+"""Claims of N3 on the choice of a smoothing."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from problems.studies.smoothings_compared.data import ANALYTIC, LEARNED, WITHIN,
 from problems.studies.study import Claim, claim, settings_text
 
 _PROGRESS_SHARE = 0.8
-"""Share of the cost of standing still that a plan must save, under its own law, to count as progress."""
+"""Minimum fraction of the cost of standing still that a plan must save, under its own law, to count as progress."""
 _EQUAL_EXCESS = 0.01
 """Relative difference up to which two costs count as equal."""
 _SEED_SPREAD = 1.5
 """Ratio of the largest to the smallest exact cost over seeds up to which plans count as the same."""
 _PLANS_SHARE = 0.75
-"""Minimum share of the plans for which a claim must hold."""
+"""Minimum fraction of the plans for which a claim must hold."""
 _SHARP_LAWS = ("barrier", "sharp barrier", "adaptive")
-"""Names of the analytic laws close to the exact one."""
+"""Names of the analytic laws that are close to the exact law."""
 _OUR_CHECK = "our check"
 """Citation in the claims that no paper makes."""
 
@@ -34,7 +34,7 @@ def _names(data: xr.Dataset) -> list[str]:
 
 
 def _each(names: Sequence[str], values: np.ndarray, form: str) -> str:
-    """Return a text that lists each name with its value: ``push-1d +1.4%, push-disc +44%``."""
+    """Return a text with each name and its value: ``push-1d +1.4%, push-disc +44%``."""
     return ", ".join(f"{name} {format(v, form)}" for name, v in zip(names, values, strict=True))
 
 
@@ -60,7 +60,7 @@ def _progress(data: xr.Dataset) -> list[Claim]:
 
 
 def _close(data: xr.Dataset) -> list[Claim]:
-    """Compare the exact cost of each law's plan with the exact optimum, and check that it falls as mu falls."""
+    """Compare the exact cost of each law's plan with the exact optimum, and check that it decreases with mu."""
     names, excesses = _names(data), _middle(excess_cost(data))
     others = excesses.drop_sel(law="exact").min("law", skipna=False).values
     expected = f"its exact replay costs at most {WITHIN:.0%} more, on every problem"
@@ -115,7 +115,7 @@ def _learned(data: xr.Dataset) -> list[Claim]:
 
 
 def _seeds(data: xr.Dataset) -> list[Claim]:
-    """Check that plans from different seeds, with other data, initial weights or noise, have about the same cost."""
+    """Check that plans for different seeds, with other data, initial weights or noise, have similar costs."""
     replay, results = data["cost"].sel(motion="exact replay"), []
     spread = replay.max("seed", skipna=False) / replay.min("seed", skipna=False)
     for kind, laws in (("the randomized law", ("randomized",)), ("a learned law", LEARNED)):
@@ -133,7 +133,7 @@ def _seeds(data: xr.Dataset) -> list[Claim]:
 
 
 def _surviving(data: xr.Dataset) -> list[Claim]:
-    """Check that plans which survive the referee are close to the exact optimum."""
+    """Check that plans that survive the referee are close to the exact optimum."""
     best = data["cost"].sel(law="exact", motion="exact replay")
     trusting = data["trusting_cost"].sel(motion="exact replay") / best - 1
     analytic, learned = (

@@ -1,4 +1,4 @@
-"""N3: plans under every contact law, and their cost under the exact one.
+"""N3: plans under every contact law, and their costs under the exact law.
 
 The study has one part for each problem, law and seed, which is stored when it is finished: the costs
 of plan and replay, whether the plan survives the referee, the number of iterations, and the times of
@@ -28,13 +28,13 @@ PROBLEMS = ("push-1d", "push-disc", "planar-push", "planar-hand")
 """Names of the problems for which plans are computed."""
 QUICK = {"seeds": 1, "data": 1000, "epochs": 1, "samples": 2}
 SHARES = (0.001, 0.01, 0.1, 1.0)
-"""Weights of the data's log-density in the cost (trust), as shares of the cost of one step of standing still."""
+"""Weights of the data's log-density in the cost (trust), relative to the cost of one step of standing still."""
 TRUSTED = 0.001
-"""Weight of trust in the law ``trusting ewda``: the weight whose replays cost the least."""
+"""Weight of trust in the law ``trusting ewda``, the weight for which replays cost least."""
 
 
 class Params(StudyParams):
-    """Parameters of study N3; problems keep their defaults."""
+    """Parameters of study N3; problems have their defaults."""
 
     mu: float = setting(1e-3, "N s m", "central-path parameter of the barrier law", above=0)
     spread: float = setting(0.02, "m", "width of the adaptive law", above=0)
@@ -64,7 +64,7 @@ class TaskData:
         return self._data
 
     def law(self, name: str) -> ContactLaw:
-        """Return the contact law ``name``, except for ``trusting ewda``, whose plans are those of :meth:`trusting`."""
+        """Return the contact law ``name``; for ``trusting ewda`` see :meth:`trusting`."""
         params, seed = self.params, self.seed
         makers: dict[str, Callable[[], ContactLaw]] = {
             "exact": Exact,
@@ -97,7 +97,7 @@ class TaskData:
         return _plan_row(solution, learned_s - began_s, time.process_time() - learned_s)
 
     def trusting(self, share: float) -> dict[str, np.ndarray]:
-        """Plan with trust of weight ``share``, warm-started from the plan without; return as :meth:`planned` does."""
+        """Plan with trust of weight ``share``, warm-started from the plan without trust; return as :meth:`planned`."""
         _loaded()
         if self._bare is None:
             self._bare = solve(self.problem, self.law("ewda"), Direct())
@@ -160,7 +160,7 @@ def run(params: Params, finished: FinishedParts) -> xr.Dataset:
 
 
 def _labelled(dims: tuple[str, ...], rows: np.ndarray, prefix: str) -> dict[str, Any]:
-    """Return variables of a dataset, with ``prefix`` before their names, from rows made by :func:`_plan_row`."""
+    """Return dataset variables, with ``prefix`` before their names, from rows of :func:`_plan_row`."""
     columns = {
         "cost": ((*dims, "motion"), rows[..., :2], "1", "cost of the plan and of its replay"),
         "survives": (dims, rows[..., 2], "1", "whether the referee lets the plan survive, 1 or 0"),
@@ -183,7 +183,7 @@ def _loaded() -> None:
 
 
 ANALYTIC = ("gentle barrier", "barrier", "sharp barrier", "adaptive", "randomized")
-"""Names of the smoothed laws, which need no data."""
+"""Names of the smoothed laws that need no data."""
 LEARNED = ("ewda", "wide ewda", "trusting ewda", "clean mlp", "noised mlp")
 """Names of the laws learned from data."""
 LAWS = ("exact", *ANALYTIC, *LEARNED)
@@ -191,13 +191,13 @@ LAWS = ("exact", *ANALYTIC, *LEARNED)
 DRAWN = ("randomized", *LEARNED)
 """Names of the laws that depend on the seed."""
 WITHIN = 0.1
-"""Relative excess of a replay's cost over the exact optimum up to which a plan counts as close to it."""
+"""Relative excess of a replay's cost over the exact optimum for which a plan counts as close to it."""
 TENFOLD = 10.0
-"""Ratio of the mu of ``gentle barrier`` to that of ``barrier``, and of that to the mu of ``sharp barrier``."""
+"""Ratio of mu in ``gentle barrier`` to mu in ``barrier``, and of mu in ``barrier`` to mu in ``sharp barrier``."""
 
 
 def law_texts(settings: Mapping[str, Any]) -> dict[str, str]:
-    """Return a mapping from law to a text that states its settings, given the parameters of the study."""
+    """Return a mapping from each law to a text with its settings, given the parameters of the study."""
     mu, width, wide = settings["mu"], settings["width"], settings["wide"]
     texts = (
         "exact",

@@ -11,13 +11,13 @@ from problems.studies.start_without_contact.data import LAST, LAWS, PROBLEMS
 from problems.studies.study import Claim, claim, format_values, settings_text
 
 _OBJECT_PROGRESS = 0.8
-"""Share of the object's cost while standing still that a plan must save to count as progress."""
+"""Minimum saved fraction of the object's cost of standing still for a plan to count as progress."""
 
 
 _SMOOTH_DYNAMICS = ("g_sigma", "h", "h_sigma")
 """Names of the dynamics with second derivatives."""
 _NO_PROGRESS = 0.01
-"""Saved share of the object's cost while standing still below which there is no progress."""
+"""Saved fraction of the object's cost of standing still below which there is no progress."""
 
 
 def claims(data: xr.Dataset) -> list[Claim]:
@@ -32,7 +32,7 @@ def claims(data: xr.Dataset) -> list[Claim]:
 def learned_gains(name: str, data: xr.Dataset) -> list[Claim]:
     """Check the gains that Adam learns for one problem through each of the five dynamics.
 
-    The cost for a seed is the median of its last records; the claims use medians over seeds.
+    The cost of a seed is the median of its last records; the claims use medians over seeds.
     """
     place = "Noising data, sec. V-B and fig. 2"
     start = float(data["learned"].sel(dynamics="f", end="exact replay").isel(seed=0, step=0))
@@ -87,7 +87,7 @@ def learned_gains(name: str, data: xr.Dataset) -> list[Claim]:
 
 
 def _ipopt_gains(name: str, data: xr.Dataset, on_model: dict[str, float]) -> Claim:
-    """Compare gains computed by IPOPT and by Adam; ``on_model`` maps dynamics to the cost of Adam's gains on them."""
+    """Compare gains from IPOPT and from Adam; ``on_model`` maps dynamics to the cost of Adam's gains on them."""
     steps = int(data["step"].values[-1])
     gains = {kind: float(data["gains"].sel(dynamics=kind, end="model")) for kind in _SMOOTH_DYNAMICS}
     work = {kind: int(data["work"].sel(dynamics=kind)) for kind in _SMOOTH_DYNAMICS}
@@ -102,7 +102,7 @@ def _ipopt_gains(name: str, data: xr.Dataset, on_model: dict[str, float]) -> Cla
 
 
 def _swept_gains(name: str, data: xr.Dataset, start: float) -> Claim:
-    """Check for each width of noise that gains learned through g_sigma save enough of the initial cost ``start``."""
+    """Check for each noise width that gains learned through g_sigma save enough of the initial cost ``start``."""
     final = data["final"].sel(swept="g_sigma").isel(amount=-1).values
     reaches_goal = final <= (1 - _OBJECT_PROGRESS) * start
     return (
@@ -114,7 +114,7 @@ def _swept_gains(name: str, data: xr.Dataset, start: float) -> Claim:
 
 
 def open_loop(name: str, data: xr.Dataset) -> list[Claim]:
-    """Check the plans of one problem under the exact and the smoothed laws, and their replays."""
+    """Check the plans of one problem, and their replays, under the exact and smoothed laws."""
     place = "Noising data, sec. V-B and fig. 2"
     smooth = [law for law in LAWS if law != "exact"]
     rest_cost, stuck, _ = (float(v) for v in data["cost"].sel(law="exact"))

@@ -24,15 +24,15 @@ from problems.studies.start_without_contact.dynamics import DYNAMICS, EVERY, by_
 from problems.studies.study import CODE, FinishedParts, StudyParams, dataset, setting
 
 SWEPT = ("g_sigma", "h_sigma")
-"""Names of the learned dynamics for which the width of the noise and the number of data are varied."""
+"""Names of the learned dynamics for which noise width and amount of data are varied."""
 WIDTHS = (0.05, 0.1, 0.2, 0.4)
 """Widths of the noise on the data, in units of the data's scales."""
 LAST = 5
-"""Number of last records whose median is the final cost, since fresh noise makes each record random."""
+"""Number of last records whose median is the final cost, since each record is random due to new noise."""
 
 
 class Params(StudyParams):
-    """Parameters of study N2; its problems keep their defaults."""
+    """Parameters of study N2; its problems have their defaults."""
 
     mu: float = setting(1e-3, "N s m", "central-path parameter of the barrier law", CODE, above=0)
     spread: float = setting(0.02, "m", "width of the adaptive law", above=0)
@@ -61,7 +61,7 @@ class _TaskData:
         return self._data[n, seed]
 
     def law(self, kind: str, sigma: float, n: int, seed: int) -> ContactLaw:
-        """Return the law of the dynamics ``kind``, learned from n transitions with noise ``sigma`` if it is learned."""
+        """Return the law of the dynamics ``kind``; a learned law is fitted to n transitions with noise ``sigma``."""
         params, step = self.params, self.problem.exact_step
         data = self.data(n, seed)
         return make_law(kind, data, sigma, params.epochs, seed, step, params.draws)
@@ -91,7 +91,7 @@ def _amounts(params: Params) -> list[int]:
 
 
 def _learned(params: Params, finished: FinishedParts, sources: dict[str, _TaskData]) -> dict[str, Any]:
-    """Collect the costs of Adam's gains over iterations and seeds, the object's final cost, and results of IPOPT."""
+    """Collect costs of Adam's gains over iterations and seeds, the object's final cost, and results of IPOPT."""
     records, nodes = params.steps // EVERY + 1, 21
     shape = len(PROBLEMS), len(DYNAMICS)
     learned = np.full((*shape, params.seeds, records, 2), np.nan)
@@ -147,7 +147,7 @@ def _ipopt(source: _TaskData, kind: str) -> Callable[[], dict[str, np.ndarray]]:
 
 
 def _swept(params: Params, finished: FinishedParts, sources: dict[str, _TaskData]) -> dict[str, Any]:
-    """Collect final exact costs of gains learned through learned dynamics, over width of noise and amount of data."""
+    """Collect final exact costs of gains from learned dynamics, over noise width and amount of data."""
     amounts = _amounts(params)
     final = np.full((len(PROBLEMS), len(SWEPT), len(WIDTHS), len(amounts)), np.nan)
     task_data = list(sources.values())
@@ -164,7 +164,7 @@ PROBLEMS = ("planar-push", "planar-hand")
 LAWS = ("exact", "barrier", "adaptive", "randomized")
 """Names of the contact laws under which plans are made."""
 _PLAN_NODES = 21
-"""Number of nodes of every plan, which has twenty steps."""
+"""Number of nodes of every plan (twenty steps)."""
 
 
 def law_of(name: str, params: Params) -> ContactLaw:
@@ -181,14 +181,14 @@ def law_of(name: str, params: Params) -> ContactLaw:
 def plan_problem(problem: Problem, law: ContactLaw) -> Solution:
     """Plan by single shooting from the problem's guess, which stands still.
 
-    The exact law is solved without homotopy, since a homotopy would start under another law.
+    The exact law is solved without a homotopy, which would start under another law.
     """
     settings = {"homotopy": False} if isinstance(law, Exact) else {}
     return solve(problem, law, SingleShooting(), settings=settings)
 
 
 def object_cost(name: str, x: np.ndarray) -> float:
-    """Return the object's part of the cost of states x (N+1, nx), without the actuator's terms."""
+    """Return the cost of states x (N+1, nx) due to the object, without the actuator's terms."""
     problem = get(name, w_a=0.0, w_du=0.0)
     p, no_input = problem.parameters.values, np.zeros(problem.system.nu)
     stages = [problem.cost_terms(state, no_input, no_input, 0, p) for state in x]
@@ -196,7 +196,7 @@ def object_cost(name: str, x: np.ndarray) -> float:
 
 
 def object_costs(name: str, solution: Solution) -> tuple[float, float, float]:
-    """Return the object's part of three costs: of standing still, the plan, and its replay under the exact law."""
+    """Return the object's part of three costs: standing still, the plan, and its replay under the exact law."""
     planned, replay = solution.data["x"].values[0], solution.data["x_replay"].values[0]
     start = np.broadcast_to(planned[0], planned.shape)
     return object_cost(name, start), object_cost(name, planned), object_cost(name, replay)
@@ -222,7 +222,7 @@ def plan_problems(params: Params) -> dict[str, Any]:
 
 
 def label_plans(plans: dict[str, np.ndarray]) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return variables and coordinates of a dataset from ``plans``, the result of :func:`plan_problems`."""
+    """Return variables and coordinates of a dataset made from ``plans``, the result of :func:`plan_problems`."""
     dimensions = ("problem", "law")
     return {
         "cost": ((*dimensions, "of"), plans["cost"], "1", "cost of the object"),

@@ -25,15 +25,15 @@ from ocp.problem.rollout import Gains, roll_on
 from problems.studies.shared.learned_laws import average_law, network_law
 
 DYNAMICS = ("f", "f_sigma", "g_sigma", "h", "h_sigma")
-"""Names of the dynamics: exact f, smoothed f_sigma, average g_sigma, networks h of clean and h_sigma of noised data."""
+"""Names of the dynamics: exact f, smoothed f_sigma, average g_sigma, networks h (clean) and h_sigma (noised)."""
 
 
 @dataclass(eq=False)
 class Bundle:
     """Averages of ``f(z + w)`` and ``f'(z + w)``, w ~ N(0, diag(width)²), over ``samples`` draws for each query z.
 
-    Every evaluation uses new draws, w together with -w, so that a slope is a random estimate of the slope of
-    f_sigma (the paper's eq. 7). Draws at which the step has no solution are left out.
+    Every evaluation uses new draws, in pairs w and -w, so that a slope is a random estimate of the slope of
+    f_sigma (the paper's eq. 7). Draws for which the step has no solution are left out.
     """
 
     step: Step
@@ -78,7 +78,7 @@ class Bundled(ContactLaw):
         return ParameterTable()
 
     def target(self, system: ContactSystem, z: ca.SX, F: ca.SX, p: ParameterTable) -> ca.SX:
-        """Return an empty vector, since the contacts are solved within every draw."""
+        """Return an empty vector, since contact is solved for every draw."""
         return ca.SX(0, 1)
 
     def close_at_nodes(self, system: ContactSystem, law: Closure, p: ParameterTable, nodes: tuple[Branch, ...]) -> Step:
@@ -89,7 +89,7 @@ class Bundled(ContactLaw):
 def make_law(
     kind: str, data: Transitions, sigma: float, epochs: int, seed: int, problem_step: Step, samples: int = 100
 ) -> ContactLaw:
-    """Return the contact law of the dynamics ``kind``; sigma is in units of the data's standard deviations."""
+    """Return the contact law of the dynamics ``kind``, with sigma in standard deviations of the data."""
     if kind == "f":
         return Exact()
     if kind == "f_sigma":
@@ -100,7 +100,7 @@ def make_law(
 
 
 EVERY = 10
-"""Number of iterations of Adam from one record to the next."""
+"""Number of iterations of Adam between two records."""
 
 
 def descend_gains(problem: Problem, law: ContactLaw, rate: float, iterations: int) -> dict[str, np.ndarray]:
@@ -135,10 +135,10 @@ def replay_gains(problem: Problem, gains: Gains) -> np.ndarray:
 
 
 def by_ipopt(problem: Problem, law: ContactLaw) -> dict[str, np.ndarray]:
-    """Return the costs of IPOPT's gains, on the model and under the exact law, and its number of iterations.
+    """Return the costs of IPOPT's gains, on the model and under the exact law, and the number of iterations.
 
-    The exact law is solved without homotopy, since a homotopy would start under another law. Costs are
-    NaN if IPOPT does not converge.
+    The exact law is solved without a homotopy, which would start under another law. Costs are NaN if IPOPT does not
+    converge.
     """
     settings = {"homotopy": False} if isinstance(law, Exact) else {}
     method = Direct() if isinstance(law, LearnedLaw) else SingleShooting()

@@ -1,4 +1,4 @@
-"""N0: theory of learning from noised data, checked on weighted averages and networks."""
+"""N0: theory of learning from noised data, checked with weighted averages and networks."""
 
 from problems.studies.theory_of_noising.claims import claims
 from problems.studies.theory_of_noising.data import QUICK, Params, run

@@ -10,11 +10,11 @@ from problems.studies.study import Claim, claim, format_values, settings_text
 _END_DISTANCE = 2.0
 """Distance from an end of the data, in units of sigma, below which g_sigma differs from f_sigma."""
 _FEW_NEIGHBOURS = 10.0
-"""Number of effective neighbours below which data are too sparse to average."""
+"""Number of effective neighbours below which data are too sparse for averages."""
 _USUAL_SIGMA = 0.2
-"""Usual ratio of the noise's to the data's standard deviation."""
+"""Usual ratio of the standard deviations of noise and data."""
 _MANY_NEIGHBOURS = 400.0
-"""Number of effective neighbours above which random draws of the data change it by at most 5 %."""
+"""Number of effective neighbours above which random draws of the data change this number by at most 5 %."""
 
 
 def claims(data: xr.Dataset) -> list[Claim]:

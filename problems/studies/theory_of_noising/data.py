@@ -1,4 +1,4 @@
-"""N0: theory of learning from noised data, checked on weighted averages and networks."""
+"""N0: theory of learning from noised data, checked with weighted averages and networks."""
 
 from __future__ import annotations
 
@@ -73,9 +73,9 @@ def run(params: Params) -> xr.Dataset:
 
 
 PAIRS = np.array([32, 128, 512, 2048])
-"""Numbers of noised input-output pairs on which networks are trained."""
+"""Numbers of noised input-output pairs for the training of networks."""
 UNITS = np.array([2, 4, 16])
-"""Numbers of units in each of a network's two layers."""
+"""Numbers of units in each of the two layers of a network."""
 _COMMANDS = 200
 """Number of commands in the data for the networks."""
 _NETWORK_QUERIES = 2000
@@ -85,7 +85,7 @@ _NETWORK_QUERIES = 2000
 def train_networks(rho: float, sigma: float, epochs: int, repeats: int, seed: int) -> dict[str, Any]:
     """Compute the root mean square of h_sigma - g_sigma over the noised data, for networks of several sizes.
 
-    Every network is trained on its own draw of noise on the same 200 commands, all pairs in one batch.
+    Each network is trained on a separate draw of noise on the same 200 commands, with all pairs in one batch.
     """
     pusher, rng = LinePusher(rho), np.random.default_rng([seed, 4])
     u = rng.uniform(-1, 1, _COMMANDS)
@@ -122,8 +122,8 @@ _NEIGHBOUR_QUERIES = 100
 def effective_neighbours(z: np.ndarray, scales: Normalisation, sigma: float, queries: np.ndarray) -> np.ndarray:
     """Return the effective neighbours ``(sum w)²/sum w²`` (k,) of data z (n, d) at ``queries`` (k, d).
 
-    The squares w² are Gaussian weights of width sigma/sqrt(2), so that both sums can be written as
-    densities, as in the denominator of lemma 3: ``(sqrt(4 pi) sigma)^d n p_sigma²/p_(sigma/sqrt(2))``.
+    The squares w² are Gaussian weights of width sigma/sqrt(2), so that both sums are densities, as in the
+    denominator of lemma 3: ``(sqrt(4 pi) sigma)^d n p_sigma²/p_(sigma/sqrt(2))``.
     """
     names = tuple(Signal(f"z{i}", "1") for i in range(z.shape[1]))
     wide, narrow = (

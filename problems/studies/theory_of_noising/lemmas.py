@@ -17,9 +17,9 @@ WIDTHS = np.array([0.05, 0.1, 0.2])
 SPACINGS = np.array([1.0, 0.5, 0.25, 0.125])
 """Distances between neighbouring data, in units of sigma."""
 COMMANDS = np.array([0.25, 0.556, 0.99])
-"""Slopes rho of the step of a pushed block, from a heavy block to a light one; the authors use the second."""
+"""Slopes rho of the step of a pushed block, from a heavy to a light block; the authors use the second."""
 PLACES = np.array([0.0, 0.5])
-"""Positions of the kink between two data, in units of their spacing, at which the error of the sum is largest."""
+"""Positions of the kink between two data, in units of their spacing, for which the error of the sum is largest."""
 CASES = ("3 data", "10 data", "100 data", "a ramp", "a bell")
 """Names of the data sets and densities on which risks are compared."""
 CHANGES = np.array([-0.1, -0.07, -0.04, -0.01, 0.01, 0.04, 0.07, 0.1])
@@ -38,7 +38,7 @@ def uniform_data() -> dict[str, Any]:
     """Check lemma 1: compute ``|g_sigma - f_sigma|/(rho sigma)`` for evenly spaced data at distances D.
 
     By the Euler-Maclaurin formula the sum in g_sigma differs from its integral by ``D² B2(t)/2`` times the
-    jump of the derivative, here ``rho pdf(0)/sigma``, if the kink lies t D behind a datum.
+    jump of the derivative, here ``rho pdf(0)/sigma``, if the kink is at the distance t D behind a datum.
     """
     places = np.linspace(-4, 4, 161)
     errors = np.empty((len(COMMANDS), len(WIDTHS), len(PLACES), len(SPACINGS)))
@@ -63,9 +63,9 @@ def uniform_data() -> dict[str, Any]:
 
 
 def noised_risks(rho: float, seed: int) -> dict[str, Any]:
-    """Check lemmas 2 and 3: compute by how much other maps, or perturbations of g_sigma, increase the noised risk.
+    """Check lemmas 2 and 3: compute the increase of noised risk due to other maps, or perturbations of g_sigma.
 
-    The expectation over the noise is a trapezoidal sum, exact to rounding for smooth integrands.
+    The expectation over the noise is a trapezoidal sum, exact up to rounding errors for smooth integrands.
     """
     pusher, rng = LinePusher(rho), np.random.default_rng([seed, 1])
     higher = np.empty((len(CASES), len(WIDTHS), len(CHANGES), _PERTURBATIONS))
@@ -164,8 +164,8 @@ _STATES = 4000
 def truncated_normal() -> dict[str, Any]:
     """Compare g_sigma of evenly spaced data between walls with the mean of a truncated normal.
 
-    The midpoint rule misses an integral by ``D²/24`` times the change of the integrand's derivative
-    between the ends. For the quotient g_sigma this gives, at each wall w with density k,
+    The error of the midpoint rule is ``D²/24`` times the change of the integrand's derivative between the
+    ends. For the quotient g_sigma this gives, at each wall w with density k,
 
         D²/24 k(w)/mass (1 + (w - g)(x - w)/sigma²).
     """
@@ -196,7 +196,7 @@ def _midpoint(block: Walls, x: np.ndarray, g: np.ndarray, sigma: float, spacing:
 
 
 def _outside() -> dict[str, Any]:
-    """Compute, for penetrating states, the distance of g_sigma from the wall to the inside, and its slope."""
+    """Compute, for penetrating states, the inward distance of g_sigma from the wall, and its slope."""
     inside, slope = np.empty((2, len(GAPS), len(WIDTHS), len(DEPTHS)))
     for row, gap in enumerate(GAPS):
         block = Walls(-gap / 2, gap / 2)
@@ -212,7 +212,7 @@ def _outside() -> dict[str, Any]:
 
 
 def _fixed_points() -> dict[str, Any]:
-    """Compute the number of sign changes of g_sigma(x) - x, and the share of states that move towards a wall."""
+    """Compute the number of sign changes of g_sigma(x) - x, and the fraction of states that move towards a wall."""
     count, outwards = np.empty((2, len(GAPS), len(WIDTHS)))
     for index in np.ndindex(count.shape):
         gap, sigma = float(GAPS[index[0]]), float(WIDTHS[index[1]])

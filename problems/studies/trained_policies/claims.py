@@ -1,4 +1,4 @@
-"""Claims of A4 on speed of learning, running and plans."""
+"""Claims of A4 on the speed of learning, on running, and on plans."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from problems.studies.trained_policies.data import MODEL_BASED, NETWORK, SHOWN, 
 _EQUAL_RETURN = 1e-2
 """Relative difference up to which the returns of a plan and of its replay count as equal."""
 _FIGURE_4 = "ABS, sec. 7.3, fig. 4"
-"""Citation in the claims that the paper makes."""
+"""Citation in the claims from the paper."""
 _OURS = "FOPG-ABS"
-"""Name of the paper's own method."""
+"""Name of the method proposed in the paper."""
 _RUNNING_SPEEDS = {"hopper": 1.0, "half-cheetah": 1.5}
-"""Mapping from task to the minimum mean forward speed [m/s] at which a policy counts as running."""
+"""Mapping from each task to the minimum mean forward speed [m/s] at which a policy counts as running."""
 
 
 def claims(data: xr.Dataset) -> list[Claim]:
-    """Return claims on FOPG with ABS, on policies that run, and on plans."""
+    """Return claims on FOPG with ABS, on running policies, and on plans."""
     papers = [str(name) for name in data["algorithm"].values if name not in (NETWORK, SHOWN)]
     others = [name for name in papers if name not in (_OURS, MODEL_BASED)]
     results = []
@@ -63,14 +63,14 @@ def claims(data: xr.Dataset) -> list[Claim]:
 
 
 def _untrained(task_data: xr.Dataset) -> str:
-    """Return a text that names the algorithms whose best policy is the initial one in every run; empty if none."""
+    """Return a text with the algorithms whose best policy is the initial one in every run; empty if there are none."""
     initial = (task_data["best"] <= task_data["by_steps"].isel(steps=0)).all("run")
     names = ", ".join(map(str, task_data["algorithm"].values[initial.values]))
     return f"; never above their initial policy: {names}" if names else ""
 
 
 def _of_plans(task: str, task_data: xr.Dataset) -> list[Claim]:
-    """Check whether learning from a fit to plans is faster, and whether any policy has a higher return than plans."""
+    """Check whether learning from a fit to plans is faster, and whether a policy has a higher return than plans."""
     areas = [mean_height(task_data["by_steps"].sel(algorithm=name).values) for name in (SHOWN, NETWORK)]
     gain = mean_difference(*areas, paired=False)
     best = task_data["replayed"].max("guess")

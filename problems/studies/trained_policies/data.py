@@ -27,9 +27,9 @@ RESUMES = True
 
 
 TASKS = ("hopper", "half-cheetah")
-"""Names of the tasks that policies are trained on."""
+"""Names of the tasks for which policies are trained."""
 POINTS = 60
-"""Number of points on each axis over which returns are interpolated."""
+"""Number of points on each axis for the interpolation of returns."""
 HIDDEN = (32, 32)
 """Widths of the hidden layers of all networks."""
 EPISODES = 16
@@ -38,7 +38,7 @@ EPISODES = 16
 
 @dataclass(frozen=True)
 class Method:
-    """Algorithm, contact law through which it learns, and widths of the policy's hidden layers (empty: affine)."""
+    """Algorithm, contact law of its model, and widths of the policy's hidden layers (empty for an affine policy)."""
 
     algorithm: str
     law: ContactLaw
@@ -48,15 +48,15 @@ class Method:
 
 
 _SHARP_LAW = Barrier(mu=1e-10)
-"""Barrier law that replaces the exact law where gradients are taken."""
+"""Barrier law that replaces the exact law in gradients."""
 _ABS_LAW = Adaptive("quartic")
-"""The paper's adaptive law."""
+"""The adaptive law of the paper."""
 NETWORK = "FOPG-ABS, network"
 """Name of the method whose network starts from random weights."""
 SHOWN = "the same, from plans"
 """Name of the method whose network starts from a fit to plans."""
 MODEL_BASED = "MBPO"
-"""Name of the method that runs for a number of iterations, since its updates take too long for the step budget."""
+"""Name of the method with a limit on iterations, since its updates take too long for the step budget."""
 METHODS = {
     "FOPG-ABS": Method("fopg", _ABS_LAW),
     "FOPG": Method("fopg", _SHARP_LAW),
@@ -68,7 +68,7 @@ METHODS = {
     NETWORK: Method("fopg", _ABS_LAW, hidden=HIDDEN),
     SHOWN: Method("fopg", _ABS_LAW, hidden=HIDDEN, shown=True),
 }
-"""Mapping from name to method, in the order of the data."""
+"""Mapping from names to methods, in the order of the data."""
 
 
 class Params(StudyParams):
@@ -136,7 +136,7 @@ def _against_plans(
     jobs: Mapping[str, TrainingJob],
     trainings: Mapping[str, Curves],
 ) -> dict[str, Any]:
-    """Compute returns of plans from both kinds of guesses, and of every policy over as many steps as a plan has."""
+    """Compute returns of plans from both kinds of guesses, and of every policy over the same number of steps."""
     n = params.plans
     policies = {key: Policy(job.task, policy_of(trainings[key]), job.options["hidden"]) for key, job in jobs.items()}
     reached = {key: policy.returns(n) for key, policy in policies.items()}
@@ -166,7 +166,7 @@ def _against_plans(
 
 
 def _job(task: str, method: Method, params: Params, run: int, shown: list[Curves]) -> TrainingJob:
-    """Build a training job that runs for the budget of steps or, for MBPO, for a number of iterations."""
+    """Return a training job that runs for the budget of steps or, for MBPO, for a number of iterations."""
     seed = params.seed * 1000 + run
     start = fit_network(task, shown, seed) if method.shown else None
     length: dict[str, Any] = {"budget": Budget(1000 * params.kilosteps, params.judged)}
@@ -179,13 +179,13 @@ def _job(task: str, method: Method, params: Params, run: int, shown: list[Curves
 
 
 STEPS = 20
-"""Number of steps of a plan; longer plans are not certified within minutes."""
+"""Number of steps of a plan; longer plans would not be certified within minutes."""
 _DEMONSTRATIONS = 8
 """Number of noisy copies of each state of a plan in the demonstrations."""
 _DEMONSTRATION_SPREAD = 0.02
 """Standard deviation of the noise on the copies, in units of the characteristic sizes of the states."""
 _START_SEED = 31
-"""Random seed of the states that plans start from."""
+"""Random seed of the initial states of plans."""
 
 
 @dataclass(frozen=True)
@@ -202,7 +202,7 @@ class Policy:
         return Experiment(task=task, algorithm=FOPG(), hidden=self.hidden, threads=1)
 
     def returns(self, n: int) -> np.ndarray:
-        """Compute exact returns (n,) over as many steps as a plan has, from the plans' first ``n`` start states."""
+        """Return exact returns (n,) over as many steps as a plan has, from the plans' first ``n`` start states."""
         episodes = evaluate_from(self.over(STEPS), self.trained, EXACT, initial_states(self.task, n))
         return episodes.returns
 
@@ -217,10 +217,10 @@ class PlanJob:
 
 
 def make_plan(job: PlanJob, _: Report) -> dict[str, np.ndarray]:
-    """Plan from one start, as a :data:`~ocp.jobs.scheduling.Function` of the job, and return arrays.
+    """Plan from one start and return arrays (a :data:`~ocp.jobs.scheduling.Function`).
 
     ``states`` and ``inputs`` are demonstrations of the plan, ``returned`` is its return, ``replayed`` the
-    return of its inputs under the exact law, and ``certified`` whether the plan is certified.
+    return of its inputs under the exact law, and ``certified`` is true if the plan is certified.
     """
     task = registry.get(job.task, horizon=STEPS)
     x0 = initial_states(job.task, job.number + 1)[job.number]
@@ -239,7 +239,7 @@ def make_plan(job: PlanJob, _: Report) -> dict[str, np.ndarray]:
 
 
 def initial_states(task: str, n: int) -> np.ndarray:
-    """Return the first ``n`` states (n, nx) that plans of a task start from."""
+    """Return the first ``n`` initial states (n, nx) of plans of a task."""
     task_object = registry.get(task)
     return np.concatenate([task_object.reset(1, np.random.default_rng([_START_SEED, number])) for number in range(n)])
 
@@ -247,7 +247,7 @@ def initial_states(task: str, n: int) -> np.ndarray:
 def make_plans(
     tasks: tuple[str, ...], n: int, finished: FinishedParts, best: Mapping[str, Policy] | None = None
 ) -> dict[str, list[dict[str, np.ndarray]]]:
-    """Compute ``n`` plans of each task in parallel, from guesses with constant inputs or ``best`` policies' motions."""
+    """Compute ``n`` plans of each task in parallel, from guesses with constant inputs or motions of ``best``."""
     word = "plan" if best is None else "near"
     jobs = {
         f"{word}-{task}-{k}": PlanJob(task, k, None if best is None else best[task]) for task in tasks for k in range(n)
@@ -257,6 +257,6 @@ def make_plans(
 
 
 def fit_network(task: str, shown: list[dict[str, np.ndarray]], seed: int) -> TrainedPolicy:
-    """Fit a policy network to the demonstrations of plans ``shown``."""
+    """Return a policy network fitted to the demonstrations of the plans ``shown``."""
     states, inputs = (np.concatenate([plan_arrays[of] for plan_arrays in shown]) for of in ("states", "inputs"))
     return fit_actions(registry.get(task), states, inputs, HIDDEN, seed)

@@ -17,7 +17,7 @@ from reports.cli.options.shared import StoreOptions
 
 
 def read_guess(options: StoreOptions, guess: str) -> GuessLike:
-    """Return the guess that ``--guess`` names: the sketch in a .json or .toml file, or the data of a stored solve."""
+    """Return the guess of ``--guess``: the sketch in a .json or .toml file, or the data of a stored solve."""
     if Path(guess).suffix in READERS:
         return read_sketch(expand_path(guess))
     stored_run = options.stored(guess)
@@ -26,7 +26,7 @@ def read_guess(options: StoreOptions, guess: str) -> GuessLike:
 
 
 def read_sketch(file: Path) -> Sketch:
-    """Return the sketch in a file with tables ``keyframes``, whose keys are steps, ``paths`` and ``contacts``.
+    """Return the sketch in a file with the tables ``keyframes``, whose keys are steps, ``paths`` and ``contacts``.
 
     Raises :class:`~ocp.errors.InputError` for an unreadable file, an unknown table, or a repeated step.
     """
@@ -51,7 +51,7 @@ def _step(file: Path, text: str) -> int:
 
 
 def _unique(pairs: Iterable[tuple[Any, Any]]) -> dict[Any, Any]:
-    """Return a dictionary of the pairs; raises :class:`~ocp.errors.InputError` for a repeated key."""
+    """Return a dictionary of the pairs; raise :class:`~ocp.errors.InputError` for a repeated key."""
     mapping: dict[Any, Any] = {}
     for key, value in pairs:
         if key in mapping:

@@ -50,7 +50,7 @@ class CollectRequest:
 
 
 def check_collect(options: CollectOptions) -> CollectRequest:
-    """Build the problem, determine the region to sample, and check the needed memory and the output file."""
+    """Build the problem, determine the region to sample, and check memory and the output file."""
     if options.problem in objective_names():
         raise InputError(f"{options.problem} is an objective without dynamics and has no transitions")
     problem_spec = spec(options.problem)
@@ -96,7 +96,7 @@ def run_collect(options: CollectOptions, request: CollectRequest) -> int:
 
 
 def _draw_pieces(options: CollectOptions, request: CollectRequest) -> list[Drawn]:
-    """Return all pieces of the sample in order, drawn by the workers that the options choose."""
+    """Return all pieces of the sample in order, drawn by the workers chosen in the options."""
     jobs = [
         CollectJob(request.file, request.params, request.content, piece)
         for piece in split_pieces(request.samples, options.seed)
@@ -108,16 +108,16 @@ def _draw_pieces(options: CollectOptions, request: CollectRequest) -> list[Drawn
 MODELS = {"ewda": "weighted average of the data", "mlp": "network trained on noised data"}
 """Mapping from each kind of model to its summary."""
 NETWORK_OPTIONS = ("hidden", "epochs", "seeds", "jobs", "scheduler")
-"""Options that affect only networks."""
+"""Options that apply only to networks."""
 HELD_OUT = 0.1
-"""Share of the rows that is held out to measure the fit."""
+"""Fraction of the rows that is held out to measure the fit."""
 _COPIES = 6
 """Number of copies of all weights in training: current, best, gradient, two moments of Adam, update."""
 
 
 @dataclass(frozen=True)
 class LearnRequest:
-    """Checked request of ``ocp learn``: data, settings of a network (None for an average), a checkpoint per seed."""
+    """Checked request of ``ocp learn``: data, network settings (None for an average), and a checkpoint per seed."""
 
     data: Transitions
     recipe: Recipe | None
@@ -219,7 +219,7 @@ def run(options: LearnOptions, request: LearnRequest) -> int:
 
 @dataclass(frozen=True)
 class Learned:
-    """A fitted model; ``error`` is the lowest held-out error in a network's training, NaN for an average."""
+    """A fitted model; ``error`` is the lowest held-out error in the training of a network, NaN for an average."""
 
     dataset: xr.Dataset
     seed: int
@@ -230,7 +230,7 @@ class Learned:
 
 @dataclass(frozen=True)
 class NetworkJob:
-    """Job that trains one network; ``checkpoint_folder`` is None if the model is written to a device."""
+    """Job that trains one network; ``checkpoint_folder`` is None if the output file is a device."""
 
     data: Transitions
     noise: float
@@ -240,7 +240,7 @@ class NetworkJob:
 
 
 def train_network(job: NetworkJob, report: Report) -> Learned:
-    """Return a trained network and report every epoch; a job function (:data:`~ocp.jobs.scheduling.Function`).
+    """Return a trained network and report every epoch (a :data:`~ocp.jobs.scheduling.Function`).
 
     Raises :class:`~ocp.errors.InputError` for data that a network cannot learn from.
     """

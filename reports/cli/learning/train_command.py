@@ -42,12 +42,12 @@ from reports.tables.training_progress import show_trainings
 _OWN_LAW = {"adaptive": {"law": "quartic"}}
 """Mapping from a law to its default settings in training, from eq. C.2 of the paper on adaptive barrier smoothing."""
 _ENDED = 0
-"""Index of the entry of a checkpoint that stores the path of the finished run."""
+"""Index of the checkpoint entry with the path of the finished run."""
 
 
 @dataclass(frozen=True)
 class TrainRequest:
-    """Checked request of ``ocp train``: jobs with their checkpoints and experiments, and the number of processes."""
+    """Checked request of ``ocp train``: jobs with checkpoints and experiments, and the number of processes."""
 
     jobs: list[TrainingJob]
     checkpoints: list[Checkpoint]
@@ -99,7 +99,7 @@ def _jobs(options: TrainOptions, spec: TaskSpec, task: Task) -> tuple[list[Train
 
 
 def _law(options: TrainOptions, algorithm: Algorithm, task: Task) -> ContactLaw:
-    """Return the contact law that ``--contact`` names, by default the algorithm's own law."""
+    """Return the contact law of ``--contact``; the default is the law of the algorithm."""
     name = algorithm.contact if options.contact == "own" else options.contact
     settings = parse_assignments("-c", options.law_settings) or _OWN_LAW.get(name, {})
     return make_law(name, settings, task.system)
@@ -159,7 +159,7 @@ def _run_jobs(
 
 
 def _stored_before(request: TrainRequest) -> dict[int, Path]:
-    """Return a mapping from the index of each job that an earlier, stopped call finished to the path of its run."""
+    """Return a mapping from the index of each job that an earlier, stopped command finished to its run's path."""
     path_at = {}
     for place, checkpoint in enumerate(request.checkpoints):
         rows = checkpoint.rows(_ENDED)
@@ -208,7 +208,7 @@ EvaluateRequest = tuple[StoredRun, Experiment, TrainedPolicy, ContactLaw]
 
 
 def check_evaluate(options: EvaluateOptions) -> EvaluateRequest:
-    """Read the policy, build its task and the contact law, and check the memory needed."""
+    """Read the policy, build its task and the contact law, and check the required memory."""
     stored_run = options.stored(options.run)
     experiment, policy = rebuilt(stored_run)
     task = experiment.task

@@ -19,9 +19,9 @@ from problems.tasks.registry import TaskSpec, default_settings, make_algorithm
 from reports.tables.settings import default_text, setting_rows
 
 SHARED_SETTINGS = {name: setting for name, setting in settings_of(Experiment).items() if setting.meaning}
-"""Settings of every algorithm, which are fields of :class:`~ocp.learning.experiment.Experiment`."""
+"""Settings of every algorithm; they are fields of :class:`~ocp.learning.experiment.Experiment`."""
 _POLICY_SHAPES: dict[str, tuple[int, ...] | None] = {"affine": (), "open-loop": None}
-"""Mapping from named policies to sizes of hidden layers; None for an open-loop policy."""
+"""Mapping from named policies to the sizes of hidden layers; None for an open-loop policy."""
 
 
 Chosen = list[tuple[Algorithm, dict[str, Any]]]
@@ -113,7 +113,7 @@ class LearnedParameters:
     search_settings: dict[str, Any] = field(default_factory=dict)
 
     def wrap(self, algorithm: Algorithm) -> Algorithm:
-        """Return the algorithm or, if there are parameters to learn, a wrapper of it that learns them as well."""
+        """Return the algorithm or, if there are parameters to learn, a wrapper that also learns these."""
         if not self.names:
             return algorithm
         search = RandomSearch(**self.search_settings)
@@ -121,7 +121,7 @@ class LearnedParameters:
 
 
 def learned_parameters(setting_texts: Mapping[str, str], physical: Sequence[str]) -> LearnedParameters:
-    """Return the parameters to learn, chosen by settings of psi; ``physical`` are the names of the task's parameters.
+    """Return the parameters to learn, from the settings of psi; ``physical`` are names of the task's parameters.
 
     Raises :class:`~ocp.errors.InputError` for unknown names and bad values.
     """

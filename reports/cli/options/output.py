@@ -36,7 +36,7 @@ class FigureOptions(JobsOptions, StoreOptions):
 
     @property
     def named_runs(self) -> list[str]:
-        """Arguments that name stored runs, as paths, ``@last`` or ``@2``, rather than studies."""
+        """Arguments that are stored runs, as paths, ``@last`` or ``@2``, and not studies."""
         return [name for name in self.figures or () if name.startswith("@") or "/" in name]
 
 

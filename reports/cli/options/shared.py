@@ -17,11 +17,11 @@ if TYPE_CHECKING:
     from problems.spec import ProblemSpec
 
 RUN_HELP = "A run: its path, part of its name, or @last, @2, ... from the latest back."
-"""Help of arguments that name a run."""
+"""Help text of arguments for a run."""
 PROBLEM_HELP = "Registered name or path/to/file.py."
-"""Help of arguments that name a problem."""
+"""Help text of arguments for a problem."""
 LAW_HELP = "Contact law: a name of ocp settings laws, or path/to/file.py."
-"""Help of options that name a contact law."""
+"""Help text of options for a contact law."""
 
 
 def option(default: Any, *flags: str, **typer_options: Any) -> Any:
@@ -34,7 +34,7 @@ def option(default: Any, *flags: str, **typer_options: Any) -> Any:
 
 
 def assignment(*flags: str, help: str) -> Any:
-    """Declare a field as an option that takes ``K=V`` and may be repeated."""
+    """Declare a field as an option that accepts ``K=V`` and may be repeated."""
     return option(None, *flags, metavar="K=V", help=help)
 
 
@@ -44,7 +44,7 @@ def argument(default: Any = MISSING, **typer_options: Any) -> Any:
 
 
 def decode_utf8(word: str) -> str:
-    """Return a word decoded as UTF-8, also if an ASCII locale passed its bytes as lone surrogates.
+    """Return a word decoded as UTF-8, even if an ASCII locale passed its bytes as lone surrogates.
 
     Raises ``UnicodeError`` for invalid UTF-8.
     """
@@ -54,12 +54,12 @@ def decode_utf8(word: str) -> str:
 @dataclass(frozen=True, kw_only=True)
 @dataclass_transform(kw_only_default=True, frozen_default=True, field_specifiers=(option, assignment, argument, field))
 class Options:
-    """Base class of the options of a command; ``explicit`` names the options given on the command line.
+    """Base class of the options of a command; ``explicit`` contains the names of options on the command line.
 
-    ``code`` names the module of the command. Its function ``check(options)`` raises
+    ``code`` is the module of the command. Its function ``check(options)`` raises
     :class:`~ocp.errors.InputError` or a related error before any work, and ``run(options, checked)`` returns
     the exit code. If ``code`` is ``"module:name"``, these functions are called ``check_name`` and ``run_name``.
-    The help shows the class's docstring, ``examples``, written without ``ocp``, and ``epilog()``.
+    The help consists of the class's docstring, ``examples`` (written without ``ocp``), and ``epilog()``.
     """
 
     code: ClassVar[str]
@@ -79,7 +79,7 @@ class Options:
         return ""
 
     def check(self) -> None:
-        """Raise InputError for values that every command with these options rejects."""
+        """Raise InputError for values that are invalid for every command with these options."""
 
     @property
     def output(self) -> Output:
@@ -88,12 +88,12 @@ class Options:
 
     @property
     def argv(self) -> list[str]:
-        """Words of the command line, as a run records them."""
+        """Words of the command line, for the record of a run."""
         return ["ocp", *map(decode_utf8, sys.argv[1:])]
 
     @property
     def named_runs(self) -> list[str]:
-        """Runs that the command reads, as typed."""
+        """Runs that the command reads, as typed by the user."""
         named = getattr(self, "runs", [getattr(self, "run", None)])
         return [run for run in named if run is not None]
 
@@ -104,7 +104,7 @@ class StoreOptions(Options):
     out: Path = option(Path("runs"), envvar="OCP_RUNS", help="Directory of the run store.")
 
     def stored(self, run: str) -> StoredRun:
-        """Return the run that a text names; raises the errors of ``store.find_run`` and ``store.load``."""
+        """Return the run with the given name; raises the errors of ``store.find_run`` and ``store.load``."""
         from ocp import store
 
         return store.load(store.find_run(run, self.out))
@@ -117,7 +117,7 @@ class RunOptions(StoreOptions):
 
 
 class SourceOptions(StoreOptions):
-    """Option for the file that defines a run's problem; a file that is named in the run alone is never loaded."""
+    """Option for the file that defines a run's problem; a file named only in the run is never loaded."""
 
     source: str | None = option(None, "--source", metavar="FILE", help="File that defines the problem of the run.")
 

@@ -5,7 +5,7 @@ from reports.figures.studies import in_the_loop, learned_laws, noising, patholog
 from reports.figures.studies.panels import Drawing
 
 _MODULES = (in_the_loop, learned_laws, noising, pathologies, policies, smoothing)
-"""Modules with drawings; each drawing has the identifier of its study in lower case as its name."""
+"""Modules with drawings; a drawing is called like its study's identifier in lower case."""
 _DRAWINGS = {
     name: drawing for module in _MODULES for name, drawing in vars(module).items() if isinstance(drawing, Drawing)
 }

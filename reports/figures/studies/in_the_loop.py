@@ -16,7 +16,7 @@ from reports.figures.studies.panels import drawing, excess_map, label_columns
 from reports.tables.law_tables import excess_text
 
 _GOOD_EXCESS = 0.1
-"""Excess cost, relative to the best controller, at which the colours change from blue to red."""
+"""Excess cost, relative to the best controller, where the colours change from blue to red."""
 
 
 @drawing(
@@ -28,7 +28,7 @@ _GOOD_EXCESS = 0.1
     "plan's inputs alone, over the first horizon. The median time of a sample is above each column."
 )
 def c1(data: xr.Dataset) -> Figure:
-    """Draw study C1, two heat maps of excess cost: a row per task and plant, a column per controller."""
+    """Draw study C1: two heat maps of excess cost, with a row per task and plant and a column per controller."""
     rows = run_settings(data)
     figure = Figure(figsize=(WIDTH, 1.3 + 0.29 * len(rows)))
     planning_axis, gains_axis = figure.subplots(1, 2, width_ratios=(len(LAWS), len(FEEDBACK + INPUTS)))

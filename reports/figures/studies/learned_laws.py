@@ -175,7 +175,7 @@ def _excess_table(axis: Axes, data: xr.Dataset) -> None:
 
 
 def _mark(lives: int, of: int) -> str:
-    """Return a check mark if any plans survive, with their number unless all do; "" if none does."""
+    """Return a check mark if any plans survive, with their number unless all do; "" if none survives."""
     if lives == 0:
         return ""
     return r" $\checkmark$" if lives == of else rf" $\checkmark${lives}/{of}"

@@ -1,4 +1,4 @@
-"""Parts that several drawings of studies share."""
+"""Parts shared by several drawings of studies."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ def drawing(caption: str) -> Callable[[Callable[[xr.Dataset], Figure]], Drawing]
 
 
 def light_to_dark(number: int, first: float = 0.85, last: float = 0.05) -> np.ndarray:
-    """Return RGBA colours (number, 4) from light to dark; ``first`` and ``last`` are places on viridis in [0, 1]."""
+    """Return RGBA colours (number, 4) from light to dark; ``first`` and ``last`` are positions on viridis in [0, 1]."""
     return mpl.colormaps["viridis"](np.linspace(first, last, number))
 
 
 def break_at_jumps(f: np.ndarray, jump: float) -> np.ndarray:
-    """Return ``f`` (n,) with NaN before each change larger than ``jump``, which interrupts a line through it."""
+    """Return ``f`` (n,) with NaN before each change larger than ``jump``, so that a line through it is interrupted."""
     return np.where(np.append(np.abs(np.diff(f)), 0) > jump, np.nan, f)
 
 
@@ -48,7 +48,7 @@ def gradient_panel(axis: Axes, theta: ArrayLike, slope: ArrayLike, first: ArrayL
 
 
 EXCESS_RANGE = (1e-3, 100.0)
-"""Range of excess costs, relative to the best ones, that the colours of a map span."""
+"""Range of the colours of a map of excess costs, relative to the lowest costs."""
 
 
 def excess_map(axis: Axes, excess: np.ndarray, good: float) -> np.ndarray:
@@ -72,7 +72,7 @@ def label_columns(axis: Axes, labels: Sequence[str], **style: Any) -> None:
 
 
 def impulse_arrow(axis: Axes, place: float, start: float, end: float) -> None:
-    """Draw an arrow from ``start`` to ``end`` in place of an impulse too high for the axis."""
+    """Draw an arrow from ``start`` to ``end`` for an impulse that is too high for the axis."""
     axis.annotate("", (place, end), (place, start), arrowprops={"arrowstyle": "->", "color": INK})
 
 

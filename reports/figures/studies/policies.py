@@ -55,7 +55,7 @@ def a3(data: xr.Dataset) -> Figure:
     "return of the best plan's inputs."
 )
 def a4(data: xr.Dataset) -> Figure:
-    """Draw study A4: returns over steps and over time, a row per task, then shares of the best plan's return."""
+    """Draw study A4: returns over steps and time, one row per task, then fractions of the best plan's return."""
     figure = Figure(figsize=(WIDTH, 7.2))
     tasks = list(map(str, data["task"].values))
     subfigures: Any = figure.subfigures(2, 1, height_ratios=[2 * len(tasks), 1.6])
@@ -79,7 +79,7 @@ def a4(data: xr.Dataset) -> Figure:
 
 
 def shares(axes: Axes, data: xr.Dataset) -> None:
-    """Draw each run's share of the best plan's return, one line per algorithm, with the median as a short stroke."""
+    """Draw the fraction of the best plan's return of each run, a line per algorithm, with a stroke at the median."""
     best = data["replayed"].max("guess").mean("start")
     shares_of_best = (data["reached"].mean("start") / best).transpose("algorithm", "run").values
     for k, run_shares in enumerate(shares_of_best):
@@ -91,7 +91,7 @@ def shares(axes: Axes, data: xr.Dataset) -> None:
 
 
 def curves(axes: Axes, data: xr.DataArray, dimension: str, with_labels: bool) -> None:
-    """Draw median and quartiles over runs of ``data`` (algorithm, run, dimension), where all runs have values."""
+    """Draw median and quartiles over runs of ``data`` (algorithm, run, dimension) where all runs have values."""
     for name in map(str, data["algorithm"].values):
         values = data.sel(algorithm=name).transpose("run", dimension).values
         is_known = np.isfinite(values).all(axis=0)
@@ -122,7 +122,7 @@ def a5(data: xr.Dataset) -> Figure:
 _A7_LAWS = (("FOPG", "exact"), ("BS 0.01", "barrier, 1e-2"), ("ABS quartic", "adaptive"))
 """Method and title of each landscape in study A7."""
 _A7_SMALLEST_LOSS = 1e-5
-"""Smallest loss that the axis of study A7 shows [m²]."""
+"""Smallest loss on the axis of study A7 [m²]."""
 
 
 @drawing(

@@ -162,7 +162,7 @@ def a6(data: xr.Dataset) -> Figure:
     "(dots), with the growth that thm. 4.4 would allow, L^4H, from the first point (dotted)."
 )
 def t1(data: xr.Dataset) -> Figure:
-    """Draw study T1: how often bounds hold, their scaling with mu, their looseness, and variance."""
+    """Draw study T1: the fraction of cases in which bounds hold, scaling with mu, looseness, and variance."""
     figure = Figure(figsize=(WIDTH, 6.0))
     (often, scaling), (loose, growth) = figure.subplots(2, 2)
     names = [str(name) for name in data["bound"].values[:-1]]

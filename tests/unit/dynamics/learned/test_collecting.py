@@ -105,7 +105,7 @@ def test_values_of_parameters_reach_step_and_distance() -> None:
 
 def test_a_region_that_lies_inside_a_body_is_told() -> None:
     inside = replace(region("push-1d"), states={"qu": (-2.0, -1.0), "qa": (0.0, 1.0)})
-    with pytest.raises(ValueError, match=r"only 0 of .* of the region could be used; move"):
+    with pytest.raises(ValueError, match=r"only 0 of .* of the region could be used; choose"):
         collect_transitions(problem("push-1d").exact_step, inside, 50, 0)
 
 

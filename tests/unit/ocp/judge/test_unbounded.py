@@ -1,4 +1,4 @@
-"""A problem is not solved if its cost falls without end, or towards a value that no point attains."""
+"""A problem is not solved if its cost decreases without bound, or towards a value that no point attains."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ ATTAINED = {
 
 @pytest.mark.parametrize("kind", WITHOUT_END)
 def test_no_end(kind):
-    assert "without end" in describe_fall(WITHOUT_END[kind], 1.0, np.inf, 0.0)
+    assert "without bound" in describe_fall(WITHOUT_END[kind], 1.0, np.inf, 0.0)
 
 
 @pytest.mark.parametrize("kind", NOT_ATTAINED)
@@ -85,7 +85,7 @@ def cart(cost, end=lambda x: ca.SX(0), path=(), **changes) -> Problem:
 UNBOUNDED = {
     "linear": (cart(lambda u, w: u + w**2), "along u"),
     "square": (cart(lambda u, w: -(u**2) + w**2), "along u"),
-    "logarithm": (cart(lambda u, w: -ca.log(1 + u**2) + w**2), "without end along u"),
+    "logarithm": (cart(lambda u, w: -ca.log(1 + u**2) + w**2), "without bound along u"),
     "exponential": (cart(lambda u, w: ca.exp(-u) + w**2), "no point attains"),
     "witch": (cart(lambda u, w: 1 / (1 + u**2) + w**2), "no point attains"),
     "a state": (cart(lambda u, w: ca.sqrt(1 + u**2) / 1e3 + w**2, lambda x: -x), "along u"),
@@ -171,7 +171,7 @@ def solved(cost, rows, low, high) -> mpcc.MPCCSolution:
 def test_a_complementarity_problem_without_a_minimum_is_not_solved(kind):
     found = solved(*RAYS[kind])
     assert found.status is Status.UNBOUNDED and not found.success
-    assert "falls without end" in found.verdict or "no point attains" in found.verdict
+    assert "decreases without bound" in found.verdict or "no point attains" in found.verdict
 
 
 @pytest.mark.parametrize("kind", ENDS)

@@ -184,7 +184,7 @@ def test_bad_data_and_settings_are_told():
         OneStepLoss(exact_step(), NAMES, scale=np.array([1.0, 0.0]))
     with pytest.raises(InputError, match="candidates must be a whole number >= 4, got 2"):
         RandomSearch(candidates=2)
-    with pytest.raises(InputError, match="a width below that of its start"):
+    with pytest.raises(InputError, match="the final width of a random search must be below"):
         RandomSearch(width=1e-3, narrow=1e-2)
 
 

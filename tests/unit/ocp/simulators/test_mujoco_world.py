@@ -153,7 +153,7 @@ def test_parts_meet_only_whom_they_meet_here() -> None:
     there = world(problem_of(machine, spheres=("b",)))
     assert there.mjcf.pairs == {"b": ("b", "z = 0"), "slope on tip": ("slope", "tip")}
     assert 'name="idle"' not in there.mjcf.text
-    with pytest.raises(InputError, match=r"part 'idle' is a rounded Box, which MuJoCo has not"):
+    with pytest.raises(InputError, match=r"part 'idle' is a rounded Box, which MuJoCo does not support"):
         world(problem_of(replace(machine, collision_pairs=(("idle", "slope"),))))
 
 

@@ -66,7 +66,7 @@ REFUSED: dict[str, tuple[Any, Any, str]] = {
     "no number": (Sketch, {"keyframes": {3: {"ox": "far"}}}, "ox must be a number, got 'far'"),
     "not finite": (Sketch, {"keyframes": {3: {"ox": np.nan}}}, "ox must be a finite number"),
     "start": (Sketch, {"keyframes": {0: {"ox": 1.0}}}, "the guess has ox = 1 at step 0, where it must be 0"),
-    "nothing": (dict, {}, "says nothing"),
+    "nothing": (dict, {}, "is empty"),
     "short path": (Sketch, {"paths": {"ox": [1.0]}}, "two or more numbers"),
     "contact": (Sketch, {"contacts": {"pull": [(1, 2)]}}, "unknown contact 'pull'"),
     "range": (Sketch, {"contacts": {"push": [(1, 2, 3)]}}, "contacts['push'][0]"),

@@ -137,7 +137,7 @@ def test_a_reader_that_loses_the_turn_is_refused(tmp_path: Path, monkeypatch: py
         return model
 
     monkeypatch.setattr(mujoco.MjSpec, "compile", forgetful)
-    said = r"body 'rotor': MuJoCo [0-9.]+ reads another inertia than the file says, by 0.1; install"
+    said = r"body 'rotor': MuJoCo [0-9.]+ reads another inertia than the file, by 0.1; install"
     text = TURNED.format(axis="1 0 0", xyz="0 0 0", rpy=f"0 0 {np.pi / 2}", xy=0, more="")
     with pytest.raises(InputError, match=said):
         load(tmp_path, "turned.urdf", text)

@@ -75,5 +75,5 @@ def test_forces_belong_to_the_nearest_node_or_to_all_steps_of_a_frame(h: float) 
 
 
 def test_a_problem_that_no_name_finds_needs_its_file() -> None:
-    with pytest.raises(InputError, match="a run never loads code by itself; name the file"):
+    with pytest.raises(InputError, match="a run never loads code on its own; name the file"):
         check_drawable(replace(VIEW, spec=None))
