@@ -9,7 +9,8 @@ import numpy as np
 
 from dynamics.systems.space import SpatialMachine
 from ocp.problem.problem import Guess, Problem, Scaling
-from problems.parameters import Parameters, choice, pose_problem, quantity, structure, table
+from problems.machines.footfalls import FootfallParams, footfall_cost
+from problems.parameters import choice, pose_problem, quantity, structure, table
 
 STEPS = r"""
 M(q) (v^+ - v) = h (B u - C(q, v) v^+ - g(q) - D v^+) + J_n^top gamma + J_t^top beta + J_l^top nu
@@ -19,12 +20,13 @@ q^+ = q ⊕ h v^+, quad q "= (place, quaternion, joints)"
 min sum_(k=0)^(N-1) h (w_u norm(u_k)^2 + w_v norm(v_k)^2)
   + w_"place" norm(p_N - p_"end")^2 + w_"turn" norm(e_N - e_"end")^2
   + w_"joints" norm(theta_N - theta_"end")^2 + w_"rest" norm(v_N)^2
-p, e "place and quaternion of the trunk," theta "the joints"
+  + sum_(k=0)^(N-1) sum_i (w_"slip" f gamma_i psi_i \/ h + h w_"clear" max(0, 1 - phi_i/c)^2 norm(J_(t,i) v_k)^2)
+p, e "place and quaternion of the trunk," theta "the joints," c "the clearance"
 """
 """Equations of the problems that :func:`gait` builds, in the mathematical notation of typst."""
 
 
-class GaitParams(Parameters):
+class GaitParams(FootfallParams):
     """Parameters of a problem in which a robot moves to another pose."""
 
     distance: float = quantity(0.5, "m", "distance of the trunk along x")
@@ -66,7 +68,8 @@ def gait(
     return pose_problem(
         params,
         system,
-        stage_cost=p["h"] * (p["w_u"] * ca.sumsqr(system.u) + p["w_v"] * ca.sumsqr(v)),
+        stage_cost=p["h"] * (p["w_u"] * ca.sumsqr(system.u) + p["w_v"] * ca.sumsqr(v))
+        + footfall_cost(params, p, system),
         terminal_cost=p["w_place"] * ca.sumsqr(error[:3])
         + p["w_turn"] * ca.sumsqr(error[3:7])
         + p["w_joints"] * ca.sumsqr(error[7:])

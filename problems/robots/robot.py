@@ -63,29 +63,85 @@ class Robot:
         """Whether the root moves freely along z and along x or y."""
         return "z" in self._root_translations and len(self._root_translations) > 1
 
+    @cached_property
+    def objects(self) -> frozenset[str]:
+        """Names of bodies that no motor moves, such as a box to be pushed; none if the robot has no motor.
+
+        No body of their trees has a motor, or a joint that is coupled to others.
+        """
+        roots, moved = dict[str, str](), set[str]()
+        coupled = {name for coupling in self.machine.couplings for name in coupling.coefficients}
+        for body in self.machine.bodies:
+            roots[body.name] = body.name if body.parent is None else roots[body.parent]
+            if body.gear is not None or body.servo is not None or body.name in coupled:
+                moved.add(roots[body.name])
+        return frozenset(name for name, root in roots.items() if moved and root not in moved)
+
+    @cached_property
+    def root_bodies(self) -> tuple[str, ...]:
+        """Names of the bodies whose joints free the root, in order; the last is the trunk. Empty for a fixed root."""
+        chain: list[str] = []
+        for body in self.machine.bodies if self.floats else ():
+            if body.name not in self.objects and body.parent == (chain[-1] if chain else None):
+                chain.append(body.name)
+                # Bodies without mass are further joints of the one that they carry.
+                if not ca.SX(body.mass).is_zero():
+                    break
+        return tuple(chain)
+
+    @cached_property
+    def root_entries(self) -> tuple[int, ...]:
+        """Indices into q of the position and rotation of the root."""
+        q_of = self.machine.tree().q_of
+        return tuple(i for name in self.root_bodies for i in range(q_of[name].start, q_of[name].stop))
+
+    @cached_property
+    def forward(self) -> tuple[int, float]:
+        """Index into q of the root's position along x, or y if it cannot move along x, and the sign of that entry."""
+        return self._root_translations.get("x") or self._root_translations["y"]
+
     def standing(self) -> np.ndarray:
         """Return the pose home (nq,); a floating robot is lifted or lowered until it just touches the ground."""
         pose = self.home.copy()
-        if self.floats and self.grounds:
-            index, sign = self._root_translations["z"]
-            pose[index] -= sign * np.array(self.distances(pose))[[*self.grounds]].min()
+        if self.floats and self.footholds:
+            lowest = np.array(self.distances(pose))[[*self.footholds]].min()
+            return np.array(ca.evalf(self.raised(pose, -lowest))).ravel()
         return pose
+
+    @cached_property
+    def footholds(self) -> tuple[int, ...]:
+        """Indices of the robot's own contacts with level ground, without those of :attr:`objects`."""
+        if not self.objects:
+            return self.grounds
+        touching = list(self.machine.contacts_with_bodies(ca.SX(self.home)).values())
+        return tuple(i for i in self.grounds if self.objects.isdisjoint(touching[i][1:]))
+
+    def raised(self, pose: np.ndarray, height: ca.SX | float) -> ca.SX:
+        """Return a pose (nq, 1) with the root of a floating robot higher by ``height`` [m]."""
+        raised_pose, (index, sign) = ca.SX(pose), self._root_translations["z"]
+        raised_pose[index] += sign * height
+        return raised_pose
 
     def displaced(self, pose: np.ndarray, distance: ca.SX | float) -> ca.SX:
         """Return a pose (nq, 1) with the root moved by ``distance`` [m] along x, or y if it cannot move along x.
 
-        If the root is fixed, every hinge and slide is moved by ``distance`` [rad, m], up to its limit.
+        If the root is fixed, every hinge and slide is moved by ``distance`` [rad, m], up to its limit; those of
+        :attr:`objects` stay.
         """
-        goal, tree = ca.SX(pose), self.machine.tree()
         if self.floats:
-            index, sign = self._root_translations.get("x") or self._root_translations["y"]
+            goal, (index, sign) = ca.SX(pose), self.forward
             goal[index] += sign * distance
             return goal
+        return self.turned(pose, {body.name: distance for body in self.machine.bodies if body.name not in self.objects})
+
+    def turned(self, pose: np.ndarray, changes: Mapping[str, ca.SX | float]) -> ca.SX:
+        """Return a pose (nq, 1) with hinges and slides moved by ``changes`` [rad, m], each up to its limit."""
+        goal, tree = ca.SX(pose), self.machine.tree()
         for body in self.machine.bodies:
-            if body.joint in ("hinge", "slide"):
+            if body.joint in ("hinge", "slide") and body.name in changes:
                 low, high = body.limits or (-np.inf, np.inf)
                 entry = tree.q_of[body.name]
-                goal[entry] = ca.fmin(ca.fmax(goal[entry] + distance, low), high)
+                goal[entry] = ca.fmin(ca.fmax(goal[entry] + changes[body.name], low), high)
         ties = self.machine.coupled_joints()
         return ties.close(tree, goal) if ties else goal
 
@@ -100,10 +156,11 @@ class Robot:
     def _root_translations(self) -> dict[str, tuple[int, float]]:
         """Mapping from a world axis along which the root moves freely to the coordinate's index in q and its sign."""
         tree, slides, above = self.machine.tree(), {}, None
-        for body in self.machine.bodies:
+        robot_bodies = [body for body in self.machine.bodies if body.name not in self.objects]
+        for body in robot_bodies:
             if body.joint == "free":
                 return {axis: (tree.q_of[body.name].start + k, 1.0) for k, axis in enumerate("xyz")}
-        for body in self.machine.bodies:
+        for body in robot_bodies:
             hindered = body.gear is not None or body.servo is not None or body.limits is not None
             if body.joint != "slide" or body.parent != above or hindered:
                 break

@@ -83,12 +83,19 @@ class NewOptions(Options):
     """Write NAME.py, a commented file of a problem, or of a world with --world, that works and can be edited."""
 
     code: ClassVar = "reports.cli.new_command"
-    examples: ClassVar = ("new bumper", "new push-box --scene", "new leg --machine", "new sim --world")
+    examples: ClassVar = (
+        "new bumper",
+        "new push-box --scene",
+        "new leg --machine",
+        "new sim --world",
+        "new hop --robot robot.xml --task jump",
+    )
     problem: str = argument(metavar="NAME", help="Name of the problem and of its file.")
     scene: bool = option(False, help="Build the system from bodies and pushers with shapes.")
     machine: bool = option(False, help="Build a machine of links, joints and motors over the ground.")
     world: bool = option(False, help="Wrap a simulator whose gradient ocp gradients judges.")
     robot: Path | None = option(None, metavar="FILE", help="Move the robot of a URDF or MJCF file to another pose.")
+    task: str | None = option(None, metavar="TASK", help="What the robot does: stand, reach, walk, jump or push.")
     floating: bool = option(False, help=FLOATING)
     planar: bool = option(False, help=PLANAR)
     folder: Path | None = option(None, metavar="DIR", help=FOLDER)

@@ -7,7 +7,7 @@ import os
 import re
 from pathlib import Path
 
-from ocp.errors import InputError, input_errors
+from ocp.errors import InputError, did_you_mean, input_errors
 from ocp.store import atomic
 from problems import names
 from problems.loading import check_name
@@ -22,6 +22,16 @@ TEMPLATES = {
     "robot": "hop_on.py",
 }
 """Mapping from kind of problem to its template, a file of ``examples`` that wheels include (pyproject.toml)."""
+TASKS = {
+    "stand": "stand_up.py",
+    "reach": "reach_out.py",
+    "walk": "walk_on.py",
+    "jump": "jump_up.py",
+    "push": "push_on.py",
+}
+"""Mapping from a robot's task to its template, like :data:`TEMPLATES`."""
+_ROBOT_FILE = re.compile(r'(?<=Path\(__file__\)\.parent / )"[^"]*"(?=\))')
+"""Name of the robot's file in a template."""
 _TEMPLATE_FOLDERS = [Path(__file__).with_name("templates"), Path(__file__).parents[2] / "examples"]
 """Folders of the templates in a wheel and in a checkout."""
 
@@ -38,17 +48,32 @@ def check(options: NewOptions) -> Path:
     if file.exists() or file.is_symlink():
         raise InputError(f"{file} exists; choose another name, or move the file away")
     check_output_file(file, "problem file")
+    _check_task(options)
+    return file
+
+
+def _check_task(options: NewOptions) -> None:
+    """Read the robot's file; raises InputError if it cannot be read, or if its task makes no sense."""
+    task = options.task
+    if task is not None and options.robot is None:
+        raise InputError("--task is for a robot; give its file with --robot")
+    if task is not None and task not in TASKS:
+        raise InputError(f"unknown task {task!r}{did_you_mean(task, TASKS)}; expected {', '.join(TASKS)}")
     if options.robot is not None:
         from problems import robots
 
-        robots.load(options.robot, floating=options.floating, planar=options.planar, folder=options.folder)
-    return file
+        robot = robots.load(options.robot, floating=options.floating, planar=options.planar, folder=options.folder)
+        if task is not None:
+            from problems.robots.poses import check_task
+
+            check_task(robot, task)
 
 
 def run(options: NewOptions, file: Path) -> int:
     """Write the template under its new name, and print how to solve it."""
     kind = next((kind for kind in TEMPLATES if getattr(options, kind, None)), "plain")
-    places = (folder / TEMPLATES[kind] for folder in _TEMPLATE_FOLDERS)
+    template = TEMPLATES[kind] if options.task is None else TASKS[options.task]
+    places = (folder / template for folder in _TEMPLATE_FOLDERS)
     text = next(place for place in places if place.exists()).read_text(encoding="utf-8")
     problem_text = re.sub('^name = ".*"$', f'name = "{file.stem}"', text, count=1, flags=re.MULTILINE)
     if options.robot is not None:
@@ -57,13 +82,13 @@ def run(options: NewOptions, file: Path) -> int:
         robot_arguments += "".join(f", {base}=True" for base in bases if getattr(options, base))
         if options.folder is not None:
             robot_arguments += f", folder=Path(__file__).parent / {_relative(options.folder)}"
-        problem_text = problem_text.replace('"hopper.xml")', f"{robot_arguments})")
+        problem_text = _ROBOT_FILE.sub(lambda _: robot_arguments, problem_text, count=1)
     atomic.write_file(file, problem_text.encode(), "the problem file")
     if kind == "world":
         options.output.say(f"world file: {file}; judge its gradient with ocp gradients {file}")
     else:
         options.output.say(f"problem file: {file}; solve it with ocp solve {file} --contact exact")
-    options.output.document({"file": str(file), "problem": file.stem, "template": kind})
+    options.output.document({"file": str(file), "problem": file.stem, "template": kind, "task": options.task})
     return 0
 
 

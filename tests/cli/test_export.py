@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import xarray as xr
 
 from dynamics.contact import Barrier, Exact
 from ocp import store
@@ -142,3 +143,29 @@ def test_a_run_has_its_own_parameters_and_a_policy(ocp, store_of_runs: Path) -> 
     done = ocp("export", str(runs["continue"]), "-o", "x.c")
     assert done.code == 2
     assert "is a run of ocp continue" in done.err
+
+
+@pytest.mark.costly
+@needs_compiler
+def test_gains_that_made_a_plan_survive_are_exported_and_replayed_step_by_step(ocp) -> None:
+    """The file's policy and steps are those of the closed loop, computed here from the stored gains."""
+    file = str(Path(__file__).parents[1] / "golden/cases/hill.py")
+    solved = ocp("solve", file, "--contact", "exact", "--effort", "quick", "--until", "survives", "--json")
+    assert solved.code == 0 and solved.json["ladder"]["rungs"][solved.json["ladder"]["chosen"]]["name"] == "gains"
+    done = ocp("export", "@last", "--source", file, "-o", "hill.c", "--json")
+    assert done.code == 0 and done.json["policy"] == "feedback", done.err
+    data = xr.load_dataset(Path(solved.json["run"]) / "solution.nc")
+    K, k = data["K"].values[:, 0], data["k"].values[:, 0]
+    # The mass on the hill, away from its wall: v+ = v + h (16 x + u), x+ = x + h v+.
+    for start in ([0.5, 0.0], [0.46, 0.05]):
+        x = np.array([start])
+        for gain, offset in zip(K, k, strict=True):
+            u = np.clip(gain @ x[-1] + offset, -20, 20)
+            v = x[-1, 1] + 0.1 * (16 * x[-1, 0] + u)
+            x = np.vstack([x, [x[-1, 0] + 0.1 * v, v]])
+        assert x[:, 0].min() > -1 and np.abs(x[-1]).max() < 0.1
+        states = rolled(Path("hill.c").read_text(), "hill", np.array(start), len(k))
+        np.testing.assert_allclose(states, x, rtol=0, atol=1e-9)
+    replayed = ocp("replay", "@last", "--source", file, "--json")
+    assert replayed.code == 0 and replayed.json["inputs"] == "feedback"
+    assert replayed.json["cost"] == pytest.approx(solved.json["cost"], rel=1e-9)

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from reports.cli.new_command import TEMPLATES
+from reports.cli.new_command import TASKS, TEMPLATES
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("dynamics", "ocp", "problems", "reports")
@@ -79,7 +79,7 @@ def elsewhere(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_the_wheel_holds_the_packages_whole_and_no_pictures(wheel: Path) -> None:
     names = set(zipfile.ZipFile(wheel).namelist())
     packed = {name for name in names if name.partition("/")[0] in PACKAGES}
-    copied = {f"reports/cli/templates/{file}" for file in TEMPLATES.values()}
+    copied = {f"reports/cli/templates/{file}" for file in (*TEMPLATES.values(), *TASKS.values())}
     assert packed == tracked(*PACKAGES) | copied
     assert {f"{name}/py.typed" for name in PACKAGES} <= packed
     assert {"reports/documents/references.bib", "reports/documents/templates/solve.typ"} <= packed
