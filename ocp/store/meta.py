@@ -166,19 +166,12 @@ class EstimateMeta(TypedDict):
     estimates: list[Row]
 
 
-class SignalMeta(TypedDict):
-    """Entry of ``meta.json`` for the name and unit of a parameter or an output."""
-
-    name: str
-    unit: str
-
-
 class GradientsMeta(TypedDict):
     """Additional entries of ``meta.json`` for a run of ``ocp gradients``; ``worlds`` has one item per world."""
 
     title: str
-    parameter: SignalMeta
-    output: SignalMeta
+    parameter: Row
+    output: Row
     worlds: list[Row]
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import casadi as ca
 
 from problems.gradient_scenes.mjcf import FLOOR, ball, model
-from problems.gradient_scenes.scene import GRAVITY, Mechanics, Scene
+from problems.gradient_scenes.scene import GRAVITY, Coordinate, Mechanics, Scene
 
 HEIGHT_M = 0.5
 """Height from which balls drop [m]."""
@@ -60,10 +60,7 @@ OBLIQUE_DROP = Scene(
     theta=-1.03,
     duration=0.6,
     mechanics=Mechanics(
-        masses=(1.0, 1.0),
-        q0=(0.0, HEIGHT_M),
-        v0=(DROP_SPEED, 0.0),
-        push=(0.0, 1.0),
+        (Coordinate(speed=DROP_SPEED), Coordinate(HEIGHT_M, push=1.0)),
         force=lambda q: ca.DM([0.0, -GRAVITY]),
         distance=lambda q: q[1],
         sliding=lambda q: ca.SX([[1.0, 0.0]]),
@@ -79,10 +76,7 @@ BOUNCE = Scene(
     theta=-1.03,
     duration=BOUNCE_DURATION_S,
     mechanics=Mechanics(
-        masses=(1.0,),
-        q0=(HEIGHT_M,),
-        v0=(0.0,),
-        push=(1.0,),
+        (Coordinate(HEIGHT_M, push=1.0),),
         force=lambda q: ca.DM([-GRAVITY]),
         distance=lambda q: q[0],
         restitution=RESTITUTION,
@@ -97,10 +91,7 @@ CORNER = Scene(
     theta=0.51,
     duration=FLIGHT_DURATION_S,
     mechanics=Mechanics(
-        masses=(1.0, 1.0),
-        q0=(0.0, 0.0),
-        v0=(FLIGHT_SPEED, 0.0),
-        push=(0.0, 1.0),
+        (Coordinate(speed=FLIGHT_SPEED), Coordinate(push=1.0)),
         distance=lambda q: ca.fmax(WALL_X_M - q[0], q[1] - WALL_TOP_M),
     ),
     outcome=corner_outcome,

@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 
 from problems.gradient_scenes.mjcf import RADIUS_M, ball, model
-from problems.gradient_scenes.scene import Mechanics, Scene
+from problems.gradient_scenes.scene import Coordinate, Mechanics, Scene
 
 MASSES_KG, GAP_M = (1.0, 2.0), 0.2
 """Masses of the two balls [kg], and the gap between them at the start [m]."""
@@ -51,14 +51,8 @@ def swing_outcome(speed: ca.SX) -> ca.SX:
 
 def _two_balls(is_speed: bool) -> Mechanics:
     """Return two balls on a line, of which theta moves the first."""
-    return Mechanics(
-        masses=MASSES_KG,
-        q0=(0.0, GAP_M),
-        v0=(0.0, 0.0),
-        push=(1.0, 0.0),
-        is_speed=is_speed,
-        distance=lambda q: q[1] - q[0],
-    )
+    coordinates = Coordinate(push=1.0, mass=MASSES_KG[0]), Coordinate(GAP_M, mass=MASSES_KG[1])
+    return Mechanics(coordinates, lambda q: q[1] - q[0], is_speed=is_speed)
 
 
 _TWO_BALLS = model(
@@ -93,14 +87,7 @@ PENDULUM_STOP = Scene(
     quantities="w [rad/s] angular speed at the start; angle [rad] angle at the end",
     theta=2.03,
     duration=SWING_DURATION_S,
-    mechanics=Mechanics(
-        masses=(1.0,),
-        q0=(0.0,),
-        v0=(0.0,),
-        push=(1.0,),
-        force=lambda q: -(FREQUENCY**2) * q,
-        distance=lambda q: STOP_ANGLE - q,
-    ),
+    mechanics=Mechanics((Coordinate(push=1.0),), lambda q: STOP_ANGLE - q, lambda q: -(FREQUENCY**2) * q),
     outcome=swing_outcome,
     mjcf=model(
         f'<body><joint name="hinge" type="hinge" axis="0 1 0" stiffness="{FREQUENCY**2}" limited="true"'

@@ -57,7 +57,7 @@ def _world(scene: Scene, name: str, law: ContactLaw, values: dict[str, float]) -
     system = _system(scene, values)
     step = law.close(system)
     law_values = {key.removeprefix("contact."): value for key, value in step.p.defaults.items() if "." in key}
-    x, u, p, nq = system.x, system.u, step.p.vector, len(scene.mechanics.masses)
+    x, u, p, nq = system.x, system.u, step.p.vector, len(scene.mechanics.coordinates)
     stage_cost = ca.Function("stage_cost", [x, u, p], [ca.SX.zeros(1)])
     terminal_cost = ca.Function("terminal_cost", [x, p], [x[scene.output_index]])
 
@@ -72,7 +72,7 @@ def _world(scene: Scene, name: str, law: ContactLaw, values: dict[str, float]) -
         profile[: 1 if scene.mechanics.is_speed else n_steps] = 1.0 / settings["h"] if scene.mechanics.is_speed else 1.0
         rolled = without_warnings(
             function(n_steps),
-            np.array([*scene.mechanics.q0, *scene.mechanics.v0]),
+            scene.mechanics.table[:2].ravel(),
             theta[:, :, None] * profile,
             p=step.p.pack(named),
             gradient=gradient,
@@ -93,11 +93,11 @@ def _world(scene: Scene, name: str, law: ContactLaw, values: dict[str, float]) -
 
 def _system(scene: Scene, values: dict[str, float]) -> ContactSystem:
     """Return the system of a scene, with ``values`` as parameters; penalty contacts have a stiffness among them."""
-    mechanics, nq = scene.mechanics, len(scene.mechanics.masses)
+    mechanics, nq = scene.mechanics, len(scene.mechanics.coordinates)
     p = ParameterTable(
         [Parameter(name, value, {"h": "s", "stiffness": "1/s^2"}[name]) for name, value in values.items()]
     )
-    h, M, push = p["h"], ca.DM(mechanics.masses), ca.DM(mechanics.push)
+    h, M, push = p["h"], ca.DM(mechanics.table[3]), ca.DM(mechanics.table[2])
     input_force = M * push if mechanics.is_speed else push
     has_penalty = "stiffness" in values
     if mechanics.restitution > 0 and not has_penalty:
@@ -133,7 +133,7 @@ def _penalty_force(mechanics: Mechanics, q: ca.SX, v: ca.SX, stiffness: ca.SX) -
     """Return the generalised force (nq, 1) of spring, damper and regularised friction in contact."""
     distance = mechanics.distance(q)
     J = ca.jacobian(distance, q)
-    mass = 1 / (J @ ca.diag(1 / ca.DM(mechanics.masses)) @ J.T)
+    mass = 1 / (J @ ca.diag(1 / ca.DM(mechanics.table[3])) @ J.T)
     log = -np.log(mechanics.restitution) if mechanics.restitution > 0 else np.inf
     zeta = 1.0 if np.isinf(log) else log / np.hypot(np.pi, log)
     spring = mass * (-stiffness * distance - 2 * zeta * ca.sqrt(stiffness) * (J @ v))
@@ -152,7 +152,7 @@ def _bouncing(scene: Scene, p: ParameterTable, input_force: ca.DM) -> ContactSys
     ``q_m = q + h v/2``, ``q+ = q_m + h v+/2``; where q_m has penetrated, ``0 <= lam ⟂ h (v+ + e v) >= 0``. The
     impact takes place at a step's midpoint, so that its time is a whole number of steps.
     """
-    mechanics, nq, h = scene.mechanics, len(scene.mechanics.masses), p["h"]
+    mechanics, nq, h = scene.mechanics, len(scene.mechanics.coordinates), p["h"]
     x, x_next, u, lam = (ca.SX.sym(name, n) for name, n in (("x", 2 * nq), ("x_next", 2 * nq), ("u", 1), ("lam", 1)))
     q, v, v_next = x[:nq], x[nq:], x_next[nq:]
     middle = q + h / 2 * v
@@ -168,7 +168,7 @@ def _bouncing(scene: Scene, p: ParameterTable, input_force: ca.DM) -> ContactSys
         lam=lam,
         residual=ca.vertcat(
             x_next[:nq] - middle - h / 2 * v_next,
-            ca.DM(mechanics.masses) * (v_next - v) - smooth_impulse - J.T @ lam,
+            ca.DM(mechanics.table[3]) * (v_next - v) - smooth_impulse - J.T @ lam,
         ),
         gap=approach + ca.if_else(mechanics.distance(middle) > 0, _FAR_GAP_M, 0.0),
         states=states,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -20,27 +21,37 @@ GRAVITY = 9.81
 """Gravity of all scenes [m/s^2]."""
 
 
+class Coordinate(NamedTuple):
+    """Coordinate with its start, mass [kg], and ``push``, the speed or the force of a unit of the parameter."""
+
+    start: float = 0.0
+    speed: float = 0.0
+    push: float = 0.0
+    mass: float = 1.0
+
+
 @dataclass(frozen=True)
 class Mechanics:
     """Equations of a scene, from which worlds are built: ``M dv/dt = force(q) + push theta + contact``.
 
-    ``masses`` (nq,) is the diagonal of M [kg], ``q0`` and ``v0`` (nq,) are the start. The parameter theta acts as
-    the force ``push`` (nq,) times theta during the whole motion, or, if ``is_speed``, as the velocity ``push`` times
-    theta that is added to v0. ``distance`` maps q to the distance of the contact [m], ``sliding`` to the row of its
-    slip velocity, with Coulomb's coefficient ``friction`` (None: without friction). Impacts are plastic, or have the
+    The parameter theta acts during the whole motion as the force ``push`` times theta, or, if ``is_speed``, at the
+    start as a speed. ``distance`` maps q to the distance of the contact [m], ``sliding`` to the row of its slip
+    velocity, with Coulomb's coefficient ``friction`` (None: without friction). Impacts are plastic, or have the
     coefficient ``restitution`` of Newton.
     """
 
-    masses: tuple[float, ...]
-    q0: tuple[float, ...]
-    v0: tuple[float, ...]
-    push: tuple[float, ...]
+    coordinates: tuple[Coordinate, ...]
     distance: Pose
     force: Callable[[ca.SX], ca.SX | ca.DM] = lambda q: ca.SX.zeros(q.numel())
     is_speed: bool = True
     sliding: Pose | None = None
     friction: float | None = None
     restitution: float = 0.0
+
+    @cached_property
+    def table(self) -> np.ndarray:
+        """Array (4, nq) of the starts, speeds, pushes and masses of all coordinates."""
+        return np.array(self.coordinates).T
 
 
 @dataclass(frozen=True)

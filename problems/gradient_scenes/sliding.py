@@ -5,7 +5,7 @@ from __future__ import annotations
 import casadi as ca
 
 from problems.gradient_scenes.mjcf import FLOOR, RADIUS_M, ball, model
-from problems.gradient_scenes.scene import GRAVITY, Mechanics, Scene
+from problems.gradient_scenes.scene import GRAVITY, Coordinate, Mechanics, Scene
 
 FRICTION, DURATION_S = 0.3, 0.5
 """Coulomb's coefficient of the floor, and the duration of all motions [s]."""
@@ -31,10 +31,7 @@ def wall_outcome(compression: ca.SX) -> ca.SX:
 def _on_floor(is_speed: bool) -> Mechanics:
     """Return a box of 1 kg on a rough floor, which theta sets in motion at the start or pushes."""
     return Mechanics(
-        masses=(1.0, 1.0),
-        q0=(0.0, 0.0),
-        v0=(0.0, 0.0),
-        push=(1.0, 0.0),
+        (Coordinate(push=1.0), Coordinate()),
         is_speed=is_speed,
         force=lambda q: ca.DM([0.0, -GRAVITY]),
         distance=lambda q: q[1],
@@ -72,10 +69,7 @@ WALL_SPRING = Scene(
     theta=0.1,
     duration=DURATION_S,
     mechanics=Mechanics(
-        masses=(1.0, 1.0),
-        q0=(0.0, 0.0),
-        v0=(0.0, 0.0),
-        push=(-SPRING, 0.0),
+        (Coordinate(push=-SPRING), Coordinate()),
         is_speed=False,
         force=lambda q: ca.vertcat(-SPRING * q[0], -GRAVITY),
         distance=lambda q: q[0],

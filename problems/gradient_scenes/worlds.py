@@ -23,13 +23,9 @@ def mujoco_world(scene: Scene) -> World:
     Raises :class:`~ocp.errors.InputError` without MuJoCo.
     """
     rollouts, mechanics = MujocoRollouts(scene.mjcf), scene.mechanics
-    nq, push = len(mechanics.masses), np.array(mechanics.push)
-    start = np.array([*mechanics.q0, *mechanics.v0])
-    by_start, by_force = np.zeros(2 * nq), np.zeros(nq)
-    if mechanics.is_speed:
-        by_start[nq:] = push
-    else:
-        by_force[:] = push
+    start, push = mechanics.table[:2].ravel(), mechanics.table[2]
+    by_start = np.concatenate([0 * push, push * mechanics.is_speed])
+    by_force = push * (not mechanics.is_speed)
 
     def arguments(theta: np.ndarray, h: float, solref: float) -> tuple[np.ndarray, np.ndarray, int]:
         rollouts.set_contacts(h, solref)

@@ -25,14 +25,14 @@ class EventDriven:
 
     def __init__(self, scene: Scene, theta: float) -> None:
         m: Mechanics = scene.mechanics
-        self.scene, self.m, self.M = scene, m, np.array(m.masses)
-        q, v = ca.SX.sym("q", len(m.masses)), ca.SX.sym("v", len(m.masses))
+        self.scene, self.m, self.M = scene, m, m.table[3]
+        q, v = ca.SX.sym("q", len(self.M)), ca.SX.sym("v", len(self.M))
         distance = m.distance(q)
-        sliding = ca.SX(0, len(m.masses)) if m.sliding is None else m.sliding(q)
+        sliding = ca.SX(0, len(self.M)) if m.sliding is None else m.sliding(q)
         self.f = ca.Function("f", [q, v], [m.force(q), distance, ca.jacobian(distance, q), sliding])
-        self.push = np.zeros(len(self.M)) if m.is_speed else theta * np.array(m.push)
-        speed = theta * np.array(m.push) if m.is_speed else 0.0
-        self.x = np.concatenate([m.q0, np.array(m.v0) + speed])
+        self.push = np.zeros(len(self.M)) if m.is_speed else theta * m.table[2]
+        speed = theta * m.table[2] if m.is_speed else 0.0
+        self.x = np.concatenate([m.table[0], m.table[1] + speed])
 
     def parts(self, x):
         n = len(self.M)
@@ -171,7 +171,7 @@ def test_mujoco_differentiates_a_constant_force() -> None:
     pytest.importorskip("mujoco")
     scene = replace(SCENES["push-from-afar"], output_index=0)
     world = scene_world(scene, "mujoco")
-    slope = scene.duration * (scene.duration + world.settings["h"]) / (2 * scene.mechanics.masses[0])
+    slope = scene.duration * (scene.duration + world.settings["h"]) / (2 * scene.mechanics.coordinates[0].mass)
     np.testing.assert_allclose(world.rollout(np.array([[1.0]])), slope, rtol=1e-9)
     np.testing.assert_allclose(world.gradient(np.array([[1.0]]))[0, 0, 0], slope, rtol=1e-6)
 
