@@ -153,6 +153,10 @@ SENTENCES = {
         "use {estimator} at sigma = {sigma:.3g}: {mean:.4g} with a standard error of {standard_error:.2g}, the smoothed"
         " truth is {reference:.4g}"
     ),
+    "use-more-samples": (
+        "use {estimator} at sigma = {sigma:.3g} with about {count} samples: {mean:.4g} with a standard error of"
+        " {standard_error:.2g} agrees with the smoothed truth, {reference:.4g}"
+    ),
     "use-finer": "use finer settings ({settings}), with which the error decreases",
     "use-other-law": "use another world: neither a secant nor a smoothed gradient of this one agrees with {agreement}",
 }

@@ -36,10 +36,16 @@ class MujocoRollouts:
         self.version = version("mujoco")
 
     def set_contacts(self, timestep: float, solref: float) -> None:
-        """Set the time step [s] and, unless contacts have a stiffness, their time constant ``solref`` [s]."""
+        """Set the time step [s] and the time constant ``solref`` [s] of all contacts and joint limits.
+
+        Contacts with a stiffness k < 0 and a damping b < 0 in place of a time constant get ``k = -1/solref^2`` and keep
+        their damping ratio ``-b / (2 sqrt(-k))``.
+        """
         self.model.opt.timestep = timestep
         for constants in (self.model.geom_solref, self.model.jnt_solref):
-            constants[constants[:, 0] > 0, 0] = solref
+            is_direct = constants[:, 0] < 0
+            constants[is_direct, 1] /= np.sqrt(-constants[is_direct, 0]) * solref
+            constants[:, 0] = np.where(is_direct, -1 / solref**2, solref)
 
     def last_states(self, states: np.ndarray, controls: np.ndarray, n_steps: int) -> np.ndarray:
         """Return the states (n, 2 nv) after ``n_steps`` from ``states`` (n, 2 nv) under ``controls`` (n, nu)."""

@@ -8,8 +8,6 @@ import numpy as np
 
 RADIUS_M = 0.001
 """Radius of the balls in MuJoCo, which are points in the other worlds [m]."""
-STIFFNESS = 2500.0
-"""Stiffness per mass of contacts with restitution in MuJoCo [1/s^2]."""
 FLOOR = '<geom name="floor" type="plane" size="0 0 1"/>'
 """Floor through the origin."""
 _AXES = {"x": "1 0 0", "z": "0 0 1"}
@@ -28,13 +26,13 @@ def model(world: str, friction: float = 0.0, restitution: float = 0.0, gravity: 
 
     Contacts are critically damped, or have a restitution.
 
-    For a spring with damping c per mass, ``e = exp(-pi zeta / sqrt(1 - zeta^2))`` with ``zeta = c / (2 omega)``.
+    For a damped spring ``e = exp(-pi zeta / sqrt(1 - zeta^2))``; its stiffness, here 1, is set with the time step.
     """
     solref = "0.004 1"
     if restitution > 0:
         log = -np.log(restitution)
         zeta = log / np.hypot(np.pi, log)
-        solref = f"{-STIFFNESS:g} {-2 * zeta * np.sqrt(STIFFNESS):.9g}"
+        solref = f"-1 {-2 * zeta:.9g}"
     dimensions = 3 if friction > 0 else 1
     joints = re.findall('joint name="([^"]+)"', world)
     motors = "".join(f'<motor joint="{name}"/>' for name in joints)

@@ -208,7 +208,22 @@ def _advice(measures: Measures, tolerance: float) -> Finding:
     if reliable:
         best = min(reliable, key=lambda row: row["standard_error"] / abs(row["reference"]))
         return make_finding("use-smoothed", **_smoothed_numbers(best))
+    samples = [(_needed_samples(row, tolerance), row) for row in measures.smoothed if _is_undecided(row)]
+    if samples:
+        count, row = min(samples, key=lambda pair: pair[0])
+        return make_finding("use-more-samples", count=count, **_smoothed_numbers(row))
     return make_finding("use-other-law", agreement=agreement)
+
+
+def _is_undecided(row: dict[str, Any]) -> bool:
+    """Return whether an estimate agrees with its reference only because its interval is wide."""
+    return bool(row["reference"]) and abs(row["mean"] - row["reference"]) <= row["reliable"] < abs(row["reference"])
+
+
+def _needed_samples(row: dict[str, Any], tolerance: float) -> int:
+    """Return the number of samples whose standard error is within the tolerance, to two digits."""
+    count = row["n_samples"] * (row["standard_error"] / (tolerance * row["reference"])) ** 2
+    return int(float(f"{count:.1e}"))
 
 
 def _decreases(measures: Measures) -> bool:

@@ -233,3 +233,11 @@ class _Counted:
     def __call__(self, theta: np.ndarray) -> np.ndarray:
         self.calls += 1
         return np.sin(theta)
+
+
+def test_an_uncertain_estimate_says_how_many_samples_it_needs() -> None:
+    """The standard error falls with the square root of the samples, so that the number that is said suffices."""
+    wide = World("wide stairs", lambda theta: np.sin(0.1 * np.floor(theta / 0.1)), STAIRS.differentiate)
+    few = judged(wide, SINE, samples=200)["findings"][1]
+    assert few["code"] == "use-more-samples" and few["numbers"]["sigma"] == 0.1
+    assert judged(wide, SINE, samples=4 * few["numbers"]["count"])["findings"][1]["code"] == "use-smoothed"
