@@ -157,8 +157,12 @@ SENTENCES = {
         "use {estimator} at sigma = {sigma:.3g} with about {count} samples: {mean:.4g} with a standard error of"
         " {standard_error:.2g} agrees with the smoothed truth, {reference:.4g}"
     ),
+    "use-larger-picture": (
+        "{estimator} at sigma = {sigma:.3g} sees the larger picture: {mean:.4g} with a standard error of"
+        " {standard_error:.2g}"
+    ),
     "use-finer": "use finer settings ({settings}), with which the error decreases",
-    "use-other-law": "use another world: neither a secant nor a smoothed gradient of this one agrees with {agreement}",
+    "use-other-law": "use another world: neither a secant nor a smoothed gradient of this one agrees with the truth",
 }
 """Mapping from the code of a finding to the template of its clause, with named numbers and words."""
 

@@ -17,6 +17,7 @@ from ocp.problem.policy import POLICIES
 from ocp.programs.solver import SOLVERS
 from ocp.transcription import METHODS
 from problems import describe, names, spec, studies
+from problems.gradient_scenes import SCENES
 from problems.registry import ROBOT_FILES, ObjectiveSpec, named, objective_names, objective_spec
 from problems.spec import ProblemSpec, Spec
 from problems.tasks import registry
@@ -49,6 +50,7 @@ def check_list(options: Options) -> Catalogue:
         "solvers": SOLVERS,
         "objectives": {name: objective_spec(name).title for name in objective_names()},
         "estimators": {name: cls.summary for name, cls in {**SAMPLED, **RULES}.items()},
+        "scenes": {name: scene.title for name, scene in SCENES.items()},
         "figures": {name: studies.get(name).title for name in studies.ids()},
     }
     return {

@@ -39,6 +39,7 @@ def gradients(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Ca
     return call
 
 
+@pytest.mark.costly
 def test_a_file_is_its_own_scene_and_its_entries_are_chosen(gradients) -> None:
     code, document, _ = gradients("line.py")
     (row,) = document["worlds"]
@@ -56,6 +57,7 @@ def test_a_wrong_gradient_of_a_file_is_seen(gradients, tmp_path: Path) -> None:
     assert document["worlds"][0]["verdict"] == "not-the-derivative"
 
 
+@pytest.mark.costly
 def test_the_run_is_stored_reported_and_exported(gradients, tmp_path: Path, capsys) -> None:
     code, document, _ = gradients("line.py", "--pdf", "a.pdf", "--tag", "mine")
     stored = store.load(document["run"])

@@ -204,15 +204,21 @@ def _advice(measures: Measures, tolerance: float) -> Finding:
         return make_finding("use-secant", low=amplitudes[0], high=amplitudes[1], agreement=agreement)
     if measures.truth != 0 and measures.jump is None and _decreases(measures):
         return make_finding("use-finer", settings=", ".join(measures.refinements[0]["settings"]))
-    reliable = [row for row in measures.smoothed if _is_reliable(row, tolerance)]
+    widest = max(row["sigma"] for row in measures.smoothed)
+    if measures.truth_secants is None:
+        row = next(row for row in measures.smoothed if row["sigma"] == widest)
+        return make_finding("use-larger-picture", **_smoothed_numbers(row))
+    # Less noise than the distance of a jump does not see it.
+    smoothed = [row for row in measures.smoothed if measures.jump is None or row["sigma"] == widest]
+    reliable = [row for row in smoothed if _is_reliable(row, tolerance)]
     if reliable:
         best = min(reliable, key=lambda row: row["standard_error"] / abs(row["reference"]))
         return make_finding("use-smoothed", **_smoothed_numbers(best))
-    samples = [(_needed_samples(row, tolerance), row) for row in measures.smoothed if _is_undecided(row)]
+    samples = [(_needed_samples(row, tolerance), row) for row in smoothed if _is_undecided(row)]
     if samples:
         count, row = min(samples, key=lambda pair: pair[0])
         return make_finding("use-more-samples", count=count, **_smoothed_numbers(row))
-    return make_finding("use-other-law", agreement=agreement)
+    return make_finding("use-other-law")
 
 
 def _is_undecided(row: dict[str, Any]) -> bool:

@@ -34,21 +34,30 @@ from ocp.store.json_values import to_json
 if TYPE_CHECKING:
     import xarray as xr
 
-JUMP_SHARE = 0.2
-"""Smallest jump that makes a gradient undefined, as a share of the output's range over the largest amplitude."""
+JUMP_SHARE, OWN_JUMP_SHARE = 0.2, 0.5
+"""Smallest jump of the truth, and of a world without a truth, that makes a gradient undefined, as a share of the range
+of the output over the largest amplitude."""
 TRUTH_POINTS = 1 << 18
 """Number of points at which the truth is evaluated to smooth it."""
 
 
 @dataclass(frozen=True)
 class ReportSettings(Configured):
-    """Settings of a report: sizes of what is measured, and the tolerance that separates right from wrong."""
+    """Settings of a report: sizes of what is measured, and the tolerance that separates right from wrong.
+
+    ``sigmas`` are standard deviations of the noise, as shares of the parameter's size.
+    """
 
     tolerance: float = setting(0.05, "largest error of a right slope, as a share of the truth", above=0, below=1)
     samples: int = setting(2000, "samples of each smoothed gradient", hint="one sample has no variance", least=2)
     sigmas: Sequence[float] = (1e-3, 1e-2, 1e-1)
     refinements: int = setting(2, "number of times by which a world is refined", least=0, most=6)
     seed: int = setting(0, "seed of the noise", least=0)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.sigmas or not min(self.sigmas) > 0:
+            raise InputError(f"sigmas must be one or more positive numbers, got {list(self.sigmas)}")
 
 
 @dataclass(frozen=True)
@@ -91,10 +100,10 @@ class _Truth:
         return self._smoothed[sigma]
 
 
-def dominant_jump(objective: WorldObjective, size: float) -> Jump | None:
-    """Return the largest jump of an output within the largest amplitude, None unless it dominates its range."""
+def dominant_jump(objective: WorldObjective, size: float, share: float = JUMP_SHARE) -> Jump | None:
+    """Return the largest jump within the largest amplitude, None unless over a ``share`` of the output's range."""
     jump = sharpest_change_on_lines(objective, *reach_noise(size))
-    return jump if jump.discontinuous and jump.size > JUMP_SHARE * value_range(objective, size) else None
+    return jump if jump.discontinuous and jump.size > share * value_range(objective, size) else None
 
 
 @dataclass(frozen=True)
@@ -212,7 +221,7 @@ class _Measurement:
         slopes = self._slopes(self._objective, secants)
         # Without a truth the world is compared with its own secant over the largest amplitude.
         true_slopes = np.full(len(slopes), secants.slopes[-1]) if truth is None else truth.nearby
-        jump = dominant_jump(self._objective, size) if truth is None else truth.jump
+        jump = dominant_jump(self._objective, size, OWN_JUMP_SHARE) if truth is None else truth.jump
         return Measures(
             slope=float(slopes[0]),
             nearby=slopes[1:],

@@ -12,9 +12,9 @@ class GradientsOptions(TagOptions):
     """Judge whether a simulator's gradient through contact is right, and say what to use instead.
 
     Derivatives, secants over many amplitudes and smoothed gradients of worlds are compared with the truth of a scene,
-    or of a file that defines rollout(theta). Scenes: oblique-drop, bounce, slide-to-rest, wall-spring, two-balls,
-    pendulum-stop, corner, push-from-afar, stick-slip. Worlds: exact, barrier, adaptive, randomized, penalty, mujoco,
-    closed-form, or path/to/file.py. Finished worlds are kept: after Ctrl-C the same command resumes.
+    or of a file that defines rollout(theta). Scenes are named by ocp list; worlds are exact, barrier, adaptive,
+    randomized, penalty, mujoco, closed-form, or path/to/file.py. Finished worlds are kept: after Ctrl-C the same
+    command resumes.
     """
 
     code: ClassVar = "reports.cli.gradients.command"

@@ -200,6 +200,9 @@ def test_a_function_is_reported_from_python_and_needs_its_parameters() -> None:
     assert report.rows[0]["verdict"] == "right" and report.sentences[0].startswith("sin: right")
     with pytest.raises(InputError, match="needs theta"):
         gradient_report(np.sin)
+    for settings, message in (({"sigmas": ()}, "positive numbers"), ({"tolerance": 0.0}, "tolerance")):
+        with pytest.raises(InputError, match=message):
+            gradient_report(np.sin, theta=1.0, **settings)
     with pytest.raises(InputError, match="are for a function"):
         gradient_report("two-balls", theta=1.0)
 
