@@ -72,7 +72,7 @@ def _scale_slopes(panel: Axes, truth: float, values: Sequence[np.ndarray]) -> No
     sizes = np.abs(np.concatenate(values))
     sizes = sizes[np.isfinite(sizes)]
     if sizes.size and truth and sizes.max() > 20 * abs(truth):
-        panel.set_yscale("symlog", linthresh=2 * abs(truth))
+        panel.set_yscale("symlog", linthresh=10.0 ** np.ceil(np.log10(2 * abs(truth))))
     panel.axhline(0, color=GREY, linewidth=0.5)
 
 

@@ -214,16 +214,17 @@ def _advice(measures: Measures, tolerance: float) -> Finding:
     if reliable:
         best = min(reliable, key=lambda row: row["standard_error"] / abs(row["reference"]))
         return make_finding("use-smoothed", **_smoothed_numbers(best))
-    samples = [(_needed_samples(row, tolerance), row) for row in smoothed if _is_undecided(row)]
+    samples = [(_needed_samples(row, tolerance), row) for row in smoothed if _is_undecided(row, tolerance)]
     if samples:
         count, row = min(samples, key=lambda pair: pair[0])
         return make_finding("use-more-samples", count=count, **_smoothed_numbers(row))
     return make_finding("use-other-law")
 
 
-def _is_undecided(row: dict[str, Any]) -> bool:
+def _is_undecided(row: dict[str, Any], tolerance: float) -> bool:
     """Return whether an estimate agrees with its reference only because its interval is wide."""
-    return bool(row["reference"]) and abs(row["mean"] - row["reference"]) <= row["reliable"] < abs(row["reference"])
+    size = abs(row["reference"] or 0.0)
+    return abs(row["mean"] - (row["reference"] or 0.0)) <= row["reliable"] < size < row["standard_error"] / tolerance
 
 
 def _needed_samples(row: dict[str, Any], tolerance: float) -> int:
