@@ -17,7 +17,7 @@ from ocp.routes.session import Session
 from ocp.search.perturbed_plans import perturbed_plans
 from ocp.search.plan_solver import PlanSolver, exact_rollout, is_less
 from ocp.search.sampling import ROUNDS, InputSampler, SampledPlan
-from ocp.search.search import SAMPLED, Search, can_roll_out, is_poor, replay_cost
+from ocp.search.search import FEW_PAIRS, SAMPLED, Search, can_roll_out, is_poor, replay_cost
 from ocp.solution import Solution
 
 NORMAL_FAILING_SHARE = 0.4
@@ -33,7 +33,7 @@ THOROUGH_ROUNDS_AROUND = 120
 PASSES_NEAR = 4
 """Maximum number of passes that solve plans near the search's best answer."""
 FRUITLESS_PASSES = 2
-"""Number of passes in a row without a better answer after which the search ends."""
+"""Number of passes in a row without a better solution that end the search, after a pass that gave one."""
 CANDIDATES_NEAR = 20
 """Maximum number of plans near an answer whose contact schedules are compared."""
 NEAR_STREAM = 1
@@ -75,10 +75,10 @@ class SampleSearch(Search):
         sampler = InputSampler(self.session.evaluation, self.seed, laws, failing_share, self.session.rollout_steps)
         system, generator = self.session.problem.system, np.random.default_rng([self.seed, NEAR_STREAM])
         session = self.session.as_swept() if system.scene and system.phi is not None else self.session
-        sampled_plans = self._sampled(sampler, answer)
-        plans = self._distinct(self._rollouts(sampler, sampled_plans), sampler, answer)
+        plans = self._distinct(self._rollouts(sampler, self._sampled(sampler, answer)), sampler, answer)
         best, least = answer, self._penalized_cost(sampler, answer)
-        solved, fruitless = list[SearchedPlan](), 0
+        few = system.nlam <= FEW_PAIRS
+        solved, patience = list[SearchedPlan](), 1
         for _ in range(1 + PASSES_NEAR):
             before = best
             for solution in self._solved(session, sampler, plans, best, least, solved):
@@ -86,10 +86,12 @@ class SampleSearch(Search):
                 cost = self._penalized_cost(sampler, solution)
                 if cost < least:
                     best, least = solution, cost
-            fruitless = fruitless + 1 if best is before else 0
-            if fruitless == FRUITLESS_PASSES or not sampled_plans or np.isinf(least):
+            patience = patience - 1 if best is before else FRUITLESS_PASSES if few else 1
+            if patience == 0 or np.isinf(least):
                 return
-            near = [*self._around(sampler, best), *perturbed_plans(sampler, best.data["u"].values[0], generator)]
+            near = self._around(sampler, best)
+            if few:
+                near += perturbed_plans(sampler, best.data["u"].values[0], generator)
             plans = self._distinct(self._rollouts(sampler, near[:CANDIDATES_NEAR]), sampler, best)
 
     def _solved(
