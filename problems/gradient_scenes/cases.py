@@ -14,6 +14,9 @@ from problems.gradient_scenes import SCENES
 from problems.gradient_scenes.own_world import OwnWorld, load_own_world
 from problems.gradient_scenes.worlds import scene_world
 
+MAX_STEPS = 100_000
+"""Maximum number of steps of a scene, before it is refined."""
+
 
 @dataclass(frozen=True)
 class GradientCase:
@@ -61,6 +64,7 @@ def gradient_case(
         chosen = [asked.world, *(read(name).world for name in worlds)]
     else:
         known = choose("scene", source, SCENES)
+        _check_settings(settings or {}, known.duration)
         if parameter or output:
             raise InputError(f"the scene {source} has one parameter and one output; drop --parameter and --component")
         name, title, question = known.name, known.title, known.question
@@ -71,6 +75,14 @@ def gradient_case(
     if len(set(names)) < len(names):
         raise InputError(f"a world is named twice among {', '.join(names)}; name it once")
     return GradientCase(name, title, question, _with_settings(chosen, settings or {}), content_digest(digests, {}))
+
+
+def _check_settings(settings: Mapping[str, float], duration: float) -> None:
+    """Raise InputError for settings of a scene's worlds that are not positive, or for a step out of range."""
+    for name, value in settings.items():
+        lower, upper = (duration / MAX_STEPS, duration) if name == "h" else (0.0, float("inf"))
+        if not lower < value <= upper:
+            raise InputError(f"-s {name} must be > {lower:.3g}{f' and <= {upper:g}' * (name == 'h')}, got {value:g}")
 
 
 def _with_settings(worlds: Sequence[World], settings: Mapping[str, float]) -> tuple[World, ...]:

@@ -49,7 +49,9 @@ class ReportSettings(Configured):
     """
 
     tolerance: float = setting(0.05, "largest error of a right slope, as a share of the truth", above=0, below=1)
-    samples: int = setting(2000, "samples of each smoothed gradient", hint="one sample has no variance", least=2)
+    samples: int = setting(
+        2000, "samples of each smoothed gradient", hint="one sample has no variance", least=2, most=10**9
+    )
     sigmas: Sequence[float] = (1e-3, 1e-2, 1e-1)
     refinements: int = setting(2, "number of times by which a world is refined", least=0, most=6)
     seed: int = setting(0, "seed of the noise", least=0)

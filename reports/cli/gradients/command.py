@@ -48,6 +48,8 @@ def run(options: GradientsOptions, request: Request) -> int:
         output.note(f"world {index + 1} of {len(case.worlds)}: {name}")
 
     with checkpoint, interruptible():
+        for line in checkpoint.notes:
+            output.say(line)
         report = measure_worlds(case.worlds, case.question, settings, checkpoint, announce)
         meta = _meta(options, case, settings, report)
         stored = store.write_run(options.out, case.name, report.dataset(), meta)

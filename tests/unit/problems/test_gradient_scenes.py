@@ -149,6 +149,8 @@ def test_names_are_checked() -> None:
         (("two-ball",), "did you mean 'two-balls'"),
         (("two-balls", ["exakt"]), "did you mean 'exact'"),
         (("two-balls", ["exact"], {"stiffness": 1.0}), "no world has a setting 'stiffness'"),
+        (("two-balls", ["exact"], {"h": 0.0}), "h must be > 6e-06 and <= 0.6"),
+        (("two-balls", ["barrier"], {"mu": -1.0}), "mu must be > 0, got -1"),
         (("two-balls", ["exact", "exact"]), "named twice"),
         (("two-balls", (), {}, 1), "one parameter and one output"),
     ):
