@@ -243,8 +243,8 @@ class Step(ABC):
     def contact_relation(self, mu: ca.SX | None = None) -> ca.SX:
         """Return the residual ``lam gap - mu`` (n, 1) in (inner, x, u, p), zero at the solved contact.
 
-        If forces may not be unique (redundant contacts, friction) the solution under the exact law is the end of
-        the path, where derivatives exist; inactive lam and their derivatives are zero there.
+        If forces may not be unique (redundant contacts, friction), the solution under the exact law is the limit of the
+        central path, at which derivatives exist; inactive lam and their derivatives are zero at this limit.
         """
         return self.lam * self.gap_expr - (self.mu if mu is None else mu)
 

@@ -74,7 +74,7 @@ ALONG_RAYS = ("displacement", "outside")
 
 
 def measure_fit(learned: LearnedMap, data: Samples, held_out: np.ndarray, sigma: float, seed: int = 0) -> Fit:
-    """Compare a model with the rows ``held_out`` of the data, and evaluate it on rays that leave the whole data set.
+    """Measure a model's errors on the rows ``held_out`` of the data, and its extrapolation along rays out of the data.
 
     Raises ``ValueError`` if no row is held out, or if sizes of model and data differ.
     """

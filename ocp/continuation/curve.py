@@ -1,4 +1,4 @@
-"""Points of a continuation, compared with their neighbours' plans, and the dataset that is stored."""
+"""Points of a continuation, their comparison with the plans of neighbouring points, and the stored dataset."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from ocp.routes.session import Session
 from ocp.solution import Solution
 
 OUTLIER_SHARE = 1e-3
-"""Share of what a plan can change by which a neighbour's plan must cost less."""
+"""Cost reduction by a neighbour's plan that makes a point an outlier, as a share of the cost that a plan can change."""
 
 
 @dataclass(frozen=True)
 class CurvePoint:
     """One solved point: the parameter's value and the judged solution there.
 
-    ``neighbour_cost`` is the cost of a neighbouring point's plan at this value where it is lower; the point is then an
-    outlier.
+    ``neighbour_cost`` is the cost of a neighbouring point's plan at this value, if that is lower; the point is then an
+    outlier. Otherwise it is None.
     """
 
     value: float
@@ -67,7 +67,7 @@ class CurvePoint:
 
 @dataclass
 class Continuation:
-    """A followed curve: points, events and iterations; ``break_reason`` says where and why it broke off, or is None."""
+    """A followed curve: points, events and iterations; ``break_reason`` says where and why it ended early, if so."""
 
     parameter: str
     points: list[CurvePoint] = field(default_factory=list)
@@ -78,9 +78,9 @@ class Continuation:
 
 
 def with_neighbour_costs(session: Session, parameter: str, points: Sequence[CurvePoint]) -> list[CurvePoint]:
-    """Return the points, with the cost of the better neighbour's plan where that costs less at their own value.
+    """Return the points with ``neighbour_cost`` set if a neighbour's plan costs less at the point's value.
 
-    Plans are rolled out under the exact law, and must keep all constraints. Under other laws, and with gains, points
+    Plans are rolled out under the exact law, and must satisfy all constraints. Under other laws, and with gains, points
     are returned unchanged.
     """
     if not session.complementary or isinstance(session.policy, Feedback):
@@ -97,7 +97,7 @@ def with_neighbour_costs(session: Session, parameter: str, points: Sequence[Curv
 
 
 def _rolled_costs(evaluation: Evaluation, points: Sequence[CurvePoint]) -> Iterator[float]:
-    """Yield the costs of the points' plans in exact rollouts that succeed and keep all constraints."""
+    """Yield the costs of the points' plans in exact rollouts that succeed and satisfy all constraints."""
     for point in points:
         try:
             rollout = roll_out(evaluation.problem, point.solution.data["u"].values, evaluation.values)

@@ -155,12 +155,12 @@ class RefereeReport:
 
     @property
     def survives_at_h(self) -> bool | None:
-        """Whether the replay at h succeeds, None without geometry."""
+        """Whether the replay at h succeeds; None for a system without geometry."""
         return None if self.note == NO_GEOMETRY else not self.findings
 
     @property
     def survives(self) -> bool | None:
-        """Whether the replays at h and, where h can be refined, at h/4 succeed, None without geometry."""
+        """Whether the replays at h and, if h can be refined, at h/4 succeed; None for a system without geometry."""
         return self.survives_at_h and not self.refined_findings
 
     @property

@@ -103,7 +103,7 @@ def _replayed_slopes(
 
 
 def _finding(curve: KKTCurve, cost: float, replayed: float, refined: float) -> str:
-    """Return a clause with the sensitivity of the cost and of the costs of its replays."""
+    """Return a clause with the derivatives of the planned cost and of the replayed costs at h and h/4."""
     places = ((replayed, "in the replay"), (refined, "in the replay at h/4"))
     slopes = [f"the sensitivity dcost/d{curve.name} is {cost:.4g}"]
     slopes += [f"{slope:.4g} {place}" for slope, place in places if np.isfinite(slope)]

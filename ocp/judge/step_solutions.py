@@ -99,7 +99,7 @@ def _apart(problem: Problem, first: np.ndarray, second: np.ndarray) -> np.ndarra
 
 
 def _obeys(evaluation: Evaluation, plan: Rollout) -> tuple[np.ndarray, np.ndarray]:
-    """Return whether steps of the plan satisfy the exact relation, (S, N), and their gaps."""
+    """Return a mask (S, N) of the plan's steps that satisfy the exact contact relation, and all gaps (S, N, nlam)."""
     system, scaling, lam = evaluation.problem.system, evaluation.problem.scales, plan.lam
     residual, gap = TrajectoryEvaluator(evaluation, system, plan.x, plan.u, lam)(system.residual, system.gap)
     product = scaling.impulse * scaling.gap

@@ -37,7 +37,7 @@ class Relation:
 
 @dataclass
 class StandardForm:
-    """Pairs ``G ⟂ H`` (k), equations ``rows = 0`` (r) and new ``variables`` (v) to which relations are restated.
+    """Relations in standard form: pairs ``G ⟂ H`` (k), equations ``rows = 0`` (r), and new ``variables`` (v).
 
     ``starts`` are the values of new variables as expressions of the others; ``names`` are those of pairs.
     """
@@ -82,7 +82,11 @@ class StandardForm:
             self.rows.append(a)
 
     def add_vertical(self, sides: Sequence[ca.SX], name: str) -> None:
-        """Add ``min(sides) = 0``: with t the minimum of the last two, ``0 <= a - t ⟂ b - t >= 0``, and so on."""
+        """Add ``min(sides) = 0`` as a chain of pairs.
+
+        A new variable t is the minimum of the last two sides a, b, ``0 <= a - t ⟂ b - t >= 0``, and replaces them; this
+        is repeated until two sides are left, which form a pair.
+        """
         smallest = sides[-1]
         for number, side in enumerate(reversed(sides[1:-1])):
             t = self._variable(ca.fmin(side, smallest), -np.inf)
@@ -99,7 +103,7 @@ class StandardForm:
         return self.variables[-1]
 
     def _pair(self, first: ca.SX, second: ca.SX, name: str) -> None:
-        """Add a pair; the same expression twice is complementary to itself only where it is zero."""
+        """Add the pair ``first ⟂ second`` or, if both are the same expression, the equation ``first = 0``."""
         if ca.is_equal(first, second, _SAME_DEPTH):
             self.rows.append(first)
             return

@@ -33,7 +33,7 @@ class Multipliers:
 def multipliers_at(
     program: MPCCProgram, x: np.ndarray, p: np.ndarray, bounds: dict[str, np.ndarray], rows: np.ndarray | None
 ) -> Multipliers:
-    """Return the multipliers at a feasible point x (n,); those of ``rows`` (m,) are fitted where they are None."""
+    """Return the multipliers at a feasible point x (n,); multipliers ``rows`` (m,) of g are fitted if None."""
     if rows is None:
         rows = fit_multipliers(LinearModel.at(program, x, p, bounds))
     gradient, _, jacobian = program.first_derivatives(x, p)
@@ -54,8 +54,8 @@ def sensitivities(
     ``bounds_at`` is a function from p to lower and upper bounds of x and of g, where these depend on p.
     Each column is one linear solve with the KKT matrix of the branch (:mod:`ocp.judge.sensitivity`).
 
-    Raises :class:`~ocp.errors.InputError` where the solution has no derivative: where complementarity
-    is not strict, or the reduced KKT matrix is singular along a direction that moves x.
+    Raises :class:`~ocp.errors.InputError` if the solution has no derivative, since complementarity is
+    not strict or the reduced KKT matrix is singular along a direction that moves x.
     """
     program = MPCCProgram(mpcc, "none", p, x, bounds_at)
     point, n = Point(program.extended(x)), mpcc.x.numel()

@@ -52,7 +52,7 @@ class NLProblem:
 
 
 def read_nl(path: Path) -> NLProblem:
-    """Return the problem of a file, with the file's name; it starts at zero where no start is given.
+    """Read the problem of a file; variables without a start in the file start at zero.
 
     Names of rows and variables are read from the .row and .col files beside it, if there are any.
 
@@ -127,8 +127,8 @@ def sol_text(problem: NLProblem, solution: MPCCSolution) -> str:
     """Return a solution as the text of a .sol file, which AMPL, Pyomo and JuMP read.
 
     After the verdict and the options follow m duals, n values of variables and the result code. A dual
-    is the derivative of the file's objective by the right side of its row, without duals where the
-    solution is not feasible.
+    is the derivative of the file's objective by the right-hand side of its row; no duals are written if
+    the solution is not feasible.
     """
     contents, duals, multipliers = problem.contents, list[float](), solution.multipliers
     if multipliers is not None:

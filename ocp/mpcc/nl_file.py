@@ -45,13 +45,13 @@ Ends = tuple[float, float]
 
 @dataclass
 class NLFile:
-    """Segments of a file as expressions in the variables ``x`` (n, 1).
+    """Segments of an AMPL .nl file as expressions in the variables ``x`` (n, 1).
 
-    ``bodies`` are the nonlinear parts of the rows, ``linear`` their linear ones; ``row_ends`` and
+    ``bodies`` are the nonlinear parts of the rows, ``linear`` their linear parts; ``row_ends`` and
     ``x_ends`` are the bounds of rows and variables; ``complements`` maps a row to the kind k and the
-    variable j (from 0) of an r-line ``5 k j``. ``defined`` maps numbers of variables, and of common
-    expressions, to what they stand for; ``options`` are the numbers of the first line. Of the variables,
-    ``n_integer`` are integers, which are read as real numbers.
+    variable j (from 0) of an r-line ``5 k j``. ``defined`` maps the numbers of variables and
+    of common expressions to expressions; ``options`` are the numbers of the first line. ``n_integer`` is the number
+    of integer variables, which are read as real.
     """
 
     x: ca.SX
@@ -171,7 +171,7 @@ def _ends(words: Line) -> Ends:
 
 
 def _expression(contents: NLFile, lines: list[Line], first: int) -> tuple[Any, int]:
-    """Return the expression in prefix form that begins at a line, evaluated from its last line, and its end."""
+    """Return the value of the prefix expression that begins at line ``first``, and the index of the line after it."""
     end = first
     while end < len(lines) and lines[end] and lines[end][0][0] in "onv0123456789":
         end += 1
@@ -191,7 +191,7 @@ def _expression(contents: NLFile, lines: list[Line], first: int) -> tuple[Any, i
 
 
 def _apply(operator: int, stack: list[Any]) -> Any:
-    """Return an operator's value at the arguments on top of the stack, which are taken from it."""
+    """Apply an operator to arguments popped from the top of the stack, and return the result."""
     if operator in _BINARY:
         first, second = stack.pop(), stack.pop()
         return _BINARY[operator](first, second)

@@ -152,7 +152,7 @@ class MPCCSolver:
     def sensitivity(self) -> dict[str, np.ndarray]:
         """Return derivatives by the parameters at the last solution: ``x`` (n, n_p) and ``f`` (n_p,).
 
-        Raises :class:`~ocp.errors.InputError` where the last solution is not certified or has no derivative.
+        Raises :class:`~ocp.errors.InputError` if the last solution is not certified or has no derivative.
         """
         mpcc, values, solution = self._last()
         if not solution.success:

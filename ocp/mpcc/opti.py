@@ -29,7 +29,10 @@ def opti(stack: ca.Opti, **options: Any) -> OptiSolver:
 
 @dataclass(frozen=True)
 class Stack:
-    """Contents of an Opti: the snapshot, its plain constraints with their rows, and its relations."""
+    """Contents of a ``casadi.Opti``: a snapshot, its complementarity relations, and all other constraints (``plain``).
+
+    ``rows`` are the indices of the plain constraints in the ``g`` of the Opti, and ``row_names`` their names.
+    """
 
     snapshot: Any
     plain: list[Any]
@@ -80,7 +83,7 @@ class Stack:
         return tuple(expression.__hash__() for expression in expressions)
 
     def parameters(self) -> np.ndarray:
-        """Return the values of the parameters (n_p,); raise :class:`~ocp.errors.InputError` where one has none."""
+        """Return the values of the parameters (n_p,); raise :class:`~ocp.errors.InputError` if one has no value."""
         try:
             return np.atleast_1d(self.snapshot.value(self.snapshot.p, self.snapshot.value_parameters()))
         except RuntimeError as error:
@@ -88,7 +91,7 @@ class Stack:
             raise InputError(f"{line}, has no value; set it with opti.set_value") from error
 
     def store(self, result: dict[str, Any]) -> None:
-        """Store a result in the snapshot, whose ``value`` then evaluates expressions there."""
+        """Store a result in the snapshot, so that ``snapshot.value`` evaluates expressions at this result."""
         snapshot = self.snapshot
         lam_g, x, scale, offset, row_scale = (
             np.array(vector).ravel()
@@ -118,7 +121,7 @@ class OptiSolver:
         self._contents: Stack | None = None
 
     def solve(self) -> OptiSolution:
-        """Return the certified solution; raise :class:`~ocp.errors.NotConverged` where there is none."""
+        """Return the certified solution; raise :class:`~ocp.errors.NotConverged` if no solution is certified."""
         solution = self.solve_limited()
         if not solution.report.success:
             raise NotConverged(f"Solver failed: {solution.verdict}")
@@ -137,7 +140,7 @@ class OptiSolver:
         return OptiSolution(contents, solver, result["report"])
 
     def _solver(self, contents: Stack) -> MPCCSolver:
-        """Return the solver of the contents; the last one where nothing but values has changed."""
+        """Return the solver of the contents; the last solver is reused if only values have changed."""
         if self._built is None or self._built[0].digest != contents.digest:
             options = {"callback": self._callback, **self.options}
             presolved = presolve("opti", contents.symbols, contents.expressions, contents.relations, contents.row_names)
@@ -190,7 +193,7 @@ class OptiSolution:
     def value(self, expression: Any, values: Sequence[Any] = ()) -> Any:
         """Return the value of an expression at the solution; ``values`` may hold other values of symbols.
 
-        The dual of a constraint of complementarity is NaN; ``report.multipliers`` has those of its sides.
+        The dual of a complementarity constraint is NaN; ``report.multipliers`` has the multipliers of its sides.
         """
         return self.opti.value(expression, [*values])
 
@@ -205,8 +208,8 @@ class OptiSolution:
     def sensitivity(self, expression: Any, parameter: Any) -> np.ndarray:
         """Return the derivative (k, n_p) of an expression (k,) at the solution by a parameter (n_p,) of the Opti.
 
-        Raises :class:`~ocp.errors.InputError` where the solution has no derivative, see
-        :func:`~ocp.mpcc.multipliers.sensitivities`, and where another solve has followed.
+        Raises :class:`~ocp.errors.InputError` if the solution has no derivative (see
+        :func:`~ocp.mpcc.multipliers.sensitivities`), or if the Opti was solved again since.
         """
         if self.solver.last is None or self.solver.last.solution is not self.report:
             raise InputError("sensitivities belong to the last solve; ask for them before the next one")

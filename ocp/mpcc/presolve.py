@@ -21,7 +21,8 @@ Values = dict[str, np.ndarray]
 class Presolved:
     """A problem in SX with variables x (n,) and rows g (m,) as stated, which :meth:`problem` turns into an MPCC.
 
-    ``expressions`` are f, g and limits of g that may depend on p; those of a call hold too.
+    ``expressions`` are f, g, and limits of g that may depend on p; the limits of each call apply in addition.
+
     A simple bound in g would be a constraint with a multiplier of its own, and a row that repeats
     ``a >= 0`` beside a pair ``a ⟂ b`` would leave the branch ``a = 0`` without an interior.
     """
@@ -75,7 +76,7 @@ class Presolved:
         return self._problems[key].with_bounds(*bounds)
 
     def bounds(self, values: Values) -> Bounds:
-        """Return lower and upper bounds of all variables, and those of the rows that stay."""
+        """Return lower and upper bounds of all variables and of the remaining rows."""
         lower, upper, low, high = self._limits(values)
         extra, rows = np.full(len(self.form.variables), np.inf), self._rows(values)
         zeros = np.zeros(len(self.form.rows))
@@ -131,5 +132,5 @@ class Presolved:
 
 
 def _entries(vector: ca.SX, indices: list[int]) -> ca.SX:
-    """Return entries of a vector as a column, also where there are none."""
+    """Return entries of a vector as a column, of shape (0, 1) if ``indices`` is empty."""
     return vector[indices] if indices else ca.SX(0, 1)

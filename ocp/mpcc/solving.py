@@ -300,7 +300,7 @@ def _rank(solution: MPCCSolution) -> tuple[bool, bool, float]:
 
 
 def _judged(program: MPCCProgram, source: Program, result: Result, start: np.ndarray, name: str) -> MPCCSolution:
-    """Return the solution of a result: certified if feasible, else with the name of the most violated constraint."""
+    """Convert a solver's result to a solution: certified if feasible, else with the most violated constraint's name."""
     values = {PENALTY: 0.0, RELAXATION: 0.0}
     mpcc, x = program.mpcc, program.extended(result.point.x[: program.mpcc.x.numel()])
     p, bounds = program.parameter_vector(values), program.bounds(values)

@@ -107,7 +107,7 @@ def solve_seconds(
 def points_memory(problem: Problem, count: float, longer: float = 1.0) -> float:
     """Return the memory of ``count`` solved points [bytes]: plan, replay and referee's replay of each point.
 
-    The longest point has ``longer`` times the steps and scenarios of ``problem``.
+    ``longer`` is the ratio of steps times scenarios of the longest point to those of ``problem``.
     """
     numbers = problem.N * problem.scenarios.n * stage_size(problem) * longer
     return count * (BYTES_PER_POINT + _ARRAYS * 8.0 * numbers)

@@ -249,7 +249,11 @@ class _Data:
         return shared
 
     def _linked(self, sizes: np.ndarray) -> np.ndarray:
-        """Return sizes (nx,) such that velocities cover positions in the horizon and no moving position has size 0."""
+        """Return sizes (nx,) in which positions and velocities are consistent over the horizon's duration T.
+
+        The size of a velocity is at least its position's size divided by T; a position of size 0 gets its velocity's
+        size times T.
+        """
         linked = sizes.copy()
         for i, of_position in enumerate(self.dimensions):
             for j, of_velocity in enumerate(self.dimensions):

@@ -131,7 +131,7 @@ class Falling:
     power: float = 1.0
 
     def paths(self, mu: float) -> list[HomotopyPath]:
-        """Return a list with the only path of t."""
+        """Return a list with one path of t, which starts at ``mu**power``."""
         start = mu**self.power
         values = geometric(start, T_SHARP**self.power, self.factor)
         return [HomotopyPath(values, lambda t: self.stage(t, t >= start))]

@@ -89,7 +89,7 @@ class RouteSearch(Search):
         return self.session.complementary and (self.thorough or led_nowhere)
 
     def solutions(self, answer: Solution) -> Iterator[Solution]:
-        """Yield solutions of other routes that cost less than ``answer``, or all if that has no certificate."""
+        """Yield solutions of other routes that cost less than ``answer``, or all solutions if it has no certificate."""
         session, best = self.session, answer
         barrier = session.sub_session(Barrier(mu=MU_LAST), Direct())
         smoothed = barrier.solve(progress=self.progress)
@@ -117,7 +117,7 @@ class RouteSearch(Search):
 
 
 def _near(search: Search, name: str, best: Solution, inputs: Sequence[np.ndarray]) -> Iterator[Solution]:
-    """Yield solutions on the branches of rollouts of inputs (N, nu), and rollouts, that cost less than ``best``."""
+    """Yield solutions cheaper than ``best``: rollouts of inputs (N, nu), and solutions on the rollouts' branches."""
     limits = search.session.evaluation.limits
     roll_out = partial(exact_rollout, search.session)
     rollouts = (roll_out(np.clip(plan_inputs, limits.u_lower, limits.u_upper)) for plan_inputs in inputs)

@@ -80,7 +80,7 @@ def _symbols(expression: ca.SX) -> set[str]:
 
 
 def _violations(rows: Iterable[Constraint], problem: Problem) -> ca.SX:
-    """Return the cost of all violations, each relative to its change as states and inputs change by their sizes.
+    """Return the cost of all violations, each divided by its change when states and inputs change by their sizes.
 
     Penetration between nodes is divided by the characteristic gap.
     """

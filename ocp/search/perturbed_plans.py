@@ -1,4 +1,4 @@
-"""Sampled plans near an answer: its inputs are changed at random, and each changed plan is improved by itself.
+"""Sampled plans near an answer: its inputs are changed at random, and each changed plan is improved separately.
 
 An answer is a local optimum, so that small changes raise its cost; a larger change may lie in the basin of a cheaper
 optimum with another contact schedule. Many changed plans are improved side by side, each by short runs of the

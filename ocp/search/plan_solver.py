@@ -39,7 +39,7 @@ def exact_rollout(session: Session, inputs: np.ndarray) -> Rollout | None:
 class PlanSolver:
     """Solver of a session's problem near given rollouts.
 
-    ``roll_out`` maps inputs (N, nu) to their rollout, or to None where a step is not solved.
+    ``roll_out`` maps inputs (N, nu) to their rollout, or to None if a step is not solved.
     ``route`` is the name of the route in reports. Under the exact law only plans that cost less than ``cost_limit``
     are judged; ``tried`` lists all plans, with the positions of pushers, which are the last ``n_pushers`` states.
     """
@@ -57,9 +57,9 @@ class PlanSolver:
     def solve(self, plans: Iterable[Rollout]) -> Iterator[tuple[Rollout, Solution]]:
         """Yield each plan with its judged solution, improved on neighbouring branches, the cheapest first.
 
-        The unimproved answer follows where the improved one does not survive the referee, and the plan's own rollout
-        where it costs less than the answer on its branch. Under a law other than the exact one, or another method,
-        plans are guesses of the law's own route.
+        If the improved solution does not survive the referee, the unimproved solution is yielded too. The plan's
+        rollout is yielded as well if it costs less than all solutions so far. Under a law other than the exact one, or
+        another method, plans are guesses of the law's own route.
         """
         session = self.session
         if not session.complementary:

@@ -50,9 +50,10 @@ HEAVY_PAIRS = 40
 class SampleSearch(Search):
     """Search for plans by sampled inputs, see :class:`~ocp.search.sampling.InputSampler`.
 
-    ``thorough`` effort samples under two laws in all rounds; normal effort samples under the exact law, and ends where
-    samples no longer catch up with an answer that is certified and does not idle. The best answer's inputs are then
-    changed at random (:mod:`ocp.search.perturbed_plans`), and plans with other contact schedules are solved.
+    ``thorough`` effort samples under two laws in all rounds; normal effort samples under the exact law, and
+    ends when samples no longer improve towards an answer that is certified and does not idle. The best
+    answer's inputs are then changed at random (:mod:`ocp.search.perturbed_plans`), and plans with other contact
+    schedules are solved.
     """
 
     thorough: bool = True

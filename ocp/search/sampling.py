@@ -129,7 +129,7 @@ class InputSampler:
     All ``runs`` start; after every stage of :data:`STAGE_ROUNDS` rounds the costlier half under each law ends.
     Violated bounds and constraints cost as :mod:`ocp.search.penalties` says. The budget ``rollout_steps`` of steps, or
     :data:`PAIR_STEPS`, determines the ``samples`` of a round; ``rolled_steps`` counts the steps rolled out so far.
-    Sampling ends where more than ``failing_share`` of the first run's samples have a step without solution, since such
+    Sampling ends if more than ``failing_share`` of the first run's samples have a step without solution, since such
     steps are slow. Plans depend on ``seed`` but not on the number of threads.
     """
 

@@ -60,20 +60,23 @@ def can_roll_out(session: Session) -> bool:
 
 
 def idles(solution: Solution) -> bool:
-    """Return whether an answer costs more than :data:`IDLE_SHARE` of standing still, both without constant terms."""
+    """Return whether an answer idles: it costs more than :data:`IDLE_SHARE` times the cost of standing still.
+
+    Both costs exclude constant terms.
+    """
     constant = Evaluation(solution.problem, solution.values).least_cost
     idling = solution.idle_cost - constant
     return bool(idling > 0 and solution.cost - constant > IDLE_SHARE * idling)
 
 
 def replay_cost(solution: Solution) -> float:
-    """Return the cost of an answer's exact replay, infinite where that failed."""
+    """Return the cost of an answer's exact replay, or infinity if the replay failed."""
     cost = solution.audit.exact_cost
     return cost if np.isfinite(cost) else np.inf
 
 
 def cost_to_beat(solution: Solution) -> float:
-    """Return the cost below which another answer is better, infinite where this one has no certificate."""
+    """Return the cost below which another answer is better, or infinity if this answer has no certificate."""
     return replay_cost(solution) if solution.certificate.certified else np.inf
 
 

@@ -1,4 +1,4 @@
-"""Rollouts of an MJCF in MuJoCo for many starts, and derivatives by its own finite differences."""
+"""Rollouts of an MJCF in MuJoCo for many starts, and derivatives by MuJoCo's finite differences."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class MujocoRollouts:
 
     States are (qpos, qvel); all joints must be hinges or slides, so that both have the same entries.
 
-    Raises :class:`~ocp.errors.InputError` without MuJoCo, and for an MJCF that it does not take.
+    Raises :class:`~ocp.errors.InputError` if MuJoCo is not installed, or rejects the MJCF.
     """
 
     def __init__(self, mjcf: str) -> None:

@@ -159,7 +159,7 @@ class SurvivalLadder:
         return solution
 
     def _gains(self) -> None:
-        """Try gains along each plan, the coarsest first, until gains survive; finer plans are made as needed."""
+        """Try gains along plans of decreasing step size until a policy survives; solve missing finer plans first."""
         if self.first.problem.scenarios.n > 1 or self.first.gains is not None:
             raise InputError("gains follow a single plan of open-loop inputs")
         self.work_limit = self.all_work

@@ -44,7 +44,9 @@ def check_starts(n_starts: int, seed: int = 0, rank_by: str = "planned") -> None
 
 
 def read_effort(effort: Effort | float) -> tuple[Effort, int | None]:
-    """Return an effort's level and, where it is a number of steps to roll out, that number with the level normal.
+    """Split an effort into its level and its number of steps to roll out.
+
+    A number implies the level normal; a level alone has no number (None).
 
     Raises :class:`~ocp.errors.InputError` for another word, and for a number that is not positive and whole.
     """
@@ -55,7 +57,7 @@ def read_effort(effort: Effort | float) -> tuple[Effort, int | None]:
 
 
 def is_greater(effort: Effort | float) -> bool:
-    """Return whether an effort asks for more than the normal one: thorough, or a number of steps."""
+    """Return whether an effort exceeds the normal effort: it is ``"thorough"`` or a number of steps."""
     return effort not in ("quick", DEFAULT_EFFORT)
 
 

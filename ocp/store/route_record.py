@@ -30,7 +30,10 @@ def record_of(solution: Solution) -> dict[str, Any]:
 
 
 def route_to_record(route: RouteReport) -> dict[str, Any]:
-    """Return the record's entries for a route: values that differ from their defaults, and values of a warm start."""
+    """Return the record's entries for a route: all values that differ from their defaults.
+
+    If the route started from a stored solution, ``resumed`` and ``swept`` are always included.
+    """
     values, defaults = asdict(route), asdict(RouteReport())
     warm = ("resumed", "swept") if route.started_from is not None else ()
     return {key: values[name] for name, key in _RECORDED.items() if name in warm or values[name] != defaults[name]}

@@ -1,4 +1,4 @@
-"""Scenes whose gradient is known in closed form, to which simulators are compared."""
+"""Scenes with a gradient in closed form, with which the gradients of simulators are compared."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What ``ocp gradients`` is asked: a scene or a file, and its worlds, by names."""
+"""Input of ``ocp gradients``: a scene or a file, and the simulators to compare, given by name."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ MAX_STEPS = 100_000
 
 @dataclass(frozen=True)
 class GradientCase:
-    """Question of a scene or a file, its worlds, and the digest of the files that define them."""
+    """Derivative of a scene or a file, its simulators, and the digest of the files that define them."""
 
     name: str
     title: str
@@ -36,12 +36,12 @@ def gradient_case(
     parameter: int = 0,
     output: int = 0,
 ) -> GradientCase:
-    """Return the case of a scene, or of a file that defines a world and its question.
+    """Return the case of the scene ``source``, or of a file that defines a simulator and the derivative to be judged.
 
-    ``worlds`` are names of worlds and files; by default the exact law, and for a file its own world. ``settings`` set
-    values of all worlds that have them.
+    ``worlds`` are names of simulators and files, by default the exact contact law for a scene; the simulator of a file
+    ``source`` always comes first. ``settings`` maps names to values, for every simulator with a setting of that name.
 
-    Raises :class:`~ocp.errors.InputError` for an unknown name, for a setting that no world has, and as
+    Raises :class:`~ocp.errors.InputError` for an unknown name, for a setting that no simulator has, and as
     :func:`~problems.gradient_scenes.own_world.load_own_world` does.
     """
     digests: list[str] = []
@@ -86,7 +86,7 @@ def _check_settings(settings: Mapping[str, float], duration: float) -> None:
 
 
 def _with_settings(worlds: Sequence[World], settings: Mapping[str, float]) -> tuple[World, ...]:
-    """Return the worlds at ``settings``; raise InputError for a setting that none of them has."""
+    """Return the simulators with ``settings`` applied; raise InputError for a setting that no simulator has."""
     known = sorted({name for world in worlds for name in world.settings})
     if unknown := [name for name in settings if name not in known]:
         raise InputError(f"no world has a setting {unknown[0]!r}; there are {', '.join(known) or 'none'}")

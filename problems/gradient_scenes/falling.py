@@ -28,17 +28,17 @@ def _landing(v: ca.SX) -> tuple[ca.SX, ca.SX]:
 
 
 def drop_outcome(v: ca.SX) -> ca.SX:
-    """Return where the ball comes to rest, ``x = u t + (u - f w)^2 / (2 f g)``.
+    """Return the position at which the ball comes to rest, ``x = u t + (u - f w)^2 / (2 f g)``.
 
-    The plastic impact takes f w off the horizontal speed u, and friction f stops the rest of it. With ``dt/dv = t/w``
-    and ``dw/dv = v/w`` the slope is ``(u t - (u - f w) v/g) / w``.
+    The plastic impact reduces the horizontal speed u by f w, and the ball then slides to rest under friction f.
+    With ``dt/dv = t/w`` and ``dw/dv = v/w`` the slope is ``(u t - (u - f w) v/g) / w``.
     """
     t, w = _landing(v)
     return DROP_SPEED * t + ca.fmax(DROP_SPEED - DROP_FRICTION * w, 0) ** 2 / (2 * DROP_FRICTION * GRAVITY)
 
 
 def bounce_outcome(v: ca.SX) -> ca.SX:
-    """Return the height at the end, ``e w s - g s^2/2`` with ``s = T - t``, in the air after the first impact.
+    """Return the final height ``e w s - g s^2/2`` with ``s = T - t``, in flight after the first impact at t.
 
     The slope is ``(e s v - (e w - g s) t) / w``.
     """
@@ -48,7 +48,7 @@ def bounce_outcome(v: ca.SX) -> ca.SX:
 
 
 def corner_outcome(v: ca.SX) -> ca.SX:
-    """Return where the ball ends without gravity: u T above the corner, at the wall X if ``v X/u`` is below its top."""
+    """Return the final position without gravity: u T, or X if the ball hits the wall at X, ``v X/u`` below its top."""
     passes = v * WALL_X_M / FLIGHT_SPEED >= WALL_TOP_M
     return ca.if_else(passes, FLIGHT_SPEED * FLIGHT_DURATION_S, WALL_X_M)
 

@@ -17,17 +17,18 @@ FREQUENCY, STOP_ANGLE, SWING_DURATION_S = 2.0, 0.5, 0.8
 
 
 def balls_outcome(v: ca.SX) -> ca.SX:
-    """Return the place of the second ball, ``gap + m1/(m1 + m2) (v T - gap)`` after the impact at ``gap/v``, else gap.
+    """Return the second ball's final position: ``gap + m1/(m1 + m2) (v T - gap)`` if hit before T, else ``gap``.
 
-    Momentum gives both balls the speed ``m1 v/(m1 + m2)`` from the plastic impact on.
+    By conservation of momentum both balls have the speed ``m1 v/(m1 + m2)`` after the plastic impact at ``gap/v``.
     """
     return GAP_M + MASSES_KG[0] / sum(MASSES_KG) * ca.fmax(v * BALLS_DURATION_S - GAP_M, 0)
 
 
 def push_outcome(force: ca.SX) -> ca.SX:
-    """Return the place of the pushed ball, ``gap + (m1 w s + F s^2/2)/(m1 + m2)``, with t and w of the meeting.
+    """Return the final position of the pushed ball, ``gap + (m1 w s + F s^2/2)/(m1 + m2)``.
 
-    The pusher starts at rest: ``t = sqrt(2 gap m1/F)``, ``w = F t/m1``, and ``s = max(T - t, 0)`` is left. The slope
+    The pusher starts at rest and meets the ball at ``t = sqrt(2 gap m1/F)`` with the speed ``w = F t/m1``; the time
+    ``s = max(T - t, 0)`` remains. The slope
     follows from ``dt/dF = -t/(2 F)`` and ``dw/dF = w/(2 F)``.
     """
     t = ca.sqrt(2 * GAP_M * MASSES_KG[0] / ca.fmax(force, 1e-9))
@@ -36,9 +37,9 @@ def push_outcome(force: ca.SX) -> ca.SX:
 
 
 def swing_outcome(speed: ca.SX) -> ca.SX:
-    """Return the angle at the end, ``phi cos(W (T - t))`` after the plastic impact, else ``speed/W sin(W T)``.
+    """Return the final angle: ``phi cos(W (T - t))`` if the pendulum hits the stop before T, else ``speed/W sin(W T)``.
 
-    The pendulum swings as ``speed/W sin(W t)``, rests at the stop phi at ``t = asin(phi W/speed)/W``, and swings back:
+    The angle is ``speed/W sin(W t)`` until the impact at ``t = asin(phi W/speed)/W``, where the pendulum is at rest:
     the slope is ``phi W sin(W (T - t)) dt/dspeed`` with ``dt/dspeed = -phi/(speed^2 sqrt(1 - (phi W/speed)^2))``.
     """
     ratio = STOP_ANGLE * FREQUENCY / speed
@@ -50,7 +51,7 @@ def swing_outcome(speed: ca.SX) -> ca.SX:
 
 
 def _two_balls(is_speed: bool) -> Mechanics:
-    """Return two balls on a line, of which theta moves the first."""
+    """Return the mechanics of two balls on a line; theta is the speed of the first ball or the force on it."""
     coordinates = Coordinate(push=1.0, mass=MASSES_KG[0]), Coordinate(GAP_M, mass=MASSES_KG[1])
     return Mechanics(coordinates, lambda q: q[1] - q[0], is_speed=is_speed)
 

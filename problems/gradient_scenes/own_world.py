@@ -1,4 +1,4 @@
-"""Worlds of users' files: a function ``rollout(theta)`` in NumPy, JAX or torch, and optionally what is known of it."""
+"""Simulators in users' files: ``rollout(theta)`` in NumPy, JAX or torch, and optionally gradient and exact output."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from problems.user_code import guarded
 
 @dataclass(frozen=True)
 class OwnWorld:
-    """World of a user's file, and the question that the file asks, or None where it defines no ``theta``.
+    """Simulator of a user's file, and the derivative to be judged, which is None if the file defines no ``theta``.
 
     ``digest`` identifies the content of the file and of what it imports.
     """
@@ -33,14 +33,14 @@ class OwnWorld:
 
 
 def load_own_world(path: str | Path, parameter: int = 0, output: int = 0) -> OwnWorld:
-    """Read a world from a Python file.
+    """Read a simulator from a Python file.
 
     The file defines ``rollout(theta)``, from parameters (n, d) to outputs (n, m); keyword arguments with numbers as
     defaults, such as ``h=0.01``, are settings. It may define
 
     - ``gradient(theta)``, from (n, d) to (n, m, d),
-    - ``theta``, the nominal parameters (d,), and ``size``, the size of each if it is not its absolute value,
-    - ``truth(theta)``, the outputs (n, m) of the physics, or ``slope`` (m, d), their derivatives at theta,
+    - ``theta``, the nominal parameters (d,), and ``size``, their characteristic sizes, by default absolute values,
+    - ``truth(theta)``, the exact outputs (n, m), or ``slope`` (m, d), their derivatives at theta,
     - ``sharper``, a mapping from settings to the factor of one refinement, such as ``{"h": 0.5}``,
     - ``parameters`` and ``outputs``, names with units, such as ``"v [m/s] speed; m [kg]"``.
 
@@ -72,7 +72,7 @@ def _gradient(module: ModuleType, file: Path) -> Any:
 
 
 def _question(module: ModuleType, file: Path, parameter: int, output: int) -> Question:
-    """Return the derivative of the chosen output by the chosen parameter, with the truth that the file knows."""
+    """Return the question on the derivative of an output by a parameter, with the exact output of the file, if any."""
     theta = _array(module, "theta", file)
     if parameter >= len(theta):
         raise InputError(f"{file}: theta has {len(theta)} parameters, got {parameter} as the index of the parameter")
@@ -86,7 +86,7 @@ def _question(module: ModuleType, file: Path, parameter: int, output: int) -> Qu
 
 
 def _array(module: ModuleType, name: str, file: Path) -> np.ndarray:
-    """Return a number, a list or an array (d,) of finite numbers that the file defines."""
+    """Return the finite numbers that a file defines under a name, as an array (d,); a single number gives d = 1."""
     value = getattr(module, name)
     value = np.asarray(value).tolist() if hasattr(value, "shape") else value
     return np.atleast_1d(np.array(validated(f"{file}: {name}", value, list[Number] | Number), dtype=float))
@@ -102,7 +102,7 @@ def _signal(module: ModuleType, name: str, index: int, file: Path) -> Signal:
 
 
 def _truth(module: ModuleType, theta: np.ndarray, file: Path) -> World | None:
-    """Return the physics that the file knows: ``truth(theta)``, or the plane with the derivative ``slope``."""
+    """Return the exact output in a file: ``truth(theta)``, or a linear function with the derivative ``slope``."""
     if callable(getattr(module, "truth", None)):
         return World("truth", guarded(module.truth, "truth(theta)", file))
     if not hasattr(module, "slope"):

@@ -39,12 +39,12 @@ _FAR_GAP_M = 1.0
 
 
 def law_world(scene: Scene, name: str) -> World:
-    """Return a scene under the contact law called ``name``, by implicit time stepping."""
+    """Return the simulator of a scene under the contact law called ``name``, by implicit time stepping."""
     return _world(scene, name, LAWS[name], {"h": STEP_S})
 
 
 def penalty_world(scene: Scene) -> World:
-    """Return a scene whose contacts are springs and dampers, and friction is regularised, by semi-implicit steps.
+    """Return the simulator of a scene with spring-damper contacts and regularised friction, by semi-implicit steps.
 
     ``f = max(-k d - c d', 0)`` for d < 0; c is critical for plastic impacts, and otherwise has the scene's
     restitution ``exp(-pi zeta / sqrt(1 - zeta^2))``. The tangential force is ``-friction f clip(v/0.01, -1, 1)``.
@@ -53,7 +53,7 @@ def penalty_world(scene: Scene) -> World:
 
 
 def _world(scene: Scene, name: str, law: ContactLaw, values: dict[str, float]) -> World:
-    """Return the world of a scene; its settings are ``values`` and the parameters of the law."""
+    """Return the simulator of a scene under a law; its settings are ``values`` and the parameters of the law."""
     system = _system(scene, values)
     step = law.close(system)
     law_values = {key.removeprefix("contact."): value for key, value in step.p.defaults.items() if "." in key}
@@ -92,7 +92,7 @@ def _world(scene: Scene, name: str, law: ContactLaw, values: dict[str, float]) -
 
 
 def _system(scene: Scene, values: dict[str, float]) -> ContactSystem:
-    """Return the system of a scene, with ``values`` as parameters; penalty contacts have a stiffness among them."""
+    """Return the system of a scene with the parameters ``values``; with a stiffness, contacts are penalties."""
     mechanics, nq = scene.mechanics, len(scene.mechanics.coordinates)
     p = ParameterTable(
         [Parameter(name, value, {"h": "s", "stiffness": "1/s^2"}[name]) for name, value in values.items()]
@@ -130,7 +130,7 @@ def _signals(nq: int) -> tuple[tuple[Signal, ...], tuple[Signal, ...]]:
 
 
 def _penalty_force(mechanics: Mechanics, q: ca.SX, v: ca.SX, stiffness: ca.SX) -> ca.SX:
-    """Return the generalised force (nq, 1) of spring, damper and regularised friction in contact."""
+    """Return the generalised force (nq, 1) of a contact: spring, damper and regularised friction."""
     distance = mechanics.distance(q)
     J = ca.jacobian(distance, q)
     mass = 1 / (J @ ca.diag(1 / ca.DM(mechanics.table[3])) @ J.T)
@@ -147,7 +147,7 @@ def _penalty_force(mechanics: Mechanics, q: ca.SX, v: ca.SX, stiffness: ca.SX) -
 
 
 def _bouncing(scene: Scene, p: ParameterTable, input_force: ca.DM) -> ContactSystem:
-    """Return Moreau's midpoint steps with Newton's restitution for one coordinate.
+    """Return the system of Moreau's midpoint steps with Newton's restitution, for a scene with one coordinate.
 
     ``q_m = q + h v/2``, ``q+ = q_m + h v+/2``; where q_m has penetrated, ``0 <= lam ⟂ h (v+ + e v) >= 0``. The
     impact takes place at a step's midpoint, so that its time is a whole number of steps.

@@ -1,4 +1,4 @@
-"""A scene: a small mechanism in contact with one parameter, one output, and its rigid limit in closed form."""
+"""Scenes: small mechanisms in contact with one parameter, one output, and their rigid limit in closed form."""
 
 from __future__ import annotations
 
@@ -22,7 +22,10 @@ GRAVITY = 9.81
 
 
 class Coordinate(NamedTuple):
-    """Coordinate with its start, mass [kg], and ``push``, the speed or the force of a unit of the parameter."""
+    """Coordinate of a scene with its initial value and speed, its mass [kg], and ``push``.
+
+    ``push`` is the initial speed or the force on the coordinate per unit of the parameter.
+    """
 
     start: float = 0.0
     speed: float = 0.0
@@ -32,10 +35,10 @@ class Coordinate(NamedTuple):
 
 @dataclass(frozen=True)
 class Mechanics:
-    """Equations of a scene, from which worlds are built: ``M dv/dt = force(q) + push theta + contact``.
+    """Equations of a scene, from which simulators are built: ``M dv/dt = force(q) + push theta + contact``.
 
-    The parameter theta acts during the whole motion as the force ``push`` times theta, or, if ``is_speed``, at the
-    start as a speed. ``distance`` maps q to the distance of the contact [m], ``sliding`` to the row of its slip
+    The force ``push`` times theta acts during the whole motion; if ``is_speed``, it is instead added to the
+    initial velocity. ``distance`` maps q to the distance of the contact [m], ``sliding`` to the row of its slip
     velocity, with Coulomb's coefficient ``friction`` (None: without friction). Impacts are plastic, or have the
     coefficient ``restitution`` of Newton.
     """
@@ -50,7 +53,7 @@ class Mechanics:
 
     @cached_property
     def table(self) -> np.ndarray:
-        """Array (4, nq) of the starts, speeds, pushes and masses of all coordinates."""
+        """Array (4, nq) of initial values, speeds, pushes and masses of all coordinates."""
         return np.array(self.coordinates).T
 
 
@@ -59,8 +62,8 @@ class Scene:
     """A scene with its rigid limit: the output ``outcome(theta)`` as an expression, differentiated exactly.
 
     ``quantities`` are names and units of the parameter and the output; ``theta`` is the nominal parameter, and its
-    absolute value the size; ``output_index`` is the index of the output in the last state (q, v); ``duration`` is in
-    seconds. ``mjcf`` is the scene in MuJoCo: its joints are the entries of q, in order.
+    absolute value is the characteristic size; ``output_index`` is the index of the output in the last state (q, v);
+    ``duration`` is in seconds. ``mjcf`` is the scene in MuJoCo: its joints are the entries of q, in order.
     """
 
     name: str
@@ -75,7 +78,7 @@ class Scene:
 
     @cached_property
     def truth(self) -> World:
-        """The rigid limit as a world."""
+        """Rigid limit as a simulator, with its exact gradient."""
         theta = ca.SX.sym("theta")
         outcome = ca.densify(ca.SX(self.outcome(theta)))
         values, slopes = (
@@ -86,6 +89,6 @@ class Scene:
 
     @property
     def question(self) -> Question:
-        """The derivative of the output by the parameter, with the rigid limit as the truth."""
+        """Question on the derivative of the output by the parameter, whose exact output is the rigid limit."""
         parameter, output = signals(self.quantities)
         return Question(np.array([self.theta]), abs(self.theta), self.truth, signals=(parameter, output))

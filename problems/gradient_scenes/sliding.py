@@ -24,12 +24,12 @@ def threshold_outcome(force: ca.SX) -> ca.SX:
 
 
 def wall_outcome(compression: ca.SX) -> ca.SX:
-    """Return how far the block moves, ``z = -max(g - f k d/m, 0) T^2/2``: the spring presses it with k d."""
+    """Return the displacement ``z = -max(g - f k d/m, 0) T^2/2`` of a block pressed to the wall with the force k d."""
     return -ca.fmax(GRAVITY - WALL_FRICTION * SPRING * compression, 0) * DURATION_S**2 / 2
 
 
 def _on_floor(is_speed: bool) -> Mechanics:
-    """Return a box of 1 kg on a rough floor, which theta sets in motion at the start or pushes."""
+    """Return the mechanics of a box of 1 kg on a rough floor; theta is its initial speed or the force on it."""
     return Mechanics(
         (Coordinate(push=1.0), Coordinate()),
         is_speed=is_speed,

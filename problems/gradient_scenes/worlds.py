@@ -1,4 +1,4 @@
-"""Worlds by name: the closed form, our laws, penalty contacts, and MuJoCo."""
+"""Simulators of scenes by name: the closed form, our contact laws, penalty contacts, and MuJoCo."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ MUJOCO_SETTINGS = {"h": 0.002, "solref": 0.004}
 
 
 def mujoco_world(scene: Scene) -> World:
-    """Return a scene in MuJoCo; its gradient is the product of MuJoCo's own finite differences of the steps.
+    """Return the simulator of a scene in MuJoCo; its gradient multiplies MuJoCo's finite differences of all steps.
 
-    Raises :class:`~ocp.errors.InputError` without MuJoCo.
+    Raises :class:`~ocp.errors.InputError` if MuJoCo is not installed.
     """
     rollouts, mechanics = MujocoRollouts(scene.mjcf), scene.mechanics
     start, push = mechanics.table[:2].ravel(), mechanics.table[2]
@@ -60,5 +60,5 @@ WORLDS: dict[str, Callable[[Scene], World]] = {
 
 
 def scene_world(scene: Scene, name: str) -> World:
-    """Return the world called ``name`` for a scene; raise :class:`~ocp.errors.InputError` for an unknown name."""
+    """Return the simulator ``name`` of a scene; raise :class:`~ocp.errors.InputError` for an unknown name."""
     return choose("world", name, WORLDS)(scene)

@@ -1,4 +1,4 @@
-"""What the problems of a robot's tasks share: its step with symbols, running costs, bounds and sizes."""
+"""Shared parts of problems for tasks of a robot: the symbolic step, running costs, bounds and sizes."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class LegParams(MotionParams, FootfallParams):
 
 @dataclass(frozen=True, eq=False)
 class RobotMotion:
-    """A robot's system at the symbols ``p`` of ``params``, and what problems of its tasks are made of."""
+    """A robot's system with the symbols ``p`` of ``params``, and the parts of problems for its tasks."""
 
     robot: Robot
     params: MotionParams
@@ -62,7 +62,7 @@ class RobotMotion:
     def effort(self) -> ca.SX:
         """Cost per step of inputs and velocities, ``h (w_u |share|^2 + w_v |v|^2)``.
 
-        The share of an input is its distance from the one that holds the pose home, over half its range.
+        The share of an input is its distance from the input that holds the home pose, divided by half its range.
         """
         lower, upper = self.robot.controls.T
         size = np.where(np.isfinite(upper - lower), (upper - lower) / 2, 1.0)
@@ -70,7 +70,7 @@ class RobotMotion:
         return self.p["h"] * (self.p["w_u"] * ca.sumsqr(share) + self.p["w_v"] * ca.sumsqr(self.v))
 
     def posture(self, pose: np.ndarray) -> ca.SX:
-        """Return the distance of q from a pose (nq,), without the way forward (nq, 1)."""
+        """Return the difference (nq, 1) of q and a pose (nq,), with the entry of forward motion set to zero."""
         error = self.q - pose
         error[self.robot.forward[0]] = 0
         return error
@@ -78,8 +78,8 @@ class RobotMotion:
     def stride(self, pose: np.ndarray, speed: ca.SX, stage_cost: ca.SX) -> Problem:
         """Return the problem of a periodic gait at a mean ``speed`` [m/s], near the pose ``pose`` (nq,).
 
-        The last state equals the first, which is free but for place and rotation of the root, except that the root
-        has moved forward by ``speed h N``.
+        The first state is free except for forward position and rotation of the root. The last state equals the first,
+        except that the root has moved forward by ``speed h N``.
         """
         robot, system, (index, sign) = self.robot, self.system, self.robot.forward
         stride = speed * self.p["h"] * self.params.N
@@ -114,7 +114,7 @@ class RobotMotion:
 
 
 def _glide(problem: Problem, p: np.ndarray, index: int, sign: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return a guess that slides forward in the pose of the start, at the problem's speed."""
+    """Return a guess that translates the start pose forward at the problem's speed, with zero inputs."""
     X = np.tile(problem.initial_states(p)[0], (problem.N + 1, 1))
     values = problem.parameters.unpack(p)
     X[:, index] += sign * values["speed"] * values["h"] * np.arange(problem.N + 1)

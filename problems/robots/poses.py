@@ -1,4 +1,4 @@
-"""Bodies of a robot that a task moves, their points, and poses to begin from."""
+"""Points and bodies of a robot that tasks move, and start poses of tasks."""
 
 from __future__ import annotations
 
@@ -82,7 +82,8 @@ def _check_legs(robot: Robot, task: str) -> None:
 def end_effector(robot: Robot) -> BodyPlace:
     """Return the end of the longest chain of motors: the middle of the last body's farthest part.
 
-    Of chains with equally many motors the first counts. Without a part it is the body's centre of mass.
+    Among chains with equally many motors the longest, then the first is chosen. If the last body has no parts, the
+    result is its centre of mass.
     """
     machine = robot.machine
     tree = machine.tree()
@@ -99,7 +100,7 @@ def end_effector(robot: Robot) -> BodyPlace:
 def pushed_object(robot: Robot) -> str:
     """Return the first body without a motor that the robot's own bodies may touch.
 
-    Raises :class:`~ocp.errors.InputError` for a robot without any.
+    Raises :class:`~ocp.errors.InputError` if there is no such body.
     """
     pairs = robot.machine.contacts_with_bodies(ca.SX(robot.home)).values()
     for _, *touching in pairs:
@@ -127,7 +128,7 @@ def push_direction(robot: Robot, pushed: str) -> np.ndarray:
 
 
 def reachable(robot: Robot) -> np.ndarray:
-    """Return a position (3,) of the end effector [m] at a pose in which nothing touches, with every joint turned.
+    """Return a position (3,) [m] of the end effector at a contact-free pose in which all its joints have moved.
 
     Joints move by :data:`CHANGES`, up to their limits, in the directions that move the end effector farthest.
     """
@@ -158,10 +159,10 @@ def reachable(robot: Robot) -> np.ndarray:
 
 
 def crouched(robot: Robot, share: float = CROUCH) -> np.ndarray:
-    """Return a pose (nq,) with the trunk lower by ``share`` of its height, upright, on the contacts it stands on.
+    """Return a pose (nq,) with the trunk upright and lowered by ``share`` of its height, and the same ground contacts.
 
-    Of such poses it is the one nearest to :meth:`~problems.robots.Robot.standing` in joint angles and in positions
-    of the feet. Raises :class:`~ocp.errors.InputError` for a robot that has none.
+    The pose minimises the distance to :meth:`~problems.robots.Robot.standing` in joint angles and positions of the
+    feet. Raises :class:`~ocp.errors.InputError` if the robot has no such pose.
     """
     stands, machine = robot.standing(), robot.machine
     q = ca.SX.sym("q", len(stands))
@@ -196,15 +197,15 @@ def crouched(robot: Robot, share: float = CROUCH) -> np.ndarray:
 
 
 def trunk_height(robot: Robot) -> float:
-    """Return the height of the root's last body where the robot stands [m]."""
+    """Return the height [m] of the root's last body in the standing pose."""
     return float(BodyPlace(robot.root_bodies[-1]).at(robot.machine, robot.standing())[2])
 
 
 def _nearest(z: ca.SX, terms: tuple[ca.SX, ca.SX, ca.SX], start: np.ndarray, limits: np.ndarray) -> np.ndarray | None:
-    """Return z (n,) that minimises the first term, the second being zero and the third not negative; None without.
+    """Return z (n,) that minimises ``cost`` subject to ``equal = 0`` and ``free >= 0``, or None if no solve succeeds.
 
-    ``limits`` (n, 2) bound z. The minimum is the best of several, found from seeded places around ``start``, since a
-    straight leg has no first-order way down.
+    ``terms`` are (cost, equal, free) and ``limits`` (n, 2) the bounds on z. The result is the best of several solves
+    from seeded random points around ``start``: if a leg is straight, the height has no first-order change at ``start``.
     """
     cost, equal, free = (ca.Function("term", [z], [term, ca.jacobian(term, z)]) for term in terms)
 
@@ -230,7 +231,7 @@ def _nearest(z: ca.SX, terms: tuple[ca.SX, ca.SX, ca.SX], start: np.ndarray, lim
 
 
 def _limits(robot: Robot, entries: list[int]) -> np.ndarray:
-    """Return lower and upper limits of entries of q (n, 2)."""
+    """Return lower and upper limits (n, 2) of entries of q."""
     limits = {entry: (float(low), float(high)) for _, entry, _, low, high in robot.machine.tree().limits}
     return np.array([limits.get(entry, (-math.inf, math.inf)) for entry in entries]).reshape(-1, 2)
 

@@ -1,4 +1,4 @@
-"""Page of the report on the gradients of worlds."""
+"""Page of the report on the gradients of simulators."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ CAPTION = (
 
 
 def gradients_page(run: StoredRun) -> Page:
-    """Return content and figure of the page on the gradients of worlds."""
+    """Return content and figure of the page on the gradients of simulators."""
     meta, record = run.meta, run.record
     rows = meta["worlds"]
     right = sum(row["verdict"] in RIGHT for row in rows)

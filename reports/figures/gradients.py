@@ -1,4 +1,4 @@
-"""Figure of the slopes of worlds over the amplitude, with the truth, the derivative and smoothed gradients."""
+"""Figure of secants over the amplitude, a panel for each simulator, with exact slopes and smoothed gradients."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _INTERVAL = 1.96
 
 
 def gradients_figure(run: StoredRun) -> Figure:
-    """Return a panel for each finished world: secants over amplitude, on a scale that shows zeros and signs."""
+    """Return a figure with a panel for each finished simulator: secants over the amplitude, on a symmetric scale."""
     rows = [row for row in run.meta["worlds"] if row["status"] == "done"]
     n_lines = -(-len(rows) // COLUMNS)
     figure = Figure(figsize=(WIDTH, PANEL_HEIGHT * n_lines + 0.5))
@@ -45,7 +45,7 @@ def gradients_figure(run: StoredRun) -> Figure:
 
 
 def _draw_world(panel: Axes, row: Mapping[str, Any]) -> None:
-    """Draw one world: secants with their rounding errors, the slope, slopes nearby, the truth, smoothed gradients."""
+    """Draw one simulator: secants with rounding errors, slopes at and near the nominal parameter, and references."""
     amplitudes, secants, errors = (_array(row[key]) for key in ("amplitudes", "secants", "errors"))
     nearby, truth = _array(row["nearby"]), row["truth"]
     known = row["truth_secants"] is not None
@@ -68,7 +68,7 @@ def _draw_world(panel: Axes, row: Mapping[str, Any]) -> None:
 
 
 def _scale_slopes(panel: Axes, truth: float, values: Sequence[np.ndarray]) -> None:
-    """Make the axis of slopes logarithmic, in both signs, where they are far larger than the truth."""
+    """Use a symmetric logarithmic axis if slopes are far larger than the exact slope ``truth``."""
     sizes = np.abs(np.concatenate(values))
     sizes = sizes[np.isfinite(sizes)]
     if sizes.size and truth and sizes.max() > 20 * abs(truth):

@@ -1,4 +1,4 @@
-"""Table of the gradients of worlds."""
+"""Table of the gradients of simulators."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ HEADS = ("world", "by", "slope", "truth", "slope/truth", "secants right from", "
 
 
 def gradients_table(rows: Sequence[Mapping[str, Any]]) -> Table:
-    """Return a table of worlds, one row each."""
+    """Return a table with one row for each simulator."""
     first, method, *numbers, verdict = HEADS
     return table_of(first, method, *(f">{head}" for head in numbers), verdict, rows=map(gradient_cells, rows))
 
 
 def gradient_cells(row: Mapping[str, Any]) -> list[str]:
-    """Return name, method, slope, truth, their ratio, smallest right amplitude and verdict of a world as text."""
+    """Return a simulator's cells: name, method, slope, exact slope, ratio, smallest right amplitude, and verdict."""
     if row["status"] != "done":
         return [row["world"], "", "", "", "", "", row["verdict"]]
     slope, truth = row["slope"], row["truth"]

@@ -36,10 +36,10 @@ def disturbance_rows(ladder: Ladder) -> list[list[str]]:
 
 
 def ladder_table(ladder: Ladder) -> Table:
-    """Return the table of remedies."""
+    """Return the table of remedies, one row for each rung of the ladder."""
     return table_of(*RUNG_HEADS, rows=rung_rows(ladder), title="until it survives")
 
 
 def disturbance_table(ladder: Ladder) -> Table:
-    """Return the table of disturbances."""
+    """Return the table of disturbances, with the number of draws that the solution survives."""
     return table_of(*DISTURBANCE_HEADS, rows=disturbance_rows(ladder), title="what it survives")

@@ -30,7 +30,7 @@ class Objective(ABC):
 
     @property
     def end_entry(self) -> int | None:
-        """Index of the entry of `carried` that is zero once a rollout has ended early; None if none does."""
+        """Index of the entry of `carried` that is zero once a rollout has ended early; None if none can end early."""
         return None
 
     @abstractmethod

@@ -1,4 +1,4 @@
-"""Gradients of other people's simulators: measures at many amplitudes, and a verdict with numbers."""
+"""Verdicts on the gradients of simulators, from secants over many amplitudes and smoothed gradients."""
 
 from ocp.gradients.worlds.public import gradient_report
 from ocp.gradients.worlds.report import GradientReport, Question, ReportSettings, measure_worlds

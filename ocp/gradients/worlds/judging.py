@@ -1,4 +1,4 @@
-"""Verdict on the gradient of a world: tests with intervals on its measures, and advice on what to use instead."""
+"""Verdict on the gradient of a simulator, from tests of its measurements, and advice on what to use instead."""
 
 from __future__ import annotations
 
@@ -27,12 +27,13 @@ AGREEING_AMPLITUDES = 3
 
 @dataclass(frozen=True)
 class Measures:
-    """Measures of one world, see :mod:`ocp.gradients.worlds.measures`.
+    """Measurements of one simulator, see :mod:`ocp.gradients.worlds.measures`.
 
-    ``slope`` is the local slope at the nominal parameter, ``nearby`` (n,) are those around it, ``truth`` and
-    ``nearby_truth`` (n,) the true slopes. ``jump`` has size and place of a jump within the largest amplitude.
-    ``truth_secants`` is None where the truth is not known; the true slopes are then the world's own secant over the
-    largest amplitude.
+    ``slope`` is the local slope at the nominal parameter, and ``nearby`` (n,) are the slopes at points around it.
+    ``truth`` and ``nearby_truth`` (n,) are the exact slopes at the same points. ``jump`` is the size of a jump of the
+    output within the largest amplitude, and the parameter at which it occurs. ``truth_secants`` are the secants of the
+    exact output, or None if it is unknown; the simulator's own secant over the largest amplitude then serves as the
+    exact slope.
     """
 
     slope: float
@@ -48,7 +49,7 @@ class Measures:
 
     @property
     def scale(self) -> float:
-        """Scale of slopes: the true slope, else the largest slope that secants or smoothing of the truth see."""
+        """Scale of slopes: the exact slope or, if it is zero, the largest exact slope over an amplitude or a noise."""
         if self.truth != 0:
             return abs(self.truth)
         wide = self.secants.slopes if self.truth_secants is None else self.truth_secants
@@ -59,7 +60,8 @@ class Measures:
 def judge_world(measures: Measures, tolerance: float) -> list[Finding]:
     """Return the verdict as a finding, followed by findings on smoothing and on what to use instead.
 
-    A slope is right if its error is at most ``tolerance`` times the truth, also at nine of ten nearby points.
+    A slope is right if its error is at most ``tolerance`` times the exact slope, at the nominal parameter and at nine
+    of ten nearby points.
     """
     verdict = _verdict(measures, tolerance * measures.scale)
     biased = [_smoothed_numbers(row) for row in measures.smoothed if _is_biased(row, tolerance, measures.scale)]
@@ -98,7 +100,7 @@ def _verdict(measures: Measures, allowed: float) -> Finding:
 
 
 def _wrong(measures: Measures, allowed: float) -> Finding:
-    """Return the finding on a slope that is right for the map and wrong for the physics."""
+    """Return the finding for a slope that is the derivative of the simulator's output, but not the exact slope."""
     slope, truth, clause = measures.slope, measures.truth, _vanishing_clause(measures)
     nearby: dict[str, Any] = {"low": float(measures.nearby.min()), "high": float(measures.nearby.max())}
     numbers: dict[str, Any] = {"slope": slope, "truth": truth}
@@ -113,13 +115,13 @@ def _wrong(measures: Measures, allowed: float) -> Finding:
 
 
 def _is_noise(measures: Measures, allowed: float) -> bool:
-    """Return whether no secant is certain enough to be compared with the truth, although the world has no gradient."""
+    """Return whether a simulator has no derivative, and rounding errors exceed the tolerance in all of its secants."""
     certain = measures.secants.errors < max(allowed, DERIVATIVE_TOLERANCE * float(np.abs(measures.secants.slopes[-1])))
     return not measures.has_gradient and not certain.any()
 
 
 def _is_derivative(measures: Measures) -> bool:
-    """Return whether the slope equals a central or one-sided difference of the map at some amplitude."""
+    """Return whether the slope equals a central or one-sided difference of the output at one of the amplitudes."""
     secants, slope = measures.secants, measures.slope
     allowed = DERIVATIVE_TOLERANCE * max(abs(slope), ZERO_SHARE * measures.scale)
     differences = (secants.slopes, secants.ahead, secants.behind)
@@ -135,7 +137,7 @@ def _is_right(measures: Measures, allowed: float) -> bool:
 
 
 def _growth(measures: Measures) -> float | None:
-    """Return the factor by which the slope grows in one refinement, or None unless it explodes."""
+    """Return the factor by which slopes grow per refinement, or None if they do not grow steadily."""
     sizes = [row["typical"] for row in measures.refinements]
     if len(sizes) < 2 or not all(later >= GROWTH * sooner > 0 for sooner, later in pairwise(sizes)):
         return None
@@ -143,7 +145,7 @@ def _growth(measures: Measures) -> float | None:
 
 
 def _vanishing_clause(measures: Measures) -> str:
-    """Return the clause that says whether the error vanishes as the world is refined."""
+    """Return a clause that says whether refining the simulator reduces the error of its slope, with numbers."""
     errors = [row["error"] for row in measures.refinements]
     if len(errors) < 2 or not np.isfinite(errors).all():
         return "no refinement of the world was tried"
@@ -154,7 +156,7 @@ def _vanishing_clause(measures: Measures) -> str:
 
 
 def _wide_truth(measures: Measures) -> float:
-    """Return the slope of the larger picture, where the local slope is zero."""
+    """Return the largest, in absolute value, of the secant over the largest amplitude and the smoothed gradients."""
     wide = measures.secants.slopes if measures.truth_secants is None else measures.truth_secants
     smoothed = [row["reference"] for row in measures.smoothed if row["reference"] is not None]
     return max((float(wide[-1]), *smoothed), key=abs)
@@ -165,24 +167,24 @@ def _smoothed_numbers(row: dict[str, Any]) -> dict[str, Any]:
 
 
 def _is_biased(row: dict[str, Any], tolerance: float, scale: float) -> bool:
-    """Return whether an estimate of first order differs from its reference beyond its interval and the tolerance."""
+    """Return whether a first-order estimate differs from its reference by more than its interval plus the tolerance."""
     if row["reference"] is None or row["estimator"] != FIRST_ORDER or not np.isfinite(row["mean"]):
         return False
     return abs(row["mean"] - row["reference"]) > row["reliable"] + tolerance * max(abs(row["reference"]), scale)
 
 
 def _is_reliable(row: dict[str, Any], tolerance: float) -> bool:
-    """Return whether error and standard error of an estimate are within the tolerance of its reference."""
+    """Return whether error and standard error of an estimate are at most ``tolerance`` times its reference."""
     if not row["reference"] or not np.isfinite(row["mean"]):
         return False
     return max(abs(row["mean"] - row["reference"]), row["standard_error"]) <= tolerance * abs(row["reference"])
 
 
 def agreeing_amplitudes(measures: Measures, tolerance: float) -> tuple[float, float] | None:
-    """Return the ends of the amplitudes over which secants agree with the truth, or None where they do not.
+    """Return the smallest and largest amplitude of a range whose secants are right, or None without such a range.
 
-    They are the ends of a run of three or more neighbouring amplitudes at which the secant, with its rounding
-    error, is within ``tolerance`` of the true slope; of several runs that of the largest amplitudes.
+    A secant is right if its error, including rounding, is at most ``tolerance`` times the exact slope. A range has at
+    least three consecutive amplitudes; if there are several ranges, the one with the largest amplitudes is returned.
     """
     secants = measures.secants
     if measures.truth == 0 or measures.jump is not None:
@@ -198,7 +200,7 @@ def agreeing_amplitudes(measures: Measures, tolerance: float) -> tuple[float, fl
 
 
 def _advice(measures: Measures, tolerance: float) -> Finding:
-    """Return the finding that says what to use instead: an amplitude, a refinement, an estimator, or another law."""
+    """Return the advice on what to use instead: a secant, finer settings, a smoothed gradient, or another law."""
     agreement = "one another" if measures.truth_secants is None else "the truth"
     if (amplitudes := agreeing_amplitudes(measures, tolerance)) is not None:
         return make_finding("use-secant", low=amplitudes[0], high=amplitudes[1], agreement=agreement)
@@ -208,7 +210,7 @@ def _advice(measures: Measures, tolerance: float) -> Finding:
     if measures.truth_secants is None:
         row = next(row for row in measures.smoothed if row["sigma"] == widest)
         return make_finding("use-larger-picture", **_smoothed_numbers(row))
-    # Less noise than the distance of a jump does not see it.
+    # A gradient smoothed with less noise than the distance of a jump does not depend on the jump.
     smoothed = [row for row in measures.smoothed if measures.jump is None or row["sigma"] == widest]
     reliable = [row for row in smoothed if _is_reliable(row, tolerance)]
     if reliable:
@@ -222,13 +224,13 @@ def _advice(measures: Measures, tolerance: float) -> Finding:
 
 
 def _is_undecided(row: dict[str, Any], tolerance: float) -> bool:
-    """Return whether an estimate agrees with its reference only because its interval is wide."""
+    """Return whether an estimate needs more samples: it agrees with its reference, but its interval is too wide."""
     size = abs(row["reference"] or 0.0)
     return abs(row["mean"] - (row["reference"] or 0.0)) <= row["reliable"] < size < row["standard_error"] / tolerance
 
 
 def _needed_samples(row: dict[str, Any], tolerance: float) -> int:
-    """Return the number of samples whose standard error is within the tolerance, to two digits."""
+    """Return the number of samples at which the standard error meets the tolerance, rounded to two digits."""
     count = row["n_samples"] * (row["standard_error"] / (tolerance * row["reference"])) ** 2
     return int(float(f"{count:.1e}"))
 

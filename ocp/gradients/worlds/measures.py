@@ -1,4 +1,4 @@
-"""Measures of a world's slope: secants over many amplitudes, rounding errors, nearby slopes, smoothed gradients."""
+"""Measurements of a simulator's slope: secants, their rounding errors, slopes at nearby points, smoothed gradients."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _NOISE_POINTS = 9
 _ERROR_FACTOR = 3.0
 """Half-width of the interval of a secant, in standard deviations of its rounding error."""
 CERTAINTY = 1e-4
-"""Error of a secant that is certain, as a share of the slope."""
+"""Error below which a secant counts as accurate, as a share of the slope."""
 FIRST_ORDER, ZEROTH_ORDER = "fobg", "zobg-antithetic"
 """Estimators of first and of zeroth order of the smoothed gradient."""
 
@@ -52,14 +52,14 @@ class Secants:
 
     @property
     def sharpest(self) -> int:
-        """Index of the smallest amplitude whose secant is certain: little rounding error, little local change."""
+        """Index of the smallest amplitude whose secant has a small rounding error and is close to its neighbour's."""
         change = np.abs(np.diff(self.slopes, prepend=self.slopes[0]))
         total = np.where(np.isfinite(self.slopes), self.errors + change, np.inf)[1:]
         return int(np.argmax(total <= np.maximum(total.min(), CERTAINTY * np.abs(self.slopes[1:])))) + 1
 
 
 def measure_secants(objective: WorldObjective, size: float) -> Secants:
-    """Return the secants of a world's output at all amplitudes, each a share of the parameter's ``size``."""
+    """Return the secants of an output over the amplitudes ``size`` times :data:`AMPLITUDES`."""
     theta, amplitudes = float(objective.theta[0]), size * np.array(AMPLITUDES)
     points = np.concatenate([[theta], theta + amplitudes, theta - amplitudes])
     values, k = objective.values_at(points), len(amplitudes)
@@ -75,8 +75,8 @@ def rounding_noise(objective: WorldObjective, size: float) -> float:
     """Return the standard deviation of the rounding error of the output near the nominal parameter.
 
     It is estimated from a table of differences of order k at closely spaced points,
-    ``sigma_k^2 = (k!)^2 / (2k)! mean (Delta^k y)^2`` (More and Wild 2011, doi 10.1137/100786125); the least of three
-    orders is taken, and at least the rounding of the output itself.
+    ``sigma_k^2 = (k!)^2 / (2k)! mean (Delta^k y)^2`` (More and Wild 2011, doi 10.1137/100786125); the result is
+    the smallest estimate of three orders k, but at least the rounding error of the output itself.
     """
     theta = float(objective.theta[0])
     values = objective.values_at(theta + _NOISE_SPACING * size * np.arange(_NOISE_POINTS))
@@ -90,7 +90,7 @@ def rounding_noise(objective: WorldObjective, size: float) -> float:
 
 
 def local_slopes(objective: WorldObjective, points: np.ndarray, amplitude: float) -> np.ndarray:
-    """Return the slopes (n,) at ``points`` (n,): the world's own derivatives, else differences over ``amplitude``."""
+    """Return the slopes (n,) at ``points`` (n,): derivatives, or differences over ``amplitude`` if there are none."""
     if objective.world.differentiate is not None:
         return objective.slopes_at(points)
     values = objective.values_at(np.concatenate([points + amplitude, points - amplitude]))
@@ -98,7 +98,7 @@ def local_slopes(objective: WorldObjective, points: np.ndarray, amplitude: float
 
 
 def nearby_points(theta: float, size: float) -> np.ndarray:
-    """Return the nominal parameter, and points around it at irrational distances, which hit no grid of a simulator."""
+    """Return the nominal parameter, and points at irrational distances from it, which avoid any grid of time steps."""
     golden = (np.sqrt(5) - 1) / 2
     offsets = 2 * (golden * np.arange(1, NEARBY_POINTS + 1) % 1) - 1
     return theta + size * NEARBY_REACH * np.concatenate([[0.0], offsets])
@@ -144,19 +144,19 @@ def smoothed_gradient(
 
 
 def own_reference(row: dict[str, Any]) -> ReferenceGradient:
-    """Return a world's own smoothed gradient of zeroth order as a reference, for a world whose truth is not known."""
+    """Return a zeroth-order estimate as the reference for a simulator whose exact output is unknown."""
     gradient, error = np.array([row["mean"]]), np.array([row["standard_error"]])
     return ReferenceGradient(gradient, error, "the world's own rollouts", row["n_samples"])
 
 
 def reach_noise(size: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the ends of the line, as noise (1, 1), on which jumps of an output are searched for."""
+    """Return the ends, as noise (1, 1) each, of the interval of the parameter that is searched for jumps."""
     end = np.array([[size * AMPLITUDES[-1]]])
     return -end, end
 
 
 def value_range(objective: SampledObjective, size: float) -> float:
-    """Return the range of an output over the largest amplitude, at 33 points."""
+    """Return the range of an output at 33 points within the largest amplitude."""
     first, last = reach_noise(size)
     values = objective.costs(np.linspace(first[0], last[0], 33))
     finite = values[np.isfinite(values)]

@@ -1,4 +1,4 @@
-"""``ocp.gradient_report``: the report on a scene, a file, or a function."""
+"""``ocp.gradient_report``: whether gradients of a scene, a file or a function are right."""
 
 from __future__ import annotations
 
@@ -31,10 +31,11 @@ def gradient_report(
         gradient_report(rollout, theta=[0.5], truth=closed_form).rows[0]["verdict"]
 
     ``source`` is the name of a scene, the path of a file that defines ``rollout(theta)``, or that function: from
-    parameters (n, d) to outputs (n, m). A function needs ``theta`` (d,), the nominal parameters, and may come with its
-    ``gradient`` (n, d) to (n, m, d), with ``truth``, the outputs of the physics, and with the ``size`` of the first
-    parameter, by default its absolute value; the report is on the first output. ``worlds`` are names of worlds or
-    files, and ``settings`` values of their settings. ``options`` are those of :class:`ReportSettings`.
+    parameters (n, d) to outputs (n, m). A function needs the nominal parameters ``theta`` (d,); optional are its
+    ``gradient``, from (n, d) to (n, m, d), the exact outputs ``truth``, from (n, d) to (n, m), and the ``size`` of the
+    first parameter, by default its absolute value. The report is on the derivative of the first output by the first
+    parameter. ``worlds`` are names of simulators or files, and ``settings`` values of their settings.
+    ``options`` are those of :class:`ReportSettings`.
 
     Raises :class:`~ocp.errors.InputError` for unknown names, and for simulators of wrong shape or without a seed.
     """

@@ -1,4 +1,4 @@
-"""The report on worlds: what is measured of each, compared with the truth, with a verdict."""
+"""Report on gradients of simulators: measurements, their comparison with the exact output, and verdicts."""
 
 from __future__ import annotations
 
@@ -38,12 +38,12 @@ JUMP_SHARE, OWN_JUMP_SHARE = 0.2, 0.5
 """Smallest jump of the truth, and of a world without a truth, that makes a gradient undefined, as a share of the range
 of the output over the largest amplitude."""
 TRUTH_POINTS = 1 << 18
-"""Number of points at which the truth is evaluated to smooth it."""
+"""Number of quadrature points for the smoothed gradient of the exact output."""
 
 
 @dataclass(frozen=True)
 class ReportSettings(Configured):
-    """Settings of a report: sizes of what is measured, and the tolerance that separates right from wrong.
+    """Settings of a report: samples, noise and refinements, and the tolerance within which a slope is right.
 
     ``sigmas`` are standard deviations of the noise, as shares of the parameter's size.
     """
@@ -64,10 +64,11 @@ class ReportSettings(Configured):
 
 @dataclass(frozen=True)
 class Question:
-    """Quantity whose gradient is asked for: output ``output`` of a world by its parameter ``parameter`` at ``theta``.
+    """Derivative to be judged: of output ``output`` with respect to parameter ``parameter``, at ``theta`` (d,).
 
-    ``size`` > 0 is the characteristic size of the parameter, to which amplitudes are relative. ``truth`` is the
-    physics as a world with a gradient, or None where it is not known. ``signals`` are the parameter and the output.
+    ``size`` > 0 is the characteristic size of the parameter, to which amplitudes are relative. ``truth`` computes the
+    exact output and, if possible, its gradient; it is None if these are unknown. ``signals`` are the names and units
+    of the parameter and the output.
     """
 
     theta: np.ndarray
@@ -78,12 +79,12 @@ class Question:
     signals: tuple[Signal, Signal] = (Signal("theta", "1"), Signal("y", "1"))
 
     def objective(self, world: World) -> WorldObjective:
-        """Return the output of a world as a function of the parameter."""
+        """Return the output of a simulator as a function of the parameter."""
         return WorldObjective(world, self.theta, self.parameter, self.output, self.signals[0])
 
 
 class _Truth:
-    """What is known of the physics: values at all amplitudes, slopes, jumps and smoothed gradients."""
+    """Exact output of a question: its secants, slopes at nearby points, largest jump and smoothed gradients."""
 
     def __init__(self, question: Question, truth: World) -> None:
         check_world(truth, question.theta)
@@ -96,32 +97,32 @@ class _Truth:
         self._smoothed: dict[float, ReferenceGradient] = {}
 
     def smoothed(self, sigma: float) -> ReferenceGradient:
-        """Return the gradient of the smoothed truth, by quadrature."""
+        """Return the exact gradient smoothed with noise of standard deviation ``sigma``, by quadrature."""
         if sigma not in self._smoothed:
             self._smoothed[sigma] = quadrature(self.objective, sigma, TRUTH_POINTS)
         return self._smoothed[sigma]
 
 
 def dominant_jump(objective: WorldObjective, size: float, share: float = JUMP_SHARE) -> Jump | None:
-    """Return the largest jump within the largest amplitude, None unless over a ``share`` of the output's range."""
+    """Return the largest jump within the largest amplitude, or None if below ``share`` times the output's range."""
     jump = sharpest_change_on_lines(objective, *reach_noise(size))
     return jump if jump.discontinuous and jump.size > share * value_range(objective, size) else None
 
 
 @dataclass(frozen=True)
 class GradientReport:
-    """Measures and verdicts of several worlds on one question; ``rows`` has one JSON object a world."""
+    """Measurements of several simulators for one derivative, with verdicts; ``rows`` has a JSON object for each."""
 
     question: Question
     rows: list[dict[str, Any]]
 
     @property
     def sentences(self) -> list[str]:
-        """Verdict of each world in one sentence, after its name."""
+        """One sentence for each simulator: its name and its verdict."""
         return [f"{row['world']}: {row['sentence']}" for row in self.rows]
 
     def dataset(self) -> xr.Dataset:
-        """Return the measures of finished worlds as arrays over (world, amplitude), with units."""
+        """Return the measurements of simulators that did not fail, as arrays over (world, amplitude) with units."""
         import xarray as xr
 
         parameter, output = self.question.signals
@@ -144,13 +145,13 @@ def measure_worlds(
     files: SavedWork = UNSAVED,
     progress: Callable[[int, str], None] | None = None,
 ) -> GradientReport:
-    """Measure the gradient of each world, and judge whether it is right for the map and for the physics.
+    """Measure the gradient of each simulator; judge whether it is its output's derivative, and the exact derivative.
 
-    Finished worlds are saved to ``files``, from which the same call resumes. A world that raises
+    Finished simulators are saved to ``files``, from which the same call resumes. A simulator that raises
     :class:`~ocp.errors.InputError` gets a row with the status ``failed``, and the others are measured. ``progress``
-    is called with the number of finished worlds and the name of the next.
+    is called with the number of finished simulators and the name of the next one.
 
-    Raises :class:`~ocp.errors.InputError` if every world fails, and for a truth that fails.
+    Raises :class:`~ocp.errors.InputError` if all simulators fail, or if the exact output cannot be computed.
     """
     settings, rows, failures = settings or ReportSettings(), [], []
     truth = None if question.truth is None else _Truth(question, question.truth)
@@ -173,7 +174,7 @@ def measure_worlds(
 
 
 def _measure_world(world: World, question: Question, truth: _Truth | None, settings: ReportSettings) -> dict[str, Any]:
-    """Return the measures of one world with its verdict, as a JSON object."""
+    """Return the measurements of one simulator with its verdict, as a JSON object."""
     n_outputs, nonfinite = check_world(world, question.theta)
     if question.output >= n_outputs:
         raise InputError(f"{world.name} has {n_outputs} outputs, got {question.output} as the index of the output")
@@ -210,18 +211,18 @@ def _sentence(findings: Sequence[Finding]) -> str:
 
 
 class _Measurement:
-    """Measurement of one world."""
+    """Measurement of one simulator for one derivative."""
 
     def __init__(self, world: World, question: Question, truth: _Truth | None, settings: ReportSettings) -> None:
         self._world, self._question, self._truth, self._settings = world, question, truth, settings
         self._objective = question.objective(world)
 
     def run(self) -> Measures:
-        """Return all measures on which the verdict depends."""
+        """Return all measurements on which the verdict depends."""
         truth, size = self._truth, self._question.size
         secants = measure_secants(self._objective, size)
         slopes = self._slopes(self._objective, secants)
-        # Without a truth the world is compared with its own secant over the largest amplitude.
+        # If the exact output is unknown, slopes are compared with the secant over the largest amplitude.
         true_slopes = np.full(len(slopes), secants.slopes[-1]) if truth is None else truth.nearby
         jump = dominant_jump(self._objective, size, OWN_JUMP_SHARE) if truth is None else truth.jump
         return Measures(
@@ -242,7 +243,7 @@ class _Measurement:
         return local_slopes(objective, points, float(secants.amplitudes[secants.sharpest]))
 
     def _refinements(self) -> list[dict[str, Any]]:
-        """Return settings, slope, and median size and error of nearby slopes: as it is, refined once, twice, ..."""
+        """Return rows for 0, 1, 2, ... refinements: settings, slope, and median size and error of nearby slopes."""
         rows = []
         for times in range(self._settings.refinements + 1 if self._world.sharper else 0):
             world = self._world.refined(times)
@@ -260,7 +261,7 @@ class _Measurement:
         return rows
 
     def _smoothed(self) -> list[dict[str, Any]]:
-        """Return the estimates of zeroth and, where the world has a gradient, first order at every sigma."""
+        """Return zeroth-order estimates at every sigma and, for a simulator with derivatives, first-order estimates."""
         rows, truth = [], self._truth
         for index, share in enumerate(self._settings.sigmas):
             sigma = share * self._question.size

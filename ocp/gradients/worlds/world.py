@@ -1,4 +1,4 @@
-"""A world: a simulator as a function from parameters to outputs, with its gradient where it has one."""
+"""Simulators (worlds) as functions from parameters to outputs, with gradients if they have any."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ ROW_TOLERANCE = 1e-6
 
 @dataclass(frozen=True)
 class World:
-    """Simulator that maps parameters theta (n, d) to outputs (n, m), each row by itself.
+    """Simulator that maps parameters theta (n, d) to outputs (n, m), each row independently of the others.
 
     ``simulate(theta, **settings)`` returns the outputs, and ``differentiate(theta, **settings)`` their gradients
     (n, m, d); it is None for a simulator without derivatives. ``settings`` are numbers such as the step size.
@@ -66,7 +66,7 @@ class World:
         return gradients
 
     def at(self, settings: Mapping[str, float]) -> World:
-        """Return the world at other values of its settings; raise InputError for a setting that it does not have."""
+        """Return the simulator with changed values of its settings; raise InputError for an unknown setting."""
         for name in settings:
             if name not in self.settings:
                 listed = ", ".join(self.settings) or "none"
@@ -74,7 +74,7 @@ class World:
         return replace(self, settings={**self.settings, **settings})
 
     def refined(self, times: int) -> World:
-        """Return the world refined ``times`` times: every setting of ``sharper`` is multiplied by its factor."""
+        """Return the simulator with every setting of ``sharper`` multiplied by its factor, ``times`` times."""
         factors = self.sharper.items()
         return self.at({name: self.settings[name] * factor**times for name, factor in factors})
 
@@ -90,7 +90,7 @@ class World:
 
 
 def check_world(world: World, theta: np.ndarray) -> tuple[int, int]:
-    """Simulate near ``theta`` (d,) in two calls, and return the numbers of outputs and of non-finite rows of the first.
+    """Simulate near ``theta`` (d,) in two calls, and return the number of outputs and the number of non-finite rows.
 
     Raises :class:`~ocp.errors.InputError` for a wrong shape, for results that differ between two calls with the same
     argument, and for rows that depend on other rows.
@@ -113,9 +113,9 @@ def check_world(world: World, theta: np.ndarray) -> tuple[int, int]:
 
 
 class WorldObjective(SampledObjective):
-    """One output of a world as a function of one of its parameters, with noise added to the parameter.
+    """One output of a simulator as a function of one of its parameters, with noise added to the parameter.
 
-    ``theta`` (d,) are the nominal parameters of the world, ``parameter`` the index of the parameter that varies and
+    ``theta`` (d,) are the nominal parameters of the simulator, ``parameter`` the index of the parameter that varies and
     ``output`` the index of the output. The decision has a single component, the varied parameter.
     """
 
@@ -134,7 +134,7 @@ class WorldObjective(SampledObjective):
         return self.world.rollout(self._rows(theta))[:, self._output]
 
     def slopes_at(self, theta: np.ndarray) -> np.ndarray:
-        """Return the world's own derivative (n,) of the output at values (n,) of the parameter."""
+        """Return the simulator's derivative (n,) of the output at values (n,) of the parameter."""
         return self.world.gradient(self._rows(theta))[:, self._output, self._parameter]
 
     def costs(self, noise: np.ndarray) -> np.ndarray:
@@ -147,7 +147,7 @@ class WorldObjective(SampledObjective):
         return CostSamples(self.costs(w), w / noise.component_scales(1) ** 2)
 
     def sample_gradients(self, noise: Gaussian, n: int) -> CostSamples:
-        """Return the outputs (n,) and the world's own derivatives (n, 1) at the disturbed parameter."""
+        """Return the outputs (n,) and the simulator's derivatives (n, 1) at the parameter plus noise, for n samples."""
         theta = self.theta[0] + noise.draw(n, 1, 1)[:, 0, 0]
         return CostSamples(self.values_at(theta), self.slopes_at(theta)[:, None])
 

@@ -109,10 +109,10 @@ def _printed_mass(F: np.ndarray, mu: np.ndarray) -> np.ndarray:
 
 
 def empirical_bias_pairs(rng: np.random.Generator, n: int) -> dict[str, np.ndarray]:
-    """Return variances of n random discrete distributions, and their bounds by lemma III.4, printed and sharp, (n,).
+    """Return variances (n,) of n random discrete distributions, and two bounds (n,) from lemma III.4.
 
-    The event of the lemma contains all outcomes except one of probability beta; Delta is the distance
-    of the mean over the event from the mean over all outcomes.
+    ``paper`` is the bound as printed, and ``sharp`` the sharp bound. The event of the lemma contains all outcomes
+    except one of probability beta; Delta is the distance of the mean over the event from the mean over all outcomes.
     """
     rows = []
     for _ in range(n):

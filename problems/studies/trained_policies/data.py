@@ -136,7 +136,10 @@ def _against_plans(
     jobs: Mapping[str, TrainingJob],
     trainings: Mapping[str, Curves],
 ) -> dict[str, Any]:
-    """Compute returns of plans from both kinds of guesses, and of every policy over the same number of steps."""
+    """Compute returns of plans and, over as many steps, of every policy.
+
+    Plans start from guesses with constant inputs (``shown``) and from motions of each task's best policy.
+    """
     n = params.plans
     policies = {key: Policy(job.task, policy_of(trainings[key]), job.options["hidden"]) for key, job in jobs.items()}
     reached = {key: policy.returns(n) for key, policy in policies.items()}

@@ -16,11 +16,11 @@ from reports.cli.request import check_outputs, parse_assignments
 from reports.tables.gradients import gradients_table
 
 Request = tuple[GradientCase, ReportSettings, Checkpoint]
-"""Question and worlds, settings, and the storage of finished worlds."""
+"""Derivative and simulators, settings, and the storage of finished simulators."""
 
 
 def check(options: GradientsOptions) -> Request:
-    """Return the worlds, each simulated once near the nominal parameter, and the settings."""
+    """Return the checked request: simulators that were tried near the nominal parameter, settings, and storage."""
     texts = parse_assignments("-s", options.settings)
     values = {name: read_value(f"-s {name}", text, float) for name, text in texts.items()}
     settings = ReportSettings(
@@ -39,7 +39,7 @@ def check(options: GradientsOptions) -> Request:
 
 
 def run(options: GradientsOptions, request: Request) -> int:
-    """Measure all worlds, store the report, and print the table and the verdicts."""
+    """Measure all simulators, store the report, and print the table and the verdicts."""
     case, settings, checkpoint = request
     output = options.output
 
