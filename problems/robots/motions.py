@@ -12,7 +12,7 @@ import numpy as np
 from dynamics.systems import ContactSystem, ParameterTable
 from ocp.problem.problem import Constraint, FreeStart, Problem, Scaling
 from problems.machines.footfalls import FootfallParams
-from problems.parameters import Parameters, pose_problem, quantity, structure, table
+from problems.parameters import Parameters, choice, pose_problem, quantity, structure, table
 from problems.robots.robot import Robot
 
 
@@ -24,6 +24,7 @@ class MotionParams(Parameters):
     w_v: float = quantity(0.01, "s", "weight of the velocities, against swinging", least=0)
     h: float = quantity(0.025, "s", "step size", above=0)
     N: int = structure(40, "number of steps", least=1)
+    edges: str = choice(("4", "8"), "number of edges of the friction pyramid in space")
 
 
 class LegParams(MotionParams, FootfallParams):
@@ -46,7 +47,8 @@ class RobotMotion:
         """Build the robot's system under a problem's ``name``."""
         p = table(params)
         friction = p["friction"] * robot.coefficients
-        return cls(robot, params, p, robot.machine.system(name, p, h=p["h"], friction=friction))
+        edges = int(params.edges)
+        return cls(robot, params, p, robot.machine.system(name, p, h=p["h"], friction=friction, edges=edges))
 
     @property
     def q(self) -> ca.SX:

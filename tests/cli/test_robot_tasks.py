@@ -48,6 +48,16 @@ def test_a_written_file_loads_under_its_name_and_is_drawn(ocp, task: str) -> Non
 
 
 @pytest.mark.costly
+def test_the_friction_pyramid_has_as_many_edges_as_asked_for(ocp) -> None:
+    assert ocp("new", "go", "--robot", str(DATA / "crane.xml"), "--task", "reach").code == 0
+    spec = load("go.py")
+    systems = [spec.problem({"N": 2, "edges": edges}).system for edges in ("4", "8")]
+    counts = [sum(pair.kind == "friction" for pair in system.pairs) for system in systems]
+    assert counts[1] == 2 * counts[0] > 0
+    assert [system.forces and system.forces.edges for system in systems] == [4, 8]
+
+
+@pytest.mark.costly
 @pytest.mark.parametrize(("task", "robot"), CASES)
 def test_the_plan_of_a_written_file_does_its_task(ocp, task: str, robot: str) -> None:
     file = written(ocp, task, robot)

@@ -11,6 +11,7 @@ from dynamics.systems import ContactSystem, Link, Machine, ParameterTable, Spher
 from dynamics.systems.space import Body, Plane, SpatialMachine, SpatialPart
 from dynamics.systems.space import Sphere as Ball
 from ocp.errors import InputError
+from problems import get
 from problems.bodies.quadruped import quadruped
 from problems.machines.footfalls import clearance_cost, slip_cost
 
@@ -108,3 +109,18 @@ def test_planar_machines_have_both_costs_and_machines_without_friction_neither()
             cost(smooth)
     with pytest.raises(InputError, match="linearised friction cone"):
         slip_cost(machine.system("m", ParameterTable(), h=H, friction=FRICTION, cone="edges"))
+
+
+@pytest.mark.costly
+def test_weights_of_zero_leave_no_trace_and_others_add_their_costs() -> None:
+    plain, weighted = get("quadruped", N=2), get("quadruped", N=2, w_slip=0.3, w_clear=2.0, clearance=0.4)
+    assert not plain.uses_impulses and weighted.uses_impulses
+    system, rng = weighted.system, np.random.default_rng(0)
+    x = plain.initial_states(plain.parameters.values)[0] + 0.01 * rng.normal(size=system.nx)
+    lam, u = rng.uniform(0, 1, system.nlam), np.zeros(system.nu)
+    stage = [float(p.cost_terms(x, u, 0, lam, p.parameters.values)[0]) for p in (plain, weighted)]
+    symbols = [system.x, system.lam, weighted.parameters.vector]
+    terms = ca.vertcat(slip_cost(system), system.h * clearance_cost(system, 0.4))
+    slip, low = np.array(ca.Function("terms", symbols, [terms])(x, lam, weighted.parameters.values)).ravel()
+    assert slip > 0.01 and low > 1e-6
+    assert stage[1] - stage[0] == pytest.approx(0.3 * slip + 2.0 * low, rel=1e-9)
