@@ -36,7 +36,10 @@ def source(name: str) -> ProblemSpec:
 
 
 def gradient_case(name: str, worlds: Sequence[str] = (), settings: Mapping[str, float] | None = None) -> GradientCase:
-    """Return the question and the worlds of a scene or a file; raises the errors of ``gradient_scenes.cases``."""
+    """Return the derivative to be judged and the simulators of a scene or a file.
+
+    Raises the errors of :func:`problems.gradient_scenes.cases.gradient_case`.
+    """
     from problems.gradient_scenes.cases import gradient_case
 
     return gradient_case(name, worlds, settings)

@@ -138,7 +138,7 @@ def export_step(
     as a comment. The derivatives go through the contact by the implicit function theorem, with mu constant if the
     law's gradient is frozen.
 
-    Raises `ValueError` where sizes do not fit.
+    Raises `ValueError` if sizes do not fit.
     """
     system, name = step.system, c_identifier(name)
     tapes = build_tapes(step, free_of_cost(step), open_loop(system.nx, system.nu))

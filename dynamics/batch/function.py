@@ -63,8 +63,8 @@ class BatchFunction:
 
     After a call `nonfinite` lists the samples with NaN or infinity, and a `BatchWarning` reports them.
 
-    Raises `ValueError` for an unknown backend, wrong shapes or counts; `UnsupportedOperation` where
-    the named backend lacks an operation; `CompilerError` where `c` is unavailable.
+    Raises `ValueError` for an unknown backend, wrong shapes or counts; `UnsupportedOperation` if
+    the named backend lacks an operation; `CompilerError` if `c` is unavailable.
     """
 
     def __init__(

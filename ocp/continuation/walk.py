@@ -68,16 +68,16 @@ def continue_over(
     ``request`` are arguments of :func:`ocp.solve`: ``contact``, ``method``, ``policy``, ``solver``, ``settings``,
     ``params``, ``contact_settings`` and keywords; a session in place of a problem accepts none.
 
-    The first point is solved as any problem is. From a point whose active set is decided the next
-    is predicted by its sensitivity and corrected by Newton's method on that set; where the set
-    changes in between, the event is located to 1e-6 of the range, and the curve continues with the
-    changed set. Where the curve cannot be followed, folds are passed by pseudo-arclength; where there
-    is no fold, or the curve does not turn forward again, the solver starts at the last answer
-    with its multipliers, and a step that fails is halved, down to a thousandth of its first size.
-    Where the solver finds another curve, or a linear program with complementarity constraints leads
-    to a cheaper point, the curve continues there, which is called a switch. Where nothing succeeds,
-    the curve breaks: the reason is recorded, and the points so far are kept. At the end, the plans of
-    both neighbours of every point are rolled out there; a point where one of them costs less is an outlier.
+    The first point is solved as any problem is. If the active set of a point is determined, the next
+    point is predicted by the sensitivity and corrected by Newton's method on that set; if the set changes
+    in between, the event is located to 1e-6 of the range, and the curve continues with the changed set. If
+    the curve cannot be followed, folds are passed by pseudo-arclength; if there is no fold, or the curve
+    does not turn forward again, the solver starts at the last answer with its multipliers, and a step that
+    fails is halved, down to a thousandth of its first size. If the solver finds another curve, or a linear
+    program with complementarity constraints leads to a cheaper point, the curve continues there, which is
+    called a switch. If nothing succeeds, the curve breaks: the reason is recorded, and the points so far are
+    kept. At the end, the plans of both neighbours of every point are rolled out at the point's value; the
+    point is an outlier if one of them costs less.
 
     Raises :class:`~ocp.errors.InputError` for an unknown parameter or scale, fewer than one step,
     equal or non-finite ends, a log scale through zero, or an end at which the law or the mechanics is not valid, such

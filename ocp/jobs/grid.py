@@ -88,7 +88,7 @@ def _axis_of_values(name: str, values: Any) -> Axis:
 
 
 def _is_geometric(values: np.ndarray) -> bool:
-    """Return whether ratios of successive values are closer to equal than differences; False for fewer than three."""
+    """Return whether ratios of successive values vary less than differences; False for fewer than three values."""
     if values.size < 3 or np.any(values <= 0):
         return False
     steps, ratios = np.diff(values), np.diff(np.log(values))

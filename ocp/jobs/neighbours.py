@@ -86,7 +86,7 @@ class Exchange:
     def _better_plans(self, untried: bool = False) -> dict[int, int]:
         """Return a mapping from each point where a neighbour's plan is better to the neighbour with the best plan.
 
-        If ``untried``, neighbours are ignored from whose plan the point has already been solved.
+        If ``untried``, neighbours whose plan the point has already been solved from are ignored.
         """
         best: dict[int, int] = {}
         for (index, neighbour), cost in sorted(self.rolled_costs.items()):

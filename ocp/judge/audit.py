@@ -176,7 +176,10 @@ def steered_and_touched(system: ContactSystem) -> tuple[np.ndarray, np.ndarray]:
 
 @np.errstate(over="ignore", invalid="ignore")
 def _slopes(evaluation: Evaluation, replay: Rollout, mask: np.ndarray) -> tuple[float, float]:
-    """Return, for the part of the cost in masked states and lam, its largest derivative by an input, and its slopes."""
+    """Return two numbers for the part of the cost in masked states and lam.
+
+    They are its largest derivative by an input, and the sum of the absolute values of its derivatives.
+    """
     problem = evaluation.problem
     step, physical = problem.exact_step, evaluation.p
     p = step.p.pack(evaluation.values)

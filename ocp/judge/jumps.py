@@ -196,7 +196,7 @@ def _at(function: ca.Function, points: np.ndarray, output: int = 0) -> np.ndarra
 
 
 def _jumps_at(side: ca.Function, values: ca.Function, domain: Domain) -> bool:
-    """Return whether ``values`` differ between the sides of a switch, or differ on the switch from both sides."""
+    """Return whether ``values`` jump at a switch: between its sides, or on the switch itself."""
     low, high = domain.ends
     side_low, side_high = _at(side, low), _at(side, high)
     crossing = np.flatnonzero(np.isfinite(side_low + side_high) & (side_low != side_high))[:_LINES_PER_SWITCH]

@@ -30,7 +30,7 @@ _BIACTIVE_MEMBER = 1e-6
 
 @dataclass(frozen=True)
 class Held:
-    """Active set: -1, 1 and 0 for entries of ``x`` (n,) and ``g`` (m,) at the lower bound, upper bound, and free."""
+    """Active set of ``x`` (n,) and ``g`` (m,): -1 for entries at the lower bound, 1 at the upper bound, 0 if free."""
 
     x: np.ndarray
     g: np.ndarray

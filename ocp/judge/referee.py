@@ -111,14 +111,14 @@ class RefereeReport:
 
     ``cost`` is the cost of the replay, and ``gap`` the largest difference of its states from the plan.
     ``note`` names features that the referee's model has and the problem's model lacks, and is
-    :data:`NO_GEOMETRY` where there is no replay. ``refined_cost`` is the cost at h/4, or NaN for the reason
+    :data:`NO_GEOMETRY` if there is no replay. ``refined_cost`` is the cost at h/4, or NaN for the reason
     in ``refined_note``. The largest penetration at nodes (``penetration``) and between them (``between``), and the
     largest true distance at which a normal force acts (``force_distance``), all [m], are those of the plan;
     ``replay_penetration`` and ``replay_between`` are those of the replay. ``broken`` are the constraints that the
     replay violates. ``nonuniqueness`` describes a step of the plan at which the model's contact has another
-    solution, "" where none was found, and ``branch_cost`` is the cost of the plan's inputs with it.
-    ``findings`` say why the replay at h fails, and ``refined_findings`` why that at h/4 does; each is empty where its
-    replay succeeds.
+    solution ("" if none was found), and ``branch_cost`` is the cost of the plan's inputs with that solution.
+    ``findings`` say why the replay at h fails, and ``refined_findings`` why the replay at h/4 fails; a list is empty if
+    its replay succeeds.
     """
 
     cost: float = math.nan

@@ -114,7 +114,7 @@ def _finding(curve: KKTCurve, cost: float, replayed: float, refined: float) -> s
 
 
 def check_strict(curve: KKTCurve, v: np.ndarray, t: np.ndarray) -> None:
-    """Raise InputError where an end is neither strictly held nor strictly free.
+    """Raise InputError if an end is neither strictly held nor strictly free.
 
     An end whose slack and multiplier are zero, and stay zero to first order along the tangent, is
     allowed: the derivative is the same whether the end is held or free, provided that the held
@@ -145,7 +145,7 @@ def _states_and_inputs(program: NLP, curve: KKTCurve, v: np.ndarray) -> np.ndarr
 
 
 def check_regular(curve: KKTCurve, v: np.ndarray, quantities: Callable[[np.ndarray], np.ndarray]) -> None:
-    """Raise InputError where the reduced KKT matrix is singular along a direction that moves ``quantities(v)`` (k,)."""
+    """Raise InputError if the reduced KKT matrix is singular along a direction that moves ``quantities(v)`` (k,)."""
     null_vector = np.random.default_rng(0).standard_normal(v.size)
     null_vector[-1] = 0.0
     for _ in range(2):

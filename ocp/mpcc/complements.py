@@ -97,7 +97,7 @@ def relation_of(expression: Graph) -> Relation | None:
 def scalar_graphs(symbols: list[Any], expressions: list[Any]) -> tuple[list[ca.SX], list[ca.SX]]:
     """Return symbols and expressions as SX.
 
-    Functions that CasADi cannot expand (callbacks, interpolants, integrators) stay calls, with their own
+    Functions that CasADi cannot expand (callbacks, interpolants, integrators) remain calls with their own
     derivatives; a graph with an operation that SX lacks, such as a linear solve, becomes one call.
     """
     if all(isinstance(symbol, ca.SX) for symbol in symbols):

@@ -65,7 +65,7 @@ class StandardForm:
         """Add ``lower <= b <= upper`` complementary to a.
 
         With both limits finite ``a = w - v``, ``0 <= w ⟂ b - lower >= 0``, ``0 <= v ⟂ upper - b >= 0``;
-        with one it is a pair, without limits the equation ``a = 0``.
+        with one finite limit it is a pair, and without limits it is the equation ``a = 0``.
         """
         lower, upper = limits
         has_lower, has_upper = (not (end.is_constant() and np.isinf(float(end))) for end in limits)

@@ -34,9 +34,9 @@ _UPPER = 2
 
 @dataclass(frozen=True)
 class NLProblem:
-    """Problem of an .nl file: the MPCC that minimises, its start, whether the file maximises, and the file's contents.
+    """Problem of an .nl file: an MPCC to be minimised, its start, whether the file maximises, and the file's contents.
 
-    ``multiplier_of`` (m) says where the multiplier of each row of the file is found: ("g", i) for row i
+    ``multiplier_of`` (m) gives the source of the multiplier of each row of the file: ("g", i) for row i
     of the MPCC, ("G", i) for the first side of pair i; the third entry is its sign.
     """
 
@@ -47,7 +47,7 @@ class NLProblem:
     multiplier_of: list[tuple[str, int, float]]
 
     def cost(self, solution: MPCCSolution) -> float:
-        """Return the objective as the file states it."""
+        """Return the value of the file's objective, without the sign change of a maximisation."""
         return -solution.f if self.maximise else solution.f
 
 

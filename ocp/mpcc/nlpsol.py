@@ -40,7 +40,7 @@ Numbers = float | Sequence[float] | np.ndarray | ca.DM
 
 
 def mpcc_solver(name: str, problem: Mapping[str, Any], options: Mapping[str, Any] | None = None) -> MPCCSolver:
-    """Return a solver of a problem with complementarity, which is called as one of ``casadi.nlpsol``.
+    """Return a solver of a problem with complementarity, with the interface of a solver from ``casadi.nlpsol``.
 
     ``problem`` maps ``x``, ``p``, ``f``, ``g`` to expressions as for nlpsol, all SX or all MX, and
     ``pairs`` to one relation or a list of them: tuples ``(a, b)`` for ``0 <= a ⟂ b >= 0``, or results of
@@ -61,7 +61,7 @@ def mpcc_solver(name: str, problem: Mapping[str, Any], options: Mapping[str, Any
 
 
 class Call(NamedTuple):
-    """A call: the problem solved, its parameters and bounds as given, and its solution."""
+    """One call of a solver: the problem, its parameters and bounds as passed, and its solution."""
 
     mpcc: MPCC
     values: Values
@@ -94,7 +94,7 @@ class MPCCSolver:
         """Solve from ``x0`` (n,) and return ``x``, ``f``, ``g``, ``lam_x``, ``lam_g``, ``lam_pairs`` and ``report``.
 
         The start is by default zero, or the last solution with the option ``warm_start``. Multipliers have
-        CasADi's signs; ``lam_pairs`` (k, 2) are those of both sides of every pair; all are NaN where the
+        CasADi's signs; ``lam_pairs`` (k, 2) are those of both sides of every pair; all are NaN if the
         solution is not feasible. ``report`` is the :class:`~ocp.mpcc.solving.MPCCSolution` with verdict,
         certificate and findings.
 

@@ -225,6 +225,6 @@ class OptiSolution:
 
 
 def _place(extra: dict[str, Any]) -> str:
-    """Return where a constraint was stated, "" if that is not known."""
+    """Return the line and file in which a constraint was stated, "" if they are not known."""
     frames = extra.get("stacktrace", ())
     return f"line {frames[0]['line']} of {Path(frames[0]['file']).name}" if frames else ""

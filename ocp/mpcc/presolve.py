@@ -49,7 +49,7 @@ class Presolved:
         lbg, ubg = ca.SX.sym("lbg", self.m), ca.SX.sym("ubg", self.m)
         parameters = ca.vertcat(p, lbg, ubg)
         low, high = ca.fmax(low, lbg), ca.fmin(high, ubg)
-        # CasADi fails where no row is a simple bound, so that there is always one, on a variable added last.
+        # CasADi fails if no row is a simple bound; a bounded variable is therefore added at the end.
         extra = ca.SX.sym("extra")
         kept, lower, upper, _, self.backward = ca.detect_simple_bounds(
             ca.vertcat(self.x, extra),
@@ -64,7 +64,7 @@ class Presolved:
         self._problems: dict[str, MPCC] = {}
 
     def problem(self, values: Values) -> MPCC:
-        """Return the problem between the bounds of a call; derivatives are shared with those of earlier calls."""
+        """Return the problem with the bounds of a call; problems of different calls share their derivatives."""
         bounds, rows = self.bounds(values), self._rows(values)
         key = f"{rows} {np.flatnonzero(bounds[0] <= 0)}"
         if key not in self._problems:
@@ -89,7 +89,7 @@ class Presolved:
         return [np.array(end).ravel() for end in self.limits(values["p"], values["lbg"], values["ubg"])]
 
     def _rows(self, values: Values) -> list[int]:
-        """Return the indices of rows that are neither simple bounds nor repeat the sign of a pair's side."""
+        """Return the indices of rows that are no simple bounds and do not repeat the sign of a pair's side."""
         low, high = self._limits(values)[2:]
         repeats = self.repeats & (low <= 0) & (high == np.inf)
         return [*self.others[self.kept].tolist(), *np.flatnonzero(self.repeats & ~repeats).tolist()]
@@ -99,7 +99,7 @@ class Presolved:
         return np.concatenate([x, np.array(self.starts(x, p)).ravel()])
 
     def results(self, values: Values, solution: MPCCSolution) -> dict[str, Any]:
-        """Return the results of a call in the form of ``casadi.nlpsol``, with multipliers as stated."""
+        """Return the results of a call in the form of ``casadi.nlpsol``, with multipliers of stated rows and bounds."""
         x = solution.x[: self.n]
         f, g = self.values(x, values["p"])
         lam_x, lam_g, lam_pairs = self._multipliers(values, solution)

@@ -192,7 +192,7 @@ nothing is gained by solving a relaxation more tightly than it is relaxed."""
 
 @dataclass(frozen=True)
 class L1ThenScholtes:
-    """Strategy of at most three penalties, which lead near a solution, then Scholtes' relaxation from a small t."""
+    """Strategy of at most three penalties, to approach a solution, then Scholtes' relaxation from a small t."""
 
     def paths(self, mu: float) -> list[HomotopyPath]:
         """Return the path of penalties, followed by the path of the relaxation."""

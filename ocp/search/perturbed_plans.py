@@ -37,7 +37,7 @@ NARROWER = 0.5
 
 
 def perturbed_plans(sampler: InputSampler, inputs: np.ndarray, generator: np.random.Generator) -> list[SampledPlan]:
-    """Return plans near inputs (N, nu), each improved under the exact law from another random change, cheapest first.
+    """Return plans near inputs (N, nu), cheapest first; each is improved under the exact law from a random change.
 
     Sizes of changes are drawn log-uniformly from :data:`SHARES`; changes are piecewise linear or constant between the
     knots of :func:`~ocp.search.sampling.input_basis`. The number of plans follows from the sampler's ``step_budget``.
@@ -56,7 +56,7 @@ def perturbed_plans(sampler: InputSampler, inputs: np.ndarray, generator: np.ran
 def _improved(
     sampler: InputSampler, inputs: np.ndarray, weights: np.ndarray, count: int, generator: np.random.Generator
 ) -> list[SampledPlan]:
-    """Return ``count`` plans, each improved from a change of inputs (N, nu) in a basis ``weights`` (N, K)."""
+    """Return ``count`` plans, each improved from inputs (N, nu) plus a random change in a basis ``weights`` (N, K)."""
     shape = (count, weights.shape[1], inputs.shape[1])
     low, high = np.log(SHARES)
     deviation = np.exp(generator.uniform(low, high, (count, 1, 1))) * sampler.reach

@@ -119,7 +119,7 @@ def _check_beginnings(search: bool | None, warm_start: Solution | None, guess: G
 def begin_at(
     session: Session, guess: GuessLike | None, search: bool | None, effort: Effort | float = DEFAULT_EFFORT
 ) -> Session:
-    """Return the session with a user's guess, choice of search, and effort; raise InputError where these conflict."""
+    """Return the session with a user's guess, choice of search, and effort; raise InputError if they conflict."""
     session.search, (session.effort, session.rollout_steps) = search, read_effort(effort)
     if is_greater(effort) and (search is False or not can_exceed_route(session)):
         raise InputError(

@@ -167,7 +167,7 @@ class EstimateMeta(TypedDict):
 
 
 class GradientsMeta(TypedDict):
-    """Additional entries of ``meta.json`` for a run of ``ocp gradients``; ``worlds`` has one item per world."""
+    """Additional entries of ``meta.json`` for a run of ``ocp gradients``; ``worlds`` has an item per simulator."""
 
     title: str
     parameter: Row

@@ -78,7 +78,7 @@ def gradient_case(
 
 
 def _check_settings(settings: Mapping[str, float], duration: float) -> None:
-    """Raise InputError for settings of a scene's worlds that are not positive, or for a step out of range."""
+    """Raise InputError for settings of a scene's simulators that are not positive, or for a step out of range."""
     for name, value in settings.items():
         lower, upper = (duration / MAX_STEPS, duration) if name == "h" else (0.0, float("inf"))
         if not lower < value <= upper:

@@ -41,7 +41,7 @@ golden = {
 
 
 class ThrowParameters(Parameters):
-    """Parameters of a throw; the default goal is where a throw at theta = 0.6 rad and 3 m/s ends."""
+    """Parameters of a throw; the default goal is the end point of a throw at theta = 0.6 rad and 3 m/s."""
 
     m: float = quantity(1.0, "kg", "mass", above=0)
     g: float = quantity(9.81, "m/s^2", "gravity", above=0)

@@ -123,7 +123,7 @@ class CompiledRolloutEngine:
 
     There is one version for parameters p that all samples share, and another, compiled at its first use, for
     parameters that differ between samples. If the policy has layers, there are also two such versions for theta.
-    Raises `CompilerError` where the rollout cannot be compiled.
+    Raises `CompilerError` if the rollout cannot be compiled.
     """
 
     chunk = 1024

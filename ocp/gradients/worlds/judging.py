@@ -14,15 +14,15 @@ from ocp.judge.findings import Finding, make_finding
 ZERO_SHARE = 1e-9
 """Largest slope that counts as zero, as a share of the scale of slopes."""
 DERIVATIVE_TOLERANCE = 1e-3
-"""Largest relative difference between a derivative and a difference of the same map."""
+"""Largest relative difference between a derivative and a secant of the same output."""
 NEARBY_SHARE = 0.9
 """Share of nearby points whose slope must be right."""
 GROWTH = 1.4
-"""Factor by which an exploding slope grows at each refinement, at least."""
+"""Minimum factor by which an exploding slope grows at each refinement."""
 DECAY = 0.6
-"""Factor by which an error that vanishes decreases over two refinements, at most."""
+"""Maximum ratio of the error after two refinements to the error before, for an error that vanishes."""
 AGREEING_AMPLITUDES = 3
-"""Number of neighbouring amplitudes whose secants must agree with the truth."""
+"""Number of consecutive amplitudes whose secants must agree with the exact slope."""
 
 
 @dataclass(frozen=True)

@@ -35,8 +35,8 @@ if TYPE_CHECKING:
     import xarray as xr
 
 JUMP_SHARE, OWN_JUMP_SHARE = 0.2, 0.5
-"""Smallest jump of the truth, and of a world without a truth, that makes a gradient undefined, as a share of the range
-of the output over the largest amplitude."""
+"""Smallest jumps that make a gradient undefined: of the exact output, and of a simulator's output if the exact one is
+unknown. Both are shares of the range of the output over the largest amplitude."""
 TRUTH_POINTS = 1 << 18
 """Number of quadrature points for the smoothed gradient of the exact output."""
 

@@ -62,7 +62,7 @@ class LinePusher:
 
 @dataclass(frozen=True)
 class Walls:
-    """Block that stays where it is, ``f(x) = x``, between walls at ``low`` and ``high`` [m]."""
+    """Block that does not move, ``f(x) = x``, between walls at ``low`` and ``high`` [m]."""
 
     low: float = -1.0
     high: float = 1.0

@@ -20,7 +20,7 @@ _USED = {"problem", "solver", "settings", "as_json", "quiet", "verbose", "debug"
 
 
 def check(options: SolveOptions) -> NLProblem:
-    """Return the problem of the file; raise InputError for options without a meaning, and for a .sol not writable."""
+    """Return the problem of the file; raise InputError for unused options or a .sol file that is not writable."""
     unused = sorted(options.explicit - _USED)
     if unused:
         listed = ", ".join(f"--{name.replace('_', '-')}" for name in unused)
