@@ -34,32 +34,28 @@ _MASS_UNITS = ("kg", "kg m^2")
 
 @dataclass
 class DisturbedPolicy:
-    """Policy whose measured state has ``noise`` (N, nx) added; if ``delayed``, its inputs are applied a step late.
+    """Policy whose measured state has ``noise`` (N, nx) added, and whose inputs are applied late.
 
-    ``waiting`` is the input that a delayed policy applies next; initially it is the input before the plan.
+    ``waiting`` are the inputs (nu,) that are applied before the policy's next one, as many as the steps of the delay.
     """
 
     policy: StateFeedback
     noise: np.ndarray
-    delayed: bool = False
-    waiting: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    waiting: list[np.ndarray] = field(default_factory=list)
 
     def input(self, step: int, x: np.ndarray) -> np.ndarray:
         """Return the input at a step and a state."""
-        answer = self.policy.input(step, x + self.noise[step])
-        if not self.delayed:
-            return answer
-        applied, self.waiting = self.waiting, answer
-        return applied
+        self.waiting.append(self.policy.input(step, x + self.noise[step]))
+        return self.waiting.pop(0)
 
 
 @dataclass(frozen=True)
 class Draw:
-    """Dict of parameter values, noise on the measured state (N, nx), and whether inputs are delayed by a step."""
+    """Dict of parameter values, noise on the measured state (N, nx), and the ``delay`` of inputs in steps."""
 
     values: dict[str, float]
     noise: np.ndarray
-    delayed: bool = False
+    delay: int = 0
 
 
 def disturbed_survival(
@@ -68,12 +64,14 @@ def disturbed_survival(
     inputs: np.ndarray | StateFeedback,
     seed: int = 0,
     factors: Sequence[int] = (),
+    delay: int = 1,
 ) -> list[DisturbedSurvival]:
     """Count the draws that inputs (S, N, nu), or a policy, survive; one row for every disturbance.
 
     Costs and states are compared with those of ``plan``, and draws start at its first states. ``factors`` are divisors
-    of the step size, such as 16, with one row each. There is no row for noise if open-loop inputs are replayed, and no
-    row for friction or masses if the problem has no such parameters.
+    of the step size, such as 16, with one row each. ``delay`` is the number of steps by which inputs are late in the
+    row "inputs one step late": 1, or as many as are one step of a coarser plan. There is no row for noise if open-loop
+    inputs are replayed, and no row for friction or masses if the problem has no such parameters.
     """
     rows = []
     for factor in factors if step_size_kind(evaluation.problem.system).kind != "fixed" else ():
@@ -81,6 +79,7 @@ def disturbed_survival(
         assert rolled is not None
         rows.append(_counted(f"h/{factor}", [rolled], evaluation, plan))
     draws_by_name = _draws(evaluation, not isinstance(inputs, np.ndarray), seed)
+    draws_by_name["inputs one step late"] = [Draw(evaluation.values, np.zeros(plan.x[0, 1:].shape), delay)]
     for name, draws in draws_by_name.items():
         rolled_draws = [_rolled(evaluation, plan, inputs, draw) for draw in draws]
         rows.append(_counted(name, rolled_draws, evaluation, plan))
@@ -112,7 +111,6 @@ def _draws(evaluation: Evaluation, reads_state: bool, seed: int) -> dict[str, li
     for name, (parameters, spread, streams_of) in spreads.items():
         if parameters:
             draws[name] = [Draw(values | _spread(values, parameters, spread, rng), none) for rng in streams_of]
-    draws["inputs one step late"] = [Draw(values, none, delayed=True)]
     return draws
 
 
@@ -167,7 +165,7 @@ def _policies(
         if isinstance(policy, np.ndarray):
             row = policy[min(s, len(policy) - 1)]
             policy = Gains(np.zeros((N, nu, plan.x.shape[2])), row)
-        yield plan.x[s, 0], DisturbedPolicy(policy, draw.noise, draw.delayed, drawn.limits.u_before)
+        yield plan.x[s, 0], DisturbedPolicy(policy, draw.noise, draw.delay * [drawn.limits.u_before])
 
 
 def _replayed(evaluation: Evaluation, x0: np.ndarray, policy: StateFeedback) -> Rollout:

@@ -86,6 +86,9 @@ SENTENCES = {
     "doubtful-sizes": "of the stated sizes {sizes}; leave them out of Scaling to derive them",
     "step-refined": ("refined to h = {h:.6g}: planned {cost:.6g}, replayed at half the step {replayed:.6g}; {ending}"),
     "survives-by": "it survives with {remedy} (cost {cost:.6g}, {difference} the plan)",
+    "remedy-costs-too-much": (
+        "it costs {cost:.6g}, and a remedy for the plan of cost {planned:.6g} survives only up to {limit:.6g}"
+    ),
     "no-rung-survives": "no rung survives; the best is {remedy} (cost {cost:.6g}, {difference} the plan)",
     "ladder-stopped": "{reason}",
     "disturbed-survival": "it survives {counts}",

@@ -158,13 +158,15 @@ class Ladder:
 
     ``chosen`` is the index of the rung of the returned solution. ``stopped`` says why the search for a surviving plan
     ended early, or is "". ``disturbed`` counts the disturbances that this solution survives; they are
-    tried in addition to the most exact contact model (:mod:`ocp.judge.disturbances`).
+    tried in addition to the most exact contact model (:mod:`ocp.judge.disturbances`). ``largest_cost`` is the largest
+    cost at which a remedy counts as surviving (:func:`ocp.solve.comparable_cost.largest_surviving_cost`).
     """
 
     rungs: list[Rung]
     chosen: int = 0
     stopped: str = ""
     disturbed: list[DisturbedSurvival] = field(default_factory=list)
+    largest_cost: float = math.nan
 
     @property
     def answer(self) -> Rung:

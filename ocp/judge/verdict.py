@@ -39,7 +39,7 @@ _SAME_SHARE = 1e-3
 _REPORTED_DEPTH = 0.3
 """Penetration between nodes, as a fraction of the tolerated depth, above which it is reported."""
 _FAR_ABOVE = 10.0
-"""Difference, in multiples of the cost, from which it is no longer written as a number."""
+"""Difference, in multiples of the cost, from which it is written as a cost, and not in per cent."""
 _LARGE_MU = 0.5
 """Smallest mu, as a fraction of the characteristic mu, that a verdict reports as large."""
 _FEASIBLE_LABELS = ("not-optimal", "undecided")
@@ -256,9 +256,11 @@ def _ladder_findings(plan: Judgement) -> Iterator[Finding]:
     if ladder is None:
         return
     answer, first = ladder.answer, ladder.rungs[0]
-    share = plan.cost_share(answer.sharpest_cost - first.planned, first.planned)
-    level = f"{100 * abs(share):.2g} % {'above' if share > 0 else 'below'}"
-    level = "as much as" if abs(share) < _SAME_SHARE else "far above" if share > _FAR_ABOVE else level
+    excess = answer.sharpest_cost - first.planned
+    share = plan.cost_share(excess, first.planned)
+    per_cent = float(f"{100 * abs(share):.2g}")
+    amount = f"{abs(excess):.4g}" if abs(share) > _FAR_ABOVE else f"{per_cent:g} %"
+    level = "as much as" if abs(share) < _SAME_SHARE else f"{amount} {'above' if share > 0 else 'below'}"
     remedy = answer.name if math.isnan(answer.refined_cost) else f"{answer.name} at h/4"
     if answer.survives and ladder.chosen:
         yield make_finding("survives-by", remedy=remedy, cost=answer.sharpest_cost, difference=level)

@@ -1,15 +1,38 @@
-"""Cost of a plan with finer steps, made comparable with the cost of a plan with coarser steps."""
+"""Costs of remedies, made comparable with the cost of the first plan, and the largest cost that survives."""
 
 from __future__ import annotations
+
+import math
 
 import casadi as ca
 import numpy as np
 
+from ocp.judge.idling import cost_span
 from ocp.judge.step_size import step_size_kind
 from ocp.problem.evaluation import Evaluation
 from ocp.problem.problem import Problem
 from ocp.problem.rollout import Rollout
 from ocp.solution import Solution
+
+DEARER_SHARE = 1e-3
+"""Relative cost difference from which a remedy counts as more expensive than the first plan."""
+USEFUL_SHARE = 0.5
+"""Largest excess cost of a remedy that survives, as a fraction of what a plan can change."""
+
+
+def largest_surviving_cost(first: Solution, evaluation: Evaluation, plan: Rollout) -> float:
+    """Return the largest cost at which a remedy for the ``first`` solution, with this ``plan``, survives.
+
+    The limit is J + :data:`USEFUL_SHARE` · min(J_idle - J, span), and at least J + :data:`DEARER_SHARE` · |J|, less
+    constant terms. J is the plan's cost, J_idle the cost of doing nothing (:func:`~ocp.judge.idling.idle_cost`, left
+    out if NaN), and span the change of the cost as all states and inputs change by a characteristic size, which
+    limits the cost of doing nothing in unstable problems (:func:`~ocp.judge.idling.cost_span`). The limit is infinite
+    if the first plan is not solved, since its cost then bounds nothing.
+    """
+    if not first.success:
+        return math.inf
+    changeable = float(np.fmin(first.idle_cost - first.cost, cost_span(evaluation, plan)))
+    return first.cost + max(USEFUL_SHARE * changeable, DEARER_SHARE / first.cost_share(1.0, first.cost))
 
 
 def comparable_cost(coarse: Solution, problem: Problem, finer: Rollout) -> float:

@@ -2,6 +2,14 @@
 
 The rungs are: the problem under the referee's contact model, from the plan; finer steps; gains along the plans; and
 a controller that plans again at every step.
+
+A rung survives if it does so relative to its own plan, and is not much more expensive than the first plan:
+
+- the referee's replay of its inputs or its policy, at h and (where h only discretises) at h/4, costs at most 10 % more
+  than its own plan, and keeps constraints and bodies apart to a tenth of their sizes (:mod:`ocp.judge.policy_referee`;
+  inputs without a policy also keep the plan's states at h, :func:`ocp.judge.referee.survival_findings`);
+- this cost, at h/4 where there is one, exceeds that of the first plan at its own h by at most half of what a plan can
+  change (:func:`ocp.solve.comparable_cost.largest_surviving_cost`).
 """
 
 from __future__ import annotations
@@ -17,6 +25,7 @@ import numpy as np
 from dynamics.contact import Exact
 from ocp.errors import InputError, NotConverged, abbreviated, interruptible
 from ocp.judge.disturbances import disturbed_survival
+from ocp.judge.findings import make_finding
 from ocp.judge.policy_referee import policy_report
 from ocp.judge.referee import Referee, referee_replay
 from ocp.judge.route_report import DisturbedSurvival, Ladder, Rung, StageRecord
@@ -29,7 +38,7 @@ from ocp.routes.relaxations import DEFAULT_STRATEGY
 from ocp.routes.session import Session
 from ocp.solution import Interrupted, Solution
 from ocp.solve.best_gains import best_gains, plan_of, with_gains, with_replay
-from ocp.solve.comparable_cost import comparable_cost
+from ocp.solve.comparable_cost import DEARER_SHARE, comparable_cost, largest_surviving_cost
 from ocp.solve.refinement import HALVINGS, divided_step
 from ocp.transcription import Direct
 
@@ -43,8 +52,8 @@ LEAST_WORK = 2000
 """Lower limit of the number of iterations that all rungs may use."""
 PAYING_SHARE = 0.75
 """Maximum ratio of a replay's excess cost to that before halving the step, for which halving continues."""
-DEARER_SHARE = 1e-3
-"""Relative cost difference from which a rung counts as more expensive than the plan at its own step size."""
+FINEST_REPLAY = 16
+"""Divisor of the step size in the replay that is listed with the disturbances."""
 
 Build = Callable[[Problem, dict[str, Any]], Problem]
 SolveFrom = Callable[[Session, Solution, int, "Callable[[StageRecord], None] | None"], Solution]
@@ -80,6 +89,7 @@ class SurvivalLadder:
         self.sharpens = _has_sharper_model(session.problem)
         self.work_limit = self.all_work = max(LEAST_WORK, WORK * solution.iterations)
         self.iterations = solution.iterations
+        self.largest_cost = largest_surviving_cost(solution, *self._plan(solution))
         self._add("the plan", solution)
 
     def climb(self) -> Solution:
@@ -122,7 +132,7 @@ class SurvivalLadder:
         if not self.sharpens and isinstance(self.session.law, Exact):
             raise InputError("the plan already uses the referee's contact model")
         solution = self._solve(self._exact_session(self.session.problem.most_exact), self.first)
-        self._add("the sharpest contact", solution)
+        solution = self._add("the sharpest contact", solution)
         if solution.success:
             self.plans = [solution]
 
@@ -131,7 +141,8 @@ class SurvivalLadder:
         self.work_limit = FINER_SHARE * self.all_work
         excess = self.rungs[self._index_of(self.plans[0])].excess
         for level in range(1, HALVINGS + 1):
-            if self._finer_plan(level).referee.survives:
+            self._finer_plan(level)
+            if self.rungs[-1].survives:
                 return
             coarser_excess, excess = excess, self.rungs[-1].excess
             if level < HALVINGS and not excess <= PAYING_SHARE * coarser_excess:
@@ -154,9 +165,8 @@ class SurvivalLadder:
         solution = self._solve(session, self.plans[-1])
         if not solution.success:
             raise NotConverged(f"the plan of {solution.problem.N} steps is {solution.status.label}")
-        self._add(f"steps of h/{2**level}", solution)
-        self.plans.append(solution)
-        return solution
+        self.plans.append(self._add(f"steps of h/{2**level}", solution))
+        return self.plans[-1]
 
     def _gains(self) -> None:
         """Try gains along plans of decreasing step size until a policy survives; solve missing finer plans first."""
@@ -233,8 +243,11 @@ class SurvivalLadder:
 
     def _add(
         self, name: str, solution: Solution, outcome: Referee | None = None, iterations: int | None = None
-    ) -> None:
-        """Add a rung to the list, with costs that are comparable with the costs of the first plan."""
+    ) -> Solution:
+        """Add a rung, with costs that are comparable with those of the first plan, and return its solution.
+
+        If the rung is too expensive to survive, the referee's report in this solution says so.
+        """
         evaluation, plan = self._plan(solution)
         outcome = outcome or referee_replay(evaluation, solution.inputs, plan.x[:, 0])
         cost, refined_cost = (
@@ -244,21 +257,27 @@ class SurvivalLadder:
         own_cost = comparable_cost(self.first, solution.problem, plan)
         share = self.first.cost_share(own_cost - self.first.cost, self.first.cost)
         note = f"{100 * share:.2g} % more expensive than the plan at its own step size" if share > DEARER_SHARE else ""
-        self.rungs.append(
-            Rung(
-                name,
-                h=float(solution.data["time"][1]),
-                N=solution.problem.N,
-                status=solution.status.label,
-                planned=solution.cost,
-                cost=cost,
-                refined_cost=refined_cost,
-                survives=bool(solution.success and solution.referee.survives),
-                iterations=solution.iterations if iterations is None else iterations,
-                note=note,
-            )
+        rung = Rung(
+            name,
+            h=float(solution.data["time"][1]),
+            N=solution.problem.N,
+            status=solution.status.label,
+            planned=solution.cost,
+            cost=cost,
+            refined_cost=refined_cost,
+            survives=bool(solution.success and solution.referee.survives),
+            iterations=solution.iterations if iterations is None else iterations,
+            note=note,
         )
+        if self.rungs and rung.survives and rung.sharpest_cost > self.largest_cost:
+            numbers = {"planned": self.first.cost, "limit": self.largest_cost}
+            finding = make_finding("remedy-costs-too-much", cost=rung.sharpest_cost, **numbers)
+            report = solution.referee
+            solution = replace(solution, referee=replace(report, findings=[*report.findings, finding]))
+            rung = replace(rung, survives=False, note=f"costs more than {self.largest_cost:.6g}: too much to survive")
+        self.rungs.append(rung)
         self.answers.append(solution)
+        return solution
 
     def _plan(self, solution: Solution) -> tuple[Evaluation, Rollout]:
         """Return a rung's problem at its values, and its plan."""
@@ -284,13 +303,14 @@ class SurvivalLadder:
         best = self._best()
         solution = self.answers[best]
         rows = self._disturbed(best) if self.rungs[best].survives and not stopped else []
-        ladder = Ladder(self.rungs, best, stopped, rows)
+        ladder = Ladder(self.rungs, best, stopped, rows, self.largest_cost)
         return replace(solution, iterations=self.iterations).with_route(ladder=ladder)
 
     def _disturbed(self, best: int) -> list[DisturbedSurvival]:
         solution = self.answers[best]
         evaluation, plan = self._plan(solution)
-        return disturbed_survival(evaluation, plan, self.policies.get(best, solution.inputs), self.seed)
+        policy, delay = self.policies.get(best, solution.inputs), solution.problem.N // self.first.problem.N
+        return disturbed_survival(evaluation, plan, policy, self.seed, (FINEST_REPLAY,), delay)
 
 
 def _has_sharper_model(problem: Problem) -> bool:

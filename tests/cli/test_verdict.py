@@ -323,7 +323,10 @@ def test_until_survives_tells_every_rung_and_exits_3_where_none_survives(ocp) ->
     ladder = done.json["ladder"]
     assert done.code == 0 and done.json["survives"] and Path("hill.pdf").read_bytes().startswith(b"%PDF")
     assert ladder["rungs"][ladder["chosen"]]["name"] == "gains"
-    assert [row["draws"] for row in ladder["disturbed"]] == [20, 20, 1]
+    assert [row["draws"] for row in ladder["disturbed"]] == [1, 20, 20, 1]
+    far = ("-c", "mu=0.3", "-p", "u_max=0.5", "--effort", "quick", "--until", "survives")
+    dear = ocp("solve", "push-1d", "--contact", "barrier", *far, *QUIET)
+    assert dear.code == 3 and dear.json["survives"] is False and dear.json["cost"] > dear.json["ladder"]["largest_cost"]
     shown = ocp(*quick, "-p", "scenarios=2")
     assert shown.code == 3 and "until it survives" in shown.err and "not tried" in shown.err
     assert "No rung survives; the best is" in shown.err + shown.out

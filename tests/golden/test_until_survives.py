@@ -66,6 +66,9 @@ def test_gains_survive_where_no_inputs_do_and_cost_what_their_closed_loop_costs(
     refined_cost = closed_loop(answer, 4)[0]
     assert gains.refined_cost == pytest.approx(refined_cost, rel=1e-9)
     assert first.planned < refined_cost <= (1 + COST_SHARE) * first.planned
+    finest, late = ladder.disturbed[0], ladder.disturbed[-1]
+    assert finest.disturbance == "h/16" and finest.median_cost == pytest.approx(closed_loop(answer, 16)[0], rel=1e-9)
+    assert late.disturbance == "inputs one step late" and (late.survived, late.draws) == (0, 1)
     share = 100 * (refined_cost / first.planned - 1)
     assert numbers(answer, "survives-by")["difference"] == f"{share:.2g} % above"
     assert "; survives with gains." in answer.headline

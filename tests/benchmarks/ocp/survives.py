@@ -30,6 +30,8 @@ COLUMNS = (
     "noise",
     "friction",
     "masses",
+    "late",
+    "h/16",
     "iterations",
     "s",
 )
@@ -39,6 +41,7 @@ NOTE = (
     "`ocp solve PROBLEM --contact exact --effort quick --until survives`. *Plan*: the first plan's cost; *at h/4*: that"
     " of its inputs under the sharpest contact at a quarter of the step, or at the step where it is part of the model;"
     " *remedy's cost*: that of the answer there. *Noise*, *friction*, *masses*: draws of 20 that the answer survives."
+    " *Late*: whether it survives inputs that are one step of the first plan late; *h/16*: a sixteenth of its own step."
     " *Iterations*: those of all remedies over those of the plan. Seconds of processor time."
 )
 
@@ -63,14 +66,16 @@ def row(problem: str, limit_s: int) -> list[Cell]:
     """Return the row of one problem."""
     document, seconds = solved(problem, limit_s)
     if document is None:
-        return [problem, f"over {limit_s} s", *[None] * 7, f"{seconds:.0f}"]
+        return [problem, f"over {limit_s} s", *[None] * 9, f"{seconds:.0f}"]
     ladder = document["ladder"]
     first, answer = ladder["rungs"][0], ladder["rungs"][ladder["chosen"]]
     remedy = answer["name"] if answer["survives"] else f"none; best: {answer['name']}"
-    draws = {entry["disturbance"].split()[0]: f"{entry['survived']}" for entry in ladder["disturbed"]}
+    survived = {entry["disturbance"].split()[0]: entry["survived"] for entry in ladder["disturbed"]}
+    draws = [None if name not in survived else str(survived[name]) for name in ("noise", "friction", "masses")]
+    once = [None if name not in survived else bool(survived[name]) for name in ("inputs", "h/16")]
     costs = (first["planned"], _sharpest(first), _sharpest(answer))
     iterations = document["iterations"] / max(first["iterations"], 1)
-    cells = [*map(_digits, costs), *(draws.get(name) for name in ("noise", "friction", "masses"))]
+    cells = [*map(_digits, costs), *draws, *once]
     return [problem, remedy, *cells, f"{iterations:.2g}", f"{seconds:.0f}"]
 
 

@@ -57,8 +57,10 @@ def test_draws_lie_within_their_spread_and_depend_on_the_seed_alone() -> None:
 
 
 def test_a_late_policy_answers_the_state_before() -> None:
-    policy = DisturbedPolicy(Gains(np.ones((1, 1, 1)), np.zeros((1, 1))), np.zeros((3, 1)), True, np.array([7.0]))
-    assert [float(policy.input(k, np.array([x]))[0]) for k, x in enumerate((1.0, 2.0, 3.0))] == [7.0, 1.0, 2.0]
+    gains = Gains(np.ones((1, 1, 1)), np.zeros((1, 1)))
+    for waiting, applied in ([], [1.0, 2.0, 3.0]), ([7.0], [7.0, 1.0, 2.0]), ([7.0, 8.0], [7.0, 8.0, 1.0]):
+        policy = DisturbedPolicy(gains, np.zeros((3, 1)), [np.array([u]) for u in waiting])
+        assert [float(policy.input(k, np.array([x]))[0]) for k, x in enumerate((1.0, 2.0, 3.0))] == applied
 
 
 @pytest.mark.costly
@@ -71,7 +73,6 @@ def test_costs_of_draws_are_those_of_rollouts_at_a_quarter_of_the_step() -> None
     assert list(rows) == ["h/4", "h/16", "masses ±10%", "inputs one step late"]
     assert rows["h/4"].median_cost == pytest.approx(solution.referee.refined_cost, rel=1e-12)
     fine = get(HILL, N=40, a=1.0)
-    late = np.concatenate([np.zeros((1, 1, 1)), plan.u[:, :-1]], axis=1)
     p = solution.values
 
     def cost(u: np.ndarray, values: dict[str, float]) -> float:
@@ -79,7 +80,10 @@ def test_costs_of_draws_are_those_of_rollouts_at_a_quarter_of_the_step() -> None
         stages = p["h"] * (x[:-1, 0] ** 2 + p["w_u"] * u[0, :, 0] ** 2)
         return float(stages.sum() + p["w_end"] * x[-1, 0] ** 2 + p["w_rest"] * x[-1, 1] ** 2)
 
-    assert rows["inputs one step late"].median_cost == pytest.approx(cost(late, p), rel=1e-9)
+    for delay in (1, 2):
+        late = np.concatenate([np.zeros((1, delay, 1)), plan.u[:, :-delay]], axis=1)
+        row = disturbed_survival(evaluation, plan, plan.u, delay=delay)[-1]
+        assert row.disturbance == "inputs one step late" and row.median_cost == pytest.approx(cost(late, p), rel=1e-9)
     costs = [cost(plan.u, draw.values) for draw in _draws(evaluation, False, 0)["masses ±10%"]]
     assert rows["masses ±10%"].largest_cost == pytest.approx(max(costs), rel=1e-9)
     assert rows["masses ±10%"].median_cost == pytest.approx(np.median(costs), rel=1e-9)
