@@ -270,8 +270,8 @@ class SurvivalLadder:
             note=note,
         )
         if self.rungs and rung.survives and rung.sharpest_cost > self.largest_cost:
-            numbers = {"planned": self.first.cost, "limit": self.largest_cost}
-            finding = make_finding("remedy-costs-too-much", cost=rung.sharpest_cost, **numbers)
+            cost, planned = rung.sharpest_cost, self.first.cost
+            finding = make_finding("remedy-costs-too-much", cost=cost, planned=planned, limit=self.largest_cost)
             report = solution.referee
             solution = replace(solution, referee=replace(report, findings=[*report.findings, finding]))
             rung = replace(rung, survives=False, note=f"costs more than {self.largest_cost:.6g}: too much to survive")
