@@ -164,6 +164,10 @@ SENTENCES = {
         "{estimator} at sigma = {sigma:.3g} sees the larger picture: {mean:.4g} with a standard error of"
         " {standard_error:.2g}"
     ),
+    "use-finite-world": (
+        "{count} samples at sigma = {sigma:.3g} are not finite, so that nothing is known of the larger picture; return"
+        " finite numbers there, or state a smaller size"
+    ),
     "use-finer": "use finer settings ({settings}), with which the error decreases",
     "use-other-law": "use another world: neither a secant nor a smoothed gradient of this one agrees with the truth",
 }

@@ -30,7 +30,8 @@ def complements(*sides: Any, lower: Any = 0.0, upper: Any = np.inf) -> Any:
     The expression is the equation ``x - min(max(x - F, l), u) = 0``, which has the same solutions.
 
     Raises :class:`~ocp.errors.InputError` for fewer than two sides, shapes that differ, sides of which
-    none is symbolic or that mix SX and MX, and limits of more than two sides.
+    none is symbolic or that mix SX and MX, sides that are NaN or infinite, limits between which no number
+    lies, and limits of more than two sides.
     """
     relation = relation_of_sides(sides, lower, upper)
     arguments = [*relation.sides, relation.lower, relation.upper]
@@ -55,10 +56,11 @@ def relation_of_sides(sides: Any, lower: Any = 0.0, upper: Any = np.inf) -> Rela
         raise InputError(f"complements() takes two sides or more, got {len(sides)}; write complements(a, b)")
     kinds = {type(side) for side in sides if isinstance(side, ca.SX | ca.MX)}
     if len(kinds) != 1:
-        mixed = "mixes SX and MX; use one of them" if kinds else "has no symbolic side; one must be SX or MX"
-        raise InputError(f"complements() {mixed}")
+        advice = "has no symbolic side; one must be SX or MX, and a list of expressions a vertcat of them"
+        raise InputError(f"complements() {'mixes SX and MX; use one of them' if kinds else advice}")
     kind: Any = kinds.pop()
-    given = [ca.densify(kind(value)) for value in (*sides, lower, upper)]
+    given = [expression_of(kind, value, "complements()") for value in (*sides, lower, upper)]
+    _check_numbers(given)
     shapes = {value.shape for value in given if not value.is_scalar()}
     if len(shapes) > 1:
         listed = " and ".join(f"{rows}x{columns}" for rows, columns in sorted(shapes))
@@ -72,12 +74,37 @@ def relation_of_sides(sides: Any, lower: Any = 0.0, upper: Any = np.inf) -> Rela
     return Relation(tuple(vectors[:-2]), *vectors[-2:])
 
 
+def expression_of(kind: Any, value: Any, title: str) -> Any:
+    """Return a value as a dense expression of a kind, SX or MX; raise :class:`~ocp.errors.InputError` otherwise."""
+    try:
+        return ca.densify(kind(value))
+    except (NotImplementedError, TypeError, ValueError) as error:
+        name = type(value).__name__
+        raise InputError(f"{title} got a {name}; expected {kind.__name__} expressions or numbers") from error
+
+
+def _check_numbers(expressions: list[Any]) -> None:
+    """Raise InputError for sides, or limits at the end, that are numbers without a solution."""
+    *sides, lower, upper = (_numbers(value) if value.is_constant() else np.zeros(1) for value in expressions)
+    for side in sides:
+        if not np.all(np.isfinite(side)):
+            worst = side[~np.isfinite(side)][0]
+            raise InputError(f"complements() got a side that is {worst:g}; expected finite numbers or expressions")
+    are_constant = expressions[-2].is_constant() and expressions[-1].is_constant()
+    is_empty = ~(lower <= upper) if are_constant else np.isnan(lower).any() | np.isnan(upper).any()
+    if np.any(is_empty) or np.any(lower == np.inf) or np.any(upper == -np.inf):
+        ends = " and ".join(f"{name} {end.flat[0]:g}" for name, end in (("lower", lower), ("upper", upper)))
+        raise InputError(f"complements() got limits between which no number lies, {ends}; exchange or widen them")
+
+
 def _numbers(constant: Graph) -> np.ndarray:
     return np.array(ca.evalf(constant))
 
 
 def relation_of(expression: Graph) -> Relation | None:
-    """Return the relation that an expression of :func:`complements` states; None for any other expression."""
+    """Return the relation that an expression of :func:`complements` states; None for anything else."""
+    if not isinstance(expression, ca.SX | ca.MX):
+        return None
     node: Any = expression
     if isinstance(node, ca.SX):
         node = node.nz[0] if node.nnz() else node

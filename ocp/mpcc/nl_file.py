@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Container
 from dataclasses import dataclass, field
 from functools import reduce
 from operator import add, mul, neg, sub, truediv
@@ -32,6 +32,8 @@ _HEADER_LINES = 10
 """Number of lines before the first segment."""
 _INTEGER_LINE = 6
 """Index of the header's line with the numbers of binary and integer variables."""
+_LAST_KIND = 3
+"""Largest kind k in an r-line ``5 k j``: the variable has both bounds."""
 _COMPLEMENTS = "5"
 """Kind of bounds in an r-line: the row is complementary to a variable."""
 
@@ -92,6 +94,8 @@ def parse_nl(text: str, name: str, names: list[str]) -> NLFile:
     try:
         n, m = int(lines[1][0]), int(lines[1][1])
         options, n_integer = [int(word) for word in lines[0][1:]], sum(map(int, lines[_INTEGER_LINE]))
+        if not 0 <= max(n, m) <= len(lines) or min(n, m) < 0:
+            raise ValueError(f"{n} variables and {m} rows do not fit {len(lines)} lines, of which each has one")
     except (ValueError, IndexError) as error:
         raise InputError(f"{name}: the first {_HEADER_LINES} lines are no header of an .nl file: {error}") from error
     symbols = [ca.SX.sym(title) for title in names] if len(names) == n else ca.vertsplit(ca.SX.sym("x", n))
@@ -102,7 +106,8 @@ def parse_nl(text: str, name: str, names: list[str]) -> NLFile:
         try:
             position = _read_segment(contents, lines, position)
         except (ValueError, IndexError, KeyError) as error:
-            raise InputError(f"{name}: line {position + 1} begins no segment that can be read: {error}") from error
+            reason = "a line or a word is missing" if isinstance(error, IndexError) else error.args[0]
+            raise InputError(f"{name}: line {position + 1} begins no segment that can be read: {reason}") from error
     if len(contents.row_ends) < m or len(contents.x_ends) < n:
         raise InputError(f"{name} has no bounds of all rows and variables (segments r and b); is it cut off?")
     return contents
@@ -113,29 +118,30 @@ def _read_segment(contents: NLFile, lines: list[Line], position: int) -> int:
     if not lines[position]:
         return position + 1
     kind, number = lines[position][0][0], lines[position][0][1:]
-    counts = [int(word) for word in lines[position][1:] if word.lstrip("-").isdigit()]
     first = position + 1
+    # Of a segment with terms the first number is how many lines follow.
+    after_terms = first + _count(lines[position][1]) if kind in "VJGS" else first
     if kind in "CO":
         value, end = _expression(contents, lines, first)
         if kind == "C":
-            contents.bodies[int(number)] = value
+            contents.bodies[_index(number, contents.n_rows, "row")] = value
         elif number == "0":
-            contents.objective, contents.maximise = value, bool(counts[0])
+            contents.objective, contents.maximise = value, bool(int(lines[position][1]))
         return end
     if kind == "V":
-        terms = _terms(lines[first : first + counts[0]])
-        value, end = _expression(contents, lines, first + counts[0])
+        terms = _terms(lines[first:after_terms], contents.defined)
+        value, end = _expression(contents, lines, after_terms)
         contents.defined[int(number)] = contents.sum_terms(value, terms)
         return end
     if kind in "JG":
-        terms = _terms(lines[first : first + counts[0]])
+        terms = _terms(lines[first:after_terms], contents.defined)
         if kind == "J":
-            contents.linear[int(number)] = terms
+            contents.linear[_index(number, contents.n_rows, "row")] = terms
         elif number == "0":
             contents.gradient = terms
-        return first + counts[0]
+        return after_terms
     if kind == "S":
-        return first + counts[0]
+        return after_terms
     return first + _read_table(contents, lines[first:], kind, number)
 
 
@@ -145,21 +151,49 @@ def _read_table(contents: NLFile, lines: list[Line], kind: str, number: str) -> 
         for i, words in enumerate(lines[: contents.n_rows]):
             is_pair = words[0] == _COMPLEMENTS
             if is_pair:
-                contents.complements[i] = int(words[1]), int(words[2]) - 1
+                kind_of_ends = _index(words[1], _LAST_KIND + 1, "kind of complementarity")
+                contents.complements[i] = kind_of_ends, _index(words[2], contents.x.numel(), "variable", 1) - 1
             contents.row_ends.append((-math.inf, math.inf) if is_pair else _ends(words))
         return contents.n_rows
     if kind == "b":
         contents.x_ends = [_ends(words) for words in lines[: contents.x.numel()]]
         return contents.x.numel()
     if kind == "x":
-        contents.start = dict(_terms(lines[: int(number)]))
+        contents.start = dict(_terms(lines[: _count(number)], range(contents.x.numel())))
     elif kind not in ("d", "k"):
         raise ValueError(f"{kind + number!r} is not known")
-    return int(number)
+    return _count(number)
 
 
-def _terms(lines: list[Line]) -> list[Term]:
-    return [(int(index), float(value)) for index, value in lines]
+def _count(word: str) -> int:
+    """Return a number of lines; raise ValueError for a negative one."""
+    if int(word) < 0:
+        raise ValueError(f"the number of lines, {word}, is negative")
+    return int(word)
+
+
+def _index(word: str, count: int, title: str, first: int = 0) -> int:
+    """Return an index from ``first`` of ``count`` items; raise ValueError for another number."""
+    if not first <= int(word) < first + count:
+        raise ValueError(f"{title} {word} does not exist; expected {first} to {first + count - 1}")
+    return int(word)
+
+
+def _terms(lines: list[Line], variables: Container[int]) -> list[Term]:
+    """Return the terms that lines state; raise ValueError for an index that is not in ``variables``."""
+    terms = [(int(index), float(value)) for index, value in lines]
+    for index, value in terms:
+        if index not in variables:
+            raise ValueError(f"variable {index} does not exist")
+        _finite(value, f"the number of variable {index}")
+    return terms
+
+
+def _finite(value: float, title: str) -> float:
+    """Return a number; raise ValueError unless it is finite."""
+    if not math.isfinite(value):
+        raise ValueError(f"{title} is {value}, expected a finite number")
+    return value
 
 
 def _ends(words: Line) -> Ends:
@@ -179,15 +213,18 @@ def _expression(contents: NLFile, lines: list[Line], first: int) -> tuple[Any, i
     for line in reversed(lines[first:end]):
         word = line[0]
         if word[0] == "n":
-            stack.append(float(word[1:]))
+            stack.append(_finite(float(word[1:]), "a constant"))
         elif word[0] == "v":
+            if int(word[1:]) not in contents.defined:
+                raise ValueError(f"variable {word[1:]} does not exist")
             stack.append(contents.defined[int(word[1:])])
         elif word[0] == "o":
             stack.append(_apply(int(word[1:]), stack))
         else:
             stack.append(int(word))
-    (value,) = stack
-    return value, end
+    if len(stack) != 1:
+        raise ValueError(f"its expression leaves {len(stack)} values, expected 1; an operator is missing")
+    return stack[0], end
 
 
 def _apply(operator: int, stack: list[Any]) -> Any:

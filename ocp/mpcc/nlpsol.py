@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from ocp.errors import InputError, NotConverged, choose
-from ocp.mpcc.complements import relation_of, relation_of_sides, scalar_graphs
+from ocp.mpcc.complements import expression_of, relation_of, relation_of_sides, scalar_graphs
 from ocp.mpcc.forms import Graph, Relation, StandardForm
 from ocp.mpcc.multipliers import sensitivities
 from ocp.mpcc.presolve import Presolved, Values
@@ -46,18 +46,43 @@ def mpcc_solver(name: str, problem: Mapping[str, Any], options: Mapping[str, Any
     ``pairs`` to one relation or a list of them: tuples ``(a, b)`` for ``0 <= a ⟂ b >= 0``, or results of
     :func:`~ocp.mpcc.complements.complements`. ``options`` are explained in :data:`OPTIONS`.
 
-    Raises :class:`~ocp.errors.InputError` for unknown entries or options, sizes that do not fit, and
-    symbols that are neither in x nor in p.
+    Raises :class:`~ocp.errors.InputError` for unknown entries or options, values of another type, sizes that do
+    not fit, and symbols that are neither in x nor in p, or twice there.
     """
+    _check_mapping(f"{name}: the problem", problem, "{'x': ..., 'f': ..., 'pairs': [...]}")
     for entry in problem:
         choose("entry of the problem", entry, ENTRIES)
     if "x" not in problem:
         raise InputError(f"{name}: the problem has no x; give the variables as the entry 'x'")
-    x, kind = problem["x"], type(problem["x"])
-    f, g = (ca.vec(ca.densify(kind(problem.get(key, default)))) for key, default in (("f", 0), ("g", kind(0, 1))))
+    kind: Any = type(problem["x"])
+    symbols = [problem["x"], problem.get("p", kind(0, 1) if kind in (ca.SX, ca.MX) else None)]
+    _check_symbols(name, symbols)
+    expressions = ((key, problem.get(key, default)) for key, default in (("f", 0), ("g", kind(0, 1))))
+    f, g = (ca.vec(expression_of(kind, value, f"{name}: {key}")) for key, value in expressions)
     limits = [kind(ca.DM(np.full(g.numel(), end))) for end in (-np.inf, np.inf)]
-    symbols = [x, problem.get("p", kind(0, 1))]
-    return MPCCSolver(name, presolve(name, symbols, [f, g, *limits], _relations(problem.get("pairs", []))), options)
+    relations = _relations(problem.get("pairs", []), kind)
+    return MPCCSolver(name, presolve(name, symbols, [f, g, *limits], relations), options)
+
+
+def _check_mapping(title: str, value: Any, example: str) -> None:
+    """Raise InputError for a value that is no mapping."""
+    if not isinstance(value, Mapping):
+        raise InputError(f"{title} is a {type(value).__name__}; expected a dictionary such as {example}")
+
+
+def _check_symbols(name: str, symbols: list[Any]) -> None:
+    """Raise InputError unless x and p are columns of symbols, all SX or all MX, each symbol once."""
+    for entry, symbol in zip("xp", symbols, strict=True):
+        is_column = isinstance(symbol, ca.SX | ca.MX) and symbol.is_column() and symbol.is_dense()
+        if not is_column or not symbol.is_valid_input() or type(symbol) is not type(symbols[0]):
+            shown = " ".join(str(symbol)[:60].split())
+            raise InputError(
+                f"{name}: {entry} is {shown}; expected a column of symbols, SX or MX as x is,"
+                " such as vertcat(a, b) or vec(A)"
+            )
+    stacked = ca.veccat(*symbols)
+    if sum(symbol.numel() for symbol in ca.symvar(stacked)) < stacked.numel():
+        raise InputError(f"{name}: a symbol occurs twice in x and p; state each symbol once")
 
 
 class Call(NamedTuple):
@@ -77,9 +102,7 @@ class MPCCSolver:
     """
 
     def __init__(self, name: str, presolved: Presolved, options: Mapping[str, Any] | None = None) -> None:
-        for option in options or ():
-            choose("option", option, OPTIONS)
-        self.name, self.presolved, self.options = name, presolved, dict(options or {})
+        self.name, self.presolved, self.options = name, presolved, _checked_options(name, options)
         self.last: Call | None = None
 
     def __call__(
@@ -133,7 +156,16 @@ class MPCCSolver:
         presolved = self.presolved
         size = {"x": presolved.n, "g": presolved.m}.get(key[2:3], presolved.p.numel())
         size = presolved.n if key == "x0" else size
-        return sized(self.name, key, np.array(ca.vec(ca.DM(numbers))), size)
+        try:
+            values = sized(self.name, key, np.array(ca.vec(ca.DM(numbers))), size)
+        except (NotImplementedError, TypeError) as error:
+            raise InputError(f"{self.name}: {key} is {numbers!r}; expected numbers") from error
+        is_wrong = np.isnan(values) if key[:2] in ("lb", "ub") else ~np.isfinite(values)
+        if is_wrong.any():
+            index = int(np.flatnonzero(is_wrong)[0])
+            expected = "a number" if key[:2] in ("lb", "ub") else "a finite number"
+            raise InputError(f"{self.name}: {key}[{index}] is {values[index]}, expected {expected}")
+        return values
 
     def _callback(self) -> Callback | None:
         callback, n = self.options.get("callback"), self.presolved.n
@@ -166,6 +198,26 @@ class MPCCSolver:
         return self.last
 
 
+def _checked_options(name: str, options: Mapping[str, Any] | None) -> dict[str, Any]:
+    """Return a copy of the options; raise InputError for an unknown one, or a value of another type."""
+    _check_mapping(f"{name}: options", options or {}, "{'warm_start': True}")
+    values = dict(options or {})
+    for option, value in values.items():
+        choose("option", option, OPTIONS)
+        if option in SOLVERS:
+            _check_mapping(f"{name}: option {option!r}", value, "{'max_iter': 500}")
+    expected = {"solver": (str, "a name"), "strategies": (list | tuple | None, "a list of names")}
+    expected |= dict.fromkeys(("warm_start", "error_on_fail"), (bool, "True or False"))
+    for option, (kind, meaning) in expected.items():
+        if option in values and not isinstance(values[option], kind):
+            raise InputError(f"{name}: option {option!r} is {values[option]!r}; expected {meaning}")
+    if not all(isinstance(strategy, str) for strategy in values.get("strategies") or ()):
+        raise InputError(f"{name}: option 'strategies' is {values['strategies']!r}; expected a list of names")
+    if not callable(values.get("callback") or print):
+        raise InputError(f"{name}: option 'callback' is {values['callback']!r}; expected a function")
+    return values
+
+
 def presolve(
     name: str,
     symbols: Sequence[Graph],
@@ -175,7 +227,8 @@ def presolve(
 ) -> Presolved:
     """Return the problem of symbols (x, p), expressions (f, g, limits of g) and relations, in scalar graphs.
 
-    Raises :class:`~ocp.errors.InputError` for a cost that is not scalar, and for symbols that are not declared.
+    Raises :class:`~ocp.errors.InputError` for a cost that is not scalar, for symbols that are not declared, and for
+    entries of f and g that are NaN or infinite everywhere.
     """
     if expressions[0].numel() != 1:
         raise InputError(f"{name}: f has {expressions[0].numel()} entries, expected 1")
@@ -185,6 +238,10 @@ def presolve(
     if unknown:
         raise InputError(f"{name}: {', '.join(unknown)} is neither in x nor in p; add it to one of them")
     scalars, (f, g, low, high, *parts) = scalar_graphs([*symbols], [*expressions, *parts])
+    for title, vector in (("f", f), ("g", g)):
+        wrong = [value for value in ca.vertsplit(vector) if value.is_constant() and not np.isfinite(float(value))]
+        if wrong:
+            raise InputError(f"{name}: {title} has an entry that is always {float(wrong[0]):g}; expected a finite one")
     form = StandardForm()
     for relation in relations:
         count = len(relation.sides) + 2
@@ -194,13 +251,16 @@ def presolve(
     return Presolved(name, scalars, [f, g, low, high], form, row_names)
 
 
-def _relations(pairs: Any) -> list[Relation]:
-    """Return the relations of the entry ``pairs``, each named by its position in the list."""
+def _relations(pairs: Any, kind: Any) -> list[Relation]:
+    """Return the relations of the entry ``pairs`` of the kind SX or MX, each named by its position in the list."""
     entries = pairs if isinstance(pairs, list) else [pairs]
     relations = []
     for number, entry in enumerate(entries):
         relation = relation_of_sides(entry) if isinstance(entry, tuple) else relation_of(entry)
         if relation is None:
             raise InputError(f"pairs[{number}] is {entry}; expected a tuple (a, b) or complements(a, b)")
+        if not isinstance(relation.sides[0], kind):
+            used = type(relation.sides[0]).__name__
+            raise InputError(f"pairs[{number}] is an expression of {used}, and x is {kind.__name__}; use one of them")
         relations.append(replace(relation, name=f"pair {number}"))
     return relations

@@ -23,7 +23,11 @@ def opti(stack: ca.Opti, **options: Any) -> OptiSolver:
     In a script that builds ``opti = casadi.Opti()``, replace ``opti.solve()`` by
     ``ocp.opti(opti).solve()``, or add ``opti = ocp.opti(opti)`` before a loop of solves. ``options``
     are those of :func:`~ocp.mpcc.nlpsol.mpcc_solver`; what ``opti.solver(...)`` says is not used.
+
+    Raises :class:`~ocp.errors.InputError` for anything but a ``casadi.Opti``.
     """
+    if not isinstance(stack, ca.Opti):
+        raise InputError(f"ocp.opti() got a {type(stack).__name__}; expected a casadi.Opti")
     return OptiSolver(stack, options)
 
 
@@ -214,6 +218,8 @@ class OptiSolution:
         if self.solver.last is None or self.solver.last.solution is not self.report:
             raise InputError("sensitivities belong to the last solve; ask for them before the next one")
         symbols, vector = self.contents.symbols, ca.vec(ca.MX(expression))
+        if not (isinstance(parameter, ca.MX) and ca.depends_on(parameter, symbols[1])):
+            raise InputError(f"{parameter} is no parameter of this Opti; derivatives are by an opti.parameter()")
         dx = self.solver.sensitivity()["x"]
         by_x, by_p = (self._numbers(ca.jacobian(vector, symbol)) for symbol in symbols)
         chosen = self._numbers(ca.jacobian(ca.vec(parameter), symbols[1]))

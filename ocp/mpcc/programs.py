@@ -61,6 +61,8 @@ class MPCC:
                 )
 
     def _check_sizes(self) -> None:
+        if not self.x.numel():
+            raise InputError(f"{self.name}: the problem has no variables, expected one or more")
         if self.f.numel() != 1:
             raise InputError(f"{self.name}: f has {self.f.numel()} entries, expected 1")
         if self.G.numel() != self.H.numel():

@@ -66,8 +66,11 @@ def _steep_limits(slope: np.ndarray, sizes: np.ndarray, start: np.ndarray, bound
     change = np.abs(slope) * np.where(sizes > 0, sizes, 1.0)
     is_held = np.where(slope > 0, start <= bounds["lbx"], start >= bounds["ubx"])
     others = change[~is_held & (change > 0)]
-    steep = is_held & (change > _STEEP * np.median(others)) if others.size else is_held & False
-    return np.where(steep, np.median(others) / np.where(steep, np.abs(slope), 1.0), np.nan)
+    if not others.size:
+        return np.full(slope.size, np.nan)
+    typical = np.median(others)
+    steep = is_held & (change > _STEEP * typical)
+    return np.where(steep, typical / np.where(steep, np.abs(slope), 1.0), np.nan)
 
 
 def _bound_distances(start: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:

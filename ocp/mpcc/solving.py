@@ -133,6 +133,9 @@ def solve(
         index = int(np.flatnonzero(~np.isfinite(start))[0])
         raise InputError(f"{mpcc.name}: x0[{index}] is {start[index]}, expected a finite number")
     parameter_values = sized(mpcc.name, "p", p, mpcc.p.numel()) if mpcc.p.numel() else np.zeros(0)
+    constant = float(mpcc.lifted.constant(parameter_values))
+    if not np.isfinite(constant):
+        raise InputError(f"{mpcc.name}: constant terms of the cost are {constant:g}; expected finite numbers")
     for name in strategies or ():
         choose("strategy", name, STRATEGIES)
     inside, nlp_solver = np.clip(start, *mpcc.x_bounds), Solver(solver, dict(options or {}))

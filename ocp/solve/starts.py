@@ -18,7 +18,7 @@ from ocp.routes.homotopy import COST_GAIN, StageRecord
 from ocp.routes.session import DEFAULT_EFFORT, Effort, Session
 from ocp.solution import Interrupted, Solution
 from ocp.solve.judging import add_failures, collect_failures, judge_outcome, keep_best_on_interrupt
-from ocp.validation import Count, Index, validated
+from ocp.validation import Count, Index, Number, validated
 
 if TYPE_CHECKING:
     from ocp.search.search import Search
@@ -29,6 +29,8 @@ UNTIL = {"survives": "try remedies until the plan survives the referee, at h and
 """Values of ``until`` with their meaning."""
 WAYS = 4
 """Number of guesses that are solved before standing still is accepted as the best solution."""
+MAX_EFFORT = 1_000_000_000
+"""Largest number of steps to roll out; the samples of a round are in memory at once."""
 CERTIFIED_SHARE = 0.01
 """Relative excess cost below which a certified solution is preferred to a cheaper one without a certificate."""
 _FEASIBLE = {Status.SOLVED: 0, Status.NOT_OPTIMAL: 0, Status.UNDECIDED: 0, Status.NO_PROGRESS: 1}
@@ -48,12 +50,16 @@ def read_effort(effort: Effort | float) -> tuple[Effort, int | None]:
 
     A number implies the level normal; a level alone has no number (None).
 
-    Raises :class:`~ocp.errors.InputError` for another word, and for a number that is not positive and whole.
+    Raises :class:`~ocp.errors.InputError` for another word, and for a number that is not whole, or not from 1 to
+    :data:`MAX_EFFORT`.
     """
     if isinstance(effort, str):
         levels: dict[str, Effort] = {level: level for level in get_args(Effort)}
         return choose("effort", effort, levels), None
-    return DEFAULT_EFFORT, validated("effort", effort, Count)
+    number = validated("effort", effort, Number)
+    if not (1 <= number <= MAX_EFFORT and number.is_integer()):
+        raise InputError(f"effort must be a level, or a whole number of steps from 1 to {MAX_EFFORT}, got {number:g}")
+    return DEFAULT_EFFORT, int(number)
 
 
 def is_greater(effort: Effort | float) -> bool:

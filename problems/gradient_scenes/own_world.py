@@ -51,6 +51,9 @@ def load_own_world(path: str | Path, parameter: int = 0, output: int = 0) -> Own
     module = import_file(file)
     if not callable(getattr(module, "rollout", None)):
         raise InputError(f"{file}: the file must define rollout(theta), from parameters (n, d) to outputs (n, m)")
+    missing = [a.name for a in [*inspect.signature(module.rollout).parameters.values()][1:] if a.default is a.empty]
+    if missing:
+        raise InputError(f"{file}: argument {missing[0]} of rollout has no default; write a number, as in h=0.01")
     settings = {
         name: validated(f"{file}: the default of argument {name} of rollout", argument.default, Number)
         for name, argument in [*inspect.signature(module.rollout).parameters.items()][1:]
@@ -107,8 +110,13 @@ def _truth(module: ModuleType, theta: np.ndarray, file: Path) -> World | None:
         return World("truth", guarded(module.truth, "truth(theta)", file))
     if not hasattr(module, "slope"):
         return None
+    d = len(theta)
     try:
-        slope = np.asarray(module.slope, dtype=float).reshape(-1, len(theta))
+        slope = np.asarray(module.slope, dtype=float)
+        # Without two dimensions it is the slope of one output, or by one parameter.
+        slope = slope if slope.ndim > 1 else slope.reshape(-1, d)
     except (TypeError, ValueError) as error:
-        raise InputError(f"{file}: slope must be numbers (m, {len(theta)}), got {module.slope!r}") from error
+        raise InputError(f"{file}: slope must be numbers (m, {d}), got {module.slope!r}") from error
+    if slope.ndim != 2 or slope.shape[1] != d or not np.isfinite(slope).all():
+        raise InputError(f"{file}: slope must be finite numbers (m, {d}), got {slope.tolist()}")
     return World("slope", lambda rows: (rows - theta) @ slope.T, lambda rows: np.tile(slope, (len(rows), 1, 1)))

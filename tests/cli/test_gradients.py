@@ -109,7 +109,7 @@ BAD_FILES = {
     "theta = 0.0\ndef rollout(theta): return theta": "needs a size > 0",
     "theta = 1.0\ndef rollout(theta): return theta[:, 0]": "returned the shape",
     "theta = 1.0\ndef rollout(theta): return 1 / 0": "ZeroDivisionError",
-    "theta = 1.0\ndef rollout(theta, h): return theta": "the default of argument h",
+    "theta = 1.0\ndef rollout(theta, h): return theta": "argument h of rollout has no default",
     "theta = 1.0\nsharper = {'h': 2}\ndef rollout(theta): return theta": "sharper names 'h'",
     "import numpy as np\ntheta = 1.0\ndef rollout(theta): return theta + np.random.rand()": "seed its random numbers",
 }
@@ -128,3 +128,21 @@ def test_the_template_runs_and_its_gradient_is_right(gradients, tmp_path: Path, 
     assert (tmp_path / "sim.py").read_text() == TEMPLATE.read_text()
     code, document, _ = gradients("sim.py", "--refinements", "0")
     assert code == 0 and document["worlds"][0]["verdict"] == "right"
+
+
+@pytest.mark.parametrize(
+    ("stated", "changed", "message"),
+    [
+        (
+            "slope = [[3.0, 2.0], [0.0, 6.0]]",
+            "slope = [[3.0], [2.0], [0.0], [6.0]]",
+            "(m, 2), got [[3.0]",
+        ),
+        ("slope = [[3.0, 2.0], [0.0, 6.0]]", "slope = [[3.0, 2.0], [0.0, np.nan]]", "finite numbers (m, 2)"),
+        ("slope = [[3.0, 2.0], [0.0, 6.0]]", "truth = lambda theta: theta * np.nan", "at the nominal parameters"),
+    ],
+)
+def test_what_a_file_states_is_checked(gradients, tmp_path: Path, stated: str, changed: str, message: str) -> None:
+    (tmp_path / "line.py").write_text(LINE.replace(stated, changed))
+    code, document, err = gradients("line.py")
+    assert code == 2 and not document and message in err and err.count("\n") == 1

@@ -82,11 +82,15 @@ def _verdict(measures: Measures, allowed: float) -> Finding:
     numbers: dict[str, Any] = {"slope": slope, "truth": truth}
     if not np.isfinite([slope, *measures.nearby]).all():
         return make_finding("gradient-not-finite", slope=slope)
-    if _is_noise(measures, allowed):
-        return make_finding("gradient-noise", noise=secants.noise, error=float(secants.errors[-1]), truth=truth)
+    known = measures.truth_secants is not None
+    if _is_constant(measures):
+        return make_finding("gradient-right" if known else "gradient-consistent", **numbers)
+    # A jump at the nominal parameter looks like rounding errors there.
     if measures.jump is not None:
         size, place = measures.jump
         return make_finding("gradient-undefined", size=size, place=place, slope=slope)
+    if _is_noise(measures, allowed):
+        return make_finding("gradient-noise", noise=secants.noise, error=float(secants.errors[-1]), truth=truth)
     if measures.has_gradient and not _is_derivative(measures):
         difference = float(secants.slopes[secants.sharpest])
         return make_finding("gradient-not-the-derivative", difference=difference, **numbers)
@@ -94,7 +98,6 @@ def _verdict(measures: Measures, allowed: float) -> Finding:
     if measures.scale > 0 and typical <= ZERO_SHARE * measures.scale:
         return make_finding("gradient-zero", wide=_wide_truth(measures), **numbers)
     if _is_right(measures, allowed):
-        known = measures.truth_secants is not None
         return make_finding("gradient-right" if known else "gradient-consistent", **numbers)
     return _wrong(measures, allowed)
 
@@ -112,6 +115,12 @@ def _wrong(measures: Measures, allowed: float) -> Finding:
         return make_finding("gradient-wrong-sign", vanishes=clause, **numbers)
     factor = f"{slope / truth:.3g} times the truth" if truth != 0 else f"off by {slope - truth:.3g}"
     return make_finding("gradient-of-the-map", factor=factor, vanishes=clause, **nearby, **numbers)
+
+
+def _is_constant(measures: Measures) -> bool:
+    """Return whether the slope is zero, and neither world nor truth changes at all, so that it has no scale."""
+    slopes = [measures.slope, measures.scale, *measures.nearby, *measures.secants.slopes]
+    return not np.any(slopes)
 
 
 def _is_noise(measures: Measures, allowed: float) -> bool:
@@ -209,7 +218,8 @@ def _advice(measures: Measures, tolerance: float) -> Finding:
     widest = max(row["sigma"] for row in measures.smoothed)
     if measures.truth_secants is None:
         row = next(row for row in measures.smoothed if row["sigma"] == widest)
-        return make_finding("use-larger-picture", **_smoothed_numbers(row))
+        code = "use-larger-picture" if np.isfinite(row["mean"]) else "use-finite-world"
+        return make_finding(code, **_smoothed_numbers(row), count=row["nonfinite"])
     # A gradient smoothed with less noise than the distance of a jump does not depend on the jump.
     smoothed = [row for row in measures.smoothed if measures.jump is None or row["sigma"] == widest]
     reliable = [row for row in smoothed if _is_reliable(row, tolerance)]

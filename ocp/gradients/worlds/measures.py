@@ -114,7 +114,8 @@ def smoothed_gradient(
 ) -> dict[str, Any]:
     """Estimate a smoothed gradient with its interval, and compare it with ``reference``, as a JSON object.
 
-    ``reliable`` is the half-width of the interval in which an unbiased estimate lies with probability 0.999.
+    ``reliable`` is the half-width of the interval in which an unbiased estimate lies with probability 0.999. The
+    estimate is NaN where a sample is not finite, since the smoothed objective then has no mean.
     """
     method = SAMPLED[estimator]
     run = run_estimator(objective, method, Gaussian(sigma, child_seed(seed, method.stream)), n)
@@ -131,7 +132,8 @@ def smoothed_gradient(
         "reliable": np.nan,
         "verdict": "no reference",
     }
-    if moments.n < 2:
+    # Without samples that are not finite the mean is that of another function.
+    if moments.n < 2 or len(run.nonfinite):
         return row
     error, quantile = float(moments.standard_error[0]), joint_quantile(1)
     known_error = 0.0 if reference is None else float(reference.standard_error[0])

@@ -87,7 +87,9 @@ class _Truth:
     """Exact output of a question: its secants, slopes at nearby points, largest jump and smoothed gradients."""
 
     def __init__(self, question: Question, truth: World) -> None:
-        check_world(truth, question.theta)
+        n_outputs, _ = check_world(truth, question.theta)
+        if question.output >= n_outputs:
+            raise InputError(f"{truth.name} has {n_outputs} outputs, got {question.output} as the index of the output")
         self.objective, self._size = question.objective(truth), question.size
         self.secants = measure_secants(self.objective, question.size)
         points = nearby_points(float(self.objective.theta[0]), question.size)
@@ -271,6 +273,6 @@ class _Measurement:
             zeroth = smoothed_gradient(self._objective, ZEROTH_ORDER, sigma, reference, n, seed)
             rows.append(zeroth)
             if self._world.differentiate is not None and self._world.samples_gradient:
-                compared = own_reference(zeroth) if reference is None and zeroth["n_samples"] > 1 else reference
+                compared = own_reference(zeroth) if reference is None and np.isfinite(zeroth["mean"]) else reference
                 rows.append(smoothed_gradient(self._objective, FIRST_ORDER, sigma, compared, n, seed))
         return rows

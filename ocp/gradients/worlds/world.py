@@ -82,6 +82,8 @@ class World:
         argument = np.array(theta, dtype=float)
         try:
             values = np.asarray(function(argument, **self.settings), dtype=float)
+        except InputError:
+            raise
         except (TypeError, ValueError) as error:
             raise InputError(f"{self.name}: {call} did not return an array of numbers: {error}") from error
         if not np.array_equal(argument, theta, equal_nan=True):
@@ -93,7 +95,7 @@ def check_world(world: World, theta: np.ndarray) -> tuple[int, int]:
     """Simulate near ``theta`` (d,) in two calls, and return the number of outputs and the number of non-finite rows.
 
     Raises :class:`~ocp.errors.InputError` for a wrong shape, for results that differ between two calls with the same
-    argument, and for rows that depend on other rows.
+    argument, for outputs of which none is finite at ``theta``, and for rows that depend on other rows.
     """
     rows = theta + 1e-3 * np.maximum(np.abs(theta), 1e-3) * np.arange(-1, 3)[:, None]
     first, second = world.rollout(rows), world.rollout(rows)
@@ -101,6 +103,10 @@ def check_world(world: World, theta: np.ndarray) -> tuple[int, int]:
         raise InputError(
             f"{world.name}: rollout(theta) returned other values in a second call with the same theta;"
             " seed its random numbers inside rollout"
+        )
+    if not np.isfinite(first[1]).any():
+        raise InputError(
+            f"{world.name}: rollout(theta) returned {first[1, 0]:g} at the nominal parameters; expected a finite number"
         )
     alone, scale = world.rollout(rows[1:2]), np.nanmax(np.abs(first), initial=0.0)
     if not np.allclose(alone, first[1:2], rtol=0, atol=ROW_TOLERANCE * scale, equal_nan=True):

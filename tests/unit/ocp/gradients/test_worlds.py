@@ -92,6 +92,27 @@ def test_each_verdict(verdict: str) -> None:
         assert row["findings"][-1]["code"].startswith("use-")
 
 
+@pytest.mark.parametrize("has_gradient", [True, False])
+@pytest.mark.parametrize("truth_known", [True, False])
+def test_the_zero_slope_of_a_constant_is_right_and_no_other(has_gradient: bool, truth_known: bool) -> None:
+    def slope(value: float):
+        return (lambda theta: np.full((*theta.shape, 1), value)) if has_gradient else None
+
+    flat = World("flat", lambda theta: 0 * theta + 5, slope(0.0))
+    truth = flat if truth_known else None
+    assert judged(flat, truth, samples=100)["verdict"] == ("right" if truth_known else "consistent")
+    if has_gradient:
+        assert judged(World("tilted", flat.simulate, slope(0.1)), truth, samples=100)["verdict"] == "not-the-derivative"
+
+
+def test_a_jump_at_the_nominal_parameter_is_no_noise() -> None:
+    jump = World("jump", lambda theta: np.sin(theta) + (theta > NOMINAL))
+    for truth in (jump, None):
+        row = judged(jump, truth, samples=100)
+        assert row["verdict"] == "undefined", row["sentence"]
+        assert row["findings"][0]["numbers"]["size"] == pytest.approx(1, abs=1e-3) if truth else True
+
+
 def test_a_jump_out_of_reach_and_one_that_only_zeroth_order_samples_are_no_fault_of_the_slope() -> None:
     jump = World("jump", lambda theta: np.sin(theta) + (theta > 3), lambda theta: np.cos(theta)[:, :, None])
     assert judged(jump, jump)["verdict"] == "right"
@@ -166,6 +187,7 @@ BAD = {
     "other values in a second call": (_Drifting(), None, "seed its random numbers"),
     "depend on the other rows": (lambda theta: theta + theta.mean(), None, "every row by itself"),
     "did not return an array": (lambda theta: "sin", None, "numbers"),
+    "returned nan at the nominal parameters": (lambda theta: theta * np.nan, None, "a finite number"),
     "gradient(theta) returned the shape": (np.sin, np.cos, "expected (1, m, 1)"),
     "gradient(theta) has 2": (np.sin, lambda theta: np.ones((len(theta), 2, 1)), "1 outputs"),
 }
@@ -193,6 +215,9 @@ def test_non_finite_rollouts_are_counted() -> None:
     assert check_world(world, NOMINAL) == (1, 2)
     row = judged(world, SINE)
     assert row["nonfinite"] == 2 and all(each["nonfinite"] > 0 for each in row["smoothed"])
+    # Half of the samples are missing, so that the others' mean is no gradient of the sine.
+    assert all(each["mean"] is None for each in row["smoothed"])
+    assert judged(world, None)["findings"][-1]["code"] == "use-finite-world"
 
 
 def test_a_function_is_reported_from_python_and_needs_its_parameters() -> None:
@@ -244,3 +269,9 @@ def test_an_uncertain_estimate_says_how_many_samples_it_needs() -> None:
     few = judged(wide, SINE, samples=200)["findings"][1]
     assert few["code"] == "use-more-samples" and few["numbers"]["sigma"] == 0.1
     assert judged(wide, SINE, samples=4 * few["numbers"]["count"])["findings"][1]["code"] == "use-smoothed"
+
+
+def test_a_truth_without_the_output_that_is_asked_for_is_refused() -> None:
+    two = World("two", lambda theta: np.concatenate([theta, theta**2], axis=1))
+    with pytest.raises(InputError, match="sine has 1 outputs, got 1 as the index"):
+        measure_worlds([two], Question(NOMINAL, 1.0, SINE, output=1))

@@ -101,6 +101,14 @@ x, y, m = ca.MX.sym("x", 2), ca.MX.sym("y", 3), ca.SX.sym("m", 2)
         ((x, m), {}, "mixes SX and MX"),
         ((1.0, 2.0), {}, "no symbolic side"),
         ((x, x, 1.0), {"upper": 1.0}, "limits with two sides only"),
+        (("a", x), {}, "got a str; expected MX expressions or numbers"),
+        (([x[0], x[1]], [x[1], x[0]]), {}, "a vertcat of them"),
+        ((x, np.nan), {}, "a side that is nan"),
+        ((x, np.inf), {}, "a side that is inf"),
+        ((x, x), {"lower": 1.0, "upper": 0.0}, "lower 1 and upper 0"),
+        ((x, x), {"lower": np.nan}, "lower nan"),
+        ((x, x), {"lower": np.inf}, "lower inf"),
+        ((x, x), {"upper": -np.inf}, "upper -inf"),
     ],
 )
 def test_bad_sides_are_refused(sides, limits, message: str) -> None:

@@ -167,11 +167,31 @@ def test_a_variable_that_complements_itself_is_zero(tmp_path: Path) -> None:
         ("O0 0\nv7\n", "line 11"),
         (NOTHING + "b\n7 1\n", "type 7"),
         ("F0 1 -1 name\n", "'F0' is not known"),
+        ("J3 1\n0 1\n", "row 3 does not exist; expected 0 to 0"),
+        ("C1\nn0\n", "row 1 does not exist"),
+        ("J0 1\n4 1\n", "variable 4 does not exist"),
+        ("J0 1\n-1 1\n", "variable -1 does not exist"),
+        ("J0 1\n0 nan\n", "variable 0 is nan, expected a finite number"),
+        ("J0 -1\n0 1\n", "number of lines, -1, is negative"),
+        ("d-1\n0 1\n", "number of lines, -1, is negative"),
+        ("x1\n9 1\n", "variable 9 does not exist"),
+        ("O0 0\nninf\n", "a constant is inf"),
+        ("O0 0\no0\nv0\n", "a line or a word is missing"),
+        ("O0 0\nv0\nv0\n", "leaves 2 values, expected 1"),
+        ("r\n5 1 0\n", "variable 0 does not exist; expected 1 to 1"),
+        ("r\n5 1 2\n", "variable 2 does not exist"),
+        ("r\n5 7 1\n", "kind of complementarity 7 does not exist"),
     ],
 )
 def test_what_is_not_known_is_refused_with_its_line(tmp_path: Path, segments: str, said: str) -> None:
     with pytest.raises(InputError, match=said):
-        read(tmp_path, 1, 0, segments)
+        read(tmp_path, 1, 1, segments)
+
+
+@pytest.mark.parametrize(("n", "m"), [(-1, 0), (1, -1), (10**12, 0), (1, 10**12)])
+def test_numbers_that_no_file_of_this_length_has_are_refused(tmp_path: Path, n: int, m: int) -> None:
+    with pytest.raises(InputError, match="do not fit 13 lines"):
+        read(tmp_path, n, m, NOTHING + "b\n")
 
 
 def test_a_binary_file_is_refused(tmp_path: Path) -> None:

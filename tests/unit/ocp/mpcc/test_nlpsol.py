@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -155,6 +157,9 @@ def test_a_call_without_an_answer_raises_where_asked_to() -> None:
         mpcc_solver("far", far(), {"error_on_fail": True})(lbg=-2.0, ubg=-1.0)
 
 
+W = ca.SX.sym("w")
+
+
 @pytest.mark.parametrize(
     ("change", "options", "message"),
     [
@@ -163,10 +168,26 @@ def test_a_call_without_an_answer_raises_where_asked_to() -> None:
         ({"f": ca.SX(2, 1)}, {}, "f has 2 entries"),
         ({"f": ca.SX.sym("w")}, {}, "w is neither in x nor in p"),
         ({"pairs": [ca.SX.sym("z") == 0]}, {}, r"pairs\[0\]"),
+        ({"x": 3.0}, {}, "x is 3.0; expected a column of symbols"),
+        ({"x": ca.SX.sym("A", 2, 2)}, {}, r"expected a column of symbols"),
+        ({"x": ca.vertcat(W, W)}, {}, "a symbol occurs twice"),
+        ({"x": W, "p": W}, {}, "a symbol occurs twice"),
+        ({"p": 2 * W}, {}, "p is .*; expected a column of symbols"),
+        ({"f": "x"}, {}, "f got a str; expected SX"),
+        ({"f": ca.SX(np.nan)}, {}, "f has an entry that is always nan"),
+        ({"g": ca.SX(np.nan)}, {}, "g has an entry that is always nan"),
+        ({"pairs": "xy"}, {}, r"pairs\[0\] is xy; expected a tuple"),
+        ({"pairs": [[W, W]]}, {}, r"pairs\[0\] is .*; expected a tuple"),
+        ({"pairs": [(ca.MX.sym("a"), 1)]}, {}, "an expression of MX, and x is SX"),
         ({}, {"warmstart": True}, "did you mean 'warm_start'"),
+        ({}, {"warm_start": "yes"}, "'warm_start' is 'yes'; expected True or False"),
+        ({}, {"ipopt": 3}, "option 'ipopt' is a int; expected a dictionary"),
+        ({}, {"strategies": "scholtes"}, "expected a list of names"),
+        ({}, {"callback": 3}, "expected a function"),
+        ({}, ["warm_start"], "options is a list; expected a dictionary"),
     ],
 )
-def test_bad_problems_are_refused(change: dict, options: dict, message: str) -> None:
+def test_bad_problems_are_refused(change: dict, options: Any, message: str) -> None:
     problem = {key: value for key, value in {**bilevel(ca.SX.sym), **change}.items() if value is not None}
     with pytest.raises(InputError, match=message):
         mpcc_solver("leader", problem, options)
@@ -176,5 +197,18 @@ def test_bad_arguments_are_refused() -> None:
     solver = mpcc_solver("leader", bilevel(ca.SX.sym))
     with pytest.raises(InputError, match="lbx has 2 entries, expected 3"):
         solver(lbx=[0.0, 1.0])
+    with pytest.raises(InputError, match=r"ubx\[1\] is nan, expected a number"):
+        solver(ubx=[1.0, np.nan, 1.0])
+    with pytest.raises(InputError, match=r"p\[0\] is inf, expected a finite number"):
+        solver(p=np.inf)
+    with pytest.raises(InputError, match="x0 is 'here'; expected numbers"):
+        solver(x0="here")
     with pytest.raises(InputError, match="not been called"):
         solver.sensitivity()
+
+
+def test_a_cost_with_an_infinite_term_is_refused() -> None:
+    x, y = ca.SX.sym("x"), ca.SX.sym("y")
+    solver = mpcc_solver("endless", {"x": ca.vertcat(x, y), "f": x + y + np.inf, "pairs": [(x, y)]})
+    with pytest.raises(InputError, match="constant terms of the cost are inf"):
+        solver()

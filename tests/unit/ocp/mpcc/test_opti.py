@@ -132,3 +132,33 @@ def test_integers_and_parameters_without_values_are_refused() -> None:
     opti.subject_to(complements(x, x - p))
     with pytest.raises(InputError, match="set_value"):
         ocp.opti(opti).solve()
+
+
+def test_anything_but_an_opti_with_variables_is_refused() -> None:
+    with pytest.raises(InputError, match=r"got a int; expected a casadi\.Opti"):
+        ocp.opti(3)  # pyright: ignore[reportArgumentType]
+    with pytest.raises(InputError, match="has no variables"):
+        ocp.opti(ca.Opti()).solve()
+
+
+def test_a_derivative_by_anything_but_a_parameter_is_refused() -> None:
+    opti = ca.Opti()
+    x, y, p = opti.variable(), opti.variable(), opti.parameter()
+    opti.subject_to(complements(x, y))
+    opti.minimize((x - p) ** 2 + y)
+    opti.set_value(p, 1)
+    solution = ocp.opti(opti).solve()
+    np.testing.assert_allclose(solution.sensitivity(x, p), [[1.0]], atol=1e-8)
+    for other in (y, 2.0):
+        with pytest.raises(InputError, match="no parameter of this Opti"):
+            solution.sensitivity(x, other)
+
+
+def test_a_problem_without_slopes_is_solved_without_warnings(recwarn: pytest.WarningsRecorder) -> None:
+    opti = ca.Opti()
+    x, y = opti.variable(), opti.variable()
+    opti.subject_to(complements(x, y))
+    opti.subject_to(x + y == 1)
+    solution = ocp.opti(opti).solve()
+    assert sorted([solution.value(x), solution.value(y)]) == pytest.approx([0, 1], abs=1e-8)
+    assert not recwarn.list

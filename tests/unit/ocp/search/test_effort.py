@@ -99,7 +99,7 @@ def test_an_unknown_effort_is_named() -> None:
         solve("wall-1d", effort="hard")
 
 
-@pytest.mark.parametrize("effort", [0, -3, 1.5, np.nan])
+@pytest.mark.parametrize("effort", [0, -3, 1.5, np.nan, np.inf, 1e30, 1e10])
 def test_an_effort_in_steps_is_a_positive_whole_number(effort: float) -> None:
     with pytest.raises(InputError, match="effort must be"):
         solve("wall-1d", effort=effort)
