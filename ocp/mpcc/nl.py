@@ -69,7 +69,7 @@ def read_nl(path: Path) -> NLProblem:
 
 def _names(path: Path) -> list[str]:
     """Return the lines of a file of names; empty if it does not exist."""
-    return path.read_text().split("\n")[:-1] if path.is_file() else []
+    return path.read_text(errors="replace").split("\n")[:-1] if path.is_file() else []
 
 
 def problem_of(contents: NLFile, name: str, names: list[str]) -> NLProblem:

@@ -30,6 +30,8 @@ _ENDS = {"0": (0, 1), "1": (None, 0), "2": (0, None), "3": (None, None), "4": (0
 """Mapping from kinds of bounds to the positions of the lower and the upper bound in a line; None where infinite."""
 _HEADER_LINES = 10
 """Number of lines before the first segment."""
+_TERMS_LINE = 7
+"""Index of the header's line with the numbers of entries of the Jacobian and of the gradient."""
 _INTEGER_LINE = 6
 """Index of the header's line with the numbers of binary and integer variables."""
 _LAST_KIND = 3
@@ -94,6 +96,7 @@ def parse_nl(text: str, name: str, names: list[str]) -> NLFile:
     try:
         n, m = int(lines[1][0]), int(lines[1][1])
         options, n_integer = [int(word) for word in lines[0][1:]], sum(map(int, lines[_INTEGER_LINE]))
+        n_terms = int(lines[_TERMS_LINE][0])
         if not 0 <= max(n, m) <= len(lines) or min(n, m) < 0:
             raise ValueError(f"{n} variables and {m} rows do not fit {len(lines)} lines, of which each has one")
     except (ValueError, IndexError) as error:
@@ -110,6 +113,11 @@ def parse_nl(text: str, name: str, names: list[str]) -> NLFile:
             raise InputError(f"{name}: line {position + 1} begins no segment that can be read: {reason}") from error
     if len(contents.row_ends) < m or len(contents.x_ends) < n:
         raise InputError(f"{name} has no bounds of all rows and variables (segments r and b); is it cut off?")
+    terms = sum(len(row) for row in contents.linear.values())
+    if terms < n_terms:
+        raise InputError(
+            f"{name} has {terms} of the {n_terms} Jacobian entries of its header (segments J); is it cut off?"
+        )
     return contents
 
 
@@ -121,6 +129,8 @@ def _read_segment(contents: NLFile, lines: list[Line], position: int) -> int:
     first = position + 1
     # Of a segment with terms the first number is how many lines follow.
     after_terms = first + _count(lines[position][1]) if kind in "VJGS" else first
+    if after_terms > len(lines):
+        raise ValueError(f"the file ends after {len(lines) - first} of {after_terms - first} lines; is it cut off?")
     if kind in "CO":
         value, end = _expression(contents, lines, first)
         if kind == "C":

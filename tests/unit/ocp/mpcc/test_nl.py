@@ -194,6 +194,25 @@ def test_numbers_that_no_file_of_this_length_has_are_refused(tmp_path: Path, n: 
         read(tmp_path, n, m, NOTHING + "b\n")
 
 
+def test_a_file_that_ends_within_its_terms_is_refused(tmp_path: Path) -> None:
+    segments = "C0\nn0\nC1\nn0\n" + NOTHING + "r\n4 1\n4 2\nb\n3\n3\nJ0 2\n0 1\n1 1\nJ1 1\n0 1\n"
+    whole = HEADER.replace(" 0 0\n 0 0\n 0 0 0 0 0\n", " 3 0\n 0 0\n 0 0 0 0 0\n")
+    lines = (whole.format(n=2, m=2) + segments).splitlines(keepends=True)
+    path = tmp_path / "cut.nl"
+    path.write_text("".join(lines))
+    assert np.allclose(values(read_nl(path), [3.0, 5.0])[1], [8, 3])
+    for missing in range(1, 6):
+        path.write_text("".join(lines[:-missing]))
+        with pytest.raises(InputError, match="is it cut off"):
+            read_nl(path)
+
+
+def test_names_in_another_encoding_are_read(tmp_path: Path) -> None:
+    (tmp_path / "hand.col").write_bytes(b"h\xf6he\n")
+    stated = read(tmp_path, 1, 0, "O0 0\nv0\nb\n3\n")
+    assert stated.mpcc.x.numel() == 1 and values(stated, [2.0])[0] == pytest.approx([2.0])
+
+
 def test_a_binary_file_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "binary.nl"
     path.write_text("b3 1 1 0\n")
