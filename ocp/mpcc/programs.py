@@ -13,7 +13,10 @@ from ocp.errors import InputError
 from ocp.mpcc.sizes import variable_sizes
 from ocp.problem.cost_sizes import split_constant
 from ocp.programs.program import PENALTY, RELAXATION, Functions, Layout, PairName, Program, closure_rows
-from ocp.programs.units import ORDINARY_ROWS, Scale, cost_unit, row_units, solver_unit
+from ocp.programs.units import Scale, cost_unit, row_units, solver_unit
+
+ORDINARY_VARIABLES = 3
+"""Exponent of two up to which the size of a variable counts as 1; steps of larger sizes would decide optimality."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -265,7 +268,7 @@ class MPCCProgram(Program):
     def units_at(self, start: np.ndarray) -> np.ndarray:
         """Return the :attr:`units` derived at another start (n_x,)."""
         sizes = variable_sizes(self, self.extended(start), self._plain)
-        return solver_unit(sizes, ORDINARY_ROWS)
+        return solver_unit(sizes, ORDINARY_VARIABLES)
 
     @cached_property
     def _plain(self) -> np.ndarray:

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import casadi as ca
 import numpy as np
 import pytest
 
-from ocp.mpcc import MPCC
+from ocp.mpcc import MPCC, solve
 from ocp.mpcc.programs import MPCCProgram, programs_of
 from ocp.mpcc.sizes import variable_sizes
 
 NONE = ca.SX(0, 1)
+BOX = 5.0
 x, y, z = (ca.SX.sym(name) for name in "xyz")
 
 
@@ -85,3 +88,48 @@ def test_sizes_follow_the_unit_of_a_variable(unit: float) -> None:
     )
     ratio = sizes(found, [0, 0, 0]) * [1, unit, 1] / sizes(known, [0, 0, 0])
     assert np.all((ratio > 0.1) & (ratio < 10))
+
+
+@pytest.mark.parametrize("unit", [1e-4, 3e-3, 0.3, 1e3])
+@pytest.mark.parametrize("seed", range(3))
+def test_certified_answers_are_optimal_on_their_branch_in_any_unit(unit: float, seed: int) -> None:
+    """Convex quadratic costs with two pairs: on each of the four branches the KKT system has one solution.
+
+    Pairs are ``0 <= z_1 ⟂ z_2 >= 0`` and ``0 <= z_3 ⟂ a z + 2 >= 0``, with |z| <= 5, solved in x = unit z.
+    """
+    generator = np.random.default_rng(seed)
+    W, c, a = generator.normal(size=(3, 3)), 3 * generator.normal(size=3), generator.normal(size=3)
+    Q, x = W @ W.T + 0.1 * np.eye(3), ca.SX.sym("x", 3)
+    z = x / unit
+    cost = 0.5 * z.T @ ca.DM(Q) @ z + ca.DM(c).T @ z
+    G, H = unit * z[[0, 2]], ca.vertcat(unit * z[1], unit * (ca.DM(a).T @ z + 2))
+    solution = solve(MPCC(x=x, f=cost, G=G, H=H, lbx=-BOX * unit, ubx=BOX * unit), unit * np.ones(3))
+    assert solution.certificate.certified
+    point = np.asarray(solution.x).ravel() / unit
+    rows = np.vstack([np.eye(3), a, np.eye(3), -np.eye(3)])
+    offsets = np.array([0, 0, 0, 2.0, *[BOX] * 6])
+    sides = rows @ point + offsets
+    assert sides.min() > -1e-6
+    lowest = np.inf
+    for first, second in product((0, 1), (2, 3)):
+        active = [k for k in (first, second) if sides[k] < 1e-6]
+        if len(active) == 2:
+            lowest = min(lowest, _least_with_inactive_bounds(Q, c, rows, offsets, active))
+    assert 0.5 * point @ Q @ point + c @ point == pytest.approx(lowest, rel=1e-5, abs=1e-5)
+
+
+def _least_with_inactive_bounds(
+    Q: np.ndarray, c: np.ndarray, rows: np.ndarray, offsets: np.ndarray, active: list[int]
+) -> float:
+    """Return the least cost with the rows ``active`` zero and all others at least zero, by enumeration of bounds."""
+    others, least = [k for k in range(len(rows)) if k not in active], np.inf
+    for held in product((False, True), repeat=len(others)):
+        zero = [*active, *(k for k, is_held in zip(others, held, strict=True) if is_held)]
+        if len(zero) > len(c):
+            continue
+        A = rows[zero]
+        kkt = np.block([[Q, A.T], [A, np.zeros((len(zero), len(zero)))]])
+        z = np.linalg.lstsq(kkt, np.concatenate([-c, -offsets[zero]]), rcond=None)[0][: len(c)]
+        if (rows @ z + offsets).min() > -1e-9 and np.abs((rows @ z + offsets)[zero]).max() < 1e-9:
+            least = min(least, 0.5 * z @ Q @ z + c @ z)
+    return float(least)
