@@ -73,7 +73,7 @@ def test_data_are_collected_and_shown(ocp: Ocp) -> None:
     shown = ocp("show", "data.nc", "--json").json
     assert shown == {key: value for key, value in told.items() if key != "seconds"}
     text = ocp("show", "data.nc").out
-    assert "600 transitions of push-1d, collected" in text and "300 in the tube" in text
+    assert "600 transitions of push-1d, collected" in text and "300 near the line from start to goal" in text
     assert max(map(len, text.splitlines())) <= 80
 
 

@@ -147,5 +147,5 @@ def test_bad_tables() -> None:
     with pytest.raises(InputError, match="give it a table"):
         scene.quasi_dynamic("s", ParameterTable(()), h=H, inertial=False)
     lying = Scene([finger, Body("box", Box((0.1, 0.1)), (0, 0), table=0.3)])
-    with pytest.raises(InputError, match=r"only Scene.quasi_dynamic knows"):
+    with pytest.raises(InputError, match=r"only Scene.quasi_dynamic supports"):
         lying.time_stepping("s", ParameterTable(()), h=H)

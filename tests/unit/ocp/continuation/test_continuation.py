@@ -210,7 +210,7 @@ def test_names_are_found_with_and_without_prefix() -> None:
         ("M", 0, 2, 3, "log", "positive ends"),
         ("M", 1, -2, 3, "log", "positive ends"),
         ("M", -1, -2, 3, "log", "positive ends"),
-        ("M", 1, 2, 3, "cubic", "log or linear"),
+        ("M", 1, 2, 3, "cubic", "unknown scale"),
     ],
 )
 def test_bad_input_gets_its_sentence(over, start, end, steps, scale, sentence) -> None:
