@@ -132,6 +132,7 @@ def test_a_rate_faster_than_a_solve_is_told_and_goes_on(ocp: Ocp) -> None:
     assert "24 of the answers came after the deadline" in done.out
 
 
+@pytest.mark.costly
 def test_a_plant_that_diverges_ends_its_seed_and_is_kept(ocp: Ocp, loops: Path) -> None:
     run = store.load(store.find_run("@last", loops))
     assert run.meta["status"] == "diverged" and run.meta["ended"] == [5]

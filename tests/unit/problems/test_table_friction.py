@@ -113,6 +113,7 @@ def test_inertia_only_delays() -> None:
     assert more[0] - 2.0 * slow[0] / H == pytest.approx(lam[0], abs=1e-7)
 
 
+@pytest.mark.cheap_cases("False")
 @pytest.mark.parametrize("inertial", [False, True])
 def test_batches_and_the_search_step_as_one_step_does(inertial: bool) -> None:
     """For 25 random pushes the batch engine and the search's step agree with the exact step."""

@@ -36,12 +36,14 @@ def test_the_loop_costs_what_the_best_of_all_contact_windows_does(walls: Control
     assert loop.certified == 1.0
 
 
+@pytest.mark.cheap_cases("qp")
 @pytest.mark.parametrize("phase", ["qp", "policy"])
 def test_other_phases_agree_where_the_plan_is_followed(phase: str) -> None:
     loop = simulate(Controller(get("soft-walls"), phase=phase), 30)
     assert loop.costs[0] == pytest.approx(OPTIMUM, rel=1e-6)
 
 
+@pytest.mark.costly
 def test_the_whole_route_agrees_with_one_quadratic_program(walls: Controller) -> None:
     """They agree from a disturbed start, where active sets differ from those of the first plan."""
     x0 = walls.start + np.array([0.03, 0.1, -0.2, 0.3])
@@ -50,6 +52,7 @@ def test_the_whole_route_agrees_with_one_quadratic_program(walls: Controller) ->
     assert fast.costs == pytest.approx(full.costs, rel=1e-6)
 
 
+@pytest.mark.costly
 def test_a_smoothed_plan_costs_more_on_the_exact_plant(walls: Controller) -> None:
     soft = simulate(Controller(get("soft-walls"), Barrier(mu=1e-2), "relaxed"), 40)
     assert soft.costs[0] > simulate(walls, 40).costs[0]

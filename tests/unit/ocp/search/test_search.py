@@ -90,6 +90,7 @@ def test_steps_with_near_contacts_are_the_exact_laws() -> None:
         np.testing.assert_allclose(end, exact.x[0, 1], atol=1e-6)
 
 
+@pytest.mark.costly
 def test_a_plan_is_found_from_behind_and_has_the_same_bits_again() -> None:
     problem = behind()
     found = solve(problem, contact="exact", search=True)
