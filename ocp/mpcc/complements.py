@@ -59,18 +59,18 @@ def relation_of_sides(sides: Any, lower: Any = 0.0, upper: Any = np.inf) -> Rela
         advice = "has no symbolic side; one must be SX or MX, and a list of expressions a vertcat of them"
         raise InputError(f"complements() {'mixes SX and MX; use one of them' if kinds else advice}")
     kind: Any = kinds.pop()
-    given = [expression_of(kind, value, "complements()") for value in (*sides, lower, upper)]
-    _check_numbers(given)
-    shapes = {value.shape for value in given if not value.is_scalar()}
+    expressions = [expression_of(kind, value, "complements()") for value in (*sides, lower, upper)]
+    _check_numbers(expressions)
+    shapes = {value.shape for value in expressions if not value.is_scalar()}
     if len(shapes) > 1:
         listed = " and ".join(f"{rows}x{columns}" for rows, columns in sorted(shapes))
         raise InputError(f"complements() got sides or limits of {listed} entries; give all the same shape")
     if len(sides) > 2 and not (
-        given[-2].is_zero() and given[-1].is_constant() and np.all(np.isinf(_numbers(given[-1])))
+        expressions[-2].is_zero() and expressions[-1].is_constant() and np.all(np.isinf(_numbers(expressions[-1])))
     ):
         raise InputError("complements() takes limits with two sides only; drop lower and upper, or a side")
-    size = max(value.numel() for value in given)
-    vectors = [ca.vec(value) if value.numel() == size else ca.repmat(value, size, 1) for value in given]
+    size = max(value.numel() for value in expressions)
+    vectors = [ca.vec(value) if value.numel() == size else ca.repmat(value, size, 1) for value in expressions]
     return Relation(tuple(vectors[:-2]), *vectors[-2:])
 
 

@@ -47,9 +47,9 @@ def gradient_case(
     digests: list[str] = []
 
     def read(path: str) -> OwnWorld:
-        own = load_own_world(path, parameter, output)
-        digests.append(own.digest)
-        return own
+        user_world = load_own_world(path, parameter, output)
+        digests.append(user_world.digest)
+        return user_world
 
     if source.endswith(".py"):
         asked, name = read(source), Path(source).stem
@@ -87,9 +87,9 @@ def _check_settings(settings: Mapping[str, float], duration: float) -> None:
 
 def _with_settings(worlds: Sequence[World], settings: Mapping[str, float]) -> tuple[World, ...]:
     """Return the simulators with ``settings`` applied; raise InputError for a setting that no simulator has."""
-    known = sorted({name for world in worlds for name in world.settings})
-    if unknown := [name for name in settings if name not in known]:
-        raise InputError(f"no world has a setting {unknown[0]!r}; there are {', '.join(known) or 'none'}")
+    setting_names = sorted({name for world in worlds for name in world.settings})
+    if unknown := [name for name in settings if name not in setting_names]:
+        raise InputError(f"no world has a setting {unknown[0]!r}; there are {', '.join(setting_names) or 'none'}")
     return tuple(
         world.at({name: value for name, value in settings.items() if name in world.settings}) for world in worlds
     )

@@ -82,9 +82,9 @@ def _verdict(measures: Measures, allowed: float) -> Finding:
     numbers: dict[str, Any] = {"slope": slope, "truth": truth}
     if not np.isfinite([slope, *measures.nearby]).all():
         return make_finding("gradient-not-finite", slope=slope)
-    known = measures.truth_secants is not None
+    is_exact_known = measures.truth_secants is not None
     if _is_constant(measures):
-        return make_finding("gradient-right" if known else "gradient-consistent", **numbers)
+        return make_finding("gradient-right" if is_exact_known else "gradient-consistent", **numbers)
     # A jump at the nominal parameter looks like rounding errors there.
     if measures.jump is not None:
         size, place = measures.jump
@@ -98,7 +98,7 @@ def _verdict(measures: Measures, allowed: float) -> Finding:
     if measures.scale > 0 and typical <= ZERO_SHARE * measures.scale:
         return make_finding("gradient-zero", wide=_wide_truth(measures), **numbers)
     if _is_right(measures, allowed):
-        return make_finding("gradient-right" if known else "gradient-consistent", **numbers)
+        return make_finding("gradient-right" if is_exact_known else "gradient-consistent", **numbers)
     return _wrong(measures, allowed)
 
 

@@ -52,5 +52,5 @@ def gradient_report(
     if not scale > 0:
         raise InputError(f"the size of the parameter must be > 0, got {scale:g}; set size")
     world = World(getattr(source, "__name__", "rollout"), source, gradient, settings or {})
-    known = None if truth is None else World("truth", truth)
-    return measure_worlds([world], Question(nominal, scale, known), report_settings)
+    exact_world = None if truth is None else World("truth", truth)
+    return measure_worlds([world], Question(nominal, scale, exact_world), report_settings)
