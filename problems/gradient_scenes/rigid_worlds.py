@@ -46,8 +46,8 @@ def law_world(scene: Scene, name: str) -> World:
 def penalty_world(scene: Scene) -> World:
     """Return the simulator of a scene with spring-damper contacts and regularised friction, by semi-implicit steps.
 
-    ``f = max(-k d - c d', 0)`` for d < 0; c is critical for plastic impacts, and otherwise has the scene's
-    restitution ``exp(-pi zeta / sqrt(1 - zeta^2))``. The tangential force is ``-friction f clip(v/0.01, -1, 1)``.
+    ``f = max(-k d - c d', 0)`` for d < 0, with c of the scene's :attr:`~Mechanics.damping_ratio`. The tangential
+    force is ``-friction f clip(v/0.01, -1, 1)``.
     """
     return _world(scene, "penalty", Exact(), {"h": PENALTY_STEP_S, "stiffness": PENALTY_STIFFNESS})
 
@@ -134,9 +134,7 @@ def _penalty_force(mechanics: Mechanics, q: ca.SX, v: ca.SX, stiffness: ca.SX) -
     distance = mechanics.distance(q)
     J = ca.jacobian(distance, q)
     mass = 1 / (J @ ca.diag(1 / ca.DM(mechanics.table[3])) @ J.T)
-    log = -np.log(mechanics.restitution) if mechanics.restitution > 0 else np.inf
-    zeta = 1.0 if np.isinf(log) else log / np.hypot(np.pi, log)
-    spring = mass * (-stiffness * distance - 2 * zeta * ca.sqrt(stiffness) * (J @ v))
+    spring = mass * (-stiffness * distance - 2 * mechanics.damping_ratio * ca.sqrt(stiffness) * (J @ v))
     normal = ca.if_else(distance < 0, ca.fmax(spring, 0), 0)
     force = J.T @ normal
     if mechanics.sliding is not None and mechanics.friction is not None:

@@ -10,6 +10,7 @@ import numpy as np
 from ocp.errors import choose
 from ocp.gradients.worlds.world import World
 from ocp.simulators.mujoco_rollouts import MujocoRollouts
+from problems.gradient_scenes.mjcf import scene_mjcf
 from problems.gradient_scenes.rigid_worlds import LAWS, law_world, penalty_world
 from problems.gradient_scenes.scene import Scene
 
@@ -22,7 +23,7 @@ def mujoco_world(scene: Scene) -> World:
 
     Raises :class:`~ocp.errors.InputError` if MuJoCo is not installed.
     """
-    rollouts, mechanics = MujocoRollouts(scene.mjcf), scene.mechanics
+    rollouts, mechanics = MujocoRollouts(scene_mjcf(scene)), scene.mechanics
     start, push = mechanics.table[:2].ravel(), mechanics.table[2]
     by_start = np.concatenate([0 * push, push * mechanics.is_speed])
     by_force = push * (not mechanics.is_speed)

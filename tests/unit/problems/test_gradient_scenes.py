@@ -13,8 +13,8 @@ from ocp.errors import InputError
 from ocp.gradients.worlds import ReportSettings, measure_worlds
 from problems.gradient_scenes import SCENES, Mechanics, Scene
 from problems.gradient_scenes.cases import gradient_case
-from problems.gradient_scenes.falling import HEIGHT_M
 from problems.gradient_scenes.scene import GRAVITY
+from problems.gradient_scenes.scenes import HEIGHT_M
 from problems.gradient_scenes.worlds import WORLDS, scene_world
 
 TIGHT = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-13, "max_step": 0.02}
