@@ -138,7 +138,7 @@ def problem_of(run: StoredRun, file_spec: ProblemSpec | None = None) -> tuple[Pr
     problem_spec = spec_of(run, file_spec)
     values = known_parameters(run, problem_spec)
     problem = problem_spec.problem(values)
-    return problem_spec, problem_spec.params(values), problem.most_exact if run.record.get("sharpest") else problem
+    return problem_spec, problem_spec.params(values), problem.most_exact if run.record.get("most_exact") else problem
 
 
 def known_parameters(run: StoredRun, found: Spec) -> dict[str, Any]:

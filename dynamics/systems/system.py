@@ -173,8 +173,8 @@ class ContactSystem:
         maximum dissipation in place of convex friction. Its x, u, x_next, h and parameters are the same; its
         lam and gap differ.
         """
-        sharp = self._referee_model
-        return self if sharp is None or sharp.build is None else sharp.build()
+        referee_model = self._referee_model
+        return self if referee_model is None or referee_model.build is None else referee_model.build()
 
     @property
     def referee_note(self) -> str | None:

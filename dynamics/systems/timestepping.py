@@ -102,7 +102,7 @@ def time_stepping(
     zero_matrix, nc = ca.SX(nq, nq), len(contacts)
     D, K = (zero_matrix if matrix is None else matrix for matrix in (damping, stiffness))
 
-    def build_from_rows(rows: ContactRows, sharp: RefereeModel) -> ContactSystem:
+    def build_from_rows(rows: ContactRows, referee_model: RefereeModel) -> ContactSystem:
         normal = rows.lam[:nc] if rows.forces is None else rows.forces.normal
         tangential = ca.SX.zeros(nc) if rows.forces is None else rows.forces.tangential
         return ContactSystem(
@@ -128,7 +128,7 @@ def time_stepping(
             pairs=rows.pairs,
             forces=rows.forces,
             energy_balance=None if energy_balance is None else energy_balance(q, v, u, v_next, normal, tangential),
-            referee_model=sharp,
+            referee_model=referee_model,
             refinable=True,
             mass=M,
         )

@@ -115,24 +115,24 @@ SENTENCES = {
     "more-constraints-violated": "it violates {count} more constraint{plural}",
     "other-solver": "the solver was {solver}, and not the default, ipopt",
     # The gradient of a simulator.
-    "gradient-right": "right: the slope is {slope:.4g}, the truth {truth:.4g}",
+    "gradient-right": "right: the slope is {slope:.4g}, the exact slope {truth:.4g}",
     "gradient-consistent": (
-        "consistent: the slope is {slope:.4g}, secants up to the largest amplitude give {truth:.4g}; the truth is not"
-        " known"
+        "consistent: the slope is {slope:.4g}, secants up to the largest amplitude give {truth:.4g}; the exact"
+        " slope is not known"
     ),
-    "gradient-of-the-map": (
-        "right for the map but not for the physics: the slope is {slope:.4g}, {factor} ({truth:.4g}), and"
+    "gradient-of-the-discrete-map": (
+        "right for the discrete map but not for the exact output: the slope is {slope:.4g}, {factor} ({truth:.4g}), and"
         " {low:.3g} to {high:.3g} nearby; {vanishes}"
     ),
-    "gradient-wrong-sign": "wrong sign: the slope is {slope:.4g}, the truth {truth:.4g}; {vanishes}",
-    "gradient-zero": "zero: the slope vanishes, the truth is {truth:.4g} here and {wide:.4g} within reach",
+    "gradient-wrong-sign": "wrong sign: the slope is {slope:.4g}, the exact slope {truth:.4g}; {vanishes}",
+    "gradient-zero": "zero: the slope vanishes, the exact slope is {truth:.4g} here, {wide:.4g} over a finite change",
     "gradient-exploding": (
-        "exploding: the slope is {slope:.4g}, and {low:.3g} to {high:.3g} nearby, the truth {truth:.4g};"
+        "exploding: the slope is {slope:.4g}, and {low:.3g} to {high:.3g} nearby, the exact slope {truth:.4g};"
         " each refinement multiplies the slopes by {growth:.2g}"
     ),
     "gradient-undefined": (
-        "undefined: the output jumps by {size:.3g} at {place:.6g}, within reach; a local slope such as {slope:.4g}"
-        " does not see it"
+        "undefined: the output jumps by {size:.3g} at {place:.6g}, within the largest amplitude; a local slope such as"
+        " {slope:.4g} does not contain the jump"
     ),
     "gradient-noise": (
         "noise: rounding errors of {noise:.2g} in the output leave an error of {error:.2g} in the best secant"
@@ -140,36 +140,38 @@ SENTENCES = {
     ),
     "gradient-not-finite": "not finite: the slope is {slope:.4g} here, or not a number nearby",
     "gradient-not-the-derivative": (
-        "not the derivative of the map: the slope is {slope:.4g}, differences of the same rollouts give"
-        " {difference:.4g} (truth {truth:.4g})"
+        "not the derivative of the discrete map: the slope is {slope:.4g}, differences of the same rollouts give"
+        " {difference:.4g} (exact slope {truth:.4g})"
     ),
-    "gradient-not-of-the-larger-picture": (
-        "right for the map but not for its larger picture: the slope is {slope:.4g}, {low:.3g} to {high:.3g} nearby,"
-        " and the secant over the largest amplitude {truth:.4g}"
+    "gradient-differs-from-secant": (
+        "right for the discrete map but not over a finite change: the slope is {slope:.4g}, {low:.3g} to {high:.3g}"
+        " nearby, and the secant over the largest amplitude {truth:.4g}"
     ),
     "gradient-biased-at-sigma": (
         "biased at sigma = {sigma:.3g}: the local slope {slope:.4g} is right, but {estimator} gives {mean:.4g} with a"
-        " standard error of {standard_error:.2g}, the smoothed truth is {reference:.4g}"
+        " standard error of {standard_error:.2g}, the exact smoothed slope is {reference:.4g}"
     ),
     "use-secant": "use secants over amplitudes from {low:.2g} to {high:.2g}, which agree with {agreement}",
     "use-smoothed": (
-        "use {estimator} at sigma = {sigma:.3g}: {mean:.4g} with a standard error of {standard_error:.2g}, the smoothed"
-        " truth is {reference:.4g}"
+        "use {estimator} at sigma = {sigma:.3g}: {mean:.4g} with a standard error of {standard_error:.2g}, the exact"
+        " smoothed slope is {reference:.4g}"
     ),
     "use-more-samples": (
         "use {estimator} at sigma = {sigma:.3g} with about {count} samples: {mean:.4g} with a standard error of"
-        " {standard_error:.2g} agrees with the smoothed truth, {reference:.4g}"
+        " {standard_error:.2g} agrees with the exact smoothed slope, {reference:.4g}"
     ),
-    "use-larger-picture": (
-        "{estimator} at sigma = {sigma:.3g} sees the larger picture: {mean:.4g} with a standard error of"
-        " {standard_error:.2g}"
+    "use-estimate": (
+        "{estimator} at sigma = {sigma:.3g} estimates the slope over a finite change: {mean:.4g} with a standard error"
+        " of {standard_error:.2g}"
     ),
-    "use-finite-world": (
-        "{count} samples at sigma = {sigma:.3g} are not finite, so that nothing is known of the larger picture; return"
+    "use-finite-outputs": (
+        "{count} samples at sigma = {sigma:.3g} are not finite, so that no smoothed gradient can be estimated; return"
         " finite numbers there, or state a smaller size"
     ),
     "use-finer": "use finer settings ({settings}), with which the error decreases",
-    "use-other-law": "use another world: neither a secant nor a smoothed gradient of this one agrees with the truth",
+    "use-other-law": (
+        "use another simulator: neither a secant nor a smoothed gradient of this one agrees with the exact slope"
+    ),
 }
 """Mapping from the code of a finding to the template of its clause, with named numbers and words."""
 

@@ -131,8 +131,8 @@ class Rung:
     note: str = ""
 
     @property
-    def sharpest_cost(self) -> float:
-        """Cost at h/4, or at h if the step size is part of the model."""
+    def most_exact_cost(self) -> float:
+        """Cost under the most exact contact model at h/4, or at h if the step size is part of the model."""
         return self.refined_cost if math.isfinite(self.refined_cost) else self.cost
 
     @property
@@ -181,7 +181,7 @@ class RouteReport:
     ``attempts`` are the starts, if there were several. ``started_from`` is the content hash of the solution that the
     solve started from, or None; ``resumed`` is False if the solver did not converge from that solution and started
     cold with its trajectories as the guess. ``swept`` marks a problem that also limits penetration between nodes,
-    ``sharpest`` a problem that was solved under the most exact contact model of its system
+    ``most_exact`` a problem that was solved under the most exact contact model of its system
     (:attr:`ocp.problem.problem.Problem.most_exact`). ``search``, ``refinement`` and ``ladder`` are None if there was
     none. ``failures`` are the errors that ended other attempts. ``idle_attempts`` is the number of certified attempts
     if the best of them stands still, and 0 otherwise. ``audit_s`` [s] is the time of audit, certificate and referee.
@@ -197,5 +197,5 @@ class RouteReport:
     idle_attempts: int = 0
     refinement: Refinement | None = None
     ladder: Ladder | None = None
-    sharpest: bool = False
+    most_exact: bool = False
     audit_s: float = math.nan

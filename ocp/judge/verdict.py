@@ -256,16 +256,16 @@ def _ladder_findings(plan: Judgement) -> Iterator[Finding]:
     if ladder is None:
         return
     answer, first = ladder.answer, ladder.rungs[0]
-    excess = answer.sharpest_cost - first.planned
+    excess = answer.most_exact_cost - first.planned
     share = plan.cost_share(excess, first.planned)
     per_cent = float(f"{100 * abs(share):.2g}")
     amount = f"{abs(excess):.4g}" if abs(share) > _FAR_ABOVE else f"{per_cent:g} %"
     level = "as much as" if abs(share) < _SAME_SHARE else f"{amount} {'above' if share > 0 else 'below'}"
     remedy = answer.name if math.isnan(answer.refined_cost) else f"{answer.name} at h/4"
     if answer.survives and ladder.chosen:
-        yield make_finding("survives-by", remedy=remedy, cost=answer.sharpest_cost, difference=level)
+        yield make_finding("survives-by", remedy=remedy, cost=answer.most_exact_cost, difference=level)
     elif not answer.survives:
-        yield make_finding("no-rung-survives", remedy=remedy, cost=answer.sharpest_cost, difference=level)
+        yield make_finding("no-rung-survives", remedy=remedy, cost=answer.most_exact_cost, difference=level)
     if ladder.stopped:
         yield make_finding("ladder-stopped", reason=ladder.stopped)
     if answer.survives and ladder.disturbed:

@@ -75,8 +75,8 @@ class Plant:
             self.substeps = REFINEMENT
         self._step, self._solve = StepFunction(step, threads=1), step.solve
         self._p = step.p.pack({name: values[name] for name in step.p.names if name in values})
-        sharpest = step is not problem.exact_step
-        self.lam = slice(0, 0 if sharpest else problem.system.nlam)
+        is_referee_model = step is not problem.exact_step
+        self.lam = slice(0, 0 if is_referee_model else problem.system.nlam)
 
     def step(self, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the state (nx,) one sample later, and the sample's impulses (nlam,), NaN unless the law is exact."""

@@ -101,10 +101,10 @@ def _stretched(system: ContactSystem, with_h: Callable[[Any], Any], h: ca.SX, h_
         }
         return replace(instance, **changed)
 
-    referee_model, note, sharpest = None, system.referee_note, system.most_exact
+    referee_model, note, referee_system = None, system.referee_note, system.most_exact
     if note is not None:
-        same = sharpest is system
-        referee_model = RefereeModel(note, None if same else lambda: _stretched(sharpest, with_h, h, h_next))
+        same = referee_system is system
+        referee_model = RefereeModel(note, None if same else lambda: _stretched(referee_system, with_h, h, h_next))
     changed_parts = {
         part_name: each(instance)
         for part_name in ("forces", "energy_balance")

@@ -165,8 +165,8 @@ class Problem:
     @cached_property
     def referee_step(self) -> Step:
         """Step of the system's most exact contact model under the exact law, used by the referee to replay plans."""
-        sharpest = self.system.most_exact
-        return self.exact_step if sharpest is self.system else Exact().close(sharpest)
+        referee_system = self.system.most_exact
+        return self.exact_step if referee_system is self.system else Exact().close(referee_system)
 
     @cached_property
     def most_exact(self) -> Problem:
@@ -175,23 +175,25 @@ class Problem:
         Raises :class:`~ocp.errors.InputError` if cost or path constraints depend on impulses that the most
         exact model splits differently.
         """
-        sharpest = self.system.most_exact
-        if sharpest is self.system:
+        referee_system = self.system.most_exact
+        if referee_system is self.system:
             return self
         if not self.uses_impulses:
-            return replace(self, system=sharpest)
-        names, sharpest_names = ([contact.name for contact in system.contacts] for system in (self.system, sharpest))
-        if names != sharpest_names:
+            return replace(self, system=referee_system)
+        names, referee_names = (
+            [contact.name for contact in system.contacts] for system in (self.system, referee_system)
+        )
+        if names != referee_names:
             raise InputError(
-                f"{self.name}: its cost or constraints depend on impulses of its own contact model, which the sharpest"
-                " contact does not have"
+                f"{self.name}: its cost or constraints depend on impulses of its own contact model, which the most"
+                " exact contact model does not have"
             )
 
         def with_impulses(expression: ca.SX) -> ca.SX:
-            return ca.substitute(expression, self.system.lam, sharpest.lam)
+            return ca.substitute(expression, self.system.lam, referee_system.lam)
 
         path = tuple(replace(row, expression=with_impulses(row.expression)) for row in self.path)
-        return replace(self, system=sharpest, stage_cost=with_impulses(self.stage_cost), path=path)
+        return replace(self, system=referee_system, stage_cost=with_impulses(self.stage_cost), path=path)
 
     @cached_property
     def signed_distance(self) -> ca.Function | None:

@@ -86,7 +86,7 @@ class SurvivalLadder:
         self.answers: list[Solution] = []
         self.policies: dict[int, StateFeedback] = {}
         self.work, self.work_factor = 0.0, 1
-        self.sharpens = _has_sharper_model(session.problem)
+        self.improves_model = _has_more_exact_model(session.problem)
         self.work_limit = self.all_work = max(LEAST_WORK, WORK * solution.iterations)
         self.iterations = solution.iterations
         self.largest_cost = largest_surviving_cost(solution, *self._plan(solution))
@@ -95,7 +95,7 @@ class SurvivalLadder:
     def climb(self) -> Solution:
         """Try the rungs in order; after Ctrl-C raise :class:`~ocp.solution.Interrupted` with the best rung so far."""
         rungs = {
-            "the sharpest contact": self._sharpest,
+            "the most exact contact model": self._solve_most_exact,
             "finer steps": self._finer,
             "gains": self._gains,
             "a controller": self._controller,
@@ -127,12 +127,12 @@ class SurvivalLadder:
         self.rungs.append(Rung(name, note=reason))
         self.answers.append(self.first)
 
-    def _sharpest(self) -> None:
+    def _solve_most_exact(self) -> None:
         """Solve the problem under the referee's contact model."""
-        if not self.sharpens and isinstance(self.session.law, Exact):
+        if not self.improves_model and isinstance(self.session.law, Exact):
             raise InputError("the plan already uses the referee's contact model")
         solution = self._solve(self._exact_session(self.session.problem.most_exact), self.first)
-        solution = self._add("the sharpest contact", solution)
+        solution = self._add("the most exact contact model", solution)
         if solution.success:
             self.plans = [solution]
 
@@ -155,13 +155,13 @@ class SurvivalLadder:
         """
         if level < len(self.plans):
             return self.plans[level]
-        base, sharpest, self.work_factor = self.plans[0], self.plans[0].route.sharpest, 2**level
+        base, uses_most_exact, self.work_factor = self.plans[0], self.plans[0].route.most_exact, 2**level
         step_size = step_size_kind(base.problem.system)
         if step_size.kind == "fixed":
             raise InputError(step_size.reason)
         changed_values = divided_step(base.problem, base.values, 2**level)
         rebuilt = self.build(self.session.problem, changed_values)
-        session = self._exact_session(rebuilt.most_exact if sharpest else rebuilt, changed_values)
+        session = self._exact_session(rebuilt.most_exact if uses_most_exact else rebuilt, changed_values)
         solution = self._solve(session, self.plans[-1])
         if not solution.success:
             raise NotConverged(f"the plan of {solution.problem.N} steps is {solution.status.label}")
@@ -183,7 +183,7 @@ class SurvivalLadder:
                 return
             if solution is self.first and not isinstance(self.session.law, Exact):
                 raise InputError("gains follow a plan under the exact law")
-            along = " along the plan of the most exact contact model" if solution.route.sharpest else ""
+            along = " along the plan of the most exact contact model" if solution.route.most_exact else ""
             self._gains_along(solution, f"gains at {solution.problem.N} steps" if level else f"gains{along}")
 
     def _gains_along(self, solution: Solution, name: str) -> None:
@@ -229,8 +229,8 @@ class SurvivalLadder:
         if solution.status is Status.INTERRUPTED:
             raise KeyboardInterrupt
         self.iterations += solution.iterations
-        is_sharpest = session.problem.system is session.problem.system.most_exact
-        return solution.with_route(sharpest=self.sharpens and is_sharpest)
+        is_most_exact = session.problem.system is session.problem.system.most_exact
+        return solution.with_route(most_exact=self.improves_model and is_most_exact)
 
     def _count(self, stage: StageRecord) -> None:
         """Count the work of a stage; raise :class:`WorkSpentError` if the work of all rungs exceeds its limit."""
@@ -269,8 +269,8 @@ class SurvivalLadder:
             iterations=solution.iterations if iterations is None else iterations,
             note=note,
         )
-        if self.rungs and rung.survives and rung.sharpest_cost > self.largest_cost:
-            cost, planned = rung.sharpest_cost, self.first.cost
+        if self.rungs and rung.survives and rung.most_exact_cost > self.largest_cost:
+            cost, planned = rung.most_exact_cost, self.first.cost
             finding = make_finding("remedy-costs-too-much", cost=cost, planned=planned, limit=self.largest_cost)
             report = solution.referee
             solution = replace(solution, referee=replace(report, findings=[*report.findings, finding]))
@@ -293,7 +293,7 @@ class SurvivalLadder:
             return survivors[-1]
 
         def order(i: int) -> tuple[bool, bool, float]:
-            rung, cost = self.rungs[i], self.rungs[i].sharpest_cost
+            rung, cost = self.rungs[i], self.rungs[i].most_exact_cost
             return rung.survives is None, rung.status != Status.SOLVED.label, cost if math.isfinite(cost) else math.inf
 
         return min(range(len(self.rungs)), key=order)
@@ -313,7 +313,7 @@ class SurvivalLadder:
         return disturbed_survival(evaluation, plan, policy, self.seed, (FINEST_REPLAY,), delay)
 
 
-def _has_sharper_model(problem: Problem) -> bool:
+def _has_more_exact_model(problem: Problem) -> bool:
     try:
         return problem.most_exact is not problem
     except InputError:

@@ -73,7 +73,7 @@ def gradient_case(
         ]
     names = [world.name for world in chosen]
     if len(set(names)) < len(names):
-        raise InputError(f"a world is named twice among {', '.join(names)}; name it once")
+        raise InputError(f"a simulator is named twice among {', '.join(names)}; name it once")
     return GradientCase(name, title, question, _with_settings(chosen, settings or {}), content_digest(digests, {}))
 
 
@@ -89,7 +89,7 @@ def _with_settings(worlds: Sequence[World], settings: Mapping[str, float]) -> tu
     """Return the simulators with ``settings`` applied; raise InputError for a setting that no simulator has."""
     setting_names = sorted({name for world in worlds for name in world.settings})
     if unknown := [name for name in settings if name not in setting_names]:
-        raise InputError(f"no world has a setting {unknown[0]!r}; there are {', '.join(setting_names) or 'none'}")
+        raise InputError(f"no simulator has a setting {unknown[0]!r}; there are {', '.join(setting_names) or 'none'}")
     return tuple(
         world.at({name: value for name, value in settings.items() if name in world.settings}) for world in worlds
     )

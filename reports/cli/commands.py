@@ -80,7 +80,7 @@ class ShowOptions(Options):
 
 
 class NewOptions(Options):
-    """Write NAME.py, a commented file of a problem, or of a world with --world, that works and can be edited."""
+    """Write NAME.py, a commented file of a problem, or of a simulator with --world, that works and can be edited."""
 
     code: ClassVar = "reports.cli.new_command"
     examples: ClassVar = (
@@ -133,7 +133,9 @@ class SolveOptions(StartsOptions):
     )
     refine: bool = option(False, help="Solve again at h/2, h/4, ... until the cost converges.")
     until: str | None = option(
-        None, metavar="survives", help="Try sharper contact, finer steps, gains, a controller until the plan survives."
+        None,
+        metavar="survives",
+        help="Try more exact contact, finer steps, gains, a controller until the plan survives.",
     )
     world: str | None = option(None, help="Also replay the plan in another simulator: mujoco.")
     sensitivity: list[str] | None = option(

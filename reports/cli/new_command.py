@@ -85,7 +85,7 @@ def run(options: NewOptions, file: Path) -> int:
         problem_text = _ROBOT_FILE.sub(lambda _: robot_arguments, problem_text, count=1)
     atomic.write_file(file, problem_text.encode(), "the problem file")
     if kind == "world":
-        options.output.say(f"world file: {file}; judge its gradient with ocp gradients {file}")
+        options.output.say(f"simulator file: {file}; judge its gradient with ocp gradients {file}")
     else:
         options.output.say(f"problem file: {file}; solve it with ocp solve {file} --contact exact")
     options.output.document({"file": str(file), "problem": file.stem, "template": kind, "task": options.task})

@@ -38,7 +38,7 @@ _NOT_SETTINGS = (
     "unbounded",
     "search",
     "ladder",
-    "sharpest",
+    "most_exact",
 )
 """Keys of a run's record that are not in the table of settings."""
 _REQUEST_KEYS = ("contact", "method", "policy", "solver")

@@ -11,9 +11,10 @@ from reports.tables.gradients import HEADS, gradient_cells
 RIGHT = ("right", "consistent")
 """Verdicts on gradients that can be used as they are."""
 CAPTION = (
-    "Central differences over the amplitude, with the band of their rounding errors; the world's own derivative at the"
-    " parameter, and the range of slopes within a hundredth of its size; smoothed gradients at sigma, with intervals of"
-    " 95 %; the truth. The axis is logarithmic in both signs where slopes are far larger than the truth."
+    "Central differences over the amplitude, with the band of their rounding errors; the simulator's own derivative at"
+    " the parameter, and the range of slopes within a hundredth of its size; smoothed gradients at sigma, with"
+    " intervals of 95 %; the exact slope. The axis is logarithmic in both signs where slopes are far larger than the"
+    " exact slope."
 )
 """Caption of the figure."""
 

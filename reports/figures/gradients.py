@@ -48,15 +48,15 @@ def _draw_world(panel: Axes, row: Mapping[str, Any]) -> None:
     """Draw one simulator: secants with rounding errors, slopes at and near the nominal parameter, and references."""
     amplitudes, secants, errors = (_array(row[key]) for key in ("amplitudes", "secants", "errors"))
     nearby, truth = _array(row["nearby"]), row["truth"]
-    known = row["truth_secants"] is not None
+    has_exact_slope = row["truth_secants"] is not None
     panel.axhspan(np.nanmin(nearby), np.nanmax(nearby), color=FAINT, label="slopes nearby")
     panel.fill_between(amplitudes, secants - errors, secants + errors, color=BLUE, alpha=0.2, linewidth=0)
     panel.plot(amplitudes, secants, "o-", color=BLUE, label="secants")
     if row["slope"] is not None:
         panel.axhline(row["slope"], color=VERMILLION, linestyle="--", label="slope")
-    if known:
-        panel.plot(amplitudes, _array(row["truth_secants"]), color=GREY, linestyle=":", label="secants of the truth")
-    panel.axhline(truth, color=INK, label="truth" if known else "widest secant")
+    if has_exact_slope:
+        panel.plot(amplitudes, _array(row["truth_secants"]), color=GREY, linestyle=":", label="exact secants")
+    panel.axhline(truth, color=INK, label="exact slope" if has_exact_slope else "widest secant")
     for name, (marker, color, words) in _ESTIMATOR_STYLES.items():
         estimates = [each for each in row["smoothed"] if each["estimator"] == name and each["mean"] is not None]
         if estimates:

@@ -9,8 +9,8 @@ from rich.table import Table
 
 from reports.tables.console import number, table_of
 
-HEADS = ("world", "by", "slope", "truth", "slope/truth", "secants right from", "verdict")
-"""Headings of the table of worlds."""
+HEADS = ("world", "by", "slope", "exact slope", "ratio", "secants right from", "verdict")
+"""Headings of the table of simulators; ``ratio`` is slope/exact slope."""
 
 
 def gradients_table(rows: Sequence[Mapping[str, Any]]) -> Table:

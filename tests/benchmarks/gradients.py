@@ -1,4 +1,4 @@
-"""Verdicts on the gradients of worlds in every scene, with the ratio of slope and truth.
+"""Verdicts on the gradients of simulators in every scene, with the ratio of slope and exact slope.
 
 ``python -m tests.benchmarks.gradients`` measures all and rewrites the site's table; with ``two-balls`` it measures that
 scene alone.
@@ -19,7 +19,7 @@ WORLDS = ("exact", "barrier", "adaptive", "penalty", "mujoco")
 
 
 def cell(row: dict[str, Any]) -> str:
-    """Return the verdict of a world and, where it is not right, the ratio of slope and truth."""
+    """Return the verdict of a simulator and, where it is not right, the ratio of slope and exact slope."""
     verdict, truth = row["verdict"].replace("-", " "), row["truth"]
     return (
         verdict
@@ -42,9 +42,9 @@ def main() -> None:
             command="python -m tests.benchmarks.gradients",
             columns=["scene", *WORLDS],
             rows=[rows[each] for each in SCENES if each in rows],
-            note="Verdicts at the settings of `ocp gradients`, and the slope as a multiple of the truth. Derivatives"
-            " are those of the implicit function theorem in our laws, of AD in penalty contacts, and products of"
-            " `mjd_transitionFD` in MuJoCo.",
+            note="Verdicts at the settings of `ocp gradients`, and the slope as a multiple of the exact slope."
+            " Derivatives are those of the implicit function theorem in our laws, of AD in penalty contacts, and"
+            " products of `mjd_transitionFD` in MuJoCo.",
         )
 
 

@@ -91,7 +91,7 @@ BAD = {
     "line.py --world mujoco": "and not line.py",
     "line.py --parameter 2": "theta has 2 parameters",
     "line.py --component 2": "does not name entry 2",
-    "line.py -s k=1": "no world has a setting 'k'",
+    "line.py -s k=1": "no simulator has a setting 'k'",
     "two-balls --world line.py --tolerance 2": "tolerance",
 }
 

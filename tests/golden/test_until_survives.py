@@ -86,11 +86,11 @@ def test_the_same_seed_gives_the_same_bits_and_the_run_is_read_back(tmp_path: Pa
 
 
 @pytest.mark.costly
-def test_the_sharpest_contact_is_solved_and_stored(tmp_path: Path) -> None:
+def test_the_most_exact_contact_model_is_solved_and_stored(tmp_path: Path) -> None:
     answer = solve("planar-push", **QUICK)
     ladder = answer.route.ladder
-    assert [rung.name for rung in ladder.rungs] == ["the plan", "the sharpest contact"]
-    assert answer.route.sharpest and answer.success and answer.referee.survives
+    assert [rung.name for rung in ladder.rungs] == ["the plan", "the most exact contact model"]
+    assert answer.route.most_exact and answer.success and answer.referee.survives
     assert answer.problem.system is answer.problem.system.most_exact
     assert answer.referee.cost == pytest.approx(answer.cost, rel=1e-6)
     assert ladder.rungs[0].cost > (1 + COST_SHARE) * ladder.rungs[0].planned
@@ -141,6 +141,6 @@ def test_a_problem_that_cannot_survive_ends_with_the_best_rung() -> None:
     assert answer.success and not answer.referee.survives and not any(rung.survives for rung in ladder.rungs)
     tried = {rung.name: rung for rung in ladder.rungs}
     assert tried["gains"].survives is None and tried["a controller"].note == "a controller starts from one state"
-    costs = [rung.sharpest_cost for rung in ladder.rungs if rung.survives is not None]
-    assert ladder.answer.sharpest_cost == min(costs) and ladder.disturbed == []
+    costs = [rung.most_exact_cost for rung in ladder.rungs if rung.survives is not None]
+    assert ladder.answer.most_exact_cost == min(costs) and ladder.disturbed == []
     assert numbers(answer, "no-rung-survives")["cost"] == min(costs)

@@ -162,7 +162,7 @@ def test_a_plant_steps_as_a_machine_with_implicit_forces(name: str, monkeypatch:
     assert with_implicit_forces(found) is found
 
 
-def test_the_sharpest_sibling_has_implicit_forces_too():
+def test_the_most_exact_model_has_implicit_forces_too():
     edges = Machine(CRANE, (Sphere("hook", "hook", (0.0, 0.0), 0.1),)).system(
         "crane", ParameterTable(), h=0.05, friction=0.5, cone="edges"
     )

@@ -110,15 +110,15 @@ def _wrong(measures: Measures, allowed: float) -> Finding:
     if (growth := _growth(measures)) is not None:
         return make_finding("gradient-exploding", growth=growth, **nearby, **numbers)
     if measures.truth_secants is None:
-        return make_finding("gradient-not-of-the-larger-picture", **nearby, **numbers)
+        return make_finding("gradient-differs-from-secant", **nearby, **numbers)
     if slope * truth < 0 and abs(slope) > allowed:
         return make_finding("gradient-wrong-sign", vanishes=clause, **numbers)
-    factor = f"{slope / truth:.3g} times the truth" if truth != 0 else f"off by {slope - truth:.3g}"
-    return make_finding("gradient-of-the-map", factor=factor, vanishes=clause, **nearby, **numbers)
+    factor = f"{slope / truth:.3g} times the exact slope" if truth != 0 else f"off by {slope - truth:.3g}"
+    return make_finding("gradient-of-the-discrete-map", factor=factor, vanishes=clause, **nearby, **numbers)
 
 
 def _is_constant(measures: Measures) -> bool:
-    """Return whether the slope is zero, and neither world nor truth changes at all, so that it has no scale."""
+    """Return whether the slope is zero, and simulator and exact output are constant, so that it has no scale."""
     slopes = [measures.slope, measures.scale, *measures.nearby, *measures.secants.slopes]
     return not np.any(slopes)
 
@@ -157,7 +157,7 @@ def _vanishing_clause(measures: Measures) -> str:
     """Return a clause that says whether refining the simulator reduces the error of its slope, with numbers."""
     errors = [row["error"] for row in measures.refinements]
     if len(errors) < 2 or not np.isfinite(errors).all():
-        return "no refinement of the world was tried"
+        return "no refinement of the simulator was tried"
     names = " and ".join(measures.refinements[0]["settings"])
     if _decreases(measures):
         return f"finer {names} lowers the error from {errors[0]:.2g} to {errors[-1]:.2g}"
@@ -210,7 +210,7 @@ def agreeing_amplitudes(measures: Measures, tolerance: float) -> tuple[float, fl
 
 def _advice(measures: Measures, tolerance: float) -> Finding:
     """Return the advice on what to use instead: a secant, finer settings, a smoothed gradient, or another law."""
-    agreement = "one another" if measures.truth_secants is None else "the truth"
+    agreement = "one another" if measures.truth_secants is None else "the exact slope"
     if (amplitudes := agreeing_amplitudes(measures, tolerance)) is not None:
         return make_finding("use-secant", low=amplitudes[0], high=amplitudes[1], agreement=agreement)
     if measures.truth != 0 and measures.jump is None and _decreases(measures):
@@ -218,7 +218,7 @@ def _advice(measures: Measures, tolerance: float) -> Finding:
     widest = max(row["sigma"] for row in measures.smoothed)
     if measures.truth_secants is None:
         row = next(row for row in measures.smoothed if row["sigma"] == widest)
-        code = "use-larger-picture" if np.isfinite(row["mean"]) else "use-finite-world"
+        code = "use-estimate" if np.isfinite(row["mean"]) else "use-finite-outputs"
         return make_finding(code, **_smoothed_numbers(row), count=row["nonfinite"])
     # A gradient smoothed with less noise than the distance of a jump does not depend on the jump.
     smoothed = [row for row in measures.smoothed if measures.jump is None or row["sigma"] == widest]

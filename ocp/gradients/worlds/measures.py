@@ -148,7 +148,7 @@ def smoothed_gradient(
 def own_reference(row: dict[str, Any]) -> ReferenceGradient:
     """Return a zeroth-order estimate as the reference for a simulator whose exact output is unknown."""
     gradient, error = np.array([row["mean"]]), np.array([row["standard_error"]])
-    return ReferenceGradient(gradient, error, "the world's own rollouts", row["n_samples"])
+    return ReferenceGradient(gradient, error, "the simulator's own rollouts", row["n_samples"])
 
 
 def reach_noise(size: float) -> tuple[np.ndarray, np.ndarray]:

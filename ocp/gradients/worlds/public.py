@@ -46,7 +46,7 @@ def gradient_report(
         case = plugins.problems.gradient_case(fspath(source), worlds, settings)
         return measure_worlds(case.worlds, case.question, report_settings)
     if theta is None or worlds:
-        raise InputError("a function needs theta, its nominal parameters, and is compared with no other worlds")
+        raise InputError("a function needs theta, its nominal parameters, and is compared with no other simulators")
     nominal = np.atleast_1d(np.asarray(theta, dtype=float))
     scale = abs(float(nominal[0])) if size is None else size
     if not scale > 0:

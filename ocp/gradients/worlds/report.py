@@ -48,12 +48,12 @@ class ReportSettings(Configured):
     ``sigmas`` are standard deviations of the noise, as shares of the parameter's size.
     """
 
-    tolerance: float = setting(0.05, "largest error of a right slope, as a share of the truth", above=0, below=1)
+    tolerance: float = setting(0.05, "largest error of a right slope, as a share of the exact slope", above=0, below=1)
     samples: int = setting(
         2000, "samples of each smoothed gradient", hint="one sample has no variance", least=2, most=10**9
     )
     sigmas: Sequence[float] = (1e-3, 1e-2, 1e-1)
-    refinements: int = setting(2, "number of times by which a world is refined", least=0, most=6)
+    refinements: int = setting(2, "number of times that a simulator is refined", least=0, most=6)
     seed: int = setting(0, "seed of the noise", least=0)
 
     def __post_init__(self) -> None:

@@ -1,4 +1,4 @@
-"""Simulators (worlds) as functions from parameters to outputs, with gradients if they have any."""
+"""Simulators, called worlds, as functions from parameters to outputs, with gradients if they have any."""
 
 from __future__ import annotations
 

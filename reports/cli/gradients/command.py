@@ -45,7 +45,7 @@ def run(options: GradientsOptions, request: Request) -> int:
 
     def announce(index: int, name: str) -> None:
         interrupt.raise_if_interrupted()
-        output.note(f"world {index + 1} of {len(case.worlds)}: {name}")
+        output.note(f"simulator {index + 1} of {len(case.worlds)}: {name}")
 
     with checkpoint, interruptible():
         for line in checkpoint.notes:

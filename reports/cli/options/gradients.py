@@ -11,10 +11,10 @@ from reports.cli.options.shared import TagOptions, argument, assignment, option
 class GradientsOptions(TagOptions):
     """Judge whether a simulator's gradient through contact is right, and say what to use instead.
 
-    Derivatives, secants over many amplitudes and smoothed gradients of worlds are compared with the truth of a scene,
-    or of a file that defines rollout(theta). Scenes are named by ocp list; worlds are exact, barrier, adaptive,
-    randomized, penalty, mujoco, closed-form, or path/to/file.py. Finished worlds are kept: after Ctrl-C the same
-    command resumes.
+    A world is a simulator: exact, barrier, adaptive, randomized, penalty, mujoco, closed-form, or path/to/file.py.
+    Its derivative, its secants over many amplitudes and its smoothed gradients are compared with the exact slope. This
+    is the derivative of the rigid limit, which every scene of ocp list has in closed form; a file may define
+    truth(theta) or slope. Finished worlds are kept: after Ctrl-C the same command resumes.
     """
 
     code: ClassVar = "reports.cli.gradients.command"
@@ -26,15 +26,15 @@ class GradientsOptions(TagOptions):
     )
     scene: str = argument(metavar="SCENE|FILE", help="A scene, or a file that defines rollout(theta) and theta.")
     worlds: list[str] | None = option(
-        None, "--world", metavar="WORLD", help="A world, or a file that defines rollout(theta); may be repeated."
+        None, "--world", metavar="WORLD", help="A simulator, or a file that defines rollout(theta); may be repeated."
     )
     settings: list[str] | None = assignment(
-        "--setting", "-s", help="Setting of the worlds that have it, such as h, stiffness, mu."
+        "--setting", "-s", help="Setting of the simulators that have it, such as h, stiffness, mu."
     )
     parameter: int = option(0, min=0, help="Index of the parameter of a file.")
     component: int = option(0, min=0, help="Index of the output of a file.")
     samples: str = option("2000", "-n", help="Samples of each smoothed gradient.")
-    tolerance: float = option(0.05, help="Largest error of a right slope, as a share of the truth.")
-    refinements: int = option(2, min=0, max=6, help="Times by which each world is refined.")
+    tolerance: float = option(0.05, help="Largest error of a right slope, as a share of the exact slope.")
+    refinements: int = option(2, min=0, max=6, help="Number of times that each simulator is refined.")
     seed: int = option(0, min=0, help="Random seed.")
     pdf: Path | None = option(None, help="Write a PDF report to this file.")

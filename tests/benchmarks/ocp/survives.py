@@ -39,10 +39,10 @@ LIMIT_S = 900
 """Seconds of processor time of one command."""
 NOTE = (
     "`ocp solve PROBLEM --contact exact --effort quick --until survives`. *Plan*: the first plan's cost; *at h/4*: that"
-    " of its inputs under the sharpest contact at a quarter of the step, or at the step where it is part of the model;"
-    " *remedy's cost*: that of the answer there. *Noise*, *friction*, *masses*: draws of 20 that the answer survives."
-    " *Late*: whether it survives inputs that are one step of the first plan late; *h/16*: a sixteenth of its own step."
-    " *Iterations*: those of all remedies over those of the plan. Seconds of processor time."
+    " of its inputs under the most exact contact model at a quarter of the step, or at the step where it is part of the"
+    " model; *remedy's cost*: that of the answer there. *Noise*, *friction*, *masses*: draws of 20 that the answer"
+    " survives. *Late*: whether it survives inputs that are one step of the first plan late; *h/16*: a sixteenth of its"
+    " own step. *Iterations*: those of all remedies over those of the plan. Seconds of processor time."
 )
 
 
@@ -73,13 +73,13 @@ def row(problem: str, limit_s: int) -> list[Cell]:
     survived = {entry["disturbance"].split()[0]: entry["survived"] for entry in ladder["disturbed"]}
     draws = [None if name not in survived else str(survived[name]) for name in ("noise", "friction", "masses")]
     once = [None if name not in survived else bool(survived[name]) for name in ("inputs", "h/16")]
-    costs = (first["planned"], _sharpest(first), _sharpest(answer))
+    costs = (first["planned"], _most_exact_cost(first), _most_exact_cost(answer))
     iterations = document["iterations"] / max(first["iterations"], 1)
     cells = [*map(_digits, costs), *draws, *once]
     return [problem, remedy, *cells, f"{iterations:.2g}", f"{seconds:.0f}"]
 
 
-def _sharpest(rung: dict[str, Any]) -> float | None:
+def _most_exact_cost(rung: dict[str, Any]) -> float | None:
     refined = rung["refined_cost"]
     return rung["cost"] if refined is None or not math.isfinite(refined) else refined
 

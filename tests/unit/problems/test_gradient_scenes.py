@@ -118,15 +118,15 @@ def test_slopes_are_derivatives_of_the_closed_forms(name: str) -> None:
 
 
 EXPECTED = {
-    "oblique-drop": ("right", "of-the-map", "right"),
+    "oblique-drop": ("right", "of-the-discrete-map", "right"),
     "bounce": ("wrong-sign", "wrong-sign", "exploding"),
     "slide-to-rest": ("right", "right", "right"),
     "wall-spring": ("right", "right", "right"),
     "two-balls": ("right", "right", "exploding"),
-    "pendulum-stop": ("zero", "of-the-map", "exploding"),
+    "pendulum-stop": ("zero", "of-the-discrete-map", "exploding"),
     "corner": ("undefined", "undefined", "undefined"),
     "push-from-afar": ("zero", "biased-at-sigma", "zero"),
-    "stick-slip": ("right", "of-the-map", "of-the-map"),
+    "stick-slip": ("right", "of-the-discrete-map", "of-the-discrete-map"),
 }
 """Mapping from scenes to the verdicts on the exact law, the barrier law and penalty contacts."""
 COMPARED = ("exact", "barrier", "penalty")
@@ -148,7 +148,7 @@ def test_names_are_checked() -> None:
     for arguments, message in (
         (("two-ball",), "did you mean 'two-balls'"),
         (("two-balls", ["exakt"]), "did you mean 'exact'"),
-        (("two-balls", ["exact"], {"stiffness": 1.0}), "no world has a setting 'stiffness'"),
+        (("two-balls", ["exact"], {"stiffness": 1.0}), "no simulator has a setting 'stiffness'"),
         (("two-balls", ["exact"], {"h": 0.0}), "h must be > 6e-06 and <= 0.6"),
         (("two-balls", ["barrier"], {"mu": -1.0}), "mu must be > 0, got -1"),
         (("two-balls", ["exact", "exact"]), "named twice"),
@@ -179,7 +179,7 @@ def test_mujoco_differentiates_a_constant_force() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "verdict"), [("bounce", "of-the-map"), ("corner", "undefined")])
+@pytest.mark.parametrize(("name", "verdict"), [("bounce", "of-the-discrete-map"), ("corner", "undefined")])
 def test_verdicts_on_mujoco(name: str, verdict: str) -> None:
     pytest.importorskip("mujoco")
     scene = SCENES[name]

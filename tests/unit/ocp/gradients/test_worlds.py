@@ -63,7 +63,7 @@ SOFT = World(
 )
 VERDICTS = {
     "right": (SINE, SINE),
-    "of-the-map": (saw(3.0), SINE),
+    "of-the-discrete-map": (saw(3.0), SINE),
     "wrong-sign": (saw(-3.0), SINE),
     "zero": (STAIRS, SINE),
     "exploding": (RIPPLE, SINE),
@@ -73,7 +73,7 @@ VERDICTS = {
     "not-finite": (NAN, SINE),
     "biased-at-sigma": (FAR_KINK, FAR_KINK),
     "consistent": (SINE, None),
-    "not-of-the-larger-picture": (saw(3.0), None),
+    "differs-from-secant": (saw(3.0), None),
 }
 
 
@@ -217,7 +217,7 @@ def test_non_finite_rollouts_are_counted() -> None:
     assert row["nonfinite"] == 2 and all(each["nonfinite"] > 0 for each in row["smoothed"])
     # Half of the samples are missing, so that the others' mean is no gradient of the sine.
     assert all(each["mean"] is None for each in row["smoothed"])
-    assert judged(world, None)["findings"][-1]["code"] == "use-finite-world"
+    assert judged(world, None)["findings"][-1]["code"] == "use-finite-outputs"
 
 
 def test_a_function_is_reported_from_python_and_needs_its_parameters() -> None:

@@ -79,16 +79,19 @@ def test_gains_keep_the_trajectory_of_the_plan_whatever_they_track() -> None:
     assert np.abs(gains[0].K - gains[2].K).max() > 1e-3
 
 
-def test_a_sharper_problem_keeps_its_costs_and_one_that_is_the_sharpest_is_itself() -> None:
+def test_the_most_exact_problem_keeps_its_costs_and_is_its_own_most_exact_problem() -> None:
     exact = get("wall-1d")
     assert exact.most_exact is exact
     push = get("planar-push")
-    sharper = push.most_exact
-    assert sharper.system is push.system.most_exact and sharper.most_exact is sharper
+    referee_problem = push.most_exact
+    assert referee_problem.system is push.system.most_exact and referee_problem.most_exact is referee_problem
     x, u, lam = np.full(push.system.nx, 0.3), np.full(push.system.nu, 0.1), np.zeros(push.system.nlam)
     p = push.parameters.values
-    costs = [float(problem.cost_terms(x, u, 0 * u, np.zeros(problem.system.nlam), p)[0]) for problem in (push, sharper)]
-    assert costs[0] == costs[1] and lam.size != sharper.system.nlam
+    costs = [
+        float(problem.cost_terms(x, u, 0 * u, np.zeros(problem.system.nlam), p)[0])
+        for problem in (push, referee_problem)
+    ]
+    assert costs[0] == costs[1] and lam.size != referee_problem.system.nlam
     assert replace(push, N=3).most_exact.N == 3
 
 

@@ -84,7 +84,7 @@ def test_bounds_of_the_step_size_hold() -> None:
     assert found.cost == pytest.approx(N * 0.12, rel=1e-7)
 
 
-def test_the_sharpest_contact_has_the_same_free_step() -> None:
+def test_the_most_exact_contact_model_has_the_same_free_step() -> None:
     plain = get("push-disc")
     freed = replace(plain, h=free(0.05, 0.2))
     sharp = freed.system.most_exact

@@ -68,7 +68,7 @@ def test_a_remedy_survives_on_one_side_of_the_limit_only(u_max: float, survives:
     ladder = answer.route.ladder
     assert ladder is not None
     first, sharp = ladder.rungs[0], ladder.rungs[1]
-    assert (first.survives, sharp.name) == (False, "the sharpest contact")
+    assert (first.survives, sharp.name) == (False, "the most exact contact model")
     assert sharp.cost == pytest.approx(exact.cost, rel=1e-6) and answer.success
     assert (sharp.cost <= ladder.largest_cost) is sharp.survives is answer.referee.survives is survives
     if survives:
@@ -76,7 +76,7 @@ def test_a_remedy_survives_on_one_side_of_the_limit_only(u_max: float, survives:
         return
     # Gains and a controller are tried next; no rung is below the limit, and the cheapest is the answer.
     tried = [rung for rung in ladder.rungs[1:] if rung.survives is not None]
-    assert {rung.name for rung in tried} == {"the sharpest contact", "gains", "a controller"}
+    assert {rung.name for rung in tried} == {"the most exact contact model", "gains", "a controller"}
     assert ladder.answer.cost == min(rung.cost for rung in tried) > ladder.largest_cost and not ladder.disturbed
     assert not any(rung.survives for rung in tried) and all("too much to survive" in rung.note for rung in tried)
     excess = {"cost": ladder.answer.cost, "planned": first.planned, "limit": ladder.largest_cost}
