@@ -33,6 +33,8 @@ MAX_EFFORT = 1_000_000_000
 """Largest number of steps to roll out; the samples of a round are in memory at once."""
 CERTIFIED_SHARE = 0.01
 """Relative excess cost below which a certified solution is preferred to a cheaper one without a certificate."""
+SURVIVING_SHARE = 0.002
+"""Relative excess cost up to which a solution that survives the referee is preferred to a cheaper one that fails."""
 _FEASIBLE = {Status.SOLVED: 0, Status.NOT_OPTIMAL: 0, Status.UNDECIDED: 0, Status.NO_PROGRESS: 1}
 """Mapping from each status of a feasible solution to its rank; lower is better."""
 
@@ -228,22 +230,26 @@ def best_solution(solutions: Sequence[Solution], by: Rank = "planned") -> Soluti
     """Return the best solution: the feasible solution with the lowest cost, with the cost defined by ``by``.
 
     Under the exact law the planned cost is the cost of the exact replay. Among costs that differ by less than
-    :data:`CERTIFIED_SHARE` a certified solution is preferred, and among equally good solutions one that survives
-    the referee. In a scene, solutions that survive the referee at the plan's step size precede all others.
+    :data:`CERTIFIED_SHARE` a certified solution is preferred. Among these, or without a certified one among all
+    solutions, costs that differ by at most :data:`SURVIVING_SHARE` are equal, and a solution that survives the referee,
+    at h and at h/4, is preferred. In a scene, solutions that survive the referee at the plan's step size precede all
+    others.
     """
     least = min(map(_order_of_end, solutions))
     feasible = [solution for solution in solutions if _order_of_end(solution) == least]
     costs = {id(solution): _cost_by(solution, by) for solution in feasible}
-    cheapest = min(feasible, key=lambda solution: costs[id(solution)])
 
-    def share(solution: Solution) -> float:
-        excess = costs[id(solution)] - costs[id(cheapest)]
-        return 0.0 if solution is cheapest else solution.cost_share(excess, costs[id(cheapest)])
+    def cost_of(solution: Solution) -> float:
+        return costs[id(solution)]
 
-    close = [s for s in feasible if s.certificate.certified and share(s) < CERTIFIED_SHARE] or [cheapest]
-    cheapest = min(close, key=lambda solution: costs[id(solution)])
-    equal = [solution for solution in close if share(solution) <= COST_GAIN]
-    return min(equal, key=lambda s: (s.referee.survives is not True, costs[id(s)]))
+    def near_cheapest(candidates: Sequence[Solution], share: float) -> list[Solution]:
+        cheapest = min(candidates, key=cost_of)
+        least_cost = cost_of(cheapest)
+        return [s for s in candidates if s is cheapest or s.cost_share(cost_of(s) - least_cost, least_cost) <= share]
+
+    certified = [s for s in near_cheapest(feasible, CERTIFIED_SHARE) if s.certificate.certified]
+    equal = near_cheapest(certified or feasible, SURVIVING_SHARE)
+    return min(equal, key=lambda s: (s.referee.survives is not True, cost_of(s)))
 
 
 def _order_of_end(solution: Solution) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 from typing import Any
 
@@ -19,7 +20,7 @@ from ocp.search import sample_search
 from ocp.search.sampling import InputSampler
 from ocp.search.search import cost_to_beat
 from ocp.solution import Interrupted, Solution
-from ocp.solve.starts import CERTIFIED_SHARE, best_solution
+from ocp.solve.starts import CERTIFIED_SHARE, SURVIVING_SHARE, best_solution
 from problems import get
 
 
@@ -50,10 +51,33 @@ def test_a_certificate_is_worth_one_percent(solution: Solution) -> None:
     assert best_solution([rough, far]) is rough
 
 
-def test_of_equal_costs_the_one_that_survives_is_taken(solution: Solution) -> None:
-    lost = replace(solution, referee=replace(solution.referee, findings=[make_finding("states-not-finite")]))
-    assert best_solution([lost, solution]) is solution
-    assert best_solution([solution, lost]) is solution
+def failing_finer_steps(solution: Solution) -> Solution:
+    """Return ``solution`` as if its replay at h/4 failed."""
+    findings = [make_finding("states-not-finite")]
+    return replace(solution, referee=replace(solution.referee, refined_findings=findings))
+
+
+def test_survival_at_finer_steps_decides_among_equal_costs_only(solution: Solution) -> None:
+    constant = 5.0 - 1 / solution.cost_share(1.0, 5.0)
+    costs = [5.0 + share * SURVIVING_SHARE * (5.0 - constant) for share in (0.0, 0.9, 1.1)]
+    cheapest, near, dearer = (judged(solution, cost, cost) for cost in costs)
+    failing = failing_finer_steps(cheapest)
+    assert failing.referee.survives_at_h and not failing.referee.survives
+    for answers in itertools.permutations([failing, near, dearer]):
+        assert best_solution(answers) is near
+    for answers in itertools.permutations([failing, dearer]):
+        assert best_solution(answers) is failing
+    for answers in itertools.permutations([cheapest, near, failing_finer_steps(near)]):
+        assert best_solution(answers) is cheapest
+
+
+def test_a_certificate_decides_before_survival(solution: Solution) -> None:
+    rough, failing = judged(solution, 5.0, 5.0, certified=False), failing_finer_steps(judged(solution, 5.0, 5.0))
+    rough_and_failing = failing_finer_steps(judged(solution, 4.9999, 4.9999, certified=False))
+    for answers in itertools.permutations([rough, failing]):
+        assert best_solution(answers) is failing
+    for answers in itertools.permutations([rough, rough_and_failing]):
+        assert best_solution(answers) is rough
 
 
 @pytest.mark.parametrize("name", ["wall-1d", "push-1d"])
