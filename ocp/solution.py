@@ -24,6 +24,7 @@ from ocp.judge.constraints import (
 from ocp.judge.contact_report import least_slip
 from ocp.judge.measures import Worst, between
 from ocp.judge.verdict import Judgement
+from ocp.labelled import LabelledArrays
 from ocp.problem.evaluation import Evaluation
 from ocp.problem.rollout import Rollout, roll_out
 from ocp.transcription.factories import make_law
@@ -79,7 +80,7 @@ def replay_plan(plan: Judgement, law: ContactLaw) -> Replay:
 
     Raises :class:`~ocp.errors.NotConverged` if a step under the law is not solved.
     """
-    problem, x = plan.problem, plan.data["x"].values
+    problem, x = plan.problem, plan.arrays["x"]
     evaluation = Evaluation(problem, plan.values)
     rolled = roll_out(problem, plan.inputs, plan.values, law, x[:, 0])
     distances = evaluation.signed_distances(rolled.x)
@@ -173,6 +174,10 @@ class Solution(Judgement):
             raise InputError("a point that was not solved has no sensitivity; solve it first")
         return self.derivative(name)
 
+    def with_data(self, data: xr.Dataset) -> Solution:
+        """Return the solution with other arrays."""
+        return replace(self, arrays=LabelledArrays.of(data))
+
     def with_route(self, **changes: Any) -> Solution:
         """Return the solution with fields of its :attr:`route` changed."""
         return replace(self, route=replace(self.route, **changes))
@@ -211,7 +216,7 @@ class Solution(Judgement):
         """
         from ocp.simulators.replay import replay_in_simulator
 
-        start = self.data["x"].values[:, 0]
+        start = self.arrays["x"][:, 0]
         return replay_in_simulator(simulator, self.problem, self.inputs, self.values, start, self.cost)
 
     def plot(self) -> Figure:

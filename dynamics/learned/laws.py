@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, runtime_checkable
 
 import casadi as ca
 
@@ -14,10 +14,11 @@ from dynamics.contact.law import ContactLaw
 from dynamics.contact.learned_step import CasadiMap, LearnedMap, LearnedStep
 from dynamics.contact.step import Step
 from dynamics.errors import InputError
-from dynamics.learned.files import read_model
-from dynamics.learned.transitions import DataOrigin
 from dynamics.settings import setting
 from dynamics.systems import LAW_PREFIX, ContactSystem, Parameter, ParameterTable
+
+if TYPE_CHECKING:
+    from dynamics.learned.transitions import DataOrigin
 
 
 @runtime_checkable
@@ -47,6 +48,9 @@ class LearnedLaw(ContactLaw):
         if self.model is None:
             raise InputError(f"{self.name}: a learned law needs its model; give model=FILE, made by ocp learn")
         self._stated = self.model
+        # Imported here: no other law reads files.
+        from dynamics.learned.files import read_model
+
         loaded: StepModel = read_model(Path(self.model)) if isinstance(self.model, str | Path) else self.model
         if loaded.kind != self.name:
             raise InputError(

@@ -15,6 +15,7 @@ from ocp.errors import InputError, interruptible
 from ocp.jobs.scheduling import THIS_PROCESS, Workers, map_jobs
 from ocp.jobs.session_cache import cached_session
 from ocp.judge.constraints import broken_constraints
+from ocp.labelled import LabelledArrays
 from ocp.problem.rollout import Gains, initial_guesses, roll_on
 from ocp.routes.homotopy import RouteResult, StageRecord
 from ocp.routes.session import Session
@@ -96,12 +97,10 @@ class JobResult:
 
     def plan(self, session: Session) -> StoredPlan:
         """Return the trajectories as a plan from which a session of the same problem can start."""
-        import xarray as xr
-
         coords = {dim: names for a in self.arrays.values() for dim, names in a.labels.items()}
         arrays = {name: (array.dims, array.values) for name, array in self.arrays.items()}
         record = {"problem": session.problem.name, "method": session.method.name}
-        return StoredPlan(xr.Dataset(arrays, coords), record, str(self.row["status"]))
+        return StoredPlan(LabelledArrays(arrays, coords), record, str(self.row["status"]))
 
 
 def solve_job(job: SolveJob, report: Callable[[Any], None]) -> JobResult:
@@ -153,7 +152,7 @@ def plan_costs(job: RollJob, report: Callable[[Any], None]) -> list[float]:
     for point in job.plans:
         plan = point.plan(session)
         x, u = carried_guess(plan, problem, session.values)
-        inputs = Gains(plan.data["K"].values, plan.data["k"].values) if "K" in plan.data else u[None]
+        inputs = Gains(plan.arrays["K"], plan.arrays["k"]) if "K" in plan.arrays else u[None]
         rolled, unsolved = roll_on(evaluation, inputs, step, None if problem.start is None else x[:1])
         is_plan = unsolved is None and not broken_constraints(evaluation, rolled)
         costs.append(rolled.cost if is_plan else math.nan)

@@ -18,6 +18,7 @@ from ocp.judge.findings import Finding, compose_lines, join_findings, make_findi
 from ocp.judge.jumps import jump_findings
 from ocp.judge.referee import PENETRATION_SHARE, RefereeReport, tolerance_gap
 from ocp.judge.route_report import Ladder, RouteReport, StageRecord
+from ocp.labelled import LabelledArrays
 from ocp.problem.evaluation import Evaluation
 from ocp.problem.problem import Problem
 from ocp.problem.rollout import Gains
@@ -61,7 +62,7 @@ class Judgement:
     mapping from parameters, are results computed after the solve, as dicts, each with a ``sentence`` for the verdict.
     """
 
-    data: xr.Dataset
+    arrays: LabelledArrays
     cost: float
     status: Status
     audit: Audit
@@ -83,9 +84,14 @@ class Judgement:
     sensitivities: dict[str, dict[str, Any]] = field(default_factory=dict)
 
     @property
+    def data(self) -> xr.Dataset:
+        """The arrays as an xarray.Dataset."""
+        return self.arrays.dataset
+
+    @property
     def inputs(self) -> np.ndarray | Gains:
         """Inputs of the plan (S, N, nu), or its policy."""
-        return self.data["u"].values if self.gains is None else self.gains
+        return self.arrays["u"] if self.gains is None else self.gains
 
     @property
     def success(self) -> bool:
@@ -239,7 +245,7 @@ def _referee_findings(plan: Judgement) -> Iterator[Finding]:
         yield make_finding("quarter-step-cost", "; ", cost=referee.refined_cost)
     cut = referee.replay_between
     if referee.survives_at_h and cut is not None:
-        tolerance = PENETRATION_SHARE * tolerance_gap(plan.problem, plan.data["x"].values)
+        tolerance = PENETRATION_SHARE * tolerance_gap(plan.problem, plan.arrays["x"])
         if cut.amount > _REPORTED_DEPTH * tolerance:
             place = {"contact": cut.contact, "amount": cut.amount, "step": cut.step}
             yield make_finding("cuts-through", "; ", **place, tolerance=tolerance)

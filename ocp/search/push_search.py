@@ -71,7 +71,7 @@ class PushSearch(Search):
         if moving or (answer is None and few):
             guess = None
             if answer is not None:
-                guess = answer.data["x"].values[0], answer.data["u"].values[0]
+                guess = answer.arrays["x"][0], answer.arrays["u"][0]
             swept_solution = self.judge(swept, swept.solve(guess=guess, progress=self.progress), self.seed)
             yield swept_solution.with_route(swept=True)
             if answer is not None and not falls_short(swept_solution):

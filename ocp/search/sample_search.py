@@ -92,7 +92,7 @@ class SampleSearch(Search):
                 return
             near = self._around(sampler, best)
             if few:
-                near += perturbed_plans(sampler, best.data["u"].values[0], generator)
+                near += perturbed_plans(sampler, best.arrays["u"][0], generator)
             plans = self._distinct(self._rollouts(sampler, near[:CANDIDATES_NEAR]), sampler, best)
 
     def _solved(
@@ -116,7 +116,7 @@ class SampleSearch(Search):
     @staticmethod
     def _penalized_cost(sampler: InputSampler, solution: Solution) -> float:
         """Return the cost of a solution's exact rollout with penalties, infinite if its replay failed."""
-        return sampler.exact_cost(solution.data["u"].values[0]) if np.isfinite(replay_cost(solution)) else np.inf
+        return sampler.exact_cost(solution.arrays["u"][0]) if np.isfinite(replay_cost(solution)) else np.inf
 
     def _sampled(self, sampler: InputSampler, answer: Solution) -> list[SampledPlan]:
         """Return the cheapest plan of each run, and a better plan near the solution if sampling finds one."""
@@ -137,7 +137,7 @@ class SampleSearch(Search):
     def _around(self, sampler: InputSampler, answer: Solution) -> list[SampledPlan]:
         """Return the plan from sampling every input around a solution; empty if it is not cheaper."""
         rounds = THOROUGH_ROUNDS_AROUND if self.thorough else ROUNDS
-        plan = sampler.around(answer.data["u"].values[0], rounds)
+        plan = sampler.around(answer.arrays["u"][0], rounds)
         return [plan] if is_less(plan.cost, self._penalized_cost(sampler, answer)) else []
 
     def _rollouts(self, sampler: InputSampler, plans: list[SampledPlan]) -> list[tuple[float, Rollout]]:
@@ -154,7 +154,7 @@ class SampleSearch(Search):
         cost = self._penalized_cost(sampler, answer)
         limit = THOROUGH_CANDIDATES if self.thorough else NORMAL_CANDIDATES
         sizes = session.problem.scales
-        answered = acting(answer.data["lam"].values[0], answer.data["gap"].values[0], sizes)
+        answered = acting(answer.arrays["lam"][0], answer.arrays["gap"][0], sizes)
         chosen, schedules = list[Rollout](), list[np.ndarray]()
         for rollout_cost, rollout in rollouts:
             excess, schedule = rollout_cost - cost, acting(rollout.lam[0], rollout.gap[0], sizes)

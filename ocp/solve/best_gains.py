@@ -54,13 +54,13 @@ def with_gains(solution: Solution, gains: Gains, outcome: Referee) -> Solution:
         K=(("interval", "control", "state"), gains.K, {"units": "1"}),
         k=(("interval", "control"), gains.k, {"units": "1"}),
     )
-    return replace(solution, gains=gains, referee=report, data=data)
+    return replace(solution.with_data(data), gains=gains, referee=report)
 
 
 def plan_of(solution: Solution, step: Step) -> tuple[Evaluation, Rollout]:
     """Return a solution's problem at its values, and its plan, which was made with ``step``."""
     evaluation = Evaluation(solution.problem, solution.values)
-    arrays = (solution.data[name].values for name in ("x", "u", "lam", "gap"))
+    arrays = (solution.arrays[name] for name in ("x", "u", "lam", "gap"))
     return evaluation, Rollout.from_trajectories(evaluation, step, *arrays)
 
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
-import xarray as xr
 from numpy.typing import ArrayLike
 
 from ocp.errors import InputError
@@ -16,7 +16,10 @@ from ocp.problem.sketch import Pose, Sketch, UserGuess
 from ocp.solution import Solution
 from ocp.solve.warm_start import carried_guess
 
-GuessLike = Solution | xr.Dataset | tuple[ArrayLike, ArrayLike] | Sketch | Mapping[int, Pose]
+if TYPE_CHECKING:
+    import xarray as xr
+
+GuessLike: TypeAlias = "Solution | xr.Dataset | tuple[ArrayLike, ArrayLike] | Sketch | Mapping[int, Pose]"
 """A solution (or loaded run), a dataset with x and u, a pair of states and inputs, a sketch, or its keyframes."""
 
 
@@ -27,6 +30,8 @@ def given_guess(guess: GuessLike, problem: Problem, values: dict[str, float]) ->
 
     Raises :class:`~ocp.errors.InputError` for other shapes, values that are not finite, and a sketch that does not fit.
     """
+    import xarray as xr
+
     if isinstance(guess, Mapping) and not isinstance(guess, xr.Dataset):
         guess = Sketch(keyframes=guess)
     if isinstance(guess, Sketch):

@@ -77,7 +77,7 @@ def judge_outcome(session: Session, outcome: RouteResult, seed: int) -> Solution
         endless = "" if uphill else runaway_inputs(session.problem, plan.u)
     report, replays = referee_plan(evaluation, session.step, rolled, plan.gains)
     return Solution(
-        data=label(nlp, plan, replay, contacts, outcome, evaluation, replays.replay),
+        arrays=label(nlp, plan, replay, contacts, outcome, evaluation, replays.replay),
         cost=rolled.cost,
         status=status_of(outcome, audit, certificate, rolled.cost, idle, span, evaluation, bool(endless)),
         audit=audit,

@@ -1,13 +1,14 @@
-"""Datasets of solutions: trajectories with names, units and times on every array."""
+"""Arrays of solutions: trajectories with names, units and times on every array."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from ocp.judge.contact_report import ContactReport, contact_report, least_slip
+from ocp.labelled import LabelledArrays
 from ocp.problem.evaluation import Evaluation
 from ocp.problem.rollout import Rollout
 from ocp.routes.homotopy import RouteResult
@@ -15,11 +16,8 @@ from ocp.solution import units_of
 from ocp.solve.warm_start import multipliers
 from ocp.transcription.nlp import NLP, Trajectories
 
-if TYPE_CHECKING:
-    import xarray as xr
-
 Variables = dict[str, Any]
-"""Mapping from the name of a Dataset's variable to its dimensions, values and attributes."""
+"""Mapping from the name of an array to its dimensions, values and attributes."""
 
 
 def label(
@@ -30,10 +28,8 @@ def label(
     outcome: RouteResult,
     evaluation: Evaluation,
     refereed: Rollout,
-) -> xr.Dataset:
-    """Return the dataset of a solution; :class:`~ocp.solution.Solution` describes its variables."""
-    import xarray as xr
-
+) -> LabelledArrays:
+    """Return the arrays of a solution; :class:`~ocp.solution.Solution` describes its variables."""
     problem = nlp.problem
     system = problem.system
     # A law that averages over branches has each contact once per branch.
@@ -44,7 +40,6 @@ def label(
         "contact": nlp.step.contacts,
     }
     entry_units, units = units_of(signals)
-    # The Dataset is built at once: setting one variable would align all the others each time.
     variables = _trajectories(nlp, plan, replay, refereed, units)
     for name, x in (("phi", plan.x), ("phi_replay", replay.x)):
         phi = evaluation.signed_distances(x)
@@ -63,10 +58,7 @@ def label(
     coords |= {dimension: [signal.name for signal in entries] for dimension, entries in signals.items()}
     coords["time"] = ("node", time, {"units": "s"})
     coords["time_interval"] = ("interval", time[:-1], {"units": "s"})
-    labelled = xr.Dataset(variables, coords=coords)
-    for variable in labelled.data_vars.values():
-        variable.attrs.setdefault("units", "1")
-    return labelled
+    return LabelledArrays(variables, coords)
 
 
 def _trajectories(

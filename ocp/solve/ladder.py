@@ -205,7 +205,7 @@ class SurvivalLadder:
         if policy.samples == policy.kept:
             raise NotConverged(f"the controller made no plan of its own: {policy.note or 'no sample was answered'}")
         report = policy_report(evaluation, plan, outcome, solution.referee)
-        answer = replace(solution, referee=report, data=with_replay(solution, outcome.replay))
+        answer = replace(solution.with_data(with_replay(solution, outcome.replay)), referee=report)
         self._add("a controller", answer, outcome, iterations=0)
         self.policies[len(self.rungs) - 1] = policy
 

@@ -11,11 +11,11 @@ from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
-import xarray as xr
 
 from dynamics.contact import Step
 from dynamics.systems import Signal
 from ocp.errors import InputError
+from ocp.labelled import LabelledArrays
 from ocp.problem.evaluation import Evaluation, at_steps
 from ocp.problem.problem import Problem
 from ocp.programs.layout import Layout
@@ -25,9 +25,9 @@ from ocp.transcription.nlp import NLP
 
 
 class StoredPlan(NamedTuple):
-    """The parts of a solution that :func:`carry` reads: dataset, record (``problem``, ``method``) and status."""
+    """The parts of a solution that :func:`carry` reads: arrays, record (``problem``, ``method``) and status."""
 
-    data: xr.Dataset
+    arrays: LabelledArrays
     record: dict[str, Any]
     status: Any
 
@@ -51,7 +51,7 @@ _LEAST = 1e-12
 
 
 def multipliers(nlp: NLP, point: Point) -> dict[str, Any]:
-    """Return the multipliers of a point as variables of a solution's dataset, one for each block.
+    """Return the multipliers of a point as variables of a solution's arrays, one for each block.
 
     ``lam_g_<block>`` belong to constraints, ``lam_x_<block>`` to bounds; both are zero at inactive limits and
     positive at upper limits. The dict is empty for a point without multipliers.
@@ -149,13 +149,13 @@ def _check(solution: Solution | StoredPlan, nlp: NLP) -> None:
     origin = str(solution.record.get("problem"))
     if origin != name:
         raise InputError(f"the run to start from is of {origin}, not of {name}; start from a run of {name}")
-    if not all(np.isfinite(solution.data[key].values).all() for key in ("x", "u")):
+    if not all(np.isfinite(solution.arrays[key]).all() for key in ("x", "u")):
         raise InputError(
             "the run to start from has NaN or infinite trajectories"
             f" ({getattr(solution.status, 'label', solution.status)}); start from a solved one"
         )
     for kind, dimension, signals in (("states", "state", system.states), ("inputs", "control", system.inputs)):
-        solution_names = [str(value) for value in solution.data[dimension].values]
+        solution_names = [str(value) for value in solution.arrays[dimension]]
         problem_names = [signal.name for signal in signals]
         if solution_names != problem_names:
             raise InputError(
@@ -180,10 +180,10 @@ class _Carrier:
     """Conversion of one solution to another mesh of its problem."""
 
     def __init__(self, solution: Solution | StoredPlan, problem: Problem, values: dict[str, float]) -> None:
-        self.solution, self.data = solution, solution.data
+        self.solution, self.arrays = solution, solution.arrays
         self.values, self.problem = values, problem
         self.evaluation = Evaluation(problem, values)
-        old = np.asarray(self.data["time"].values)
+        old = self.arrays["time"]
         # A step size that is a state keeps the old duration.
         new = np.linspace(0.0, old[-1], problem.N + 1)
         new = new if self.free_steps else self.evaluation.node_times()
@@ -199,7 +199,7 @@ class _Carrier:
         """Return initial states (rows, 1, nx): those of the problem, or the old ones if the start is optimised."""
         start_states = self.evaluation.initial_states[:, None]
         if self.problem.start is not None:
-            start_states = self.data["x"].values[:, :1].mean(axis=0, keepdims=True)
+            start_states = self.arrays["x"][:, :1].mean(axis=0, keepdims=True)
             start_states[..., self.free_steps] *= self.mesh.ratio
         return np.broadcast_to(start_states, (rows, *start_states.shape[1:]))
 
@@ -212,11 +212,11 @@ class _Carrier:
 
     def trajectories(self) -> tuple[np.ndarray, np.ndarray]:
         """Return states at the ends of intervals (S, N, nx) and inputs (S, N, nu)."""
-        mesh, problem, old_states = self.mesh, self.problem, self.data["x"].values
+        mesh, problem, old_states = self.mesh, self.problem, self.arrays["x"]
         u_before = self.evaluation.limits.u_before if problem.uses_du else None
         x = mesh.interpolate(old_states[:, 1:], 1, old_states[:, 0].mean(axis=0)).copy()
         x[..., self.free_steps] *= mesh.ratio
-        u = mesh.interpolate(self.data["u"].values, 1, u_before) * self._sizes(problem.system.inputs)
+        u = mesh.interpolate(self.arrays["u"], 1, u_before) * self._sizes(problem.system.inputs)
         return self._scenarios(x), self._scenarios(u)
 
     def variables(self, nlp: NLP) -> dict[str, np.ndarray]:
@@ -239,9 +239,9 @@ class _Carrier:
         if "K" not in nlp.variables:
             return {}
         steps = nlp.variables["K"].shape[0]
-        if "K" not in self.data:
+        if "K" not in self.arrays:
             return {"k": u.mean(axis=0)[:steps]}
-        gains = {name: self.mesh.interpolate(self.data[name].values, 0) for name in ("K", "k")}
+        gains = {name: self.mesh.interpolate(self.arrays[name], 0) for name in ("K", "k")}
         return gains if steps > 1 else {n: v.mean(axis=0, keepdims=True) for n, v in gains.items()}
 
     def _contacts(self, x: np.ndarray, u: np.ndarray, step: Step) -> tuple[np.ndarray, np.ndarray]:
@@ -250,8 +250,8 @@ class _Carrier:
         ahead = np.concatenate([self.first_states(len(x)), x[:, :-1]], axis=1)
         _, lam, gap, _ = at_steps(step.solve, ahead, u, p=p)
         names = [contact.name for contact in step.contacts]
-        if [str(value) for value in self.data["contact"].values] == names:
-            carried = [self._scenarios(self.mesh.interpolate(self.data[key].values, 1)) for key in ("lam", "gap")]
+        if [str(value) for value in self.arrays["contact"]] == names:
+            carried = [self._scenarios(self.mesh.interpolate(self.arrays[key], 1)) for key in ("lam", "gap")]
             covered = ~self.mesh.beyond[None, :, None]
             lam = np.where(covered, carried[0] * self._sizes(step.contacts), lam)
             gap = np.where(covered, carried[1], gap)
@@ -276,9 +276,9 @@ class _Carrier:
         same_method = self.solution.record.get("method") == method
         for name, block in layout.blocks.items():
             key = f"{prefix}_{name}"
-            if key not in self.data or (name == "dynamics" and not same_method):
+            if key not in self.arrays or (name == "dynamics" and not same_method):
                 continue
-            old_values = self.data[key].values
+            old_values = self.arrays[key]
             if not np.isfinite(old_values).all():
                 return {}
             if old_values.shape[2:] != block.shape[2:] or old_values.ndim != len(block.shape):

@@ -19,10 +19,13 @@ from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from ocp.errors import InputError, NotWritten
+from ocp.labelled import LabelledArrays
 
 if TYPE_CHECKING:
-    import xarray as xr
+    import netCDF4
 
 _DRAFT_PREFIX = ".ocp-partial-"
 """Prefix of the names of unfinished files and directories."""
@@ -110,19 +113,38 @@ def write_errors(target: str, advice: str = "another place") -> Iterator[None]:
         raise error_class(f"cannot write {target}: {reason}; {remedy} {advice}") from error
 
 
-def netcdf_bytes(data: xr.Dataset, what: str) -> bytes:
-    """Return ``data`` as the content of a netCDF file; ``what`` names the file in errors.
+def netcdf_bytes(arrays: LabelledArrays, what: str) -> bytes:
+    """Return arrays as the content of a netCDF file, which xarray reads as their dataset; ``what`` names the file.
 
     Raises :class:`~ocp.errors.NotWritten` if the netCDF library fails.
     """
+    import netCDF4
+
     try:
         with NETCDF_LOCK:
-            return bytes(data.to_netcdf(engine="netcdf4"))
+            file = netCDF4.Dataset("arrays", mode="w", memory=1024)
+            _write_arrays(file, arrays)
+            return bytes(file.close())
     except (RuntimeError, OSError) as error:
         raise NotWritten(
             f"cannot write {what}: the netCDF library says {str(error)!r}; take fewer points, steps"
             " or scenarios, or free some memory"
         ) from error
+
+
+def _write_arrays(file: netCDF4.Dataset, arrays: LabelledArrays) -> None:
+    """Write arrays to a netCDF file; texts become variable-length strings, and truth values bytes, as in xarray."""
+    other_coords = sorted(name for name in arrays.coords if arrays.variables[name].dims != (name,))
+    file.setncatts({**arrays.attributes, **({"coordinates": " ".join(other_coords)} if other_coords else {})})
+    for name, (dims, values, attrs) in arrays.variables.items():
+        for dim, size in zip(dims, values.shape, strict=True):
+            if dim not in file.dimensions:
+                file.createDimension(dim, size)
+        is_text, is_truth = values.dtype.kind in "OUS", values.dtype.kind == "b"
+        kind = str if is_text else np.int8 if is_truth else values.dtype
+        variable = file.createVariable(name, kind, dims)
+        variable.setncatts({**attrs, **({"dtype": "bool"} if is_truth else {})})
+        variable[...] = values.astype(object if is_text else kind)
 
 
 @contextmanager

@@ -10,7 +10,6 @@ from enum import Enum
 from functools import cache
 from types import NoneType, UnionType
 from typing import (
-    TYPE_CHECKING,
     Any,
     Literal,
     Union,
@@ -22,9 +21,7 @@ from typing import (
 
 import numpy as np
 
-if TYPE_CHECKING:
-    import xarray as xr
-
+from ocp.labelled import LabelledArrays
 
 # Keys on where, when and from which files a run was made, which its hash does not depend on.
 _PROVENANCE_KEYS = {
@@ -44,13 +41,12 @@ _UNHASHED_KEYS = _PROVENANCE_KEYS | _TIME_KEYS
 """Keys that are ignored by the hash of a run's content."""
 
 
-def content_hash(data: xr.Dataset, meta: dict[str, Any]) -> str:
+def content_hash(arrays: LabelledArrays, meta: dict[str, Any]) -> str:
     """Return ten hexadecimal digits of a hash of a run's arrays and description, without times and provenance."""
     digest = hashlib.sha256()
-    for name in sorted(set(map(str, data.variables)) - _UNHASHED_KEYS):
-        variable = data.variables[name]
-        values = np.asarray(variable.values)
-        header = [name, list(variable.dims), list(values.shape), to_json(dict(variable.attrs))]
+    for name in sorted(set(arrays.variables) - _UNHASHED_KEYS):
+        dims, values, attrs = arrays.variables[name]
+        header = [name, list(dims), list(values.shape), to_json(dict(attrs))]
         digest.update(json.dumps(header, sort_keys=True).encode())
         numeric = values.dtype.kind in "biuf"
         digest.update(values.tobytes() if numeric else json.dumps(to_json(values)).encode())

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from dynamics.learned import files
 from dynamics.learned.transitions import Transitions
 from ocp.errors import input_errors
+from ocp.labelled import LabelledArrays
 from ocp.store import atomic
 
 if TYPE_CHECKING:
@@ -20,7 +21,7 @@ def save(dataset: xr.Dataset, path: Path) -> None:
     The dataset may have additional variables. Raises :class:`~ocp.errors.InputError` if the file cannot be written.
     """
     sealed_dataset = dataset.assign_attrs({files.CHECKSUM_KEY: files.checksum(dataset)})
-    atomic.write_file(path, atomic.netcdf_bytes(sealed_dataset, f"the file {path}"), "the file")
+    atomic.write_file(path, atomic.netcdf_bytes(LabelledArrays.of(sealed_dataset), f"the file {path}"), "the file")
 
 
 def load_any(path: Path) -> Transitions | xr.Dataset:

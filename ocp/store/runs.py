@@ -22,6 +22,7 @@ import numpy as np
 
 from dynamics.learned.netcdf import check_readable
 from ocp.errors import DamagedRun, InputError
+from ocp.labelled import LabelledArrays
 from ocp.problem.problem import Problem
 from ocp.solution import Solution
 from ocp.store.atomic import NETCDF_LOCK, draft_directory, netcdf_bytes, sync_to_disk, write_errors
@@ -60,15 +61,15 @@ class RunEntry:
 
 def save(solution: Solution, root: Path | str, argv: Sequence[str], tags: Sequence[str] = ()) -> StoredRun:
     """Store a solution as a run in ``root`` and return the run; raises the errors of :func:`write_run`."""
-    problem, data, meta = _describe_solution(solution, argv, tags)
-    return write_run(root, problem, data, meta, problem_parts(solution.problem, data))
+    problem, meta = _describe_solution(solution, argv, tags)
+    return _write(root, problem, solution.arrays, meta, _parts(solution.problem, solution.arrays))
 
 
 def in_memory_run(solution: Solution) -> StoredRun:
     """Return the run that :func:`save` would store, without storing it; its path is empty."""
-    problem, data, meta = _describe_solution(solution, [], [])
-    description = _complete_meta(problem, data, meta, datetime.now(UTC))
-    return StoredRun(Path(), data, description, problem_parts(solution.problem, data))
+    problem, meta = _describe_solution(solution, [], [])
+    description = _complete_meta(problem, solution.arrays, meta, datetime.now(UTC))
+    return StoredRun(Path(), solution.arrays, description, _parts(solution.problem, solution.arrays))
 
 
 def problem_parts(problem: Problem, data: xr.Dataset | None = None) -> dict[str, bytes]:
@@ -77,20 +78,18 @@ def problem_parts(problem: Problem, data: xr.Dataset | None = None) -> dict[str,
     The description includes drawings of the states in ``data``. For a problem of the workbench the mapping is
     empty.
     """
+    return _parts(problem, LabelledArrays({}) if data is None else LabelledArrays.of(data))
+
+
+def _parts(problem: Problem, arrays: LabelledArrays) -> dict[str, bytes]:
     if problem.origin.record is None:
         return {}
-    motions = (
-        {}
-        if data is None
-        else {suffix: np.asarray(data[f"x{suffix}"].values[0]) for suffix in ("", "_replay") if f"x{suffix}" in data}
-    )
+    motions = {suffix: arrays[f"x{suffix}"][0] for suffix in ("", "_replay") if f"x{suffix}" in arrays}
     return {PROBLEM_FILE: json.dumps(to_json(problem.origin.record.describe_motions(motions))).encode()}
 
 
-def _describe_solution(
-    solution: Solution, argv: Sequence[str], tags: Sequence[str] = ()
-) -> tuple[str, xr.Dataset, dict[str, Any]]:
-    """Return the name of a solution's problem, its arrays, and its description for ``meta.json``."""
+def _describe_solution(solution: Solution, argv: Sequence[str], tags: Sequence[str] = ()) -> tuple[str, dict[str, Any]]:
+    """Return the name of a solution's problem, and its description for ``meta.json``."""
     record = record_of(solution)
     summary_keys = (
         "idle_cost",
@@ -118,7 +117,7 @@ def _describe_solution(
         "referee": solution.referee.document,
         **{name: getattr(solution, name) for name in summary_keys},
     }
-    return str(record.get("problem", "problem")), solution.data, meta
+    return str(record.get("problem", "problem")), meta
 
 
 def write_run(
@@ -138,10 +137,16 @@ def write_run(
     Raises :class:`~ocp.errors.InputError` for a tag that is not one word, and if the directory
     cannot be written or the disk is full; in this case no partial run is left.
     """
+    return _write(root, problem, LabelledArrays.of(data), meta, parts or {})
+
+
+def _write(
+    root: Path | str, problem: str, arrays: LabelledArrays, meta: dict[str, Any], parts: Mapping[str, bytes]
+) -> StoredRun:
     created = datetime.now(UTC)
-    description = _complete_meta(problem, data, meta, created)
-    content = netcdf_bytes(data, f"the run to {root}")
-    files = seal_run(description, {DATA_FILE: content, **(parts or {})})
+    description = _complete_meta(problem, arrays, meta, created)
+    content = netcdf_bytes(arrays, f"the run to {root}")
+    files = seal_run(description, {DATA_FILE: content, **parts})
     name = f"{created:%Y%m%dT%H%M%SZ}-{description['hash']}"
     store = expand_path(root)
     problem_folder = store / (re.sub(r"[^\w.-]+", "-", problem).strip(".-") or "problem")
@@ -153,10 +158,10 @@ def write_run(
         run_folder = _rename_into(draft, problem_folder, name)
         sync_to_disk(problem_folder)
     # The description is parsed from the written text, so that it equals that of the run when read back.
-    return StoredRun(run_folder, data, json.loads(files[META_FILE]), dict(parts or {}))
+    return StoredRun(run_folder, arrays, json.loads(files[META_FILE]), dict(parts))
 
 
-def _complete_meta(problem: str, data: xr.Dataset, meta: dict[str, Any], created: datetime) -> dict[str, Any]:
+def _complete_meta(problem: str, arrays: LabelledArrays, meta: dict[str, Any], created: datetime) -> dict[str, Any]:
     description = to_json(meta)
     return description | {
         "schema": SCHEMA,
@@ -165,7 +170,7 @@ def _complete_meta(problem: str, data: xr.Dataset, meta: dict[str, Any], created
         "tags": check_tags(meta.get("tags") or ()),
         "versions": versions(),
         "revision": git_revision(),
-        "hash": content_hash(data, description),
+        "hash": content_hash(arrays, description),
     }
 
 
@@ -190,7 +195,7 @@ def load(path: Path | str) -> StoredRun:
     meta = read_meta(directory)
     parts = {name: read_part(directory, meta, name) for name in meta["parts"]}
     data = _parse_netcdf(directory / DATA_FILE, parts.pop(DATA_FILE))
-    return StoredRun(directory, data, meta, parts)
+    return StoredRun(directory, LabelledArrays.of(data), meta, parts)
 
 
 def _parse_netcdf(file: Path, content: bytes) -> xr.Dataset:

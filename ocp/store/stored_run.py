@@ -6,7 +6,7 @@ import csv
 import io
 import json
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,6 +18,7 @@ from ocp.judge.audit import Audit
 from ocp.judge.certificate import Certificate
 from ocp.judge.referee import RefereeReport
 from ocp.judge.route_report import RouteReport
+from ocp.labelled import LabelledArrays
 from ocp.problem.problem import Problem
 from ocp.problem.rollout import Gains
 from ocp.programs.solver import Status
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class StoredRun:
-    """A stored run: labelled arrays in ``data``, and all other values as JSON in ``meta``.
+    """A stored run: labelled arrays, of which ``data`` is an xarray.Dataset, and all other values as JSON in ``meta``.
 
     ``parts`` maps names of the run's other files to their contents. ``meta`` contains ``schema kind problem
     created argv versions revision seed hash parts checksum``, with the types of :mod:`ocp.store.meta`, and if
@@ -44,9 +45,18 @@ class StoredRun:
     """
 
     path: Path
-    data: xr.Dataset
+    arrays: LabelledArrays
     meta: dict[str, Any]
     parts: Mapping[str, bytes] = field(default_factory=dict)
+
+    @property
+    def data(self) -> xr.Dataset:
+        """The arrays as an xarray.Dataset."""
+        return self.arrays.dataset
+
+    def with_data(self, data: xr.Dataset) -> StoredRun:
+        """Return the run with other arrays."""
+        return replace(self, arrays=LabelledArrays.of(data))
 
     @property
     def kind(self) -> str:
@@ -110,14 +120,14 @@ class StoredRun:
         """
         self.check_solve()
         route, record = self._route()
-        data, numbers = self.data, ("cost", "idle_cost", "build_s", "solve_s", "evaluation_s")
+        arrays, numbers = self.arrays, ("cost", "idle_cost", "build_s", "solve_s", "evaluation_s")
         attributes = ("status", "audit", "certificate", "referee", "stages")
         return Solution(
-            data=data,
+            arrays=arrays,
             iterations=self._entry(int, "iterations"),
             problem=problem,
             values=problem.parameters.defaults,
-            gains=Gains(data["K"].values, data["k"].values) if "K" in data else None,
+            gains=Gains(arrays["K"], arrays["k"]) if "K" in arrays else None,
             route=route,
             run_hash=self.meta["hash"],
             **{name: record.pop(key) for name, key in ADDED.items() if key in record},

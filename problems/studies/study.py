@@ -6,10 +6,9 @@ import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
-from typing import Any, Unpack
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
-import xarray as xr
 from numpy.typing import ArrayLike
 from pydantic.fields import FieldInfo
 
@@ -18,6 +17,9 @@ from ocp.errors import InputError
 from ocp.store.checkpoint import UNSAVED, SavedWork
 from problems.parameters import Parameters
 from problems.spec import Citation, check_parameters
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 WITHIN_NOISE = "within noise"
 """Verdict on a claim whose statistic is too near to its threshold for a decision."""
@@ -239,6 +241,8 @@ def dataset(variables: Mapping[str, Any], coordinates: Mapping[str, Any]) -> xr.
     def labelled(dims: Any, values: ArrayLike, *unit_and_meaning: str) -> Any:
         names = ("units", "long_name")
         return dims, np.asarray(values), dict(zip(names, unit_and_meaning, strict=False))
+
+    import xarray as xr
 
     return xr.Dataset(
         {name: labelled(*of) if len(of) == 4 else of for name, of in variables.items()},

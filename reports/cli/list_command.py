@@ -10,7 +10,6 @@ from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 from dynamics.laws import LAWS
-from dynamics.learned.transitions import Transitions
 from ocp.gradients.estimators import RULES, SAMPLED
 from ocp.learning.training import ALGORITHMS
 from ocp.problem.policy import POLICIES
@@ -31,6 +30,7 @@ from reports.tables.settings import SettingGroup
 if TYPE_CHECKING:
     from xarray import Dataset
 
+    from dynamics.learned.transitions import Transitions
     from problems.robots import Robot
 
 _MARGIN = 21
@@ -129,6 +129,7 @@ def _show_robot(options: ShowOptions, robot: Robot) -> int:
 
 
 def _show_file(options: ShowOptions, dataset: Transitions | Dataset) -> int:
+    from dynamics.learned.transitions import Transitions
     from reports.tables import learned_models
     from reports.tables.console import print_table
 

@@ -52,7 +52,7 @@ class RunView:
             # Cut after the last node that any seed reached.
             longest_seed = max(1, int(run.data["ended"].max()))
             data = run.data.isel(node=slice(0, longest_seed + 1), sample=slice(0, longest_seed))
-            run = replace(run, data=data.rename(_SOLVE_NAMES))
+            run = run.with_data(data.rename(_SOLVE_NAMES))
         try:
             return cls(run, *(task_of(run) if run.kind == "train" else problem_of(run, file_spec)))
         except InputError:
@@ -129,7 +129,7 @@ class RunView:
         return replace(point_view, params=params, problem=self.spec.build(params))
 
     def _of(self, data: xr.Dataset) -> RunView:
-        return replace(self, run=replace(self.run, data=data))
+        return replace(self, run=self.run.with_data(data))
 
 
 _SOLVE_NAMES = {"seed": "scenario", "sample": "interval", "input": "control", "input_unit": "control_unit"}

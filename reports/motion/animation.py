@@ -178,7 +178,7 @@ def repeated(view: RunView, count: int) -> RunView:
     strides = [nodes.isel(node=slice(bool(k), None)) + k * gained for k in range(count)]
     pushes = data[[name for name in data if "interval" in data[name].dims]]
     repeated_data = xr.merge([xr.concat(strides, "node"), xr.concat([pushes] * count, "interval")])
-    run = replace(view.run, data=repeated_data.set_coords("time"))
+    run = view.run.with_data(repeated_data.set_coords("time"))
     if view.spec is None:
         return replace(view, run=run)
     title = f"{view.spec.title}, the stride {count} times"

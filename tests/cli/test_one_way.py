@@ -61,3 +61,21 @@ def test_pdf_loads_no_study_and_no_policy_learning(tmp_path: Path) -> None:
     program = "import json, sys; import reports.documents.pdf; print(json.dumps({'m': sorted(sys.modules)}))"
     loaded = printed(program, tmp_path)["m"]
     assert not [name for name in loaded if name.startswith(("problems.studies", "ocp.learning"))]
+
+
+LOADED = """
+import json, sys
+{}
+heavy = ("xarray", "pandas", "matplotlib", "scipy.optimize", "dask")
+print(json.dumps([name for name in heavy if name in sys.modules]))
+"""
+
+
+def test_importing_ocp_loads_no_library_of_datasets_or_drawings(tmp_path: Path) -> None:
+    assert printed(LOADED.format("import ocp"), tmp_path) == []
+
+
+@pytest.mark.costly
+@pytest.mark.parametrize("command", [["list", "-q"], ["solve", "wall-1d", "-q"]])
+def test_a_command_without_datasets_loads_none(command: list[str], tmp_path: Path) -> None:
+    assert printed(LOADED.format(f"from reports.cli.app import main; assert main({command}) == 0"), tmp_path) == []

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
+from ocp.labelled import LabelledArrays
 from ocp.store.stored_run import StoredRun
 from problems.drawing import ContactFrame, Rectangle, Shape, Wall
 from problems.parameters import Parameters
@@ -61,7 +62,7 @@ def sliding_box(
     spec = ProblemSpec(
         name="box", title="A box that slides", Params=Parameters, build=_unbuilt, draw=draw, frames=frames
     )
-    return RunView(StoredRun(Path("runs/box"), data, meta), spec, None, None)
+    return RunView(StoredRun(Path("runs/box"), LabelledArrays.of(data), meta), spec, None, None)
 
 
 def _unbuilt(params: object):

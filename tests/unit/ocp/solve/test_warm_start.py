@@ -231,7 +231,7 @@ def test_a_step_size_that_is_a_state_shrinks_with_a_finer_mesh() -> None:
             "time": ("node", 0.03 * np.arange(4)),
         }
     )
-    known = replace(known_as(), data=data, problem=problem)
+    known = replace(known_as().with_data(data), problem=problem)
     values = {p.name: p.value for p in problem.parameters}
     X, _ = carried_guess(known, problem, values)
     np.testing.assert_allclose(X[:, column], 0.015, rtol=1e-12)
@@ -242,7 +242,7 @@ def test_a_step_size_that_is_a_state_shrinks_with_a_finer_mesh() -> None:
 def test_without_multipliers_the_point_is_primal_and_still_helps(pushed: Solution) -> None:
     names = [name for name in pushed.data if str(name).startswith(("lam_g_", "lam_x_"))]
     assert names
-    bare = replace(pushed, data=pushed.data.drop_vars(names))
+    bare = pushed.with_data(pushed.data.drop_vars(names))
     session = new_session(get("push-disc"), Barrier(mu=1e-3))
     assert carry(bare, session.nlp_of("product"), session.values).lam_g is None
     assert solve(get("push-disc"), Barrier(mu=1e-3), warm_start=bare).iterations <= 3
@@ -251,10 +251,10 @@ def test_without_multipliers_the_point_is_primal_and_still_helps(pushed: Solutio
 def test_what_does_not_fit_is_refused(pushed: Solution) -> None:
     with pytest.raises(InputError, match="of push-disc, not of push-1d"):
         solve(get("push-1d"), Barrier(mu=1e-3), warm_start=pushed)
-    other = replace(pushed, data=pushed.data.assign_coords(state=["a", "b", "c", "d"]))
+    other = pushed.with_data(pushed.data.assign_coords(state=["a", "b", "c", "d"]))
     with pytest.raises(InputError, match="has states a, b, c, d, but push-disc has ox, oy"):
         solve(get("push-disc"), Barrier(mu=1e-3), warm_start=other)
-    lost = replace(pushed, data=pushed.data.assign(x=pushed.data["x"] * np.nan))
+    lost = pushed.with_data(pushed.data.assign(x=pushed.data["x"] * np.nan))
     with pytest.raises(InputError, match="NaN or infinite"):
         solve(get("push-disc"), Barrier(mu=1e-3), warm_start=lost)
     with pytest.raises(InputError, match="several starts"):

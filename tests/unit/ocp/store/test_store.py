@@ -29,6 +29,7 @@ from ocp.judge.findings import make_finding
 from ocp.judge.measures import Worst
 from ocp.judge.referee import RefereeReport
 from ocp.judge.route_report import Attempt, RouteReport
+from ocp.labelled import LabelledArrays
 from ocp.programs.solver import Status
 from ocp.routes.homotopy import StageRecord
 from ocp.solution import Solution
@@ -78,7 +79,7 @@ def solution(seconds: float = 1.0, cost: float = 2.5) -> Solution:
         branch_cost=27.5,
     )
     return Solution(
-        dataset(),
+        LabelledArrays.of(dataset()),
         cost,
         Status.SOLVED,
         audit,
@@ -153,9 +154,9 @@ def test_the_hash_tells_content_and_ignores_times(tmp_path: Path) -> None:
     first = stored(solution(seconds=1.0), ["a"])
     assert stored(solution(seconds=9.0), ["b"]) == first
     assert stored(solution(cost=2.6), ["a"]) != first
-    assert stored(replace(solution(), data=dataset(1e-15)), ["a"]) != first
+    assert stored(solution().with_data(dataset(1e-15)), ["a"]) != first
     renamed = dataset().rename({"x": "y"})
-    assert stored(replace(solution(), data=renamed), ["a"]) != first
+    assert stored(solution().with_data(renamed), ["a"]) != first
 
 
 def test_identical_runs_in_one_second_are_both_kept(tmp_path: Path) -> None:
@@ -280,7 +281,7 @@ def test_multipliers_survive_the_disk_by_name(tmp_path: Path) -> None:
     assert run.data["lam_g_dynamics"].dims == ("scenario", "interval", "state")
     assert run.data["lam_x_u"].dims == ("scenario", "interval", "control")
     shifted = solved.data.assign(lam_g_contact=2 * solved.data["lam_g_contact"])
-    other = store.load(store.save(replace(solved, data=shifted), tmp_path, []).path)
+    other = store.load(store.save(solved.with_data(shifted), tmp_path, []).path)
     assert other.meta["hash"] != run.meta["hash"], "they are content"
 
 
@@ -389,11 +390,11 @@ def test_runs_are_found_by_their_names_without_opening_a_file(tmp_path: Path, mo
     assert store.find_run("@last", tmp_path) == paths[-1]
 
 
-def test_an_array_that_netcdf_cannot_hold_is_a_sentence(tmp_path: Path) -> None:
-    class Failing:
-        def to_netcdf(self, **_: object) -> bytes:
-            raise RuntimeError("NetCDF: HDF error")
+def test_an_array_that_netcdf_cannot_hold_is_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+    def failing(*_: object, **__: object) -> None:
+        raise RuntimeError("NetCDF: HDF error")
 
+    monkeypatch.setattr("netCDF4.Dataset", failing)
     with pytest.raises(NotWritten, match="NetCDF: HDF error") as caught:
-        atomic.netcdf_bytes(Failing(), "the run")  # pyright: ignore[reportArgumentType]
+        atomic.netcdf_bytes(LabelledArrays({}), "the run")
     assert caught.value.exit_code == 1

@@ -11,6 +11,7 @@ import xarray as xr
 
 from dynamics.systems import signals
 from dynamics.systems.pairs import Pair
+from ocp.labelled import LabelledArrays
 from ocp.store.stored_run import StoredRun
 from reports.drawing.view import RunView
 
@@ -62,7 +63,7 @@ def run(
     meta = {"kind": "solve", "problem": "made", "record": {"contact": "exact"}}
     scales = SimpleNamespace(impulse=1.0, gap=1.0)
     problem = cast(Any, SimpleNamespace(system=system, scales=scales))
-    return RunView(StoredRun(Path("runs/made"), data, meta), None, None, problem)
+    return RunView(StoredRun(Path("runs/made"), LabelledArrays.of(data), meta), None, None, problem)
 
 
 def waves(count: int, unit: str, steps: int, prefix: str) -> dict[str, np.ndarray]:

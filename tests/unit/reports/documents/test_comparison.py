@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import xarray as xr
 
+from ocp.labelled import LabelledArrays
 from ocp.store.stored_run import StoredRun
 from reports.documents.common import as_text
 from reports.documents.comparison import run_labels
@@ -26,7 +26,7 @@ def run(place: int, **asked: Any) -> StoredRun:
         "law_parameters": {"contact.mu": place},
         **asked,
     }
-    return StoredRun(Path(f"runs/{place}"), xr.Dataset(), {"record": record, "hash": f"h{place}abcde"})
+    return StoredRun(Path(f"runs/{place}"), LabelledArrays({}), {"record": record, "hash": f"h{place}abcde"})
 
 
 def named(*asked: dict[str, Any]) -> list[str]:

@@ -11,6 +11,7 @@ import xarray as xr
 
 from ocp.gradients.sweep import summarise_verdicts
 from ocp.gradients.verdict import TOO_WIDE, WORST_FIRST
+from ocp.labelled import LabelledArrays
 from ocp.store.stored_run import StoredRun
 from reports.documents.sweep import estimate_page, weakest_sentence
 from reports.figures import sweep
@@ -75,7 +76,7 @@ def stored(rows: list[dict[str, Any]], mean: np.ndarray, error: np.ndarray) -> S
     swept = {"name": "nu", "values": [1e-3, 1e-1], "unit": "m/s", "log": True}
     return StoredRun(
         Path("runs/x"),
-        data,
+        LabelledArrays.of(data),
         {
             "kind": "estimate",
             "problem": "coulomb",

@@ -76,7 +76,7 @@ def test_every_run_has_its_picture(count: int, rows: int) -> None:
 def test_a_scenario_alone_is_that_scenario() -> None:
     view = box(np.ones(N))
     both = xr.concat([view.run.data, 2 * view.run.data], dim="scenario", data_vars="all")
-    view = replace(view, run=replace(view.run, data=both))
+    view = replace(view, run=view.run.with_data(both))
     x = view.scenario(1).array("x")
     assert view.scenarios == 2 and x is not None
     np.testing.assert_allclose(x[0, :, 0], np.linspace(0, 6, N + 1))

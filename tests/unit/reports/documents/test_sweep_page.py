@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 
 from ocp.jobs.sweep_job import ROW_COUNTS, ROW_NUMBERS, ROW_TEXTS
 from ocp.jobs.sweep_record import grid_rows, summarise_points
+from ocp.labelled import LabelledArrays
 from ocp.store.stored_run import StoredRun
 from reports.documents.sweep import sweep_content
 from reports.drawing.style import house_style
@@ -39,7 +40,7 @@ def made(**sizes: int) -> StoredRun:
         "survives": cost.size,
         "success": True,
     }
-    return StoredRun(Path("run"), xr.Dataset(data, coords=values), meta)
+    return StoredRun(Path("run"), LabelledArrays.of(xr.Dataset(data, coords=values)), meta)
 
 
 def drawn(run: StoredRun) -> list[Figure]:

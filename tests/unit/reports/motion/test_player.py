@@ -18,6 +18,7 @@ from PIL import Image
 
 from dynamics.contact import Barrier
 from ocp import solve, store
+from ocp.labelled import LabelledArrays
 from ocp.store.stored_run import StoredRun
 from problems import drawing, get
 from problems.tasks import registry as tasks
@@ -119,7 +120,7 @@ def test_rewards_add_up_step_by_step(steps: int) -> None:
     u = rng.standard_normal((1, steps, task.system.nu))
     dims = {"x": ("scenario", "node", "state"), "u": ("scenario", "interval", "control")}
     data = xr.Dataset({"x": (dims["x"], x), "u": (dims["u"], u)})
-    view = RunView(StoredRun(Path("runs/ball"), data, {"kind": "train"}), spec, params, task)
+    view = RunView(StoredRun(Path("runs/ball"), LabelledArrays.of(data), {"kind": "train"}), spec, params, task)
     rewards = [float(task.rewards(x[0, k], u[0, k], x[0, k + 1], p)) for k in range(steps)]
     gained, end = cumulative_cost(view, "") or (np.zeros(0), 0)
     np.testing.assert_allclose(gained, np.cumsum([0, *rewards]), atol=1e-12)

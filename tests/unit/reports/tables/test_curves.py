@@ -11,6 +11,7 @@ import xarray as xr
 from matplotlib.figure import Figure
 from rich.console import Console
 
+from ocp.labelled import LabelledArrays
 from ocp.store.stored_run import StoredRun
 from reports.figures import training
 from reports.tables.training import group_seeds, group_verdict, summary_rows, training_meta
@@ -49,7 +50,7 @@ def run(seed: int, returns: list[float], *, told: bool = True, **asked: object) 
         "algorithm_settings": {"rate": 0.1},
         **asked,
     }
-    return StoredRun(Path(f"{seed}"), data, {"seed": seed, "record": record, **training_meta(data)})
+    return StoredRun(Path(f"{seed}"), LabelledArrays.of(data), {"seed": seed, "record": record, **training_meta(data)})
 
 
 def test_a_sparkline_spans_least_to_largest() -> None:
@@ -165,7 +166,7 @@ def test_learned_parameters_stand_beside_the_tasks_own() -> None:
     data = made.data.assign(psi=("physical", values), theta=("parameter", [0.1, 0.2]))
     data = data.assign_coords(physical=task.parameters.names)
     meta = {**made.meta, "problem": "ball-throw", "hash": "0"}
-    stored = StoredRun(made.path, data, {**meta, "record": {**made.record, "params": {}}})
+    stored = StoredRun(made.path, LabelledArrays.of(data), {**meta, "record": {**made.record, "params": {}}})
     content = training_content([RunView.of(stored)])[0]
     assert content["psi"] == [["fopg", "m", "1.25", "1", "kg"]]
     assert ["speed [m/s]", "0.4"] in content["key"]
