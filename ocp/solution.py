@@ -239,8 +239,8 @@ class Solution(Judgement):
         law_parameters = request["law_parameters"].items()
         parameters = "".join(f" {name.removeprefix(LAW_PREFIX)}={v:g}" for name, v in law_parameters)
         law = f"{request['contact']}{parameters}"
-        how = f"{request['problem']}, {law}, {request['method']}, {request['policy']}"
-        return f"<Solution of {how}: {self.headline}>"
+        summary = f"{request['problem']}, {law}, {request['method']}, {request['policy']}"
+        return f"<Solution of {summary}: {self.headline}>"
 
     def _repr_html_(self) -> str:
         return plugins.reports.html(self)

@@ -56,8 +56,8 @@ def import_file(path: Path) -> ModuleType:
 def check_file(path: Path) -> None:
     """Raise :class:`~ocp.errors.InputError` unless ``path`` is an existing regular file."""
     if not path.is_file():
-        other = "is a directory" if path.is_dir() else "is not a regular file"
-        kind = other if path.exists() else "there is no such file"
+        file_kind = "is a directory" if path.is_dir() else "is not a regular file"
+        kind = file_kind if path.exists() else "there is no such file"
         raise InputError(f"{path}: {kind}; expected a Python file that defines a problem or a law")
 
 
@@ -86,12 +86,12 @@ _contents: dict[str, tuple[str, str]] = {}
 def _forget_others(path: Path) -> None:
     """Remove the user's modules that ``path`` imports from ``sys.modules`` if one of them has changed or moved."""
     modules = folder_modules(path)
-    now = {name: (str(file), file_digest(file)) for name, file in modules.items()}
-    loaded = {name: file for name in now if (file := _loaded_from(name))}
-    if any(_contents.get(name, (file, now[name][1])) != now[name] for name, file in loaded.items()):
+    contents = {name: (str(file), file_digest(file)) for name, file in modules.items()}
+    loaded = {name: file for name in contents if (file := _loaded_from(name))}
+    if any(_contents.get(name, (file, contents[name][1])) != contents[name] for name, file in loaded.items()):
         for name in loaded:
             del sys.modules[name]
-    _contents.update(now)
+    _contents.update(contents)
 
 
 def _loaded_from(name: str) -> str:

@@ -54,8 +54,8 @@ def named_file(source: Path | str | None, runs: Sequence[StoredRun]) -> ProblemS
         return None
     user_problems = sorted({str(run.meta["problem"]) for run in runs if _is_user_problem(run)})
     if not user_problems:
-        which = ", ".join(sorted({str(run.meta["problem"]) for run in runs}))
-        raise InputError(f"--source: {which} is not defined in a file; drop --source")
+        problem_names = ", ".join(sorted({str(run.meta["problem"]) for run in runs}))
+        raise InputError(f"--source: {problem_names} is not defined in a file; drop --source")
     spec = load(source)
     if spec.name not in user_problems:
         raise InputError(
@@ -141,7 +141,7 @@ def problem_of(run: StoredRun, file_spec: ProblemSpec | None = None) -> tuple[Pr
     return problem_spec, problem_spec.params(values), problem.most_exact if run.record.get("most_exact") else problem
 
 
-def known_parameters(run: StoredRun, found: Spec) -> dict[str, Any]:
+def known_parameters(run: StoredRun, problem_spec: Spec) -> dict[str, Any]:
     """Return the stored parameters of a run that its problem's specification still defines."""
-    field_names = found.Params.model_fields
+    field_names = problem_spec.Params.model_fields
     return {k: v for k, v in run.record.get("params", {}).items() if k in field_names}

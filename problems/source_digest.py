@@ -52,7 +52,7 @@ _folders: list[str] = []
 
 def search_path(folder: Path) -> list[str]:
     """Return the module search path for a file in ``folder``, without the folders of users' files elsewhere."""
-    return [*(place for place in sys.path if place not in _folders), str(folder)]
+    return [*(folder_on_path for folder_on_path in sys.path if folder_on_path not in _folders), str(folder)]
 
 
 def open_to_imports(folder: Path) -> None:
@@ -60,9 +60,9 @@ def open_to_imports(folder: Path) -> None:
 
     The folder is added after all installed packages, so that its modules hide no installed package.
     """
-    places, others = search_path(folder), [other for other in _folders if other != str(folder)]
-    _folders[:] = [str(folder), *others]
-    sys.path[:] = [*places, *others]
+    own_path, other_folders = search_path(folder), [other for other in _folders if other != str(folder)]
+    _folders[:] = [str(folder), *other_folders]
+    sys.path[:] = [*own_path, *other_folders]
 
 
 def folder_modules(path: Path) -> dict[str, Path]:
@@ -124,9 +124,9 @@ def _spec(name: str, path: Sequence[str]) -> ModuleSpec | None:
 def _installed_folders() -> set[Path]:
     """Return the folders of the standard library and of installed packages."""
     kinds = ("stdlib", "platstdlib", "purelib", "platlib")
-    places = [sysconfig.get_path(kind) for kind in kinds]
-    places += [*site.getsitepackages(), site.getusersitepackages()]
-    return {Path(place).resolve() for place in places}
+    folders = [sysconfig.get_path(kind) for kind in kinds]
+    folders += [*site.getsitepackages(), site.getusersitepackages()]
+    return {Path(place).resolve() for place in folders}
 
 
 def _nodes(tree: ast.AST) -> Iterator[ast.AST]:
@@ -154,9 +154,9 @@ def _imported(node: ast.AST, package: str) -> Iterator[str]:
             yield name
     elif isinstance(node, ast.Call) and node.args:
         called = node.func
-        word = called.attr if isinstance(called, ast.Attribute) else getattr(called, "id", "")
+        function_name = called.attr if isinstance(called, ast.Attribute) else getattr(called, "id", "")
         first = node.args[0]
-        if word in ("import_module", "__import__") and isinstance(first, ast.Constant):
+        if function_name in ("import_module", "__import__") and isinstance(first, ast.Constant):
             yield str(first.value).lstrip(".")
 
 

@@ -71,9 +71,9 @@ class Golden:
         """Remarks on one line: options of ``ocp solve`` that are not defaults, the confirmation, and the note."""
         options = [f"-s {name}={value}" for name, value in self.settings.items()]
         options += [f"--starts {self.start + 1}"] if self.start else []
-        how = f"found with {' '.join(options)}" if options else ""
+        command = f"found with {' '.join(options)}" if options else ""
         confirmed = f"confirmed by {self.independent}" if self.independent else ""
-        return "; ".join(remark for remark in (how, confirmed, self.note) if remark)
+        return "; ".join(remark for remark in (command, confirmed, self.note) if remark)
 
 
 def smoothed(cost: float, **more: Any) -> Golden:

@@ -31,9 +31,9 @@ def guarded(
     """
 
     @functools.wraps(function)
-    def call(*given: Any, **named: Any) -> Any:
+    def call(*positional: Any, **named: Any) -> Any:
         with user_code(f"{what} failed:", path, through):
-            value = function(*given, **named)
+            value = function(*positional, **named)
         try:
             return value if check is None else check(value)
         except InputError as error:
@@ -98,12 +98,12 @@ def where(error: BaseException, path: Path) -> str:
     if isinstance(error, SyntaxError) and error.lineno is not None:
         return f"line {error.lineno}: {type(error).__name__}: {error.msg}"
     lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if Path(frame.filename) == path]
-    place = f"line {lines[-1]}: " if lines else ""
+    line = f"line {lines[-1]}: " if lines else ""
     name = (error.name or "").partition(".")[0] if isinstance(error, ImportError) else ""
-    beside = [path.parent / f"{name}.py", path.parent / name]
-    twin = next((module for module in beside if name in PACKAGES and module.exists()), None)
+    shadowing_files = [path.parent / f"{name}.py", path.parent / name]
+    twin = next((module for module in shadowing_files if name in PACKAGES and module.exists()), None)
     hint = "" if twin is None else f"; {twin} has the name of a package of centralpath; rename it"
-    return f"{place}{type(error).__name__}: {reason(error)}{hint}"
+    return f"{line}{type(error).__name__}: {reason(error)}{hint}"
 
 
 def reason(error: BaseException) -> str:

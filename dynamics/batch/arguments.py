@@ -121,8 +121,8 @@ class NonFinite:
 
 def non_finite_rows(arrays: list[np.ndarray]) -> NonFinite:
     """Return the rows (axis 0) that contain a NaN or an infinity in any of the arrays, which have equal lengths."""
-    bad = np.zeros(len(arrays[0]), dtype=bool)
+    is_nonfinite = np.zeros(len(arrays[0]), dtype=bool)
     for array in arrays:
-        bad |= ~np.isfinite(array.reshape(len(array), -1)).all(axis=1)
-    indices = np.flatnonzero(bad)
+        is_nonfinite |= ~np.isfinite(array.reshape(len(array), -1)).all(axis=1)
+    indices = np.flatnonzero(is_nonfinite)
     return NonFinite(len(indices), indices)

@@ -166,8 +166,8 @@ def export_step(
 
 def c_identifier(name: str) -> str:
     """Return `name`, with an underscore in place of every character that a C identifier may not contain."""
-    plain = re.sub(r"\W", "_", name, flags=re.ASCII)
-    return plain if plain[:1].isalpha() else f"c_{plain}"
+    identifier = re.sub(r"\W", "_", name, flags=re.ASCII)
+    return identifier if identifier[:1].isalpha() else f"c_{identifier}"
 
 
 def _header(step: Step, name: str, about: Sequence[str], values: np.ndarray) -> str:

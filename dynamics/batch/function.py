@@ -100,8 +100,8 @@ class BatchFunction:
             "numpy": by_numpy,
             "casadi": lambda: ChunkedEngine(CasadiKernel(fn, self.threads).run, CASADI_CHUNK, 1),
         }
-        long = backend == "auto" and _too_long(tape)
-        return interpreted if long else {"c": compiled, **interpreted}
+        is_too_long = backend == "auto" and _too_long(tape)
+        return interpreted if is_too_long else {"c": compiled, **interpreted}
 
     def __call__(self, *args: Any, out: Sequence[np.ndarray] | None = None, **named: Any) -> Any:
         """Evaluate the function; `out` may give arrays `(n_samples, nnz_out)` to write to, one for each output."""

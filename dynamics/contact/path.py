@@ -318,8 +318,8 @@ def _sizes(F: ca.SX, pairs: tuple[Pair, ...]) -> dict[int, ca.SX]:
     normal = {pair.contact: i for i, pair in enumerate(pairs) if pair.kind == "normal"}
     for i, pair in enumerate(pairs):
         if pair.kind == "friction" and normal[pair.contact] in sizes:
-            across = sizes[normal[pair.contact]]
-            sizes[i] = ca.if_else(sizes[i] > 0, sizes[i], across) if i in sizes else across
+            normal_size = sizes[normal[pair.contact]]
+            sizes[i] = ca.if_else(sizes[i] > 0, sizes[i], normal_size) if i in sizes else normal_size
     largest = ca.mmax(ca.vertcat(0, *sizes.values()))
     # F_ii may be zero in some states: a tip straight below its hinge moves along the ground only.
     return {i: ca.if_else(size > _MIN_COMPLIANCE_SHARE * largest, size, largest) for i, size in sizes.items()}

@@ -217,10 +217,10 @@ class Step(ABC):
         names, x_next_solved = ["x", "u", "p"], ca.SX.sym("out_x_next", self.system.nx)
         jacobians = []
         for output in (self.x_next_expr, self.lam):
-            through = ca.jacobian(output, self.inner)
+            by_inner = ca.jacobian(output, self.inner)
             for index, variable in enumerate(self.inputs):
                 direct = ca.jacobian(output, variable)
-                jacobians.append(ca.densify(direct + through @ self._inner_jacobians[index]))
+                jacobians.append(ca.densify(direct + by_inner @ self._inner_jacobians[index]))
         if self.states.numel():
             next_states = x_next_solved if self.branches == 1 else self.states_of_lam
             jacobians = ca.substitute(jacobians, [self.states], [next_states])

@@ -233,9 +233,9 @@ def _numeric_columns(path: Path, table: pd.DataFrame, columns: list[str]) -> np.
     import pandas as pd
 
     numbers = table[columns].apply(pd.to_numeric, errors="coerce").to_numpy(dtype=float)
-    rows, places = np.nonzero(np.isnan(numbers) & table[columns].notna().to_numpy(bool))
+    rows, column_indices = np.nonzero(np.isnan(numbers) & table[columns].notna().to_numpy(bool))
     if len(rows):
-        row, column = rows[0], columns[places[0]]
+        row, column = rows[0], columns[column_indices[0]]
         raise ValueError(
             f"{path}: column {column!r} holds {str(table[column].iloc[row])!r} in row {row},"
             " counted from 0, which is not a number"

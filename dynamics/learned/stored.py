@@ -90,10 +90,10 @@ def check_dataset(dataset: xr.Dataset, kind: str) -> None:
         first_error = error.errors()[0]
         raise ValueError(f"{'.'.join(map(str, first_error['loc']))}: {first_error['msg']}") from error
     layers = range(attributes["layers"] if kind == MLP else 0)
-    needed = [f"{array}_{layer}" for layer in layers for array in ("weight", "bias")]
-    needed += [*_VARIABLES_OF_KIND[kind], "z", "z_unit", "z_shift", "z_scale", "state", "state_unit"]
-    needed += _FIT_VARIABLES if "data_rows" in attributes else ()
-    if missing := [name for name in needed if name not in dataset.variables]:
+    required_names = [f"{array}_{layer}" for layer in layers for array in ("weight", "bias")]
+    required_names += [*_VARIABLES_OF_KIND[kind], "z", "z_unit", "z_shift", "z_scale", "state", "state_unit"]
+    required_names += _FIT_VARIABLES if "data_rows" in attributes else ()
+    if missing := [name for name in required_names if name not in dataset.variables]:
         raise ValueError(f"it lacks {', '.join(missing)}; create it again")
     for name in dataset.variables:
         _check_variable(str(name), dataset)

@@ -159,11 +159,11 @@ def check_finite(arrays: Sequence[np.ndarray], names: Sequence[str]) -> None:
     rows, columns = np.nonzero(~np.isfinite(table))
     if not len(rows):
         return
-    bad = np.unique(rows)
-    which = ", ".join(map(str, bad[:5])) + (", ..." if len(bad) > 5 else "")
+    bad_rows = np.unique(rows)
+    listed_rows = ", ".join(map(str, bad_rows[:5])) + (", ..." if len(bad_rows) > 5 else "")
     first = f"{names[columns[0]]} is {table[rows[0], columns[0]]:g} in row {rows[0]}"
     raise ValueError(
-        f"data: {len(bad)} of {len(table)} rows hold values that are not finite ({which}, counted"
+        f"data: {len(bad_rows)} of {len(table)} rows hold values that are not finite ({listed_rows}, counted"
         f" from 0; {first}); leave them out or repair them"
     )
 

@@ -219,12 +219,12 @@ def _friction_rows(
     return lam, list(rows), ContactForces(names, normal, tangential, slip, f, edges)
 
 
-def _replace_entries(row: Row, replacement: Row, places: list[int]) -> Row:
-    """Return ``row`` with the entries at the indices ``places`` replaced by those of ``replacement``."""
-    if len(places) == len(row.signals):
+def _replace_entries(row: Row, replacement: Row, indices: list[int]) -> Row:
+    """Return ``row`` with the entries at the indices ``indices`` replaced by those of ``replacement``."""
+    if len(indices) == len(row.signals):
         return replacement
     gap, direction, signals = ca.SX(row.gap), ca.SX(row.direction), list(row.signals)
-    gap[places], direction[places, :] = replacement.gap, replacement.direction
-    for i, signal in zip(places, replacement.signals, strict=True):
+    gap[indices], direction[indices, :] = replacement.gap, replacement.direction
+    for i, signal in zip(indices, replacement.signals, strict=True):
         signals[i] = signal
     return Row(row.kind, gap, direction, signals)

@@ -28,17 +28,17 @@ class LUFactors:
             self._inverse_pivots.append(inverse)
             column, row = A[:, pivot], A[pivot, :]
             below = [i for i in column.sparsity().row() if i > pivot]
-            beside = [j for j in columns[pivot] if j > pivot]
-            self._upper.append({j: row[j] for j in beside})
+            right_columns = [j for j in columns[pivot] if j > pivot]
+            self._upper.append({j: row[j] for j in right_columns})
             if not below:
                 continue
             factors = ca.densify(column[below]) * inverse
             for i, factor in zip(below, ca.vertsplit(factors), strict=True):
                 self._lower[i][pivot] = factor
-                columns[i] |= dict.fromkeys(beside)
-            if beside:
+                columns[i] |= dict.fromkeys(right_columns)
+            if right_columns:
                 # A single product updates all entries, so that a graph of thousands of nodes is built in milliseconds.
-                A[below, beside] -= factors @ ca.densify(row[beside]).reshape((1, -1))
+                A[below, right_columns] -= factors @ ca.densify(row[right_columns]).reshape((1, -1))
 
     def solve(self, b: ca.SX) -> ca.SX:
         """Return y (n, m) with ``A y = b``, b (n, m)."""

@@ -121,8 +121,8 @@ class ContactSystem:
                 )
         for plural, signals in (("states", self.states), ("inputs", self.inputs), ("contacts", self.contacts)):
             names = [signal.name for signal in signals]
-            if twice := sorted({name for name in names if names.count(name) > 1}):
-                raise ValueError(f"system {self.name!r}: two {plural} have the name {twice[0]!r}; rename one")
+            if duplicates := sorted({name for name in names if names.count(name) > 1}):
+                raise ValueError(f"system {self.name!r}: two {plural} have the name {duplicates[0]!r}; rename one")
         if len(self.pairs) != len(self.contacts):
             raise ValueError(
                 f"system {self.name!r}: {len(self.pairs)} pairs for {len(self.contacts)} named"
@@ -213,12 +213,12 @@ class ContactSystem:
         if not self.rotating_entries:
             return self.residual, self.gap
         rows, integrated = list(self.rotating_entries), self.integrate_rotations(self.x_next)
-        others = [i for i in range(self.nx) if i not in self.rotating_entries]
-        still = self.expansion_state[others]
-        slope = ca.jacobian(integrated, self.x_next[others])
-        at_still, slope = ca.substitute([integrated, slope], [self.x_next[others]], [still])
+        other_entries = [i for i in range(self.nx) if i not in self.rotating_entries]
+        expansion_point = self.expansion_state[other_entries]
+        slope = ca.jacobian(integrated, self.x_next[other_entries])
+        at_still, slope = ca.substitute([integrated, slope], [self.x_next[other_entries]], [expansion_point])
         residual = ca.SX(self.residual)
-        residual[rows] = self.x_next[rows] - at_still - slope @ (self.x_next[others] - still)
+        residual[rows] = self.x_next[rows] - at_still - slope @ (self.x_next[other_entries] - expansion_point)
         return residual, ca.substitute(self.gap, self.x_next[rows], integrated)
 
     @cached_property

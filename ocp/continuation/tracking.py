@@ -170,10 +170,10 @@ class Tracker:
             shares = positive / (positive - upper_margins[crossing])
             first = int(np.argmin(shares))
             end, share = int(crossing[first]), float(shares[first])
-            wide = abs(high[-1] - low[-1])
-            if share * wide <= width or wide <= width:
+            distance = abs(high[-1] - low[-1])
+            if share * distance <= width or distance <= width:
                 return low, end
-            share = 0.5 if count % 3 == 2 else min(share + 0.1 * width / wide, 1.0)
+            share = 0.5 if count % 3 == 2 else min(share + 0.1 * width / distance, 1.0)
             middle = curve.corrected_point(low, low[-1] + share * (high[-1] - low[-1]))
             if middle is None:
                 return low, end
@@ -251,20 +251,20 @@ class Tracker:
 
     def locate_crossing(self, better: RouteResult, since: float) -> Event:
         """Return the switch event at the first value, from ``since`` on, where the curve of ``better`` is cheaper."""
-        other, curve, v = Tracker(self.session, self.name, self.span, self.log), self.curve, self.v
-        other.start_at(better)
+        better_tracker, curve, v = Tracker(self.session, self.name, self.span, self.log), self.curve, self.v
+        better_tracker.start_at(better)
         low, high, cost = since, self.value, self.cost(better.result.f)
         assert curve is not None
-        while other.curve is not None and abs(high - low) > 0.1 * LOCATION_TOLERANCE * curve.unit:
+        while better_tracker.curve is not None and abs(high - low) > 0.1 * LOCATION_TOLERANCE * curve.unit:
             middle = (low + high) / 2
             own_point = curve.corrected_point(v, middle / curve.unit)
-            other_point = other.curve.corrected_point(other.v, middle / other.curve.unit)
-            below = self._violated(other.curve, other_point)
+            other_point = better_tracker.curve.corrected_point(better_tracker.v, middle / better_tracker.curve.unit)
+            below = self._violated(better_tracker.curve, other_point)
             gain = -1.0
             if own_point is not None and other_point is not None and below is not None and not below.any():
-                gain = curve.solver_point(own_point)[1] - other.curve.solver_point(other_point)[1]
+                gain = curve.solver_point(own_point)[1] - better_tracker.curve.solver_point(other_point)[1]
             if gain > 0 and own_point is not None and other_point is not None:
-                high, v, other.v = middle, own_point, other_point
+                high, v, better_tracker.v = middle, own_point, other_point
                 cost = self.cost(curve.solver_point(own_point)[1], middle)
             else:
                 low = middle

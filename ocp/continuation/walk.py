@@ -44,7 +44,7 @@ def resolve(session: Session, over: str) -> str:
             f" them; solve at each, from the last, with ocp solve {session.problem.name} -p"
             f" {name}=... --from @last, or all of them with ocp sweep"
         )
-    choices = {one.removeprefix(LAW_PREFIX): one for one in names} | {one: one for one in names}
+    choices = {choice.removeprefix(LAW_PREFIX): choice for choice in names} | {choice: choice for choice in names}
     return choose("parameter", name, choices)
 
 
@@ -130,8 +130,8 @@ class _Walk:
             if self._track_to(value) or (tracker.at_end and self._solve_and_add(self._just_beyond(tracker.value))):
                 step = min(full, 2 * step)
                 continue
-            small = step <= SMALL_STEP_SHARE * full
-            if self._pass_folds(value) or self._solve_and_add(value, small):
+            is_small = step <= SMALL_STEP_SHARE * full
+            if self._pass_folds(value) or self._solve_and_add(value, is_small):
                 easy = self.outcome.trace.iterations <= EASY_ITERATIONS
                 step = min(full, 2 * step) if easy else step
                 continue
@@ -240,8 +240,8 @@ class _Walk:
         """Return a value of the parameter just beyond an event's value, limited to the end of the range."""
         start, end, _ = self.request
         reach = math.copysign(value, end - start) if self.tracker.log else end - start
-        beyond = value + 0.5 * LOCATION_TOLERANCE * reach
-        return end if (beyond - end) * (end - start) > 0 else beyond
+        next_value = value + 0.5 * LOCATION_TOLERANCE * reach
+        return end if (next_value - end) * (end - start) > 0 else next_value
 
     def _record_break(self, value: float) -> None:
         """Record where and why the continuation stopped."""

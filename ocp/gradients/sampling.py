@@ -246,6 +246,6 @@ def quadrature(objective: SampledObjective, sigma: float, points: int = _QUADRAT
         terms = values * t * density * (2 * _QUADRATURE_REACH / n) / sigma
         return float(terms.sum()), float(np.abs(np.diff(terms)).max())
 
-    (fine, sharpest), (coarse, _) = rule(points), rule(points // 2)
-    error = max(abs(fine - coarse), sharpest)
+    (fine, rule_error), (coarse, _) = rule(points), rule(points // 2)
+    error = max(abs(fine - coarse), rule_error)
     return ReferenceGradient(np.array([fine]), np.array([error]), "quadrature")

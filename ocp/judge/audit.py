@@ -164,8 +164,8 @@ def task_gradient(evaluation: Evaluation, replay: Rollout) -> float:
 
 def steered_and_touched(system: ContactSystem) -> tuple[np.ndarray, np.ndarray]:
     """Return masks (nx,) of the states that inputs affect while contacts are open, and that contacts affect."""
-    given = [system.x, system.u, system.parameters.vector]
-    free = ca.Function("free", given, [system.reduced.a, system.reduced.B])
+    arguments = [system.x, system.u, system.parameters.vector]
+    free = ca.Function("free", arguments, [system.reduced.a, system.reduced.B])
     sparsities = free.jac_sparsity(0, 0), free.jac_sparsity(0, 1), free.sparsity_out(1)
     by_x, by_u, by_lam = (np.array(ca.DM(sparsity, 1)) for sparsity in sparsities)
     steered, touched = by_u.any(axis=1, keepdims=True) > 0, by_lam.any(axis=1, keepdims=True) > 0

@@ -117,8 +117,8 @@ class Certificate:
         if self.stationarity == "undecided":
             return [make_finding("stationarity-undecided", reason=self.reason)]
         moves = " and ".join(str(move) for move in self.moves[:_MOST_MOVES]) or "moving with the same contacts"
-        rest = len(self.moves) - _MOST_MOVES
-        moves += f" (and {rest} more)" if rest > 0 else ""
+        unlisted = len(self.moves) - _MOST_MOVES
+        moves += f" (and {unlisted} more)" if unlisted > 0 else ""
         refused = [make_finding("moves-not-made", "; ", reason=self.reason)] if self.reason else []
         return [make_finding("not-stationary", moves=moves, gain=self.gain), *refused]
 

@@ -75,11 +75,11 @@ def _still_cost(evaluation: Evaluation, step: Step, plan: Rollout) -> float:
         return float("nan")
     no_impulses = np.zeros_like(plan.impulses)
     costs = evaluation.trajectory_costs(x, u, no_impulses)
-    still = replace(plan, x=x, u=u, impulses=no_impulses, costs=costs)
+    idle_rollout = replace(plan, x=x, u=u, impulses=no_impulses, costs=costs)
     slope = max(_state_slopes(evaluation, x[s, 0]).max(initial=0.0) for s in range(S))
-    if slope <= CONTENT * cost_span(evaluation, still):
+    if slope <= CONTENT * cost_span(evaluation, idle_rollout):
         return float("nan")
-    return float("nan") if broken_constraints(evaluation, still) else still.cost
+    return float("nan") if broken_constraints(evaluation, idle_rollout) else idle_rollout.cost
 
 
 def _state_slopes(evaluation: Evaluation, x: np.ndarray) -> np.ndarray:
@@ -124,10 +124,10 @@ def undone_findings(
 def _driven_contacts(system: ContactSystem, steered: np.ndarray, passive: np.ndarray) -> list[str]:
     """Return the contacts whose gap depends on ``steered`` states and that move ``passive`` states, masks (nx,)."""
     names = tuple(signal.name for signal in system.contacts) if system.forces is None else system.forces.names
-    moved = np.array(ca.DM(system.reduced.B.sparsity(), 1))[passive].any(axis=0)
+    is_moved = np.array(ca.DM(system.reduced.B.sparsity(), 1))[passive].any(axis=0)
     jacobian = ca.jacobian_sparsity(system.gap, ca.vertcat(system.x, system.x_next))
     near_steered = np.array(ca.DM(jacobian, 1)) @ np.tile(steered, 2) > 0
-    pairs = zip(system.pairs, near_steered & moved, strict=True)
+    pairs = zip(system.pairs, near_steered & is_moved, strict=True)
     return [names[pair.contact] for pair, joins in pairs if joins and pair.kind == "normal"]
 
 
@@ -139,7 +139,7 @@ def _untouched(contacts: list[str], passive_states: np.ndarray) -> Finding:
         return make_finding("contact-never-acts", contacts=named, plural="s" * (len(contacts) == 1))
     is_passive = {body: any(body in state for state in passive_states) for pair in bodies for body in pair}
     ordered = [sorted(pair, key=is_passive.__getitem__) for pair in bodies]
-    driven, others = (
+    driven, passive = (
         " and ".join(dict.fromkeys(f"the {body}" for body in side)) for side in zip(*ordered, strict=True)
     )
-    return make_finding("never-touches", bodies=driven, others=others, plural="es" * (" and " not in driven))
+    return make_finding("never-touches", bodies=driven, others=passive, plural="es" * (" and " not in driven))

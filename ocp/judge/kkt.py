@@ -204,14 +204,14 @@ class KKTCurve:
         Returns None if Newton's method does not converge, or if the correction exceeds half the prediction,
         which indicates a jump to another curve.
         """
-        ahead = (tau - v[-1]) * self.tangent(v)
-        if not np.all(np.isfinite(ahead)):
+        predictor = (tau - v[-1]) * self.tangent(v)
+        if not np.all(np.isfinite(predictor)):
             return None
-        solution = self.newton(v + ahead, self.parameter_direction, tau)
+        solution = self.newton(v + predictor, self.parameter_direction, tau)
         if solution is None:
             return None
-        residual = np.abs(solution - v - ahead)[: self.nx].max(initial=0.0)
-        return solution if residual <= 0.5 * np.abs(ahead)[: self.nx].max(initial=0.0) + 1e-4 else None
+        residual = np.abs(solution - v - predictor)[: self.nx].max(initial=0.0)
+        return solution if residual <= 0.5 * np.abs(predictor)[: self.nx].max(initial=0.0) + 1e-4 else None
 
     def margins(self, v: np.ndarray) -> np.ndarray:
         """Return the scaled margins of the active set: slacks of free ends, and multipliers of held ends.

@@ -298,9 +298,9 @@ def survival_findings(
         reasons.append(make_finding("state-differs", state=signal.name, amount=amount, unit=signal.unit, node=k))
     reasons += violation_findings(noticeable_violations(broken))
     tolerance = PENETRATION_SHARE * tolerance_gap(problem, plan.x)
-    for worst, place in ((physics.penetration, "node"), (physics.between, "step")):
-        if worst is not None and worst.amount > tolerance:
-            numbers = {"contact": worst.contact, "amount": worst.amount, "place": place, "step": worst.step}
+    for deepest, location in ((physics.penetration, "node"), (physics.between, "step")):
+        if deepest is not None and deepest.amount > tolerance:
+            numbers = {"contact": deepest.contact, "amount": deepest.amount, "place": location, "step": deepest.step}
             reasons.append(make_finding("contact-penetrated", **numbers))
             break
     return reasons

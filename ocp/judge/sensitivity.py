@@ -104,9 +104,9 @@ def _replayed_slopes(
 
 def _finding(curve: KKTCurve, cost: float, replayed: float, refined: float) -> str:
     """Return a clause with the derivatives of the planned cost and of the replayed costs at h and h/4."""
-    places = ((replayed, "in the replay"), (refined, "in the replay at h/4"))
+    replayed_slopes = ((replayed, "in the replay"), (refined, "in the replay at h/4"))
     slopes = [f"the sensitivity dcost/d{curve.name} is {cost:.4g}"]
-    slopes += [f"{slope:.4g} {place}" for slope, place in places if np.isfinite(slope)]
+    slopes += [f"{slope:.4g} {replay_name}" for slope, replay_name in replayed_slopes if np.isfinite(slope)]
     tolerance = AGREEMENT * abs(cost) + _COST_ROUNDING * curve.program.natural.f / curve.unit
     differs = np.abs([replayed - cost, refined - cost]) > tolerance
     reason = "the law" if differs[0] else "the step size" if differs[1] else ""

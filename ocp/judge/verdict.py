@@ -243,12 +243,12 @@ def _referee_findings(plan: Judgement) -> Iterator[Finding]:
         yield from join_findings(referee.refined_findings[:_MOST_REASONS], first=" ")
     elif plan.cost_share(difference, referee.cost) > _NOTABLE_SHARE:
         yield make_finding("quarter-step-cost", "; ", cost=referee.refined_cost)
-    cut = referee.replay_between
-    if referee.survives_at_h and cut is not None:
+    penetration = referee.replay_between
+    if referee.survives_at_h and penetration is not None:
         tolerance = PENETRATION_SHARE * tolerance_gap(plan.problem, plan.arrays["x"])
-        if cut.amount > _REPORTED_DEPTH * tolerance:
-            place = {"contact": cut.contact, "amount": cut.amount, "step": cut.step}
-            yield make_finding("cuts-through", "; ", **place, tolerance=tolerance)
+        if penetration.amount > _REPORTED_DEPTH * tolerance:
+            numbers = {"contact": penetration.contact, "amount": penetration.amount, "step": penetration.step}
+            yield make_finding("cuts-through", "; ", **numbers, tolerance=tolerance)
 
 
 def survival_of(ladder: Ladder) -> str:

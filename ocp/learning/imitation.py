@@ -78,7 +78,7 @@ def tracking_gains(plan: Solution, scenario: int = 0) -> Gains:
     all_inputs = plan.data["u"].values
     u = all_inputs[min(scenario, len(all_inputs) - 1)]
     step, function = _smoothed_step(problem.system, SMOOTHING_MU_SHARE * sizes.mu)
-    p = Evaluation(problem, plan.values).step_values(step, own=False)
+    p = Evaluation(problem, plan.values).step_values(step, with_law_values=False)
     A, B = function.derivatives(x[:-1], u, p)[1:]
     if not (np.isfinite(A).all() and np.isfinite(B).all()):
         raise NotConverged(

@@ -111,8 +111,8 @@ class MBPOTrainer:
             settings.alpha,
             settings.rate,
         )
-        walked = experiment.iterations * settings.n_envs * settings.steps
-        self.max_real_steps = min(settings.capacity, settings.random_steps + walked)
+        exploring_steps = experiment.iterations * settings.n_envs * settings.steps
+        self.max_real_steps = min(settings.capacity, settings.random_steps + exploring_steps)
         self.train = make_trainer(settings.model_rate)
         self.update = make_updater(
             Rates(settings.rate, settings.critic_discount * experiment.discount, settings.tau, settings.target_entropy)

@@ -168,13 +168,13 @@ def episode_return(task: Task, states: np.ndarray, inputs: np.ndarray) -> tuple[
     p, n = task.parameters.values, len(inputs)
     finite = np.isfinite(states).all(axis=1)
     solved = n if finite.all() else max(int(np.argmin(finite)) - 1, 0)
-    over = BatchFunction(task.ends, "numpy", 1)(states[: solved + 1], p)[:, 0] != 0
-    lived = int(np.argmax(over)) if over.any() else solved
+    has_ended = BatchFunction(task.ends, "numpy", 1)(states[: solved + 1], p)[:, 0] != 0
+    lived = int(np.argmax(has_ended)) if has_ended.any() else solved
     if not lived:
         return 0.0, 0
     counted = states[:lived], inputs[:lived], states[1 : lived + 1]
     total = float(BatchFunction(task.rewards, "numpy", 1)(*counted, p).sum())
-    if lived == n and not over.any():
+    if lived == n and not has_ended.any():
         total += float(task.finals(states[-1], p))
     return total, lived
 

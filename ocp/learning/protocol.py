@@ -155,27 +155,29 @@ TANH_LINEAR_SHARE = 0.1
 """Factor on the values before tanh of an embedded affine map; it is small, so that tanh is nearly linear."""
 
 
-def balancing_feedback(task: Task, rest: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return W (nu, n_o) and b (nu,) of a feedback ``a = W o + b`` that stabilises ``task`` at ``rest`` (nx,).
+def balancing_feedback(task: Task, x_rest: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return W (nu, n_o) and b (nu,) of a feedback ``a = W o + b`` that stabilises ``task`` at ``x_rest`` (nx,).
 
     The feedback is the linear-quadratic regulator with cost ``1e-3 |C (x - rest)|² + |a|²``, where C is the
-    Jacobian of the observations. The step of the barrier law with mu = 1e-10 is linearised at ``rest`` with the
+    Jacobian of the observations. The step of the barrier law with mu = 1e-10 is linearised at ``x_rest`` with the
     inputs in the middle of their range. The result is close to the stabilising feedback of least effort.
 
-    Raises :class:`~ocp.errors.InputError` if the system does not rest at ``rest``, or if the regulator cannot
+    Raises :class:`~ocp.errors.InputError` if the system does not rest at ``x_rest``, or if the regulator cannot
     be computed from the observations.
     """
-    if np.shape(rest) != (task.system.nx,) or not np.isfinite(rest).all():
-        raise InputError(f"rest must be {task.system.nx} finite numbers, a state of {task.name}, got {np.shape(rest)}")
+    if np.shape(x_rest) != (task.system.nx,) or not np.isfinite(x_rest).all():
+        raise InputError(
+            f"rest must be {task.system.nx} finite numbers, a state of {task.name}, got {np.shape(x_rest)}"
+        )
     step = Barrier(mu=1e-10).close(replace(task.system, parameters=task.parameters))
-    stepped, by_x, by_u = StepFunction(step, "casadi", 1).derivatives(rest[None], task.mid_range[None])
-    change = np.abs(stepped.x_next[0] - rest).max()
+    stepped, by_x, by_u = StepFunction(step, "casadi", 1).derivatives(x_rest[None], task.mid_range[None])
+    change = np.abs(stepped.x_next[0] - x_rest).max()
     if not change < MAX_REST_CHANGE:
         raise InputError(f"{task.name} does not rest at the state given: a step moves it {change:g}")
     x, p = task.system.x, task.parameters.vector
     observation = task.observe(x, p)
     observe = ca.Function("look", [x, p], [observation, ca.densify(ca.jacobian(observation, x))])
-    observed, C = (np.array(values) for values in observe(rest, task.parameters.values))
+    observed, C = (np.array(values) for values in observe(x_rest, task.parameters.values))
     gain = _regulator(by_x[0], by_u[0] * task.half_range, STATE_WEIGHT * C.T @ C)
     W = -gain @ np.linalg.pinv(C)
     if np.abs(W @ C + gain).max() > 1e-6 * np.abs(gain).max():
@@ -196,9 +198,9 @@ def embed_affine(W: np.ndarray, b: np.ndarray, layers: Layers) -> None:
         return
     if any(len(offsets) < n for _, offsets in hidden):
         raise InputError(f"a policy that balances needs hidden layers of at least {n} units")
-    for place, (weights, offsets) in enumerate(hidden):
-        weights[:n], offsets[:n] = (TANH_LINEAR_SHARE * W, TANH_LINEAR_SHARE * b) if place == 0 else (0.0, 0.0)
-        if place:
+    for layer, (weights, offsets) in enumerate(hidden):
+        weights[:n], offsets[:n] = (TANH_LINEAR_SHARE * W, TANH_LINEAR_SHARE * b) if layer == 0 else (0.0, 0.0)
+        if layer:
             weights[:n, :n] = np.eye(n)
     last[0][...], last[1][...] = 0.0, 0.0
     last[0][:, :n] = np.eye(n) / TANH_LINEAR_SHARE

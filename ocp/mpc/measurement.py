@@ -40,8 +40,8 @@ class Measurement:
         moved_out = self._move_out(finite_state, physical)
         if not np.array_equal(moved_out, finite_state):
             notes.append("the measured state penetrates and was moved out of contact")
-        beyond = np.maximum(bounds[0] - moved_out, moved_out - bounds[1]) > MET_TOLERANCE * self.problem.scales.x
-        if names := [self.names[i] for i in np.flatnonzero(beyond)]:
+        is_outside = np.maximum(bounds[0] - moved_out, moved_out - bounds[1]) > MET_TOLERANCE * self.problem.scales.x
+        if names := [self.names[i] for i in np.flatnonzero(is_outside)]:
             notes.append(f"the measured state is outside the bounds on {', '.join(names)}")
         return moved_out, notes
 

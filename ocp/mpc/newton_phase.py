@@ -138,10 +138,12 @@ class NewtonPhase(Phase):
         """Answer the first measurement: solve programs repeatedly, as long as they improve the plan."""
         return self._iterate(self.feedback, sample, MAX_WARM_UP_PROGRAMS, 1e-6)
 
-    def _iterate(self, solve: Callable[[Sample], Answer], sample: Sample, most: int, tolerance: float) -> Answer:
-        """Solve; repeat up to ``most`` times from the new plan while the merit decreases by ``tolerance``."""
+    def _iterate(
+        self, solve: Callable[[Sample], Answer], sample: Sample, max_iterations: int, tolerance: float
+    ) -> Answer:
+        """Solve; repeat up to ``max_iterations`` times from the new plan while the merit decreases by ``tolerance``."""
         answer = solve(sample)
-        for _ in range(most):
+        for _ in range(max_iterations):
             if answer.plan is None or answer.status == "kept":
                 break
             self.prepare(answer.plan, sample)

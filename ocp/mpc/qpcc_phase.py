@@ -61,8 +61,8 @@ class QPCC(NewtonPhase):
         free = self.sets.frictionless(closed)
         value, by_x[free], by_u[free] = np.where(free, sizes, value), 0.0, 0.0
         scaled = value / sizes, by_x / sizes[:, :, None], by_u / sizes[:, :, None]
-        both = zip(scaled, lin.rows, strict=True)
-        return Affine(*(np.concatenate(parts, axis=1) for parts in both))
+        stacked_blocks = zip(scaled, lin.rows, strict=True)
+        return Affine(*(np.concatenate(parts, axis=1) for parts in stacked_blocks))
 
     def proposals(self, prepared: Prepared, sample: Sample) -> tuple[list[Proposal], str]:
         """Return the proposal for the plan's active set, the best proposal after exchanges, and a note."""

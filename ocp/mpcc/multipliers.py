@@ -40,10 +40,10 @@ def multipliers_at(
     slopes = -(gradient + jacobian.T @ rows)
     # An entry of x that is a side of a pair is held at zero by the pair, and elsewhere by its bounds.
     near_zero = x[program.pairs] < bounds["ubx"][program.pairs] - x[program.pairs]
-    sides = np.where(near_zero, slopes[program.pairs], 0.0)
+    pair_multipliers = np.where(near_zero, slopes[program.pairs], 0.0)
     slopes[program.pairs[near_zero]] = 0.0
     n = program.mpcc.x.numel()
-    return Multipliers(slopes[:n], rows[program.constraints["g"].index.ravel()], *sides)
+    return Multipliers(slopes[:n], rows[program.constraints["g"].index.ravel()], *pair_multipliers)
 
 
 def sensitivities(
@@ -67,7 +67,7 @@ def sensitivities(
         check_regular(curve, v, lambda moved, curve=curve: curve.primal_dual(moved)[0][:n])
         t = curve.tangent(v)
         check_strict(curve, v, t)
-        ahead, behind = (curve.primal_dual(v + s * PARAMETER_STEP * t)[0][:n] for s in (1, -1))
-        dx[:, i] = (ahead - behind) / (2 * PARAMETER_STEP * unit)
+        forward, backward = (curve.primal_dual(v + s * PARAMETER_STEP * t)[0][:n] for s in (1, -1))
+        dx[:, i] = (forward - backward) / (2 * PARAMETER_STEP * unit)
         df[i] = cost_slope(curve, v)
     return dx, df

@@ -79,12 +79,12 @@ def problem_of(contents: NLFile, name: str, names: list[str]) -> NLProblem:
     complementarity of c and x_j (:class:`~ocp.mpcc.forms.Relation`): between l and u for k = 3, l and
     infinity for 1, minus infinity and u for 2; for 0 it is ``c = 0``.
     """
-    form, rows, ends, titles, places = StandardForm(), [], [], [], []
+    form, rows, ends, titles, multiplier_positions = StandardForm(), [], [], [], []
     for i in range(contents.n_rows):
         body, title = ca.SX(contents.row(i)), names[i] if len(names) > i else f"row {i}"
         kind, j = contents.complements.get(i, (0, -1))
         if j < 0:
-            places.append(("g", len(rows), 1.0))
+            multiplier_positions.append(("g", len(rows), 1.0))
             rows.append(body)
             ends.append(contents.row_ends[i])
             titles.append(title)
@@ -96,7 +96,7 @@ def problem_of(contents: NLFile, name: str, names: list[str]) -> NLProblem:
         is_equation = len(form.rows) > n_equations
         # Equations of the form follow all rows of the file, whose number is known at the end.
         sign = -1.0 if kind == _UPPER and not is_equation else 1.0
-        places.append(("equation", n_equations, sign) if is_equation else ("G", n_pairs, sign))
+        multiplier_positions.append(("equation", n_equations, sign) if is_equation else ("G", n_pairs, sign))
     f = ca.SX(contents.sum_terms(contents.objective, contents.gradient))
     x_ends = np.array([*contents.x_ends, *((low, math.inf) for low in form.lower)]).reshape(-1, 2)
     row_ends = np.array([*ends, *[(0.0, 0.0)] * len(form.rows)]).reshape(-1, 2)
@@ -118,7 +118,9 @@ def problem_of(contents: NLFile, name: str, names: list[str]) -> NLProblem:
         name=name,
         row_names=[*titles, *(f"equation {i} of the pairs" for i in range(len(form.rows)))],
     )
-    multiplier_of = [("g", len(rows) + i, s) if kind == "equation" else (kind, i, s) for kind, i, s in places]
+    multiplier_of = [
+        ("g", len(rows) + i, s) if kind == "equation" else (kind, i, s) for kind, i, s in multiplier_positions
+    ]
     start = np.concatenate([start, np.nan_to_num(np.array(parts(start)).ravel())])
     return NLProblem(mpcc, start, contents.maximise, contents, multiplier_of)
 
@@ -133,8 +135,8 @@ def sol_text(problem: NLProblem, solution: MPCCSolution) -> str:
     contents, duals, multipliers = problem.contents, list[float](), solution.multipliers
     if multipliers is not None:
         values = {"g": multipliers.g, "G": multipliers.G}
-        turn = 1.0 if problem.maximise else -1.0
-        duals = [turn * sign * float(values[kind][i]) for kind, i, sign in problem.multiplier_of]
+        objective_sign = 1.0 if problem.maximise else -1.0
+        duals = [objective_sign * sign * float(values[kind][i]) for kind, i, sign in problem.multiplier_of]
     n = contents.x.numel()
     numbers = [contents.n_rows, len(duals), n, n]
     lines = [

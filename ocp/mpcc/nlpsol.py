@@ -75,9 +75,9 @@ def _check_symbols(name: str, symbols: list[Any]) -> None:
     for entry, symbol in zip("xp", symbols, strict=True):
         is_column = isinstance(symbol, ca.SX | ca.MX) and symbol.is_column() and symbol.is_dense()
         if not is_column or not symbol.is_valid_input() or type(symbol) is not type(symbols[0]):
-            shown = " ".join(str(symbol)[:60].split())
+            symbol_text = " ".join(str(symbol)[:60].split())
             raise InputError(
-                f"{name}: {entry} is {shown}; expected a column of symbols, SX or MX as x is,"
+                f"{name}: {entry} is {symbol_text}; expected a column of symbols, SX or MX as x is,"
                 " such as vertcat(a, b) or vec(A)"
             )
     stacked = ca.veccat(*symbols)
@@ -232,12 +232,14 @@ def presolve(
     """
     if expressions[0].numel() != 1:
         raise InputError(f"{name}: f has {expressions[0].numel()} entries, expected 1")
-    parts = [part for relation in relations for part in (*relation.sides, relation.lower, relation.upper)]
+    relation_expressions = [
+        part for relation in relations for part in (*relation.sides, relation.lower, relation.upper)
+    ]
     declared = {symbol.name() for symbol in ca.symvar(ca.veccat(*symbols))}
-    unknown = sorted({symbol.name() for symbol in ca.symvar(ca.veccat(*expressions, *parts))} - declared)
+    unknown = sorted({symbol.name() for symbol in ca.symvar(ca.veccat(*expressions, *relation_expressions))} - declared)
     if unknown:
         raise InputError(f"{name}: {', '.join(unknown)} is neither in x nor in p; add it to one of them")
-    scalars, (f, g, low, high, *parts) = scalar_graphs([*symbols], [*expressions, *parts])
+    scalars, (f, g, low, high, *relation_expressions) = scalar_graphs([*symbols], [*expressions, *relation_expressions])
     for title, vector in (("f", f), ("g", g)):
         wrong = [value for value in ca.vertsplit(vector) if value.is_constant() and not np.isfinite(float(value))]
         if wrong:
@@ -245,8 +247,8 @@ def presolve(
     form = StandardForm()
     for relation in relations:
         count = len(relation.sides) + 2
-        *sides, lower, upper = parts[:count]
-        parts = parts[count:]
+        *sides, lower, upper = relation_expressions[:count]
+        relation_expressions = relation_expressions[count:]
         form.add(replace(relation, sides=tuple(sides), lower=lower, upper=upper))
     return Presolved(name, scalars, [f, g, low, high], form, row_names)
 

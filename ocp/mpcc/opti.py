@@ -55,15 +55,15 @@ class Stack:
                 raise InputError(f"{symbol.name()} is an integer variable; complementarity needs real ones")
         for constraint in snapshot.constraints():
             meta = snapshot.get_meta_con(constraint)
-            place, rows = _place(meta.extra), range(meta.start, meta.stop)
+            location, rows = _place(meta.extra), range(meta.start, meta.stop)
             relation = relation_of(meta.canon)
             if relation is not None:
-                contents.relations.append(replace(relation, name=place or "pair"))
+                contents.relations.append(replace(relation, name=location or "pair"))
                 continue
             contents.plain.append(ca.vec(meta.canon))
             contents.rows.extend(rows)
             single = len(rows) == 1
-            contents.row_names.extend(f"{place or 'g'}{'' if single else [i]}" for i in range(len(rows)))
+            contents.row_names.extend(f"{location or 'g'}{'' if single else [i]}" for i in range(len(rows)))
         return contents
 
     @property

@@ -42,23 +42,23 @@ class Presolved:
         self.starts = ca.Function("starts", [x, p], [ca.vertcat(none, *form.starts)])
         self.values = ca.Function("values", [x, p], [f, g])
         self.g, self.G, self.H = ca.cse([g, ca.vertcat(none, *form.G), ca.vertcat(none, *form.H)])
-        sides = {side.element_hash() for side in ca.vertsplit(ca.vertcat(self.G, self.H))}
-        self.repeats = np.array([row.element_hash() in sides for row in ca.vertsplit(self.g)], dtype=bool)
+        side_hashes = {side.element_hash() for side in ca.vertsplit(ca.vertcat(self.G, self.H))}
+        self.repeats = np.array([row.element_hash() in side_hashes for row in ca.vertsplit(self.g)], dtype=bool)
         self.others = np.flatnonzero(~self.repeats)
-        others = self.others.tolist()
+        unrepeated = self.others.tolist()
         lbg, ubg = ca.SX.sym("lbg", self.m), ca.SX.sym("ubg", self.m)
         parameters = ca.vertcat(p, lbg, ubg)
         low, high = ca.fmax(low, lbg), ca.fmin(high, ubg)
         # CasADi fails if no row is a simple bound; a bounded variable is therefore added at the end.
         extra = ca.SX.sym("extra")
-        kept, lower, upper, _, self.backward = ca.detect_simple_bounds(
+        kept_rows, lower, upper, _, self.backward = ca.detect_simple_bounds(
             ca.vertcat(self.x, extra),
             parameters,
-            ca.vertcat(_entries(self.g, others), extra),
-            ca.vertcat(_entries(low, others), -1),
-            ca.vertcat(_entries(high, others), 1),
+            ca.vertcat(_entries(self.g, unrepeated), extra),
+            ca.vertcat(_entries(low, unrepeated), -1),
+            ca.vertcat(_entries(high, unrepeated), 1),
         )
-        self.kept = np.array(kept, dtype=int)
+        self.kept = np.array(kept_rows, dtype=int)
         self.limits = ca.Function("limits", [p, lbg, ubg], [lower[:-1], upper[:-1], low, high])
         self.row_names = row_names or [f"g[{i}]" for i in range(self.m)]
         self._problems: dict[str, MPCC] = {}

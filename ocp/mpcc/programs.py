@@ -75,8 +75,8 @@ class MPCC:
         if self.names and len(self.names) != self.G.numel():
             raise InputError(f"{self.name}: {len(self.names)} names for {self.G.numel()} pairs; give one each")
         names = {str(symbol) for symbol in ca.symvar(ca.vertcat(self.x, self.p))}
-        used = ca.symvar(ca.vertcat(self.f, self.g, self.G, self.H))
-        unknown = sorted({str(symbol) for symbol in used} - names)
+        used_symbols = ca.symvar(ca.vertcat(self.f, self.g, self.G, self.H))
+        unknown = sorted({str(symbol) for symbol in used_symbols} - names)
         if unknown:
             raise InputError(f"{self.name}: {', '.join(unknown)} is neither in x nor in p")
 
@@ -91,10 +91,10 @@ class MPCC:
 
     def with_bounds(self, lbx: np.ndarray, ubx: np.ndarray, lbg: np.ndarray, ubg: np.ndarray) -> MPCC:
         """Return the problem with other bounds; derivatives and solvers are shared if signs of lbx agree."""
-        other = replace(self, lbx=lbx, ubx=ubx, lbg=lbg, ubg=ubg)
-        if np.array_equal(self.x_bounds[0] <= 0, other.x_bounds[0] <= 0):
-            other.__dict__["lifted"] = self.lifted
-        return other
+        bounded = replace(self, lbx=lbx, ubx=ubx, lbg=lbg, ubg=ubg)
+        if np.array_equal(self.x_bounds[0] <= 0, bounded.x_bounds[0] <= 0):
+            bounded.__dict__["lifted"] = self.lifted
+        return bounded
 
     @property
     def x_bounds(self) -> tuple[np.ndarray, np.ndarray]:
@@ -134,7 +134,7 @@ class Lifted:
         n, k = mpcc.x.numel(), mpcc.G.numel()
         self.variables.add("x", (n,), tuple(str(mpcc.x[i]) for i in range(n)))
         self.constraints.add("g", (mpcc.g.numel(),), tuple(mpcc.row_names))
-        symbols, rows, places, taken_entries = [mpcc.x], [expressions[0]], [], set()
+        symbols, rows, pair_positions, taken_entries = [mpcc.x], [expressions[0]], [], set()
         for label, sides in (("G", expressions[1]), ("H", expressions[2])):
             positions = self._entries(sides, taken_entries)
             fresh = np.flatnonzero(positions < 0)
@@ -144,8 +144,8 @@ class Lifted:
             symbol = ca.SX.sym(label, fresh.size)
             symbols.append(symbol)
             rows.append(sides[[int(i) for i in fresh]] - symbol if fresh.size else ca.SX(0, 1))
-            places.append(positions)
-        self.pairs = np.array(places).reshape(2, k)
+            pair_positions.append(positions)
+        self.pairs = np.array(pair_positions).reshape(2, k)
         self.x, self.f, self.g = ca.vertcat(*symbols), f, ca.vertcat(*rows)
         self.lam_f, self.lam_g = ca.SX.sym("lam_f"), ca.SX.sym("lam_g", self.g.numel())
         self.gradient, self.jacobian = ca.gradient(f, self.x), ca.jacobian(self.g, self.x)
@@ -161,7 +161,7 @@ class Lifted:
             k, constraints = self.pairs.shape[1], Layout()
             for name, block in self.constraints.blocks.items():
                 constraints.add(name, block.shape, block.components)
-            first, second = (self.x[[int(i) for i in places]] if k else ca.SX(0, 1) for places in self.pairs)
+            first, second = (self.x[[int(i) for i in indices]] if k else ca.SX(0, 1) for indices in self.pairs)
             penalty, t = ca.SX.sym("penalty"), ca.SX.sym("relaxation")
             rows = closure_rows(reformulation, first, second, 0.0, t)
             for name, row in rows:
@@ -186,10 +186,10 @@ class Lifted:
     def _entries(self, sides: ca.SX, taken_entries: set[int]) -> np.ndarray:
         """Return the indices in x of the sides that are entries of x, -1 for the others."""
         x, (lower, _) = self.mpcc.x, self.mpcc.x_bounds
-        places = {x[i].element_hash(): i for i in range(x.numel()) if lower[i] <= 0}
+        index_by_hash = {x[i].element_hash(): i for i in range(x.numel()) if lower[i] <= 0}
         entries = np.full(sides.numel(), -1)
         for i in range(sides.numel()):
-            position = places.get(sides[i].element_hash(), -1) if sides[i].is_symbolic() else -1
+            position = index_by_hash.get(sides[i].element_hash(), -1) if sides[i].is_symbolic() else -1
             if position not in taken_entries:
                 entries[i] = position
                 taken_entries |= {position} - {-1}

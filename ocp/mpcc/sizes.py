@@ -65,10 +65,10 @@ def _steep_limits(slope: np.ndarray, sizes: np.ndarray, start: np.ndarray, bound
     """Return (n,), for steep variables at a bound, the step that changes the cost by the median; else NaN."""
     change = np.abs(slope) * np.where(sizes > 0, sizes, 1.0)
     is_held = np.where(slope > 0, start <= bounds["lbx"], start >= bounds["ubx"])
-    others = change[~is_held & (change > 0)]
-    if not others.size:
+    free_changes = change[~is_held & (change > 0)]
+    if not free_changes.size:
         return np.full(slope.size, np.nan)
-    typical = np.median(others)
+    typical = np.median(free_changes)
     steep = is_held & (change > _STEEP * typical)
     return np.where(steep, typical / np.where(steep, np.abs(slope), 1.0), np.nan)
 

@@ -185,11 +185,11 @@ def _endless(follower: Homotopy, x: np.ndarray, start: np.ndarray) -> str:
     """Return a sentence on a cost unbounded below from x (n,) or ``start`` with closed pairs; empty if bounded."""
     program, values = follower.nlp_of("none"), follower.values
     assert isinstance(program, MPCCProgram)
-    answer, guess = program.extended(x), program.extended(start)
+    extended_solution, guess = program.extended(x), program.extended(start)
     smaller = program.pairs[np.argmin(guess[program.pairs], axis=0), np.arange(len(program.pairs.T))]
     guess[smaller] = 0.0
     arguments = program.parameter_vector(values), program.bounds(values)
-    endless = unbounded_variables(program, *arguments, answer, guess)
+    endless = unbounded_variables(program, *arguments, extended_solution, guess)
     return f"{endless}." if endless else ""
 
 
@@ -309,8 +309,8 @@ def _judged(program: MPCCProgram, source: Program, result: Result, start: np.nda
     p, bounds = program.parameter_vector(values), program.bounds(values)
     x = _at_bounds(program, x, p, bounds)
     infeasibility, worst = violation(program, x, p, bounds)
-    sides = program.lifted.sides(x[: mpcc.x.numel()], program.given)
-    G, H = (np.array(v).ravel() for v in sides)
+    G_and_H = program.lifted.sides(x[: mpcc.x.numel()], program.given)
+    G, H = (np.array(v).ravel() for v in G_and_H)
     units = program.natural.x[program.pairs]
     complementarity = np.abs(np.minimum(G / units[0], H / units[1]))
     if complementarity.size and complementarity.max() > infeasibility:

@@ -23,8 +23,8 @@ def check_symbols(what: str, value: ca.SX, known: Iterable[ca.SX], expected: str
     The message says that the symbol is ``expected``, such as "no declared parameter".
     """
     declared = {symbol.element_hash() for symbols in known for symbol in ca.symvar(symbols)}
-    used = ca.symvar(value)
-    unknown_names = sorted({str(symbol) for symbol in used if symbol.element_hash() not in declared})
+    used_symbols = ca.symvar(value)
+    unknown_names = sorted({str(symbol) for symbol in used_symbols if symbol.element_hash() not in declared})
     if unknown_names:
         raise InputError(f"{what} uses {', '.join(unknown_names)}, which is {expected}")
 

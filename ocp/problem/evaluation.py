@@ -89,13 +89,16 @@ class Evaluation:
         stage, terminal = map(least_value, ca.substitute([*self.problem.changeable_costs], *p))
         return self.constant_cost + self.problem.N * max(stage, 0.0) + max(terminal, 0.0)
 
-    def step_values(self, step: Step, own: bool = True) -> np.ndarray:
-        """Return the values of a step's parameters; parameters of its law that ``values`` lacks are the law's settings.
+    def step_values(self, step: Step, with_law_values: bool = True) -> np.ndarray:
+        """Return the parameter vector of a step, with the problem's parameters and those of the step's contact law.
 
-        If ``own`` is False, the law's settings are always used.
+        A law parameter is taken from ``values``, and from the law's settings if ``values`` does not contain it or if
+        ``with_law_values`` is False.
         """
+        if with_law_values:
+            return step.p.pack(self.values)
         table = self.problem.parameters
-        return step.p.pack(self.values if own else {name: v for name, v in self.values.items() if name in table})
+        return step.p.pack({name: value for name, value in self.values.items() if name in table})
 
     def node_times(self, start: np.ndarray | None = None) -> np.ndarray:
         """Return the times [s] of the nodes, (N+1,).

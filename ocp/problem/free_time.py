@@ -103,8 +103,8 @@ def _stretched(system: ContactSystem, with_h: Callable[[Any], Any], h: ca.SX, h_
 
     referee_model, note, referee_system = None, system.referee_note, system.most_exact
     if note is not None:
-        same = referee_system is system
-        referee_model = RefereeModel(note, None if same else lambda: _stretched(referee_system, with_h, h, h_next))
+        is_same = referee_system is system
+        referee_model = RefereeModel(note, None if is_same else lambda: _stretched(referee_system, with_h, h, h_next))
     changed_parts = {
         part_name: each(instance)
         for part_name in ("forces", "energy_balance")

@@ -67,12 +67,12 @@ def _limits() -> list[Path]:
     files = [_CGROUPS / "memory.max", _CGROUPS / "memory/memory.limit_in_bytes"]
     with suppress(OSError):
         for line in _PROCESS_CGROUPS.read_text().splitlines():
-            _, kinds, place = line.split(":", 2)
+            _, kinds, group_path = line.split(":", 2)
             root, name = (_CGROUPS, "memory.max")
             if kinds:
                 root, name = (_CGROUPS / "memory", "memory.limit_in_bytes")
             if not kinds or "memory" in kinds.split(","):
-                group = root / place.strip("/")
+                group = root / group_path.strip("/")
                 files += [folder / name for folder in (group, *group.parents) if root in folder.parents]
     return files
 
@@ -118,12 +118,12 @@ def sampling_memory(decision: float, samples: float) -> float:
     return _ARRAYS * 8.0 * decision * samples
 
 
-def check_memory(task_name: str, needed: float) -> None:
-    """Raise :class:`~ocp.errors.InputError` if ``needed`` bytes exceed the available memory."""
+def check_memory(task_name: str, needed_bytes: float) -> None:
+    """Raise :class:`~ocp.errors.InputError` if ``needed_bytes`` bytes exceed the available memory."""
     available = machine_memory()
-    if needed > available:
+    if needed_bytes > available:
         raise InputError(
-            f"{task_name} would take about {_gigabytes(needed)} of memory, and this machine has"
+            f"{task_name} would take about {_gigabytes(needed_bytes)} of memory, and this machine has"
             f" {_gigabytes(available)}; take fewer"
         )
 

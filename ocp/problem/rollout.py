@@ -148,7 +148,7 @@ def roll_on(
         step = problem.exact_step
     else:
         step = law if isinstance(law, Step) else law.close(problem.system)
-    p = evaluation.step_values(step, own=step is law)
+    p = evaluation.step_values(step, with_law_values=step is law)
     nx, nu = problem.system.nx, problem.system.nu
     start = evaluation.initial_states if x0 is None else _array("x0", x0, (None, nx))
     S, N = len(start), problem.N
@@ -236,24 +236,26 @@ def problem_impulses(evaluation: Evaluation, step: Step, x: np.ndarray, u: np.nd
     The result is NaN if neither the cost nor a path constraint depends on impulses, or if they cannot be matched.
     """
     problem = evaluation.problem
-    system, other = problem.system, step.system
+    system, step_system = problem.system, step.system
     unknown = np.full((*lam.shape[:2], system.nlam), np.nan)
     if not problem.uses_impulses or step.n == 0:
         return unknown
     mean = mean_multipliers(step, lam)
-    if [contact.name for contact in system.contacts] == [contact.name for contact in other.contacts]:
+    if [contact.name for contact in system.contacts] == [contact.name for contact in step_system.contacts]:
         return mean
-    if system.forces is None or other.forces is None:
+    if system.forces is None or step_system.forces is None:
         return unknown
     system_forces, other_forces = (
-        ca.vertcat(forces.normal, forces.tangential) for forces in (system.forces, other.forces)
+        ca.vertcat(forces.normal, forces.tangential) for forces in (system.forces, step_system.forces)
     )
     matched = ca.Function(
         "matched",
-        [system.x, system.u, other.lam, problem.parameters.vector],
+        [system.x, system.u, step_system.lam, problem.parameters.vector],
         [
             ca.vec(ca.densify(ca.jacobian(system_forces, system.lam))),
-            ca.densify(ca.substitute(other_forces, ca.vertcat(other.x, other.u), ca.vertcat(system.x, system.u))),
+            ca.densify(
+                ca.substitute(other_forces, ca.vertcat(step_system.x, step_system.u), ca.vertcat(system.x, system.u))
+            ),
         ],
     )
     columns, forces = at_steps(matched, x[:, :-1], u, mean, p=evaluation.p)

@@ -117,8 +117,8 @@ class _Data:
         widths = (self.u_upper - self.u_lower) / 2
         effects = np.abs(self._inputs_over_horizon()) / x[:, None]
         with np.errstate(divide="ignore"):
-            needed = 1 / effects.max(axis=0, initial=0.0)
-        sizes = np.where(np.isfinite(widths) & (widths > 0), widths, needed)
+            sizes_by_effect = 1 / effects.max(axis=0, initial=0.0)
+        sizes = np.where(np.isfinite(widths) & (widths > 0), widths, sizes_by_effect)
         newton_steps = self._newton_step(self.problem.stage_cost, self.system.u)
         sizes = np.where(np.isfinite(sizes), sizes, newton_steps)
         return np.where(sizes > 0, sizes, 1.0)
@@ -214,8 +214,8 @@ class _Data:
         by_state = by_state[self._distances()]
         gap_changes = (by_state * sizes).max(axis=1, initial=0.0)[:, None]
         with np.errstate(divide="ignore", invalid="ignore"):
-            needed = np.where((by_state > 0) & (gap_changes > 0), gap_changes / by_state, 0.0)
-        return needed.max(axis=0, initial=0.0)
+            sizes_by_gap = np.where((by_state > 0) & (gap_changes > 0), gap_changes / by_state, 0.0)
+        return sizes_by_gap.max(axis=0, initial=0.0)
 
     def _bound_widths(self, _: np.ndarray) -> np.ndarray:
         """Return the distance (nx,) of every state at x0 from its farther finite bound, zero without a bound."""

@@ -88,15 +88,15 @@ class Sketch:
             positions = steps * (len(points) - 1) / N
             marks[steps, choose("state", name, index_of)] = np.interp(positions, np.arange(len(points)), points)
         for step, pose in self.keyframes.items():
-            place = f"the keyframe at step {step}"
-            _check_step(place, step, problem)
+            title = f"the keyframe at step {step}"
+            _check_step(title, step, problem)
             if isinstance(pose, Mapping):
                 for name, value in pose.items():
-                    marks[step, choose("state", name, index_of)] = validated(f"{place}: {name}", value, Number)
+                    marks[step, choose("state", name, index_of)] = validated(f"{title}: {name}", value, Number)
                 continue
-            values = _numbers(place, pose)
+            values = _numbers(title, pose)
             if values.shape != (len(names),):
-                raise InputError(f"{place} must have {len(names)} states, {', '.join(names)}; got {values.shape}")
+                raise InputError(f"{title} must have {len(names)} states, {', '.join(names)}; got {values.shape}")
             marks[step] = values
         return marks
 
@@ -138,18 +138,18 @@ class Sketch:
         return {"lam": (unbounded, impulse_limits), "gap": (unbounded, gap_limits)}
 
 
-def _check_step(place: str, step: int, problem: Problem) -> None:
+def _check_step(title: str, step: int, problem: Problem) -> None:
     if step > problem.N:
-        raise InputError(f"{place}: {problem.name} has steps 0 to {problem.N}, got {step}")
+        raise InputError(f"{title}: {problem.name} has steps 0 to {problem.N}, got {step}")
 
 
-def _numbers(place: str, value: Any) -> np.ndarray:
+def _numbers(title: str, value: Any) -> np.ndarray:
     try:
         numbers = np.asarray(value, dtype=float)
     except (TypeError, ValueError):
-        raise InputError(f"{place} must be numbers, got {abbreviated(value)}") from None
+        raise InputError(f"{title} must be numbers, got {abbreviated(value)}") from None
     if not np.isfinite(numbers).all():
-        raise InputError(f"{place} must be finite, got {abbreviated(value)}")
+        raise InputError(f"{title} must be finite, got {abbreviated(value)}")
     return numbers
 
 
@@ -162,9 +162,9 @@ def _completed(evaluation: Evaluation, marks: np.ndarray, guess: np.ndarray) -> 
         marked_steps = steps[is_marked[:, index]]
         states[:, index] = np.interp(steps, marked_steps, values[marked_steps, index])
     system, free = evaluation.problem.system, np.flatnonzero(~is_marked[0])
-    driving, given = ca.vertcat(system.u, system.lam), system.x_next[np.flatnonzero(is_marked[0]).tolist()]
+    driving, marked_next = ca.vertcat(system.u, system.lam), system.x_next[np.flatnonzero(is_marked[0]).tolist()]
     residuals = ca.vertsplit(ca.SX(system.residual))
-    rows = [row for row in residuals if ca.depends_on(row, given) and not ca.depends_on(row, driving)]
+    rows = [row for row in residuals if ca.depends_on(row, marked_next) and not ca.depends_on(row, driving)]
     if rows and free.size:
         kinematics = ca.vertcat(*rows)
         slopes = ca.jacobian(kinematics, system.x_next)

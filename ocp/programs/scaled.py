@@ -36,16 +36,21 @@ class Scaled:
     def functions(self) -> dict[str, ca.Function]:
         """Return ``f_g``, ``grad_f``, ``jac_g`` and ``hess_lag`` in z, with arguments like the program's functions."""
         program, scale = self.program, self.scale
-        plain = {"f_g": program.f_g, "grad_f": program.gradient, "jac_g": program.jacobian, "hess_lag": program.hessian}
+        functions = {
+            "f_g": program.f_g,
+            "grad_f": program.gradient,
+            "jac_g": program.jacobian,
+            "hess_lag": program.hessian,
+        }
         if scale is None:
-            return plain
+            return functions
         X, G = ca.DM(scale.x), ca.DM(scale.g)
         z, p = ca.MX.sym("z", program.n), ca.MX.sym("p", program.n_parameters)
         s, y = ca.MX.sym("s"), ca.MX.sym("y", program.m)
-        f, g = plain["f_g"].call([X * z, p], True, False)
-        slope = plain["grad_f"].call([X * z, p], True, False)[1]
-        rows = plain["jac_g"].call([X * z, p], True, False)[1]
-        hessian = plain["hess_lag"].call([X * z, p, s / scale.f, y / G], True, False)[0]
+        f, g = functions["f_g"].call([X * z, p], True, False)
+        slope = functions["grad_f"].call([X * z, p], True, False)[1]
+        rows = functions["jac_g"].call([X * z, p], True, False)[1]
+        hessian = functions["hess_lag"].call([X * z, p, s / scale.f, y / G], True, False)[0]
         outputs = {
             "f_g": [f / scale.f, g / G],
             "grad_f": [f / scale.f, X * slope / scale.f],
@@ -55,10 +60,10 @@ class Scaled:
         return {
             name: ca.Function(
                 f"scaled_{name}",
-                [z, p, s, y][: plain[name].n_in()],
+                [z, p, s, y][: functions[name].n_in()],
                 expressions,
-                plain[name].name_in(),
-                plain[name].name_out(),
+                functions[name].name_in(),
+                functions[name].name_out(),
             )
             for name, expressions in outputs.items()
         }

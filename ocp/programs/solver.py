@@ -152,7 +152,7 @@ class Solver:
         start_time = time.perf_counter()
         with record_interrupts() as signals:
             try:
-                answer = function(**arguments)
+                solved = function(**arguments)
             except RuntimeError as error:
                 if signals:
                     raise KeyboardInterrupt from error
@@ -162,8 +162,8 @@ class Solver:
         word = str(stats.get("return_status", "unknown"))
         succeeded = bool(stats.get("success", False))
         status = _STATUS.get(word, Status.SOLVED if succeeded else Status.FAILED)
-        values = {key: np.array(answer[key]).ravel() for key in ("x", "lam_x", "lam_g", "g")}
-        point, cost, g = scaled.unscale(float(answer["f"]), **values)
+        values = {key: np.array(solved[key]).ravel() for key in ("x", "lam_x", "lam_g", "g")}
+        point, cost, g = scaled.unscale(float(solved["f"]), **values)
         if not np.all(np.isfinite(values["x"])):
             status = Status.DIVERGED
         # Wall time of f, g and their derivatives, as measured by CasADi around each call.
@@ -195,10 +195,10 @@ class Solver:
 
     def _failed_result(self, nlp: Program, start: Point, p: np.ndarray, error: RuntimeError, seconds: float) -> Result:
         """Return a failed result for a plugin's exception; raise InputError if the exception is about options."""
-        word = str(error).strip().splitlines()[-1]
-        if "option" in word or "logger" in word:
-            raise InputError(f"{self.name} rejected its options {self.options}: {word}") from error
-        return Result.at(nlp, start, p, Status.FAILED, word, seconds)
+        message = str(error).strip().splitlines()[-1]
+        if "option" in message or "logger" in message:
+            raise InputError(f"{self.name} rejected its options {self.options}: {message}") from error
+        return Result.at(nlp, start, p, Status.FAILED, message, seconds)
 
     def _solver_function(self, nlp: Program, overrides: dict[str, Any]) -> ca.Function:
         options = {**self.options, **overrides}
@@ -243,10 +243,10 @@ def _check_bounds(nlp: Program, bounds: dict[str, np.ndarray]) -> None:
             position = int(crossed[0])
             block, index = layout.locate(position)
             component = block.components[index[-1]] if block.components else str(index[-1])
-            how = "above" if lower[position] > upper[position] else "and there is no finite number below"
+            relation = "above" if lower[position] > upper[position] else "and there is no finite number below"
             raise InputError(
                 f"{nlp.title}: the lower bound of {component} in {block.name} is"
-                f" {lower[position]:g}, {how} its upper bound {upper[position]:g}; exchange or widen them"
+                f" {lower[position]:g}, {relation} its upper bound {upper[position]:g}; exchange or widen them"
             )
 
 

@@ -47,8 +47,8 @@ def dimension(unit: str) -> np.ndarray | None:
         if token == "/":
             sign = -1
             continue
-        word, _, power = token.rpartition("^") if re.search(r"\^-?\d+$", token) else (token, "", "1")
-        inner = dimension(word[1:-1]) if word.startswith("(") else DIMENSIONS.get(word)
+        symbol, _, power = token.rpartition("^") if re.search(r"\^-?\d+$", token) else (token, "", "1")
+        inner = dimension(symbol[1:-1]) if symbol.startswith("(") else DIMENSIONS.get(symbol)
         if inner is None:
             return None
         total += sign * float(power) * np.asarray(inner)
@@ -101,8 +101,8 @@ def fit_units(changes: Iterable[tuple[str, float, bool]]) -> Units:
         weight = np.sqrt(votes) * ((y - E @ c) ** 2 + SMOOTHING**2) ** -0.25
         c = np.linalg.lstsq(weight[:, None] * E, weight * y, rcond=None)[0]
     residuals = y - E @ c
-    met = np.abs(residuals) < SLIGHT_CHANGE
-    c += np.linalg.lstsq(E[met], residuals[met], rcond=None)[0]
+    is_met = np.abs(residuals) < SLIGHT_CHANGE
+    c += np.linalg.lstsq(E[is_met], residuals[is_met], rcond=None)[0]
     return Units() if np.abs(c).max() < SLIGHT_CHANGE else Units(*np.exp(c).tolist())
 
 

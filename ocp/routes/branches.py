@@ -184,9 +184,9 @@ class Branches:
         """Return the result of the branch in a descent direction; None if there is no such direction."""
         if not 0 < model.effort(radius) <= _EFFORT:
             return None
-        cut = tolerance_of(model)
-        direction = model.descend(radius, True, cut, first=True)
-        if not direction.decrease > cut:
+        min_decrease = tolerance_of(model)
+        direction = model.descend(radius, True, min_decrease, first=True)
+        if not direction.decrease > min_decrease:
             return None
         active = self.program.active_sets(best.point.x)[-1]
         active[direction.near] = direction.active > 0.5
@@ -228,10 +228,10 @@ def polish(follower: Homotopy, source: Program, result: Result, improving: bool 
     """
     branches = Branches(follower)
     branch_point = translate(result.point, source, branches.program)
-    answer = branches.solve_branch(branch_point)
-    if answer is None and result.ok:
-        answer = branches.propose(branch_point)
-    if answer is None:
+    branch_result = branches.solve_branch(branch_point)
+    if branch_result is None and result.ok:
+        branch_result = branches.propose(branch_point)
+    if branch_result is None:
         return RouteResult(result, source, False, follower.trace)
-    answer = branches.improve(answer) if improving else answer
-    return RouteResult(answer, branches.program, True, follower.trace)
+    branch_result = branches.improve(branch_result) if improving else branch_result
+    return RouteResult(branch_result, branches.program, True, follower.trace)

@@ -93,13 +93,13 @@ class Trace:
     evaluation_s: float = 0.0
     refused: str = ""
 
-    def absorb(self, other: Trace) -> None:
+    def absorb(self, trace: Trace) -> None:
         """Append the table of another trace and add its iterations and seconds."""
-        self.records += other.records
-        self.iterations += other.iterations
-        self.seconds += other.seconds
-        self.evaluation_s += other.evaluation_s
-        self.refused = other.refused
+        self.records += trace.records
+        self.iterations += trace.iterations
+        self.seconds += trace.seconds
+        self.evaluation_s += trace.evaluation_s
+        self.refused = trace.refused
 
 
 @dataclass(frozen=True)
@@ -149,7 +149,7 @@ class Homotopy:
 
         ``start`` is a point of ``source``, by default of the path's first program.
         """
-        pending, last_good, tries = list(path.values), None, 0
+        pending, last_good, attempts = list(path.values), None, 0
         point, best = start, None
         while pending:
             value = pending.pop(0)
@@ -159,16 +159,16 @@ class Homotopy:
             result = self.solve_stage(stage, nlp, usable, warm or last_good is not None)
             if result.ok or (stage.partial and result.status is Status.ITERATION_LIMIT):
                 point, source, last_good = result.point, nlp, value
-                tries = 0 if value in path.values else tries
+                attempts = 0 if value in path.values else attempts
                 best = (result, nlp)
                 if path.complete is not None and path.complete(nlp, result):
                     break
                 continue
-            if last_good is None or tries >= step_backs or value == 0:
+            if last_good is None or attempts >= step_backs or value == 0:
                 if path.strict or best is None:
                     return RouteResult(result, nlp, False, self.trace)
                 break
-            tries += 1
+            attempts += 1
             pending = [math.sqrt(last_good * value), value, *pending]
         assert best is not None
         return RouteResult(*best, True, self.trace)

@@ -75,9 +75,9 @@ def improve_schedule(branches: Branches, best: Result, max_failures: int = MAX_F
         first_moves = [promising_move] if promising_move else []
         for move in [*first_moves, *moves(active, program.chains), *np.flatnonzero(fall > 0)]:
             changed = apply_move(active, program.chains, move)
-            if changed is None or not fall[other := changed != active].any():
+            if changed is None or not fall[differs := changed != active].any():
                 continue
-            neighbours.append((move is promising_move, fall[other].sum() / distances[other].sum(), move, changed))
+            neighbours.append((move is promising_move, fall[differs].sum() / distances[differs].sum(), move, changed))
         neighbours.sort(key=lambda entry: entry[:2], reverse=True)
         failed = 0
         for _, _, move, changed in neighbours:

@@ -95,15 +95,15 @@ class WarmStart(Route):
         """Solve the stage with the first options for which the solver converges."""
         nlp, point = session.nlp_of("product"), start.point
         assert point is not None
-        keep: dict[str, Any] = {} if start.near or point.lam_g is not None else IPOPT_PRIMAL_WARM_START
-        tries: list[dict[str, Any]] = [{"mu_init": 1e-7}]
+        warm_options: dict[str, Any] = {} if start.near or point.lam_g is not None else IPOPT_PRIMAL_WARM_START
+        stage_options: list[dict[str, Any]] = [{"mu_init": 1e-7}]
         if not start.near:
-            short = {"max_iter": STAGE_ITERATIONS, **session.solver.options}
-            tries = [{**keep, "mu_init": 1e-7, **short}, {**keep, "mu_init": 1e-3}]
-        stages = [HomotopyStage(session.step.law.name, 0.0, options=options) for options in tries]
+            limited_options = {"max_iter": STAGE_ITERATIONS, **session.solver.options}
+            stage_options = [{**warm_options, "mu_init": 1e-7, **limited_options}, {**warm_options, "mu_init": 1e-3}]
+        stages = [HomotopyStage(session.step.law.name, 0.0, options=options) for options in stage_options]
         if session.complementary:
             t = (NEAR_RELAXATION if start.near else FAR_RELAXATION) * session.problem.natural_scales.mu
-            stages = [relaxed(t, {**keep, "mu_init": max(t / 10, 1e-9)})]
+            stages = [relaxed(t, {**warm_options, "mu_init": max(t / 10, 1e-9)})]
         result = follower.solve_stage(stages[0], nlp, point, True)
         for stage in stages[1:]:
             result = result if result.ok else follower.solve_stage(stage, nlp, point, True)

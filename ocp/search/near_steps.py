@@ -72,11 +72,13 @@ class NearSteps:
         near_contacts = np.argsort(phi, axis=1, kind="stable")[:, :_NEAR]
         always = np.arange(phi.shape[1], len(self.owners))
         near_contacts = np.column_stack([near_contacts, np.tile(always, (S, 1))])
-        rows, real = self.rows[near_contacts].reshape(S, -1), self.real[near_contacts].reshape(S, -1)
+        rows, is_real = self.rows[near_contacts].reshape(S, -1), self.real[near_contacts].reshape(S, -1)
         x_next, unsolved, near_lam = x.copy(), np.arange(S), np.zeros(rows.shape)
         for _ in range(_LINEARISATIONS):
             iterate = x[unsolved], u[unsolved], x_next[unsolved], near_lam[unsolved]
-            linearised_next, lam = self._linearised(*iterate, a[unsolved], B[unsolved], rows[unsolved], real[unsolved])
+            linearised_next, lam = self._linearised(
+                *iterate, a[unsolved], B[unsolved], rows[unsolved], is_real[unsolved]
+            )
             change = np.abs(linearised_next - x_next[unsolved]).max(axis=1)
             if self.curved:
                 change = np.maximum(change, np.abs(lam - near_lam[unsolved]).max(axis=1))
@@ -84,7 +86,7 @@ class NearSteps:
             unsolved = unsolved[~(change < _SOLVED) & np.isfinite(change)]
             if not len(unsolved):
                 break
-        lam, (s, k) = zeros, np.nonzero(real)
+        lam, (s, k) = zeros, np.nonzero(is_real)
         lam[s, rows[s, k]] = near_lam[s, k] * self.of_lam[rows[s, k]]
         gap = self._along(x, u, x_next, lam, self.p)[0][:, :, 0]
         for slip, sides in self.slips:
@@ -108,13 +110,13 @@ class NearSteps:
         a: np.ndarray,
         B: np.ndarray,
         rows: np.ndarray,
-        real: np.ndarray,
+        is_real: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return next states (S, nx) and multipliers (S, rows) for gaps linearised at states ``at`` (S, nx)
         and multipliers ``near`` (S, rows)."""
         sample_index = np.arange(len(x))[:, None]
         full_lam = np.zeros((len(x), self.n))
-        s, k = np.nonzero(real)
+        s, k = np.nonzero(is_real)
         full_lam[s, rows[s, k]] = near[s, k] * self.of_lam[rows[s, k]]
         gap, by_state, by_lam = self._along(x, u, at, full_lam, self.p)
         units, sizes = self.of_gap[rows], self.of_lam[rows]
@@ -122,40 +124,40 @@ class NearSteps:
         B_near = np.take_along_axis(B, rows[:, None, :], axis=2) * sizes[:, None, :]
         z = gap[sample_index, rows, 0] + np.einsum("sij,sj->si", slope, a - at)
         by_lam = by_lam[sample_index[:, :, None], rows[:, :, None], rows[:, None, :]]
-        by_lam = np.where(real[:, None, :], by_lam * sizes[:, None, :], 0.0)
+        by_lam = np.where(is_real[:, None, :], by_lam * sizes[:, None, :], 0.0)
         z -= np.einsum("sij,sj->si", by_lam, near)
         F = slope @ B_near + by_lam
-        real_pairs = real[:, :, None] & real[:, None, :]
-        lam = linear_complementarity(np.where(real_pairs, F / units[:, :, None], 0.0), z / units, real)
+        real_pairs = is_real[:, :, None] & is_real[:, None, :]
+        lam = linear_complementarity(np.where(real_pairs, F / units[:, :, None], 0.0), z / units, is_real)
         return a + np.einsum("sij,sj->si", B_near, lam), lam
 
 
-def linear_complementarity(F: np.ndarray, z: np.ndarray, real: np.ndarray) -> np.ndarray:
+def linear_complementarity(F: np.ndarray, z: np.ndarray, is_pair: np.ndarray) -> np.ndarray:
     """Return lam (S, n) with ``0 <= lam ⟂ z + F lam >= 0``, F (S, n, n), z (S, n); NaN if that fails.
 
     The method is Mehrotra's predictor-corrector; pairs for which ``real`` (S, n) is False are ignored.
     """
-    lam = np.where(real, 1.0, 0.0)
+    lam = np.where(is_pair, 1.0, 0.0)
     slack = np.maximum(z + (F @ lam[:, :, None])[:, :, 0], 1.0)
     answer, unsolved = np.full(z.shape, np.nan), np.arange(len(z))
     for _ in range(_ITERATIONS):
-        m, s, is_real, matrix = lam[unsolved], slack[unsolved], real[unsolved], F[unsolved]
+        m, s, is_real, matrix = lam[unsolved], slack[unsolved], is_pair[unsolved], F[unsolved]
         residual = np.where(is_real, z[unsolved] + (matrix @ m[:, :, None])[:, :, 0] - s, 0.0)
         product = np.where(is_real, m * s, 0.0)
         solved = (np.abs(residual).max(axis=1) < _SOLVED) & (product.max(axis=1) < 1e-8)
         answer[unsolved[solved]] = m[solved]
         if (solved | ~np.isfinite(m).all(axis=1)).all():
             break
-        keep = ~solved & np.isfinite(m).all(axis=1)
+        is_running = ~solved & np.isfinite(m).all(axis=1)
         unsolved, m, s, is_real, matrix, residual, product = (
-            array[keep] for array in (unsolved, m, s, is_real, matrix, residual, product)
+            array[is_running] for array in (unsolved, m, s, is_real, matrix, residual, product)
         )
         count = np.maximum(is_real.sum(axis=1), 1)[:, None]
         mean = product.sum(axis=1)[:, None] / count
         dl, ds = _direction(m, s, matrix, residual, np.zeros_like(mean), is_real)
         step = _to_edge(m, dl, s, ds, is_real)
-        ahead = np.where(is_real, (m + step * dl) * (s + step * ds), 0).sum(axis=1)[:, None] / count
-        mu = mean * np.clip((ahead / mean) ** 3, 1e-6, 1.0)
+        predicted_mean = np.where(is_real, (m + step * dl) * (s + step * ds), 0).sum(axis=1)[:, None] / count
+        mu = mean * np.clip((predicted_mean / mean) ** 3, 1e-6, 1.0)
         dl, ds = _direction(m, s, matrix, residual, mu - dl * ds, is_real)
         step = _to_edge(m, dl, s, ds, is_real)
         lam[unsolved], slack[unsolved] = m + step * dl, s + step * ds

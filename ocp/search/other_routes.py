@@ -96,11 +96,11 @@ class RouteSearch(Search):
         nlp = session.nlp_of("product")
         x = translate(smoothed.result.point, smoothed.nlp, nlp).x
         scholtes = session.with_changes(strategy="scholtes")
-        ways = (
+        attempts = (
             ("scholtes", lambda: scholtes.solve(progress=self.progress)),
             ("barrier start", lambda: session.resume(Point(x), self.progress)),
         )
-        for name, follow in ways:
+        for name, follow in attempts:
             outcome = follow()
             if outcome.finished and self._is_better(outcome, best):
                 solution = self.judge(session, replace(outcome, route=name), self.seed)

@@ -67,8 +67,8 @@ class TouchSearch:
         self.rng = np.random.default_rng(seed)
         self.tried = self.rolled = 0
         self._step = NearSteps(self.evaluation, problem.referee_step.system)
-        same = problem.referee_step.system is problem.system
-        self._own = self._step if same else NearSteps(self.evaluation, problem.system)
+        is_same_system = problem.referee_step.system is problem.system
+        self._own = self._step if is_same_system else NearSteps(self.evaluation, problem.system)
 
     @cached_property
     def _distance(self) -> Callable[[np.ndarray], np.ndarray]:
@@ -126,7 +126,7 @@ class TouchSearch:
         free, sizes = slice(0, -self.problem.system.nu), self.problem.scales.x
         distinct: list[Node] = []
         for node in nodes:
-            ends = [np.abs((node.x[-1] - other.x[-1]) / sizes)[free].max() for other in distinct]
+            ends = [np.abs((node.x[-1] - selected.x[-1]) / sizes)[free].max() for selected in distinct]
             if len(distinct) < most and min(ends, default=np.inf) > 0.05:
                 distinct.append(node)
         return distinct
@@ -206,9 +206,9 @@ class TouchSearch:
         middle = np.vstack([x[-nu:], goals])
         low, high = middle.min(axis=0), middle.max(axis=0)
         stops = np.repeat(x[None, -nu:], _STOPS, axis=0)
-        wide = 0.5 * sizes.x[-nu:]
+        margin = 0.5 * sizes.x[-nu:]
         stops[:, coordinates] = self.rng.uniform(
-            (low - wide)[coordinates], (high + wide)[coordinates], (_STOPS, len(coordinates))
+            (low - margin)[coordinates], (high + margin)[coordinates], (_STOPS, len(coordinates))
         )
         # Points at a distance from every goal, since a pusher leaves and reaches a body along its normal.
         steps_back = self._outwards(x, np.vstack([x[None, -nu:], goals]))
@@ -299,8 +299,8 @@ class TouchSearch:
         du = np.diff(u, axis=1, prepend=before[:, None])
         none = np.zeros((*u.shape[:2], self.problem.system.nlam))
         stage, _ = at_steps(self.problem.cost_terms, x[:, :-1], u, du, none, p=self.evaluation.p)
-        over = at_steps(self._over, x[:, :-1], u, x[:, 1:], p=self.evaluation.p)[0]
-        return stage.sum(axis=(1, 2)) + over.sum(axis=(1, 2))
+        violation = at_steps(self._over, x[:, :-1], u, x[:, 1:], p=self.evaluation.p)[0]
+        return stage.sum(axis=(1, 2)) + violation.sum(axis=(1, 2))
 
     @cached_property
     def _over(self) -> ca.Function:

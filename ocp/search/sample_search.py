@@ -77,23 +77,23 @@ class SampleSearch(Search):
         system, generator = self.session.problem.system, np.random.default_rng([self.seed, NEAR_STREAM])
         session = self.session.as_swept() if system.scene and system.phi is not None else self.session
         plans = self._distinct(self._rollouts(sampler, self._sampled(sampler, answer)), sampler, answer)
-        best, least = answer, self._penalized_cost(sampler, answer)
+        best, least_cost = answer, self._penalized_cost(sampler, answer)
         few = system.nlam <= FEW_PAIRS
         solved, patience = list[SearchedPlan](), 1
         for _ in range(1 + PASSES_NEAR):
             before = best
-            for solution in self._solved(session, sampler, plans, best, least, solved):
+            for solution in self._solved(session, sampler, plans, best, least_cost, solved):
                 yield solution
                 cost = self._penalized_cost(sampler, solution)
-                if cost < least:
-                    best, least = solution, cost
+                if cost < least_cost:
+                    best, least_cost = solution, cost
             patience = patience - 1 if best is before else FRUITLESS_PASSES if few else 1
-            if patience == 0 or np.isinf(least):
+            if patience == 0 or np.isinf(least_cost):
                 return
-            near = self._around(sampler, best)
+            nearby_plans = self._around(sampler, best)
             if few:
-                near += perturbed_plans(sampler, best.arrays["u"][0], generator)
-            plans = self._distinct(self._rollouts(sampler, near[:CANDIDATES_NEAR]), sampler, best)
+                nearby_plans += perturbed_plans(sampler, best.arrays["u"][0], generator)
+            plans = self._distinct(self._rollouts(sampler, nearby_plans[:CANDIDATES_NEAR]), sampler, best)
 
     def _solved(
         self,
@@ -101,11 +101,11 @@ class SampleSearch(Search):
         sampler: InputSampler,
         plans: list[Rollout],
         best: Solution,
-        least: float,
+        least_cost: float,
         solved: list[SearchedPlan],
     ) -> Iterator[Solution]:
         """Yield answers near rollouts that cost less than the ``best`` one; list all plans in ``solved``."""
-        limit = least if best.certificate.certified else np.inf
+        limit = least_cost if best.certificate.certified else np.inf
         roll_out = partial(exact_rollout, session)
         solver = PlanSolver(session, roll_out, self.judge, SAMPLED, self.seed, self.progress, limit, solved)
         steps = sampler.rolled_steps
@@ -160,8 +160,12 @@ class SampleSearch(Search):
             excess, schedule = rollout_cost - cost, acting(rollout.lam[0], rollout.gap[0], sizes)
             promising = not certified or self.thorough or excess < 0
             promising = promising or session.evaluation.cost_share(excess, cost) < PROMISING
-            others = [*schedules, answered] if certified and excess > 0 else schedules
-            if promising and len(chosen) < limit and all(is_apart(schedule, other) for other in others):
+            compared_schedules = [*schedules, answered] if certified and excess > 0 else schedules
+            if (
+                promising
+                and len(chosen) < limit
+                and all(is_apart(schedule, compared) for compared in compared_schedules)
+            ):
                 chosen.append(rollout)
                 schedules.append(schedule)
         return chosen

@@ -55,8 +55,8 @@ class Search(ABC):
 
 def can_roll_out(session: Session) -> bool:
     """Return whether inputs alone determine a plan of a session's complementarity problem."""
-    plain = session.complementary and session.step.branches == 1
-    return plain and not isinstance(session.policy, Feedback) and can_sample(session.problem)
+    has_single_branch = session.complementary and session.step.branches == 1
+    return has_single_branch and not isinstance(session.policy, Feedback) and can_sample(session.problem)
 
 
 def idles(solution: Solution) -> bool:

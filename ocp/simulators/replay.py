@@ -44,11 +44,11 @@ class ExternalReplay:
         """Sentence that compares the cost in the simulator with the plan's, with its range over contact settings."""
         if not np.isfinite(self.cost):
             return "In MuJoCo: the motion diverges."
-        word, (low, high) = "keeps" if self.keeps else "does not keep", self.band
+        verb, (low, high) = "keeps" if self.keeps else "does not keep", self.band
         band = f"the cost is {low:.6g} to {high:.6g}"
         band = band if np.isfinite(low + high) else "the motion diverges at times"
         return (
-            f"In MuJoCo: cost {self.cost:.6g} (plan {self.planned_cost:.6g}), {word} its cost"
+            f"In MuJoCo: cost {self.cost:.6g} (plan {self.planned_cost:.6g}), {verb} its cost"
             f" within {100 * KEPT_COST_SHARE:g} %; over solref {SOLREF_BAND_S[0]:g} to {SOLREF_BAND_S[1]:g} s and steps"
             f" {1e3 * STEP_BAND_S[0]:g} to {1e3 * STEP_BAND_S[1]:g} ms {band}."
         )

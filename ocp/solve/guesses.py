@@ -44,8 +44,8 @@ def given_guess(guess: GuessLike, problem: Problem, values: dict[str, float]) ->
         if missing := {"x", "u"} - set(guess):
             raise InputError(f"the guess has no {' and no '.join(sorted(missing))}; it needs both")
         x, u = guess["x"].values, guess["u"].values
-        same = x.shape[-2:] == (problem.N + 1, problem.system.nx) and _names(guess) == _signal_names(problem)
-        if "time" in guess.coords and {"state", "control"} <= set(guess.coords) and not same:
+        has_same_shape = x.shape[-2:] == (problem.N + 1, problem.system.nx) and _names(guess) == _signal_names(problem)
+        if "time" in guess.coords and {"state", "control"} <= set(guess.coords) and not has_same_shape:
             return UserGuess(check_guess(problem, shared_guess(guess, Evaluation(problem, values))))
         guess = (x[0], u[0]) if x.ndim == 3 else (x, u)
     return UserGuess(check_guess(problem, guess))

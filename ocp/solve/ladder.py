@@ -183,8 +183,8 @@ class SurvivalLadder:
                 return
             if solution is self.first and not isinstance(self.session.law, Exact):
                 raise InputError("gains follow a plan under the exact law")
-            along = " along the plan of the most exact contact model" if solution.route.most_exact else ""
-            self._gains_along(solution, f"gains at {solution.problem.N} steps" if level else f"gains{along}")
+            suffix = " along the plan of the most exact contact model" if solution.route.most_exact else ""
+            self._gains_along(solution, f"gains at {solution.problem.N} steps" if level else f"gains{suffix}")
 
     def _gains_along(self, solution: Solution, name: str) -> None:
         """Add the best gains along a plan to the list, by the larger of their costs at h and h/4."""

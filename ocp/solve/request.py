@@ -106,11 +106,11 @@ def check_setting_names(settings: Mapping[str, Any], solver: str) -> None:
     """
     choose("solver", solver, SOLVERS)
     for key in sorted(set(settings) - set(SOLVE_SETTINGS)):
-        bare = key.removeprefix("ipopt.")
-        if not has_option(solver, bare):
-            known = [*SOLVE_SETTINGS, *documented(solver)]
+        option = key.removeprefix("ipopt.")
+        if not has_option(solver, option):
+            known_names = [*SOLVE_SETTINGS, *documented(solver)]
             raise InputError(
-                f"unknown setting {key!r}{did_you_mean(bare, known)}; there are"
+                f"unknown setting {key!r}{did_you_mean(option, known_names)}; there are"
                 f" {', '.join(SOLVE_SETTINGS)}, policy.<name>, and the options of {solver}: list them with ocp"
                 f" settings and ocp settings {solver}"
             )

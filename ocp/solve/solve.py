@@ -223,9 +223,9 @@ def new_session(
     law = make_law(contact, law_values, built_problem.system)
     read_settings = Settings.read(own_settings)
     with input_errors():
-        needed = solve_memory(built_problem, made_policy, law)
+        needed_bytes = solve_memory(built_problem, made_policy, law)
     several = f" and {built_problem.scenarios.n} scenarios" if built_problem.scenarios.n > 1 else ""
-    check_memory(f"{built_problem.name} with N = {built_problem.N}{several}", needed)
+    check_memory(f"{built_problem.name} with N = {built_problem.N}{several}", needed_bytes)
     session = Session(
         built_problem,
         law,

@@ -235,8 +235,8 @@ def best_solution(solutions: Sequence[Solution], by: Rank = "planned") -> Soluti
     at h and at h/4, is preferred. In a scene, solutions that survive the referee at the plan's step size precede all
     others.
     """
-    least = min(map(_order_of_end, solutions))
-    feasible = [solution for solution in solutions if _order_of_end(solution) == least]
+    best_order = min(map(_order_of_end, solutions))
+    feasible = [solution for solution in solutions if _order_of_end(solution) == best_order]
     costs = {id(solution): _cost_by(solution, by) for solution in feasible}
 
     def cost_of(solution: Solution) -> float:

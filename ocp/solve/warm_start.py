@@ -183,11 +183,11 @@ class _Carrier:
         self.solution, self.arrays = solution, solution.arrays
         self.values, self.problem = values, problem
         self.evaluation = Evaluation(problem, values)
-        old = self.arrays["time"]
+        old_times = self.arrays["time"]
         # A step size that is a state keeps the old duration.
-        new = np.linspace(0.0, old[-1], problem.N + 1)
-        new = new if self.free_steps else self.evaluation.node_times()
-        self.mesh = _Mesh(old[1:], new[1:])
+        new_times = np.linspace(0.0, old_times[-1], problem.N + 1)
+        new_times = new_times if self.free_steps else self.evaluation.node_times()
+        self.mesh = _Mesh(old_times[1:], new_times[1:])
 
     @property
     def free_steps(self) -> list[int]:
@@ -247,17 +247,17 @@ class _Carrier:
     def _contacts(self, x: np.ndarray, u: np.ndarray, step: Step) -> tuple[np.ndarray, np.ndarray]:
         """Return the contact multipliers and gaps of all intervals, (S, N, n) each."""
         p = step.p.pack(self.values)
-        ahead = np.concatenate([self.first_states(len(x)), x[:, :-1]], axis=1)
-        _, lam, gap, _ = at_steps(step.solve, ahead, u, p=p)
+        states_before = np.concatenate([self.first_states(len(x)), x[:, :-1]], axis=1)
+        _, lam, gap, _ = at_steps(step.solve, states_before, u, p=p)
         names = [contact.name for contact in step.contacts]
         if [str(value) for value in self.arrays["contact"]] == names:
-            carried = [self._scenarios(self.mesh.interpolate(self.arrays[key], 1)) for key in ("lam", "gap")]
+            interpolated = [self._scenarios(self.mesh.interpolate(self.arrays[key], 1)) for key in ("lam", "gap")]
             covered = ~self.mesh.beyond[None, :, None]
-            lam = np.where(covered, carried[0] * self._sizes(step.contacts), lam)
-            gap = np.where(covered, carried[1], gap)
+            lam = np.where(covered, interpolated[0] * self._sizes(step.contacts), lam)
+            gap = np.where(covered, interpolated[1], gap)
         if step.exact:
             return lam, gap
-        _, _, mu = at_steps(step.relation, ahead, u, x, lam, p=p)
+        _, _, mu = at_steps(step.relation, states_before, u, x, lam, p=p)
         return self._on_path(lam, gap, mu)
 
     def _on_path(self, lam: np.ndarray, gap: np.ndarray, mu: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -51,8 +51,8 @@ def find_run(text: str, root: Path | str | None = None) -> Path:
 def _run_by_age(text: str, runs: Sequence[Path], store: Path) -> Path:
     count = 1 if text == "@last" else int(text[1:])
     if count > len(runs):
-        holds = f"{len(runs)} run{'s' * (len(runs) != 1)}" if runs else "no runs"
-        raise InputError(f"there is no run {text}: {store} holds {holds}; ocp runs lists them")
+        contents = f"{len(runs)} run{'s' * (len(runs) != 1)}" if runs else "no runs"
+        raise InputError(f"there is no run {text}: {store} holds {contents}; ocp runs lists them")
     return runs[-count]
 
 

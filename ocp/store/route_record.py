@@ -45,5 +45,5 @@ def route_from_record(record: Mapping[str, Any], attempts: Any) -> tuple[RouteRe
     Raises ``ValueError`` for an entry of the wrong type.
     """
     entries = {name: record[key] for name, key in _RECORDED.items() if key in record}
-    others = {key: entry for key, entry in record.items() if key not in _RECORDED.values()}
-    return from_json(RouteReport, {**entries, "attempts": attempts}), others
+    other_entries = {key: entry for key, entry in record.items() if key not in _RECORDED.values()}
+    return from_json(RouteReport, {**entries, "attempts": attempts}), other_entries

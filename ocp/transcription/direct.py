@@ -182,11 +182,11 @@ def periodicity(graph: Graph, variables: Layout, constraints: Layout) -> list[St
     start = graph.problem.start
     if start is None or not start.periodic:
         return []
-    states, which = state_index(graph, variables), list(start.periodic)
-    first, last = ca.SX.sym("first", len(which)), ca.SX.sym("last", len(which))
-    names = tuple(graph.component_names("x")[i] for i in which)
+    states, periodic = state_index(graph, variables), list(start.periodic)
+    first, last = ca.SX.sym("first", len(periodic)), ca.SX.sym("last", len(periodic))
+    names = tuple(graph.component_names("x")[i] for i in periodic)
     expression, rows = add_rows(constraints, [("periodic", last - first, names)], 1, 1)
-    index = np.concatenate([states[:, 0, which], states[:, -1, which]], axis=1)
+    index = np.concatenate([states[:, 0, periodic], states[:, -1, periodic]], axis=1)
     w = ca.vertcat(first, last)
     return [Stage("periodicity", w, graph.p, ca.SX(0), expression, index, rows)]
 

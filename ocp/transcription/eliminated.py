@@ -137,8 +137,8 @@ class ModelOutputs(EliminatedUnknowns):
         for curvature, by_w in zip(self.curvature_symbols, self._by_w, strict=True):
             total += by_w.T @ curvature @ by_w
         weights = ca.SX.sym("held", self.queries.numel())
-        twice = ca.hessian(ca.dot(weights, self.queries), w)[0]
-        return total + ca.substitute(twice, weights, self.step.query_gradient(lagrangian))
+        query_hessian = ca.hessian(ca.dot(weights, self.queries), w)[0]
+        return total + ca.substitute(query_hessian, weights, self.step.query_gradient(lagrangian))
 
     @property
     def curvatures(self) -> ca.SX:

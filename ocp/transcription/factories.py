@@ -150,10 +150,10 @@ def _construct(kind: str, name: str, cls: type[T], values: Mapping[str, Any]) ->
     takes = settings_of(cls)
     for key in values:
         if key not in takes:
-            others = laws_with(key) if kind == "contact law" else ""
+            other_laws = laws_with(key) if kind == "contact law" else ""
             raise InputError(
                 f"{kind} {name} has no setting {key!r}{did_you_mean(key, takes)};"
-                f" it takes {', '.join(takes) or 'none'}{others}; see ocp settings {name}"
+                f" it takes {', '.join(takes) or 'none'}{other_laws}; see ocp settings {name}"
             )
     read = {key: takes[key].read(value, f"{name}: ") for key, value in values.items()}
     with input_errors(TypeError):

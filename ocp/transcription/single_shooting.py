@@ -131,8 +131,8 @@ class _Condensed:
         lam = self.solve(w, q)
         x_next = values(w, q, lam)[1][: self.xi.numel()]
         xi, local = ca.MX.sym("xi", self.xi.numel()), ca.MX.sym("t", w.numel() - self.xi.numel())
-        once = ca.Function("advance", [w, q], [x_next, lam])
-        x_after, solved = once(ca.vertcat(xi, local), q)
+        step_function = ca.Function("advance", [w, q], [x_next, lam])
+        x_after, solved = step_function(ca.vertcat(xi, local), q)
         advance = ca.Function("advance", [xi, local, q], [x_after, solved])
         chain = advance.mapaccum("rollout", self.N)
         locals_ = ca.reshape(theta[self.theta_index.ravel().tolist()], -1, self.N)

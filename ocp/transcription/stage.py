@@ -109,8 +109,8 @@ class Stage:
         direct = ca.jacobian(expression, self.w)
         if self.eliminated is None:
             return direct
-        through = ca.jacobian(expression, self.eliminated.inner)
-        return direct + through @ self.eliminated.sensitivity(self.w)
+        by_inner = ca.jacobian(expression, self.eliminated.inner)
+        return direct + by_inner @ self.eliminated.sensitivity(self.w)
 
 
 def _nonzeros(matrix: ca.SX) -> ca.SX:

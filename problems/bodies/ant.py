@@ -46,10 +46,10 @@ def _tube(end: tuple[float, float, float]) -> tuple[float, np.ndarray, np.ndarra
     axis, r = to_end / length, TUBE
     middle, caps = DENSITY * pi * r**2 * length, DENSITY * 4 / 3 * pi * r**3
     about = middle * r**2 / 2 + caps * 2 / 5 * r**2
-    across = middle * (r**2 / 4 + length**2 / 12)
-    across += caps * (2 / 5 * r**2 + length**2 / 4 + 3 / 8 * length * r)
+    transverse = middle * (r**2 / 4 + length**2 / 12)
+    transverse += caps * (2 / 5 * r**2 + length**2 / 4 + 3 / 8 * length * r)
     outer = np.outer(axis, axis)
-    return middle + caps, to_end / 2, across * (np.eye(3) - outer) + about * outer
+    return middle + caps, to_end / 2, transverse * (np.eye(3) - outer) + about * outer
 
 
 def _six_entries(inertia: np.ndarray) -> tuple[float, ...]:

@@ -52,8 +52,8 @@ def gradient_case(
         return user_world
 
     if source.endswith(".py"):
-        asked, name = read(source), Path(source).stem
-        title, question = name, asked.question
+        loaded, name = read(source), Path(source).stem
+        title, question = name, loaded.question
         if question is None:
             raise InputError(
                 f"{source}: the file must define theta, the parameters at which the gradient is asked for; or compare"
@@ -61,15 +61,15 @@ def gradient_case(
             )
         if named := [name for name in worlds if not name.endswith(".py")]:
             raise InputError(f"{named[0]} simulates the scenes {', '.join(SCENES)}, and not {source}; name files")
-        chosen = [asked.world, *(read(name).world for name in worlds)]
+        chosen = [loaded.world, *(read(name).world for name in worlds)]
     else:
-        known = choose("scene", source, SCENES)
-        _check_settings(settings or {}, known.duration)
+        scene = choose("scene", source, SCENES)
+        _check_settings(settings or {}, scene.duration)
         if parameter or output:
             raise InputError(f"the scene {source} has one parameter and one output; drop --parameter and --component")
-        name, title, question = known.name, known.title, known.question
+        name, title, question = scene.name, scene.title, scene.question
         chosen = [
-            read(world).world if world.endswith(".py") else scene_world(known, world) for world in worlds or ["exact"]
+            read(world).world if world.endswith(".py") else scene_world(scene, world) for world in worlds or ["exact"]
         ]
     names = [world.name for world in chosen]
     if len(set(names)) < len(names):

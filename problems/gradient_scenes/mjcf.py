@@ -13,14 +13,14 @@ _AXES = {"x": "1 0 0", "z": "0 0 1"}
 """Mapping from the name of a coordinate to the axis of its joint."""
 
 
-def ball(name: str, coordinates: Sequence[Coordinate], place: str) -> str:
-    """Return a small ball that slides along the axes of ``coordinates``, with its centre at ``place``."""
+def ball(name: str, coordinates: Sequence[Coordinate], position: str) -> str:
+    """Return a small ball that slides along the axes of ``coordinates``, with its centre at ``position``."""
     joints = "".join(
         f'<joint name="{name}.{each.axis}" type="slide" axis="{_AXES[each.axis]}" stiffness="{each.spring}"/>'
         for each in coordinates
     )
     geom = f'<geom name="{name}" type="sphere" size="{RADIUS_M}" mass="{coordinates[0].mass}"/>'
-    return f'<body name="{name}" pos="{place}">{joints}{geom}</body>'
+    return f'<body name="{name}" pos="{position}">{joints}{geom}</body>'
 
 
 def _ball_on_plane(coordinates: Sequence[Coordinate]) -> str:

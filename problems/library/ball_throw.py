@@ -173,8 +173,8 @@ def _guess(params: Params):
         inputs = np.zeros((params.N, 2))
         inputs[0] = params.theta_start, params.speed_start
         values = problem.parameters.unpack(p)
-        now = params.model_copy(update=values)
-        return roll(now, params.theta_start, params.speed_start), inputs
+        updated = params.model_copy(update=values)
+        return roll(updated, params.theta_start, params.speed_start), inputs
 
     return guess
 

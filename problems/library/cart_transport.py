@@ -55,10 +55,10 @@ class Params(Parameters):
 
     @model_validator(mode="after")
     def _on_the_cart(self) -> Params:
-        for verb, place in (("starts", self.offset0), ("shall end", self.goal_offset)):
-            if abs(place) > self.reach:
+        for verb, offset in (("starts", self.offset0), ("shall end", self.goal_offset)):
+            if abs(offset) > self.reach:
                 raise ValueError(
-                    f"the box {verb} off the cart: its offset is {place:g} m, which must lie"
+                    f"the box {verb} off the cart: its offset is {offset:g} m, which must lie"
                     f" within reach = {self.reach:g} m of the middle"
                 )
         return self

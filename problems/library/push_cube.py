@@ -109,10 +109,10 @@ def goal_turn(yaw: ca.SX, over: bool) -> ca.SX:
     return rotation.product(about_z, ca.SX([math.sqrt(0.5), 0, math.sqrt(0.5), 0])) if over else about_z
 
 
-def turn_between(one: ca.SX, other: ca.SX) -> ca.SX:
+def turn_between(first: ca.SX, second: ca.SX) -> ca.SX:
     """Return the squared angle between two unit quaternions as ``4 sin^2(angle / 2)`` [rad^2]."""
-    inverse = ca.vertcat(one[0], -one[1:])
-    return 4 * ca.sumsqr(rotation.product(inverse, other)[1:])
+    inverse = ca.vertcat(first[0], -first[1:])
+    return 4 * ca.sumsqr(rotation.product(inverse, second)[1:])
 
 
 def build(params: Params) -> Problem:
@@ -148,11 +148,11 @@ def _carried(problem: Problem, p: np.ndarray, over: float) -> tuple[np.ndarray, 
     height = (0.35 if over else 0.0) * a
     for k, share in enumerate(s):
         tilt, yaw = share * over / 2, share * values["yaw"] / 2
-        turn = rotation.product(
+        orientation = rotation.product(
             ca.SX([math.cos(yaw), 0, 0, math.sin(yaw)]), ca.SX([math.cos(tilt), 0, math.sin(tilt), 0])
         )
-        R = rotation.matrix(turn)
-        X[k, 3:7] = np.array(ca.evalf(turn)).ravel()
+        R = rotation.matrix(orientation)
+        X[k, 3:7] = np.array(ca.evalf(orientation)).ravel()
         X[k, :3] = share * values["goal_x"], share * values["goal_y"], a / 2
         if over:
             back = np.array(ca.evalf(R @ ca.SX([-a / 2, 0, a / 2]))).ravel()
@@ -168,24 +168,30 @@ def _carried(problem: Problem, p: np.ndarray, over: float) -> tuple[np.ndarray, 
 @cache
 def _with_goal(dumped: str) -> SpatialMachine:
     params = Params.model_validate_json(dumped)
-    place = ca.SX([params.goal_x, params.goal_y, params.a / 2])
-    turn = goal_turn(ca.SX(params.yaw), params.turn == "over")
-    return with_goal(machine(params.model_dump()), "cube", place, turn)
+    position = ca.SX([params.goal_x, params.goal_y, params.a / 2])
+    quaternion = goal_turn(ca.SX(params.yaw), params.turn == "over")
+    return with_goal(machine(params.model_dump()), "cube", position, quaternion)
 
 
-def with_goal(shown: SpatialMachine, body: str, place: ca.SX, turn: ca.SX) -> SpatialMachine:
-    """Return ``shown`` with a fixed copy of ``body``, called goal, at ``place`` [m] with the quaternion ``turn``."""
-    x, y, z, *q = (float(v) for v in ca.vertsplit(ca.evalf(ca.vertcat(place, turn))))
+def with_goal(original: SpatialMachine, body: str, position: ca.SX, quaternion: ca.SX) -> SpatialMachine:
+    """Return the machine with a fixed copy of ``body``, called goal, at ``position`` [m] and ``quaternion`` (4, 1)."""
+    x, y, z, *q = (float(v) for v in ca.vertsplit(ca.evalf(ca.vertcat(position, quaternion))))
     goal = Body("goal", None, 0.0, joint="fixed", position=(x, y, z), quaternion=(q[0], q[1], q[2], q[3]))
-    goal_parts = (SpatialPart(f"goal {part.name}", "goal", part.shape) for part in shown.parts if part.body == body)
-    return replace(shown, bodies=(*shown.bodies, goal), parts=(*shown.parts, *goal_parts))
+    goal_parts = (SpatialPart(f"goal {part.name}", "goal", part.shape) for part in original.parts if part.body == body)
+    return replace(
+        original,
+        bodies=(*original.bodies, goal),
+        parts=(*original.parts, *goal_parts),
+    )
 
 
-def seen_with_goal(shown: SpatialMachine, camera: PinholeCamera, state: np.ndarray, tips: set[str]) -> list[Shape]:
+def seen_with_goal(
+    machine_with_goal: SpatialMachine, camera: PinholeCamera, state: np.ndarray, tips: set[str]
+) -> list[Shape]:
     """Draw a machine whose bodies ``tips`` are fingertips, with a transparent goal."""
     visible = [
         replace(shape, shade=0.0) if shape.role == "goal" and isinstance(shape, Circle | Outline) else shape
-        for shape in spatial_shapes(shown, camera, state, tips, {"goal"})
+        for shape in spatial_shapes(machine_with_goal, camera, state, tips, {"goal"})
     ]
     return sorted(visible, key=lambda shape: shape.role == "goal" and isinstance(shape, Outline))
 

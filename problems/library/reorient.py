@@ -123,14 +123,14 @@ def build(params: Params) -> Problem:
     system = machine(p, params.body).system(name, p, h=p["h"], friction=coefficients, inertial=False)
     x, tips = system.x, _starts(p["away"], p["z0"])
     squared_turn = turn_between(_turned(params.axis, p["goal"]), x[3:7])
-    place = ca.vertcat(0, 0, p["a"])
+    position = ca.vertcat(0, 0, p["a"])
     free = ca.SX([ca.inf] * 7), ca.SX([ca.inf] * 15)
     return pose_problem(
         params,
         system,
         stage_cost=p["w_c"] * ca.sumsqr(system.u - x[7:16]),
-        terminal_cost=p["w_end"] * (ca.sumsqr(x[:3] - place) + p["w_q"] * squared_turn),
-        x0=ca.vertcat(place, 1, 0, 0, 0, tips, ca.SX.zeros(15)),
+        terminal_cost=p["w_end"] * (ca.sumsqr(x[:3] - position) + p["w_q"] * squared_turn),
+        x0=ca.vertcat(position, 1, 0, 0, 0, tips, ca.SX.zeros(15)),
         x_lower=ca.vertcat(-free[0], tips - p["reach"], -free[1]),
         x_upper=ca.vertcat(free[0], tips + p["reach"], free[1]),
         scaling=Scaling(impulse=0.2, gap=0.1),
@@ -142,10 +142,10 @@ def _with_goal(dumped: str) -> SpatialMachine:
     """Return the machine to draw, with its goal, and with marks on a ball that show its rotation."""
     params = Params.model_validate_json(dumped)
     pictured_machine, a = machine(params.model_dump(), params.body), params.a
-    places = ((0.0, 0.0, a), (a, 0.0, 0.0), (-a, 0.0, 0.0), (0.0, a, 0.0), (0.0, -a, 0.0))
+    positions = ((0.0, 0.0, a), (a, 0.0, 0.0), (-a, 0.0, 0.0), (0.0, a, 0.0), (0.0, -a, 0.0))
     marks = (
-        SpatialPart(f"mark {k}", "ball", Sphere(0.15 * a, place))
-        for k, place in enumerate(places)
+        SpatialPart(f"mark {k}", "ball", Sphere(0.15 * a, position))
+        for k, position in enumerate(positions)
         if params.body == "ball"
     )
     pictured_machine = replace(pictured_machine, parts=(*pictured_machine.parts, *marks))

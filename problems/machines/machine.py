@@ -74,8 +74,8 @@ JOINT_ORIGIN = (0.0, 0.0)
 
 def machine_shapes(machine: Machine, state: np.ndarray) -> list[Shape]:
     """Draw the machine at ``state`` (q, v, ...): bars, spheres, parts and the ground."""
-    places = _bars_and_poses(machine)
-    bars, poses = (np.array(out).T.tolist() for out in places(state[: places.numel_in(0)]))
+    bars_and_poses = _bars_and_poses(machine)
+    bars, poses = (np.array(out).T.tolist() for out in bars_and_poses(state[: bars_and_poses.numel_in(0)]))
     links = [Stadium(x1, z1, x2, z2, BAR_RADIUS) for x1, z1, x2, z2 in bars]
     parts = (*machine.spheres, *machine.parts)
     outlines = (
@@ -122,15 +122,15 @@ def _bars_and_poses(machine: Machine) -> ca.Function:
     q = ca.SX.sym("q", chain.nq)
     bars, poses = [ca.SX(4, 0)], [ca.SX(3, 0)]
     for link in machine.links:
-        joints = [other.anchor for other in machine.links if other.parent == link.name]
+        joints = [child.anchor for child in machine.links if child.parent == link.name]
         centres = [s.centre for s in machine.spheres if s.link == link.name]
         points = sorted({(float(x), float(z)) for x, z in centres + joints})
         ends = [*pairwise(points)] if link.parent is None else [(JOINT_ORIGIN, p) for p in points]
         if not ends and all(part.link != link.name for part in (*machine.spheres, *machine.parts)):
             ends = [_rod(link)]
-        place = chain.pose(q, link.name).to_world
-        bars += [ca.vertcat(place(start), place(end)) for start, end in ends if start != end]
+        to_world = chain.pose(q, link.name).to_world
+        bars += [ca.vertcat(to_world(start), to_world(end)) for start, end in ends if start != end]
     for part in (*machine.spheres, *machine.parts):
         pose = link_pose(chain, q, part.link)
         poses.append(ca.vertcat(pose.position, pose.angle))
-    return ca.Function("places", [q], [ca.densify(ca.horzcat(*each)) for each in (bars, poses)])
+    return ca.Function("places", [q], [ca.densify(ca.horzcat(*columns)) for columns in (bars, poses)])

@@ -64,16 +64,16 @@ class PinholeCamera:
 
         ``azimuth`` [rad] is the angle about z from the x axis to the camera, ``elevation`` [rad] its height.
         """
-        (x, y, z), away, flat = target, EYE_DISTANCE * size, EYE_DISTANCE * size * math.cos(elevation)
-        ahead, aside = flat * math.cos(azimuth), flat * math.sin(azimuth)
+        (x, y, z), away, horizontal_distance = target, EYE_DISTANCE * size, EYE_DISTANCE * size * math.cos(elevation)
+        ahead, aside = horizontal_distance * math.cos(azimuth), horizontal_distance * math.sin(azimuth)
         return cls((x + ahead, y + aside, z + away * math.sin(elevation)), target)
 
     @cached_property
     def axes(self) -> Array:
         """Unit vectors to the right, up and forward, the rows of (3, 3)."""
         forward = (np.array(self.target) - self.eye) / self.distance
-        flat = math.hypot(forward[0], forward[1])
-        right = np.array([forward[1], -forward[0], 0]) / flat if flat > 1e-9 else np.eye(3)[0]
+        horizontal = math.hypot(forward[0], forward[1])
+        right = np.array([forward[1], -forward[0], 0]) / horizontal if horizontal > 1e-9 else np.eye(3)[0]
         return np.array([right, np.cross(right, forward), forward])
 
     @property
@@ -133,9 +133,9 @@ def frame_seen(camera: PinholeCamera, point: Array, normal: Array, friction: flo
     # The drawn half angle: sin(half) = sin(atan(friction)) / sin(angle between normal and line of sight).
     cosine = (point - camera.eye) @ normal / np.linalg.norm(point - camera.eye)
     square = 1 - (1 + friction**2) * float(cosine) ** 2
-    wide = friction / math.sqrt(square) if square > 0 else 0.0
+    drawn_friction = friction / math.sqrt(square) if square > 0 else 0.0
     numbers = map(float, (x, y, scale * right - x * away, scale * up - y * away))
-    return ContactFrame(*numbers, friction=wide, flat=False)
+    return ContactFrame(*numbers, friction=drawn_friction, flat=False)
 
 
 def _parts(shape: shapes.Shape) -> tuple[Array, float, Sequence[Sequence[int]]]:
@@ -159,8 +159,8 @@ def _parts(shape: shapes.Shape) -> tuple[Array, float, Sequence[Sequence[int]]]:
 
 def _across(normal: Array) -> Array:
     """Return two unit vectors (2, 3) that form a right-handed frame with ``normal``; for z these are x and y."""
-    up = np.cross(normal, np.eye(3)[int(abs(normal[0]) > 0.9 * np.linalg.norm(normal))])
-    return np.array([np.cross(up, normal) / np.linalg.norm(normal), up]) / np.linalg.norm(up)
+    tangent = np.cross(normal, np.eye(3)[int(abs(normal[0]) > 0.9 * np.linalg.norm(normal))])
+    return np.array([np.cross(tangent, normal) / np.linalg.norm(normal), tangent]) / np.linalg.norm(tangent)
 
 
 def _grid(camera: PinholeCamera, origin: Array, normal: Array, role: str) -> Iterator[Segment]:
@@ -168,12 +168,12 @@ def _grid(camera: PinholeCamera, origin: Array, normal: Array, role: str) -> Ite
     axes, distance = _across(normal), camera.distance
     side = next((each for each in (2.0, 1.0, 0.5, 0.25, 0.1) if each <= distance / 12), 0.05)
     middle = axes @ (camera.target + FLOOR_SHIFT * distance * camera.axes[2] - origin) // side
-    many = round(HALF_FLOOR * distance / side)
-    for k in range(-many, many + 1):
-        for ends in ([(k, -many), (k, many)], [(-many, k), (many, k)]):
-            places, depth = camera.project(origin + side * (middle + ends) @ axes)
+    n_lines = round(HALF_FLOOR * distance / side)
+    for k in range(-n_lines, n_lines + 1):
+        for ends in ([(k, -n_lines), (k, n_lines)], [(-n_lines, k), (n_lines, k)]):
+            ends_on_image, depth = camera.project(origin + side * (middle + ends) @ axes)
             if depth.min() > NEAREST_DEPTH * distance:
-                (x1, y1), (x2, y2) = places.tolist()
+                (x1, y1), (x2, y2) = ends_on_image.tolist()
                 yield Segment(x1, y1, x2, y2, role, LINE_SHADE)
 
 
@@ -182,7 +182,9 @@ def _from_back(camera: PinholeCamera, bodies: list[_Body]) -> Iterator[_Body]:
     shows = np.zeros((len(bodies), len(bodies)), dtype=bool)
     for i, body in enumerate(bodies):
         for corners, normal, faces_eye in body.faces:
-            gaps = [float(((other.points - corners[0]) @ normal).min()) - other.radius for other in bodies]
+            gaps = [
+                float(((body_behind.points - corners[0]) @ normal).min()) - body_behind.radius for body_behind in bodies
+            ]
             outside = np.array(gaps) > -OVERLAP * camera.distance
             shows[(i, slice(None)) if faces_eye else (slice(None), i)] |= outside
     first = shows & ~shows.T
@@ -196,16 +198,16 @@ def _seen(camera: PinholeCamera, body: _Body) -> Iterator[Shape]:
     """Yield the shapes that draw a body: its outline (except for a box), and the faces turned to the camera."""
     from scipy.spatial import ConvexHull
 
-    places, depth = camera.project(body.points)
+    image_points, depth = camera.project(body.points)
     radii = body.radius * camera.scale(np.sqrt(np.maximum(depth**2 - body.radius**2, 0)))
-    (x1, y1), (x2, y2), r = *places[[0, -1]].tolist(), float(radii.mean())
-    if len(places) == 1:
+    (x1, y1), (x2, y2), r = *image_points[[0, -1]].tolist(), float(radii.mean())
+    if len(image_points) == 1:
         yield Circle(x1, y1, r, body.role, ROUND_SHADE)
-    elif len(places) == 2 and radii.max() <= EQUAL_RADII * radii.min():
+    elif len(image_points) == 2 and radii.max() <= EQUAL_RADII * radii.min():
         yield Stadium(x1, y1, x2, y2, r, body.role, ROUND_SHADE)
     elif len(body.faces) != len(CUBE_SIDES):
         circle = CIRCLE if body.radius else CIRCLE[:1]
-        cloud = (places[:, None] + radii[:, None, None] * circle).reshape(-1, 2)
+        cloud = (image_points[:, None] + radii[:, None, None] * circle).reshape(-1, 2)
         # The option QJ moves points slightly, so that points on one line have a hull.
         hull = ConvexHull(cloud, qhull_options="QJ").vertices
         yield Outline(tuple(cloud[hull].tolist()), 0.0, body.role, ROUND_SHADE)

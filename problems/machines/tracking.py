@@ -14,12 +14,12 @@ def with_nominal(system: ContactSystem, rate: ca.SX, nominal: Signal) -> Contact
 
     Since ``nominal`` is a state, its value continues from one plan of a closed loop to the next, at any step size.
     """
-    now, then = ca.SX.sym(nominal.name), ca.SX.sym(f"{nominal.name}_next")
+    current, following = ca.SX.sym(nominal.name), ca.SX.sym(f"{nominal.name}_next")
     return replace(
         system,
-        x=ca.vertcat(system.x, now),
-        x_next=ca.vertcat(system.x_next, then),
-        residual=ca.vertcat(system.residual, then - now - system.h * rate),
+        x=ca.vertcat(system.x, current),
+        x_next=ca.vertcat(system.x_next, following),
+        residual=ca.vertcat(system.residual, following - current - system.h * rate),
         states=(*system.states, nominal),
     )
 

@@ -27,10 +27,10 @@ class BodyFrame:
     place: np.ndarray = field(default_factory=lambda: np.zeros(3))
     turn: Rotation = field(default_factory=Rotation.identity)
 
-    def compose(self, place: np.ndarray, quaternion: np.ndarray) -> BodyFrame:
-        """Return the frame whose origin ``place`` [m] and ``quaternion`` (w, x, y, z) are relative to this frame."""
-        turn = self.turn * Rotation.from_quat(quaternion, scalar_first=True)
-        return BodyFrame(self.body, self.place + self.turn.apply(place), turn)
+    def compose(self, offset: np.ndarray, quaternion: np.ndarray) -> BodyFrame:
+        """Return the frame whose origin ``offset`` [m] and ``quaternion`` (w, x, y, z) are relative to this frame."""
+        orientation = self.turn * Rotation.from_quat(quaternion, scalar_first=True)
+        return BodyFrame(self.body, self.place + self.turn.apply(offset), orientation)
 
 
 @dataclass(frozen=True)
@@ -164,9 +164,9 @@ def actuators_of(model: Any, followers: Container[int] = ()) -> dict[int, Actuat
 def actuator_of(model: Any, k: int) -> Actuator | None:
     """Return actuator ``k`` of the file if it is a motor or a servo of a hinge or slide, else None."""
     joint, bias = int(model.actuator_trnid[k][0]), int(model.actuator_biastype[k])
-    odd = model.actuator_gaintype[k] or model.actuator_dyntype[k] or bias > 1
+    is_unsupported = model.actuator_gaintype[k] or model.actuator_dyntype[k] or bias > 1
     # Other transmissions refer to tendons, sites or bodies, not to joints.
-    if odd or model.actuator_trntype[k] > 1 or JOINTS[model.jnt_type[joint]] in ("free", "ball"):
+    if is_unsupported or model.actuator_trntype[k] > 1 or JOINTS[model.jnt_type[joint]] in ("free", "ball"):
         return None
     gain, gear = float(model.actuator_gainprm[k][0]), float(model.actuator_gear[k][0])
     offset, stiff, damping = (-model.actuator_biasprm[k][:3] * bias).tolist()

@@ -78,8 +78,8 @@ REFUSED_OF_URDF = {"include", "loop_joint"}
 def listed(what: str, names: Iterable[str]) -> str:
     """Return ``what`` (in the plural for several names) followed by the names: ``"sensors a, b"``."""
     names = list(dict.fromkeys(names))
-    many = "" if len(names) == 1 else "s"
-    return f"{what.replace('body', 'bodie') if many else what}{many} {', '.join(names)}"
+    plural = "" if len(names) == 1 else "s"
+    return f"{what.replace('body', 'bodie') if plural else what}{plural} {', '.join(names)}"
 
 
 def unread(root: Element, *, urdf: bool) -> list[str]:

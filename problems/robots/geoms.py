@@ -75,7 +75,7 @@ def collision_model(model: Any, machine: SpatialMachine, poses: Sequence[BodyFra
     machine = replace(machine, parts=tuple(parts.values()))
     tree, left_out = machine.tree(), defaultdict[str, list[str]](list)
     q = ca.SX.sym("q", tree.nq)
-    above, places = joints_above(model), body_places(tree, q)
+    above, body_poses = joints_above(model), body_places(tree, q)
     friction, grounds, collision_pairs = dict[str, float](), list[int](), list[tuple[str, str]]()
     phis = [ca.SX(0, 1)]
     for (a, b), coefficient in pairs.items():
@@ -85,14 +85,14 @@ def collision_model(model: Any, machine: SpatialMachine, poses: Sequence[BodyFra
         first, second = (parts[g] for g in ((b, a) if parts[a].body == WORLD else (a, b)))
         pair = first.name, second.name
         try:
-            points = contacts_between(first.shape, places[first.body], second.shape, places[second.body])
+            points = contacts_between(first.shape, body_poses[first.body], second.shape, body_poses[second.body])
         except ValueError as error:
             left_out[str(error)].append(" and ".join(pair))
             continue
         distinct = distinct_points(tree, q, first.placed, second.placed, len(points))
         named_contacts = name_contacts(*pair, [points[k] for k in distinct])
-        if twice := friction.keys() & named_contacts.keys():
-            raise ValueError(f"two contacts are called {min(twice)!r}; give the geoms other names")
+        if duplicates := friction.keys() & named_contacts.keys():
+            raise ValueError(f"two contacts are called {min(duplicates)!r}; give the geoms other names")
         if not any(ca.depends_on(contact.phi, q) for contact in named_contacts.values()):
             left_out["no joint moves them"].append(" and ".join(pair))
         elif never_collide(model, data, above, a, b):
@@ -112,9 +112,9 @@ def collision_model(model: Any, machine: SpatialMachine, poses: Sequence[BodyFra
 
 def _omission(reason: str, pair_names: list[str]) -> str:
     """Return a sentence about pairs of geoms that are left out for the same reason."""
-    others = f" and {len(pair_names) - PAIRS_NAMED} more" if len(pair_names) > PAIRS_NAMED else ""
-    many = "" if len(pair_names) == 1 else "s"
-    return f"{len(pair_names)} pair{many} of geoms, {', '.join(pair_names[:PAIRS_NAMED])}{others}: {reason}"
+    unlisted = f" and {len(pair_names) - PAIRS_NAMED} more" if len(pair_names) > PAIRS_NAMED else ""
+    plural = "" if len(pair_names) == 1 else "s"
+    return f"{len(pair_names)} pair{plural} of geoms, {', '.join(pair_names[:PAIRS_NAMED])}{unlisted}: {reason}"
 
 
 def _parts(model: Any, poses: Sequence[BodyFrame], geoms: list[int], ignored: list[str]) -> dict[int, SpatialPart]:
@@ -160,8 +160,8 @@ def _shape(model: Any, g: int, kind: str, pose: BodyFrame) -> tuple[Shape, str]:
 def _hull(model: Any, g: int, pose: BodyFrame) -> tuple[Hull, str]:
     """Return the hull of the corners that MuJoCo stores, and a note on its largest distance inside the mesh."""
     mesh = int(model.geom_dataid[g])
-    first, many = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
-    corners = model.mesh_vert[first : first + many].astype(float)
+    first, n_vertices = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
+    corners = model.mesh_vert[first : first + n_vertices].astype(float)
     start = int(model.mesh_graphadr[mesh])
     count = 0 if start < 0 else int(model.mesh_graph[start])
     if not 0 < count <= MOST_CORNERS:

@@ -69,20 +69,20 @@ def _of_urdf(inertial: Element) -> Moments:
         attributes = {} if element is None else element.attrib
         return [float(word) for name in names.split() for word in attributes.get(name, default).split()]
 
-    turn = Rotation.from_euler("xyz", numbers("origin", "rpy", "0 0 0"))
+    rotation = Rotation.from_euler("xyz", numbers("origin", "rpy", "0 0 0"))
     six = numbers("inertia", "ixx iyy izz ixy ixz iyz")
     (mass,), centre = numbers("mass", "value"), np.array(numbers("origin", "xyz", "0 0 0"))
-    return mass, centre, _turned(turn, six)
+    return mass, centre, _turned(rotation, six)
 
 
 def _of_mjcf(body: Any, spec: Any) -> Moments:
-    turn, full = body.iquat, np.array(body.fullinertia)
+    quaternion, full = body.iquat, np.array(body.fullinertia)
     if not body.ialt.type.name.endswith("QUAT"):
-        turn = spec.resolve_orientation(
+        quaternion = spec.resolve_orientation(
             degree=spec.compiler.degree, sequence=spec.compiler.eulerseq, orientation=body.ialt
         )
     six = [*body.inertia, 0, 0, 0] if np.isnan(full[0]) else full
-    inertia = _turned(Rotation.from_quat(turn, scalar_first=True), six)
+    inertia = _turned(Rotation.from_quat(quaternion, scalar_first=True), six)
     return body.mass, np.array(body.ipos), inertia
 
 
@@ -101,18 +101,18 @@ def _of_geoms(model: Any, body: Any, groups: Any) -> Moments | None:
             return None
         volume, diagonal = solid
         mass = geom.density * volume if np.isnan(geom.mass) else geom.mass
-        turn = Rotation.from_quat(compiled.quat, scalar_first=True)
-        solids.append((mass, compiled.pos, mass * _turned(turn, [*diagonal, 0, 0, 0])))
+        rotation = Rotation.from_quat(compiled.quat, scalar_first=True)
+        solids.append((mass, compiled.pos, mass * _turned(rotation, [*diagonal, 0, 0, 0])))
     return combined(solids)
 
 
 def combined(solids: Sequence[Moments]) -> Moments:
     """Return mass, centre and inertia of several solids together; the centre is the origin if the mass is zero."""
     total = sum(mass for mass, *_ in solids)
-    centre = sum((mass * place for mass, place, _ in solids), np.zeros(3)) / (total or 1)
+    centre = sum((mass * position for mass, position, _ in solids), np.zeros(3)) / (total or 1)
     inertia = np.zeros((3, 3))
-    for mass, place, own_inertia in solids:
-        offset = place - centre
+    for mass, position, own_inertia in solids:
+        offset = position - centre
         inertia += own_inertia + mass * (offset @ offset * np.eye(3) - np.outer(offset, offset))
     return total, centre, inertia
 
@@ -128,12 +128,12 @@ def _solid(kind: str, a: float, b: float, c: float) -> tuple[float, list[float]]
     if kind in ("cylinder", "capsule"):
         rod, ball = 2 * pi * a * a * b, 4 / 3 * pi * a**3 if kind == "capsule" else 0.0
         tube, ends = rod / (rod + ball), ball / (rod + ball)
-        across = tube * (a * a / 4 + b * b / 3) + ends * (0.4 * a * a + b * b + 0.75 * a * b)
-        return rod + ball, [across, across, tube * a * a / 2 + ends * 0.4 * a * a]
+        transverse = tube * (a * a / 4 + b * b / 3) + ends * (0.4 * a * a + b * b + 0.75 * a * b)
+        return rod + ball, [transverse, transverse, tube * a * a / 2 + ends * 0.4 * a * a]
     return None
 
 
-def _turned(turn: Rotation, six: Any) -> np.ndarray:
+def _turned(rotation: Rotation, six: Any) -> np.ndarray:
     """Return ``R I R'`` (3, 3) for the inertia (xx, yy, zz, xy, xz, yz) in a frame that is rotated by R."""
-    R, (xx, yy, zz, xy, xz, yz) = turn.as_matrix(), six
+    R, (xx, yy, zz, xy, xz, yz) = rotation.as_matrix(), six
     return R @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ R.T

@@ -93,8 +93,8 @@ def end_effector(robot: Robot) -> BodyPlace:
     # The body farthest from the root: parts may be fixed to bodies without motors behind the last motor.
     last = max((name for name, count in motors.items() if count == longest), key=lambda name: len(chains[name]))
     points = [point for part in machine.parts if part.body == last for point in _middles(part.shape)]
-    place = max(points, key=lambda point: math.hypot(*point), default=tree.bodies[last].com)
-    return BodyPlace(last, tuple(float(ca.evalf(ca.SX(x))) for x in place))  # pyright: ignore[reportArgumentType]
+    end_point = max(points, key=lambda point: math.hypot(*point), default=tree.bodies[last].com)
+    return BodyPlace(last, tuple(float(ca.evalf(ca.SX(x))) for x in end_point))  # pyright: ignore[reportArgumentType]
 
 
 def pushed_object(robot: Robot) -> str:
@@ -103,9 +103,9 @@ def pushed_object(robot: Robot) -> str:
     Raises :class:`~ocp.errors.InputError` if there is no such body.
     """
     pairs = robot.machine.contacts_with_bodies(ca.SX(robot.home)).values()
-    for _, *touching in pairs:
-        passive = [body for body in touching if body in robot.objects]
-        if len(passive) == 1 and WORLD not in touching:
+    for _, *owners in pairs:
+        passive = [body for body in owners if body in robot.objects]
+        if len(passive) == 1 and WORLD not in owners:
             return passive[0]
     raise InputError(
         f"{robot.path}: push needs an object, a body that no motor moves and that the robot may touch; add one to the"
@@ -117,7 +117,7 @@ def push_direction(robot: Robot, pushed: str) -> np.ndarray:
     """Return the horizontal unit vector (3,) from the robot's base to an object, in directions in which it moves."""
     machine, home = robot.machine, ca.SX(robot.home)
     base = BodyPlace(_ancestors(machine, end_effector(robot).body)[-1])
-    moves = ca.horzcat(*(move for _, _, move, _ in machine.tree().joint_axes(home, pushed)))
+    moves = ca.horzcat(*(translation for _, _, translation, _ in machine.tree().joint_axes(home, pushed)))
     is_free = np.abs(np.array(ca.evalf(moves))).max(axis=1) > STILL
     offset = BodyPlace(pushed).at(machine, robot.home) - base.at(machine, robot.home)
     offset = np.where(is_free * [True, True, False], offset, 0.0)
@@ -146,9 +146,9 @@ def reachable(robot: Robot) -> np.ndarray:
         pose = np.array(ca.evalf(robot.turned(robot.home, turns))).ravel()
         if np.min(np.array(robot.distances(pose)).ravel()[moving], initial=np.inf) < ROOM:
             continue
-        place = tip.at(machine, pose)
-        if best is None or np.linalg.norm(place - start) > np.linalg.norm(best - start):
-            best = place
+        tip_position = tip.at(machine, pose)
+        if best is None or np.linalg.norm(tip_position - start) > np.linalg.norm(best - start):
+            best = tip_position
     if best is None:
         raise InputError(
             f"{robot.path}: reach found no free place for {tip.body}; give the file a keyframe home away from contacts"
@@ -214,9 +214,9 @@ def _nearest(z: ca.SX, terms: tuple[ca.SX, ca.SX, ca.SX], start: np.ndarray, lim
         return {"fun": values, "jac": slopes, "type": kind}
 
     rows = [row(function, kind) for function, kind in ((equal, "eq"), (free, "ineq")) if function.numel_out(0)]
-    rng, answers = np.random.default_rng(0), []
+    rng, minima = np.random.default_rng(0), []
     for _ in range(STARTS):
-        answer = minimize(
+        minimum = minimize(
             lambda x: float(cost(x)[0]),
             np.clip(start + rng.normal(scale=SPREAD, size=len(start)), *limits.T),
             jac=lambda x: cost(x)[1].full().ravel(),
@@ -225,9 +225,9 @@ def _nearest(z: ca.SX, terms: tuple[ca.SX, ca.SX, ca.SX], start: np.ndarray, lim
             method="SLSQP",
             options={"maxiter": 300},
         )
-        if answer.success:
-            answers.append(answer)
-    return min(answers, key=lambda answer: answer.fun).x if answers else None
+        if minimum.success:
+            minima.append(minimum)
+    return min(minima, key=lambda minimum: minimum.fun).x if minima else None
 
 
 def _limits(robot: Robot, entries: list[int]) -> np.ndarray:

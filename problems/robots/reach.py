@@ -17,7 +17,7 @@ PARALLEL_TOLERANCE = 1e-9
 """Sine of the angle between axes that count as parallel, and relative difference of equal lengths."""
 
 
-def never_collide(model: Any, data: Any, above: list[list[int]], one: int, other: int) -> bool:
+def never_collide(model: Any, data: Any, above: list[list[int]], first_geom: int, second_geom: int) -> bool:
     """Return True if two geoms can never touch, and False if they can or if the answer is unknown.
 
     ``above`` is the result of :func:`joints_above`; ``data`` is overwritten. The ranges of the joints
@@ -25,7 +25,7 @@ def never_collide(model: Any, data: Any, above: list[list[int]], one: int, other
     their distance exceeds the motion that the joints can cause within the piece, or if they move in
     parallel planes some distance apart.
     """
-    mujoco, geoms = import_module("mujoco"), (one, other)
+    mujoco, geoms = import_module("mujoco"), (first_geom, second_geom)
     chains = [above[model.geom_bodyid[g]] for g in geoms]
     shared = set(chains[0]) & set(chains[1])
     chains = [[j for j in chain if j not in shared] for chain in chains]
@@ -35,10 +35,10 @@ def never_collide(model: Any, data: Any, above: list[list[int]], one: int, other
     ranges = np.array([_range(model, j) for j in joints]).reshape(-1, 2)
     if not np.isfinite(ranges).all():
         return False
-    pieces = int(POSES_TRIED ** (1 / max(1, len(joints))))
-    half_widths = np.ptp(ranges, axis=1) / (2 * pieces)
+    n_pieces = int(POSES_TRIED ** (1 / max(1, len(joints))))
+    half_widths = np.ptp(ranges, axis=1) / (2 * n_pieces)
     widths = dict(zip(joints, half_widths, strict=True))
-    for numbers in product(range(1, 2 * pieces, 2), repeat=len(joints)):
+    for numbers in product(range(1, 2 * n_pieces, 2), repeat=len(joints)):
         data.qpos[model.jnt_qposadr[joints]] = ranges[:, 0] + half_widths * numbers
         mujoco.mj_kinematics(model, data)
         reach = 0.0
@@ -49,7 +49,7 @@ def never_collide(model: Any, data: Any, above: list[list[int]], one: int, other
                 arm = math.dist(data.xanchor[j], data.geom_xpos[g]) + model.geom_rbound[g]
                 radius += widths[j] * (1 if model.jnt_type[j] == 2 else arm + radius)
             reach += radius
-        if mujoco.mj_geomDistance(model, data, one, other, LONGEST_DISTANCE_M, None) <= reach:
+        if mujoco.mj_geomDistance(model, data, first_geom, second_geom, LONGEST_DISTANCE_M, None) <= reach:
             return False
     return True
 

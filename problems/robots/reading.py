@@ -67,8 +67,8 @@ def load(path: str | Path, *, floating: bool = False, planar: bool = False, fold
                     f"{file}: no root to free: in MJCF <freejoint/> makes a body float, and a URDF must have a single"
                     " link that is fixed to the world"
                 )
-            still = rooted and not spec.joints and not (floating or planar)
-            if floating or still:
+            has_no_joint = rooted and not spec.joints and not (floating or planar)
+            if floating or has_no_joint:
                 roots[0].add_freejoint(name=f"{roots[0].name} floats")
             estimated = _complete(spec, source)
             model = spec.compile()
@@ -85,7 +85,7 @@ def load(path: str | Path, *, floating: bool = False, planar: bool = False, fold
         _check(model)
         check_inertias(model, spec, fromstring(source.text) if source.urdf else None)
         fixed = "The root is fixed; --floating makes it free."
-        notes = ["Without a joint its root is free."] if still else [fixed]
+        notes = ["Without a joint its root is free."] if has_no_joint else [fixed]
         notes = notes if rooted and not (floating or planar) else []
         if estimated:
             moving = listed("link", estimated)
@@ -185,8 +185,8 @@ def _reason(message: str) -> str:
     lines = [line.strip() for line in message.splitlines() if line.strip()]
     text = lines[0].replace("XML ", "").replace("Error: ", "").replace("engine error: ", "")
     named = [line.split("'")[1] for line in lines if line.startswith("Element name '")]
-    place = f" in {named[0]!r}" if named and named[0] else ""
-    return f"not a robot that compiles: {text}{place}"
+    element = f" in {named[0]!r}" if named and named[0] else ""
+    return f"not a robot that compiles: {text}{element}"
 
 
 def _robot(file: Path, model: Any, source: Source, notes: list[str]) -> Robot:
@@ -240,8 +240,8 @@ def _robot(file: Path, model: Any, source: Source, notes: list[str]) -> Robot:
 
 def _equation(coupling: Coupling) -> str:
     """Return a sentence that states the equation of a coupling."""
-    (first, unit), *others = coupling.coefficients.items()
-    terms = [f"{-factor / unit:g} {name}" for name, factor in others]
+    (first, unit), *other_terms = coupling.coefficients.items()
+    terms = [f"{-factor / unit:g} {name}" for name, factor in other_terms]
     return f"Joint {first} follows: {first} = {' + '.join([*terms, f'{coupling.value / unit:g}'])}."
 
 
@@ -251,11 +251,11 @@ def _camera(model: Any, home: np.ndarray) -> PinholeCamera:
     data.qpos[:] = home
     import_module("mujoco").mj_kinematics(model, data)
     moves = model.body_weldid[model.geom_bodyid] > 0
-    places, radii = data.geom_xpos[moves], model.geom_rbound[moves, None]
-    places = np.vstack([data.xpos[1:], places - radii, places + radii])
-    x, y, z = (places.min(axis=0) + places.max(axis=0)).tolist()
-    size = max(0.1, float(np.ptp(places, axis=0).max()))
-    across, kinds = abs(data.xaxis[:, 1]), model.jnt_type
-    flat = np.where(kinds == 3, 1 - across, np.where(kinds == 2, across, 1.0)).max() < _TILT
-    view = {"azimuth": -math.pi / 2, "elevation": 0.0} if flat else {}
+    positions, radii = data.geom_xpos[moves], model.geom_rbound[moves, None]
+    positions = np.vstack([data.xpos[1:], positions - radii, positions + radii])
+    x, y, z = (positions.min(axis=0) + positions.max(axis=0)).tolist()
+    size = max(0.1, float(np.ptp(positions, axis=0).max()))
+    along_y, kinds = abs(data.xaxis[:, 1]), model.jnt_type
+    is_planar = np.where(kinds == 3, 1 - along_y, np.where(kinds == 2, along_y, 1.0)).max() < _TILT
+    view = {"azimuth": -math.pi / 2, "elevation": 0.0} if is_planar else {}
     return PinholeCamera.around((x / 2, y / 2, z / 2), size, **view)

@@ -69,13 +69,13 @@ class Robot:
 
         No body of their trees has a motor, or a joint that is coupled to others.
         """
-        roots, moved = dict[str, str](), set[str]()
+        roots, actuated_roots = dict[str, str](), set[str]()
         coupled = {name for coupling in self.machine.couplings for name in coupling.coefficients}
         for body in self.machine.bodies:
             roots[body.name] = body.name if body.parent is None else roots[body.parent]
             if body.gear is not None or body.servo is not None or body.name in coupled:
-                moved.add(roots[body.name])
-        return frozenset(name for name, root in roots.items() if moved and root not in moved)
+                actuated_roots.add(roots[body.name])
+        return frozenset(name for name, root in roots.items() if actuated_roots and root not in actuated_roots)
 
     @cached_property
     def root_bodies(self) -> tuple[str, ...]:

@@ -249,8 +249,8 @@ def _take_meshes(root: Element, robot_folder: RobotFolder, ignored: list[str]) -
         name = mesh.attrib[key]
         # The name may begin with the folders of a package, or of another computer.
         path_parts = Path(name.rpartition("://")[2].lstrip("/") if urdf else name).parts
-        places = [str(base / Path(folder, *path_parts[k:])) for base in bases for k in range(len(path_parts))]
-        content = next(filter(None, map(robot_folder.existing, places)), None)
+        paths = [str(base / Path(folder, *path_parts[k:])) for base in bases for k in range(len(path_parts))]
+        content = next(filter(None, map(robot_folder.existing, paths)), None)
         if urdf and (content is None or content.suffix.lower() not in MESH_SUFFIXES):
             collision = above[above[mesh]]
             above[collision].remove(collision)

@@ -43,8 +43,8 @@ def _unsupported_elements(model: Any) -> Iterator[tuple[str, str, list[int], str
     keys = [k for k in range(model.nkey) if model.key(k).name != "home"]
     yield "", "key", keys, "only the keyframe named home is used"
     actuators = [actuator_of(model, k) for k in range(model.nu)]
-    odd = [k for k, actuator in enumerate(actuators) if actuator is None]
-    yield "", "actuator", odd, "only motors and position servos of hinges and slides are read"
+    unsupported = [k for k, actuator in enumerate(actuators) if actuator is None]
+    yield "", "actuator", unsupported, "only motors and position servos of hinges and slides are read"
     strong = [
         k
         for k, actuator in enumerate(actuators)

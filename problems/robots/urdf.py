@@ -115,9 +115,9 @@ def take_mimics(root: Element, file: Path) -> list[Mimic]:
 def clean(root: Element) -> list[str]:
     """Remove impossible products of inertia and infinite limits from a URDF; return sentences about the changes."""
     sentences = []
-    odd = [link.get("name", "") for link in root.iter("link") if _zero_products(link)]
-    if odd:
-        sentences.append(f"products of inertia of {listed('link', odd)}: no body can have them")
+    incomplete_links = [link.get("name", "") for link in root.iter("link") if _zero_products(link)]
+    if incomplete_links:
+        sentences.append(f"products of inertia of {listed('link', incomplete_links)}: no body can have them")
     for joint in root.iter("joint"):
         limit = joint.find("limit")
         if limit is None:

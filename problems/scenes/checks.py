@@ -33,9 +33,9 @@ def check_names(things: Sequence[Thing | Goal], pairs: Sequence[tuple[str, str]]
                 f"{thing.name!r} moves, and a half-plane is unbounded; make it an Obstacle, or its shape a Box"
             )
     names = [thing.name for thing in things if isinstance(thing, Thing)]
-    twice = [name for name, count in Counter(names).items() if count > 1]
-    if twice:
-        raise InputError(f"two things are called {twice[0]!r}; give each its own name")
+    duplicates = [name for name, count in Counter(names).items() if count > 1]
+    if duplicates:
+        raise InputError(f"two things are called {duplicates[0]!r}; give each its own name")
     moving = {thing.name: thing for thing in things if isinstance(thing, Body | Pusher)}
     if not moving:
         raise InputError("nothing in the scene moves; add a Body or a Pusher")
@@ -52,9 +52,9 @@ def check_names(things: Sequence[Thing | Goal], pairs: Sequence[tuple[str, str]]
             raise InputError(f"{pair[0]!r} and {pair[1]!r} are obstacles and never touch")
 
 
-def _require_known(name: str, names: list[str], who: str) -> None:
+def _require_known(name: str, names: list[str], role: str) -> None:
     if name not in names:
-        raise InputError(f"{who} {name!r}{did_you_mean(name, names)}; there are {', '.join(names)}")
+        raise InputError(f"{role} {name!r}{did_you_mean(name, names)}; there are {', '.join(names)}")
 
 
 def required(pusher: Pusher, value: Scalar | None, what: str, where: str) -> Scalar:
@@ -107,12 +107,12 @@ def _check_shape(thing: Thing, shape: Shape, value: Value) -> None:
             length = math.hypot(*(value(end[i] - start[i]) for i in range(2)))
             _check_size(thing, "capsule has the length", length)
         case Box(half, radius):
-            sides = [value(half[i]) for i in range(2)]
-            _check_size(thing, "box has a half side of", min(sides))
-            if not 0 <= value(radius) <= min(sides):
+            half_sides = [value(half[i]) for i in range(2)]
+            _check_size(thing, "box has a half side of", min(half_sides))
+            if not 0 <= value(radius) <= min(half_sides):
                 raise InputError(
                     f"the corners of {thing.name!r} are rounded by {value(radius):g} m; expected"
-                    f" at least 0 and at most half its shorter side, {min(sides):g} m"
+                    f" at least 0 and at most half its shorter side, {min(half_sides):g} m"
                 )
         case Polygon(vertices, radius):
             corners = np.array([[value(vertex[i]) for i in range(2)] for vertex in vertices])

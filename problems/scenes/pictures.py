@@ -34,13 +34,13 @@ def drawing_functions(scene: Callable[[Any], Scene]) -> tuple[Draw, Frames]:
         return scene_of_numbers, _poses_and_contacts(scene_of_numbers)
 
     def draw(params: Any, state: np.ndarray) -> list[Shape]:
-        pictured_scene, places = built_scene(params)
-        poses = np.array(places(state[: places.numel_in(0)])[0]).T.tolist()
+        pictured_scene, poses_and_frames = built_scene(params)
+        poses = np.array(poses_and_frames(state[: poses_and_frames.numel_in(0)])[0]).T.tolist()
         return _all_shapes(pictured_scene, [(x, y, angle) for x, y, angle in poses])
 
     def frames(params: Any, state: np.ndarray) -> list[ContactFrame]:
-        places = built_scene(params)[1]
-        _, contacts, friction = (np.array(v).T for v in places(state[: places.numel_in(0)]))
+        poses_and_frames = built_scene(params)[1]
+        _, contacts, friction = (np.array(v).T for v in poses_and_frames(state[: poses_and_frames.numel_in(0)]))
         rows = np.column_stack([contacts, friction.ravel()]).tolist()
         return [ContactFrame(*row) for row in rows]
 

@@ -92,9 +92,9 @@ class Body(Thing):
     @property
     def coordinates(self) -> tuple[Signal, ...]:
         """Signals ``<name>_x``, ``<name>_y`` and, if the body turns, ``<name>_angle``."""
-        places = _position_signals(self.name)
-        turn = Signal(f"{self.name}_angle", "rad", f"{self.name}, anticlockwise")
-        return (*places, turn) if self.turns else places
+        position_signals = _position_signals(self.name)
+        angle_signal = Signal(f"{self.name}_angle", "rad", f"{self.name}, anticlockwise")
+        return (*position_signals, angle_signal) if self.turns else position_signals
 
     @classmethod
     def uniform(
@@ -165,8 +165,8 @@ class Pusher(Thing):
 
     def pose(self, q: ca.SX) -> Pose:
         """Return the pose of this thing at its coordinates ``q``."""
-        place = q if self.axis is None else as_column(self.at) + q * as_column(self.axis)
-        return Pose(place, -ca.SX(self.angle))
+        position = q if self.axis is None else as_column(self.at) + q * as_column(self.axis)
+        return Pose(position, -ca.SX(self.angle))
 
     @property
     def directions(self) -> ca.SX:
@@ -233,12 +233,12 @@ def contact_pairs(things: Sequence[Thing], non_colliding: Collection[frozenset[s
         if frozenset((first.name, second.name)) in non_colliding:
             continue
         label = f"{first.name} on {second.name}"
-        freer, other = sorted(
+        freer, less_free = sorted(
             (first, second), key=lambda thing: [not isinstance(thing, kind) for kind in MOST_FREE_FIRST]
         )
-        pairs = [(a, b) for a in convex_parts(freer.shape) for b in convex_parts(other.shape)]
-        if freer.turns or other.turns:
-            pairs = vertex_pairs(freer.shape, other.shape)
+        pairs = [(a, b) for a in convex_parts(freer.shape) for b in convex_parts(less_free.shape)]
+        if freer.turns or less_free.turns:
+            pairs = vertex_pairs(freer.shape, less_free.shape)
         names = [label] if len(pairs) == 1 else [f"{label} {i + 1}" for i in range(len(pairs))]
-        pairs_that_touch += [Touch(name, freer, *shapes, other) for name, shapes in zip(names, pairs, strict=True)]
+        pairs_that_touch += [Touch(name, freer, *shapes, less_free) for name, shapes in zip(names, pairs, strict=True)]
     return pairs_that_touch

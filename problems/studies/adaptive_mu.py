@@ -60,12 +60,12 @@ class Params(StudyParams):
 
 def run(params: Params) -> xr.Dataset:
     """Compute curves under the exact law, three constant mu and the adaptive law, and the data of the claims."""
-    curves, places = _curves(params)
+    curves, coordinates = _curves(params)
     checks = {**_tradeoff(params), **_noise(params), **_printed(params)}
     return dataset(
         {**curves, **checks},
         {
-            **places,
+            **coordinates,
             "reach": (_REACHES, "1", "truncation over the noise's scale"),
             "gap": (GAPS, "1", "gap over sigma"),
             "width": (WIDTHS, "1", "sigma over sqrt(F mu)"),

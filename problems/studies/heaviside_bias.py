@@ -100,19 +100,21 @@ def _objective(data: xr.Dataset) -> list[Claim]:
     ratio = zeroth["variance"].values[has_both_sides] / data["zobg_variance"].values[has_both_sides]
     # Relative error of a variance whose samples have the kurtosis of w times 0 or 1.
     blur = 5 * np.sqrt(6 / (n * np.minimum(F, 1 - F)[has_both_sides]))
-    places = f" at {has_both_sides.sum()} of {has_both_sides.size} theta, those with {_SAMPLES_PER_SIDE} samples a side"
+    theta_count = (
+        f" at {has_both_sides.sum()} of {has_both_sides.size} theta, those with {_SAMPLES_PER_SIDE} samples a side"
+    )
     return [
         claim("The stochastic objective is the error function", "Pathologies, ex. III.2")
         .expected("F = erf(-theta; sigma²), read as the Gaussian tail")
-        .measured(f"off by {objective_score:.2g} standard errors at most" + places)
+        .measured(f"off by {objective_score:.2g} standard errors at most" + theta_count)
         .below(objective_score, 5),
         claim("The zeroth-order estimate is unbiased", "Pathologies, sec. III-A, ex. III.2")
         .expected("F' = phi(theta/sigma)/sigma")
-        .measured(f"off by {gradient_score:.2g} standard errors at most" + places)
+        .measured(f"off by {gradient_score:.2g} standard errors at most" + theta_count)
         .below(gradient_score, 5),
         claim("The variance of the zeroth order is that of its closed form", "our check")
         .expected("ratio 1")
-        .measured(f"off by {largest_value(np.abs(ratio - 1)):.3f} at most" + places)
+        .measured(f"off by {largest_value(np.abs(ratio - 1)):.3f} at most" + theta_count)
         .holds(has_both_sides.any(), np.abs(ratio - 1) < blur),
     ]
 

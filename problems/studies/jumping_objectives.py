@@ -63,17 +63,17 @@ def run(params: Params) -> xr.Dataset:
         fine = np.linspace(lowest, reach, 100 * (params.points - 1) + 1)
         sigma = getattr(params, f"sigma_{name}")
         estimates = sweep_decision(objective, theta, sigma, params.n_samples, params.seed + 1000 * index)
-        place, dense = f"theta_{name}", f"fine_{name}"
+        thetas_name, dense = f"theta_{name}", f"fine_{name}"
         slope = f"{unit}/{per}"
         variables |= {
             f"f_{name}": (dense, objective.costs(fine[:, None]), unit, "objective"),
-            f"F_{name}": (place, estimates["F"], unit, "smoothed objective"),
-            f"slope_{name}": (place, estimates["slope"], slope, "its derivative"),
-            f"first_{name}": ((place, "moment"), estimates["first"], slope, "FoBG"),
-            f"zeroth_{name}": ((place, "moment"), estimates["zeroth"], slope, "ZoBG"),
+            f"F_{name}": (thetas_name, estimates["F"], unit, "smoothed objective"),
+            f"slope_{name}": (thetas_name, estimates["slope"], slope, "its derivative"),
+            f"first_{name}": ((thetas_name, "moment"), estimates["first"], slope, "FoBG"),
+            f"zeroth_{name}": ((thetas_name, "moment"), estimates["zeroth"], slope, "ZoBG"),
         }
         coordinates |= {
-            place: (theta, per, objective.decision[0].description),
+            thetas_name: (theta, per, objective.decision[0].description),
             dense: (fine, per, objective.decision[0].description),
         }
     return dataset(variables, {**coordinates, "moment": ["mean", "standard error"]})

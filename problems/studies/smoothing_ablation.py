@@ -112,13 +112,13 @@ def claims(data: xr.Dataset) -> list[Claim]:
 
 def _on_top(law: str, fixed: list[str], ends: dict[str, np.ndarray], areas: dict[str, np.ndarray]) -> list[Claim]:
     """Check that returns under an adaptive law are higher than under every fixed mu."""
-    place, name = "our check", "The law matched to Gaussian noise"
+    source, name = "our check", "The law matched to Gaussian noise"
     if law == _ADAPTIVE[0]:
-        place, name = _SECTION_7_4, "The adaptive law"
+        source, name = _SECTION_7_4, "The adaptive law"
     return [
         claim_gains(
             f"{name} {words}",
-            place,
+            source,
             f"{expected} above that of every fixed mu, 95 %",
             fixed,
             [mean_difference(of[law], of[other]) for other in fixed],

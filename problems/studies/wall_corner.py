@@ -265,17 +265,17 @@ def _shapes(data: xr.Dataset) -> list[Claim]:
     dome = float(np.mean(score[1][near_corner] ** 2)) if near_corner.any() else np.nan
     zeroth = (data["zeroth"].values[:, :, 0] - data["slope"].values) / data["zeroth"].values[:, :, 1]
     rectangle = float(np.mean(zeroth[0] ** 2))
-    place = "Pathologies, ex. III.6"
+    source = "Pathologies, ex. III.6"
     return [
-        claim("A rectangular wall makes the objective jump", place)
+        claim("A rectangular wall makes the objective jump", source)
         .expected("a jump at the corner")
         .measured(f"{step[0]:.3f} m at {float(data['corner']):.4f} rad")
         .above(step[0], 0.05),
-        claim("With a dome it is continuous, but stiff", place)
+        claim("With a dome it is continuous, but stiff", source)
         .expected("steep, no jump")
         .measured(f"steps of at most {step[1]:.1e} m: slope {step[1] / size:.1f} m/rad against {slope_away:.1f} away")
         .holds(step[1] < 0.01, step[1] / size > 2 * slope_away),
-        claim("FoBG is biased at the rectangle", place)
+        claim("FoBG is biased at the rectangle", source)
         .expected("error beyond its interval")
         .measured(f"{errors[0][worst[0]]:+.2f} m/rad, {abs(score[0][worst[0]]):.0f} standard errors")
         .above(abs(score[0][worst[0]]), 10),
@@ -283,7 +283,7 @@ def _shapes(data: xr.Dataset) -> list[Claim]:
         .expected("errors of 1 standard error")
         .measured(f"{np.sqrt(rectangle):.2f} rms")
         .below(rectangle, _chance(zeroth[0].size)),
-        claim("With a dome FoBG is no longer biased asymptotically", place)
+        claim("With a dome FoBG is no longer biased asymptotically", source)
         .expected("errors of 1 standard error")
         .measured(f"{np.sqrt(dome):.2f} rms near the corner")
         .below(dome, _chance(near_corner.sum())),

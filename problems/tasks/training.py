@@ -122,8 +122,8 @@ class TrainingJob:
     @property
     def name(self) -> str:
         """Algorithm and seed as text, for messages on the terminal."""
-        beside = self.algorithm.settings().get("of")
-        return f"{f'{beside} with psi' if beside else self.algorithm.name} seed {self.seed}"
+        collection = self.algorithm.settings().get("of")
+        return f"{f'{collection} with psi' if collection else self.algorithm.name} seed {self.seed}"
 
     def experiment(self, task: Task | None = None) -> Experiment:
         """Build the experiment, on ``task`` if that is already built; raises :class:`~ocp.errors.InputError`."""
@@ -158,8 +158,8 @@ def unfinished(job: TrainingJob, experiment: Experiment, checkpoint: Checkpoint)
     lines = [f"{job.name}: {note}" for note in checkpoint.notes]
     if state is not None:
         lines.append(f"{job.name} resumes after {read_checkpoint(state)[0]} iterations")
-    for other in checkpoint.other_states(CHECKPOINT_KEY):
-        done, settings = read_checkpoint(other)
+    for stored_state in checkpoint.other_states(CHECKPOINT_KEY):
+        done, settings = read_checkpoint(stored_state)
         if [settings.get(key) for key in SAME_TRAINING] == [own_settings[key] for key in SAME_TRAINING]:
             names = [name for name in {**settings, **own_settings} if settings.get(name) != own_settings.get(name)]
             changes = (f"{name} = {settings.get(name)} instead of {own_settings.get(name)}" for name in names)

@@ -38,8 +38,8 @@ def field_completion(name: str) -> Callable[[typer.Context, str], list[str]] | N
     return complete
 
 
-def _table(place: str) -> Words:
-    module, _, name = place.partition(":")
+def _table(table: str) -> Words:
+    module, _, name = table.partition(":")
     return getattr(import_module(module), name)
 
 

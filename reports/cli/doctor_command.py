@@ -47,9 +47,9 @@ def run(options: DoctorOptions, place: dict[str, Any]) -> int:
 def common_root(roots: dict[str, str]) -> str:
     """Return the folder that contains all packages; raises InputError if they are in different folders."""
     if len(set(roots.values())) > 1:
-        places = ", ".join(f"{name} from {root}" for name, root in roots.items())
+        locations = ", ".join(f"{name} from {root}" for name, root in roots.items())
         raise InputError(
-            f"the four packages come from different places: {places}; a file or folder of yours, or"
+            f"the four packages come from different places: {locations}; a file or folder of yours, or"
             " another distribution, has the name of a package: rename yours, or install centralpath"
             " in its own environment"
         )

@@ -51,7 +51,7 @@ class ExportRequest:
     def values(self) -> np.ndarray:
         """Values of the step's parameters at the problem's defaults."""
         defaults = self.problem.parameters.defaults
-        return Evaluation(self.problem, defaults).step_values(self.step, own=False)
+        return Evaluation(self.problem, defaults).step_values(self.step, with_law_values=False)
 
     @property
     def policy(self) -> TabulatedPolicy | None:

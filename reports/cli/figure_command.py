@@ -72,15 +72,15 @@ def _study(name: str, values: dict[str, Any], options: FigureOptions) -> tuple[F
 def run(options: FigureOptions, request: FigureRequest) -> int:
     """Run studies, store them, draw them to ID.pdf, write data to ID.nc, and check claims; draw stored runs again."""
     document_at: dict[int, dict[str, Any]] = {}
-    for place, requested in enumerate(request):
+    for number, requested in enumerate(request):
         if isinstance(requested, StoredRun):
             file = _write_bare_figure(requested, options)
             options.output.say(f"files: {file}")
-            document_at[place] = {"id": requested.meta["problem"], "files": [str(file)], "run": str(requested.path)}
-    named = {place: requested for place, requested in enumerate(request) if isinstance(requested, tuple)}
-    for place, data in _compute_studies(named, options):
-        document_at[place] = _finish_study(*named[place], data, options)
-    documents = [document_at[place] for place in sorted(document_at)]
+            document_at[number] = {"id": requested.meta["problem"], "files": [str(file)], "run": str(requested.path)}
+    named = {number: requested for number, requested in enumerate(request) if isinstance(requested, tuple)}
+    for number, data in _compute_studies(named, options):
+        document_at[number] = _finish_study(*named[number], data, options)
+    documents = [document_at[number] for number in sorted(document_at)]
     options.output.document(documents[0] if len(options.figures or ()) == 1 else {"figures": documents})
     return 0
 
@@ -106,13 +106,13 @@ def _compute_studies(
 ) -> Iterator[tuple[int, xr.Dataset]]:
     """Yield index and data of every study; ``--jobs`` runs several studies, or the parts of a study, in parallel."""
     if not options.parallel or len(named) == 1:
-        for place, (study, params) in named.items():
-            yield place, _compute_study(study, params, options)
+        for number, (study, params) in named.items():
+            yield number, _compute_study(study, params, options)
         return
-    jobs = {place: FigureJob(study.id, params, options.out.resolve()) for place, (study, params) in named.items()}
+    jobs = {number: FigureJob(study.id, params, options.out.resolve()) for number, (study, params) in named.items()}
 
-    def explain(place: int, error: Exception) -> None:
-        with _explain_errors(*named[place]):
+    def explain(number: int, error: Exception) -> None:
+        with _explain_errors(*named[number]):
             raise error
 
     with closing(map_jobs(study_data, jobs, Workers(options.jobs, options.scheduler), recover=explain)) as outcomes:

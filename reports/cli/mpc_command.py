@@ -201,7 +201,7 @@ def _progress(options: MpcOptions, steps: int) -> Iterator[Any]:
         def report(seed: int, k: int, command: Command) -> None:
             interrupt.raise_if_interrupted()
             merit = f", merit {command.merit:.5g}" if math.isfinite(command.merit) else ""
-            place = f"seed {seed + 1} of {options.seeds}, sample {k + 1} of {steps}"
-            show(f"{place}, {1e3 * command.seconds:.1f} ms{merit}")
+            progress = f"seed {seed + 1} of {options.seeds}, sample {k + 1} of {steps}"
+            show(f"{progress}, {1e3 * command.seconds:.1f} ms{merit}")
 
         yield report

@@ -73,8 +73,8 @@ def run(options: NewOptions, file: Path) -> int:
     """Write the template under its new name, and print how to solve it."""
     kind = next((kind for kind in TEMPLATES if getattr(options, kind, None)), "plain")
     template = TEMPLATES[kind] if options.task is None else TASKS[options.task]
-    places = (folder / template for folder in _TEMPLATE_FOLDERS)
-    text = next(place for place in places if place.exists()).read_text(encoding="utf-8")
+    candidates = (folder / template for folder in _TEMPLATE_FOLDERS)
+    text = next(place for place in candidates if place.exists()).read_text(encoding="utf-8")
     problem_text = re.sub('^name = ".*"$', f'name = "{file.stem}"', text, count=1, flags=re.MULTILINE)
     if options.robot is not None:
         bases = ("floating", "planar")
@@ -94,5 +94,5 @@ def run(options: NewOptions, file: Path) -> int:
 
 def _relative(path: Path) -> str:
     """Return the path relative to the current folder, as a Python string literal."""
-    place = os.path.relpath(path.expanduser().resolve(), Path.cwd())
-    return json.dumps(Path(place).as_posix(), ensure_ascii=False)
+    relative_path = os.path.relpath(path.expanduser().resolve(), Path.cwd())
+    return json.dumps(Path(relative_path).as_posix(), ensure_ascii=False)

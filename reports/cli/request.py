@@ -74,11 +74,11 @@ def check_output_file(file: Path, kind: str) -> None:
             f"the {kind} must end in {ending}, got {str(file)!r}; use {file.with_suffix(ending).name!r}, for example"
         )
     with atomic.write_errors(f"the {kind} to {file}"):
-        place = atomic.replaceable_path(file)
-    if place is None:
+        target = atomic.replaceable_path(file)
+    if target is None:
         return
     try:
-        store.check_writable(place.parent)
+        store.check_writable(target.parent)
     except InputError as error:
         message = str(error).replace("the run", f"the {kind}").replace("with --out", "for it")
         raise InputError(message) from error

@@ -62,8 +62,8 @@ def run(options: RunsOptions, request: RunsRequest) -> int:
             print_table(run_table(single_run))
         return 0
     paths, entries, others = store.run_paths(options.out), [], []
-    for place, path in enumerate(reversed(paths), 1):
-        row = _row(store.read_entry(path), f"@{place}")
+    for number, path in enumerate(reversed(paths), 1):
+        row = _row(store.read_entry(path), f"@{number}")
         (entries if _matches(options, since, row) else others).append(row)
         if len(entries) == (options.last or _SHOWN):
             break

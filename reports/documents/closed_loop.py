@@ -56,9 +56,9 @@ def _single_loop(view: RunView, content: dict[str, Any]) -> Page:
 def _several_loops(views: list[RunView], content: dict[str, Any]) -> Page:
     names, descriptions, one_problem = describe_runs(views)
     rows: dict[str, list[str]] = {}
-    for place, view in enumerate(views):
+    for index, view in enumerate(views):
         for name, text in loop_rows(view.run.meta):
-            rows.setdefault(name, ["–"] * len(views))[place] = text
+            rows.setdefault(name, ["–"] * len(views))[index] = text
     content |= {
         "title": views[0].title if one_problem else "Comparison of closed loops",
         "labels": [f"{name}: {text}" for name, text in zip(names, descriptions, strict=True)],

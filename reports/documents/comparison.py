@@ -45,7 +45,7 @@ def comparison_page(views: list[RunView], cones: bool = False) -> Page:
         "title": views[0].title if one_problem else "Comparison of runs",
         "names": names,
         "labels": labelled,
-        "colors": [line_of(place)["color"] for place in range(len(views))],
+        "colors": [line_of(index)["color"] for index in range(len(views))],
         "hashes": [view.run.meta["hash"] for view in views],
         "verdicts": [view.run.meta["verdict"] for view in views],
         "grades": [view.run.meta["grade"] for view in views],

@@ -90,8 +90,8 @@ def outline(shape: Shape) -> Path:
             half_sides = np.array([shape.width, shape.height]) / 2 - radius
             corners = half_sides * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
             points = _grown(corners, radius) if radius else corners
-            place = Affine2D().rotate(shape.angle).translate(shape.x, shape.y)
-            return _closed(place.transform(points))
+            transform = Affine2D().rotate(shape.angle).translate(shape.x, shape.y)
+            return _closed(transform.transform(points))
         case Outline(corners, radius):
             corner_array = np.array(corners)
             return _closed(_grown(corner_array, radius) if radius else corner_array)
@@ -108,9 +108,9 @@ def outline(shape: Shape) -> Path:
             direction = np.array([x2 - x1, y2 - y1])
             length = float(np.linalg.norm(direction)) or 1.0
             across = np.array([-direction[1], direction[0]]) / length * COIL_HALF_WIDTH_M
-            place = np.linspace(0, 1, 2 * COIL_COUNT + 2)
+            fractions = np.linspace(0, 1, 2 * COIL_COUNT + 2)
             side = np.array([0, *([1, -1] * COIL_COUNT), 0])
-            return Path(np.array([x1, y1]) + np.outer(place, direction) + np.outer(side, across))
+            return Path(np.array([x1, y1]) + np.outer(fractions, direction) + np.outer(side, across))
     raise TypeError(f"a {type(shape).__name__} has no outline")
 
 
@@ -180,7 +180,7 @@ def constant_shapes(frames: Sequence[Sequence[T]], hiding: Sequence[bool]) -> li
     ``hiding`` is a mask of the shapes in the first frame that hide others. Such a shape is returned only if all frames
     are equal up to this shape.
     """
-    n_leading = len([*takewhile(lambda same_place: len(set(same_place)) == 1, zip(*frames, strict=False))])
+    n_leading = len([*takewhile(lambda shapes: len(set(shapes)) == 1, zip(*frames, strict=False))])
     common = set.intersection(*map(set, frames))
     return [
         shape

@@ -68,10 +68,10 @@ _HOUSE_RC: dict[Any, Any] = {
 """Settings of matplotlib for all figures."""
 
 
-def line_of(place: int) -> dict[str, Any]:
-    """Return colour and line style of line number ``place``; they are also distinct in grey print."""
-    place %= len(CYCLE)
-    return {"color": CYCLE[place], "linestyle": "-" if place < 6 else _DASH_PATTERNS[place % 2]}
+def line_of(index: int) -> dict[str, Any]:
+    """Return colour and line style of line number ``index``; they are also distinct in grey print."""
+    index %= len(CYCLE)
+    return {"color": CYCLE[index], "linestyle": "-" if index < 6 else _DASH_PATTERNS[index % 2]}
 
 
 _DASH_PATTERNS = ((0, (5, 1.5)), (0, (1, 1)))

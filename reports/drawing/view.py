@@ -181,8 +181,8 @@ def _stored_picture(view: RunView, stored: dict[str, Any]) -> RunPicture:
         frames: list[list[Any]] = motions[suffix][content]
         if not frames:
             return [[] for _ in times]
-        places = np.interp(times, view.time[: len(frames)], np.arange(len(frames)))
-        return [_between(frames, float(place)) for place in places]
+        fractional_nodes = np.interp(times, view.time[: len(frames)], np.arange(len(frames)))
+        return [_between(frames, float(node)) for node in fractional_nodes]
 
     framed = any(contacts for _, contacts in motions.values())
     axes = (stored["axes"][0], stored["axes"][1])
@@ -198,16 +198,16 @@ def _read(motion: dict[str, Any]) -> tuple[list[list[Shape]], list[list[ContactF
     return shapes, [[ContactFrame(**contact) for contact in node_shapes] for node_shapes in motion["contacts"]]
 
 
-def _between(frames: list[list[T]], place: float) -> list[T]:
+def _between(frames: list[list[T]], node: float) -> list[T]:
     """Return shapes interpolated between two nodes, or the shapes of the nearer node if they do not match.
 
     Shapes do not match if their kinds change; in a picture of space they never match, since their order may change.
     """
-    frame_before, frame_after = frames[int(place)], frames[min(int(place) + 1, len(frames) - 1)]
+    frame_before, frame_after = frames[int(node)], frames[min(int(node) + 1, len(frames) - 1)]
     changes = [type(shape) for shape in frame_before] != [type(shape) for shape in frame_after]
     if changes or any(getattr(shape, "shade", 0.0) for shape in frame_before):
-        return frames[round(place)]
-    share = place % 1.0
+        return frames[round(node)]
+    share = node % 1.0
     return [_mixed(*pair, share) for pair in zip(frame_before, frame_after, strict=True)] if share else frame_before
 
 

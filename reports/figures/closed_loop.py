@@ -64,8 +64,8 @@ def cost_and_times(view: RunView) -> Figure:
     """Draw the accumulated cost of every seed, and a histogram of the time per sample."""
     figure = Figure(figsize=(WIDTH, 2.3))
     cost_axis, time_axis = figure.subplots(1, 2)
-    for place, costs in enumerate(_accumulated_cost(view)):
-        cost_axis.plot(view.time, costs, color=CYCLE[place % len(CYCLE)], linewidth=0.9)
+    for index, costs in enumerate(_accumulated_cost(view)):
+        cost_axis.plot(view.time, costs, color=CYCLE[index % len(CYCLE)], linewidth=0.9)
     cost_axis.set(xlabel="time [s]", ylabel="cost so far")
     _histogram(time_axis, view)
     return figure
@@ -143,8 +143,8 @@ def comparison_figure(views: Sequence[RunView], names: Sequence[str]) -> Figure:
     """Draw the mean accumulated cost of each run with its range over seeds, and distributions of time per sample."""
     figure = Figure(figsize=(WIDTH, 2.6))
     cost_axis, time_axis = figure.subplots(1, 2)
-    for place, (view, name) in enumerate(zip(views, names, strict=True)):
-        style = line_of(place)
+    for index, (view, name) in enumerate(zip(views, names, strict=True)):
+        style = line_of(index)
         costs = _accumulated_cost(view)
         costs = costs[np.isfinite(costs).all(axis=1)]
         if len(costs):

@@ -108,8 +108,8 @@ def overlay_rows(views: list[RunView]) -> tuple[list[Row], list[str]]:
     panels: dict[str, list[Panel]] = {}
     for heading, name in shown_keys:
         members_of_runs = [
-            (place, tracks_by_key[heading, name])
-            for place, tracks_by_key in enumerate(tracks_of_runs)
+            (index, tracks_by_key[heading, name])
+            for index, tracks_by_key in enumerate(tracks_of_runs)
             if (heading, name) in tracks_by_key
         ]
         limit = reach[heading] if have_differences else None
@@ -121,16 +121,16 @@ def _panel(
     placed_tracks: Sequence[tuple[int, Track]], views: Sequence[RunView], largest_difference: float | None
 ) -> Panel:
     def main(axis: Axes) -> None:
-        for place, track in placed_tracks:
+        for index, track in placed_tracks:
             draw_lines(
-                axis, views[place].time, track.plan, **line_of(place), linewidth=1.1 if len(track.plan) == 1 else 0.5
+                axis, views[index].time, track.plan, **line_of(index), linewidth=1.1 if len(track.plan) == 1 else 0.5
             )
 
     def below(axis: Axes) -> None:
         note_zero(axis)
         reference = placed_tracks[0][1].plan
-        for place, track in placed_tracks[1:]:
-            draw_lines(axis, views[place].time, track.plan - reference, **line_of(place), linewidth=0.9)
+        for index, track in placed_tracks[1:]:
+            draw_lines(axis, views[index].time, track.plan - reference, **line_of(index), linewidth=0.9)
         limit = 1.1 * largest_difference if largest_difference else 1.0
         axis.set_ylim(-limit, limit)
 
@@ -168,8 +168,8 @@ def curve_figure(view: RunView) -> Figure:
     bottom.set_ylim(bottom=0)
     bottom.set(ylabel="iterations", xlabel=parameter_label(view))
     for axis in figure.axes:
-        for place in value[~succeeded]:
-            axis.axvline(place, color=INK, linestyle=":", linewidth=0.9)
+        for failed_value in value[~succeeded]:
+            axis.axvline(failed_value, color=INK, linestyle=":", linewidth=0.9)
         if view.run.meta["scale"] == "log":
             axis.set_xscale("log")
     _mark(figure, view.run.meta["events"])

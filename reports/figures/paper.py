@@ -70,8 +70,8 @@ def solution_figure(view: RunView) -> Figure:
         height = float(np.clip(0.9 * WIDTH * ratio + 0.6, 1.4, _STROBE_TALLEST_IN))
         grid.set_height_ratios([height, *[_ROW_IN] * rows])
         figure.set_figheight(height + _ROW_IN * rows + 0.4)
-    for place, group in enumerate(signal_groups):
-        row, column = divmod(place, _PANEL_COLUMNS)
+    for index, group in enumerate(signal_groups):
+        row, column = divmod(index, _PANEL_COLUMNS)
         _draw(figure.add_subplot(grid[row + has_picture, column]), view.time, group)
     if any(group.replayed is not None for group in signal_groups):
         law = view.run.record.get("contact", "chosen")
@@ -219,8 +219,8 @@ def render_figure(figure: Figure, ending: str, panel: str | None = None) -> byte
         width, height = figure.get_size_inches()
         if len(shown_axes) > 1:
             for letter, axis in zip(ascii_lowercase, shown_axes, strict=False):
-                place = "center" if axis.get_title("center") else "left"
-                axis.set_title(f"({letter}) {axis.get_title(place)}".rstrip(), loc=place)
+                title_side = "center" if axis.get_title("center") else "left"
+                axis.set_title(f"({letter}) {axis.get_title(title_side)}".rstrip(), loc=title_side)
             figure.set_size_inches(BOTH_COLUMNS_IN, height)
         else:
             figure.set_size_inches(COLUMN_IN, height * COLUMN_IN / width)
@@ -317,5 +317,5 @@ def _put_below(key: Legend, axis: Axes, canvas: FigureCanvasAgg) -> None:
     """Place a legend directly below an axis and its labels."""
     label_box = axis.xaxis.get_tightbbox(canvas.get_renderer())
     low = axis.bbox.y0 if label_box is None else min(axis.bbox.y0, label_box.y0)
-    place = (low - axis.bbox.y0) / axis.bbox.height
-    key.set_bbox_to_anchor((0.5, place), transform=axis.transAxes)
+    baseline = (low - axis.bbox.y0) / axis.bbox.height
+    key.set_bbox_to_anchor((0.5, baseline), transform=axis.transAxes)

@@ -103,12 +103,12 @@ def _lines(data: xr.Dataset, axis: Axis) -> Figure:
     bottom.set(ylim=(0, 1.15 * max(1, int(data["iterations"].max()))), ylabel="iterations", xlabel=_titled(axis))
     if axis["log"]:
         bottom.set_xscale("log")
-    for place, grade in zip(x, data["grade"].values, strict=True):
+    for position, grade in zip(x, data["grade"].values, strict=True):
         color, _ = _GRADE_STYLES[str(grade)]
         for panel in (top, middle, bottom):
-            panel.axvline(place, ymax=0.035, color=color, linewidth=3, solid_capstyle="butt")
+            panel.axvline(position, ymax=0.035, color=color, linewidth=3, solid_capstyle="butt")
             if grade == "failed":
-                panel.axvline(place, color=color, linestyle=":", linewidth=0.9)
+                panel.axvline(position, color=color, linestyle=":", linewidth=0.9)
     _legend(figure, top, data)
     return figure
 
@@ -261,8 +261,8 @@ def estimate_caption(run: StoredRun) -> str:
 
 def estimator_style(name: str) -> tuple[str, str]:
     """Return colour and marker of an estimator; all unknown names have the same pair."""
-    place = _NAMES.index(name) if name in _NAMES else len(_NAMES)
-    return CYCLE[place % len(CYCLE)], _ESTIMATOR_MARKERS[place % len(_ESTIMATOR_MARKERS)]
+    index = _NAMES.index(name) if name in _NAMES else len(_NAMES)
+    return CYCLE[index % len(CYCLE)], _ESTIMATOR_MARKERS[index % len(_ESTIMATOR_MARKERS)]
 
 
 def estimate_figure(run: StoredRun) -> Figure:
@@ -298,12 +298,12 @@ def _along_components(run: StoredRun, top: Axes, bottom: Axes) -> np.ndarray:
     x, ends = np.arange(d), list[np.ndarray]()
     for j, name in enumerate(names):
         estimates = data.isel(point=0, estimator=j)
-        places = x + 0.7 * ((j + 0.5) / len(names) - 0.5)
+        positions = x + 0.7 * ((j + 0.5) / len(names) - 0.5)
         color, mark = estimator_style(name)
         mean, error = estimates["mean"].values, 1.96 * estimates["standard_error"].values
         ends += [mean - error, mean + error]
-        top.errorbar(places, mean, error, label=name, fmt=mark, color=color, linewidth=0.8, markersize=2.5)
-        bottom.plot(places, estimates["variance"], mark, color=color, markersize=2.5)
+        top.errorbar(positions, mean, error, label=name, fmt=mark, color=color, linewidth=0.8, markersize=2.5)
+        bottom.plot(positions, estimates["variance"], mark, color=color, markersize=2.5)
     reference = data["reference"].isel(point=0).values[0]
     if np.isfinite(reference).all():
         top.hlines(reference, x - 0.4, x + 0.4, color=INK, linewidth=0.7, label="reference")

@@ -33,8 +33,8 @@ def learning_figure(seed_groups: Sequence[SeedGroup]) -> Figure:
     axes = figure.subplots(len(names), 2, squeeze=False, sharey="row", sharex="col")
     for row, name in zip(axes, names, strict=True):
         for axis, over in zip(row, ("env_steps", "wall_s"), strict=True):
-            for place, group in enumerate(seed_groups):
-                _banded(axis, group, over, f"evaluation_{name}", _color(place))
+            for index, group in enumerate(seed_groups):
+                _banded(axis, group, over, f"evaluation_{name}", _color(index))
         row[0].set_ylabel(measure_label(seed_groups[0].runs[0], name))
     axes[-1, 0].set_xlabel("steps simulated")
     axes[-1, 0].ticklabel_format(axis="x", style="sci", scilimits=(-3, 4), useMathText=True)
@@ -50,9 +50,9 @@ def signal_figure(seed_groups: Sequence[SeedGroup]) -> Figure | None:
         return None
     figure = Figure(figsize=(WIDTH, 2.2))
     for axis, name in zip(figure.subplots(1, len(names), squeeze=False)[0], names, strict=True):
-        for place, group in enumerate(seed_groups):
+        for index, group in enumerate(seed_groups):
             if _known(group, name):
-                _banded(axis, group, "iteration", name, _color(place))
+                _banded(axis, group, "iteration", name, _color(index))
         axis.set_title(_SIGNAL_TITLES[name], loc="left")
         axis.set_xlabel("iteration")
         if name != "return_mean" and any(np.greater(line.get_ydata(), 0).any() for line in axis.lines):
@@ -77,8 +77,8 @@ def measure_label(run: StoredRun, name: str) -> str:
     return label(name, str(run.data[f"evaluation_{name}"].attrs.get("units", "1")))
 
 
-def _color(place: int) -> str:
-    return _GROUP_COLORS[place % len(_GROUP_COLORS)]
+def _color(index: int) -> str:
+    return _GROUP_COLORS[index % len(_GROUP_COLORS)]
 
 
 def _known(group: SeedGroup, name: str) -> bool:

@@ -179,10 +179,10 @@ def _forces(view: RunView, motion: Motion) -> Chart | None:
             {
                 "name": name,
                 "values": force_sizes[:, i],
-                "color": CYCLE[place % len(CYCLE)],
-                "dash": place // len(CYCLE) % 3,
+                "color": CYCLE[index % len(CYCLE)],
+                "dash": index // len(CYCLE) % 3,
             }
-            for place, (i, name) in enumerate(acting.items())
+            for index, (i, name) in enumerate(acting.items())
         ],
     }
 

@@ -160,9 +160,9 @@ def shown_stages(stages: Sequence[StageRecord], cost: float | None) -> tuple[lis
     numbered_stages = [(stage_filter.number, stage) for stage in stages if stage_filter.take(stage)]
     cost = math.nan if cost is None else cost
     differences = [(abs(stage.cost - cost), -number) for number, stage in numbered_stages if stage.accepted]
-    smallest_difference, place = min(differences, default=(math.inf, 0))
+    smallest_difference, cut_index = min(differences, default=(math.inf, 0))
     has_answer = math.isfinite(cost) and smallest_difference <= _SAME * max(abs(cost), _SAME)
-    return numbered_stages[: -place if has_answer else None], has_answer
+    return numbered_stages[: -cut_index if has_answer else None], has_answer
 
 
 _SAME = 1e-6

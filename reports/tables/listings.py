@@ -207,13 +207,13 @@ def sweep_progress(names: Sequence[str], n_resumed: int, quiet: bool) -> Iterato
     start_s, n_done = time.monotonic(), 0
     with live(quiet, every_s=2.0) as show:
 
-        def on_point(place: int, point: JobResult) -> None:
+        def on_point(index: int, point: JobResult) -> None:
             nonlocal n_done
             n_done += 1
             if n_done <= n_resumed:
                 return
             seconds_left = (time.monotonic() - start_s) / (n_done - n_resumed) * (len(names) - n_done)
-            text = sweep_line(n_done, len(names), names[place], point.row, seconds_left)
+            text = sweep_line(n_done, len(names), names[index], point.row, seconds_left)
             n_filled = round(n_done / len(names) * _BAR_WIDTH)
             bar = Text(f"{'━' * n_filled}{'╌' * (_BAR_WIDTH - n_filled)} {text}")
             show(text, n_done == len(names) or not point.row["success"], lambda: bar)

@@ -84,11 +84,12 @@ def group_seeds(runs: Sequence[StoredRun]) -> list[SeedGroup]:
     """Return groups of runs with equal requests, in the order of the first run of each."""
     requests = [_flat(run) for run in runs]
     order: dict[str, list[int]] = {}
-    for place, request in enumerate(requests):
-        order.setdefault(repr(sorted(request.items())), []).append(place)
-    firsts = [requests[places[0]] for places in order.values()]
+    for index, request in enumerate(requests):
+        order.setdefault(repr(sorted(request.items())), []).append(index)
+    firsts = [requests[indices[0]] for indices in order.values()]
     return [
-        SeedGroup(_label(requests[places[0]], firsts), [runs[place] for place in places]) for places in order.values()
+        SeedGroup(_label(requests[indices[0]], firsts), [runs[index] for index in indices])
+        for indices in order.values()
     ]
 
 

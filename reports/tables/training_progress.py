@@ -75,9 +75,9 @@ def show_trainings(trainings: Mapping[str, int], quiet: bool, check: Callable[[]
     curves = [LearningCurve(name, iterations) for name, iterations in trainings.items()]
     with console.live(quiet, every_s=10.0) as show:
 
-        def callback(place: int, row: Mapping[str, float]) -> None:
+        def callback(index: int, row: Mapping[str, float]) -> None:
             check()
-            training = curves[place]
+            training = curves[index]
             training.rows.append(row)
             line_text, is_last = training_line(training), row["iteration"] >= training.iterations
             show(line_text if "evaluation_return" in row else "", is_last, lambda: progress_view(curves))

@@ -221,8 +221,8 @@ class _PartEmitter:
             if i in parts.slots:
                 self.stores.setdefault(i, []).append(f"{self._slot(i)} = v{i};")
         for i, k, j in parts.ends[p]:
-            place = layout.entry_offset(layout.outputs, k, j, register)
-            self.stores.setdefault(i, []).append(f"out[{k}][{place}] = v{i};")
+            offset = layout.entry_offset(layout.outputs, k, j, register)
+            self.stores.setdefault(i, []).append(f"out[{k}][{offset}] = v{i};")
 
     def statement_lines(self) -> list[str]:
         """Return the C statements, with each constant, input or value from memory loaded before its first use."""
@@ -258,8 +258,8 @@ class _PartEmitter:
         operation = self.tape.operations[i]
         if operation.op == ca.OP_INPUT:
             k, j = operation.args
-            place = self.layout.entry_offset(self.layout.inputs, k, j, self.register)
-            return f"const V v{i} = in[{k}][{place}];"
+            offset = self.layout.entry_offset(self.layout.inputs, k, j, self.register)
+            return f"const V v{i} = in[{k}][{offset}];"
         if operation.op == ca.OP_CONST:
             return f"const V v{i} = SPLAT({c_double(operation.value)});"
         return f"const {kind.upper()} {kind}{i} = {self._slot(i)}{' != 0.0' * (kind == 'm')};"

@@ -210,10 +210,10 @@ class ChunkRollout:
             return self.network.mean_actions(theta[0], x, p)
         return theta[min(t, len(theta) - 1)]
 
-    def _evaluate(self, asked: ModelStepGraphs, arguments: list[Array], slopes: bool) -> Array:
+    def _evaluate(self, graphs: ModelStepGraphs, arguments: list[Array], slopes: bool) -> Array:
         """Return the model's outputs at every branch and, with ``slopes``, its Jacobians column by column."""
-        m, n_in, model = arguments[0].shape[-1], asked.model.n_in, asked.model
-        z = np.empty((asked.queries.numel_out(0), m))
+        m, n_in, model = arguments[0].shape[-1], graphs.model.n_in, graphs.model
+        z = np.empty((graphs.queries.numel_out(0), m))
         self.queries.run(arguments, [z])
         rows = np.ascontiguousarray(z.reshape(-1, n_in, m).transpose(0, 2, 1).reshape(-1, n_in))
         evaluated = np.zeros((self.tapes.nlam, m))

@@ -97,21 +97,21 @@ def _boundary(shape: Shape, origin: ca.SX) -> Iterator[ca.SX]:
         for quarter in range(4):
             yield _arc(core[0], radius, ca.SX(quarter * ca.pi / 2), ca.SX(ca.pi / 2))
         return
-    for a, b, n, m, turn in _sides(core):
-        yield _arc(a, radius, ca.atan2(m[1], m[0]), turn)
+    for a, b, n, m, corner_angle in _sides(core):
+        yield _arc(a, radius, ca.atan2(m[1], m[0]), corner_angle)
         half_side = (b - a) / 2
         for begin in (a + radius * n, a + radius * n + half_side):
             for t, weight in zip(_GAUSS_NODES, _GAUSS_WEIGHTS, strict=True):
-                place = begin + t * half_side
-                yield weight * ca.norm_2(place) * (place[0] * half_side[1] - place[1] * half_side[0])
+                point = begin + t * half_side
+                yield weight * ca.norm_2(point) * (point[0] * half_side[1] - point[1] * half_side[0])
 
 
-def _arc(centre: ca.SX, radius: ca.SX, start: ca.SX, turn: ca.SX) -> ca.SX:
+def _arc(centre: ca.SX, radius: ca.SX, start: ca.SX, arc_angle: ca.SX) -> ca.SX:
     total = ca.SX(0)
     for t, weight in zip(_GAUSS_NODES, _GAUSS_WEIGHTS, strict=True):
-        out = ca.vertcat(ca.cos(start + t * turn), ca.sin(start + t * turn))
-        place = centre + radius * out
-        total += weight * turn * radius * ca.norm_2(place) * ca.dot(place, out)
+        out = ca.vertcat(ca.cos(start + t * arc_angle), ca.sin(start + t * arc_angle))
+        point = centre + radius * out
+        total += weight * arc_angle * radius * ca.norm_2(point) * ca.dot(point, out)
     return total
 
 
@@ -120,9 +120,9 @@ def _pieces(shape: Shape) -> list[Area]:
     if len(core) == 1:
         return [_sector(core[0], r, ca.SX(2 * ca.pi), ca.SX.zeros(2))]
     areas = [_ring(core)] if len(core) > 2 else []
-    for a, b, n, m, turn in _sides(core):
+    for a, b, n, m, corner_angle in _sides(core):
         areas.append(_ring([a, a + r * n, b + r * n, b]))
-        areas.append(_sector(a, r, turn, ca.vertcat(n[1] - m[1], m[0] - n[0])))
+        areas.append(_sector(a, r, corner_angle, ca.vertcat(n[1] - m[1], m[0] - n[0])))
     return areas
 
 
@@ -151,8 +151,8 @@ def move_shape(shape: Shape | Union, by: Point) -> Shape | Union:
     """Return ``shape`` translated by a vector in its frame; raise ``ValueError`` for a half-plane."""
     step = as_column(by)
 
-    def move_point(place: Point) -> tuple[ca.SX, ca.SX]:
-        moved_point = as_column(place) + step
+    def move_point(point: Point) -> tuple[ca.SX, ca.SX]:
+        moved_point = as_column(point) + step
         return moved_point[0], moved_point[1]
 
     match shape:

@@ -209,19 +209,21 @@ def _outer(shape: Shape, body: Shape | Union) -> list[Point]:
     return outer_corners
 
 
-def _angle(member: Shape, place: Point) -> float:
-    """Return the interior angle [rad] of ``member`` at the point ``place``.
+def _angle(member: Shape, point: Point) -> float:
+    """Return the interior angle [rad] of ``member`` at the point ``point``.
 
     The angle is 0 for a member that is not a polygon. For a polygon with symbolic sides it is 1e-3 at the
     polygon's corners and 0 elsewhere.
     """
     if not isinstance(member, Polygon):
         return 0.0
-    sides = [ca.dot(m, as_column(place) - as_column(c)) for m, c in zip(member.normals, member.corners, strict=True)]
-    if not all(side.is_constant() for side in sides):
-        return 1e-3 if any(place is corner for corner in member.corners) else 0.0
-    heights = np.array([float(side) for side in sides])
-    size = max(float(ca.norm_inf(as_column(v) - as_column(place))) for v in member.vertices)
+    heights_over_sides = [
+        ca.dot(m, as_column(point) - as_column(c)) for m, c in zip(member.normals, member.corners, strict=True)
+    ]
+    if not all(side.is_constant() for side in heights_over_sides):
+        return 1e-3 if any(point is corner for corner in member.corners) else 0.0
+    heights = np.array([float(side) for side in heights_over_sides])
+    size = max(float(ca.norm_inf(as_column(v) - as_column(point))) for v in member.vertices)
     sides_through = np.flatnonzero(np.abs(heights) <= _FLAT_TOLERANCE * size)
     if heights.max() > _FLAT_TOLERANCE * size:
         return 0.0

@@ -66,9 +66,9 @@ class SpatialContact:
         rows = [ca.SX(1, nv) for _ in range(3)]
         for row, direction in zip(rows, (self.normal, *self.tangents), strict=True):
             for sign, motions in ((1, motions_a), (-1, motions_b)):
-                for index, turn, move, pivot in motions:
+                for index, rotation_axis, translation_axis, pivot in motions:
                     arm = ca.cross(self.point - pivot, direction)
-                    row[index] += sign * (ca.dot(turn, arm) + ca.dot(move, direction))
+                    row[index] += sign * (ca.dot(rotation_axis, arm) + ca.dot(translation_axis, direction))
         return rows[0], rows[1], rows[2]
 
 
@@ -228,13 +228,13 @@ def _distance_to_cylinder(cylinder: Cylinder, pose: SpatialPose, point: ca.SX) -
     half_length = ca.norm_2(axis) / 2
     axis /= 2 * half_length
     height = ca.dot(point - middle, axis)
-    across = point - middle - height * axis
+    radial = point - middle - height * axis
     # On the axis the radial direction is undefined; the constant avoids a division by zero.
-    reach = ca.sqrt(ca.sumsqr(across) + 1e-24)
+    reach = ca.sqrt(ca.sumsqr(radial) + 1e-24)
     up = ca.if_else(height >= 0, 1, -1)
     d = ca.vertcat(reach - cylinder.radius, up * height - half_length)
     distance, toward = _distance_to_faces(d, ca.vertcat(d[0] >= d[1], d[1] > d[0]))
-    return distance, toward[0] * across / reach + toward[1] * up * axis
+    return distance, toward[0] * radial / reach + toward[1] * up * axis
 
 
 def _distance_to_faces(d: ca.SX, face: ca.SX) -> tuple[ca.SX, ca.SX]:

@@ -27,17 +27,17 @@ class JointFrame:
 def joint_frame(body: Body, at: ca.SX) -> JointFrame:
     """Return the frame of a body; ``at`` are the body's entries of q."""
     axis = ca.sparsify(ca.SX(ca.vertcat(*body.axis)))
-    turn, none = rotation.matrix(ca.SX(ca.vertcat(*body.quaternion))), ca.SX(3, 1)
-    place = ca.sparsify(ca.SX(ca.vertcat(*body.position)))
+    orientation, none = rotation.matrix(ca.SX(ca.vertcat(*body.quaternion))), ca.SX(3, 1)
+    position = ca.sparsify(ca.SX(ca.vertcat(*body.position)))
     match body.joint:
         case "hinge":
-            return JointFrame(ca.sparsify(turn) @ rotation.from_axis_angle(axis, at), place, axis, none)
+            return JointFrame(ca.sparsify(orientation) @ rotation.from_axis_angle(axis, at), position, axis, none)
         case "slide":
-            turn = ca.sparsify(turn)
-            return JointFrame(turn, place + turn @ axis * at, none, axis)
+            orientation = ca.sparsify(orientation)
+            return JointFrame(orientation, position + orientation @ axis * at, none, axis)
         case "ball":
-            R = ca.sparsify(turn) @ rotation.matrix(at)
-            return JointFrame(R, place, ca.SX.eye(3), ca.SX(3, 3))
+            R = ca.sparsify(orientation) @ rotation.matrix(at)
+            return JointFrame(R, position, ca.SX.eye(3), ca.SX(3, 3))
         case "free":
             return JointFrame(rotation.matrix(at[3:]), at[:3], ca.SX.eye(3), ca.SX(3, 3))
-    return JointFrame(ca.sparsify(turn), place, ca.SX(3, 0), ca.SX(3, 0))
+    return JointFrame(ca.sparsify(orientation), position, ca.SX(3, 0), ca.SX(3, 0))

@@ -99,10 +99,10 @@ class SpatialMachine(Multibody):
 
     def contacts_with_bodies(self, q: ca.SX) -> dict[str, tuple[SpatialContact, str, str]]:
         """Return a mapping from names to contacts at ``q`` (nq, 1), each with the bodies of its shapes A and B."""
-        places, contacts = body_places(self.tree(), q), {}
+        poses, contacts = body_places(self.tree(), q), {}
         for pair, placed_a, placed_b in self.meeting_shapes():
             owners = placed_a.owner, placed_b.owner
-            pair_contacts = contacts_between(placed_a.shape, places[owners[0]], placed_b.shape, places[owners[1]])
+            pair_contacts = contacts_between(placed_a.shape, poses[owners[0]], placed_b.shape, poses[owners[1]])
             if pair not in self._points:
                 self._points[pair] = distinct_points(self.tree(), self._q, placed_a, placed_b, len(pair_contacts))
             points = [pair_contacts[k] for k in self._points[pair]]

@@ -148,8 +148,8 @@ class Tree:
             free = 3 if self.bodies[ancestor].joint == "free" else 0
             axes += [(start + k, ca.SX(3, 1), ca.SX.eye(3)[:, k], p) for k in range(free)]
             for k in range(joint.turns.size2()):
-                turn, move = R @ joint.turns[:, k], R @ joint.moves[:, k]
-                axes.append((start + free + k, turn, move, p))
+                rotation_axis, translation_axis = R @ joint.turns[:, k], R @ joint.moves[:, k]
+                axes.append((start + free + k, rotation_axis, translation_axis, p))
             ancestor = self.bodies[ancestor].parent
         return axes
 
@@ -159,9 +159,9 @@ class Tree:
         for name, (mass, first, second) in self._composites(joints).items():
             joint, free = joints[name], self.bodies[name].joint == "free"
             for k in range(joint.turns.size2()):
-                turn, move = joint.turns[:, k], joint.moves[:, k]
-                momentum = mass * move + ca.cross(turn, first)
-                spin = second @ turn + ca.cross(first, move)
+                rotation_axis, translation_axis = joint.turns[:, k], joint.moves[:, k]
+                momentum = mass * translation_axis + ca.cross(rotation_axis, first)
+                spin = second @ rotation_axis + ca.cross(first, translation_axis)
                 column = self.v_of[name].start + k + 3 * free
                 ancestor: str | None = name
                 while ancestor is not None:
@@ -186,8 +186,8 @@ class Tree:
 
     def weight(self, q: ca.SX) -> ca.SX:
         """Forces that hold the tree against gravity (nv, 1) [N m, N]."""
-        still = ca.SX(self.nv, 1)
-        return self.inverse_dynamics(q, still, still, still)
+        zero = ca.SX(self.nv, 1)
+        return self.inverse_dynamics(q, zero, zero, zero)
 
     def inverse_dynamics(
         self,
@@ -252,8 +252,8 @@ class Tree:
         for body in self._ordered:
             R, p = self.pose(q, body.name)
             centre = p + R @ ca.SX(ca.vertcat(*body.com))
-            for index, turn, move, pivot in self.joint_axes(q, body.name):
-                total += ca.SX(body.mass) * v[index] * (move + ca.cross(turn, centre - pivot))
+            for index, rotation_axis, translation_axis, pivot in self.joint_axes(q, body.name):
+                total += ca.SX(body.mass) * v[index] * (translation_axis + ca.cross(rotation_axis, centre - pivot))
         return total
 
     def _joint_frames(self, q: ca.SX) -> dict[str, JointFrame]:
@@ -304,13 +304,11 @@ class Tree:
         All are in the body's axes; ``world_acceleration`` is the acceleration of the world. For bodies in
         ``centres``, a contains the acceleration of this point, not of the origin.
         """
-        still = ca.SX(3, 1)
+        zero = ca.SX(3, 1)
         states: dict[str, tuple[ca.SX, ca.SX, ca.SX, ca.SX]] = {}
         for body in self._ordered:
             joint, rows = joints[body.name], self.v_of[body.name]
-            omega, omega_w, alpha, acceleration = states.get(
-                body.parent or "", (still, still, still, world_acceleration)
-            )
+            omega, omega_w, alpha, acceleration = states.get(body.parent or "", (zero, zero, zero, world_acceleration))
             joint_v, joint_w, joint_a = v[rows], w[rows], a[rows]
             if body.joint == "free":
                 acceleration = acceleration + joint_a[:3]

@@ -156,8 +156,8 @@ def _averaged(
     rates: np.ndarray, h: float, q: np.ndarray, sigma: float, count: int, rng: np.random.Generator
 ) -> np.ndarray:
     """Return means (n,) of ``rates``, one for each step ``h``, at ``count`` random positions near each ``q``."""
-    place = q[:, None] + sigma * rng.standard_normal((len(q), count))
-    node = np.clip((place / h).astype(int), 0, len(rates) - 1)
+    positions = q[:, None] + sigma * rng.standard_normal((len(q), count))
+    node = np.clip((positions / h).astype(int), 0, len(rates) - 1)
     return rates[node].mean(axis=1)
 
 
@@ -226,12 +226,12 @@ def _box_mus(params: Params) -> np.ndarray:
 def run(params: Params) -> xr.Dataset:
     """Compute both panels of fig. 6 of Zhang et al. 2023."""
     rng = np.random.default_rng(params.seed)
-    impact, places = _impact(params, rng)
+    impact, coordinates = _impact(params, rng)
     push, pushes = _push(params, rng)
     return dataset(
         {**impact, **push},
         {
-            **places,
+            **coordinates,
             **pushes,
             "count": (COUNTS, "1", "samples"),
             "law": [*(f"mu = {mu:g} N s m" for mu in BALL_MUS), "adaptive"],

@@ -154,8 +154,8 @@ def run(params: Params, finished: FinishedParts) -> xr.Dataset:
         for plant in source.plants:
             key = f"{names[i]}-{name}-{plant}".replace(", ", "-").replace(" ", "-").replace("/", "")
             loop = finished.get(key, lambda s=source, n=name, p=plant: s.loop(n, p))
-            place = i, PLANTS.index(plant), j
-            costs[place], diverged[place], ms[place] = loop["cost"], loop["ended"], loop["ms"]
+            index = i, PLANTS.index(plant), j
+            costs[index], diverged[index], ms[index] = loop["cost"], loop["ended"], loop["ms"]
     dims = ("task", "plant", "controller")
     return dataset(
         {

@@ -95,30 +95,30 @@ def _learned(
     name: str,
     along: str,
     data: dict[str, np.ndarray],
-    places: np.ndarray,
+    positions: np.ndarray,
     f: Callable[[np.ndarray], np.ndarray],
     params: Params,
 ) -> dict[str, Any]:
-    """Return dataset variables of the map ``f``, of g_sigma and of networks h_sigma, at ``places`` (k,).
+    """Return dataset variables of the map ``f``, of g_sigma and of networks h_sigma, at ``positions`` (k,).
 
     The variables include the data, rms values of h_sigma - g_sigma and g_sigma - f, weighted by the density of
     the noised data, and for the block rollouts from :data:`STARTS`.
     """
-    g = np.empty((len(REGIMES), len(places)))
-    h = np.empty((len(REGIMES), params.networks, len(places)))
+    g = np.empty((len(REGIMES), len(positions)))
+    h = np.empty((len(REGIMES), params.networks, len(positions)))
     rms, effect = np.empty(h.shape[:2]), np.empty(len(REGIMES))
     paths = np.empty((len(REGIMES), 2, len(STARTS), STEPS + 1))
     variables = {}
     for row, regime in enumerate(REGIMES):
         z = data[regime]
         average = average_of(z, f(z), params.sigma)
-        g[row], log_density = average.values(places[:, None]).T
+        g[row], log_density = average.values(positions[:, None]).T
         density = np.exp(log_density) / np.exp(log_density).sum()
-        effect[row] = np.sqrt(density @ (g[row] - f(places)) ** 2)
+        effect[row] = np.sqrt(density @ (g[row] - f(positions)) ** 2)
         models: list[EwdaModel | MlpModel] = [average]
         for i in range(params.networks):
             models.append(_network(z, f(z), params, params.seed + i))
-            h[row, i] = model_values(models[-1], places)
+            h[row, i] = model_values(models[-1], positions)
             rms[row, i] = np.sqrt(density @ (h[row, i] - g[row]) ** 2)
         paths[row] = [roll_out_model(model) for model in models[:2]]
         variables[f"{name}_data_{regime}"] = (f"{name}_{regime}", np.sort(z), "m", f"{regime} data")
@@ -205,10 +205,10 @@ def sample_sets(pusher: LinePusher, sparse: int, dense: int, seed: int) -> dict[
     }
 
 
-def _with_error(z: np.ndarray, y: np.ndarray, sigma: float, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return g_sigma at ``places`` (k,) and its standard error over random draws of the data, (k,) each."""
-    g = average_of(z, y, sigma).values(places[:, None])[:, 0]
-    weight = np.exp(-0.5 * ((places[:, None] - z) / sigma) ** 2)
+def _with_error(z: np.ndarray, y: np.ndarray, sigma: float, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return g_sigma at ``positions`` (k,) and its standard error over random draws of the data, (k,) each."""
+    g = average_of(z, y, sigma).values(positions[:, None])[:, 0]
+    weight = np.exp(-0.5 * ((positions[:, None] - z) / sigma) ** 2)
     spread = np.sqrt(np.sum((weight * (y - g[:, None])) ** 2, axis=1))
     return g, spread / weight.sum(axis=1)
 
@@ -216,6 +216,6 @@ def _with_error(z: np.ndarray, y: np.ndarray, sigma: float, places: np.ndarray) 
 def _slopes(pusher: LinePusher, z: np.ndarray, sigma: float) -> tuple[float, float]:
     """Return the largest and smallest slope of g_sigma divided by rho, from sigma above the kink to the last datum."""
     model = average_of(z, pusher.step(z), sigma)
-    places = np.linspace(pusher.c + sigma, z.max(), 400)
-    slope = model.jacobians(places[:, None])[1][:, 0, 0] / pusher.rho
+    positions = np.linspace(pusher.c + sigma, z.max(), 400)
+    slope = model.jacobians(positions[:, None])[1][:, 0, 0] / pusher.rho
     return slope.max(), slope.min()

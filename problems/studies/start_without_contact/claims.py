@@ -34,7 +34,7 @@ def learned_gains(name: str, data: xr.Dataset) -> list[Claim]:
 
     The cost of a seed is the median of its last records; the claims use medians over seeds.
     """
-    place = "Noising data, sec. V-B and fig. 2"
+    source = "Noising data, sec. V-B and fig. 2"
     start = float(data["learned"].sel(dynamics="f", end="exact replay").isel(seed=0, step=0))
     last = data["learned"].isel(step=slice(-LAST, None)).median("step")
     exact, model = last.sel(end="exact replay"), last.sel(end="model")
@@ -50,15 +50,15 @@ def learned_gains(name: str, data: xr.Dataset) -> list[Claim]:
     rest_cost = float(data["cost"].sel(law="exact", of="at rest"))
     saved = 1 - float(data["object"].sel(dynamics="f").isel(seed=0)) / rest_cost
     return [
-        claim(f"{name}: f makes no progress with the object", place)
+        claim(f"{name}: f makes no progress with the object", source)
         .expected(f"the object's cost falls by less than {_NO_PROGRESS:.0%}")
         .measured(f"{saved:.2%} of {rest_cost:.6g}")
         .below(abs(saved), _NO_PROGRESS),
-        claim(f"{name}: f_sigma is best under the exact law", place)
+        claim(f"{name}: f_sigma is best under the exact law", source)
         .expected("the lowest of the five")
         .measured(final_texts)
         .holds(min(final, key=lambda kind: final[kind]) == "f_sigma"),
-        claim(f"{name}: g_sigma costs less than h_sigma", place)
+        claim(f"{name}: g_sigma costs less than h_sigma", source)
         .expected("a lower final exact cost at every seed")
         .measured(f"{int(is_ahead.sum())} of {is_ahead.size} seeds; {final['g_sigma']:.4g} and {final['h_sigma']:.4g}")
         .holds(is_ahead),
@@ -66,7 +66,7 @@ def learned_gains(name: str, data: xr.Dataset) -> list[Claim]:
         .expected("at every one")
         .measured(f"{int(is_ahead_swept.sum())} of {is_ahead_swept.size}")
         .holds(is_ahead_swept),
-        claim(f"{name}: noised data give a lower cost than clean data", place)
+        claim(f"{name}: noised data give a lower cost than clean data", source)
         .expected("g_sigma and h_sigma end lower than h")
         .measured(f"{', '.join(better_than_clean) or 'none'} of {final_texts}")
         .equals(len(better_than_clean), 2),
@@ -74,7 +74,7 @@ def learned_gains(name: str, data: xr.Dataset) -> list[Claim]:
             f"{name}: h hardly moves on its own model"
             if name == PROBLEMS[0]
             else f"{name}: h makes some progress on its own model",
-            place,
+            source,
         )
         .expected(
             "less than half of its cost is saved" if name == PROBLEMS[0] else "more than a tenth of its cost is saved"
@@ -115,7 +115,7 @@ def _swept_gains(name: str, data: xr.Dataset, start: float) -> Claim:
 
 def open_loop(name: str, data: xr.Dataset) -> list[Claim]:
     """Check the plans of one problem, and their replays, under the exact and smoothed laws."""
-    place = "Noising data, sec. V-B and fig. 2"
+    source = "Noising data, sec. V-B and fig. 2"
     smooth = [law for law in LAWS if law != "exact"]
     rest_cost, stuck, _ = (float(v) for v in data["cost"].sel(law="exact"))
     word = str(data["status"].sel(law="exact").values)
@@ -127,11 +127,11 @@ def open_loop(name: str, data: xr.Dataset) -> list[Claim]:
     makes_progress = [fall[law] >= _OBJECT_PROGRESS for law in others]
     expected = f"the object's cost falls by {_OBJECT_PROGRESS:.0%} or more"
     return [
-        claim(f"{name}: the exact dynamics make no progress from a start without contact", place)
+        claim(f"{name}: the exact dynamics make no progress from a start without contact", source)
         .expected("the object's cost as at rest")
         .measured(f"{stuck:.6g} of {rest_cost:.6g}, {word}")
         .holds(abs(stuck - rest_cost) <= 1e-9 * rest_cost, word == Status.NO_PROGRESS.label),
-        claim(f"{name}: randomized smoothing makes progress", place)
+        claim(f"{name}: randomized smoothing makes progress", source)
         .expected(expected)
         .measured(f"{fall['randomized']:.1%}")
         .at_least(fall["randomized"], _OBJECT_PROGRESS),

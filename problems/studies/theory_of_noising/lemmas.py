@@ -40,15 +40,15 @@ def uniform_data() -> dict[str, Any]:
     By the Euler-Maclaurin formula the sum in g_sigma differs from its integral by ``D² B2(t)/2`` times the
     jump of the derivative, here ``rho pdf(0)/sigma``, if the kink is at the distance t D behind a datum.
     """
-    places = np.linspace(-4, 4, 161)
+    positions = np.linspace(-4, 4, 161)
     errors = np.empty((len(COMMANDS), len(WIDTHS), len(PLACES), len(SPACINGS)))
     for index in np.ndindex(errors.shape):
         every = zip((COMMANDS, WIDTHS, PLACES, SPACINGS), index, strict=True)
         rho, sigma, place, spacing = (float(choices[i]) for choices, i in every)
         pusher, n_side = LinePusher(rho), round(14 / spacing)
         u = (np.arange(-n_side, n_side + 1) + place) * spacing * sigma
-        g = model_values(average_of(u, pusher.step(u), sigma), places * sigma)
-        errors[index] = np.abs(g - pusher.smoothed(places * sigma, sigma)).max() / (rho * sigma)
+        g = model_values(average_of(u, pusher.step(u), sigma), positions * sigma)
+        errors[index] = np.abs(g - pusher.smoothed(positions * sigma, sigma)).max() / (rho * sigma)
     bernoulli = np.abs(PLACES**2 - PLACES + 1 / 6) / 2
     law = bernoulli[:, None] * SPACINGS**2 / np.sqrt(2 * np.pi)
     return {

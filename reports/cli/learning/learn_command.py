@@ -147,9 +147,9 @@ def check(options: LearnOptions) -> LearnRequest:
     check_output_file(options.file, "model")
     recipe = _recipe(options, data, hidden) if network else None
     key = {"data": data.hash, "sigma": options.noise, "hidden": hidden, "epochs": options.epochs}
-    place = atomic.replaceable_path(options.file)
+    target = atomic.replaceable_path(options.file)
     # Checkpoints are stored next to the file, but not for a device or a FIFO.
-    root = place.parent if network and place is not None else None
+    root = target.parent if network and target is not None else None
     seeds = range(options.seed, options.seed + options.seeds)
     return LearnRequest(data, recipe, [Checkpoint(root, "", {**key, "seed": seed}) for seed in seeds])
 
@@ -273,9 +273,9 @@ def _train_networks(options: LearnOptions, request: LearnRequest, recipe: Recipe
         ]
         show = resources.enter_context(learned_models.show_epochs(options.quiet, options.epochs))
 
-        def callback(place: int, message: Any) -> None:
+        def callback(index: int, message: Any) -> None:
             interrupt.raise_if_interrupted()
-            show(Epoch(**message), f"seed {jobs[place].seed}: " if len(jobs) > 1 else "")
+            show(Epoch(**message), f"seed {jobs[index].seed}: " if len(jobs) > 1 else "")
 
         workers = Workers(options.jobs, options.scheduler)
         return list(in_order(map_jobs(train_network, dict(enumerate(jobs)), workers, callback=callback)))

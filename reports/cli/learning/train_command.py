@@ -118,62 +118,62 @@ def run(options: TrainOptions, request: TrainRequest) -> int:
         stored = _stored_before(request)
         if stored:
             output.say(f"resumed; {len(stored)} of {len(request.jobs)} trainings already complete")
-        unfinished_places = [place for place in range(len(request.jobs)) if place not in stored]
-        for place in unfinished_places:
-            training = request.jobs[place], request.experiments[place], request.checkpoints[place]
+        unfinished_jobs = [index for index in range(len(request.jobs)) if index not in stored]
+        for index in unfinished_jobs:
+            training = request.jobs[index], request.experiments[index], request.checkpoints[index]
             for sentence in unfinished(*training):
                 output.say(sentence)
         try:
             with interruptible():
-                failed = _run_jobs(options, request, unfinished_places, stored)
+                failed = _run_jobs(options, request, unfinished_jobs, stored)
         except KeyboardInterrupt:
             output.say("the same command resumes from the last checkpoint")
             raise
-        for place in stored:
-            request.checkpoints[place].discard()
-    _print_results(options, [stored[place] for place in sorted(stored)], request, failed)
+        for index in stored:
+            request.checkpoints[index].discard()
+    _print_results(options, [stored[index] for index in sorted(stored)], request, failed)
     return 0
 
 
 def _run_jobs(
-    options: TrainOptions, request: TrainRequest, unfinished_places: list[int], stored: dict[int, Path]
+    options: TrainOptions, request: TrainRequest, unfinished_jobs: list[int], stored: dict[int, Path]
 ) -> dict[int, Exception]:
     """Run the unfinished jobs, add the path of each run to ``stored``, and return the errors of failed jobs."""
     failed: dict[int, Exception] = {}
     jobs = {
-        place: replace(request.jobs[place], checkpoint_folder=request.checkpoints[place].directory)
-        for place in unfinished_places
+        index: replace(request.jobs[index], checkpoint_folder=request.checkpoints[index].directory)
+        for index in unfinished_jobs
     }
     workers = Workers(request.workers, options.scheduler)
-    iterations_by_name = {job.name: request.experiments[place].iterations for place, job in jobs.items()}
+    iterations_by_name = {job.name: request.experiments[index].iterations for index, job in jobs.items()}
     with show_trainings(iterations_by_name, options.quiet, interrupt.raise_if_interrupted) as callback:
 
-        def show(place: int, row: Any) -> None:
-            callback(unfinished_places.index(place), row)
+        def show(index: int, row: Any) -> None:
+            callback(unfinished_jobs.index(index), row)
 
         with closing(map_jobs(run_training, jobs, workers, callback=show, recover=failed.__setitem__)) as outcomes:
-            for place, data in outcomes:
-                if place not in failed:
-                    stored[place] = _store(options, request, place, data)
+            for index, data in outcomes:
+                if index not in failed:
+                    stored[index] = _store(options, request, index, data)
     return failed
 
 
 def _stored_before(request: TrainRequest) -> dict[int, Path]:
     """Return a mapping from the index of each job that an earlier, stopped command finished to its run's path."""
     path_at = {}
-    for place, checkpoint in enumerate(request.checkpoints):
+    for index, checkpoint in enumerate(request.checkpoints):
         rows = checkpoint.rows(_ENDED)
         if rows and Path(rows[0]["run"]).is_dir():
-            path_at[place] = Path(rows[0]["run"])
+            path_at[index] = Path(rows[0]["run"])
     return path_at
 
 
-def _store(options: TrainOptions, request: TrainRequest, place: int, data: Any) -> Path:
-    job, experiment = request.jobs[place], request.experiments[place]
+def _store(options: TrainOptions, request: TrainRequest, index: int, data: Any) -> Path:
+    job, experiment = request.jobs[index], request.experiments[index]
     request_of = {"argv": options.argv, "tags": options.tags, "seed": job.seed}
     about = {**request_of, "record": record(experiment), **training_meta(data)}
     path = store.write_run(options.out, job.task, data, about).path
-    request.checkpoints[place].save_rows(_ENDED, [{"run": str(path.resolve())}])
+    request.checkpoints[index].save_rows(_ENDED, [{"run": str(path.resolve())}])
     return path
 
 
@@ -195,7 +195,7 @@ def _print_results(
     if options.pdf is not None:
         write_pdf(runs, options.pdf)
         output.say(f"PDF: {options.pdf}")
-    errors = {request.jobs[place].name: str(error) for place, error in failed.items()}
+    errors = {request.jobs[index].name: str(error) for index, error in failed.items()}
     for name, message in errors.items():
         output.say(f"failed: {name}: {message}")
     pdf = None if options.pdf is None else str(options.pdf)

@@ -125,12 +125,12 @@ def _maps(figure: SubFigure, data: xr.Dataset, names: list[str]) -> None:
 
 
 def _costs(axis: Axes, data: xr.Dataset) -> None:
-    places, kinds = np.arange(data.sizes["law"]), data["of"].values
+    positions, kinds = np.arange(data.sizes["law"]), data["of"].values
     for offset, kind, color in zip((-0.27, 0, 0.27), kinds, (GREY, BLUE, PURPLE), strict=True):
         values = data["cost"].sel(of=kind).values
-        axis.bar(places + offset, values, 0.25, color=color, label=str(kind))
+        axis.bar(positions + offset, values, 0.25, color=color, label=str(kind))
     axis.set(yscale="log", ylim=(1, 2 * float(data["cost"].max())))
-    axis.set_xticks(places, [str(law) for law in data["law"].values])
+    axis.set_xticks(positions, [str(law) for law in data["law"].values])
 
 
 @drawing(
@@ -200,17 +200,17 @@ def _label_problems(axis: Axes, data: xr.Dataset) -> None:
 
 def _over_share(axis: Axes, data: xr.Dataset, values: xr.DataArray, label: str) -> None:
     shares = data["share"].values
-    places = np.arange(len(shares))
+    positions = np.arange(len(shares))
     for name, color in zip(data["problem"].values, CYCLE, strict=False):
         rows = values.sel(problem=name).transpose("seed", "share").values
-        axis.plot(places, np.median(rows, axis=0), "o-", color=color, label=str(name))
-        axis.fill_between(places, rows.min(axis=0), rows.max(axis=0), color=color, alpha=0.12, linewidth=0)
+        axis.plot(positions, np.median(rows, axis=0), "o-", color=color, label=str(name))
+        axis.fill_between(positions, rows.min(axis=0), rows.max(axis=0), color=color, alpha=0.12, linewidth=0)
     axis.axhline(1, color=GREY, linewidth=0.8, linestyle="--")
     axis.set(yscale="log", xlabel="weight of trust", ylabel=label)
     axis.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     axis.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.yaxis.set_minor_locator(NullLocator())
-    axis.set_xticks(places, [f"{share:g}" for share in shares])
+    axis.set_xticks(positions, [f"{share:g}" for share in shares])
 
 
 _MODEL_COLORS = {"psi": BLUE, "network": VERMILLION}
@@ -277,8 +277,8 @@ def _kinds(axis: Axes, data: xr.Dataset) -> None:
             alpha=0.5 if region == "flight" else 1.0,
             label=f"{model}, {region}",
         )
-        for place, kind_errors in enumerate(model_errors):
-            axis.plot(np.full(kind_errors.size, place + offset), kind_errors, ".", color=INK, markersize=3)
+        for index, kind_errors in enumerate(model_errors):
+            axis.plot(np.full(kind_errors.size, index + offset), kind_errors, ".", color=INK, markersize=3)
     axis.set(yscale="log", xticks=range(len(kinds)), ylabel="mean one-step error")
     axis.set_xticklabels(kinds)
     axis.set_ylim(top=30 * float(errors.max()))

@@ -32,11 +32,11 @@ def n0(data: xr.Dataset) -> Figure:
 
 def _uniform(axis: Axes, data: xr.Dataset) -> None:
     spacing = data["spacing"].values
-    for place, color, mark in zip(data["place"].values, CYCLE, "os", strict=False):
-        law = data["sum_law"].sel(place=place)
+    for start, color, mark in zip(data["place"].values, CYCLE, "os", strict=False):
+        law = data["sum_law"].sel(place=start)
         axis.loglog(spacing, law, color=color)
-        error = data["sum_error"].sel(place=place).values.reshape(-1, spacing.size)
-        kink_place = "at a datum" if place == 0 else "between two"
+        error = data["sum_error"].sel(place=start).values.reshape(-1, spacing.size)
+        kink_place = "at a datum" if start == 0 else "between two"
         axis.plot(spacing, error.T, mark, color=color, markersize=4)
         axis.plot([], [], mark, color=color, label=f"kink {kink_place}", linestyle="-")
     axis.set(title="lemma 1: uniform data", xlabel="$D/\\sigma$", ylabel="$\\max|g_\\sigma - f_\\sigma|/\\rho\\sigma$")
@@ -187,8 +187,8 @@ def _rms(data: xr.Dataset, name: str) -> str:
     return f"$h_\\sigma$, rms {float(data[name][0]):.1g} m"
 
 
-def _ticks(axis: Axes, places: np.ndarray) -> None:
-    shown_places = places if places.size <= 100 else places[::10]
+def _ticks(axis: Axes, ticks: np.ndarray) -> None:
+    shown_places = ticks if ticks.size <= 100 else ticks[::10]
     axis.plot(
         shown_places,
         np.full(shown_places.size, 0.02),

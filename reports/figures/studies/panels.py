@@ -71,9 +71,9 @@ def label_columns(axis: Axes, labels: Sequence[str], **style: Any) -> None:
     axis.set_xticks(range(len(labels)), labels, **style)
 
 
-def impulse_arrow(axis: Axes, place: float, start: float, end: float) -> None:
+def impulse_arrow(axis: Axes, x: float, start: float, end: float) -> None:
     """Draw an arrow from ``start`` to ``end`` for an impulse that is too high for the axis."""
-    axis.annotate("", (place, end), (place, start), arrowprops={"arrowstyle": "->", "color": INK})
+    axis.annotate("", (x, end), (x, start), arrowprops={"arrowstyle": "->", "color": INK})
 
 
 def quartile_curve(

@@ -127,13 +127,13 @@ def p4(data: xr.Dataset) -> Figure:
     """Draw study P4: paths of throws, objective, variance and gradients."""
     figure = Figure(figsize=(WIDTH, 6.6))
     paths, (objective, variance), gradients = figure.subplots(3, 2)
-    place, width, height = (data.attrs[name] for name in ("place", "width", "height"))
+    middle, width, height = (data.attrs[name] for name in ("place", "width", "height"))
     fine = data["fine"].values
     for index, (color, name) in enumerate(zip(_P4_COLORS, data["shape"].values, strict=True)):
         axis = paths[index]
-        axis.add_patch(Rectangle((place - width / 2, 0), width, height, color=GREY, alpha=0.4))
+        axis.add_patch(Rectangle((middle - width / 2, 0), width, height, color=GREY, alpha=0.4))
         if index:
-            axis.add_patch(Arc((place, height), width, width, theta1=0, theta2=180, color=INK))
+            axis.add_patch(Arc((middle, height), width, width, theta1=0, theta2=180, color=INK))
         for path in data["path"].values[index]:
             axis.plot(path[:, 0], path[:, 1], color=color, linewidth=0.8)
         axis.set(xlim=(1.35, 1.6), ylim=(0.45, 0.55), xlabel="$x$ [m]", ylabel="$y$ [m]", title=str(name))

@@ -96,8 +96,8 @@ def curves(axes: Axes, data: xr.DataArray, dimension: str, with_labels: bool) ->
         values = data.sel(algorithm=name).transpose("run", dimension).values
         is_known = np.isfinite(values).all(axis=0)
         color, style = line_of(list(METHODS).index(name)).values()
-        places = data[dimension].values[is_known]
-        quartile_curve(axes, places, values[:, is_known], color, style, name if with_labels else None)
+        axis_values = data[dimension].values[is_known]
+        quartile_curve(axes, axis_values, values[:, is_known], color, style, name if with_labels else None)
 
 
 @drawing(
@@ -181,10 +181,10 @@ def at(data: xr.Dataset) -> Figure:
     norms.set(xlabel="step", ylabel="mean square gradient [$m^4$]")
     terms.set(xlabel="step", ylabel="bias (line), variance (dots)")
     both_sides = np.array([bound_sides(data, law) for law in laws])
-    places = np.arange(len(laws))
-    sides.bar(places, both_sides[:, 1], color=list(CYCLE[: len(laws)]), alpha=0.4)
-    sides.plot(places, both_sides[:, 0], "o", color=INK)
+    positions = np.arange(len(laws))
+    sides.bar(positions, both_sides[:, 1], color=list(CYCLE[: len(laws)]), alpha=0.4)
+    sides.plot(positions, both_sides[:, 0], "o", color=INK)
     sides.set(yscale="log", ylabel="[$m^4$]")
-    sides.set_xticks(places, laws, rotation=60)
+    sides.set_xticks(positions, laws, rotation=60)
     figure.legend(*norms.get_legend_handles_labels(), loc="outside upper center", ncols=5)
     return figure

@@ -64,12 +64,12 @@ def a2(data: xr.Dataset) -> Figure:
         (axes[0], ("y", "v", "rate"), ("q_x", "q_x", "q_x")),
         (axes[1], ("y_step", "v_step", "rate_step"), ("q_step", "q_step", "q_mid")),
     )
-    for row, names, places in rows:
-        for axis, name, place in zip(row, names, places, strict=True):
+    for row, names, legends in rows:
+        for axis, name, legend in zip(row, names, legends, strict=True):
             for index, shade in enumerate(shades):
-                axis.plot(data[place], data[name][index], color=shade)
-    for axis, name, place in zip(axes[1], ("y_exact", "v_exact", "rate_exact"), rows[1][2], strict=True):
-        axis.plot(data[place], data[name], "--", color=INK, linewidth=1.0)
+                axis.plot(data[legend], data[name][index], color=shade)
+    for axis, name, legend in zip(axes[1], ("y_exact", "v_exact", "rate_exact"), rows[1][2], strict=True):
+        axis.plot(data[legend], data[name], "--", color=INK, linewidth=1.0)
     spike = data["rate_exact"].values
     impact_place = float(data["q_mid"][int(spike.argmax())])
     impulse_arrow(axes[1, 2], impact_place, spike.max(), spike.max() * 4)
