@@ -54,6 +54,20 @@ PROBLEM_MODULES = {
     "reorient": "problems.library.reorient",
 }
 """Mapping from the name of a problem to its module, in the order in which problems are listed."""
+ARENA_MODULES = {
+    "pushbot": "problems.arena.pushbot",
+    "transport": "problems.arena.transport",
+    "waiter": "problems.arena.waiter",
+    "stance-hopper": "problems.arena.stance_hopper",
+    "cartpole-friction": "problems.arena.cartpole_friction",
+    "acrobot-stops": "problems.arena.acrobot_stops",
+    "pushing-obstacle": "problems.arena.pushing_obstacle",
+    "discs-swap": "problems.arena.discs_swap",
+    "discs-around": "problems.arena.discs_around",
+    "drone-tether": "problems.arena.drone_tether",
+    "push-recovery": "problems.arena.push_recovery",
+}
+"""Mapping from the name of a public task of other programs to its module, in the order in which tasks are listed."""
 ROBOT_FILES = (".urdf", ".xacro", ".sdf", ".xml", ".mjcf")
 """File extensions of robot descriptions."""
 READING_ATTEMPTS = 3
@@ -63,6 +77,11 @@ READING_ATTEMPTS = 3
 def names() -> list[str]:
     """Return the names of the problems that ship with the workbench."""
     return list(PROBLEM_MODULES)
+
+
+def arena_names() -> list[str]:
+    """Return the names of the public tasks that ship with the workbench (:mod:`problems.arena`)."""
+    return list(ARENA_MODULES)
 
 
 def spec(name: str) -> ProblemSpec:
@@ -75,19 +94,20 @@ def spec(name: str) -> ProblemSpec:
 
 @cache
 def registered(name: str) -> ProblemSpec:
-    """Return the problem called ``name`` that ships with the workbench, without loading any file.
+    """Return the problem or arena task called ``name`` that ships with the workbench, without loading any file.
 
     Raises :class:`~ocp.errors.InputError` for an unknown name.
     """
     _require_known(name, names())
-    return spec_from_module(ProblemSpec, importlib.import_module(PROBLEM_MODULES[name]))
+    return spec_from_module(ProblemSpec, importlib.import_module({**PROBLEM_MODULES, **ARENA_MODULES}[name]))
 
 
 def _require_known(name: str, known_names: list[str]) -> None:
     refuse_robot_file(name)
-    if name not in known_names:
+    if name not in known_names and name not in ARENA_MODULES:
+        suggestion = did_you_mean(name, [*known_names, *ARENA_MODULES])
         raise InputError(
-            f"unknown problem {name!r}{did_you_mean(name, known_names)}; there are {', '.join(known_names)}, or"
+            f"unknown problem {name!r}{suggestion}; there are {', '.join(known_names)}, those of ocp list arena, or"
             " give the path of a file such as my_problem.py"
         )
 

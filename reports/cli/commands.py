@@ -31,10 +31,11 @@ BACKENDS = ("auto", "c", "numpy", "casadi")
 
 
 class ListOptions(Options):
-    """List named problems, tasks, algorithms, contact laws, methods, policies, solvers, figures."""
+    """List named problems, arena tasks, algorithms, contact laws, methods, policies, solvers, figures."""
 
     code: ClassVar = "reports.cli.list_command:list"
-    examples: ClassVar = ("list", "list --json")
+    examples: ClassVar = ("list", "list arena", "list --json")
+    kind: str | None = argument(None, help="Only this kind, for example problems or arena.")
 
 
 class SettingsOptions(Options):

@@ -10,6 +10,7 @@ from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 from dynamics.laws import LAWS
+from ocp.errors import choose
 from ocp.gradients.estimators import RULES, SAMPLED
 from ocp.learning.training import ALGORITHMS
 from ocp.problem.policy import POLICIES
@@ -17,11 +18,10 @@ from ocp.programs.solver import SOLVERS
 from ocp.transcription import METHODS
 from problems import describe, names, spec, studies
 from problems.gradient_scenes import SCENES
-from problems.registry import ROBOT_FILES, ObjectiveSpec, named, objective_names, objective_spec
+from problems.registry import ROBOT_FILES, ObjectiveSpec, arena_names, named, objective_names, objective_spec
 from problems.spec import ProblemSpec, Spec
 from problems.tasks import registry
-from reports.cli.commands import SettingsOptions, ShowOptions
-from reports.cli.options.shared import Options
+from reports.cli.commands import ListOptions, SettingsOptions, ShowOptions
 from reports.documents.citations import full_citation
 from reports.drawing.notation import plain
 from reports.tables import settings
@@ -38,10 +38,11 @@ _MARGIN = 21
 Catalogue = dict[str, list[dict[str, str]]]
 
 
-def check_list(options: Options) -> Catalogue:
+def check_list(options: ListOptions) -> Catalogue:
     """Return the JSON document of ``ocp list``: a mapping from kind to objects with name and summary."""
     summaries = {
         "problems": {name: spec(name).title for name in names()},
+        "arena": {name: spec(name).title for name in arena_names()},
         "tasks": {name: registry.spec(name).title for name in registry.names()},
         "algorithms": {name: cls.summary for name, cls in ALGORITHMS.items()},
         "contacts": {name: cls.summary for name, cls in LAWS.items()},
@@ -53,13 +54,15 @@ def check_list(options: Options) -> Catalogue:
         "scenes": {name: scene.title for name, scene in SCENES.items()},
         "figures": {name: studies.get(name).title for name in studies.ids()},
     }
+    if options.kind is not None:
+        summaries = {options.kind: choose("kind", options.kind, summaries)}
     return {
         kind: [{"name": name, "summary": summary} for name, summary in summary_by_name.items()]
         for kind, summary_by_name in summaries.items()
     }
 
 
-def run_list(options: Options, content: Catalogue) -> int:
+def run_list(options: ListOptions, content: Catalogue) -> int:
     """Print names and summaries of all objects, kind by kind."""
     options.output.document(content)
     if not options.as_json:

@@ -9,6 +9,7 @@ import pytest
 
 from dynamics.laws import LAWS
 from problems import names, spec
+from problems.registry import arena_names
 from problems.tasks import registry as tasks
 from tests.cli.test_commands import strict
 
@@ -41,6 +42,15 @@ def test_runs_lists_the_damaged_ones_too(ocp, store_of_runs: Path) -> None:
     assert damaged.code == 0
     assert "meta.json" in strict(damaged.out)["runs"][0]["damage"]
     assert "damaged" in ocp("runs").out
+
+
+def test_list_of_one_kind_has_no_other(ocp) -> None:
+    found = strict(ocp("list", "arena", "--json").out)
+    assert list(found) == ["arena"]
+    assert [item["name"] for item in found["arena"]] == arena_names()
+    assert all(line.startswith(" ") for line in ocp("list", "arena").out.splitlines()[1:])
+    refused = ocp("list", "arenas")
+    assert refused.code == 2 and "unknown kind 'arenas'" in refused.err and "arena," in refused.err
 
 
 def test_list_json(ocp) -> None:
