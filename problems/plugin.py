@@ -19,6 +19,7 @@ from problems.registry import named as named
 from problems.spec import ProblemSpec, Spec
 
 if TYPE_CHECKING:
+    from ocp.solution import Solution
     from problems.gradient_scenes.cases import GradientCase
 
 
@@ -35,14 +36,16 @@ def source(name: str) -> ProblemSpec:
     return spec(name)
 
 
-def gradient_case(name: str, worlds: Sequence[str] = (), settings: Mapping[str, float] | None = None) -> GradientCase:
-    """Return the derivative to be judged and the simulators of a scene or a file.
+def gradient_case(
+    source: str | Solution, worlds: Sequence[str] = (), settings: Mapping[str, float] | None = None, seed: int = 0
+) -> GradientCase:
+    """Return the derivatives to be judged and the simulators of a scene, a file or a plan.
 
     Raises the errors of :func:`problems.gradient_scenes.cases.gradient_case`.
     """
     from problems.gradient_scenes.cases import gradient_case
 
-    return gradient_case(name, worlds, settings)
+    return gradient_case(source, worlds, settings, seed=seed)
 
 
 def named_file(source: Path | str | None, runs: Sequence[StoredRun]) -> ProblemSpec | None:

@@ -63,11 +63,18 @@ class RolloutObjective(SampledObjective):
         return float(self.costs(np.zeros((self.problem.scenarios.n, self.n_noise))).mean())
 
     def cost_and_gradient(self, theta: np.ndarray) -> tuple[float, np.ndarray]:
-        """Return the mean cost over the scenarios at ``theta`` without noise, and its gradient."""
-        shaped = theta.reshape(self._policy.shape(self.problem.N))
-        rollouts = self._roll_out(self.problem.scenarios.n, 0, theta=shaped)
-        gradient = rollouts.gradient.reshape(len(rollouts.cost), -1)
-        return float(rollouts.cost.mean()), gradient.mean(axis=0)
+        """Return the mean cost over the scenarios at ``theta`` (d,) without noise, and its gradient (d,)."""
+        costs, gradients = self.costs_and_gradients(theta[None])
+        return float(costs[0]), gradients[0]
+
+    def costs_and_gradients(self, theta: np.ndarray, gradient: bool = True) -> tuple[np.ndarray, np.ndarray]:
+        """Return costs (n,), means over scenarios, at ``theta`` (n, d) and gradients (n, d) or zeros."""
+        (n, d), scenarios = theta.shape, self.problem.scenarios.n
+        shaped = np.repeat(theta, scenarios, axis=0).reshape(-1, *self._policy.shape(self.problem.N))
+        rollouts = self._roll_out(n * scenarios, 0, theta=shaped, gradient=gradient)
+        gradients = rollouts.gradient if gradient else np.zeros((n * scenarios, d))
+        means = rollouts.cost.reshape(n, scenarios).mean(axis=1)
+        return means, gradients.reshape(n, scenarios, d).mean(axis=1)
 
     def sample_scores(self, noise: Gaussian, n: int) -> CostSamples:
         """Return the costs (n,) and scores ``sum_t D_theta pi(x_t)' w_t / sigma^2`` (n, d) of n samples."""

@@ -127,8 +127,7 @@ SENTENCES = {
     "gradient-wrong-sign": "wrong sign: the slope is {slope:.4g}, the exact slope {truth:.4g}; {vanishes}",
     "gradient-zero": "zero: the slope vanishes, the exact slope is {truth:.4g} here, {wide:.4g} over a finite change",
     "gradient-exploding": (
-        "exploding: the slope is {slope:.4g}, and {low:.3g} to {high:.3g} nearby, the exact slope {truth:.4g};"
-        " each refinement multiplies the slopes by {growth:.2g}"
+        "exploding: the slope is {slope:.4g}, and {low:.3g} to {high:.3g} nearby, the exact slope {truth:.4g}; {growth}"
     ),
     "gradient-undefined": (
         "undefined: the output jumps by {size:.3g} at {place:.6g}, within the largest amplitude; a local slope such as"
@@ -150,6 +149,11 @@ SENTENCES = {
     "gradient-biased-at-sigma": (
         "biased at sigma = {sigma:.3g}: the local slope {slope:.4g} is right, but {estimator} gives {mean:.4g} with a"
         " standard error of {standard_error:.2g}, the exact smoothed slope is {reference:.4g}"
+    ),
+    "truth-has-a-kink": "the exact output has a kink here, with slopes from {low:.4g} to {high:.4g}",
+    "gradient-by-all-inputs": (
+        "gradients by all {count} inputs have the length {length:.4g} nearby, those of the exact law {truth:.4g}, and"
+        " the cosine of their angle is {cosine:.3g}"
     ),
     "use-secant": "use secants over amplitudes from {low:.2g} to {high:.2g}, which agree with {agreement}",
     "use-smoothed": (

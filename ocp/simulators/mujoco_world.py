@@ -55,7 +55,7 @@ class MujocoWorld:
             self._mujoco: Any = import_module("mujoco")
         except ImportError:
             raise InputError("the world of MuJoCo needs the package mujoco; install 'centralpath[robots]'") from None
-        self.problem, self._p = problem, problem.parameters.pack(values)
+        self.problem, self._p, self.version = problem, problem.parameters.pack(values), self._mujoco.__version__
 
         def number(value: Any) -> float:
             return float(ca.evalf(ca.substitute(ca.SX(value), p, self._p)))

@@ -75,20 +75,33 @@ def replay_in_simulator(
     """
     choose("world", name, SIMULATORS)
     simulator, evaluation = MujocoWorld(problem, values), Evaluation(problem, dict(values))
-    lower, upper = evaluation.limits[2:4]
-    S, N, system = len(x0), problem.N, problem.system
 
     def cost(solref: float, step: float) -> float:
-        x, u = np.empty((S, N + 1, system.nx)), np.empty((S, N, system.nu))
-        x[:, 0] = x0
-        for s, k in np.ndindex(S, N):
-            if isinstance(inputs, Gains):
-                u[s, k] = np.clip(inputs.input(k, x[s, k]), lower, upper)
-            else:
-                u[s, k] = inputs[s, k]
-            x[s, k + 1] = simulator.step(x[s, k], u[s, k], solref, step)
-        return float(evaluation.trajectory_costs(x, u, np.zeros((S, N, system.nlam))).mean())
+        return float(simulated_costs(simulator, evaluation, inputs, x0, solref, step).mean())
 
     costs = [cost(SOLREF_S, STEP_S), *(cost(*pair) for pair in product(SOLREF_BAND_S, STEP_BAND_S))]
     keeps = evaluation.cost_share(abs(costs[0] - planned_cost), planned_cost) <= KEPT_COST_SHARE
     return ExternalReplay(name, costs[0], planned_cost, keeps, (float(np.min(costs)), float(np.max(costs))))
+
+
+def simulated_costs(
+    simulator: MujocoWorld,
+    evaluation: Evaluation,
+    inputs: np.ndarray | Gains,
+    x0: np.ndarray,
+    solref: float = SOLREF_S,
+    step: float = STEP_S,
+) -> np.ndarray:
+    """Return the costs (S,) of ``inputs`` (S, N, nu), or gains, from x0 (S, nx) in MuJoCo, NaN if a motion diverges."""
+    lower, upper = evaluation.limits[2:4]
+    S, problem = len(x0), simulator.problem
+    N, system = problem.N, problem.system
+    x, u = np.empty((S, N + 1, system.nx)), np.empty((S, N, system.nu))
+    x[:, 0] = x0
+    for s, k in np.ndindex(S, N):
+        if isinstance(inputs, Gains):
+            u[s, k] = np.clip(inputs.input(k, x[s, k]), lower, upper)
+        else:
+            u[s, k] = inputs[s, k]
+        x[s, k + 1] = simulator.step(x[s, k], u[s, k], solref, step)
+    return evaluation.trajectory_costs(x, u, np.zeros((S, N, system.nlam)))

@@ -1,4 +1,4 @@
-"""Input of ``ocp gradients``: a scene or a file, and the simulators to compare, given by name."""
+"""Input of ``ocp gradients``: a scene, a file or a plan, and the simulators to compare, given by name."""
 
 from __future__ import annotations
 
@@ -6,12 +6,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from ocp.errors import InputError, choose
 from ocp.gradients.worlds.report import Question
 from ocp.gradients.worlds.world import World
+from ocp.solution import Solution
 from ocp.store.provenance import content_digest
 from problems.gradient_scenes import SCENES
 from problems.gradient_scenes.own_world import OwnWorld, load_own_world
+from problems.gradient_scenes.plan_case import plan_questions
 from problems.gradient_scenes.worlds import scene_world
 
 MAX_STEPS = 100_000
@@ -20,67 +24,77 @@ MAX_STEPS = 100_000
 
 @dataclass(frozen=True)
 class GradientCase:
-    """Derivative of a scene or a file, its simulators, and the digest of the files that define them."""
+    """Derivatives of a scene, a file or a plan, its simulators, and the digest of the files that define them.
+
+    ``plan`` is the hash of the run with the plan, "" otherwise.
+    """
 
     name: str
     title: str
-    question: Question
+    questions: Sequence[Question]
     worlds: tuple[World, ...]
     content: str
+    plan: str = ""
 
 
 def gradient_case(
-    source: str,
+    source: str | Solution,
     worlds: Sequence[str] = (),
     settings: Mapping[str, float] | None = None,
     parameter: int = 0,
     output: int = 0,
+    seed: int = 0,
 ) -> GradientCase:
-    """Return the case of the scene ``source``, or of a file that defines a simulator and the derivative to be judged.
+    """Return the case of the scene ``source``, of a file that defines a simulator and a derivative, or of a plan.
 
-    ``worlds`` are names of simulators and files, by default the exact contact law for a scene; the simulator of a file
-    ``source`` always comes first. ``settings`` maps names to values, for every simulator with a setting of that name.
+    ``worlds`` are names of simulators and files, by default the exact contact law; the simulator of a file ``source``
+    always comes first. ``settings`` maps names to values, for every simulator with a setting of that name. ``seed``
+    determines the directions in which the inputs of a plan are changed.
 
     Raises :class:`~ocp.errors.InputError` for an unknown name, for a setting that no simulator has, and as
-    :func:`~problems.gradient_scenes.own_world.load_own_world` does.
+    :func:`~problems.gradient_scenes.own_world.load_own_world` and
+    :func:`~problems.gradient_scenes.plan_case.plan_questions` do.
     """
-    digests: list[str] = []
+    digests, named, settings = list[str](), list(worlds) or ["exact"], settings or {}
+    if (parameter or output) and not str(source).endswith(".py"):
+        raise InputError(f"--parameter and --component choose entries of a file, and {source} is none; drop them")
 
     def read(path: str) -> OwnWorld:
         user_world = load_own_world(path, parameter, output)
         digests.append(user_world.digest)
         return user_world
 
-    if source.endswith(".py"):
+    if isinstance(source, Solution):
+        _check_settings(settings, np.inf)
+        name, title = source.problem.name, f"The cost of a plan of {source.problem.name} by its inputs"
+        questions, chosen = plan_questions(source, named, lambda path: read(path).world, seed)
+    elif source.endswith(".py"):
         loaded, name = read(source), Path(source).stem
-        title, question = name, loaded.question
-        if question is None:
+        if loaded.question is None:
             raise InputError(
                 f"{source}: the file must define theta, the parameters at which the gradient is asked for; or compare"
                 f" it with a scene: ocp gradients oblique-drop --world {source}"
             )
-        if named := [name for name in worlds if not name.endswith(".py")]:
-            raise InputError(f"{named[0]} simulates the scenes {', '.join(SCENES)}, and not {source}; name files")
-        chosen = [loaded.world, *(read(name).world for name in worlds)]
+        if others := [world for world in worlds if not world.endswith(".py")]:
+            raise InputError(f"{others[0]} simulates the scenes {', '.join(SCENES)}, and not {source}; name files")
+        title, questions = name, [loaded.question]
+        chosen = [loaded.world, *(read(world).world for world in worlds)]
     else:
         scene = choose("scene", source, SCENES)
-        _check_settings(settings or {}, scene.duration)
-        if parameter or output:
-            raise InputError(f"the scene {source} has one parameter and one output; drop --parameter and --component")
-        name, title, question = scene.name, scene.title, scene.question
-        chosen = [
-            read(world).world if world.endswith(".py") else scene_world(scene, world) for world in worlds or ["exact"]
-        ]
+        _check_settings(settings, scene.duration)
+        name, title, questions = scene.name, scene.title, [scene.question]
+        chosen = [read(world).world if world.endswith(".py") else scene_world(scene, world) for world in named]
     names = [world.name for world in chosen]
     if len(set(names)) < len(names):
         raise InputError(f"a simulator is named twice among {', '.join(names)}; name it once")
-    return GradientCase(name, title, question, _with_settings(chosen, settings or {}), content_digest(digests, {}))
+    content, plan = content_digest(digests, {}), getattr(source, "run_hash", "")
+    return GradientCase(name, title, questions, _with_settings(chosen, settings), content, plan)
 
 
 def _check_settings(settings: Mapping[str, float], duration: float) -> None:
-    """Raise InputError for settings of a scene's simulators that are not positive, or for a step out of range."""
+    """Raise InputError for settings of simulators that are not positive, or for a step out of range."""
     for name, value in settings.items():
-        lower, upper = (duration / MAX_STEPS, duration) if name == "h" else (0.0, float("inf"))
+        lower, upper = (duration / MAX_STEPS, duration) if name == "h" else (0.0, np.inf)
         if not lower < value <= upper:
             raise InputError(f"-s {name} must be > {lower:.3g}{f' and <= {upper:g}' * (name == 'h')}, got {value:g}")
 

@@ -42,6 +42,7 @@ def load_own_world(path: str | Path, parameter: int = 0, output: int = 0) -> Own
     - ``theta``, the nominal parameters (d,), and ``size``, their characteristic sizes, by default absolute values,
     - ``truth(theta)``, the exact outputs (n, m), or ``slope`` (m, d), their derivatives at theta,
     - ``sharper``, a mapping from settings to the factor of one refinement, such as ``{"h": 0.5}``,
+    - ``longer``, the same for one extension of the horizon, such as ``{"steps": 2}``,
     - ``parameters`` and ``outputs``, names with units, such as ``"v [m/s] speed; m [kg]"``.
 
     Raises :class:`~ocp.errors.InputError` if there is no such file, if it raises, and for a wrong type or shape.
@@ -58,14 +59,21 @@ def load_own_world(path: str | Path, parameter: int = 0, output: int = 0) -> Own
         name: validated(f"{file}: the default of argument {name} of rollout", argument.default, Number)
         for name, argument in [*inspect.signature(module.rollout).parameters.items()][1:]
     }
-    sharper = validated(f"{file}: sharper", getattr(module, "sharper", {}), dict[str, Positive])
-    if unknown := sorted(sharper.keys() - settings.keys()):
-        raise InputError(f"{file}: sharper names {unknown[0]!r}; settings of rollout: {', '.join(settings) or 'none'}")
+    sharper, longer = (_changes(module, name, settings, file) for name in ("sharper", "longer"))
     gradient = _gradient(module, file) if hasattr(module, "gradient") else None
     simulate = guarded(module.rollout, "rollout(theta)", file)
-    world = World(file.stem, simulate, gradient, settings, sharper, method="gradient(theta)")
+    world = World(file.stem, simulate, gradient, settings, sharper, longer, method="gradient(theta)")
     question = _question(module, file, parameter, output) if hasattr(module, "theta") else None
     return OwnWorld(world, question, source_digest(file))
+
+
+def _changes(module: ModuleType, name: str, settings: dict[str, float], file: Path) -> dict[str, float]:
+    """Return a mapping from settings to factors that a file defines, by default an empty one."""
+    factors = validated(f"{file}: {name}", getattr(module, name, {}), dict[str, Positive])
+    if unknown := sorted(factors.keys() - settings.keys()):
+        listed = ", ".join(settings) or "none"
+        raise InputError(f"{file}: {name} names {unknown[0]!r}; settings of rollout: {listed}")
+    return factors
 
 
 def _gradient(module: ModuleType, file: Path) -> Any:

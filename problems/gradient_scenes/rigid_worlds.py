@@ -12,7 +12,7 @@ from dynamics.batch import RolloutFunction, open_loop
 from dynamics.contact import Adaptive, Barrier, ContactLaw, Exact, Randomized
 from dynamics.systems import ContactSystem, Parameter, ParameterTable, Signal, time_stepping
 from ocp.gradients.objective import without_warnings
-from ocp.gradients.worlds.world import World
+from ocp.gradients.worlds.world import SHARPER, World
 from problems.gradient_scenes.scene import Mechanics, Scene
 
 STEP_S = 0.01
@@ -32,8 +32,6 @@ LAWS: dict[str, ContactLaw] = {
     "randomized": Randomized(sigma=RANDOMIZED_SIGMA),
 }
 """Mapping from the name of a world to the contact law that closes its scenes."""
-_SHARPER = {"h": 0.5, "mu": 0.1, "sigma": 0.25, "stiffness": 4.0}
-"""Mapping from settings to the factors by which they change in one refinement."""
 _FAR_GAP_M = 1.0
 """Gap of a contact with restitution that is not reached in the next step [m]."""
 
@@ -87,7 +85,7 @@ def _world(scene: Scene, name: str, law: ContactLaw, values: dict[str, float]) -
         return roll_out(theta, True, settings)[1][:, None, None]
 
     settings = {**values, **law_values}
-    sharper = {key: factor for key, factor in _SHARPER.items() if key in settings}
+    sharper = {key: factor for key, factor in SHARPER.items() if key in settings}
     return World(name, simulate, differentiate, settings, sharper)
 
 

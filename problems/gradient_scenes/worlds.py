@@ -44,9 +44,9 @@ def mujoco_world(scene: Scene) -> World:
         simulate,
         differentiate,
         MUJOCO_SETTINGS,
-        {"h": 0.5, "solref": 0.5},
-        "transitionFD",
-        {"mujoco": rollouts.version},
+        sharper={"h": 0.5, "solref": 0.5},
+        method="transitionFD",
+        versions={"mujoco": rollouts.version},
         samples_gradient=False,
     )
 

@@ -15,7 +15,9 @@ from reports.drawing.style import BLUE, FAINT, GREEN, GREY, INK, ORANGE, VERMILL
 COLUMNS = 2
 """Number of panels beside each other."""
 PANEL_HEIGHT = 2.3
-"""Height of a panel [inch]."""
+"""Largest height of a panel [inch]."""
+PAGE_HEIGHT = 9.0
+"""Largest height of all panels [inch]."""
 _ESTIMATOR_STYLES = {"zobg-antithetic": ("s", GREEN, "zeroth order"), "fobg": ("^", ORANGE, "first order")}
 """Mapping from estimators to their marker, colour and text in the legend."""
 _INTERVAL = 1.96
@@ -26,7 +28,7 @@ def gradients_figure(run: StoredRun) -> Figure:
     """Return a figure with a panel for each finished simulator: secants over the amplitude, on a symmetric scale."""
     rows = [row for row in run.meta["worlds"] if row["status"] == "done"]
     n_lines = -(-len(rows) // COLUMNS)
-    figure = Figure(figsize=(WIDTH, PANEL_HEIGHT * n_lines + 0.5))
+    figure = Figure(figsize=(WIDTH, min(PANEL_HEIGHT * n_lines, PAGE_HEIGHT) + 0.5))
     panels = np.ravel(figure.subplots(n_lines, min(COLUMNS, len(rows)), squeeze=False, sharex=True))
     for panel, row in zip(panels, rows, strict=False):
         _draw_world(panel, row)

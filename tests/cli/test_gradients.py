@@ -85,6 +85,40 @@ def test_a_file_that_raises_in_the_middle_leaves_the_other_worlds(gradients, tmp
     assert "lost" in document["worlds"][1]["sentence"] and document["status"] == "partly failed"
 
 
+HOVER = """import numpy as np
+def rollout(theta):  # push-1d with the weights of the input's increments alone
+    du = np.diff(theta, axis=1, prepend=-0.5)
+    return 0.1 * np.square(du).sum(axis=1, keepdims=True)
+def gradient(theta):
+    du = np.diff(theta, axis=1, prepend=-0.5, append=theta[:, -1:])
+    return 0.2 * (du[:, :-1] - du[:, 1:])[:, None]
+"""
+
+
+@pytest.mark.costly
+def test_the_cost_of_a_stored_plan_is_differentiated_by_its_inputs(gradients, tmp_path: Path, capsys) -> None:
+    """A pusher without a goal stays at its start, which is an optimum: random directions remain."""
+    (tmp_path / "hover.py").write_text(HOVER)
+    solve = "solve push-1d -p N=3 -p w_end=0 -p w_x=0 --effort quick --json --quiet"
+    assert main(solve.split()) == 0
+    solved = json.loads(capsys.readouterr().out)
+    code, document, _ = gradients("@last", "--world", "exact", "--world", "hover.py", "--refinements", "0")
+    assert code == 0 and document["kind"] == "gradients" and document["record"]["plan"] in solved["run"]
+    assert [row["world"] for row in document["worlds"]] == [
+        f"{w} along d{i}" for i in (1, 2, 3) for w in ("exact", "hover")
+    ]
+    assert {row["verdict"] for row in document["worlds"]} == {"right"}, document["verdict"]
+    assert main(["report", document["run"], "-o", "plan.pdf", "--quiet"]) == 0
+    capsys.readouterr()
+    for words, message in (
+        (["@last"], "is a run of ocp gradients, expected a run of ocp solve"),
+        (["@2", "--parameter", "1"], "choose entries of a file"),
+        (["@2", "--world", "penalty"], "unknown world 'penalty'"),
+    ):
+        code, _, err = gradients(*words)
+        assert code == 2 and message in err and len(err.strip().splitlines()) == 1
+
+
 BAD = {
     "nothing.py": "there is no such file",
     "two-ball": "did you mean 'two-balls'",
@@ -111,6 +145,7 @@ BAD_FILES = {
     "theta = 1.0\ndef rollout(theta): return 1 / 0": "ZeroDivisionError",
     "theta = 1.0\ndef rollout(theta, h): return theta": "argument h of rollout has no default",
     "theta = 1.0\nsharper = {'h': 2}\ndef rollout(theta): return theta": "sharper names 'h'",
+    "theta = 1.0\nlonger = {'n': 2}\ndef rollout(theta, h=1.0): return theta": "longer names 'n'",
     "import numpy as np\ntheta = 1.0\ndef rollout(theta): return theta + np.random.rand()": "seed its random numbers",
 }
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from typing import Any
 
@@ -15,10 +17,14 @@ ZERO_SHARE = 1e-9
 """Largest slope that counts as zero, as a share of the scale of slopes."""
 DERIVATIVE_TOLERANCE = 1e-3
 """Largest relative difference between a derivative and a secant of the same output."""
+FLAT_SHARE = 1e-3
+"""Largest exact slope that counts as zero, as a share of the slopes over the largest amplitudes."""
 NEARBY_SHARE = 0.9
 """Share of nearby points whose slope must be right."""
 GROWTH = 1.4
-"""Minimum factor by which an exploding slope grows at each refinement."""
+"""Minimum factor by which an exploding slope grows at each refinement, or each time the horizon is extended."""
+STEADY_RATE = 0.7
+"""Smallest ratio of the rates at which an exponential grows over two extensions of the horizon; powers have 1/2."""
 DECAY = 0.6
 """Maximum ratio of the error after two refinements to the error before, for an error that vanishes."""
 AGREEING_AMPLITUDES = 3
@@ -32,8 +38,8 @@ class Measures:
     ``slope`` is the local slope at the nominal parameter, and ``nearby`` (n,) are the slopes at points around it.
     ``truth`` and ``nearby_truth`` (n,) are the exact slopes at the same points. ``jump`` is the size of a jump of the
     output within the largest amplitude, and the parameter at which it occurs. ``truth_secants`` are the secants of the
-    exact output, or None if it is unknown; the simulator's own secant over the largest amplitude then serves as the
-    exact slope.
+    exact output, or None if it is unknown; the simulator's own secants over the largest amplitude then serve as exact
+    slopes. ``refinements`` and ``horizons`` are slopes of refined simulators, and of longer simulations.
     """
 
     slope: float
@@ -41,39 +47,57 @@ class Measures:
     truth: float
     nearby_truth: np.ndarray
     secants: Secants
-    truth_secants: np.ndarray | None
+    truth_secants: Secants | None
     has_gradient: bool
     jump: tuple[float, float] | None
     refinements: list[dict[str, Any]]
+    horizons: list[dict[str, Any]]
     smoothed: list[dict[str, Any]]
+
+    @cached_property
+    def wide(self) -> np.ndarray:
+        """Exact slopes over the largest amplitudes and noises; the first is that over the largest amplitude."""
+        exact = self.secants if self.truth_secants is None else self.truth_secants
+        smoothed = [row["reference"] for row in self.smoothed if row["reference"] is not None]
+        return np.array([*exact.slopes[: -AGREEING_AMPLITUDES - 1 : -1], *smoothed, exact.ahead[-1], exact.behind[-1]])
+
+    @property
+    def sides(self) -> tuple[float, float]:
+        """Smallest and largest exact slope at the nominal parameter, which differ at a kink."""
+        exact, slopes = self.truth_secants, [self.truth]
+        if exact is not None:
+            slopes += [float(exact.ahead[exact.sharpest]), float(exact.behind[exact.sharpest])]
+        return min(slopes), max(slopes)
+
+    @property
+    def is_flat(self) -> bool:
+        """Whether the exact slope is zero compared with those in reach, as at an optimum."""
+        return abs(self.truth) <= FLAT_SHARE * float(np.nanmax(np.abs(self.wide)))
 
     @property
     def scale(self) -> float:
-        """Scale of slopes: the exact slope or, if it is zero, the largest exact slope over an amplitude or a noise."""
-        if self.truth != 0:
-            return abs(self.truth)
-        wide = self.secants.slopes if self.truth_secants is None else self.truth_secants
-        smoothed = [row["reference"] for row in self.smoothed if row["reference"] is not None]
-        return float(np.nanmax(np.abs([*wide[-AGREEING_AMPLITUDES:], *smoothed])))
+        """Scale of slopes: the exact slope or, if it is flat, the largest exact slope over an amplitude or a noise."""
+        return float(np.nanmax(np.abs(self.wide))) if self.is_flat else abs(self.truth)
 
 
 def judge_world(measures: Measures, tolerance: float) -> list[Finding]:
     """Return the verdict as a finding, followed by findings on smoothing and on what to use instead.
 
     A slope is right if its error is at most ``tolerance`` times the exact slope, at the nominal parameter and at nine
-    of ten nearby points.
+    of ten nearby points. At a kink of the exact output, slopes between those of its two sides are right.
     """
     verdict = _verdict(measures, tolerance * measures.scale)
     biased = [_smoothed_numbers(row) for row in measures.smoothed if _is_biased(row, tolerance, measures.scale)]
+    low, high = measures.sides
+    kink = [make_finding("truth-has-a-kink", low=low, high=high)] if high - low > tolerance * measures.scale else []
     is_right = verdict.code in ("gradient-right", "gradient-consistent")
     if is_right and biased:
         return [
             make_finding("gradient-biased-at-sigma", slope=measures.slope, **biased[0]),
+            *kink,
             _advice(measures, tolerance),
         ]
-    if is_right:
-        return [verdict]
-    return [verdict, _advice(measures, tolerance)]
+    return [verdict, *kink] if is_right else [verdict, *kink, _advice(measures, tolerance)]
 
 
 def _verdict(measures: Measures, allowed: float) -> Finding:
@@ -96,7 +120,9 @@ def _verdict(measures: Measures, allowed: float) -> Finding:
         return make_finding("gradient-not-the-derivative", difference=difference, **numbers)
     typical = max(abs(slope), float(np.median(np.abs(measures.nearby))))
     if measures.scale > 0 and typical <= ZERO_SHARE * measures.scale:
-        return make_finding("gradient-zero", wide=_wide_truth(measures), **numbers)
+        return make_finding(
+            "gradient-zero", wide=max([measures.wide[0], *measures.wide[AGREEING_AMPLITUDES:-2]], key=abs), **numbers
+        )
     if _is_right(measures, allowed):
         return make_finding("gradient-right" if is_exact_known else "gradient-consistent", **numbers)
     return _wrong(measures, allowed)
@@ -107,13 +133,13 @@ def _wrong(measures: Measures, allowed: float) -> Finding:
     slope, truth, clause = measures.slope, measures.truth, _vanishing_clause(measures)
     nearby: dict[str, Any] = {"low": float(measures.nearby.min()), "high": float(measures.nearby.max())}
     numbers: dict[str, Any] = {"slope": slope, "truth": truth}
-    if (growth := _growth(measures)) is not None:
+    if growth := _growth_clause(measures):
         return make_finding("gradient-exploding", growth=growth, **nearby, **numbers)
     if measures.truth_secants is None:
         return make_finding("gradient-differs-from-secant", **nearby, **numbers)
-    if slope * truth < 0 and abs(slope) > allowed:
+    if max(slope * side for side in measures.sides) < 0 and abs(slope) > allowed and not measures.is_flat:
         return make_finding("gradient-wrong-sign", vanishes=clause, **numbers)
-    factor = f"{slope / truth:.3g} times the exact slope" if truth != 0 else f"off by {slope - truth:.3g}"
+    factor = f"off by {slope - truth:.3g}" if measures.is_flat else f"{slope / truth:.3g} times the exact slope"
     return make_finding("gradient-of-the-discrete-map", factor=factor, vanishes=clause, **nearby, **numbers)
 
 
@@ -142,15 +168,29 @@ def _is_derivative(measures: Measures) -> bool:
 
 def _is_right(measures: Measures, allowed: float) -> bool:
     errors = np.abs(measures.nearby - measures.nearby_truth)
-    return abs(measures.slope - measures.truth) <= allowed and float((errors <= allowed).mean()) >= NEARBY_SHARE
+    low, high = measures.sides
+    return low - allowed <= measures.slope <= high + allowed and float((errors <= allowed).mean()) >= NEARBY_SHARE
 
 
-def _growth(measures: Measures) -> float | None:
-    """Return the factor by which slopes grow per refinement, or None if they do not grow steadily."""
+def _growth_clause(measures: Measures) -> str | None:
+    """Return a clause on how slopes grow with refinement or, exponentially, with the horizon; None if they do not."""
     sizes = [row["typical"] for row in measures.refinements]
-    if len(sizes) < 2 or not all(later >= GROWTH * sooner > 0 for sooner, later in pairwise(sizes)):
+    if _grows(sizes, measures.scale):
+        return f"each refinement multiplies the slopes by {(sizes[-1] / sizes[0]) ** (1 / (len(sizes) - 1)):.2g}"
+    sizes = [row["typical"] for row in measures.horizons]
+    if len(sizes) < 3 or not _grows(sizes, measures.scale):
         return None
-    return (sizes[-1] / sizes[0]) ** (1 / (len(sizes) - 1)) if sizes[-1] > 2 * measures.scale else None
+    name, horizons = next(iter(measures.horizons[0]["settings"])), [row["settings"] for row in measures.horizons]
+    rates = np.diff(np.log(sizes)) / np.diff([settings[name] for settings in horizons])
+    if rates.min() < STEADY_RATE * rates.max():
+        return None
+    return f"slopes grow as exp({rates[-1]:.3g} {name})"
+
+
+def _grows(sizes: Sequence[float], scale: float) -> bool:
+    """Return whether sizes grow steadily, to more than twice the scale of slopes."""
+    steady = len(sizes) > 1 and all(later >= GROWTH * sooner > 0 for sooner, later in pairwise(sizes))
+    return steady and sizes[-1] > 2 * scale
 
 
 def _vanishing_clause(measures: Measures) -> str:
@@ -162,13 +202,6 @@ def _vanishing_clause(measures: Measures) -> str:
     if _decreases(measures):
         return f"finer {names} lowers the error from {errors[0]:.2g} to {errors[-1]:.2g}"
     return f"finer {names} does not lower the error: {errors[0]:.2g}, then {errors[-1]:.2g}"
-
-
-def _wide_truth(measures: Measures) -> float:
-    """Return the largest, in absolute value, of the secant over the largest amplitude and the smoothed gradients."""
-    wide = measures.secants.slopes if measures.truth_secants is None else measures.truth_secants
-    smoothed = [row["reference"] for row in measures.smoothed if row["reference"] is not None]
-    return max((float(wide[-1]), *smoothed), key=abs)
 
 
 def _smoothed_numbers(row: dict[str, Any]) -> dict[str, Any]:
@@ -196,7 +229,7 @@ def agreeing_amplitudes(measures: Measures, tolerance: float) -> tuple[float, fl
     least three consecutive amplitudes; if there are several ranges, the one with the largest amplitudes is returned.
     """
     secants = measures.secants
-    if measures.truth == 0 or measures.jump is not None:
+    if measures.is_flat or measures.jump is not None:
         return None
     errors = np.abs(secants.slopes - measures.truth) + secants.errors
     agree = errors <= tolerance * abs(measures.truth)
@@ -213,7 +246,7 @@ def _advice(measures: Measures, tolerance: float) -> Finding:
     agreement = "one another" if measures.truth_secants is None else "the exact slope"
     if (amplitudes := agreeing_amplitudes(measures, tolerance)) is not None:
         return make_finding("use-secant", low=amplitudes[0], high=amplitudes[1], agreement=agreement)
-    if measures.truth != 0 and measures.jump is None and _decreases(measures):
+    if not measures.is_flat and measures.jump is None and _decreases(measures):
         return make_finding("use-finer", settings=", ".join(measures.refinements[0]["settings"]))
     widest = max(row["sigma"] for row in measures.smoothed)
     if measures.truth_secants is None:

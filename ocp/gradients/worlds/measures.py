@@ -89,19 +89,21 @@ def rounding_noise(objective: WorldObjective, size: float) -> float:
     return max(float(min(estimates)), scale)
 
 
-def local_slopes(objective: WorldObjective, points: np.ndarray, amplitude: float) -> np.ndarray:
-    """Return the slopes (n,) at ``points`` (n,): derivatives, or differences over ``amplitude`` if there are none."""
-    if objective.world.differentiate is not None:
-        return objective.slopes_at(points)
-    values = objective.values_at(np.concatenate([points + amplitude, points - amplitude]))
-    return (values[: len(points)] - values[len(points) :]) / (2 * amplitude)
-
-
 def nearby_points(theta: float, size: float) -> np.ndarray:
     """Return the nominal parameter, and points at irrational distances from it, which avoid any grid of time steps."""
     golden = (np.sqrt(5) - 1) / 2
     offsets = 2 * (golden * np.arange(1, NEARBY_POINTS + 1) % 1) - 1
     return theta + size * NEARBY_REACH * np.concatenate([[0.0], offsets])
+
+
+def measure_slopes(objective: WorldObjective, size: float) -> tuple[Secants, np.ndarray]:
+    """Return the secants, and the slopes at :func:`nearby_points`: derivatives, or else differences."""
+    secants, points = measure_secants(objective, size), nearby_points(float(objective.theta[0]), size)
+    if objective.world.differentiate is not None:
+        return secants, objective.slopes_at(points)
+    amplitude = float(secants.amplitudes[secants.sharpest])
+    values = objective.values_at(np.concatenate([points + amplitude, points - amplitude]))
+    return secants, (values[: len(points)] - values[len(points) :]) / (2 * amplitude)
 
 
 def smoothed_gradient(

@@ -12,10 +12,11 @@ from ocp import plugins
 from ocp.errors import InputError
 from ocp.gradients.worlds.report import GradientReport, Question, ReportSettings, measure_worlds
 from ocp.gradients.worlds.world import Simulation, World
+from ocp.solution import Solution
 
 
 def gradient_report(
-    source: str | PathLike[str] | Simulation,
+    source: str | PathLike[str] | Solution | Simulation,
     worlds: Sequence[str] = (),
     *,
     theta: Sequence[float] | float | None = None,
@@ -30,12 +31,12 @@ def gradient_report(
         gradient_report("oblique-drop", ["exact", "mujoco"]).sentences
         gradient_report(rollout, theta=[0.5], truth=closed_form).rows[0]["verdict"]
 
-    ``source`` is the name of a scene, the path of a file that defines ``rollout(theta)``, or that function: from
-    parameters (n, d) to outputs (n, m). A function needs the nominal parameters ``theta`` (d,); optional are its
-    ``gradient``, from (n, d) to (n, m, d), the exact outputs ``truth``, from (n, d) to (n, m), and the ``size`` of the
-    first parameter, by default its absolute value. The report is on the derivative of the first output by the first
-    parameter. ``worlds`` are names of simulators or files, and ``settings`` values of their settings.
-    ``options`` are those of :class:`ReportSettings`.
+    ``source`` is the name of a scene, the path of a file that defines ``rollout(theta)``, a solution, whose cost is
+    judged along directions of its inputs, or that function: from parameters (n, d) to outputs (n, m). A function needs
+    the nominal parameters ``theta`` (d,); optional are its ``gradient``, from (n, d) to (n, m, d), the exact outputs
+    ``truth``, from (n, d) to (n, m), and the ``size`` of the first parameter, by default its absolute value. The report
+    is on the derivative of the first output by the first parameter. ``worlds`` are names of simulators or files, and
+    ``settings`` values of their settings. ``options`` are those of :class:`ReportSettings`.
 
     Raises :class:`~ocp.errors.InputError` for unknown names, and for simulators of wrong shape or without a seed.
     """
@@ -43,8 +44,9 @@ def gradient_report(
     if not callable(source):
         if theta is not None or gradient is not None or truth is not None or size is not None:
             raise InputError("theta, gradient, truth and size are for a function; a file defines them itself")
-        case = plugins.problems.gradient_case(fspath(source), worlds, settings)
-        return measure_worlds(case.worlds, case.question, report_settings)
+        named = source if isinstance(source, Solution) else fspath(source)
+        case = plugins.problems.gradient_case(named, worlds, settings, report_settings.seed)
+        return measure_worlds(case.worlds, case.questions, report_settings)
     if theta is None or worlds:
         raise InputError("a function needs theta, its nominal parameters, and is compared with no other simulators")
     nominal = np.atleast_1d(np.asarray(theta, dtype=float))

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,9 +18,7 @@ from ocp.gradients.worlds.judging import Measures, judge_world
 from ocp.gradients.worlds.measures import (
     FIRST_ORDER,
     ZEROTH_ORDER,
-    Secants,
-    local_slopes,
-    measure_secants,
+    measure_slopes,
     nearby_points,
     own_reference,
     reach_noise,
@@ -68,7 +67,8 @@ class Question:
 
     ``size`` > 0 is the characteristic size of the parameter, to which amplitudes are relative. ``truth`` computes the
     exact output and, if possible, its gradient; it is None if these are unknown. ``signals`` are the names and units
-    of the parameter and the output.
+    of the parameter and the output, ``points`` the number of quadrature points for the smoothed exact gradient.
+    ``further_findings`` returns what else is to be said of a simulator.
     """
 
     theta: np.ndarray
@@ -77,31 +77,35 @@ class Question:
     parameter: int = 0
     output: int = 0
     signals: tuple[Signal, Signal] = (Signal("theta", "1"), Signal("y", "1"))
+    points: int = TRUTH_POINTS
+    further_findings: Callable[[World], list[Finding]] = lambda world: []
 
     def objective(self, world: World) -> WorldObjective:
         """Return the output of a simulator as a function of the parameter."""
         return WorldObjective(world, self.theta, self.parameter, self.output, self.signals[0])
+
+    def check(self, world: World) -> int:
+        """Return the number of non-finite rows of :func:`check_world`; raise InputError if there is no such output."""
+        n_outputs, nonfinite = check_world(world, self.theta)
+        if self.output >= n_outputs:
+            raise InputError(f"{world.name} has {n_outputs} outputs, got {self.output} as the index of the output")
+        return nonfinite
 
 
 class _Truth:
     """Exact output of a question: its secants, slopes at nearby points, largest jump and smoothed gradients."""
 
     def __init__(self, question: Question, truth: World) -> None:
-        n_outputs, _ = check_world(truth, question.theta)
-        if question.output >= n_outputs:
-            raise InputError(f"{truth.name} has {n_outputs} outputs, got {question.output} as the index of the output")
-        self.objective, self._size = question.objective(truth), question.size
-        self.secants = measure_secants(self.objective, question.size)
-        points = nearby_points(float(self.objective.theta[0]), question.size)
-        self.nearby = local_slopes(self.objective, points, float(self.secants.amplitudes[self.secants.sharpest]))
+        question.check(truth)
+        self._question, self.objective = question, question.objective(truth)
+        self.secants, self.nearby = measure_slopes(self.objective, question.size)
         self.jump = dominant_jump(self.objective, question.size)
-
         self._smoothed: dict[float, ReferenceGradient] = {}
 
     def smoothed(self, sigma: float) -> ReferenceGradient:
         """Return the exact gradient smoothed with noise of standard deviation ``sigma``, by quadrature."""
         if sigma not in self._smoothed:
-            self._smoothed[sigma] = quadrature(self.objective, sigma, TRUTH_POINTS)
+            self._smoothed[sigma] = quadrature(self.objective, sigma, self._question.points)
         return self._smoothed[sigma]
 
 
@@ -113,7 +117,10 @@ def dominant_jump(objective: WorldObjective, size: float, share: float = JUMP_SH
 
 @dataclass(frozen=True)
 class GradientReport:
-    """Measurements of several simulators for one derivative, with verdicts; ``rows`` has a JSON object for each."""
+    """Measurements of several simulators for one or more derivatives, with verdicts.
+
+    ``rows`` has a JSON object for each simulator and derivative.
+    """
 
     question: Question
     rows: list[dict[str, Any]]
@@ -142,137 +149,128 @@ class GradientReport:
 
 def measure_worlds(
     worlds: Sequence[World],
-    question: Question,
+    questions: Question | Sequence[Question],
     settings: ReportSettings | None = None,
     files: SavedWork = UNSAVED,
     progress: Callable[[int, str], None] | None = None,
 ) -> GradientReport:
     """Measure the gradient of each simulator; judge whether it is its output's derivative, and the exact derivative.
 
-    Finished simulators are saved to ``files``, from which the same call resumes. A simulator that raises
-    :class:`~ocp.errors.InputError` gets a row with the status ``failed``, and the others are measured. ``progress``
-    is called with the number of finished simulators and the name of the next one.
+    With several ``questions`` of equal size, each simulator is measured for each of them. Finished measurements are
+    saved to ``files``, from which the same call resumes. A simulator that raises :class:`~ocp.errors.InputError` gets
+    a row with the status ``failed``, and the others are measured. ``progress`` is called with the number of finished
+    measurements and the name of the next one.
 
     Raises :class:`~ocp.errors.InputError` if all simulators fail, or if the exact output cannot be computed.
     """
     settings, rows, failures = settings or ReportSettings(), [], []
-    truth = None if question.truth is None else _Truth(question, question.truth)
-    for index, world in enumerate(worlds):
+    questions = [questions] if isinstance(questions, Question) else questions
+    truths = [None if question.truth is None else _Truth(question, question.truth) for question in questions]
+    for index, ((question, truth), world) in enumerate(product(zip(questions, truths, strict=True), worlds)):
+        name = world.name if len(questions) == 1 else f"{world.name} along {question.signals[0].name}"
         if progress is not None:
-            progress(index, world.name)
+            progress(index, name)
         saved = files.rows(index)
         if saved is None:
             try:
-                saved = [to_json(_measure_world(world, question, truth, settings))]
+                saved = [to_json({"world": name} | _measure_world(world, question, truth, settings))]
             except InputError as error:
                 failures.append(error)
-                rows.append({"world": world.name, "status": "failed", "verdict": "failed", "sentence": str(error)})
+                rows.append({"world": name, "status": "failed", "verdict": "failed", "sentence": str(error)})
                 continue
             files.save_rows(index, saved)
         rows += saved
-    if len(failures) == len(worlds):
+    if len(failures) == len(rows):
         raise failures[0]
-    return GradientReport(question, rows)
+    return GradientReport(questions[0], rows)
 
 
 def _measure_world(world: World, question: Question, truth: _Truth | None, settings: ReportSettings) -> dict[str, Any]:
     """Return the measurements of one simulator with its verdict, as a JSON object."""
-    n_outputs, nonfinite = check_world(world, question.theta)
-    if question.output >= n_outputs:
-        raise InputError(f"{world.name} has {n_outputs} outputs, got {question.output} as the index of the output")
-    measures = _Measurement(world, question, truth, settings).run()
-    findings = judge_world(measures, settings.tolerance)
-    secants = measures.secants
+    nonfinite = question.check(world)
+    measures = _measures(world, question, truth, settings)
+    findings = [*judge_world(measures, settings.tolerance), *question.further_findings(world)]
+    secants, exact = measures.secants, measures.truth_secants
     return {
-        "world": world.name,
         "status": "done",
         "verdict": findings[0].code.removeprefix("gradient-"),
-        "sentence": _sentence(findings),
+        "sentence": "; ".join(finding.sentence for finding in findings) + ".",
         "findings": [finding.document for finding in findings],
         "method": world.method if world.differentiate is not None else "differences",
         "settings": dict(world.settings),
         "versions": dict(world.versions),
         "nonfinite": nonfinite,
-        "slope": measures.slope,
-        "truth": measures.truth,
-        "nearby": measures.nearby,
-        "noise": secants.noise,
-        "amplitudes": secants.amplitudes,
+        **{
+            name: getattr(measures, name)
+            for name in ("slope", "truth", "nearby", "refinements", "horizons", "smoothed")
+        },
+        **{name: getattr(secants, name) for name in ("noise", "amplitudes", "ahead", "behind", "errors")},
         "secants": secants.slopes,
-        "ahead": secants.ahead,
-        "behind": secants.behind,
-        "errors": secants.errors,
-        "truth_secants": measures.truth_secants,
-        "refinements": measures.refinements,
-        "smoothed": measures.smoothed,
+        "truth_secants": None if exact is None else exact.slopes,
     }
 
 
-def _sentence(findings: Sequence[Finding]) -> str:
-    return "; ".join(finding.sentence for finding in findings) + "."
-
-
-class _Measurement:
-    """Measurement of one simulator for one derivative."""
-
-    def __init__(self, world: World, question: Question, truth: _Truth | None, settings: ReportSettings) -> None:
-        self._world, self._question, self._truth, self._settings = world, question, truth, settings
-        self._objective = question.objective(world)
-
-    def run(self) -> Measures:
-        """Return all measurements on which the verdict depends."""
-        truth, size = self._truth, self._question.size
-        secants = measure_secants(self._objective, size)
-        slopes = self._slopes(self._objective, secants)
-        # If the exact output is unknown, slopes are compared with the secant over the largest amplitude.
-        true_slopes = np.full(len(slopes), secants.slopes[-1]) if truth is None else truth.nearby
-        jump = dominant_jump(self._objective, size, OWN_JUMP_SHARE) if truth is None else truth.jump
-        return Measures(
-            slope=float(slopes[0]),
-            nearby=slopes[1:],
-            truth=float(true_slopes[0]),
-            nearby_truth=true_slopes[1:],
-            secants=secants,
-            truth_secants=None if truth is None else truth.secants.slopes,
-            has_gradient=self._world.differentiate is not None,
-            jump=None if jump is None else (jump.size, float(self._objective.theta[0] + jump.place[0])),
-            refinements=self._refinements(),
-            smoothed=self._smoothed(),
+def _measures(world: World, question: Question, truth: _Truth | None, settings: ReportSettings) -> Measures:
+    """Return all measurements of a simulator on which the verdict depends."""
+    objective, size = question.objective(world), question.size
+    secants, slopes = measure_slopes(objective, size)
+    if truth is None:
+        # If the exact output is unknown, slopes are those of the parabola through the largest amplitude.
+        amplitude, curvature = secants.amplitudes[-1], secants.ahead[-1] - secants.behind[-1]
+        offsets = nearby_points(objective.theta[0], size) - objective.theta[0]
+        true_slopes, jump = (
+            secants.slopes[-1] + curvature / amplitude * offsets,
+            dominant_jump(objective, size, OWN_JUMP_SHARE),
         )
+    else:
+        true_slopes, jump = truth.nearby, truth.jump
+    times = settings.refinements
+    return Measures(
+        slope=float(slopes[0]),
+        nearby=slopes[1:],
+        truth=float(true_slopes[0]),
+        nearby_truth=true_slopes[1:],
+        secants=secants,
+        truth_secants=None if truth is None else truth.secants,
+        has_gradient=world.differentiate is not None,
+        jump=None if jump is None else (jump.size, float(objective.theta[0] + jump.place[0])),
+        refinements=_changes(world, world.sharper, times, question, truth),
+        horizons=_changes(world, world.longer, times, question, None),
+        smoothed=_smoothed(objective, size, truth, settings),
+    )
 
-    def _slopes(self, objective: WorldObjective, secants: Secants) -> np.ndarray:
-        points = nearby_points(float(objective.theta[0]), self._question.size)
-        return local_slopes(objective, points, float(secants.amplitudes[secants.sharpest]))
 
-    def _refinements(self) -> list[dict[str, Any]]:
-        """Return rows for 0, 1, 2, ... refinements: settings, slope, and median size and error of nearby slopes."""
-        rows = []
-        for times in range(self._settings.refinements + 1 if self._world.sharper else 0):
-            world = self._world.refined(times)
-            objective = self._question.objective(world)
-            slopes = self._slopes(objective, measure_secants(objective, self._question.size))
-            truth = slopes[:1] * np.nan if self._truth is None else self._truth.nearby
-            rows.append(
-                {
-                    "settings": {name: world.settings[name] for name in world.sharper},
-                    "slope": float(slopes[0]),
-                    "typical": float(np.median(np.abs(slopes))),
-                    "error": float(np.median(np.abs(slopes - truth))),
-                }
-            )
-        return rows
+def _changes(
+    world: World, factors: Mapping[str, float], times: int, question: Question, truth: _Truth | None
+) -> list[dict[str, Any]]:
+    """Return rows for settings multiplied 0, 1, 2, ... times: slope, and median size and error of nearby slopes."""
+    rows = []
+    for count in range(times + 1 if factors else 0):
+        settings = {name: world.settings[name] * factor**count for name, factor in factors.items()}
+        _, slopes = measure_slopes(question.objective(world.at(settings)), question.size)
+        error = np.nan if truth is None else float(np.median(np.abs(slopes - truth.nearby)))
+        rows.append(
+            {
+                "settings": settings,
+                "slope": float(slopes[0]),
+                "typical": float(np.median(np.abs(slopes))),
+                "error": error,
+            }
+        )
+    return rows
 
-    def _smoothed(self) -> list[dict[str, Any]]:
-        """Return zeroth-order estimates at every sigma and, for a simulator with derivatives, first-order estimates."""
-        rows, truth = [], self._truth
-        for index, share in enumerate(self._settings.sigmas):
-            sigma = share * self._question.size
-            seed = np.random.SeedSequence(self._settings.seed, spawn_key=(index,))
-            reference = None if truth is None else truth.smoothed(sigma)
-            n = self._settings.samples
-            zeroth = smoothed_gradient(self._objective, ZEROTH_ORDER, sigma, reference, n, seed)
-            rows.append(zeroth)
-            if self._world.differentiate is not None and self._world.samples_gradient:
-                compared = own_reference(zeroth) if reference is None and np.isfinite(zeroth["mean"]) else reference
-                rows.append(smoothed_gradient(self._objective, FIRST_ORDER, sigma, compared, n, seed))
-        return rows
+
+def _smoothed(
+    objective: WorldObjective, size: float, truth: _Truth | None, settings: ReportSettings
+) -> list[dict[str, Any]]:
+    """Return zeroth-order estimates at every sigma and, for a simulator with derivatives, first-order estimates."""
+    rows, world, n = [], objective.world, settings.samples
+    for index, share in enumerate(settings.sigmas):
+        sigma, seed = share * size, np.random.SeedSequence(settings.seed, spawn_key=(index,))
+        reference = None if truth is None else truth.smoothed(sigma)
+        zeroth = smoothed_gradient(objective, ZEROTH_ORDER, sigma, reference, n, seed)
+        rows.append(zeroth)
+        if world.differentiate is not None and world.samples_gradient:
+            compared = own_reference(zeroth) if reference is None and np.isfinite(zeroth["mean"]) else reference
+            rows.append(smoothed_gradient(objective, FIRST_ORDER, sigma, compared, n, seed))
+    return rows

@@ -15,6 +15,8 @@ from ocp.gradients.objective import CostSamples, SampledObjective
 
 Simulation = Callable[..., Any]
 """Function ``(theta, **settings)`` of parameters (n, d) that returns outputs (n, m), or their gradients (n, m, d)."""
+SHARPER = {"h": 0.5, "mu": 0.1, "sigma": 0.25, "stiffness": 4.0}
+"""Mapping from settings of our worlds to the factors by which they change in one refinement."""
 ROW_TOLERANCE = 1e-6
 """Largest difference between one row simulated alone and among others, as a share of the largest output."""
 
@@ -26,7 +28,8 @@ class World:
     ``simulate(theta, **settings)`` returns the outputs, and ``differentiate(theta, **settings)`` their gradients
     (n, m, d); it is None for a simulator without derivatives. ``settings`` are numbers such as the step size.
     ``sharper`` maps settings to the factors by which they change when the simulator is refined once, such as
-    ``{"h": 0.5, "stiffness": 4.0}``. ``method`` says how the gradient is computed, and ``versions`` are those of
+    ``{"h": 0.5, "stiffness": 4.0}``, and ``longer`` those that extend its horizon to the factors of one extension, such
+    as ``{"steps": 2.0}``. ``method`` says how the gradient is computed, and ``versions`` are those of
     the packages that simulate. ``samples_gradient`` is false where gradients are too slow to be sampled.
     """
 
@@ -35,6 +38,7 @@ class World:
     differentiate: Simulation | None = None
     settings: Mapping[str, float] = field(default_factory=dict)
     sharper: Mapping[str, float] = field(default_factory=dict)
+    longer: Mapping[str, float] = field(default_factory=dict)
     method: str = "AD"
     versions: Mapping[str, str] = field(default_factory=dict)
     samples_gradient: bool = True
@@ -72,11 +76,6 @@ class World:
                 listed = ", ".join(self.settings) or "none"
                 raise InputError(f"{self.name} has no setting {name!r}; its settings: {listed}")
         return replace(self, settings={**self.settings, **settings})
-
-    def refined(self, times: int) -> World:
-        """Return the simulator with every setting of ``sharper`` multiplied by its factor, ``times`` times."""
-        factors = self.sharper.items()
-        return self.at({name: self.settings[name] * factor**times for name, factor in factors})
 
     def _call(self, function: Simulation, call: str, theta: np.ndarray) -> np.ndarray:
         argument = np.array(theta, dtype=float)

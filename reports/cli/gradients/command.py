@@ -1,20 +1,25 @@
-"""``ocp gradients SCENE|FILE``: is a simulator's gradient through contact right?"""
+"""``ocp gradients SCENE|FILE|RUN``: is a simulator's gradient through contact right?"""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 from dynamics.settings import read_value, settings_of
 from ocp import store
-from ocp.errors import InputError, interruptible
-from ocp.gradients.worlds import GradientReport, ReportSettings, check_world, measure_worlds
+from ocp.errors import interruptible
+from ocp.gradients.worlds import GradientReport, ReportSettings, measure_worlds
+from ocp.solution import Solution
 from ocp.store.checkpoint import Checkpoint
 from problems.gradient_scenes.cases import GradientCase, gradient_case
+from problems.plugin import problem_of
 from reports.cli import interrupt
 from reports.cli.options.gradients import GradientsOptions
 from reports.cli.request import check_outputs, parse_assignments
 from reports.tables.gradients import gradients_table
 
+PLAN_SAMPLES = "200"
+"""Default number of samples of each smoothed gradient of a plan, which is slow to simulate."""
 Request = tuple[GradientCase, ReportSettings, Checkpoint]
 """Derivative and simulators, settings, and the storage of finished simulators."""
 
@@ -23,19 +28,25 @@ def check(options: GradientsOptions) -> Request:
     """Return the checked request: simulators that were tried near the nominal parameter, settings, and storage."""
     texts = parse_assignments("-s", options.settings)
     values = {name: read_value(f"-s {name}", text, float) for name, text in texts.items()}
-    settings = ReportSettings(
-        options.tolerance,
-        settings_of(ReportSettings)["samples"].read(options.samples, "--"),
-        refinements=options.refinements,
-        seed=options.seed,
-    )
-    case = gradient_case(options.scene, options.worlds or (), values, options.parameter, options.component)
+    source = _source(options)
+    is_default_of_plan = isinstance(source, Solution) and "samples" not in options.explicit
+    text = PLAN_SAMPLES if is_default_of_plan else options.samples
+    samples = settings_of(ReportSettings)["samples"].read(text, "--")
+    settings = ReportSettings(options.tolerance, samples, refinements=options.refinements, seed=options.seed)
+    case = gradient_case(source, options.worlds or (), values, options.parameter, options.component, options.seed)
     for world in case.worlds:
-        n_outputs, _ = check_world(world, case.question.theta)
-        if options.component >= n_outputs:
-            raise InputError(f"{world.name} has {n_outputs} outputs, got --component {options.component}")
+        case.questions[0].check(world)
     check_outputs(options.out, options.pdf)
     return case, settings, Checkpoint(options.out, case.name, _record(options, case, settings), case.content)
+
+
+def _source(options: GradientsOptions) -> str | Solution:
+    """Return the name of a scene or a file, or the solution of the run that the user names."""
+    if not options.scene.startswith("@") and not Path(options.scene).is_dir():
+        return options.scene
+    run = options.stored(options.scene)
+    run.check_solve()
+    return run.solution(problem_of(run, options.problem_from_source([run]))[2])
 
 
 def run(options: GradientsOptions, request: Request) -> int:
@@ -45,12 +56,12 @@ def run(options: GradientsOptions, request: Request) -> int:
 
     def announce(index: int, name: str) -> None:
         interrupt.raise_if_interrupted()
-        output.note(f"simulator {index + 1} of {len(case.worlds)}: {name}")
+        output.note(f"{index + 1} of {len(case.questions) * len(case.worlds)}: {name}")
 
     with checkpoint, interruptible():
         for line in checkpoint.notes:
             output.say(line)
-        report = measure_worlds(case.worlds, case.question, settings, checkpoint, announce)
+        report = measure_worlds(case.worlds, case.questions, settings, checkpoint, announce)
         meta = _meta(options, case, settings, report)
         stored = store.write_run(options.out, case.name, report.dataset(), meta)
         checkpoint.discard()
@@ -68,8 +79,9 @@ def _record(options: GradientsOptions, case: GradientCase, settings: ReportSetti
         "samples": settings.samples,
         "refinements": settings.refinements,
         "seed": settings.seed,
-        "theta": list(case.question.theta),
-        "size": case.question.size,
+        "theta": list(case.questions[0].theta),
+        "size": case.questions[0].size,
+        "plan": case.plan or None,
         "source": options.scene if options.scene.endswith(".py") else None,
     }
 
@@ -78,7 +90,7 @@ def _meta(
     options: GradientsOptions, case: GradientCase, settings: ReportSettings, report: GradientReport
 ) -> dict[str, Any]:
     """Return the metadata of the run to be stored."""
-    parameter, output = ({"name": signal.name, "unit": signal.unit} for signal in case.question.signals)
+    parameter, output = ({"name": signal.name, "unit": signal.unit} for signal in case.questions[0].signals)
     return {
         "kind": "gradients",
         "argv": options.argv,

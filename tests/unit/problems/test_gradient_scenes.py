@@ -152,7 +152,7 @@ def test_names_are_checked() -> None:
         (("two-balls", ["exact"], {"h": 0.0}), "h must be > 6e-06 and <= 0.6"),
         (("two-balls", ["barrier"], {"mu": -1.0}), "mu must be > 0, got -1"),
         (("two-balls", ["exact", "exact"]), "named twice"),
-        (("two-balls", (), {}, 1), "one parameter and one output"),
+        (("two-balls", (), {}, 1), "choose entries of a file, and two-balls is none"),
     ):
         with pytest.raises(InputError, match=message):
             gradient_case(*arguments)

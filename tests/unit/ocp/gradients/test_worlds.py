@@ -130,6 +130,100 @@ def test_an_error_that_vanishes_with_the_step_is_told_from_one_that_does_not() -
     assert "does not lower the error" in judged(stubborn, SINE)["sentence"]
 
 
+def tent(theta: np.ndarray, steps: float) -> np.ndarray:
+    """Return ``steps`` iterations of the map 1 - |1 - 2 y|: a triangle wave of 2^(steps - 1) periods."""
+    return 1 - np.abs(1 - 2 * (2.0 ** (steps - 1) * theta % 1))
+
+
+def tent_slopes(theta: np.ndarray, steps: float) -> np.ndarray:
+    return (np.where(2.0 ** (steps - 1) * theta % 1 < 0.5, 1, -1) * 2.0**steps)[:, :, None]
+
+
+def logistic(theta: np.ndarray, steps: float) -> np.ndarray:
+    """Return ``steps`` iterations of 4 y (1 - y), as sin^2(2^steps asin(sqrt(theta)))."""
+    return np.sin(2.0**steps * np.arcsin(np.sqrt(theta))) ** 2
+
+
+def logistic_slopes(theta: np.ndarray, steps: float) -> np.ndarray:
+    angle = 2.0**steps * np.arcsin(np.sqrt(theta))
+    return (2.0**steps * np.sin(2 * angle) / (2 * np.sqrt(theta * (1 - theta))))[:, :, None]
+
+
+CHAOS = {
+    "tent": World("tent", tent, tent_slopes, {"steps": 6.0}, longer={"steps": 2.0}),
+    "logistic": World("logistic", logistic, logistic_slopes, {"steps": 8.0}, longer={"steps": 2.0}),
+}
+
+
+@pytest.mark.parametrize("name", CHAOS)
+def test_slopes_of_chaotic_maps_explode_at_the_rate_of_their_lyapunov_exponent(name: str) -> None:
+    """Both maps stretch by 2 per step, so that slopes grow as 2^steps; neither has a step size to refine."""
+    question = Question(np.array([0.3003]), 1.0)
+    (row,) = measure_worlds([CHAOS[name]], question, ReportSettings(samples=100)).rows
+    assert row["verdict"] == "exploding", row["sentence"]
+    sizes, steps = ([each[key] for each in row["horizons"]] for key in ("typical", "settings"))
+    rates = np.diff(np.log(sizes)) / np.diff([each["steps"] for each in steps])
+    np.testing.assert_allclose(rates, np.log(2), rtol=1e-9 if name == "tent" else 0.2)
+    assert ("exp(0.693 steps)" in row["sentence"]) == (name == "tent")
+
+
+def power(exponent: float) -> World:
+    """Return a sawtooth with the mean slope 1 whose teeth rise at the slope steps^exponent."""
+    rise = lambda steps: steps**exponent - 1  # noqa: E731
+    return World(
+        "power",
+        lambda theta, steps: theta + rise(steps) * (theta % TOOTH),
+        lambda theta, steps: np.full((*theta.shape, 1), 1 + rise(steps)),
+        {"steps": 6.0},
+        longer={"steps": 2.0},
+    )
+
+
+def test_powers_of_the_horizon_and_the_right_slope_of_an_unstable_map_are_not_exploding() -> None:
+    """The slope a^n of the linear map is exact, for it is that of all secants."""
+    assert judged(power(3.0), SINE)["verdict"] == "of-the-discrete-map"
+    linear = World(
+        "linear",
+        lambda theta, steps: 1.5**steps * theta,
+        lambda theta, steps: np.full((*theta.shape, 1), 1.5**steps),
+        {"steps": 6.0},
+        longer={"steps": 2.0},
+    )
+    assert judged(linear, linear.at({}), samples=100)["verdict"] == "right"
+    assert judged(linear, None, samples=100)["verdict"] == "consistent"
+
+
+def test_at_a_kink_slopes_of_both_sides_are_right_and_no_others() -> None:
+    """The slopes of max(-t, 2 t) at 0 are -1 and 2; simulators may return either, or one between."""
+    offset = lambda t: t - NOMINAL  # noqa: E731
+    kink = lambda t: np.maximum(-offset(t), 2 * offset(t))  # noqa: E731
+
+    def slopes(at_kink: float):
+        return lambda t: np.where(offset(t) == 0, at_kink, np.where(offset(t) > 0, 2.0, -1.0))[:, :, None]
+
+    truth = World("kink", kink, slopes(2.0))
+    for at_kink in (-1.0, 2.0):
+        row = judged(World("one-sided", kink, slopes(at_kink)), truth, samples=100)
+        assert row["verdict"] == "right" and row["findings"][1]["code"] == "truth-has-a-kink"
+        assert row["findings"][1]["numbers"] == pytest.approx({"low": -1.0, "high": 2.0})
+    assert judged(World("between", kink), truth, samples=100)["verdict"] == "right"
+    steep = World("steep", lambda t: 1.5 * kink(t), lambda t: 1.5 * slopes(2.0)(t))
+    assert judged(steep, truth, samples=100)["verdict"] == "of-the-discrete-map"
+    reversed_kink = World("reversed", lambda t: -kink(t), lambda t: -slopes(2.0)(t))
+    assert judged(reversed_kink, truth, samples=100)["verdict"] == "of-the-discrete-map"
+
+
+def test_at_an_optimum_slopes_are_compared_with_those_in_reach() -> None:
+    """The slope of 1 - cos at 0 is rounding error or zero, and up to a/2 over the secants in reach."""
+    valley = World("valley", lambda t: 1 - np.cos(t - NOMINAL), lambda t: np.sin(t - NOMINAL)[:, :, None])
+    beside = World("beside", lambda t: 1 - np.cos(t - 1.0), lambda t: np.sin(t - 1.0)[:, :, None])
+    shifted = World("shifted", lambda t: 1 - np.cos(t - 0.95), lambda t: np.sin(t - 0.95)[:, :, None])
+    assert judged(valley, valley)["verdict"] == judged(beside, valley)["verdict"] == "right"
+    assert judged(valley, None)["verdict"] == "consistent"
+    row = judged(shifted, valley)
+    assert row["verdict"] == "of-the-discrete-map" and f"off by {np.sin(NOMINAL[0] - 0.95):.3g}" in row["sentence"]
+
+
 def test_the_amplitude_from_which_secants_are_right_is_that_of_the_sawtooth() -> None:
     """A secant over a is off by at most 3 TOOTH/(2 a), so that it is within 5 % from a few dozen teeth on."""
     advice = judged(saw(3.0), SINE)["findings"][1]
