@@ -43,7 +43,7 @@ class SidePushing:
 
     @cached_property
     def _sides(self) -> list[tuple[ca.SX, ca.SX, ca.SX]]:
-        """Middle, inner normal and half length of every side."""
+        """Midpoint, inner normal and half length of every side."""
         sides, ends = [], [ca.vertcat(*(ca.SX(v) for v in corner)) for corner in self.corners]
         for first, second in zip(ends, ends[1:] + ends[:1], strict=True):
             edge = second - first
@@ -108,7 +108,7 @@ def outline(corners: Sequence[tuple[float, float]], pose: np.ndarray, role: str)
 
 
 def side_frames(corners: Sequence[tuple[float, float]], pose: np.ndarray) -> list[ContactFrame]:
-    """Return a contact frame at the middle of every side; the actual point of the force depends on the moment m."""
+    """Return a contact frame at the middle of every side, although a moment shifts the point where a side pushes."""
     contact_frames = []
     for x1, y1, x2, y2 in _sides_at(corners, pose):
         length = math.hypot(x2 - x1, y2 - y1)

@@ -22,13 +22,13 @@ class Branch:
 
 @dataclass(frozen=True)
 class Schedule:
-    """A homotopy to the exact law: the smoothing parameter's name, its first value ``wide``, and its factor per stage.
+    """Homotopy to the exact law: the smoothing ``parameter``, its ``first_value``, and its ``factor`` per stage.
 
     ``is_mu`` says that the parameter is the central-path parameter itself.
     """
 
     parameter: str
-    wide: float
+    first_value: float
     factor: float
     is_mu: bool = False
 

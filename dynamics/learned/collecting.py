@@ -57,7 +57,7 @@ class Piece:
 
 @dataclass(frozen=True)
 class Drawn:
-    """Transitions of a piece, sampled from the ranges and from the tube, and the number of unsolved steps."""
+    """Transitions of one part, sampled from the ranges and from the tube, and the number of unsolved steps."""
 
     in_ranges: Rows
     in_tube: Rows
@@ -65,7 +65,7 @@ class Drawn:
 
 
 def split_pieces(n: int, seed: int) -> list[Piece]:
-    """Split n transitions into pieces with independent random streams; a single piece uses the seed's own stream."""
+    """Split n transitions into parts with independent random streams; a single part uses the seed's own stream."""
     count = max(1, -(-n // PIECE_ROWS))
     root = np.random.SeedSequence(seed)
     streams = [root] if count == 1 else root.spawn(count)
@@ -78,7 +78,7 @@ def split_pieces(n: int, seed: int) -> list[Piece]:
 
 
 def draw_piece(step: Step, region: Region, piece: Piece) -> Drawn:
-    """Draw the transitions of a piece; raise ``ValueError`` as :func:`collect_transitions` does."""
+    """Draw the transitions of one part of a collection; raise ``ValueError`` as :func:`collect_transitions` does."""
     region.check(step.system)
     p, rng = step.p.values, np.random.default_rng(piece.stream)
     source = _Source(step, p, region, nonpenetrating_filter(step, p))
@@ -94,7 +94,7 @@ def merge_pieces(
     seed: int,
     provenance: Mapping[str, Any] | None = None,
 ) -> Transitions:
-    """Concatenate pieces in order: first the rows of all pieces from the ranges, then the rows from the tube."""
+    """Concatenate parts in order: first the rows of all parts from the ranges, then the rows from the tube."""
     rows = [*(piece.in_ranges for piece in drawn_pieces), *(piece.in_tube for piece in drawn_pieces)]
     x, u, x_next = (np.concatenate(column) for column in zip(*rows, strict=True))
     full_provenance = {

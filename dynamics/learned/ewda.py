@@ -40,7 +40,7 @@ class EwdaModel:
     with ``d = z~_i - E z~``. Far from the data g is the target of the nearest point.
 
     ``z`` (n, nz) and ``y`` (n, ny) are the data in their own units. `backend` is ``c``, ``numpy``,
-    or ``auto`` for the faster of the available two; `threads` is the number of threads of ``c``, None for all
+    or ``auto`` for the faster one that is available; `threads` is the number of threads of ``c``, None for all
     CPUs. Results of a backend do not depend on the threads or on other queries.
 
     Raises ``ValueError`` for sigma or data that are not finite, for sigma <= 0, and for shapes that do not fit

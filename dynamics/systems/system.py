@@ -207,7 +207,7 @@ class ContactSystem:
     def without_rotations(self) -> tuple[ca.SX, ca.SX]:
         """Residual that is affine in (x_next, lam), and gap, both without the rotating entries of x_next.
 
-        The residual's rows of rotating entries are linearised about no motion. In the gap these
+        The residual's rows of rotating entries are linearised at zero motion. In the gap these
         entries are replaced by their exact update from the other entries of x_next.
         """
         if not self.rotating_entries:

@@ -112,10 +112,10 @@ DATASET_NAMES = {
 
 @dataclass(frozen=True)
 class Grid:
-    """Grid of solves: a request at all combinations of the axes' values; axes have full names as in
-    :class:`~ocp.solve.solve_request.SolveRequest`.
+    """Grid of solves: a request at all combinations of the axes' values.
 
-    ``starts``, ``seed`` and ``rank`` are the number of guesses, the seed and the ranking of every solve.
+    Axes have full names as in :class:`~ocp.solve.solve_request.SolveRequest`. ``starts``, ``seed``
+    and ``rank`` are the number of guesses, the seed and the ranking of every solve.
     """
 
     request: SolveRequest

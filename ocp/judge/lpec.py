@@ -253,7 +253,7 @@ def _solved(
 
     options = {"node_limit": NODES, "mip_rel_gap": gap}
     arguments = {"constraints": LinearConstraint(*rows), "bounds": Bounds(*box), "integrality": integrality}
-    with unheard():
+    with without_stdout():
         solution = milp(objective, options=options, **arguments)
         if solution.status == 4 and "limit" not in solution.message:
             solution = milp(objective, options={**options, "presolve": False}, **arguments)
@@ -300,7 +300,7 @@ _STDOUT_LOCK = threading.Lock()
 
 
 @contextmanager
-def unheard() -> Iterator[None]:
+def without_stdout() -> Iterator[None]:
     """Discard output on file descriptor 1, since HiGHS calls ``printf`` whatever its options are."""
     with _STDOUT_LOCK, Path(os.devnull).open("w") as nowhere:
         _flush()

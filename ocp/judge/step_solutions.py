@@ -203,7 +203,7 @@ class StepSolutions:
         return step_index[is_solution], x_next[is_solution], lam[is_solution]
 
     def _let_slide(self, lam: np.ndarray, gap: np.ndarray) -> None:
-        """Raise in place the slip multipliers of contacts without friction to the slip of the motion."""
+        """Increase in place the slip multipliers of contacts without friction impulse to the slip of their motion."""
         for slip, sides in self._slips:
             extra_slip = np.where(lam[:, sides].any(axis=1), 0.0, -gap[:, sides].min(axis=1).clip(max=0))
             lam[:, slip] += extra_slip

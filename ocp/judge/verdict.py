@@ -55,11 +55,12 @@ class Judgement:
 
     ``certificate`` says whether the point is stationary for the problem as posed, ``referee`` how it replays
     under the most exact contact model, ``idle_cost`` the cost of standing still under the same law
-    (:func:`~ocp.judge.idling.idle_cost`), ``undone`` findings on bodies and states that it leaves untouched or
-    unmoved. ``record`` is the request as a JSON-serialisable dict: problem, contact, method, policy, solver,
-    parameters, settings, seed. ``route`` describes the route to the solution and other attempts. ``unbounded`` is a
-    clause on a ray along which the cost decreases without bound, or "". ``simulator`` and ``sensitivities``, a
-    mapping from parameters, are results computed after the solve, as dicts, each with a ``sentence`` for the verdict.
+    (:func:`~ocp.judge.idling.idle_cost`), ``undone`` findings on bodies that it does not touch and states
+    that it does not move. ``record`` is the request as a JSON-serialisable dict: problem, contact, method, policy,
+    solver, parameters, settings, seed. ``route`` describes the route to the solution and other attempts.
+    ``unbounded`` is a clause on a ray along which the cost decreases without bound, or "". ``simulator`` and
+    ``sensitivities``, a mapping from parameters, are results computed after the solve, as dicts, each with a
+    ``sentence`` for the verdict.
     """
 
     arrays: LabelledArrays

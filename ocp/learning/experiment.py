@@ -48,7 +48,7 @@ class Budget(NamedTuple):
     n_evaluations: int
 
     def intervals_in(self, steps: float) -> int:
-        """Return how many whole intervals between evaluations fit in a number of simulated ``steps``."""
+        """Return the number of whole intervals between evaluations in a number of simulated ``steps``."""
         return int(steps * self.n_evaluations // self.steps)
 
 

@@ -79,7 +79,10 @@ class ActiveSets:
         return frictionless
 
     def exchangeable(self, closed: np.ndarray) -> np.ndarray:
-        """Return a mask (N, n) of pairs that may be exchanged alone: no slip pair, and no last closed friction pair."""
+        """Return a mask (N, n) of the pairs that may be exchanged alone.
+
+        These are all pairs except slip pairs, and except the only closed friction pair of a contact.
+        """
         exchangeable = ~self.frictionless(closed)
         for contact in self.contacts:
             f = list(contact.friction)

@@ -80,7 +80,7 @@ class PlanRegulator:
         return LinearClosure(lam / gap_size / larger, gap / lam_size / larger, zero, zero)
 
     def gains(self, weights: Weights = NO_WEIGHTS, smoothing: float = 0.0) -> Gains:
-        """Return K (N, nu, nx), k (N, nu) of the feedback ``u = K x + k``, which gives the plan's inputs along it."""
+        """Return K (N, nu, nx), k (N, nu) of the feedback ``u = K x + k``, with the plan's inputs at its states."""
         lin, plan, N = self.linearised(smoothing), self._plan, len(self._plan.u)
         nx, nu = self._model.nx, self._model.nu
         hessian, (end_gradient, end_hessian) = lin.hessian.copy(), lin.end

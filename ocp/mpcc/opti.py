@@ -55,7 +55,7 @@ class Stack:
                 raise InputError(f"{symbol.name()} is an integer variable; complementarity needs real ones")
         for constraint in snapshot.constraints():
             meta = snapshot.get_meta_con(constraint)
-            location, rows = _place(meta.extra), range(meta.start, meta.stop)
+            location, rows = _source_line(meta.extra), range(meta.start, meta.stop)
             relation = relation_of(meta.canon)
             if relation is not None:
                 contents.relations.append(replace(relation, name=location or "pair"))
@@ -230,7 +230,7 @@ class OptiSolution:
         return np.reshape(values, matrix.shape)
 
 
-def _place(extra: dict[str, Any]) -> str:
+def _source_line(extra: dict[str, Any]) -> str:
     """Return the line and file in which a constraint was stated, "" if they are not known."""
     frames = extra.get("stacktrace", ())
     return f"line {frames[0]['line']} of {Path(frames[0]['file']).name}" if frames else ""

@@ -44,8 +44,8 @@ class Presolved:
         self.g, self.G, self.H = ca.cse([g, ca.vertcat(none, *form.G), ca.vertcat(none, *form.H)])
         side_hashes = {side.element_hash() for side in ca.vertsplit(ca.vertcat(self.G, self.H))}
         self.repeats = np.array([row.element_hash() in side_hashes for row in ca.vertsplit(self.g)], dtype=bool)
-        self.others = np.flatnonzero(~self.repeats)
-        unrepeated = self.others.tolist()
+        self.unrepeated = np.flatnonzero(~self.repeats)
+        unrepeated = self.unrepeated.tolist()
         lbg, ubg = ca.SX.sym("lbg", self.m), ca.SX.sym("ubg", self.m)
         parameters = ca.vertcat(p, lbg, ubg)
         low, high = ca.fmax(low, lbg), ca.fmin(high, ubg)
@@ -58,7 +58,7 @@ class Presolved:
             ca.vertcat(_entries(low, unrepeated), -1),
             ca.vertcat(_entries(high, unrepeated), 1),
         )
-        self.kept = np.array(kept_rows, dtype=int)
+        self.kept_rows = np.array(kept_rows, dtype=int)
         self.limits = ca.Function("limits", [p, lbg, ubg], [lower[:-1], upper[:-1], low, high])
         self.row_names = row_names or [f"g[{i}]" for i in range(self.m)]
         self._problems: dict[str, MPCC] = {}
@@ -92,7 +92,7 @@ class Presolved:
         """Return the indices of rows that are no simple bounds and do not repeat the sign of a pair's side."""
         low, high = self._limits(values)[2:]
         repeats = self.repeats & (low <= 0) & (high == np.inf)
-        return [*self.others[self.kept].tolist(), *np.flatnonzero(self.repeats & ~repeats).tolist()]
+        return [*self.unrepeated[self.kept_rows].tolist(), *np.flatnonzero(self.repeats & ~repeats).tolist()]
 
     def extended(self, x: np.ndarray, p: np.ndarray) -> np.ndarray:
         """Return x (n,) with the starts of new variables appended."""
@@ -125,8 +125,8 @@ class Presolved:
         lam_g[rows] = multipliers.g[: len(rows)]
         parameters = np.concatenate([values["p"], values["lbg"], values["ubg"]])
         padded = np.concatenate([by_rows, np.zeros(len(self.form.variables) + 1)])
-        restored = self.backward(lam_g[self.others[self.kept]], padded, parameters)
-        lam_g[self.others] = np.array(restored).ravel()[:-1]
+        restored = self.backward(lam_g[self.unrepeated[self.kept_rows]], padded, parameters)
+        lam_g[self.unrepeated] = np.array(restored).ravel()[:-1]
         pairs = np.array([multipliers.G, multipliers.H]).T
         return multipliers.x[: self.n] - by_rows, lam_g, pairs
 

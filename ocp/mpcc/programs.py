@@ -21,8 +21,9 @@ ORDINARY_VARIABLES = 3
 
 @dataclass(frozen=True, eq=False)
 class MPCC:
-    """``min f(x, p)`` subject to ``lbg <= g(x, p) <= ubg``, ``lbx <= x <= ubx`` and
-    ``0 <= G(x, p) ⟂ H(x, p) >= 0``.
+    """Mathematical program with complementarity constraints.
+
+    ``min f(x, p)`` subject to ``lbg <= g(x, p) <= ubg``, ``lbx <= x <= ubx`` and ``0 <= G(x, p) ⟂ H(x, p) >= 0``.
 
     x (n, 1), p (n_p, 1) are symbols, f (1, 1), g (m, 1), G and H (k, 1) expressions in them. Bounds
     are numbers or sequences; by default g is an equation. ``names`` (k) are the names of the pairs in
@@ -218,7 +219,7 @@ class MPCCProgram(Program):
         self, mpcc: MPCC, reformulation: str, p: np.ndarray, start: np.ndarray, bounds_at: BoundsAt | None = None
     ) -> None:
         self.bounds_at = bounds_at or (lambda p: (*mpcc.x_bounds, *mpcc.g_bounds))
-        self.mpcc, self.lifted, self.given = mpcc, mpcc.lifted, p
+        self.mpcc, self.lifted, self.p_values = mpcc, mpcc.lifted, p
         self.reformulation, self.start = reformulation, start
         self.variables, self.pairs = self.lifted.variables, self.lifted.pairs
         functions, self.constraints = self.lifted.close(reformulation)
@@ -232,7 +233,7 @@ class MPCCProgram(Program):
 
     def parameter_vector(self, values: dict[str, float]) -> np.ndarray:
         """Return the parameters p, or named values ``p[i]`` instead of theirs, then penalty and relaxation."""
-        p = [values.get(f"p[{i}]", value) for i, value in enumerate(self.given)]
+        p = [values.get(f"p[{i}]", value) for i, value in enumerate(self.p_values)]
         return np.array([*p, values[PENALTY], values[RELAXATION]])
 
     def bounds(self, values: dict[str, float]) -> dict[str, np.ndarray]:
@@ -267,11 +268,11 @@ class MPCCProgram(Program):
 
     def units_at(self, start: np.ndarray) -> np.ndarray:
         """Return the :attr:`units` derived at another start (n_x,)."""
-        sizes = variable_sizes(self, self.extended(start), self._plain)
+        sizes = variable_sizes(self, self.extended(start), self._unpenalised_parameters)
         return solver_unit(sizes, ORDINARY_VARIABLES)
 
     @cached_property
-    def _plain(self) -> np.ndarray:
+    def _unpenalised_parameters(self) -> np.ndarray:
         return self.parameter_vector({PENALTY: 0.0, RELAXATION: 0.0})
 
     @cached_property
@@ -282,7 +283,7 @@ class MPCCProgram(Program):
         variable or one pair of variables. If changes by all variables were added, a penalty far from its minimum would
         outweigh the rest of the cost.
         """
-        x, p = self.units, self._plain
+        x, p = self.units, self._unpenalised_parameters
         point = self.extended(self.start)
         hessian = np.abs(self.hessian(point, p, 1.0, np.zeros(self.m)).sparse()).tocoo()
         sizes = self.sizes(point)
@@ -304,7 +305,7 @@ class MPCCProgram(Program):
         """Return ``x`` (n_x,) with the slack variables appended: the sides of pairs at x, but at least zero."""
         extended_x = np.zeros(self.n)
         extended_x[: x.size] = x
-        for positions, value in zip(self.pairs, self.lifted.sides(x, self.given), strict=True):
+        for positions, value in zip(self.pairs, self.lifted.sides(x, self.p_values), strict=True):
             is_own = positions >= x.size
             extended_x[positions[is_own]] = np.maximum(np.array(value).ravel()[is_own], 0.0)
         return extended_x

@@ -270,7 +270,7 @@ def _softened(
         violations = np.nan_to_num([np.maximum(g - upper, 0.0), np.maximum(lower - g, 0.0)])
         soft = softened(mpcc, cost, weight * program.natural.f)
         relaxed, inner = _followed(
-            soft, np.concatenate([guess, *violations]), program.given, strategies, follower.solver
+            soft, np.concatenate([guess, *violations]), program.p_values, strategies, follower.solver
         )
         follower.trace.absorb(inner.trace)
         point = Point(program.extended(relaxed.x[: mpcc.x.numel()]))
@@ -309,7 +309,7 @@ def _judged(program: MPCCProgram, source: Program, result: Result, start: np.nda
     p, bounds = program.parameter_vector(values), program.bounds(values)
     x = _at_bounds(program, x, p, bounds)
     infeasibility, worst = violation(program, x, p, bounds)
-    G_and_H = program.lifted.sides(x[: mpcc.x.numel()], program.given)
+    G_and_H = program.lifted.sides(x[: mpcc.x.numel()], program.p_values)
     G, H = (np.array(v).ravel() for v in G_and_H)
     units = program.natural.x[program.pairs]
     complementarity = np.abs(np.minimum(G / units[0], H / units[1]))

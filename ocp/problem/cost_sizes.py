@@ -90,9 +90,10 @@ def _bound(operation: int, right: ca.SX, lower_bounds: list[float]) -> float:
 
 
 def natural_cost_unit(problem: Problem, sizes: Scales) -> float:
-    """Return the change of the cost as states and inputs at rest change by ``sizes``, rounded to a power of 2**24.
+    """Return the cost's unit for a solver, from its largest change as all states and inputs change by ``sizes``.
 
-    Sizes and parameter values are in natural units (:func:`~ocp.programs.units.cost_unit`).
+    Changes start from rest at x0. Sizes and parameter values are in natural units; the unit is a power of 2**24
+    (:func:`~ocp.programs.units.cost_unit`).
     """
     units = problem.scaling.units
     p = np.array([parameter.value / units.of(parameter.unit) for parameter in problem.parameters])

@@ -118,7 +118,7 @@ class Scales:
         """Characteristic mu, ``impulse * gap``, at which homotopies start."""
         return self.impulse * self.gap
 
-    def over(self, units: Scales) -> Scales:
+    def relative_to(self, units: Scales) -> Scales:
         """Return these sizes as multiples of ``units``."""
         return Scales(
             self.impulse / units.impulse,
@@ -178,10 +178,9 @@ class Scenarios:
 
 @dataclass(frozen=True, eq=False)
 class FreeStart:
-    """An optimised initial state: ``lower <= x_0 <= upper``, and ``x_N[i] = x_0[i]`` for i in
-    ``periodic``; ``Problem.x0`` is then the guess of x_0.
+    """An optimised initial state ``lower <= x_0 <= upper``, with ``Problem.x0`` as its guess.
 
-    ``lower`` and ``upper`` (nx, 1) are expressions in the parameters.
+    ``x_N[i] = x_0[i]`` holds for i in ``periodic``. ``lower`` and ``upper`` (nx, 1) are expressions in the parameters.
     """
 
     lower: ca.SX

@@ -275,7 +275,7 @@ class Problem:
             return getattr(derived, name) if multiple is None else multiple * getattr(units, name)
 
         sizes = Scales(size("impulse"), size("gap"), size("x"), size("u"))
-        return replace(sizes, cost=stated.units.cost * natural_cost_unit(self, sizes.over(units)))
+        return replace(sizes, cost=stated.units.cost * natural_cost_unit(self, sizes.relative_to(units)))
 
     @cached_property
     def natural(self) -> Scales:
@@ -284,7 +284,7 @@ class Problem:
         These are ``scaling.units``; in SI, the unit of a derived size is the nearest power of two
         unless the size is ordinary (:func:`~ocp.programs.units.solver_unit`).
         """
-        if not (self.scaling.units.plain and self.scaling.derived):
+        if not (self.scaling.units.is_si and self.scaling.derived):
             return self._units_of_signals
         names = self.scaling.derived
         return replace(self._units_of_signals, **{name: solver_unit(getattr(self.scales, name)) for name in names})
@@ -292,7 +292,7 @@ class Problem:
     @cached_property
     def natural_scales(self) -> Scales:
         """Characteristic sizes as multiples of :attr:`natural`."""
-        return self.scales.over(self.natural)
+        return self.scales.relative_to(self.natural)
 
     @cached_property
     def pair_units(self) -> np.ndarray:

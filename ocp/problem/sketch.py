@@ -154,7 +154,10 @@ def _numbers(title: str, value: Any) -> np.ndarray:
 
 
 def _completed(evaluation: Evaluation, marks: np.ndarray, guess: np.ndarray) -> np.ndarray:
-    """Return states (N+1, nx): marks, interpolated from the start and held after the last, and consistent others."""
+    """Return states (N+1, nx) that agree with marks, and with equations without inputs and impulses.
+
+    Marked states are interpolated between their marks and held after the last one.
+    """
     states, is_marked = np.array(guess, dtype=float), ~np.isnan(marks)
     is_marked[0] |= is_marked.any(axis=0)
     values, steps = np.where(np.isnan(marks), guess, marks), np.arange(len(marks))

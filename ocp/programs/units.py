@@ -73,7 +73,7 @@ class Units:
         return float(np.prod(np.array([self.kg, self.m, self.s]) ** exponents))
 
     @property
-    def plain(self) -> bool:
+    def is_si(self) -> bool:
         """Whether the units of mass, length and time are kg, m and s."""
         return (self.kg, self.m, self.s) == (1.0, 1.0, 1.0)
 

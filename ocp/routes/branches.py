@@ -103,7 +103,10 @@ class Branches:
         return min(results, key=lambda result: result.f, default=None)
 
     def follow(self, start: Point, active: np.ndarray, max_iterations: int) -> Result | None:
-        """Solve a branch, then branches with pairs at (0, 0) on the other side while cheaper; None if unsolved."""
+        """Solve a branch; return the cheapest result of this and of branches that exchange pairs at (0, 0).
+
+        Pairs are exchanged as long as the cost decreases. Returns None if the first branch is not solved.
+        """
         best, point, cost_unit = None, start, self.program.natural.f
         for _ in range(MAX_SIDE_CHANGES):
             result = self.solved.get(active.tobytes()) or self.solve(point, active, max_iterations)

@@ -248,7 +248,7 @@ def law_path(
     schedule: Schedule, target: float, start: float | None = None, factor: float | None = None
 ) -> HomotopyPath:
     """Return the path of a law's parameter from its schedule's initial value (or ``start``) down to ``target``."""
-    values = geometric(start or schedule.wide, target, factor or schedule.factor)
+    values = geometric(start or schedule.first_value, target, factor or schedule.factor)
     label = schedule.parameter.removeprefix(LAW_PREFIX)
 
     def stage(value: float) -> HomotopyStage:

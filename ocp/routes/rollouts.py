@@ -18,7 +18,7 @@ from ocp.programs.program import Program
 from ocp.programs.solver import Point, Result, Status
 from ocp.routes.branches import Branches, polish
 from ocp.routes.homotopy import Homotopy, HomotopyPath, RouteResult, lower
-from ocp.routes.schedules import acting, improve, is_apart
+from ocp.routes.schedules import acting, are_distinct, improve
 from ocp.transcription.nlp import NLP
 
 _NOISE_SIZES = 0.03, 3.0
@@ -103,7 +103,7 @@ class RolloutStarts:
         """Return the indices of the first rollout of each distinct schedule, at most ``limit``."""
         active, chosen = self._active(rolled), list[int]()
         for s, schedule in enumerate(active):
-            if len(chosen) < limit and all(is_apart(schedule, active[k]) for k in chosen):
+            if len(chosen) < limit and all(are_distinct(schedule, active[k]) for k in chosen):
                 chosen.append(s)
         return chosen
 

@@ -30,7 +30,7 @@ MAX_FAILURES = 20
 
 @dataclass(frozen=True)
 class ScheduleMove:
-    """Move of contact number ``run`` in a chain of pairs, by ``begins`` steps at its begin and ``ends`` at its end."""
+    """Move of contact number ``run`` in a chain of pairs, by ``begins`` steps at its start and ``ends`` at its end."""
 
     chain: int
     run: int
@@ -38,8 +38,8 @@ class ScheduleMove:
     ends: int
 
     @property
-    def twice(self) -> ScheduleMove:
-        """The same move by twice as many steps."""
+    def doubled(self) -> ScheduleMove:
+        """Move of the same contact by twice as many steps."""
         return replace(self, begins=2 * self.begins, ends=2 * self.ends)
 
 
@@ -89,7 +89,7 @@ def improve_schedule(branches: Branches, best: Result, max_failures: int = MAX_F
             result = branches.solve(best.point, changed, _ITERATIONS, label=NEIGHBOUR)
             if result.ok and lower(result, best):
                 best, active = result, changed
-                promising_move = move.twice if isinstance(move, ScheduleMove) else None
+                promising_move = move.doubled if isinstance(move, ScheduleMove) else None
                 break
             failed += 1
         else:
@@ -150,7 +150,7 @@ _MAX_DISTANT_BRANCHES = 8
 _DISTANT_ITERATIONS = 128
 """Iteration limit of the branch of a distant schedule, which has a feasible point nearby or often none."""
 _MIN_SCHEDULE_DISTANCE = 0.125
-"""Distance of two schedules (:func:`apart`) above which they are distinct."""
+"""Distance of two schedules (:func:`schedule_distance`) above which they are distinct."""
 _FEASIBLE = 1e-6
 """Maximum violation, in natural units, of a plan that counts as feasible."""
 
@@ -168,7 +168,7 @@ def distant_schedules(
     program, solved_schedules, polished = branches.program, [], []
     for point in _usable_points(branches, points, cost_limit):
         active = branches.schedule(point.x)
-        if all(is_apart(active[program.chains], other[program.chains]) for other in solved_schedules):
+        if all(are_distinct(active[program.chains], other[program.chains]) for other in solved_schedules):
             solved_schedules.append(active)
             result = branches.solve_branch(point, _DISTANT_ITERATIONS)
             polished += [] if result is None else [result]
@@ -197,12 +197,12 @@ def acting(lam: np.ndarray, gap: np.ndarray, sizes: Scales) -> np.ndarray:
     return np.swapaxes(lam / sizes.impulse > gap / sizes.gap, -1, -2)
 
 
-def is_apart(first: np.ndarray, second: np.ndarray) -> bool:
-    """Return whether two schedules (contacts, N) are distinct, by their distance :func:`apart`."""
-    return apart(first, second) > _MIN_SCHEDULE_DISTANCE
+def are_distinct(first: np.ndarray, second: np.ndarray) -> bool:
+    """Return whether two schedules (contacts, N) are distinct, by their distance :func:`schedule_distance`."""
+    return schedule_distance(first, second) > _MIN_SCHEDULE_DISTANCE
 
 
-def apart(first: np.ndarray, second: np.ndarray) -> float:
+def schedule_distance(first: np.ndarray, second: np.ndarray) -> float:
     """Return the number of steps by which contacts differ between two schedules (contacts, N), divided by N."""
     exchanged = np.cumsum(first.astype(int) - second.astype(int), axis=1)
     return float(np.abs(exchanged).sum() / first.shape[1])

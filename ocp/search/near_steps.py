@@ -112,8 +112,9 @@ class NearSteps:
         rows: np.ndarray,
         is_real: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return next states (S, nx) and multipliers (S, rows) for gaps linearised at states ``at`` (S, nx)
-        and multipliers ``near`` (S, rows)."""
+        """Return next states (S, nx) and multipliers (S, rows) of steps with linearised gaps.
+
+        Gaps are linearised at states ``at`` (S, nx) and multipliers ``near`` (S, rows)."""
         sample_index = np.arange(len(x))[:, None]
         full_lam = np.zeros((len(x), self.n))
         s, k = np.nonzero(is_real)

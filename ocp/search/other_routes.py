@@ -37,21 +37,21 @@ class GuessSearch(Search):
 
     guess: UserGuess = field(kw_only=True)
 
-    def wanted(self, solution: Solution) -> bool:
+    def is_needed(self, solution: Solution) -> bool:
         """Return whether the guess has windows in a complementarity problem, or inputs that determine a plan alone."""
         return self.session.complementary if self.guess.windows else can_roll_out(self.session)
 
     def solutions(self, answer: Solution) -> Iterator[Solution]:
         """Yield solutions better than ``answer`` on the branches of the guess's rollouts, and the rollouts."""
         if not self.guess.windows:
-            yield from _near(self, "guess", answer, [self.guess.trajectories[1]])
+            yield from _solutions_near_rollouts(self, "guess", answer, [self.guess.trajectories[1]])
             return
         outcomes = [outcome for outcome in self.within_windows() if outcome.finished]
         if not outcomes:
             raise NotConverged("no plan was found that passes the keyframes of the guess with its contacts")
         if can_roll_out(self.session):
             inputs = [outcome.nlp.variables.unpack(outcome.result.point.x)["u"][0] for outcome in outcomes]
-            yield from _near(self, "guess", answer, inputs)
+            yield from _solutions_near_rollouts(self, "guess", answer, inputs)
             return
         session = self.session
         for outcome in outcomes:
@@ -76,7 +76,7 @@ class RouteSearch(Search):
 
     thorough: bool = True
 
-    def wanted(self, solution: Solution) -> bool:
+    def is_needed(self, solution: Solution) -> bool:
         """Return whether to follow other routes.
 
         Other routes are followed at thorough effort, if the solution of the usual route is poor, or if samples gave a
@@ -108,7 +108,7 @@ class RouteSearch(Search):
                 yield solution
         if smoothed.finished and can_roll_out(session):
             inputs = smoothed.nlp.variables.unpack(smoothed.result.point.x)["u"][0]
-            yield from _near(self, "barrier contacts", best, [inputs])
+            yield from _solutions_near_rollouts(self, "barrier contacts", best, [inputs])
 
     @staticmethod
     def _is_better(outcome: RouteResult, best: Solution) -> bool:
@@ -116,7 +116,9 @@ class RouteSearch(Search):
         return not best.certificate.certified or is_less(outcome.result.f + outcome.nlp.constant(p), best.cost)
 
 
-def _near(search: Search, name: str, best: Solution, inputs: Sequence[np.ndarray]) -> Iterator[Solution]:
+def _solutions_near_rollouts(
+    search: Search, name: str, best: Solution, inputs: Sequence[np.ndarray]
+) -> Iterator[Solution]:
     """Yield solutions cheaper than ``best``: rollouts of inputs (N, nu), and solutions on the rollouts' branches."""
     limits = search.session.evaluation.limits
     roll_out = partial(exact_rollout, search.session)

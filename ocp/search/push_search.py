@@ -48,17 +48,17 @@ class PushSearch(Search):
 
         In such scenes relaxations of the many pairs take minutes, and end in the nearest local minimum.
         """
-        return self._answers(None) if self._goes_first else ()
+        return self._solutions(None) if self._goes_first else ()
 
-    def wanted(self, solution: Solution) -> bool:
+    def is_needed(self, solution: Solution) -> bool:
         """Return whether to search by default after a ``solution`` that falls short."""
         return not self._goes_first and self._by_default and falls_short(solution)
 
     def solutions(self, answer: Solution) -> Iterator[Solution]:
         """Yield solutions in addition to the ``answer`` of the usual route."""
-        return self._answers(answer)
+        return self._solutions(answer)
 
-    def _answers(self, answer: Solution | None) -> Iterator[Solution]:
+    def _solutions(self, answer: Solution | None) -> Iterator[Solution]:
         """Yield the usual route's solution of the swept problem, then the solutions of pushes.
 
         The route starts at ``answer``. It is omitted if ``answer`` does not penetrate bodies between nodes and, without
@@ -99,7 +99,7 @@ class PushSearch(Search):
                 cost, nan = nodes[0].resting, np.nan
                 self.progress(StageRecord("pushes", number, cost, nan, nan, tree.tried, nan, "searched"))
         self.report = SearchReport(self.seed, tree.tried, tree.rolled)
-        plans = [plan for node in nodes[:CANDIDATES] if (plan := tree.rollout(tree.whole(node))) is not None]
+        plans = [plan for node in nodes[:CANDIDATES] if (plan := tree.rollout(tree.padded_inputs(node))) is not None]
         plans.sort(key=lambda plan: plan.cost)
         solver = PlanSolver(
             swept,

@@ -68,7 +68,7 @@ class TouchSearch:
         self.tried = self.rolled = 0
         self._step = NearSteps(self.evaluation, problem.referee_step.system)
         is_same_system = problem.referee_step.system is problem.system
-        self._own = self._step if is_same_system else NearSteps(self.evaluation, problem.system)
+        self._model_step = self._step if is_same_system else NearSteps(self.evaluation, problem.system)
 
     @cached_property
     def _distance(self) -> Callable[[np.ndarray], np.ndarray]:
@@ -105,7 +105,7 @@ class TouchSearch:
     def first(self) -> Node:
         """Return the node of the start, without steps."""
         x0, u_before = (np.array(v).ravel() for v in self.problem.limits(self.evaluation.p)[:2])
-        resting = self._resting(x0[None], np.zeros(1))[0]
+        resting = self._cost_at_rest(x0[None], np.zeros(1))[0]
         return Node(x0[None], np.zeros((0, u_before.size)), 0.0, resting)
 
     def rounds(self, rounds: int = _ROUNDS) -> Iterator[list[Node]]:
@@ -116,12 +116,12 @@ class TouchSearch:
             grown = self.pushed(beam)
             pushed_nodes += grown
             open_ended = [n for n in (*grown, *beam) if len(n.u) < self.problem.N - 1]
-            beam = self._apart(sorted(open_ended, key=lambda n: n.resting), _BEAM)
-            yield self._apart(sorted(pushed_nodes, key=lambda n: n.resting), _BEAM)
+            beam = self._distinct_nodes(sorted(open_ended, key=lambda n: n.resting), _BEAM)
+            yield self._distinct_nodes(sorted(pushed_nodes, key=lambda n: n.resting), _BEAM)
             if not beam:
                 break
 
-    def _apart(self, nodes: list[Node], most: int) -> list[Node]:
+    def _distinct_nodes(self, nodes: list[Node], most: int) -> list[Node]:
         """Return the first ``most`` nodes in which bodies end at different positions."""
         free, sizes = slice(0, -self.problem.system.nu), self.problem.scales.x
         distinct: list[Node] = []
@@ -137,7 +137,7 @@ class TouchSearch:
         for node in beam:
             u_before = node.u[-1] if len(node.u) else self._before
             steps_left = self.problem.N - len(node.u)
-            for polyline in self._ways(node.x[-1], u_before):
+            for polyline in self._push_paths(node.x[-1], u_before):
                 for steps in {steps_left, min(steps_left, max(2, steps_left // 2))}:
                     plans.setdefault(steps, []).append((node, self._timed(polyline, steps)))
         return [node for steps in sorted(plans) for node in self._rolled(plans[steps])]
@@ -146,11 +146,11 @@ class TouchSearch:
     def _nu(self) -> int:
         return self.problem.system.nu
 
-    def _ways(self, x: np.ndarray, before: np.ndarray) -> list[np.ndarray]:
+    def _push_paths(self, x: np.ndarray, before: np.ndarray) -> list[np.ndarray]:
         """Return polylines (n, nu) of commanded positions that lead to a point on a body and then push it."""
         polylines = []
         for contact, coordinates in self._pressed:
-            points = self._touching(x, contact, coordinates)
+            points = self._contact_positions(x, contact, coordinates)
             if not len(points):
                 continue
             paths = self._paths(x, coordinates, points)
@@ -160,11 +160,11 @@ class TouchSearch:
                 touch_points = x.copy()
                 touch_points[-self._nu :] = point
                 into = -self._slope(touch_points[None])[0, contact]
-                ends = [self._through(point, into, coordinates) for _ in range(_PUSHES)]
+                ends = [self._push_end(point, into, coordinates) for _ in range(_PUSHES)]
                 polylines += [np.vstack([before, *path, end]) for end in ends]
         return polylines
 
-    def _through(self, point: np.ndarray, into: np.ndarray, own: np.ndarray) -> np.ndarray:
+    def _push_end(self, point: np.ndarray, into: np.ndarray, own: np.ndarray) -> np.ndarray:
         """Return the commanded end (nu,) of a push of random length from ``point``, about in the direction ``into``."""
         size = float(self.problem.scales.x[-1])
         length = size * np.exp(self.rng.uniform(np.log(0.1), np.log(_REACH)))
@@ -175,7 +175,7 @@ class TouchSearch:
             polyline[own] = np.array([[c, -s], [s, c]]) @ into[own]
         return np.clip(point + length * polyline, *self._bounds)
 
-    def _touching(self, x: np.ndarray, contact: int, own: np.ndarray) -> np.ndarray:
+    def _contact_positions(self, x: np.ndarray, contact: int, own: np.ndarray) -> np.ndarray:
         """Return pusher positions (n, nu) at which ``contact`` closes, by Newton's method from random guesses."""
         sizes, nu = self.problem.scales, self._nu
         touch_states = np.repeat(x[None], 4 * _TOUCHES, axis=0)
@@ -211,7 +211,7 @@ class TouchSearch:
             (low - margin)[coordinates], (high + margin)[coordinates], (_STOPS, len(coordinates))
         )
         # Points at a distance from every goal, since a pusher leaves and reaches a body along its normal.
-        steps_back = self._outwards(x, np.vstack([x[None, -nu:], goals]))
+        steps_back = self._moved_outwards(x, np.vstack([x[None, -nu:], goals]))
         all_places = np.vstack([x[None, -nu:], goals, steps_back, stops])
         states = np.repeat(x[None], len(all_places), axis=0)
         states[:, -nu:] = all_places
@@ -242,7 +242,7 @@ class TouchSearch:
             paths.append(path)
         return paths
 
-    def _outwards(self, x: np.ndarray, places: np.ndarray) -> np.ndarray:
+    def _moved_outwards(self, x: np.ndarray, places: np.ndarray) -> np.ndarray:
         """Return the ``places`` (n, nu), each moved away from the nearest body."""
         states = np.repeat(x[None], len(places), axis=0)
         states[:, -self._nu :] = places
@@ -271,14 +271,14 @@ class TouchSearch:
                 break
             x[alive, k + 1] = self._step(x[alive, k], u[alive, k])
             alive = alive[np.isfinite(x[alive, k + 1]).all(axis=1)]
-            alive = alive[self._cut(x[alive, k : k + 2]) < DEPTH * self.problem.scales.gap]
+            alive = alive[self._penetration_between_nodes(x[alive, k : k + 2]) < DEPTH * self.problem.scales.gap]
         if not len(alive):
             return []
         chosen, x, u = [nodes[s] for s in alive], x[alive], u[alive]
         u_before = np.array([n.u[-1] if len(n.u) else self._before for n in chosen])
         cost = np.array([n.cost for n in chosen]) + self._stages(x, u, u_before)
         steps_done = np.array([len(n.u) + K for n in chosen])
-        resting = cost + self._resting(x[:, -1], steps_done)
+        resting = cost + self._cost_at_rest(x[:, -1], steps_done)
         return [
             Node(np.vstack([n.x, x[s, 1:]]), np.vstack([n.u, u[s]]), cost[s], resting[s]) for s, n in enumerate(chosen)
         ]
@@ -287,7 +287,7 @@ class TouchSearch:
     def _before(self) -> np.ndarray:
         return self.evaluation.limits.u_before
 
-    def _cut(self, x: np.ndarray) -> np.ndarray:
+    def _penetration_between_nodes(self, x: np.ndarray) -> np.ndarray:
         """Return the deepest penetration (S,) on the straight lines between nodes."""
         states_between = [x[:, :-1] * (1 - s) + x[:, 1:] * s for s in SHARES]
         gap = self._distance(np.concatenate(states_between, axis=1).reshape(-1, x.shape[2]))
@@ -299,11 +299,11 @@ class TouchSearch:
         du = np.diff(u, axis=1, prepend=before[:, None])
         none = np.zeros((*u.shape[:2], self.problem.system.nlam))
         stage, _ = at_steps(self.problem.cost_terms, x[:, :-1], u, du, none, p=self.evaluation.p)
-        violation = at_steps(self._over, x[:, :-1], u, x[:, 1:], p=self.evaluation.p)[0]
+        violation = at_steps(self._path_violation, x[:, :-1], u, x[:, 1:], p=self.evaluation.p)[0]
         return stage.sum(axis=(1, 2)) + violation.sum(axis=(1, 2))
 
     @cached_property
-    def _over(self) -> ca.Function:
+    def _path_violation(self) -> ca.Function:
         """Function from (x, u, x_next, p) to the squared violation of path constraints, scaled to a cost."""
         problem, system = self.problem, self.problem.system
         total = ca.SX(0)
@@ -317,7 +317,7 @@ class TouchSearch:
         symbols = [system.x, system.u, system.x_next, problem.parameters.vector]
         return ca.Function("over", symbols, [ca.densify(total)])
 
-    def _resting(self, x: np.ndarray, gone: np.ndarray) -> np.ndarray:
+    def _cost_at_rest(self, x: np.ndarray, gone: np.ndarray) -> np.ndarray:
         """Return the cost (S,) of staying at rest at states x (S, nx) from step ``gone`` to the end of the horizon."""
         u, none = x[:, None, -self._nu :], np.zeros((len(x), 1, self.problem.system.nlam))
         stage, terminal = at_steps(self.problem.cost_terms, x[:, None], u, 0 * u, none, p=self.evaluation.p)
@@ -328,7 +328,7 @@ class TouchSearch:
         step = self.problem.exact_step
         x, contacts = [self.first().x], []
         for u in inputs:
-            x_next, lam, gap = self._own.solved(x[-1], u[None])
+            x_next, lam, gap = self._model_step.solved(x[-1], u[None])
             if not np.isfinite(x_next).all():
                 return None
             x.append(x_next)
@@ -337,7 +337,7 @@ class TouchSearch:
         states = np.array(x).transpose(1, 0, 2)
         return Rollout.from_trajectories(self.evaluation, step, states, inputs[None], lam, gap)
 
-    def whole(self, node: Node) -> np.ndarray:
+    def padded_inputs(self, node: Node) -> np.ndarray:
         """Return the inputs (N, nu) of a plan, with the last input held until the end."""
         last = node.u[-1] if len(node.u) else self._before
         return np.vstack([node.u, np.repeat(last[None], self.problem.N - len(node.u), axis=0)])

@@ -12,7 +12,7 @@ from dynamics.contact import Barrier, Exact
 from ocp.judge.route_report import SearchedPlan, SearchReport
 from ocp.problem.rollout import Rollout
 from ocp.routes.homotopy import StageRecord
-from ocp.routes.schedules import acting, is_apart
+from ocp.routes.schedules import acting, are_distinct
 from ocp.routes.session import Session
 from ocp.search.perturbed_plans import perturbed_plans
 from ocp.search.plan_solver import PlanSolver, exact_rollout, is_less
@@ -58,7 +58,7 @@ class SampleSearch(Search):
 
     thorough: bool = True
 
-    def wanted(self, solution: Solution) -> bool:
+    def is_needed(self, solution: Solution) -> bool:
         """Return whether to sample: if the search was requested, or if inputs alone determine a plan."""
         session = self.session
         if session.search:
@@ -149,7 +149,7 @@ class SampleSearch(Search):
     def _distinct(
         self, rollouts: list[tuple[float, Rollout]], sampler: InputSampler, answer: Solution
     ) -> list[Rollout]:
-        """Return the first promising rollouts whose schedules differ from each other and from a cheaper solution's."""
+        """Return promising rollouts, in order, with schedules distinct from each other and from a cheaper answer's."""
         session, certified = self.session, answer.certificate.certified
         cost = self._penalized_cost(sampler, answer)
         limit = THOROUGH_CANDIDATES if self.thorough else NORMAL_CANDIDATES
@@ -164,7 +164,7 @@ class SampleSearch(Search):
             if (
                 promising
                 and len(chosen) < limit
-                and all(is_apart(schedule, compared) for compared in compared_schedules)
+                and all(are_distinct(schedule, compared) for compared in compared_schedules)
             ):
                 chosen.append(rollout)
                 schedules.append(schedule)

@@ -45,7 +45,7 @@ class Search(ABC):
         return ()
 
     @abstractmethod
-    def wanted(self, solution: Solution) -> bool:
+    def is_needed(self, solution: Solution) -> bool:
         """Return whether to continue the search when ``solution`` is the best so far."""
 
     @abstractmethod

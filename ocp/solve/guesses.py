@@ -23,7 +23,7 @@ GuessLike: TypeAlias = "Solution | xr.Dataset | tuple[ArrayLike, ArrayLike] | Sk
 """A solution (or loaded run), a dataset with x and u, a pair of states and inputs, a sketch, or its keyframes."""
 
 
-def given_guess(guess: GuessLike, problem: Problem, values: dict[str, float]) -> UserGuess:
+def user_guess_of(guess: GuessLike, problem: Problem, values: dict[str, float]) -> UserGuess:
     """Return a user's guess as states (N+1, nx) and inputs (N, nu); of several scenarios the first is used.
 
     A run of another problem gives the states and inputs with the same names (:func:`shared_guess`).

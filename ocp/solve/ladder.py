@@ -108,9 +108,9 @@ class SurvivalLadder:
                         break
                     logger.info("the plan does not survive; next rung: %s", name)
                     self._try(name, climb)
-                return self._answer()
+                return self._best_solution()
         except KeyboardInterrupt as stop:
-            raise Interrupted(self._answer(f"Ctrl-C ended the rung {name or 'of the plan'}")) from stop
+            raise Interrupted(self._best_solution(f"Ctrl-C ended the rung {name or 'of the plan'}")) from stop
 
     def _try(self, name: str, climb: Callable[[], None]) -> None:
         """Try one rung; a rung that cannot be tried is listed with the reason."""
@@ -298,7 +298,7 @@ class SurvivalLadder:
 
         return min(range(len(self.rungs)), key=order)
 
-    def _answer(self, stopped: str = "") -> Solution:
+    def _best_solution(self, stopped: str = "") -> Solution:
         """Return the best rung's solution with the report on all rungs; if it survives, disturbances are also tried."""
         best = self._best()
         solution = self.answers[best]

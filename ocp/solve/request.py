@@ -181,7 +181,7 @@ class Settings(Configured):
     jit: bool = setting(False, "evaluate by compiled C, cached, where a compiler is found")
     options: dict[str, Any] = field(default_factory=dict)
 
-    def given(self) -> dict[str, Any]:
+    def changed(self) -> dict[str, Any]:
         """Return a dict of the settings that differ from their defaults, including the solver's options."""
         values = {key: getattr(self, key) for key in SOLVE_SETTINGS}
         changed = {key: value for key, value in values.items() if value != SOLVE_SETTINGS[key].default}

@@ -15,7 +15,7 @@ from ocp.programs.solver import Solver
 from ocp.routes.homotopy import StageRecord
 from ocp.routes.session import DEFAULT_EFFORT, Effort, Session
 from ocp.solution import Solution
-from ocp.solve.guesses import GuessLike, given_guess
+from ocp.solve.guesses import GuessLike, user_guess_of
 from ocp.solve.judging import judge_outcome, keep_best_on_interrupt
 from ocp.solve.refinement import divided_step, refine_step_size
 from ocp.solve.request import ProblemLike, Settings, check_setting_names, rebuilder, resolve_problem
@@ -132,7 +132,7 @@ def begin_at(
         check_search(session)
     if guess is None:
         return session
-    user_guess = given_guess(guess, session.problem, session.values)
+    user_guess = user_guess_of(guess, session.problem, session.values)
     if "gap" in user_guess.windows and (search is False or not session.complementary):
         raise InputError("contacts of a guess need the exact law, direct transcription and a search")
     problem = replace(session.problem, guess=lambda made, p: user_guess.trajectories)
@@ -214,7 +214,7 @@ def new_session(
     Raises :class:`~ocp.errors.InputError` for invalid arguments, for a problem that does not fit into memory, and for
     a setting without effect.
     """
-    raw_settings = settings.given() if isinstance(settings, Settings) else settings or {}
+    raw_settings = settings.changed() if isinstance(settings, Settings) else settings or {}
     policy_values, own_settings = split_policy_settings(raw_settings)
     built_problem, law_values = resolve_problem(problem, contact, params, contact_settings, keywords, solver)
     transcription_method = choose("method", method, METHODS)() if isinstance(method, str) else method

@@ -89,7 +89,7 @@ def solve_session(
 
     If a search over pushes is requested, or the scene has many corners, the solutions of this search replace those
     from the guesses. Otherwise the search follows the guesses, if their solution falls short
-    (:meth:`ocp.search.push_search.PushSearch.wanted`).
+    (:meth:`ocp.search.push_search.PushSearch.is_needed`).
 
     Raises :class:`~ocp.solution.Interrupted` if Ctrl-C ends the solve, with the best solution so far or,
     during the first start, with the best point so far.
@@ -132,7 +132,7 @@ def search_further(
         with interruptible():
             for search in searches:
                 best = best_solution(solutions, rank_by)
-                if search.wanted(best):
+                if search.is_needed(best):
                     with collect_failures(failures):
                         solutions += search.solutions(best)
     except KeyboardInterrupt as stop:

@@ -261,7 +261,7 @@ class _Carrier:
         return self._on_path(lam, gap, mu)
 
     def _on_path(self, lam: np.ndarray, gap: np.ndarray, mu: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return pairs with ``lam gap = mu``; the larger member, in characteristic sizes, is unchanged."""
+        """Return multipliers and gaps with ``lam gap = mu``; the smaller of each pair, in its size, is changed."""
         size = self.problem.scales
         mu = np.maximum(mu, _LEAST * size.impulse * size.gap)
         active = lam / size.impulse > gap / size.gap
@@ -283,12 +283,12 @@ class _Carrier:
                 return {}
             if old_values.shape[2:] != block.shape[2:] or old_values.ndim != len(block.shape):
                 continue
-            new_values = self._moved(name, old_values, block.shape[0])
+            new_values = self._on_new_mesh(name, old_values, block.shape[0])
             if new_values.shape == block.shape:
                 duals[name] = new_values
         return duals
 
-    def _moved(self, name: str, old_values: np.ndarray, rows: int) -> np.ndarray:
+    def _on_new_mesh(self, name: str, old_values: np.ndarray, rows: int) -> np.ndarray:
         is_gain = name in ("K", "k")
         new_values = old_values if name in _ONCE else self.mesh.interpolate(old_values, 0 if is_gain else 1)
         if not is_gain and len(old_values) != rows:

@@ -39,7 +39,7 @@ class EliminatedUnknowns(ABC):
         """Return the second total derivative (nw, nw) of ``lagrangian``, an expression in w and ``inner``."""
 
     def substitute_held(self, outputs: list[ca.SX]) -> list[ca.SX]:
-        """Return the outputs of a stage's function, differentiated, with held symbols replaced by their values."""
+        """Return derivatives of a stage with symbols that were held constant replaced by their values."""
         return outputs
 
     @property

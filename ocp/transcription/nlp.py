@@ -162,9 +162,9 @@ class NLP(Program):
 
         x, units = self._variable_units(), self.problem.scaling.units
         shooting = "gap" not in self.variables
-        if shooting and not units.plain:
+        if shooting and not units.is_si:
             return None if cost == 1 else Scale.none(self.n, self.m, cost)
-        if units.plain:
+        if units.is_si:
             largest = 1.0 if shooting else np.inf
             return row_scaled(x, entries, parameters(table.defaults), cost, largest)
         defining = np.full(self.m, -1)
@@ -178,7 +178,7 @@ class NLP(Program):
         """Return units of the variables (n,); outside SI units gaps have the unit 1 until rows are measured."""
         problem = self.problem
         natural, units = problem.natural, problem.scaling.units
-        if units.plain:
+        if units.is_si:
             ratio = np.tile(problem.pair_units, self.step.branches)
             lam = np.where(self._slips, natural.gap, natural.impulse) / ratio
             gap = np.where(self._slips, natural.impulse, natural.gap) * ratio

@@ -83,7 +83,7 @@ def _gradient(module: ModuleType, file: Path) -> Any:
 
 
 def _question(module: ModuleType, file: Path, parameter: int, output: int) -> Question:
-    """Return the question on the derivative of an output by a parameter, with the exact output of the file, if any."""
+    """Return the derivative to be judged, of an output by a parameter, with the exact output of the file, if any."""
     theta = _array(module, "theta", file)
     if parameter >= len(theta):
         raise InputError(f"{file}: theta has {len(theta)} parameters, got {parameter} as the index of the parameter")

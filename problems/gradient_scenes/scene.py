@@ -109,6 +109,6 @@ class Scene:
 
     @property
     def question(self) -> Question:
-        """Question on the derivative of the output by the parameter, whose exact output is the rigid limit."""
+        """Derivative of the output by the parameter, to be judged against the derivative of the rigid limit."""
         parameter, output = signals(self.quantities)
         return Question(np.array([self.theta]), abs(self.theta), self.truth, signals=(parameter, output))

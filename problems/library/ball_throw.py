@@ -146,7 +146,7 @@ def thrown_ball(p: ParameterTable, fixed_speed: ca.SX | None = None) -> ContactS
 
 
 def _reflected_height(last: Any, fall: Any, e: Any, g: Any, h: Any) -> Any:
-    """Return the height R(s) [m] of (ball-throw.3) to which the ball bounces back, from the height ``last`` before."""
+    """Return the height R(s) [m] of a bounce, see (ball-throw.3), for the height s = ``last`` two nodes before."""
     # Just after a bounce the state `fall` is small, and can even be negative.
     return e * last + (1 + e) * g * last**2 / (2 * ca.fmax(fall, (g * h) ** 2))
 

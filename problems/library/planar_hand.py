@@ -1,4 +1,4 @@
-"""A ball that two arms of two links each turn in the plane, with friction."""
+"""A ball in the plane, rotated with friction by two arms, each of two links."""
 
 from __future__ import annotations
 

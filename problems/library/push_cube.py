@@ -135,12 +135,12 @@ def build(params: Params) -> Problem:
         stage_cost=p["w_c"] * ca.sumsqr(system.u - x[7:10]),
         terminal_cost=p["w_end"] * (ca.sumsqr(x[:3] - goal) + p["w_q"] * squared_turn),
         x0=ca.vertcat(0, 0, p["a"] / 2, 1, 0, 0, 0, tip, ca.SX.zeros(9)),
-        guess=partial(_carried, over=math.pi / 2 if params.turn == "over" else 0.0),
+        guess=partial(_carried_along, over=math.pi / 2 if params.turn == "over" else 0.0),
         scaling=Scaling(impulse=0.5, gap=0.1),
     )
 
 
-def _carried(problem: Problem, p: np.ndarray, over: float) -> tuple[np.ndarray, np.ndarray]:
+def _carried_along(problem: Problem, p: np.ndarray, over: float) -> tuple[np.ndarray, np.ndarray]:
     """Return a guess in which the cube moves evenly to its goal, tilted by ``over`` [rad], with the tip behind it."""
     values, N = problem.parameters.unpack(p), problem.N
     a, s = values["a"], np.linspace(0, 1, N + 1)

@@ -106,7 +106,7 @@ def machine(p: ParameterTable | Mapping[str, float], body: str) -> SpatialMachin
     )
 
 
-def _turned(axis: str, angle: ca.SX | float) -> ca.SX:
+def _axis_rotation(axis: str, angle: ca.SX | float) -> ca.SX:
     """Return the unit quaternion (4, 1) of a rotation by ``angle`` [rad] about the world's x, y or z axis."""
     return ca.vertcat(ca.cos(angle / 2), ca.sin(angle / 2) * ca.SX(np.eye(3)["xyz".index(axis)]))
 
@@ -122,7 +122,7 @@ def build(params: Params) -> Problem:
     coefficients = ca.vertcat(ca.repmat(p["friction"], resting), ca.repmat(p["grip"], 3))
     system = machine(p, params.body).system(name, p, h=p["h"], friction=coefficients, inertial=False)
     x, tips = system.x, _starts(p["away"], p["z0"])
-    squared_turn = turn_between(_turned(params.axis, p["goal"]), x[3:7])
+    squared_turn = turn_between(_axis_rotation(params.axis, p["goal"]), x[3:7])
     position = ca.vertcat(0, 0, p["a"])
     free = ca.SX([ca.inf] * 7), ca.SX([ca.inf] * 15)
     return pose_problem(
@@ -149,7 +149,7 @@ def _with_goal(dumped: str) -> SpatialMachine:
         if params.body == "ball"
     )
     pictured_machine = replace(pictured_machine, parts=(*pictured_machine.parts, *marks))
-    return with_goal(pictured_machine, params.body, ca.SX([0, 0, a]), _turned(params.axis, params.goal))
+    return with_goal(pictured_machine, params.body, ca.SX([0, 0, a]), _axis_rotation(params.axis, params.goal))
 
 
 def _camera(params: Params) -> PinholeCamera:

@@ -1,4 +1,4 @@
-"""Costs of contacts that slide, and of bodies that move along the ground close above it, for any machine."""
+"""Costs of sliding contacts, and of bodies that move close above the ground, for any machine."""
 
 from __future__ import annotations
 

@@ -112,14 +112,14 @@ def solids_seen(camera: PinholeCamera, solids: Iterable[Solid]) -> list[Shape]:
             origin, normal = np.array([shape.origin, shape.normal], dtype=float) @ R.T
             lines += _grid(camera, origin + p, normal, role)
             continue
-        local_points, radius, sides = _parts(shape)
+        local_points, radius, sides = _points_and_faces(shape)
         points, faces = local_points @ R.T + p, list[tuple[Array, Array, bool]]()
         for corners in (points[[*side]] for side in sides):
             normal = np.cross(corners[1] - corners[0], corners[2] - corners[1])
             faces_eye = bool((camera.eye - corners[0]) @ normal > 0)
             faces.append((corners, normal / np.linalg.norm(normal), faces_eye))
         bodies.append(_Body(role, points, radius, faces))
-    return lines + [outline for body in _from_back(camera, bodies) for outline in _seen(camera, body)]
+    return lines + [outline for body in _from_back(camera, bodies) for outline in _visible_shapes(camera, body)]
 
 
 def frame_seen(camera: PinholeCamera, point: Array, normal: Array, friction: float) -> ContactFrame:
@@ -138,7 +138,7 @@ def frame_seen(camera: PinholeCamera, point: Array, normal: Array, friction: flo
     return ContactFrame(*numbers, friction=drawn_friction, flat=False)
 
 
-def _parts(shape: shapes.Shape) -> tuple[Array, float, Sequence[Sequence[int]]]:
+def _points_and_faces(shape: shapes.Shape) -> tuple[Array, float, Sequence[Sequence[int]]]:
     """Return points in the body's frame, the radius around them, and the indices of the points of each face."""
     match shape:
         case shapes.Sphere(radius, centre):
@@ -147,7 +147,7 @@ def _parts(shape: shapes.Shape) -> tuple[Array, float, Sequence[Sequence[int]]]:
             return np.array([start, end], dtype=float), float(radius), []
         case shapes.Cylinder(start, end, radius):
             low, high = np.array([start, end], dtype=float)
-            ring = float(radius) * CIRCLE @ _across(high - low)
+            ring = float(radius) * CIRCLE @ _tangents(high - low)
             return np.concatenate([low + ring[::-1], high + ring]), 0.0, [range(32), range(32, 64)]
         case shapes.Box(half, centre, turn):
             R = np.array(ca.evalf(matrix(ca.vertcat(*map(ca.SX, turn)))))
@@ -157,7 +157,7 @@ def _parts(shape: shapes.Shape) -> tuple[Array, float, Sequence[Sequence[int]]]:
     raise TypeError(f"cannot draw a {type(shape).__name__}")
 
 
-def _across(normal: Array) -> Array:
+def _tangents(normal: Array) -> Array:
     """Return two unit vectors (2, 3) that form a right-handed frame with ``normal``; for z these are x and y."""
     tangent = np.cross(normal, np.eye(3)[int(abs(normal[0]) > 0.9 * np.linalg.norm(normal))])
     return np.array([np.cross(tangent, normal) / np.linalg.norm(normal), tangent]) / np.linalg.norm(tangent)
@@ -165,7 +165,7 @@ def _across(normal: Array) -> Array:
 
 def _grid(camera: PinholeCamera, origin: Array, normal: Array, role: str) -> Iterator[Segment]:
     """Yield the visible grid lines of a plane, except lines that are too near to the camera."""
-    axes, distance = _across(normal), camera.distance
+    axes, distance = _tangents(normal), camera.distance
     side = next((each for each in (2.0, 1.0, 0.5, 0.25, 0.1) if each <= distance / 12), 0.05)
     middle = axes @ (camera.target + FLOOR_SHIFT * distance * camera.axes[2] - origin) // side
     n_lines = round(HALF_FLOOR * distance / side)
@@ -194,7 +194,7 @@ def _from_back(camera: PinholeCamera, bodies: list[_Body]) -> Iterator[_Body]:
         yield bodies[remaining.pop(remaining.index(deepest))]
 
 
-def _seen(camera: PinholeCamera, body: _Body) -> Iterator[Shape]:
+def _visible_shapes(camera: PinholeCamera, body: _Body) -> Iterator[Shape]:
     """Yield the shapes that draw a body: its outline (except for a box), and the faces turned to the camera."""
     from scipy.spatial import ConvexHull
 

@@ -72,7 +72,7 @@ def _of_urdf(inertial: Element) -> Moments:
     rotation = Rotation.from_euler("xyz", numbers("origin", "rpy", "0 0 0"))
     six = numbers("inertia", "ixx iyy izz ixy ixz iyz")
     (mass,), centre = numbers("mass", "value"), np.array(numbers("origin", "xyz", "0 0 0"))
-    return mass, centre, _turned(rotation, six)
+    return mass, centre, _rotated(rotation, six)
 
 
 def _of_mjcf(body: Any, spec: Any) -> Moments:
@@ -82,7 +82,7 @@ def _of_mjcf(body: Any, spec: Any) -> Moments:
             degree=spec.compiler.degree, sequence=spec.compiler.eulerseq, orientation=body.ialt
         )
     six = [*body.inertia, 0, 0, 0] if np.isnan(full[0]) else full
-    inertia = _turned(Rotation.from_quat(quaternion, scalar_first=True), six)
+    inertia = _rotated(Rotation.from_quat(quaternion, scalar_first=True), six)
     return body.mass, np.array(body.ipos), inertia
 
 
@@ -102,7 +102,7 @@ def _of_geoms(model: Any, body: Any, groups: Any) -> Moments | None:
         volume, diagonal = solid
         mass = geom.density * volume if np.isnan(geom.mass) else geom.mass
         rotation = Rotation.from_quat(compiled.quat, scalar_first=True)
-        solids.append((mass, compiled.pos, mass * _turned(rotation, [*diagonal, 0, 0, 0])))
+        solids.append((mass, compiled.pos, mass * _rotated(rotation, [*diagonal, 0, 0, 0])))
     return combined(solids)
 
 
@@ -133,7 +133,7 @@ def _solid(kind: str, a: float, b: float, c: float) -> tuple[float, list[float]]
     return None
 
 
-def _turned(rotation: Rotation, six: Any) -> np.ndarray:
+def _rotated(rotation: Rotation, six: Any) -> np.ndarray:
     """Return ``R I R'`` (3, 3) for the inertia (xx, yy, zz, xy, xz, yz) in a frame that is rotated by R."""
     R, (xx, yy, zz, xy, xz, yz) = rotation.as_matrix(), six
     return R @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ R.T

@@ -68,7 +68,7 @@ class RobotMotion:
         """
         lower, upper = self.robot.controls.T
         size = np.where(np.isfinite(upper - lower), (upper - lower) / 2, 1.0)
-        share = (self.system.u - self.robot.held(self.robot.home)) / size
+        share = (self.system.u - self.robot.holding_inputs(self.robot.home)) / size
         return self.p["h"] * (self.p["w_u"] * ca.sumsqr(share) + self.p["w_v"] * ca.sumsqr(self.v))
 
     def posture(self, pose: np.ndarray) -> ca.SX:

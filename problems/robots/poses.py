@@ -143,7 +143,7 @@ def reachable(robot: Robot) -> np.ndarray:
             name: sign * CHANGES[machine.tree().bodies[name].joint]
             for name, sign in zip(joints, np.resize(signs, len(joints)), strict=True)
         }
-        pose = np.array(ca.evalf(robot.turned(robot.home, turns))).ravel()
+        pose = np.array(ca.evalf(robot.with_joints_moved(robot.home, turns))).ravel()
         if np.min(np.array(robot.distances(pose)).ravel()[moving], initial=np.inf) < ROOM:
             continue
         tip_position = tip.at(machine, pose)

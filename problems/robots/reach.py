@@ -18,7 +18,7 @@ PARALLEL_TOLERANCE = 1e-9
 
 
 def never_collide(model: Any, data: Any, above: list[list[int]], first_geom: int, second_geom: int) -> bool:
-    """Return True if two geoms can never touch, and False if they can or if the answer is unknown.
+    """Return whether two geoms can never touch; False also if this could not be decided.
 
     ``above`` is the result of :func:`joints_above`; ``data`` is overwritten. The ranges of the joints
     between the geoms are divided into pieces. The geoms never touch if, at the middle of every piece,

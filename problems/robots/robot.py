@@ -132,9 +132,11 @@ class Robot:
             goal, (index, sign) = ca.SX(pose), self.forward
             goal[index] += sign * distance
             return goal
-        return self.turned(pose, {body.name: distance for body in self.machine.bodies if body.name not in self.objects})
+        return self.with_joints_moved(
+            pose, {body.name: distance for body in self.machine.bodies if body.name not in self.objects}
+        )
 
-    def turned(self, pose: np.ndarray, changes: Mapping[str, ca.SX | float]) -> ca.SX:
+    def with_joints_moved(self, pose: np.ndarray, changes: Mapping[str, ca.SX | float]) -> ca.SX:
         """Return a pose (nq, 1) with hinges and slides moved by ``changes`` [rad, m], each up to its limit."""
         goal, tree = ca.SX(pose), self.machine.tree()
         for body in self.machine.bodies:
@@ -145,7 +147,7 @@ class Robot:
         ties = self.machine.coupled_joints()
         return ties.close(tree, goal) if ties else goal
 
-    def held(self, pose: np.ndarray) -> np.ndarray:
+    def holding_inputs(self, pose: np.ndarray) -> np.ndarray:
         """Return inputs (nu,) that hold ``pose``: the joints' positions for servos, and 0 for motors."""
         tree = self.machine.tree()
         return np.array(

@@ -26,7 +26,7 @@ START_DEPTH_M = 1e-9
 
 
 def check_names(things: Sequence[Thing | Goal], pairs: Sequence[tuple[str, str]]) -> None:
-    """Raise :class:`~ocp.errors.InputError` for unsupported things, duplicate names, and unknown names."""
+    """Raise :class:`~ocp.errors.InputError` for unsupported elements, duplicate names, and unknown names."""
     for thing in things:
         if isinstance(thing, Body | Pusher) and isinstance(thing.shape, HalfPlane):
             raise InputError(
@@ -65,7 +65,7 @@ def required(pusher: Pusher, value: Scalar | None, what: str, where: str) -> Sca
 
 
 def check_numbers(scene: Scene, parameters: ParameterTable) -> None:
-    """Raise :class:`~ocp.errors.InputError` for invalid sizes and masses, and things that start inside each other.
+    """Raise :class:`~ocp.errors.InputError` for invalid sizes and masses, and for shapes that overlap at the start.
 
     All expressions are evaluated at the values of ``parameters``.
     """

@@ -19,10 +19,12 @@ Balance = Callable[[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX, ca.SX], EnergyBalance]
 
 
 def energy_balance(scene: Scene, masses: ca.SX, weight: ca.SX, h: Scalar) -> Balance:
-    """Return the function for the balance of a scene with ``masses`` (nq, 1) under ``weight`` (nq, 1) [N, N m].
+    """Return the function that computes energy and momentum of a scene, as a builder of systems expects it.
+
+    ``masses`` (nq, 1) are masses and inertias, ``weight`` (nq, 1) [N, N m] is the force of gravity.
 
     Energy is ``1/2 v' M v - weight' q``. The momentum ``sum m v`` changes by weight, motors,
-    obstacles and rails; for a pusher on a rail only force components along the rail count.
+    obstacles and rails; for a pusher on a rail only forces along the rail are included.
     """
 
     def balance(q: ca.SX, v: ca.SX, u: ca.SX, v_next: ca.SX, normal: ca.SX, friction: ca.SX) -> EnergyBalance:
@@ -44,7 +46,7 @@ def energy_balance(scene: Scene, masses: ca.SX, weight: ca.SX, h: Scalar) -> Bal
 
 
 def _contact_impulses(scene: Scene, q: ca.SX, normal: ca.SX, friction: ca.SX) -> dict[str, ca.SX]:
-    """Return a mapping from the name of each moving thing to the impulse (2, 1) [N s] of all its contacts."""
+    """Return a mapping from the name of each body and pusher to the impulse (2, 1) [N s] of all its contacts."""
     impulses: dict[str, ca.SX] = {}
     for i, (touch, contact) in enumerate(zip(scene.touches, scene.contacts(q), strict=True)):
         push = normal[i] * contact.normal + friction[i] * contact.tangent

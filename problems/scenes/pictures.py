@@ -48,7 +48,7 @@ def drawing_functions(scene: Callable[[Any], Scene]) -> tuple[Draw, Frames]:
 
 
 def _poses_and_contacts(scene: Scene) -> ca.Function:
-    """Return the function from q to poses (3, things), points and normals (4, contacts), and friction (contacts,)."""
+    """Return the function from q to poses (3, n), points and normals (4, contacts), and friction (contacts,)."""
     q = ca.SX.sym("q", len(scene.coordinates))
     poses = [ca.vertcat(pose.position, pose.angle) for pose in map(scene.pose(q), scene.things)]
     frames = [ca.vertcat(contact.point, contact.normal) for contact in scene.contacts(q)]
@@ -57,7 +57,7 @@ def _poses_and_contacts(scene: Scene) -> ca.Function:
 
 
 def _all_shapes(scene: Scene, poses: list[PlanarPose]) -> list[Shape]:
-    """Return the shapes of obstacles, then of goals, then of moving things."""
+    """Return the shapes of obstacles, then of goals, then of bodies and pushers."""
     obstacles, goals, moving = list[Shape](), list[Shape](), list[Shape]()
     for thing, pose in zip(scene.things, poses, strict=True):
         if isinstance(thing, Obstacle):
@@ -71,7 +71,7 @@ def _all_shapes(scene: Scene, poses: list[PlanarPose]) -> list[Shape]:
 
 
 def _shapes(thing: Thing, pose: PlanarPose, role: str) -> list[Shape]:
-    """Return the shapes of a thing; a disc that rotates also has a radius, which points upwards at angle zero."""
+    """Return the shapes to draw for an element; a rotating disc has a radius, which points upwards at angle zero."""
     shapes = [solid(shape, *pose, role) for shape in convex_parts(thing.shape)]
     if not (thing.turns and isinstance(disc := shapes[0], Circle)):
         return shapes

@@ -61,7 +61,7 @@ class Scene:
 
     @cached_property
     def start(self) -> ca.SX:
-        """Coordinates of all moving things at the start, (nq, 1)."""
+        """Coordinates of all bodies and pushers at the start, (nq, 1)."""
         return ca.vertcat(ca.SX(0, 1), *(thing.start for thing in self.moving))
 
     @cached_property
@@ -70,15 +70,15 @@ class Scene:
         return ca.vertcat(ca.SX(0, 1), *(pusher.start for pusher in self.pushers))
 
     def at_rest(self, system: ContactSystem) -> ca.SX:
-        """Return the state in which all things are at their start and at rest, (nx, 1)."""
+        """Return the state in which bodies and pushers are at their start and at rest, (nx, 1)."""
         return ca.vertcat(self.start, ca.SX.zeros(system.nx - self.start.numel()))
 
     def coordinates_of(self, name: str, x: ca.SX) -> ca.SX:
-        """Return the coordinates (n, 1) of the thing called ``name`` in ``x``, a state or q."""
+        """Return the coordinates (n, 1) of the body or pusher called ``name`` in ``x``, a state or q."""
         return x[self._at[name]]
 
     def pose(self, q: ca.SX) -> Callable[[Thing], Pose]:
-        """Return a function from a thing to its pose at ``q``."""
+        """Return the function from a body, pusher, obstacle or goal to its pose at ``q``."""
         return lambda thing: thing.pose(q[self._at.get(thing.name, slice(0, 0))])
 
     def contacts(self, q: ca.SX) -> list[Contact]:

@@ -19,9 +19,9 @@ from dynamics.systems.shapes.polygon import convex_parts, vertex_pairs
 
 @dataclass(frozen=True, eq=False)
 class Thing:
-    """A ``shape`` called ``name``, at ``at`` [m], rotated anticlockwise by ``angle`` [rad].
+    """Element of a scene: a ``shape`` called ``name``, at ``at`` [m], rotated anticlockwise by ``angle`` [rad].
 
-    The shape is in the thing's frame, whose origin is at ``at``. Raises ``ValueError`` for an
+    The shape is in the element's frame, whose origin is at ``at``. Raises ``ValueError`` for an
     invalid argument.
     """
 
@@ -47,31 +47,31 @@ class Thing:
 
     @property
     def coordinates(self) -> tuple[Signal, ...]:
-        """Signals of the thing's coordinates; empty for an obstacle."""
+        """Signals of the coordinates; empty for an obstacle."""
         return ()
 
     @property
     def turns(self) -> bool:
-        """Whether the angle of the thing can change."""
+        """Whether the angle can change."""
         return False
 
     @property
     def start(self) -> ca.SX:
-        """Coordinates of the thing at the start, (n, 1); empty for an obstacle."""
+        """Coordinates at the start, (n, 1); empty for an obstacle."""
         return ca.SX(0, 1)
 
     def pose(self, q: ca.SX) -> Pose:
-        """Return the pose of this thing at its coordinates ``q`` (n, 1)."""
+        """Return the pose at the coordinates ``q`` (n, 1)."""
         return Pose(as_column(self.at), -ca.SX(self.angle))
 
 
 class Obstacle(Thing):
-    """A thing that never moves."""
+    """Obstacle: an element of a scene that never moves."""
 
 
 @dataclass(frozen=True, eq=False)
 class Body(Thing):
-    """A thing that moves freely, with coordinates x, y [m], and an angle [rad] if it has an ``inertia``.
+    """Body: an element of a scene that moves freely, by x, y [m] and, if it has an ``inertia``, an angle [rad].
 
     ``mass`` [kg]; ``inertia`` [kg m²] about the origin of its frame, which is its centre of mass,
     None for a body that never rotates. ``table`` is Coulomb's coefficient with the table under the body, None for a
@@ -134,13 +134,13 @@ class Body(Thing):
         return ca.vertcat(as_column(self.at), self.angle) if self.turns else as_column(self.at)
 
     def pose(self, q: ca.SX) -> Pose:
-        """Return the pose of this thing at its coordinates ``q``."""
+        """Return the pose at the coordinates ``q``."""
         return Pose(q[:2], -ca.SX(q[2] if self.turns else self.angle))
 
 
 @dataclass(frozen=True, eq=False)
 class Pusher(Thing):
-    """A thing that a motor moves and that never rotates.
+    """Pusher: an element of a scene that a motor moves and that never rotates.
 
     In a quasi-dynamic scene a spring of ``stiffness`` [N/m] pulls it to the commanded position; in a
     scene with velocities it has a ``mass`` [kg], and a force moves it. It moves in the plane, or on a
@@ -164,7 +164,7 @@ class Pusher(Thing):
         return as_column(self.at) if self.axis is None else ca.SX.zeros(1)
 
     def pose(self, q: ca.SX) -> Pose:
-        """Return the pose of this thing at its coordinates ``q``."""
+        """Return the pose at the coordinates ``q``."""
         position = q if self.axis is None else as_column(self.at) + q * as_column(self.axis)
         return Pose(position, -ca.SX(self.angle))
 
@@ -199,9 +199,9 @@ MOST_FREE_FIRST = (Body, Pusher, Obstacle)
 
 @dataclass(frozen=True, eq=False)
 class Touch:
-    """A contact called ``name`` between ``shape`` of the thing ``one`` and ``against`` of the thing ``other``.
+    """Contact called ``name`` between ``shape`` of the element ``one`` and the shape ``against`` of ``other``.
 
-    Its normal points into ``one``, the thing that moves more freely.
+    Its normal points into ``one``, the element that moves more freely.
     """
 
     name: str
@@ -211,17 +211,17 @@ class Touch:
     other: Thing
 
     def contact(self, pose: PoseOf) -> Contact:
-        """Return distance, normal and point of the contact; ``pose`` is a function from a thing to its pose."""
+        """Return distance, normal and point of the contact; ``pose`` is a function from an element to its pose."""
         return Contact.between(self.shape, pose(self.one), self.against, pose(self.other))
 
     @property
     def pair(self) -> frozenset[str]:
-        """Names of the two things in contact."""
+        """Names of the two elements in contact."""
         return frozenset((self.one.name, self.other.name))
 
 
 def contact_pairs(things: Sequence[Thing], non_colliding: Collection[frozenset[str]]) -> list[Touch]:
-    """Return all contacts of two things, at least one moving, except the pairs of names in ``non_colliding``.
+    """Return all contacts of two elements, at least one moving, except the pairs of names in ``non_colliding``.
 
     If one of the two can turn, every corner has a separate contact ``<one> on <other> <number>``, see
     :func:`~dynamics.systems.shapes.polygon.vertex_pairs`.

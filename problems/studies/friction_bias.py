@@ -120,7 +120,7 @@ def _at_half(coulomb: SampledObjective, params: Params) -> np.ndarray:
 
 
 def _silent(objective: SampledObjective, params: Params) -> np.ndarray:
-    """Return, for each batch size, the fraction of batches with all first-order samples zero, (len(BATCHES),)."""
+    """Return the fraction of batches whose first-order samples are all zero, for each size in :data:`BATCHES`."""
     seed = np.random.SeedSequence(params.seed, spawn_key=(3000,))
     samples = objective.sample_gradients(Gaussian(params.sigma, seed), params.many).direction[:, 0]
     return np.array(
@@ -160,7 +160,7 @@ def claims(data: xr.Dataset) -> list[Claim]:
 
 
 def _variance(data: xr.Dataset) -> list[Claim]:
-    """Check the expected variances over nu, for nu small compared with sigma."""
+    """Check both variances over the slip tolerance nu, where nu is small compared with sigma."""
     sigma, many = data.attrs["sigma"], data.attrs["many"]
     c = 1 / (np.sqrt(2 * np.pi) * sigma)
     small = data["nu"].values <= _SMALL_NU * sigma

@@ -38,7 +38,7 @@ def execute(options: Options) -> int:
 
 @contextmanager
 def _damage_reported(runs: Sequence[str]) -> Iterator[None]:
-    """Raise DamagedRun in place of an error that inconsistent content of the given runs caused in this context."""
+    """Convert an error in this context that inconsistent content of ``runs`` causes to DamagedRun."""
     try:
         yield
     except (ArithmeticError, AssertionError, AttributeError, LookupError, RuntimeError, TypeError, ValueError) as error:
@@ -54,7 +54,7 @@ def _damage_reported(runs: Sequence[str]) -> Iterator[None]:
 
 
 def run_checked(run: Callable[[Any, Any], int], options: Options, checked: Any) -> int:
-    """Run a checked command and return its exit code. Tests replace this function to stop after the checks."""
+    """Run a checked command and return its exit code; tests replace this function to stop after the checks."""
     return run(options, checked)
 
 

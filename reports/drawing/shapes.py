@@ -166,7 +166,7 @@ def shape_colors(shape: Shape, strength: float = 1.0) -> tuple[Rgba, Rgba]:
 
 
 def _on_paper(ink: Sequence[float], share: float) -> Rgba:
-    """Return the opaque colour that looks like ``share`` of the ink on white paper."""
+    """Return the opaque colour of a mixture of a colour, with weight ``share``, and white."""
     red, green, blue = (1 + share * (channel - 1) for channel in ink)
     return red, green, blue, 1.0
 

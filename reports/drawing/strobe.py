@@ -294,7 +294,8 @@ def _strongest(forces: Forces) -> int | None:
 def draw_motion(axis: Axes, plays: list[list[Shape]], strongest: int | None = None) -> np.ndarray:
     """Draw the shapes at several nodes of a motion, with early shapes faint; return these nodes.
 
-    ``plays`` contains the shapes at every node. If more than two nodes are drawn, ``strongest`` is among them.
+    ``plays`` contains the shapes at every node. If more than two nodes are drawn, one of them is ``strongest``, the
+    node with the largest force.
     """
     chosen = _instants(plays)
     if strongest is not None and len(chosen) > 2:

@@ -46,7 +46,7 @@ class Panel:
 
 @dataclass(frozen=True)
 class Cell:
-    """A panel in its column; ``heading`` is its group's title if it is the group's first panel in a row, else ""."""
+    """Panel with its column; the first panel of a group in a row has the group's title as ``heading``, others ""."""
 
     column: int
     heading: str

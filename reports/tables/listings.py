@@ -134,7 +134,7 @@ def run_lines(rows: Sequence[Row]) -> Iterator[str]:
 
 
 def run_outcome(row: Row) -> str:
-    """Return the return of a training run, or grade (or status) and cost of another run, as text."""
+    """Return the result of a run as text: the return of a training, or grade (or status) and cost of other runs."""
     if row["damage"]:
         return "damaged"
     if row["return"] is not None:

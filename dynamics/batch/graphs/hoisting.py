@@ -48,7 +48,7 @@ def hoist_parameters(
 
 
 class _Pool:
-    """Expressions that depend only on parameters, shared by all functions, each stored once."""
+    """Pool of the expressions that depend only on parameters, each stored once and shared by all functions."""
 
     def __init__(self, n_parameters: int) -> None:
         self.p = ca.SX.sym("p", n_parameters)
@@ -72,7 +72,7 @@ class _Pool:
         return apply_operation(operation.op, [self.expressions[i] for i in args])
 
     def value(self, i: int) -> ca.SX:
-        """Return the constant or the symbol that replaces member i of the pool in the remaining graph."""
+        """Return the constant or the symbol that replaces expression i of the pool in functions of the step."""
         if self.expressions[i].is_constant():
             return self.expressions[i]
         if i not in self.symbols:
@@ -81,7 +81,7 @@ class _Pool:
 
 
 class _Split:
-    """One function whose operations on parameters alone are moved to the pool."""
+    """Split of a function: operations on parameters alone are moved to the ``pool``, and the others remain."""
 
     def __init__(self, tape: Tape, position: int, pool: _Pool) -> None:
         self.tape, self.position, self.pool = tape, position, pool

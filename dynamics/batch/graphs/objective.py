@@ -56,7 +56,7 @@ class Objective(ABC):
         return bars
 
     def mask_finished(self, bars: ca.SX) -> ca.SX:
-        """Return a step's contribution `bars` to gradient or score, set to zero if the rollout is over."""
+        """Return the terms `bars` of one step in gradient or score, set to zero if the rollout is over."""
         return bars
 
 
@@ -194,7 +194,7 @@ class Episode(Objective):
         return ca.vertcat(*state_bars, ca.SX.zeros(self.carried.numel()))
 
     def mask_finished(self, bars: ca.SX) -> ca.SX:
-        """Return `bars`, set to zero once the episode is over, even if they are not finite."""
+        """Return the terms `bars` of one step, set to zero once the episode is over, even if they are not finite."""
         return ca.vertcat(ca.SX(0, 1), *(ca.if_else(self.is_alive, bar, 0) for bar in ca.vertsplit(ca.densify(bars))))
 
 

@@ -66,7 +66,7 @@ class Chain:
             coordinates += _coordinates(link)
         self.coordinates: tuple[Signal, ...] = tuple(coordinates)
         """Names and units of q."""
-        self._frames = OncePerPose(self._place)
+        self._frames = OncePerPose(self._link_frames)
 
     @property
     def nq(self) -> int:
@@ -105,11 +105,11 @@ class Chain:
 
     def spring(self, q: ca.SX) -> ca.SX:
         """Force of the springs (nq, 1), ``-k q`` [N m, N]."""
-        return -self._each(lambda link: link.spring) * q
+        return -self._per_coordinate(lambda link: link.spring) * q
 
     def damping(self, v: ca.SX) -> ca.SX:
         """Force of the dampers (nq, 1), ``-d v`` [N m, N]."""
-        return -self._each(lambda link: link.damping) * v
+        return -self._per_coordinate(lambda link: link.damping) * v
 
     def pose(self, q: ca.SX, link: str) -> Pose:
         """Origin (2, 1) [m] and angle [rad] of a link's frame in the world."""
@@ -176,7 +176,7 @@ class Chain:
             (link.mass * self.position(q, link.name, link.com) for link in self._ordered),
             ca.SX.zeros(2),
         )
-        springs = ca.dot(self._each(lambda link: link.spring), q**2) / 2
+        springs = ca.dot(self._per_coordinate(lambda link: link.spring), q**2) / 2
         return springs - ca.dot(ca.vertcat(*self.gravity), moment)
 
     def kinetic(self, q: ca.SX, v: ca.SX) -> ca.SX:
@@ -216,12 +216,12 @@ class Chain:
     @cached_property
     def armature(self) -> ca.SX:
         """Inertia of the rotors (nq, 1) [kg m², kg]."""
-        return ca.sparsify(self._each(lambda link: link.armature))
+        return ca.sparsify(self._per_coordinate(lambda link: link.armature))
 
-    def _each(self, value: Callable[[Link], Number]) -> ca.SX:
+    def _per_coordinate(self, value: Callable[[Link], Number]) -> ca.SX:
         return ca.vertcat(*(ca.SX(value(link)) for link in self._links.values() for _ in _coordinates(link)))
 
-    def _place(self, q: ca.SX) -> dict[str, _Frame]:
+    def _link_frames(self, q: ca.SX) -> dict[str, _Frame]:
         frames: dict[str, _Frame] = {}
         for link in self._ordered:
             base = frames[link.parent] if link.parent is not None else _WORLD

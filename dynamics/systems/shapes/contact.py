@@ -137,7 +137,7 @@ class FrictionSpec:
 
     @property
     def directions(self) -> list[tuple[str, ca.SX, ca.SX]]:
-        """For each tangential direction: its number as text (empty in the plane), rows, and distance slid."""
+        """Tangential directions, each with its number as text (empty in the plane), rows, and distance slid."""
         numbers = [""] if len(self.J_t) == 1 else [str(k) for k in range(1, len(self.J_t) + 1)]
         return list(zip(numbers, self.J_t, self.slip, strict=True))
 

@@ -93,7 +93,7 @@ class Question:
 
 
 class _Truth:
-    """Exact output of a question: its secants, slopes at nearby points, largest jump and smoothed gradients."""
+    """Exact output: its secants, slopes at nearby points, largest jump and smoothed gradients."""
 
     def __init__(self, question: Question, truth: World) -> None:
         question.check(truth)

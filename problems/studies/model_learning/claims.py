@@ -21,7 +21,7 @@ def claims(data: xr.Dataset) -> list[Claim]:
 
 
 def _both(data: xr.Dataset, kind: str, where: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return errors of models with learned psi and of networks, (n, seeds) each, for all n sizes used to learn psi."""
+    """Return errors of models with learned psi and of networks, (n, seeds) each, for the n data sizes of psi."""
     errors = data["errors"].sel(data=kind, where=where)
     psi, network = errors.sel(model="psi").values, errors.sel(model="network").values
     learned = ~np.isnan(psi).all(axis=1)

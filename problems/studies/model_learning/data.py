@@ -178,8 +178,8 @@ class TransitionData:
 def by_psi(source: TransitionData, n: int, seed: int, params: Params) -> dict[str, np.ndarray]:
     """Learn psi from the first ``n`` transitions, and return a mapping from names to arrays.
 
-    ``errors`` are held-out errors; ``psi``, ``low`` and ``high``, the ends of the intervals of psi, and
-    ``way``, the values of psi during the search, are divided by the true values.
+    ``errors`` are held-out errors. Three arrays are divided by the true values: ``psi``, the ends ``low`` and
+    ``high`` of its intervals, and ``way``, the values of psi during the search.
     """
     transitions = source.pool[:n]
     step = Exact().close(source.task.system)

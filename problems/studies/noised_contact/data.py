@@ -1,4 +1,4 @@
-"""N1: a pushed block and a block between walls, learned from noised data, either sparse or dense."""
+"""N1: models of a pushed block and of a block between walls, learned from sparse or dense noised data."""
 
 from __future__ import annotations
 

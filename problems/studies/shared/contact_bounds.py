@@ -65,7 +65,10 @@ def smoothing_pairs(rng: np.random.Generator, n: int) -> dict[str, np.ndarray]:
 
 
 def _misfit(F: float, scale: float) -> float:
-    """Return the error of eq. 5.1 divided by scale/F, the smaller for sigma as standard deviation or variance."""
+    """Return the error of eq. 5.1 divided by scale/F, with sigma read as standard deviation or variance.
+
+    The smaller of the two errors is returned.
+    """
     z = scale * np.linspace(-3, 3, 121)
     true = gaussian_contact(z, F, scale).lam
     return F / scale * min(affine_misfit(printed_kappa(z, s), true, z) for s in (scale, scale**2))

@@ -199,14 +199,14 @@ class Policy:
     trained: TrainedPolicy
     hidden: tuple[int, ...]
 
-    def over(self, steps: int) -> Experiment:
+    def experiment(self, steps: int) -> Experiment:
         """Build the experiment that evaluates the policy over episodes of ``steps`` steps."""
         task = registry.get(self.task, horizon=steps)
         return Experiment(task=task, algorithm=FOPG(), hidden=self.hidden, threads=1)
 
     def returns(self, n: int) -> np.ndarray:
         """Return exact returns (n,) over as many steps as a plan has, from the plans' first ``n`` start states."""
-        episodes = evaluate_from(self.over(STEPS), self.trained, EXACT, initial_states(self.task, n))
+        episodes = evaluate_from(self.experiment(STEPS), self.trained, EXACT, initial_states(self.task, n))
         return episodes.returns
 
 
@@ -229,7 +229,7 @@ def make_plan(job: PlanJob, _: Report) -> dict[str, np.ndarray]:
     x0 = initial_states(job.task, job.number + 1)[job.number]
     guess = guess_from_constant_inputs(task)
     if job.near is not None:
-        guess = guess_from_policy(job.near.over(STEPS), job.near.trained)
+        guess = guess_from_policy(job.near.experiment(STEPS), job.near.trained)
     best = best_plan(task, x0, guess)
     states, inputs = demonstrations([best.solution], _DEMONSTRATIONS, _DEMONSTRATION_SPREAD, job.number)
     return {

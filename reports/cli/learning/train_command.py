@@ -159,7 +159,7 @@ def _run_jobs(
 
 
 def _stored_before(request: TrainRequest) -> dict[int, Path]:
-    """Return a mapping from the index of each job that an earlier, stopped command finished to its run's path."""
+    """Return a mapping from jobs to paths of their runs, for jobs that an earlier, stopped command finished."""
     path_at = {}
     for index, checkpoint in enumerate(request.checkpoints):
         rows = checkpoint.rows(_ENDED)

@@ -13,7 +13,7 @@ from ocp.programs.solver import Point, Result, Status
 from ocp.routes.branches import Branches
 from ocp.routes.homotopy import Homotopy, RouteResult
 from ocp.routes.rollouts import RolloutStarts
-from ocp.routes.schedules import apart
+from ocp.routes.schedules import schedule_distance
 from ocp.solve.judging import judge_outcome
 from ocp.solve.solve import new_session, solve
 from problems import get
@@ -97,8 +97,8 @@ def test_only_the_throw_acts_in_ball_throw_and_every_push_in_push_1d() -> None:
 def test_schedules_lie_apart_by_the_steps_that_contacts_move(by: int) -> None:
     steps = np.arange(40).reshape(2, 20)
     one, other = (np.isin(steps, [at, at + 1]) for at in (3, 3 + by))
-    assert apart(one, other) == apart(other, one) == pytest.approx(2 * by / 20)
-    assert apart(one, one) == 0
+    assert schedule_distance(one, other) == schedule_distance(other, one) == pytest.approx(2 * by / 20)
+    assert schedule_distance(one, one) == 0
 
 
 @pytest.mark.costly

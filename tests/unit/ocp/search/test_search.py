@@ -124,14 +124,14 @@ def test_an_answer_that_stands_still_or_is_lost_falls_short() -> None:
     session = new_session(behind(2), "exact")
     pushes = PushSearch(session, judge_outcome)
     found = solve(behind(2), contact="exact", search=False)
-    assert pushes.wanted(replace(found, cost=0.95 * found.idle_cost))
+    assert pushes.is_needed(replace(found, cost=0.95 * found.idle_cost))
     good = replace(found, cost=0.5 * found.idle_cost, certificate=Certificate("B"))
-    assert not pushes.wanted(replace(good, referee=RefereeReport(note="exact")))
-    assert pushes.wanted(
+    assert not pushes.is_needed(replace(good, referee=RefereeReport(note="exact")))
+    assert pushes.is_needed(
         replace(good, referee=RefereeReport(note="exact", findings=[make_finding("states-not-finite")]))
     )
     session.search = False
-    assert not pushes.wanted(replace(found, cost=found.idle_cost))
+    assert not pushes.is_needed(replace(found, cost=found.idle_cost))
 
 
 def test_search_and_warm_start_exclude_each_other() -> None:
@@ -188,12 +188,12 @@ def test_a_push_is_at_most_three_sizes_long_and_leads_into_the_body() -> None:
         _bounds=(np.full(2, -np.inf), np.full(2, np.inf)),
     )
     point = np.array([1.0, 2.0])
-    pushes = np.array([TouchSearch._through(search, point, into, own) - point for _ in range(2000)])
+    pushes = np.array([TouchSearch._push_end(search, point, into, own) - point for _ in range(2000)])
     lengths = np.linalg.norm(pushes, axis=1) / size
     assert 0.1 <= lengths.min() < 0.12 and 2.7 < lengths.max() <= 3.0
     assert np.log(lengths).mean() == pytest.approx(np.log(0.3) / 2, abs=0.1)
     angles = np.arctan2(pushes @ [-into[1], into[0]], pushes @ into)
     assert np.abs(angles.mean()) < 0.06 and angles.std() == pytest.approx(0.35, abs=0.05)
     search._bounds = (np.array([0.9, 1.9]), np.array([1.1, 2.1]))
-    ends = np.array([TouchSearch._through(search, point, into, own) for _ in range(50)])
+    ends = np.array([TouchSearch._push_end(search, point, into, own) for _ in range(50)])
     assert np.abs(ends - point).max() == pytest.approx(0.1), "bounds of the inputs cut pushes"

@@ -12,7 +12,7 @@ from dynamics.contact import Barrier
 from ocp import InputError, Sketch, roll_out, solve
 from ocp.problem.evaluation import Evaluation
 from ocp.search.other_routes import GuessSearch
-from ocp.solve.guesses import GuessLike, given_guess
+from ocp.solve.guesses import GuessLike, user_guess_of
 from ocp.solve.judging import judge_outcome
 from ocp.solve.solve import begin_at, new_session
 from tests.golden.cases.test_plans_worth_having import nail
@@ -28,7 +28,7 @@ def evaluation(name: str, **params: Any) -> Evaluation:
 def test_states_pass_their_keyframes_and_lie_on_straight_lines_between_them() -> None:
     at = evaluation("push-disc", N=N)
     pose = np.array([0.3, 0.1, -0.4, 0.2])
-    states, inputs = given_guess({5: pose, 15: {"ox": 0.9}}, at.problem, at.values).trajectories
+    states, inputs = user_guess_of({5: pose, 15: {"ox": 0.9}}, at.problem, at.values).trajectories
     np.testing.assert_allclose(states[5], pose)
     np.testing.assert_allclose(states[5:16, 0], np.linspace(0.3, 0.9, 11))
     np.testing.assert_array_equal(states[15:, 0], 0.9)
@@ -40,7 +40,7 @@ def test_states_pass_their_keyframes_and_lie_on_straight_lines_between_them() ->
 def test_velocities_are_differences_of_the_positions_that_are_given() -> None:
     at = evaluation("ball-bounce")
     h, names = at.node_times()[1], [signal.name for signal in at.problem.system.states]
-    states, _ = given_guess({10: {"x": 0.5}}, at.problem, at.values).trajectories
+    states, _ = user_guess_of({10: {"x": 0.5}}, at.problem, at.values).trajectories
     x, y, vx, vy = (names.index(name) for name in ("x", "y", "vx", "vy"))
     assert states[10, x] == 0.5
     np.testing.assert_allclose(states[1:, vx], np.diff(states[:, x]) / h, atol=1e-12)
@@ -79,7 +79,7 @@ REFUSED: dict[str, tuple[Any, Any, str]] = {
 def test_a_sketch_that_does_not_fit_is_refused(kind: Any, parts: dict[str, Any], said: str) -> None:
     at = evaluation("push-disc", N=N)
     with pytest.raises(InputError) as told:
-        given_guess(kind(**parts), at.problem, at.values)
+        user_guess_of(kind(**parts), at.problem, at.values)
     assert said in str(told.value)
 
 
@@ -143,13 +143,13 @@ def test_a_run_of_another_problem_gives_what_has_the_same_name() -> None:
     longer = evaluation("push-disc", N=2 * N)
     run = solve("push-disc", N=N, effort="quick").data
     at = evaluation("push-disc", N=2 * N, h=longer.node_times()[1] / 2)
-    resampled, _ = given_guess(run, at.problem, at.values).trajectories
+    resampled, _ = user_guess_of(run, at.problem, at.values).trajectories
     np.testing.assert_allclose(resampled[::2], run["x"].values[0])
     renamed = run.assign_coords(state=["ox", "b", "c", "ay"], control=["p", "q"])
-    shared, own_inputs = given_guess(renamed, at.problem, at.values).trajectories
+    shared, own_inputs = user_guess_of(renamed, at.problem, at.values).trajectories
     np.testing.assert_allclose(shared[::2, [0, 3]], run["x"].values[0][:, [0, 3]])
     np.testing.assert_array_equal(shared[:, 1], at.initial_guess[0][:, 1])
     np.testing.assert_array_equal(own_inputs, at.initial_guess[1])
     strangers = run.assign_coords(state=["a", "b", "c", "d"], control=["p", "q"])
     with pytest.raises(InputError, match="no name in common"):
-        given_guess(strangers, at.problem, at.values)
+        user_guess_of(strangers, at.problem, at.values)

@@ -91,7 +91,7 @@ def test_a_reachable_place_is_one_of_a_free_pose_within_the_limits(name: str) ->
             n: (1 - 2 * s) * (0.5 if tree.bodies[n].joint == "hinge" else 0.1)
             for n, s in zip(joints, signs, strict=True)
         }
-        pose = np.array(ca.evalf(robot.turned(robot.home, changes))).ravel()
+        pose = np.array(ca.evalf(robot.with_joints_moved(robot.home, changes))).ravel()
         best = min(best, np.linalg.norm(tip.at(robot.machine, pose) - place))
     assert best < 1e-9
 

@@ -94,7 +94,7 @@ def test_inputs_of_servos_are_positions_within_their_range() -> None:
     assert (hip.servo, hip.gear, knee.servo, knee.gear) == (160, None, None, 3)
     assert (hip.damping, knee.damping, toe.servo) == (0.1 + 8, 3, 300)
     np.testing.assert_allclose(robot.controls, [[-1, 0.5], [-np.inf, np.inf], [0, 0.1]])
-    np.testing.assert_allclose(robot.held(robot.home), [0.3, 0, 0.02])
+    np.testing.assert_allclose(robot.holding_inputs(robot.home), [0.3, 0, 0.02])
     assert robot.notes == ("The kv of actuators hip, knee is part of the damping.",)
     assert "force range of actuator toe: the force of a servo is not limited" in robot.ignored
 
