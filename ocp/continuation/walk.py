@@ -7,11 +7,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from dynamics.settings import read_value
 from dynamics.systems import LAW_PREFIX
 from ocp.continuation.curve import Continuation, CurvePoint, with_neighbour_costs
 from ocp.continuation.events import LOCATION_TOLERANCE, PAIR_EVENTS, Event, merge_simultaneous
 from ocp.continuation.tracking import Tracker
 from ocp.errors import InputError, choose, input_errors
+from ocp.limits import CONTINUATION_STEPS
 from ocp.problem.checks import check_physics
 from ocp.programs.solver import Point, Status
 from ocp.routes.homotopy import RouteResult
@@ -267,8 +269,7 @@ def check_range(
     """Return the functions from the scale to values and the inverse; raise as :func:`continue_over` does."""
     if not (math.isfinite(start) and math.isfinite(end) and start != end):
         raise InputError(f"--from and --to must be finite and differ, got {start} and {end}")
-    if steps < 1:
-        raise InputError(f"--steps must be 1 or more, got {steps}")
+    read_value("steps", steps, int, **CONTINUATION_STEPS)
     maps = choose("scale", scale, SCALE_MAPS)
     if scale == "log" and min(start, end) <= 0:
         raise InputError(f"a log scale needs positive ends, got {start} and {end}")

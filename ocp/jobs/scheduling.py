@@ -7,8 +7,9 @@ from contextlib import closing
 from dataclasses import dataclass
 from typing import Any, Protocol, TypeVar
 
-from ocp.errors import InputError
+from dynamics.settings import read_value
 from ocp.jobs.sequential import Callback, Failure, Function, Report, run_sequentially
+from ocp.limits import WORKERS
 
 __all__ = ["Callback", "Failure", "Function", "Report", "SavedResults", "Workers", "in_order", "map_jobs", "run_jobs"]
 
@@ -36,8 +37,7 @@ def run_jobs(
     Raises :class:`~ocp.errors.InputError` for fewer than one worker, and if dask.distributed is not installed,
     no scheduler answers, or the scheduler has no workers.
     """
-    if workers < 1:
-        raise InputError(f"jobs need at least 1 worker, got {workers}")
+    read_value("jobs", workers, int, **WORKERS)
     if scheduler is not None:
         from ocp.jobs.cluster import run_on_cluster
 

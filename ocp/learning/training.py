@@ -14,7 +14,7 @@ import numpy as np
 
 from dynamics.batch import BatchFunction, BatchWarning
 from dynamics.contact import ContactLaw
-from dynamics.settings import read_count
+from dynamics.settings import read_value
 from ocp.errors import InputError
 from ocp.learning.experiment import EXACT, Experiment
 from ocp.learning.mbpo import MBPO
@@ -22,6 +22,7 @@ from ocp.learning.protocol import Algorithm, Row, State, TrainedPolicy, with_pre
 from ocp.learning.total_propagation import TotalPropagation
 from ocp.learning.unroll_gradients import ARS, FOPG, ZOPG, AoBG
 from ocp.learning.unrolling import non_finite_reward_message
+from ocp.limits import EPISODES
 from ocp.problem.resources import check_memory
 from ocp.problem.task import Task
 from ocp.store.checkpoint import UNSAVED, SavedWork
@@ -75,7 +76,7 @@ def evaluate(
 
     Raises :class:`~ocp.errors.InputError`, naming step and episode, if a reward is not finite at finite states.
     """
-    read_count("episodes", episodes)
+    read_value("episodes", episodes, int, **EPISODES)
     x0 = experiment.task.reset(episodes, np.random.default_rng(seed))
     return evaluate_from(experiment, trained, law, x0)
 

@@ -5,14 +5,16 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Annotated, Any
+from typing import Any
 
 import casadi as ca
 import numpy as np
-from pydantic import Field, InstanceOf
+from pydantic import InstanceOf
 
 from dynamics.contact import ContactLaw, Exact
+from dynamics.settings import read_value
 from ocp.errors import InputError, choose
+from ocp.limits import QP_ITERATIONS, TRUST
 from ocp.mpc.measurement import Measurement
 from ocp.mpc.phase import Sample, numbers
 from ocp.mpc.phases import PHASES, PhaseParts, soft_phase
@@ -28,7 +30,7 @@ from ocp.routes.session import Session
 from ocp.transcription import Direct
 from ocp.transcription.factories import make_law
 from ocp.transcription.nlp import StageCompiler, trajectories
-from ocp.validation import Count, Positive, validated
+from ocp.validation import Positive, validated
 
 
 @dataclass(frozen=True)
@@ -116,8 +118,8 @@ class Controller:
         law = validated("contact", self.contact, InstanceOf[ContactLaw] | str | None)
         law = make_law(law, {}, self.problem.system) if isinstance(law, str) else law
         self.law: ContactLaw = self._entry.law(law)
-        self.iterations = validated("iterations", self.iterations, Count)
-        self.trust = validated("trust", self.trust, Annotated[Positive, Field(le=1)])
+        self.iterations = read_value("iterations", self.iterations, int, **QP_ITERATIONS)
+        self.trust = read_value("trust", self.trust, float, **TRUST)
         self.deadline = validated("deadline", self.deadline, Positive | None)
         if self.policy is not None and self._entry.plans:
             raise InputError(f'a policy is for the phase "policy", not for {self.phase}')

@@ -12,9 +12,11 @@ import numpy as np
 import xarray as xr
 from pydantic import InstanceOf
 
+from dynamics.settings import read_value
 from ocp.judge.certificate import certify
 from ocp.judge.constraints import Broken
 from ocp.judge.step_size import step_size_kind
+from ocp.limits import INDEX, LOOP_SAMPLES, LOOP_SEEDS
 from ocp.mpc.constraint_rows import ConstraintRows
 from ocp.mpc.controller import Command, Controller
 from ocp.mpc.phase import numbers
@@ -24,7 +26,7 @@ from ocp.mpc.stages import Plan
 from ocp.mpc.verdict import LoopVerdict
 from ocp.problem.problem import Problem
 from ocp.routes.session import Session
-from ocp.validation import Count, Index, validated
+from ocp.validation import validated
 
 DIVERGED_FACTOR = 100.0
 """Multiple of the largest of problem scales, start and first plan above which a state counts as diverged."""
@@ -131,8 +133,8 @@ def simulate(
     """
     disturbance = disturbance or Disturbance()
     validated("disturbance", disturbance, InstanceOf[Disturbance])
-    steps, seeds = validated("steps", steps, Count), validated("seeds", seeds, Count)
-    seed, certify = validated("seed", seed, Index), validated("certify", certify, Index)
+    steps, seeds = read_value("steps", steps, int, **LOOP_SAMPLES), read_value("seeds", seeds, int, **LOOP_SEEDS)
+    seed, certify = read_value("seed", seed, int, **INDEX), read_value("certify", certify, int, **INDEX)
     nx = controller.problem.system.nx
     starts = controller.start if x0 is None else x0
     starts = np.broadcast_to(numbers("x0", starts, (nx,), (seeds, nx), finite=True), (seeds, nx))

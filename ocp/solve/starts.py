@@ -10,15 +10,17 @@ from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 
+from dynamics.settings import read_value
 from ocp.errors import InputError, choose, interruptible
 from ocp.judge.route_report import Attempt
+from ocp.limits import INDEX, STARTS
 from ocp.problem.rollout import initial_guesses
 from ocp.programs.solver import Status
 from ocp.routes.homotopy import COST_GAIN, StageRecord
 from ocp.routes.session import DEFAULT_EFFORT, Effort, Session
 from ocp.solution import Interrupted, Solution
 from ocp.solve.judging import add_failures, collect_failures, judge_outcome, keep_best_on_interrupt
-from ocp.validation import Count, Index, Number, validated
+from ocp.validation import Number, validated
 
 if TYPE_CHECKING:
     from ocp.search.search import Search
@@ -41,9 +43,8 @@ _FEASIBLE = {Status.SOLVED: 0, Status.NOT_OPTIMAL: 0, Status.UNDECIDED: 0, Statu
 
 def check_starts(n_starts: int, seed: int = 0, rank_by: str = "planned") -> None:
     """Raise :class:`~ocp.errors.InputError` for an invalid number of starts, seed or rank."""
-    if not 1 <= validated("n_starts", n_starts, Count) <= 10_000:
-        raise InputError(f"n_starts must be from 1 to 10000, got {n_starts}")
-    validated("seed", seed, Index)
+    read_value("n_starts", n_starts, int, **STARTS)
+    read_value("seed", seed, int, **INDEX)
     choose("rank", rank_by, dict.fromkeys(get_args(Rank)))
 
 

@@ -87,6 +87,9 @@ def _parameter(field: Field[Any], hint: Any) -> Parameter:
     metadata, flags = dict(field.metadata), field.metadata["flags"]
     parameter_class = metadata.pop("make")
     del metadata["flags"]
+    limits = metadata.pop("limits")
+    # Typer only shows these limits; the numbers are checked when the words are parsed.
+    metadata |= {key: limits[name] for key, name in (("min", "least"), ("max", "most")) if name in limits}
     if parameter_class is typer.Argument:
         metadata.setdefault("metavar", field.name.upper())
     elif not any(flag.startswith("--") for flag in flags):
@@ -140,12 +143,16 @@ class StrictCommand(TyperCommand):
         hint = self.hints.get(name)
         if hint is None or not isinstance(word, str) or not word.strip():
             return word
-        from dynamics.settings import parse_number
+        from dynamics.errors import InputError
+        from dynamics.settings import parse_number, read_value
 
+        label = next(_label(parameter) for parameter in self.params if parameter.name == name)
+        limits = next(field.metadata["limits"] for field in fields(self.declared) if field.name == name)
         try:
-            return str(parse_number(word, hint))
+            return str(read_value(label, word, hint, **limits) if limits else parse_number(word, hint))
+        except InputError as error:
+            return ctx.fail(str(error))
         except ValueError as error:
-            label = next(_label(parameter) for parameter in self.params if parameter.name == name)
             return ctx.fail(f"{label} must be {error}, got {word!r}")
 
     def _check(self, ctx: Any, raw: dict[str, Any], order: list[Any]) -> None:

@@ -6,6 +6,7 @@ from dataclasses import MISSING
 from pathlib import Path
 from typing import ClassVar
 
+from ocp.limits import CONTINUATION_STEPS, WORKERS
 from reports.cli.options.gradients import GradientsOptions
 from reports.cli.options.learning import CollectOptions, EvaluateOptions, LearnOptions, TrainOptions
 from reports.cli.options.mpc import MpcOptions
@@ -165,7 +166,7 @@ class ContinueOptions(SolverOptions):
     over: str = option(MISSING, help="Parameter, such as contact.mu or M.")
     start: float = option(MISSING, "--from", help="First value.")
     end: float = option(MISSING, "--to", help="Last value.")
-    steps: int = option(20, min=1, max=100_000, help="Number of steps.")
+    steps: int = option(20, limits=CONTINUATION_STEPS, help="Number of steps.")
     scale: str = option("linear", help="log or linear.")
 
 
@@ -210,7 +211,7 @@ class EstimateOptions(JobsOptions, PolicyOptions):
     reference_samples: str | None = option(None, help="Samples of a sampled reference.")
     decision_run: str | None = option(None, "--at", help="Stored run whose inputs are the decision.")
     backend: str = option("auto", help=f"{', '.join(BACKENDS[:-1])} or {BACKENDS[-1]}.")
-    threads: int | None = option(None, min=1, max=1024, help="CPUs to use.")
+    threads: int | None = option(None, limits=WORKERS, help="CPUs to use.")
 
 
 class DoctorOptions(Options):

@@ -30,9 +30,10 @@ def check(options: GradientsOptions) -> Request:
     values = {name: read_value(f"-s {name}", text, float) for name, text in texts.items()}
     source = _source(options)
     is_default_of_plan = isinstance(source, Solution) and "samples" not in options.explicit
-    text = PLAN_SAMPLES if is_default_of_plan else options.samples
-    samples = settings_of(ReportSettings)["samples"].read(text, "--")
-    settings = ReportSettings(options.tolerance, samples, refinements=options.refinements, seed=options.seed)
+    requested = {name: getattr(options, name) for name in ("tolerance", "samples", "refinements", "seed")}
+    requested |= {"samples": PLAN_SAMPLES} if is_default_of_plan else {}
+    declared = settings_of(ReportSettings)
+    settings = ReportSettings(**{name: declared[name].read(value, "--") for name, value in requested.items()})
     case = gradient_case(source, options.worlds or (), values, options.parameter, options.component, options.seed)
     for world in case.worlds:
         case.questions[0].check(world)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import ClassVar
 
+from ocp.limits import INDEX
 from reports.cli.options.shared import SourceOptions, TagOptions, argument, assignment, option
 
 
@@ -35,10 +36,10 @@ class GradientsOptions(TagOptions, SourceOptions):
     settings: list[str] | None = assignment(
         "--setting", "-s", help="Setting of the simulators that have it, such as h, stiffness, mu."
     )
-    parameter: int = option(0, min=0, help="Index of the parameter of a file.")
-    component: int = option(0, min=0, help="Index of the output of a file.")
+    parameter: int = option(0, limits=INDEX, help="Index of the parameter of a file.")
+    component: int = option(0, limits=INDEX, help="Index of the output of a file.")
     samples: str = option("2000", "-n", help="Samples of each smoothed gradient; 200 by default of a plan.")
     tolerance: float = option(0.05, help="Largest error of a right slope, as a share of the exact slope.")
-    refinements: int = option(2, min=0, max=6, help="Number of times that each simulator is refined.")
-    seed: int = option(0, min=0, help="Random seed.")
+    refinements: int = option(2, help="Number of times that each simulator is refined, at most 6.")
+    seed: int = option(0, help="Random seed.")
     pdf: Path | None = option(None, help="Write a PDF report to this file.")

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from dataclasses import MISSING
 from pathlib import Path
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
+from ocp.limits import COUNT, EPISODES, INDEX, WORKERS
 from reports.cli.options.shared import (
     LAW_HELP,
     PROBLEM_HELP,
@@ -18,6 +19,11 @@ from reports.cli.options.shared import (
     option,
 )
 
+if TYPE_CHECKING:
+    from dynamics.settings import Range
+
+SEEDS: Range = {"least": 1, "most": 1000}
+"""Range of the number of seeds of a training."""
 NOISE = 0.2
 """Default noise of a learned model, in standard deviations of the data."""
 
@@ -34,7 +40,7 @@ class CollectOptions(JobsOptions):
     file: Path = option(MISSING, "--output", "-o", help="The netCDF file to write.")
     params: list[str] | None = assignment("--param", "-p", help="Parameter of the problem.")
     samples: str = option("1e5", "-n", help="Number of transitions.")
-    seed: int = option(0, min=0, help="Seed of the random draws.")
+    seed: int = option(0, limits=INDEX, help="Seed of the random draws.")
 
 
 class LearnOptions(JobsOptions):
@@ -54,9 +60,9 @@ class LearnOptions(JobsOptions):
     file: Path = option(MISSING, "--output", "-o", help="The netCDF file to write.")
     noise: float = option(NOISE, help="sigma, in normalised units; 0: no noise (mlp).")
     hidden: str = option("128,128,128,128", help="Units of each hidden layer (mlp).")
-    epochs: int = option(200, min=1, help="Largest number of epochs (mlp).")
-    seed: int = option(0, min=0, help="Random seed.")
-    seeds: int = option(1, min=1, max=1000, help="Number of networks, one per seed; the best is kept (mlp).")
+    epochs: int = option(200, limits=COUNT, help="Largest number of epochs (mlp).")
+    seed: int = option(0, limits=INDEX, help="Random seed.")
+    seeds: int = option(1, limits=SEEDS, help="Number of networks, one per seed; the best is kept (mlp).")
     problem: str | None = option(None, help=f"Problem of the data. {PROBLEM_HELP}")
     columns: str | None = option(None, metavar="NAME=COLUMN,...", help="Column names in a table.")
 
@@ -80,10 +86,12 @@ class TrainOptions(LawOptions, TagOptions):
     settings: list[str] | None = assignment(
         "--setting", "-s", help="Setting of all algorithms, or of one: ars.rate=0.1."
     )
-    seeds: int = option(1, min=1, max=1000, help="Number of seeds, from --seed on.")
-    seed: int = option(0, min=0, help="The first seed.")
-    iterations: int | None = option(None, min=1, help="Iterations of each training; default: that of the task, or 100.")
-    jobs: int | None = option(None, "-j", min=1, max=1024, help="Number of parallel processes; default: one per CPU.")
+    seeds: int = option(1, limits=SEEDS, help="Number of seeds, from --seed on.")
+    seed: int = option(0, limits=INDEX, help="The first seed.")
+    iterations: int | None = option(
+        None, limits=COUNT, help="Iterations of each training; default: that of the task, or 100."
+    )
+    jobs: int | None = option(None, "-j", limits=WORKERS, help="Number of parallel processes; default: one per CPU.")
     scheduler: str | None = option(None, metavar="ADDRESS", help="Address of a Dask cluster for the trainings.")
     pdf: Path | None = option(None, help="Write a PDF report to this file.")
 
@@ -104,5 +112,5 @@ class EvaluateOptions(RunOptions, LawOptions):
     code: ClassVar = "reports.cli.learning.train_command:evaluate"
     examples: ClassVar = ("evaluate @last", "evaluate @last --contact barrier -c mu=1e-3 --episodes 1000")
     contact: str = option("exact", help=LAW_HELP)
-    episodes: int = option(100, "-n", min=1, max=1_000_000, help="Number of episodes.")
-    seed: int = option(0, min=0, help="Seed of the initial states.")
+    episodes: int = option(100, "-n", limits=EPISODES, help="Number of episodes.")
+    seed: int = option(0, limits=INDEX, help="Seed of the initial states.")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
+from ocp.limits import INDEX, LOOP_SAMPLES, LOOP_SEEDS, QP_ITERATIONS, TRUST
 from reports.cli.options.shared import ProblemOptions, assignment, option
 
 
@@ -28,10 +29,10 @@ class MpcOptions(ProblemOptions):
     )
     phase: str = option("qpcc", help="qpcc, qp, relaxed, full or policy.")
     plant: str = option("exact", help="exact, referee, h/4, noise or mujoco.")
-    steps: int | None = option(None, min=1, max=1_000_000, help="Samples; default: the larger of 100 and the horizon.")
+    steps: int | None = option(None, limits=LOOP_SAMPLES, help="Samples; default: the larger of 100 and the horizon.")
     rate: float | None = option(None, metavar="HZ", help="Rate that times are compared with; default: 1/h.")
-    iterations: int = option(1, min=1, max=1000, help="Quadratic programs per sample.")
-    trust: float = option(1.0, help="Weight of the measured state against the predicted one, in (0, 1].")
+    iterations: int = option(1, limits=QP_ITERATIONS, help="Quadratic programs per sample.")
+    trust: float = option(1.0, limits=TRUST, help="Weight of the measured state against the predicted one, in (0, 1].")
     deadline: float | None = option(
         None, metavar="S", help="Replace answers that take longer by the input of the previous plan."
     )
@@ -40,5 +41,5 @@ class MpcOptions(ProblemOptions):
     mismatch: list[str] | None = assignment(help="Value of a parameter of the plant alone.")
     delay: bool = option(False, help="Apply each input one sample late.")
     push: list[str] | None = option(None, metavar="K:NAME=X", help="Change of a state before sample K.")
-    seeds: int = option(1, min=1, max=10_000, help="Number of seeds of the noise.")
-    certify: int = option(0, min=0, metavar="N", help="Judge every Nth plan; 0: none.")
+    seeds: int = option(1, limits=LOOP_SEEDS, help="Number of seeds of the noise.")
+    certify: int = option(0, limits=INDEX, metavar="N", help="Judge every Nth plan; 0: none.")

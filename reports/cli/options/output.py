@@ -6,6 +6,7 @@ from dataclasses import MISSING
 from pathlib import Path
 from typing import ClassVar
 
+from ocp.limits import INDEX
 from reports.cli.options.shared import (
     JobsOptions,
     RunOptions,
@@ -30,7 +31,7 @@ class FigureOptions(JobsOptions, StoreOptions):
     every: bool = option(False, "--all", help="All figures.")
     quick: bool = option(False, help="Smaller sizes for long studies.")
     params: list[str] | None = assignment("--param", "-p", help="Parameter of the study.")
-    seed: int = option(0, min=0, help="Random seed.")
+    seed: int = option(0, limits=INDEX, help="Random seed.")
     ending: str | None = option(None, "--format", metavar="pdf|svg|png", help="Also write the bare figure for a paper.")
     panel: str | None = option(None, metavar="a", help="Only this panel of the bare figure, one column wide.")
 
@@ -59,9 +60,9 @@ class AnimateOptions(RunOptions, SourceOptions):
     code: ClassVar = "reports.cli.report_command:animate"
     examples: ClassVar = ("animate @last -o motion.gif", "animate push-disc -o push.html --speed 0.5")
     file: Path = option(MISSING, "--output", "-o", help="The .gif, .mp4 or .html file to write.")
-    fps: int = option(25, min=1, max=100, help="Frames per second.")
-    speed: float = option(1.0, min=1e-3, max=1e3, help="1 is real time, 0.5 half speed.")
-    repeat: int = option(1, min=1, max=100, help="Show a periodic motion, a stride, n times.")
+    fps: int = option(25, limits={"least": 1, "most": 100}, help="Frames per second.")
+    speed: float = option(1.0, limits={"least": 1e-3, "most": 1e3}, help="1 is real time, 0.5 half speed.")
+    repeat: int = option(1, limits={"least": 1, "most": 100}, help="Show a periodic motion, a stride, n times.")
     cones: bool = option(False, help="Draw friction cones.")
 
 

@@ -10,9 +10,11 @@ from typing import TYPE_CHECKING, Any, ClassVar, dataclass_transform
 
 import typer
 
+from ocp.limits import INDEX, STARTS, WORKERS
 from reports.cli.streams import Output
 
 if TYPE_CHECKING:
+    from dynamics.settings import Range
     from ocp.store.stored_run import StoredRun
     from problems.spec import ProblemSpec
 
@@ -24,12 +26,13 @@ LAW_HELP = "Contact law: a name of ocp settings laws, or path/to/file.py."
 """Help text of options for a contact law."""
 
 
-def option(default: Any, *flags: str, **typer_options: Any) -> Any:
+def option(default: Any, *flags: str, limits: Range | None = None, **typer_options: Any) -> Any:
     """Declare a field as an option with keywords of ``typer.Option``; the default ``MISSING`` makes it required.
 
-    The flag is ``--`` followed by the field's name, unless ``flags`` contains another long flag.
+    The flag is ``--`` followed by the field's name, unless ``flags`` contains another long flag. The parser rejects
+    numbers outside ``limits``, as :func:`dynamics.settings.read_value` does.
     """
-    metadata = {"make": typer.Option, "flags": flags, **typer_options}
+    metadata = {"make": typer.Option, "flags": flags, "limits": limits or {}, **typer_options}
     return field(default=default, metadata=metadata)
 
 
@@ -40,7 +43,7 @@ def assignment(*flags: str, help: str) -> Any:
 
 def argument(default: Any = MISSING, **typer_options: Any) -> Any:
     """Declare a field as a positional argument, with keywords of ``typer.Argument``."""
-    return field(default=default, metadata={"make": typer.Argument, "flags": (), **typer_options})
+    return field(default=default, metadata={"make": typer.Argument, "flags": (), "limits": {}, **typer_options})
 
 
 def decode_utf8(word: str) -> str:
@@ -162,7 +165,7 @@ class ProblemOptions(LawOptions, TagOptions):
 
     problem: str = argument(help=PROBLEM_HELP)
     params: list[str] | None = assignment("--param", "-p", help="Parameter of the problem; list with ocp show PROBLEM.")
-    seed: int = option(0, min=0, help="Random seed.")
+    seed: int = option(0, limits=INDEX, help="Random seed.")
     pdf: Path | None = option(None, help="Write a PDF report to this file.")
 
 
@@ -185,7 +188,7 @@ class SolverOptions(PolicyOptions):
 class JobsOptions(Options):
     """Options for parallel jobs, in processes of this computer or on a Dask cluster."""
 
-    jobs: int = option(1, "-j", min=1, max=1024, help="Number of parallel processes.")
+    jobs: int = option(1, "-j", limits=WORKERS, help="Number of parallel processes.")
     scheduler: str | None = option(None, metavar="ADDRESS", help="Address of a Dask scheduler; jobs go to its workers.")
 
     def check(self) -> None:
@@ -205,7 +208,7 @@ class JobsOptions(Options):
 class StartsOptions(JobsOptions, SolverOptions):
     """Options for several starts of one solve."""
 
-    starts: int = option(1, min=1, max=10_000, help="Initial guesses per solve.")
+    starts: int = option(1, limits=STARTS, help="Initial guesses per solve.")
     rank: str = option("planned", help="Cost that ranks several starts: planned, exact or referee.")
 
     def check(self) -> None:

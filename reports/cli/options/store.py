@@ -6,6 +6,7 @@ from dataclasses import MISSING
 from pathlib import Path
 from typing import ClassVar
 
+from ocp.limits import COUNT
 from reports.cli.options.shared import RUN_HELP, RunOptions, StoreOptions, argument, option
 
 
@@ -35,7 +36,7 @@ class RunsOptions(StoreOptions):
         None, "--tag", metavar="WORD", help="Only runs with this tag; repeat for several, all of which must match."
     )
     since: str | None = option(None, metavar="WHEN", help="Only runs since a date (2026-01-31) or in the last 2h, 7d.")
-    last: int | None = option(None, "-n", min=1, metavar="N", help="The last N matching runs; 100 if not given.")
+    last: int | None = option(None, "-n", limits=COUNT, metavar="N", help="The last N matching runs; 100 if not given.")
 
 
 class RmOptions(StoreOptions):

@@ -136,7 +136,7 @@ def test_a_script_needs_no_guard_and_workers_keep_to_one_thread(tmp_path: Path) 
 
 
 def test_fewer_than_one_worker_is_refused() -> None:
-    with pytest.raises(InputError, match="at least 1 worker, got 0"):
+    with pytest.raises(InputError, match="jobs must be a whole number >= 1 and <= 1024, got 0"):
         run_jobs(squared, [{"x": 1.0}], 0)
 
 

@@ -113,7 +113,7 @@ def test_starts_side_by_side_are_starts_one_after_another() -> None:
 
 
 def test_fewer_than_one_process_is_refused() -> None:
-    with pytest.raises(InputError, match="at least 1 worker, got 0"):
+    with pytest.raises(InputError, match="jobs must be a whole number >= 1 and <= 1024, got 0"):
         sweep("push-1d", {"M": [1.0, 2.0]}, params=SHORT, jobs=0)
 
 

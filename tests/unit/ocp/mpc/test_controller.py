@@ -155,7 +155,7 @@ def test_an_observer_changes_nothing_without_noise_and_reduces_it_with(disc: Con
             assert filtered.costs == pytest.approx(plain.costs, rel=1e-6)
         else:
             assert filtered.costs.mean() < plain.costs.mean()
-    with pytest.raises(InputError, match="trust must be greater than 0"):
+    with pytest.raises(InputError, match="trust must be a number > 0 and <= 1"):
         Controller(get("push-disc"), trust=0.0)
 
 
@@ -176,7 +176,7 @@ def test_delay_pushes_and_mismatch_are_the_plants(disc: Controller) -> None:
         ({"phase": "qpc"}, "unknown phase 'qpc' .did you mean 'qpcc'"),
         ({"contact": Barrier(mu=1e-2)}, "plans under the exact law, not under barrier"),
         ({"contact": Exact(), "phase": "relaxed"}, "plans under a smoothed law"),
-        ({"iterations": 0}, "iterations must be greater than or equal to 1, got 0"),
+        ({"iterations": 0}, "iterations must be a whole number >= 1 and <= 1000, got 0"),
     ],
 )
 def test_bad_input_gets_one_sentence(given: dict, sentence: str) -> None:
@@ -189,7 +189,7 @@ def test_bad_plants_get_one_sentence(disc: Controller) -> None:
         simulate(disc, 3, "exakt")
     with pytest.raises(InputError, match="no physical parameter 'mass'"):
         simulate(disc, 3, "exact", Disturbance(mismatch={"mass": 1.0}))
-    with pytest.raises(InputError, match="steps must be greater than or equal to 1, got 0"):
+    with pytest.raises(InputError, match="steps must be a whole number >= 1 and <= 1000000, got 0"):
         simulate(disc, 0)
     with pytest.raises(InputError, match="noise-state must be 0 or more"):
         simulate(disc, 3, "exact", Disturbance(noise_state=-1.0))
@@ -252,9 +252,9 @@ def disc_first(disc: Controller) -> list[float]:
 @pytest.mark.parametrize(
     ("given", "sentence"),
     [
-        ({"certify": -1}, "certify must be greater than or equal to 0"),
+        ({"certify": -1}, "certify must be a whole number >= 0"),
         ({"certify": 2.5}, "certify must be a"),
-        ({"seed": -1}, "seed must be greater than or equal to 0"),
+        ({"seed": -1}, "seed must be a whole number >= 0"),
         ({"x0": np.zeros(3)}, "x0 must have 4 or 2 x 4 numbers, got 3"),
         ({"x0": np.zeros((3, 4))}, "x0 must have 4 or 2 x 4 numbers, got 12"),
         ({"x0": np.full(4, np.inf)}, "x0 must be finite"),
