@@ -9,8 +9,9 @@ import numpy as np
 
 from ocp.problem.parts import Scales
 from ocp.programs.solver import Point, Result
+from ocp.routes.branch_model import BranchModel
 from ocp.routes.branches import MIN_MULTIPLIER, NEIGHBOUR, Branches
-from ocp.routes.homotopy import lower
+from ocp.routes.homotopy import COST_GAIN, lower
 
 _ITERATIONS = 40
 """Iteration limit of one neighbour: useful neighbours are near, others are often infeasible."""
@@ -26,6 +27,12 @@ _NEAREST = 1e-3
 """Lower limit of the distance in :func:`predicted_gains`, in characteristic sizes."""
 MAX_FAILURES = 20
 """Number of failed neighbours in a row, in order of promise, after which a search ends."""
+LEAST_FAILURES = 2
+"""Number of failed neighbours in a row up to which neighbours are tried that are predicted to cost more."""
+VAIN_SHARE = 0.25
+"""Iterations of such neighbours in a row, as a fraction of all iterations before them, after which a search ends."""
+PREDICTED = 64
+"""Maximum number of neighbours whose costs are predicted, those with the steepest descent."""
 
 
 @dataclass(frozen=True)
@@ -62,28 +69,23 @@ def improve_schedule(branches: Branches, best: Result, max_failures: int = MAX_F
     On a time grid every time of a contact event is a separate local minimum: the pairs of adjacent steps
     are far from (0, 0), so that first-order descent cannot shift a contact for any trust region. Therefore
     single pairs change sides, or runs of active pairs are moved by a step, and the branch is solved again.
-    The first move tried is twice the last successful one; others follow in the order of the gains that
-    multipliers predict (:func:`predicted_gains`), until ``max_failures`` in a row do not reduce the cost.
+    The first move tried is twice the last successful one; others follow in the order of the costs that
+    :class:`~ocp.routes.branch_model.BranchModel` predicts, until ``max_failures`` in a row do not reduce the cost; a
+    neighbour that is predicted to cost more counts as :data:`UNLIKELY_FAILURES` failures.
     """
     program, trace = branches.program, branches.follower.trace
     iteration_limit = trace.iterations + min(SEARCH_ITERATIONS, SEARCH_WORK // max(program.pairs.shape[1], 1))
     active = program.active_sets(best.point.x)[-1]
     tried_sets, promising_move = {active.tobytes()}, None
     while True:
-        fall, distances = predicted_gains(branches, best, active)
-        neighbours = []
-        first_moves = [promising_move] if promising_move else []
-        for move in [*first_moves, *moves(active, program.chains), *np.flatnonzero(fall > 0)]:
-            changed = apply_move(active, program.chains, move)
-            if changed is None or not fall[differs := changed != active].any():
-                continue
-            neighbours.append((move is promising_move, fall[differs].sum() / distances[differs].sum(), move, changed))
-        neighbours.sort(key=lambda entry: entry[:2], reverse=True)
-        failed = 0
-        for _, _, move, changed in neighbours:
+        failed, iterations_before = 0, trace.iterations
+        for change, move, changed in _neighbours(branches, best, active, promising_move):
             if changed.tobytes() in tried_sets:
                 continue
-            if trace.iterations > iteration_limit or failed == max_failures:
+            spent = trace.iterations - iterations_before
+            is_unlikely = change >= -COST_GAIN * abs(best.f)
+            in_vain = is_unlikely and failed >= LEAST_FAILURES and spent > VAIN_SHARE * iterations_before
+            if trace.iterations > iteration_limit or failed == max_failures or in_vain:
                 return best
             tried_sets.add(changed.tobytes())
             result = branches.solve(best.point, changed, _ITERATIONS, label=NEIGHBOUR)
@@ -94,6 +96,36 @@ def improve_schedule(branches: Branches, best: Result, max_failures: int = MAX_F
             failed += 1
         else:
             return best
+
+
+Neighbour = tuple[float, "ScheduleMove | int", np.ndarray]
+"""Predicted change of the cost, move or pair that changes sides, and active set (m,) of a neighbouring schedule."""
+
+
+def _neighbours(
+    branches: Branches, best: Result, active: np.ndarray, promising_move: ScheduleMove | None
+) -> list[Neighbour]:
+    """Return the neighbours of a schedule: that of the promising move, then others by their predicted costs."""
+    fall, distances = predicted_gains(branches, best, active)
+    chains = branches.program.chains
+    neighbours = []
+    for move in [*([promising_move] if promising_move else []), *moves(active, chains), *np.flatnonzero(fall > 0)]:
+        changed = apply_move(active, chains, move)
+        if changed is None or not fall[differs := changed != active].any():
+            continue
+        neighbours.append((move is not promising_move, -fall[differs].sum() / distances[differs].sum(), move, changed))
+    neighbours = sorted(neighbours, key=lambda entry: entry[:2])[:PREDICTED]
+    if not neighbours or best.point.lam_g is None:
+        return [(slope, move, changed) for _, slope, move, changed in neighbours]
+    pairs = np.flatnonzero(np.any([changed != active for *_, changed in neighbours], axis=0))
+    try:
+        model = BranchModel(branches, best, active, pairs)
+    except RuntimeError:
+        return [(slope, move, changed) for _, slope, move, changed in neighbours]
+    predicted = [(model.change(changed != active), move, changed) for _, _, move, changed in neighbours]
+    # Both orders alternate, since costs are lower than predicted where bounds become inactive.
+    cheapest = sorted(predicted, key=lambda entry: entry[0])
+    return [neighbour for two in zip(predicted, cheapest, strict=True) for neighbour in two]
 
 
 def predicted_gains(branches: Branches, result: Result, active: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

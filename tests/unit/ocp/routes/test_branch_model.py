@@ -1,0 +1,102 @@
+"""The predicted costs of neighbouring branches are those of quadratic programs, solved by linear algebra."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from ocp.mpcc import MPCC
+from ocp.mpcc.programs import programs_of
+from ocp.programs.program import PENALTY, RELAXATION
+from ocp.programs.solver import Point, Solver
+from ocp.routes.branch_model import BranchModel
+from ocp.routes.branches import NEIGHBOUR, Branches
+from ocp.routes.homotopy import Homotopy
+from ocp.routes.schedules import LEAST_FAILURES, MAX_FAILURES, VAIN_SHARE, improve_schedule
+
+PAIRS, FREE, ROWS = 5, 4, 6
+N = 2 * PAIRS + FREE
+
+
+def held_of(active: np.ndarray) -> np.ndarray:
+    return np.arange(PAIRS) + PAIRS * active
+
+
+class QuadraticProgram:
+    """``min v'Qv/2 + c'v`` subject to ``A v = b`` and ``0 <= v[i] ⟂ v[PAIRS + i] >= 0``, with random data.
+
+    On the branch ``active`` the solution is ``v`` by construction, without other active bounds.
+    """
+
+    def __init__(self, seed: int) -> None:
+        rng = np.random.default_rng(seed)
+        root = rng.normal(size=(N, N))
+        self.Q, self.A = root @ root.T / N + 0.1 * np.eye(N), rng.normal(size=(ROWS, N))
+        self.active, self.v = rng.random(PAIRS) < 0.5, rng.uniform(0.05, 0.3, N)
+        self.v[held := held_of(self.active)] = 0.0
+        multipliers = np.zeros(N)
+        multipliers[held] = rng.normal(size=PAIRS)
+        self.b = self.A @ self.v
+        self.c = multipliers - self.Q @ self.v - self.A.T @ rng.normal(size=ROWS)
+
+    def solved(self, zeros: np.ndarray) -> tuple[float, np.ndarray]:
+        """Return cost and point with the entries ``zeros`` at zero, and no other bound."""
+        rows = np.vstack([self.A, np.eye(N)[zeros]])
+        m = len(rows)
+        K = np.block([[self.Q, rows.T], [rows, np.zeros((m, m))]])
+        v = np.linalg.solve(K, np.concatenate([-self.c, self.b, np.zeros(len(zeros))]))[:N]
+        return float(v @ self.Q @ v / 2 + self.c @ v), v
+
+    def branches(self) -> Branches:
+        v = ca.SX.sym("v", N)
+        cost = ca.bilin(ca.DM(self.Q), v, v) / 2 + ca.dot(ca.DM(self.c), v)
+        mpcc = MPCC(v, cost, v[:PAIRS], v[PAIRS : 2 * PAIRS], g=ca.mtimes(ca.DM(self.A), v) - self.b)
+        programs = programs_of(mpcc, np.zeros(0), np.zeros(N))
+        return Branches(Homotopy(programs, Solver("ipopt"), {PENALTY: 0.0, RELAXATION: 0.0}))
+
+
+def test_predicted_costs_are_those_of_the_neighbours() -> None:
+    compared = kept_closed = 0
+    for seed in range(12):
+        problem = QuadraticProgram(seed)
+        branches, held = problem.branches(), held_of(problem.active)
+        cost, v = problem.solved(held)
+        np.testing.assert_allclose(v, problem.v, atol=1e-9)
+        result = branches.solve(Point(np.zeros(N)), problem.active, mu_init=1e-2)
+        assert result.ok and result.f == pytest.approx(cost, abs=1e-6)
+        model = BranchModel(branches, result, problem.active, np.arange(PAIRS))
+        for changed in ([0], [3], [1, 2], [0, 4]):
+            flips = np.isin(np.arange(PAIRS), changed)
+            zeros = held_of(problem.active ^ flips)
+            after, moved = problem.solved(zeros)
+            while (closed := held[flips][moved[held[flips]] < -1e-9]).size:
+                zeros, kept_closed = np.concatenate([zeros, closed]), kept_closed + 1
+                after, moved = problem.solved(zeros)
+            assert model.change(flips) == pytest.approx(after - cost, rel=1e-5, abs=1e-6)
+            compared += 1
+    assert compared > 20 and kept_closed > 3
+
+
+def test_a_search_in_vain_ends_after_a_share_of_the_iterations_and_one_that_gains_finds_the_best_flip() -> None:
+    gained = vain = 0
+    for seed in range(12):
+        problem = QuadraticProgram(seed)
+        branches = problem.branches()
+        start, trace = branches.solve(Point(problem.v), problem.active), branches.follower.trace
+        before = trace.iterations
+        best = improve_schedule(branches, start)
+        tried = [record for record in trace.records if record.label == NEIGHBOUR]
+        if best is start:
+            vain += 1
+            longest = max((record.iterations for record in tried), default=0)
+            assert sum(r.iterations for r in tried) <= max(VAIN_SHARE * before, LEAST_FAILURES * longest) + longest
+            assert len(tried) <= MAX_FAILURES
+        else:
+            gained += 1
+            assert best.f < start.f
+        ended = branches.program.active_sets(best.point.x)[-1]
+        for flip in np.eye(PAIRS, dtype=bool):
+            neighbour = branches.solve(best.point, ended ^ flip)
+            assert not neighbour.ok or neighbour.f > best.f - 1e-6 * abs(best.f)
+    assert gained > 2 and vain > 0
