@@ -29,19 +29,20 @@ from problems import get
 from tests.findings import codes
 
 
-def without_times(found: Solution) -> dict[str, Any]:
+def without_times(solution: Solution) -> dict[str, str]:
     """Return everything that is reported on a solution, except times."""
-    record = {key: value for key, value in found.record.items() if not key.endswith("_s")}
-    stages = [replace(line, seconds=0.0, evaluation_s=0.0) for line in found.stages]
-    told = (found.cost, found.status, found.audit, stages, found.iterations, found.route.attempts)
-    return {"told": json.dumps(told, default=str), "record": json.dumps(record, default=str)}
+    record = {key: value for key, value in solution.record.items() if not key.endswith("_s")}
+    stages = [replace(stage, seconds=0.0, evaluation_s=0.0) for stage in solution.stages]
+    attempts = [replace(attempt, seconds=0.0) for attempt in solution.route.attempts]
+    results = (solution.cost, solution.status, solution.audit, stages, solution.iterations, attempts)
+    return {"results": json.dumps(results, default=str), "record": json.dumps(record, default=str)}
 
 
 @pytest.mark.costly
 @pytest.mark.parametrize(
     "arguments",
     [
-        {"contact": Exact(), "starts": 3, "seed": 7},
+        {"contact": Exact(), "n_starts": 3, "seed": 7},
         {"contact": Randomized(0.1, 4, seed=3, base=Barrier(mu=1e-2))},
         {"contact": Barrier(mu=1e-2), "method": SingleShooting(), "policy": Feedback()},
     ],
