@@ -27,9 +27,9 @@ def abbreviated(value: object) -> str:
     return text if len(text) <= MAX_SHOWN_CHARACTERS else f"{text[: MAX_SHOWN_CHARACTERS - 3]}..."
 
 
-def did_you_mean(name: str, known: Iterable[str]) -> str:
+def did_you_mean(name: str, known_names: Iterable[str]) -> str:
     """Return ``" (did you mean 'x'?)"`` for the most similar known name, or ``""`` if none is similar."""
-    names = {candidate.lower(): candidate for candidate in known}
+    names = {candidate.lower(): candidate for candidate in known_names}
     # In a name of two letters one letter may be wrong, such as mu for nu.
     cutoff = 0.5 if len(name) == 2 else MIN_SIMILARITY
     matches = get_close_matches(name.lower(), names, n=1, cutoff=cutoff)

@@ -194,14 +194,16 @@ def settings_of(cls: type) -> dict[str, Setting]:
     if hasattr(cls, "model_fields"):
         return {key: Setting(key, about, about.annotation) for key, about in cls.model_fields.items()}
     arguments = inspect.signature(cls).parameters
-    if is_dataclass(cls) and [*arguments] == [each.name for each in fields(cls) if each.init]:
+    if is_dataclass(cls) and [*arguments] == [field_info.name for field_info in fields(cls) if field_info.init]:
         return _settings_of_dataclass(cls)
     return {key: _from_argument(cls, argument) for key, argument in arguments.items()}
 
 
 @cache
 def _settings_of_dataclass(cls: Any) -> dict[str, Setting]:
-    declared = {each.name: each.metadata.get(_METADATA_KEY) for each in fields(cls) if each.init}
+    declared = {
+        field_info.name: field_info.metadata.get(_METADATA_KEY) for field_info in fields(cls) if field_info.init
+    }
     return {key: Setting(key, about, _annotation(cls, key)) for key, about in declared.items() if about}
 
 

@@ -65,11 +65,11 @@ def interruptible() -> Iterator[None]:
         raise
 
 
-def choose(kind: str, name: str, known: Mapping[str, T]) -> T:
+def choose(kind: str, name: str, known_names: Mapping[str, T]) -> T:
     """Return ``known[name]``; for an unknown name raise :class:`InputError` with the nearest name and a list of all."""
-    if name not in known:
+    if name not in known_names:
         raise InputError(
-            f"unknown {kind} {name!r}{did_you_mean(name, known)};"
-            f" there {'is' if len(known) == 1 else 'are'} {', '.join(known)}"
+            f"unknown {kind} {name!r}{did_you_mean(name, known_names)};"
+            f" there {'is' if len(known_names) == 1 else 'are'} {', '.join(known_names)}"
         )
-    return known[name]
+    return known_names[name]

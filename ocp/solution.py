@@ -72,7 +72,7 @@ class Replay:
 
     @property
     def _broken(self) -> str:
-        return "".join(f"; {words}" for words in describe_violations(self.broken))
+        return "".join(f"; {clause}" for clause in describe_violations(self.broken))
 
 
 def replay_plan(plan: Judgement, law: ContactLaw) -> Replay:

@@ -29,31 +29,31 @@ class Axis:
     log: bool = False
 
 
-def parse_axis_option(option: str, text: str, least: int = 1) -> Axis:
+def parse_axis_option(option: str, text: str, least_count: int = 1) -> Axis:
     """Return the axis that a text of the form :data:`AXIS_GRAMMAR` describes.
 
     Raises :class:`~ocp.errors.InputError`, with the ``option`` in its message, for any other text, and for n below
-    ``least`` or above :data:`MAX_AXIS_VALUES`.
+    ``least_count`` or above :data:`MAX_AXIS_VALUES`.
     """
     name, equals, spacing = (piece.strip() for piece in text.partition("="))
     if not (name and equals and spacing):
         raise InputError(f"{option}: expected {AXIS_GRAMMAR}, got {text!r}; as in {option} M=0.5:2:7")
-    pieces, place = [piece.strip() for piece in spacing.split(":")], f"{option} {name}"
-    if len(pieces) not in (3, 4) or pieces[3:] not in ([], ["log"], ["linear"]):
-        raise InputError(f"{place}: expected {AXIS_GRAMMAR}, got {spacing!r}")
-    numbers = [value for piece in pieces[:3] if (value := parse_float(piece)) is not None]
+    parts, title = [piece.strip() for piece in spacing.split(":")], f"{option} {name}"
+    if len(parts) not in (3, 4) or parts[3:] not in ([], ["log"], ["linear"]):
+        raise InputError(f"{title}: expected {AXIS_GRAMMAR}, got {spacing!r}")
+    numbers = [value for piece in parts[:3] if (value := parse_float(piece)) is not None]
     if len(numbers) < 3:
-        wrong = next(piece for piece in pieces if parse_float(piece) is None)
-        raise InputError(f"{place}: expected {AXIS_GRAMMAR}, got {wrong!r} for a number")
+        wrong = next(piece for piece in parts if parse_float(piece) is None)
+        raise InputError(f"{title}: expected {AXIS_GRAMMAR}, got {wrong!r} for a number")
     first, last, count = numbers
-    if not (count.is_integer() and least <= count <= MAX_AXIS_VALUES):
-        single = f"; a single value goes with -p {name}=..." if least > 1 else ""
+    if not (count.is_integer() and least_count <= count <= MAX_AXIS_VALUES):
+        single = f"; a single value goes with -p {name}=..." if least_count > 1 else ""
         raise InputError(
-            f"{place}: n must be a whole number from {least} to {MAX_AXIS_VALUES}, got {pieces[2]}{single}"
+            f"{title}: n must be a whole number from {least_count} to {MAX_AXIS_VALUES}, got {parts[2]}{single}"
         )
-    log = pieces[3:] == ["log"]
+    log = parts[3:] == ["log"]
     if log and not min(first, last) > 0:
-        raise InputError(f"{place}: equal ratios need ends above zero, got {first:g} and {last:g}; leave out :log")
+        raise InputError(f"{title}: equal ratios need ends above zero, got {first:g} and {last:g}; leave out :log")
     values = (np.geomspace if log else np.linspace)(first, last, int(count))
     return Axis(name, tuple(values.tolist()), log)
 

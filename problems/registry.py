@@ -178,11 +178,11 @@ def load_law(path: str | Path) -> type[ContactLaw]:
 
 def _imported(file: Path) -> tuple[ModuleType, str]:
     """Import a file; return its module, and the digest of the file and all that it depends on."""
-    earlier_digest, tries = source_digest(file), 1
+    earlier_digest, attempts = source_digest(file), 1
     module = import_file(file)
     # If the file changed during the import, it is unknown which version was imported.
-    while (digest := source_digest(file)) != earlier_digest and tries < READING_ATTEMPTS:
-        earlier_digest, tries = digest, tries + 1
+    while (digest := source_digest(file)) != earlier_digest and attempts < READING_ATTEMPTS:
+        earlier_digest, attempts = digest, attempts + 1
         module = import_file(file)
     return module, digest
 

@@ -95,9 +95,9 @@ class _DependencySearch:
     def _module(self, name: str) -> None:
         """Add the module with the full name ``name`` and its parent packages, up to an installed package."""
         path, module = self.path, ""
-        for word in name.split("."):
-            module = f"{module}.{word}" if module else word
-            spec = None if module in PACKAGES else _spec(word, path)
+        for part in name.split("."):
+            module = f"{module}.{part}" if module else part
+            spec = None if module in PACKAGES else _spec(part, path)
             origin = None if spec is None else spec.origin and Path(spec.origin).resolve()
             if spec is None or (origin and any(map(origin.is_relative_to, _installed_folders()))):
                 return

@@ -64,7 +64,7 @@ class Golden:
     @property
     def certificate(self) -> str:
         """Stationarity and kind in the wording of ``ocp solve``."""
-        return ", ".join(word for word in (self.stationarity, self.kind) if word)
+        return ", ".join(kind_name for kind_name in (self.stationarity, self.kind) if kind_name)
 
     @property
     def remarks(self) -> str:
@@ -199,10 +199,10 @@ class UserProblemRecord:
         assert spec.draw is not None
         finite_states = x if finite.all() else x[: max(1, int(np.argmin(finite)))]
         shapes = [spec.draw(self.params, state) for state in finite_states]
-        words = {kind: word for word, kind in STORED_KINDS.items()}
+        names_by_kind = {kind: kind_name for kind_name, kind in STORED_KINDS.items()}
         contacts = [] if spec.frames is None else [spec.frames(self.params, s) for s in finite_states]
         return {
-            "shapes": [[{"kind": words[type(s)], **asdict(s)} for s in node] for node in shapes],
+            "shapes": [[{"kind": names_by_kind[type(s)], **asdict(s)} for s in node] for node in shapes],
             "contacts": [[asdict(contact) for contact in node] for node in contacts],
         }
 

@@ -22,7 +22,11 @@ Function = Callable[..., Any]
 
 
 def guarded(
-    function: Function, what: str, path: Path, check: Function | None = None, through: type[Exception] | tuple[()] = ()
+    function: Function,
+    action: str,
+    path: Path,
+    check: Function | None = None,
+    through: type[Exception] | tuple[()] = (),
 ) -> Function:
     """Return ``function`` of the file at ``path`` with every error converted to an InputError of one sentence.
 
@@ -32,21 +36,21 @@ def guarded(
 
     @functools.wraps(function)
     def call(*positional: Any, **named: Any) -> Any:
-        with user_code(f"{what} failed:", path, through):
+        with user_code(f"{action} failed:", path, through):
             value = function(*positional, **named)
         try:
             return value if check is None else check(value)
         except InputError as error:
-            raise InputError(f"{path}: {what} returned an invalid value: {error}") from error
+            raise InputError(f"{path}: {action} returned an invalid value: {error}") from error
 
     return call
 
 
 @contextmanager
-def user_code(what: str, path: Path, through: type[Exception] | tuple[()] = ()) -> Iterator[None]:
+def user_code(action: str, path: Path, through: type[Exception] | tuple[()] = ()) -> Iterator[None]:
     """Run code of the file at ``path``, then undo its changes to the whole process.
 
-    Raises :class:`~ocp.errors.InputError` with ``what``, the line and the reason for any exception
+    Raises :class:`~ocp.errors.InputError` with ``action``, the line and the reason for any exception
     raised inside, including ``SystemExit``. Only Ctrl-C and errors of the type ``through`` are
     raised unchanged.
     """
@@ -58,7 +62,7 @@ def user_code(what: str, path: Path, through: type[Exception] | tuple[()] = ()) 
     except BaseException as error:
         if isinstance(error, KeyboardInterrupt) and _was_pressed(error, path):
             raise
-        raise InputError(f"{path}: {what} {where(error, path)}") from error
+        raise InputError(f"{path}: {action} {where(error, path)}") from error
 
 
 @contextmanager

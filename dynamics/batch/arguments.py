@@ -26,8 +26,8 @@ def bind_arguments(positional: Sequence[Any], named: Mapping[str, Any], names: S
             raise TypeError(
                 f"{owner} has inputs {', '.join(names)}; "
                 + "; ".join(
-                    f"{word} {', '.join(group)}"
-                    for word, group in (("unknown:", unknown), ("missing:", missing))
+                    f"{title} {', '.join(group)}"
+                    for title, group in (("unknown:", unknown), ("missing:", missing))
                     if group
                 )
             )

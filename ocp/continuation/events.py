@@ -88,13 +88,13 @@ def _event_identity(event: Event) -> tuple[str, str, str]:
 def describe_events(events: list[Event], parameter: str) -> str:
     """Return a sentence on up to three events of each kind (bounds are only counted); "" without events."""
     sentences = []
-    for kind, words in EVENT_NAMES.items():
+    for kind, title in EVENT_NAMES.items():
         events_of_kind = [event for event in events if event.kind == kind]
         if not events_of_kind:
             continue
-        count = f"{len(events_of_kind)} {words[len(events_of_kind) > 1]}"
+        count = f"{len(events_of_kind)} {title[len(events_of_kind) > 1]}"
         listed = ", ".join(event.describe(parameter) for event in events_of_kind[:MAX_LISTED_EVENTS])
         unlisted = len(events_of_kind) - MAX_LISTED_EVENTS
-        others = f" and {unlisted} more" if unlisted > 0 else ""
-        sentences.append(count if kind == "bound" else f"{count}: {listed}{others}")
+        unlisted_text = f" and {unlisted} more" if unlisted > 0 else ""
+        sentences.append(count if kind == "bound" else f"{count}: {listed}{unlisted_text}")
     return "; ".join(sentences)

@@ -229,9 +229,9 @@ def summarise_verdicts(rows: Sequence[Sequence[dict[str, Any]]]) -> str:
     """Return a sentence that lists each estimator's verdicts, with the number of points for each."""
     sentences = []
     for j, row in enumerate(rows[0]):
-        words = [short_verdict(point[j]) for point in rows]
-        counts = {word: words.count(word) for word in dict.fromkeys(words)}
+        verdicts = [short_verdict(point[j]) for point in rows]
+        counts = {verdict: verdicts.count(verdict) for verdict in dict.fromkeys(verdicts)}
         unanimous = len(counts) == 1
-        counted = [word if unanimous else f"{word} at {n} of {len(words)}" for word, n in counts.items()]
+        counted = [verdict if unanimous else f"{verdict} at {n} of {len(verdicts)}" for verdict, n in counts.items()]
         sentences.append(f"{row['estimator']}: {', '.join(counted)}")
     return "; ".join(sentences) + "."

@@ -42,7 +42,7 @@ def run_in_processes(
     A job whose worker dies is started again in another worker. When the caller stops iterating, workers receive
     SIGINT (Ctrl-C) and have some time to save their work.
     """
-    waiting, tries = deque(range(len(jobs))), [0] * len(jobs)
+    waiting, attempts = deque(range(len(jobs))), [0] * len(jobs)
     pool: list[_Worker] = []
     try:
         while waiting or pool:
@@ -56,14 +56,14 @@ def run_in_processes(
                 if message is None:
                     pool.remove(worker)
                     index = worker.stop()
-                    tries[index] += 1
-                    if tries[index] < MAX_TRIES:
+                    attempts[index] += 1
+                    if attempts[index] < MAX_TRIES:
                         waiting.appendleft(index)
                     else:
                         yield index, worker_died(index)
                     continue
-                word, content = message
-                if word == "progress":
+                kind, content = message
+                if kind == "progress":
                     callback(worker.index, content)
                     continue
                 yield worker.index, content

@@ -165,7 +165,7 @@ def _degenerate_steps(
 def _summaries(
     names: tuple[str, ...],
     force: np.ndarray,
-    way: np.ndarray,
+    direction: np.ndarray,
     active: np.ndarray,
     slipping: np.ndarray,
     degenerate: np.ndarray,
@@ -180,7 +180,7 @@ def _summaries(
             steps=int(active[:, :, i].sum()),
             slipping=int(slipping[:, :, i].sum()),
             peak_force=largest_entry(force[:, :, i]),
-            slid=float(way[:, :, i][active[:, :, i]].sum()),
+            slid=float(direction[:, :, i][active[:, :, i]].sum()),
             degenerate=int(degenerate[:, :, i].sum()),
             spans=_spans(active[0, :, i]),
             distant=int(distant[:, :, i].sum()),

@@ -166,19 +166,19 @@ class LinearModel:
         ends = np.clip([self.row_lower / radius, self.row_upper / radius], -1e12, 1e12)
         return float(gained + (y * ends).max(axis=0).sum())
 
-    def descend(self, radius: float, branching: bool, cut: float, first: bool = False) -> Descent:
+    def descend(self, radius: float, branching: bool, min_decrease: float, first: bool = False) -> Descent:
         """Return the steepest feasible direction with ``|d_i| <= radius``.
 
         Without ``branching`` both members of near pairs may grow (the relaxed problem, a linear program).
         With ``branching`` one member of each near pair stays zero; a binary variable per pair selects it. The
-        direction then decreases the cost by more than ``cut`` per radius, and at least half as steeply as the
-        steepest direction; with ``first`` the search ends at its first direction. A ``cut`` of minus infinity
+        direction then decreases the cost by more than ``min_decrease`` per radius, and at least half as steeply as the
+        steepest direction; with ``first`` the search ends at its first direction. A ``min_decrease`` of minus infinity
         accepts every direction. The step is zero if no direction exists. The search ends after
         :data:`NODES` nodes.
         """
         near_pairs = np.flatnonzero(self.near(radius)) if branching else np.zeros(0, dtype=int)
         n = self.cost.size
-        solution = _solved(*self._program(radius, near_pairs, cut), 1e9 if first else 0.5)
+        solution = _solved(*self._program(radius, near_pairs, min_decrease), 1e9 if first else 0.5)
         if solution.status == 2 and near_pairs.size:
             return Descent(0.0, np.zeros(n))
         if solution.x is None:
@@ -188,7 +188,7 @@ class LinearModel:
         return Descent(decrease, step, near_pairs, np.round(solution.x[n:]))
 
     def _program(
-        self, radius: float, near_pairs: np.ndarray, cut: float
+        self, radius: float, near_pairs: np.ndarray, min_decrease: float
     ) -> tuple[np.ndarray, tuple[Any, ...], tuple[Any, ...], np.ndarray]:
         """Return objective, rows, bounds and integrality of the program in the direction and binaries of near pairs."""
         import scipy.sparse as sp
@@ -203,7 +203,7 @@ class LinearModel:
             members = self._snapped()[:, near_pairs] / radius
             no_limit = np.full(count, -np.inf)
             rows += [*self._branches(near_pairs, members), sp.csr_matrix(objective)]
-            row_limits += [(no_limit, -members[0]), (no_limit, ones), (no_limit[:1], np.array([-cut / size]))]
+            row_limits += [(no_limit, -members[0]), (no_limit, ones), (no_limit[:1], np.array([-min_decrease / size]))]
         low, high = (np.concatenate(limits) for limits in zip(*row_limits, strict=True))
         box = np.concatenate([lower, zeros]), np.concatenate([upper, ones])
         integrality = np.concatenate([np.zeros(self.cost.size), ones])

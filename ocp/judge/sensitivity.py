@@ -56,7 +56,7 @@ def sensitivity(program: NLP, point: Point, values: dict[str, float], replay: Re
         listed = ", ".join(program.names[:-2])
         raise InputError(f"there is no parameter {name!r} to differentiate by; there are {listed}")
     curve, v = regular_curve(program, point, values, name, abs(values[name]) or 1.0)
-    check_regular(curve, v, lambda moved: _states_and_inputs(program, curve, moved))
+    check_regular(curve, v, lambda moved_point: _states_and_inputs(program, curve, moved_point))
     t = curve.tangent(v)
     check_strict(curve, v, t)
     ends = [_trajectories(program, curve, v + s * PARAMETER_STEP * t) for s in (1, -1)]

@@ -51,23 +51,23 @@ _MOST_PAIRED = 6
 """Maximum number of inputs for which every two inputs are also moved together."""
 
 
-def describe_endless_ray(rays: Iterable[Ray], best: float, least: float = 0.0) -> str:
+def describe_endless_ray(rays: Iterable[Ray], best: float, tolerance: float = 0.0) -> str:
     """Return a clause on the first ray along which the cost decreases for ever, or "".
 
-    ``best`` is the cost of the solution; changes up to ``least`` count as zero.
+    ``best`` is the cost of the solution; changes up to ``tolerance`` count as zero.
     """
     for variables, cost, reach in rays:
-        if description := describe_fall(cost, reach, best, least):
+        if description := describe_fall(cost, reach, best, tolerance):
             return make_finding("unbounded", fall=description.format(variables)).sentence
     return ""
 
 
-def describe_fall(cost: Callable[[float], float], reach: float, best: float, least: float) -> str:
+def describe_fall(cost: Callable[[float], float], reach: float, best: float, tolerance: float) -> str:
     """Return how ``cost(t)`` decreases: without bound, towards a value that no point attains, or "" for neither.
 
     The cost decreases without bound if it decreases by about as much or more in each successive one of the last three
     decades of ``t``. It decreases towards a value if it never increases but decreases by less and less, like
-    ``exp(-t)``. In both cases it must not end above ``best``; changes up to ``least`` count as zero.
+    ``exp(-t)``. In both cases it must not end above ``best``; changes up to ``tolerance`` count as zero.
     """
     times = np.concatenate([[0.0], _NEAR_DISTANCES, max(reach, 1.0) * _FAR_DISTANCES])
     # Most rays end here: the cost is higher far away.
@@ -77,7 +77,7 @@ def describe_fall(cost: Callable[[float], float], reach: float, best: float, lea
     if not costs[-1] < min(costs[0], np.nextafter(best, np.inf)):
         return ""
     steps, size = np.diff(costs), np.abs(costs)
-    rounding, last = least + _RELATIVE_ROUNDING * np.fmax(size[1:], size[:-1]), -steps[-3:]
+    rounding, last = tolerance + _RELATIVE_ROUNDING * np.fmax(size[1:], size[:-1]), -steps[-3:]
     if np.all(last > rounding[-3:]) and np.all(last[1:] > _LEAST_RATIO * last[:-1]):
         return "decreases without bound along {}"
     falls = int(np.argmin([*(steps < -rounding), False]))
@@ -124,13 +124,13 @@ def runaway_inputs(problem: Problem, u: np.ndarray) -> str:
 
 
 def _input_rays(
-    evaluation: Evaluation, step: Step, plan: Rollout, least: Callable[[np.ndarray], float] | None
+    evaluation: Evaluation, step: Step, plan: Rollout, tolerance: Callable[[np.ndarray], float] | None
 ) -> Iterator[Ray]:
     """Yield rays along which inputs without bounds change at all steps of the horizon.
 
     A ray moves one input, two inputs at once, or all of them in proportion to the plan. Rays begin at the
     plan and, if the plan is far from zero, also at the guess; their inputs are rolled out under the law.
-    A ray is left out if ``least``, a lower bound on the cost of inputs, exceeds the plan's cost.
+    A ray is left out if ``tolerance``, a lower bound on the cost of inputs, exceeds the plan's cost.
     """
     problem, limits = evaluation.problem, evaluation.limits
     sizes, low, high = problem.scales.u, np.isfinite(limits.u_lower), np.isfinite(limits.u_upper)
@@ -154,7 +154,7 @@ def _input_rays(
         # Other inputs are those of the plan: with the inputs of the guess no ray would end below the plan's cost.
         begun = np.where(is_moved, guess, planned)
         for base in (planned, begun) if reach > _DISTANT_START else (planned,):
-            if least is not None and least(base + max(reach, 1.0) * _FIRST_DISTANCE * direction) > plan.cost:
+            if tolerance is not None and tolerance(base + max(reach, 1.0) * _FIRST_DISTANCE * direction) > plan.cost:
                 continue
             yield variables, partial(_rolled, evaluation, step, plan.x[:, 0], base, direction), reach
 
@@ -170,18 +170,22 @@ def _rolled(
 
 
 def unbounded_variables(
-    program: Program, p: np.ndarray, bounds: dict[str, np.ndarray], answer: np.ndarray, start: np.ndarray | None = None
+    program: Program,
+    p: np.ndarray,
+    bounds: dict[str, np.ndarray],
+    solution: np.ndarray,
+    start: np.ndarray | None = None,
 ) -> str:
     """Return a clause that names variables along which the cost decreases without bound, or "".
 
-    Rays are straight and begin at the ``answer`` (n,) and, if that is distant or not feasible, at the
+    Rays are straight and begin at the ``solution`` (n,) and, if that is distant or not feasible, at the
     ``start`` (n,), by default the answer.
     """
-    model = LinearModel.at(program, answer, p, bounds)
-    best = _cost_at(program, model, p, bounds, answer, 0 * answer, 0.0)
-    start = answer if start is None else start
-    distant = np.abs((answer - start) / program.sizes(start)).max(initial=0.0) > _DISTANT_START
-    bases = [answer, start] if distant or np.isnan(best) else [answer]
+    model = LinearModel.at(program, solution, p, bounds)
+    best = _cost_at(program, model, p, bounds, solution, 0 * solution, 0.0)
+    start = solution if start is None else start
+    distant = np.abs((solution - start) / program.sizes(start)).max(initial=0.0) > _DISTANT_START
+    bases = [solution, start] if distant or np.isnan(best) else [solution]
     rays = (ray for base in bases for ray in _rays(program, base, p, bounds))
     return describe_endless_ray(rays, float(np.nan_to_num(best, nan=np.inf)))
 
@@ -199,11 +203,11 @@ def _rays(program: Program, x: np.ndarray, p: np.ndarray, bounds: dict[str, np.n
             yield _called(program, direction), moves, 1.0
 
 
-def recession_direction(model: LinearModel, wanted: np.ndarray) -> np.ndarray:
-    """Return the direction (n,) nearest to ``wanted`` along which all bounds and constraints hold without limit.
+def recession_direction(model: LinearModel, preferred: np.ndarray) -> np.ndarray:
+    """Return the direction (n,) nearest to ``preferred`` along which all bounds and constraints hold without limit.
 
     Its largest entry is 1; it is zero if there is no such direction. In every complementarity pair it is zero for
-    the smaller member or, if the members are equal, for the member that ``wanted`` increases less. Constraints that
+    the smaller member or, if the members are equal, for the member that ``preferred`` increases less. Constraints that
     would otherwise be violated are held constant.
     """
     import scipy.sparse as sp
@@ -213,16 +217,16 @@ def recession_direction(model: LinearModel, wanted: np.ndarray) -> np.ndarray:
     below, above, lower, upper = (np.isfinite(end) for end in limits)
     rows, is_held, (first, second) = below & above, lower & upper, model.pairs
     opening = model.members[0] - model.members[1]
-    opening = np.where(np.abs(opening) > _RAY_TOLERANCE, opening, wanted[first] - wanted[second])
+    opening = np.where(np.abs(opening) > _RAY_TOLERANCE, opening, preferred[first] - preferred[second])
     is_held[np.where(opening > 0, second, first)] = True
     for _ in range(8):
-        direction = np.where(is_held, 0.0, wanted)
+        direction = np.where(is_held, 0.0, preferred)
         A: Any = sp.csr_matrix(model.rows[np.flatnonzero(rows)][:, np.flatnonzero(~is_held)])
         solve = sla.factorized(sp.csc_matrix(A @ A.T + 1e-10 * sp.identity(A.shape[0])))
         for _ in range(3):
             direction[~is_held] -= A.T @ solve(A @ direction[~is_held])
         largest = np.abs(direction).max(initial=0.0)
-        if not largest > _RAY_TOLERANCE * np.abs(wanted).max(initial=0.0):
+        if not largest > _RAY_TOLERANCE * np.abs(preferred).max(initial=0.0):
             break
         direction = np.where(np.abs(direction) < 1e-9 * largest, 0.0, direction / largest)
         row_changes = model.rows @ direction
@@ -231,7 +235,7 @@ def recession_direction(model: LinearModel, wanted: np.ndarray) -> np.ndarray:
         if not (is_met.any() or stopped.any()):
             return direction
         rows, is_held = rows | is_met, is_held | stopped
-    return np.zeros(wanted.size)
+    return np.zeros(preferred.size)
 
 
 def _cost_at(

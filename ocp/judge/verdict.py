@@ -109,8 +109,8 @@ class Judgement:
     @property
     def headline(self) -> str:
         """First line of the verdict: status, cost under the law, the exact law and the referee, and survival."""
-        word = self.status.value.partition(":")[0]
-        first = f"{word.capitalize()}: cost {self.cost:.6g}"
+        status_text = self.status.value.partition(":")[0]
+        first = f"{status_text.capitalize()}: cost {self.cost:.6g}"
         if not math.isfinite(self.cost):
             return f"{first}."
         referee, ending = self.referee, self.referee.word

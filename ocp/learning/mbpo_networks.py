@@ -133,12 +133,12 @@ def make_trainer(rate: float) -> Callable[..., tuple[Learner, jax.Array]]:
 
 
 @jax.jit
-def member_errors(ensemble: Ensemble, z: Any, y: Any, known: Any) -> jax.Array:
-    """Return each member's mean squared error (members,) of predicted means over the rows in the mask ``known``."""
+def member_errors(ensemble: Ensemble, z: Any, y: Any, is_known: Any) -> jax.Array:
+    """Return each member's mean squared error (members,) of predicted means over the rows in the mask ``is_known``."""
     members = ensemble.layers[0][0].shape[0]
     mean, _ = predict_gaussians(ensemble, jnp.broadcast_to(z, (members, *z.shape)))
     squared_errors = jnp.mean((mean - y) ** 2, axis=2)
-    return jnp.sum(jnp.where(known, squared_errors, 0.0), axis=1) / jnp.maximum(jnp.sum(known), 1)
+    return jnp.sum(jnp.where(is_known, squared_errors, 0.0), axis=1) / jnp.maximum(jnp.sum(is_known), 1)
 
 
 def select_elites(errors: np.ndarray, n: int) -> np.ndarray:

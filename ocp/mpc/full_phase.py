@@ -36,18 +36,18 @@ class Full(Phase):
 
     def feedback(self, sample: Sample) -> Answer:
         """Solve from the shifted solution; if the solve fails, improve the shifted plan with the phase ``softer``."""
-        answer = self._solve_softened(sample) if self.violated else None
-        if answer is None or not answer.violated:
+        result = self._solve_softened(sample) if self.violated else None
+        if result is None or not result.violated:
             solved = self._solve(sample)
             unsolved = isinstance(solved, str)
-            answer = answer or self._solve_softened(sample, solved) if unsolved else solved
-        self.violated = answer.violated
-        return answer
+            result = result or self._solve_softened(sample, solved) if unsolved else solved
+        self.violated = result.violated
+        return result
 
     def _solve_softened(self, sample: Sample, reason: str = "") -> Answer:
         self.softer.prepare(self.plan, sample)
-        answer = self.softer.feedback(sample)
-        return replace(answer, note="; ".join(filter(None, (reason, answer.note))))
+        result = self.softer.feedback(sample)
+        return replace(result, note="; ".join(filter(None, (reason, result.note))))
 
     def _solve(self, sample: Sample) -> Answer | str:
         """Return the answer with hard constraints, or a sentence that says why the solve failed."""

@@ -80,8 +80,8 @@ class LoopVerdict:
             worst = broken.violation
             size, sample, seed = worst.amount, worst.step, worst.scenario
             yield make_finding("plant-violates", constraint=broken.name, amount=size, sample=sample, seed=seed)
-        if (others := len(self.violated) - MAX_NAMED_CONSTRAINTS) > 0:
-            yield make_finding("more-constraints-violated", count=others, plural="s" * (others > 1))
+        if (n_unlisted := len(self.violated) - MAX_NAMED_CONSTRAINTS) > 0:
+            yield make_finding("more-constraints-violated", count=n_unlisted, plural="s" * (n_unlisted > 1))
 
     def _cost(self, over: str) -> str:
         """Return a phrase with the mean cost, its interval and its two terms; ``over`` is a phrase on the samples."""

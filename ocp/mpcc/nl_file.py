@@ -158,15 +158,15 @@ def _read_segment(contents: NLFile, lines: list[Line], position: int) -> int:
 def _read_table(contents: NLFile, lines: list[Line], kind: str, number: str) -> int:
     """Read bounds or starts; return their number of lines. Initial duals and column counts are skipped."""
     if kind == "r":
-        for i, words in enumerate(lines[: contents.n_rows]):
-            is_pair = words[0] == _COMPLEMENTS
+        for i, entries in enumerate(lines[: contents.n_rows]):
+            is_pair = entries[0] == _COMPLEMENTS
             if is_pair:
-                kind_of_ends = _index(words[1], _LAST_KIND + 1, "kind of complementarity")
-                contents.complements[i] = kind_of_ends, _index(words[2], contents.x.numel(), "variable", 1) - 1
-            contents.row_ends.append((-math.inf, math.inf) if is_pair else _ends(words))
+                kind_of_ends = _index(entries[1], _LAST_KIND + 1, "kind of complementarity")
+                contents.complements[i] = kind_of_ends, _index(entries[2], contents.x.numel(), "variable", 1) - 1
+            contents.row_ends.append((-math.inf, math.inf) if is_pair else _ends(entries))
         return contents.n_rows
     if kind == "b":
-        contents.x_ends = [_ends(words) for words in lines[: contents.x.numel()]]
+        contents.x_ends = [_ends(entries) for entries in lines[: contents.x.numel()]]
         return contents.x.numel()
     if kind == "x":
         contents.start = dict(_terms(lines[: _count(number)], range(contents.x.numel())))
@@ -175,18 +175,18 @@ def _read_table(contents: NLFile, lines: list[Line], kind: str, number: str) -> 
     return _count(number)
 
 
-def _count(word: str) -> int:
+def _count(text: str) -> int:
     """Return a number of lines; raise ValueError for a negative one."""
-    if int(word) < 0:
-        raise ValueError(f"the number of lines, {word}, is negative")
-    return int(word)
+    if int(text) < 0:
+        raise ValueError(f"the number of lines, {text}, is negative")
+    return int(text)
 
 
-def _index(word: str, count: int, title: str, first: int = 0) -> int:
+def _index(text: str, count: int, title: str, first: int = 0) -> int:
     """Return an index from ``first`` of ``count`` items; raise ValueError for another number."""
-    if not first <= int(word) < first + count:
-        raise ValueError(f"{title} {word} does not exist; expected {first} to {first + count - 1}")
-    return int(word)
+    if not first <= int(text) < first + count:
+        raise ValueError(f"{title} {text} does not exist; expected {first} to {first + count - 1}")
+    return int(text)
 
 
 def _terms(lines: list[Line], variables: Container[int]) -> list[Term]:
@@ -206,12 +206,12 @@ def _finite(value: float, title: str) -> float:
     return value
 
 
-def _ends(words: Line) -> Ends:
+def _ends(entries: Line) -> Ends:
     """Return the lower and upper bound that a line states."""
-    if words[0] not in _ENDS:
-        raise ValueError(f"bounds of type {words[0]} are not known")
-    low, high = _ENDS[words[0]]
-    return -math.inf if low is None else float(words[1 + low]), math.inf if high is None else float(words[1 + high])
+    if entries[0] not in _ENDS:
+        raise ValueError(f"bounds of type {entries[0]} are not known")
+    low, high = _ENDS[entries[0]]
+    return -math.inf if low is None else float(entries[1 + low]), math.inf if high is None else float(entries[1 + high])
 
 
 def _expression(contents: NLFile, lines: list[Line], first: int) -> tuple[Any, int]:
@@ -221,17 +221,17 @@ def _expression(contents: NLFile, lines: list[Line], first: int) -> tuple[Any, i
         end += 1
     stack: list[Any] = []
     for line in reversed(lines[first:end]):
-        word = line[0]
-        if word[0] == "n":
-            stack.append(_finite(float(word[1:]), "a constant"))
-        elif word[0] == "v":
-            if int(word[1:]) not in contents.defined:
-                raise ValueError(f"variable {word[1:]} does not exist")
-            stack.append(contents.defined[int(word[1:])])
-        elif word[0] == "o":
-            stack.append(_apply(int(word[1:]), stack))
+        text = line[0]
+        if text[0] == "n":
+            stack.append(_finite(float(text[1:]), "a constant"))
+        elif text[0] == "v":
+            if int(text[1:]) not in contents.defined:
+                raise ValueError(f"variable {text[1:]} does not exist")
+            stack.append(contents.defined[int(text[1:])])
+        elif text[0] == "o":
+            stack.append(_apply(int(text[1:]), stack))
         else:
-            stack.append(int(word))
+            stack.append(int(text))
     if len(stack) != 1:
         raise ValueError(f"its expression leaves {len(stack)} values, expected 1; an operator is missing")
     return stack[0], end

@@ -94,9 +94,9 @@ class MPCCSolution:
         """Status, cost, certificate and findings in a sentence or two."""
         if self.status is Status.INFEASIBLE:
             return f"Locally infeasible: {self.worst} cannot be met near the last point."
-        word = self.status.value.partition(":")[0].capitalize()
+        status_text = self.status.value.partition(":")[0].capitalize()
         certified = [] if self.status is Status.UNBOUNDED else [f"{self.certificate.sentence}."]
-        return f"{word}: cost {self.f:.8g}; " + " ".join([*certified, *self.findings])
+        return f"{status_text}: cost {self.f:.8g}; " + " ".join([*certified, *self.findings])
 
 
 def solve(

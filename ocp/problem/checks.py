@@ -17,12 +17,12 @@ BY_PARAMETERS = ("x0", "u_before", "u_lower", "u_upper", "x_lower", "x_upper")
 """Names of a problem's fields that are expressions in its parameters only."""
 
 
-def check_symbols(what: str, value: ca.SX, known: Iterable[ca.SX], expected: str) -> None:
-    """Raise :class:`~ocp.errors.InputError` if ``value`` uses a symbol that is not in ``known``.
+def check_symbols(what: str, value: ca.SX, known_symbols: Iterable[ca.SX], expected: str) -> None:
+    """Raise :class:`~ocp.errors.InputError` if ``value`` uses a symbol that is not in ``known_symbols``.
 
     The message says that the symbol is ``expected``, such as "no declared parameter".
     """
-    declared = {symbol.element_hash() for symbols in known for symbol in ca.symvar(symbols)}
+    declared = {symbol.element_hash() for symbols in known_symbols for symbol in ca.symvar(symbols)}
     used_symbols = ca.symvar(value)
     unknown_names = sorted({str(symbol) for symbol in used_symbols if symbol.element_hash() not in declared})
     if unknown_names:

@@ -140,13 +140,13 @@ def linear_complementarity(F: np.ndarray, z: np.ndarray, is_pair: np.ndarray) ->
     """
     lam = np.where(is_pair, 1.0, 0.0)
     slack = np.maximum(z + (F @ lam[:, :, None])[:, :, 0], 1.0)
-    answer, unsolved = np.full(z.shape, np.nan), np.arange(len(z))
+    multipliers, unsolved = np.full(z.shape, np.nan), np.arange(len(z))
     for _ in range(_ITERATIONS):
         m, s, is_real, matrix = lam[unsolved], slack[unsolved], is_pair[unsolved], F[unsolved]
         residual = np.where(is_real, z[unsolved] + (matrix @ m[:, :, None])[:, :, 0] - s, 0.0)
         product = np.where(is_real, m * s, 0.0)
         solved = (np.abs(residual).max(axis=1) < _SOLVED) & (product.max(axis=1) < 1e-8)
-        answer[unsolved[solved]] = m[solved]
+        multipliers[unsolved[solved]] = m[solved]
         if (solved | ~np.isfinite(m).all(axis=1)).all():
             break
         is_running = ~solved & np.isfinite(m).all(axis=1)
@@ -162,7 +162,7 @@ def linear_complementarity(F: np.ndarray, z: np.ndarray, is_pair: np.ndarray) ->
         dl, ds = _direction(m, s, matrix, residual, mu - dl * ds, is_real)
         step = _to_edge(m, dl, s, ds, is_real)
         lam[unsolved], slack[unsolved] = m + step * dl, s + step * ds
-    return answer
+    return multipliers
 
 
 def _direction(

@@ -98,7 +98,7 @@ class _Writer:
     def body(self, parent: Element, name: str, frame: _BodyFrame) -> Element:
         """Append and return a body with its joints and its inertia."""
         owner = frame.owner
-        body = self(parent, "body", name=name, pos=frame.place, quat=frame.turn)
+        body = self(parent, "body", name=name, pos=frame.place, quat=frame.quaternion)
         for joint in frame.moves:
             carrier: Any = joint.owner
             attributes = {"range": carrier.limits, "damping": carrier.damping, "pos": joint.point}
@@ -129,7 +129,7 @@ class _BodyFrame(NamedTuple):
     owner: Any
     parent: str
     place: Any
-    turn: Any
+    quaternion: Any
     moves: list[_Joint]
 
 
@@ -155,11 +155,11 @@ def _link_frame(link: Link, number: _Number) -> _BodyFrame:
             _Joint(link, f"{name}_{end}", "slide", in_link_frame(*axis)) for end, axis in (("x", (1, 0)), ("z", (0, 1)))
         ]
         moves = [*slides, moves[0]._replace(name=f"{name}_angle")]
-    turn = cos(a / 2), 0.0, sin(a / 2), 0.0
-    return _BodyFrame(link, link.parent or WORLD, _to_space(link.anchor), turn, moves)
+    quaternion = cos(a / 2), 0.0, sin(a / 2), 0.0
+    return _BodyFrame(link, link.parent or WORLD, _to_space(link.anchor), quaternion, moves)
 
 
-def _merge_massless(frames: dict[str, _BodyFrame], touching: set[str], number: _Number) -> None:
+def _merge_massless(frames: dict[str, _BodyFrame], touching_names: set[str], number: _Number) -> None:
     """Merge massless bodies with a single child, which touch nothing, into this child.
 
     MuJoCo does not allow a moving body without mass, but allows several joints in one body, which act in sequence.
@@ -173,10 +173,10 @@ def _merge_massless(frames: dict[str, _BodyFrame], touching: set[str], number: _
         children = [child for child, frame in frames.items() if frame.parent == name]
         has_simple_joints = all(joint.kind in ("hinge", "slide") for joint in upper.moves)
         heavy = number(owner.mass) or any(map(number, owner.inertia))
-        if heavy or len(children) != 1 or name in touching or not has_simple_joints:
+        if heavy or len(children) != 1 or name in touching_names or not has_simple_joints:
             continue
         lower = frames[children[0]]
-        offset, quaternions = numbers(lower.place), [numbers(upper.turn), numbers(lower.turn)]
+        offset, quaternions = numbers(lower.place), [numbers(upper.quaternion), numbers(lower.quaternion)]
         upper_rotation, lower_rotation = Rotation.from_quat(quaternions, scalar_first=True)
         joints = list[_Joint]()
         for joint in upper.moves:
@@ -186,7 +186,7 @@ def _merge_massless(frames: dict[str, _BodyFrame], touching: set[str], number: _
         frames[children[0]] = lower._replace(
             parent=upper.parent,
             place=tuple(numbers(upper.place) + upper_rotation.apply(offset)),
-            turn=tuple((upper_rotation * lower_rotation).as_quat(scalar_first=True)),
+            quaternion=tuple((upper_rotation * lower_rotation).as_quat(scalar_first=True)),
             moves=[*joints, *lower.moves],
         )
         del frames[name]

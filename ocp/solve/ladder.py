@@ -205,8 +205,8 @@ class SurvivalLadder:
         if policy.samples == policy.kept:
             raise NotConverged(f"the controller made no plan of its own: {policy.note or 'no sample was answered'}")
         report = policy_report(evaluation, plan, outcome, solution.referee)
-        answer = replace(solution.with_data(with_replay(solution, outcome.replay)), referee=report)
-        self._add("a controller", answer, outcome, iterations=0)
+        refereed = replace(solution.with_data(with_replay(solution, outcome.replay)), referee=report)
+        self._add("a controller", refereed, outcome, iterations=0)
         self.policies[len(self.rungs) - 1] = policy
 
     def _exact_session(self, problem: Problem, changed_values: dict[str, Any] | None = None) -> Session:
@@ -284,7 +284,7 @@ class SurvivalLadder:
         return plan_of(solution, self.session.step if solution is self.first else solution.problem.exact_step)
 
     def _index_of(self, solution: Solution) -> int:
-        return next(i for i, answer in enumerate(self.answers) if answer is solution)
+        return next(i for i, refereed in enumerate(self.answers) if refereed is solution)
 
     def _best(self) -> int:
         """Return the index of the best rung; among rungs that survive this is the last."""

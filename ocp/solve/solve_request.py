@@ -118,9 +118,9 @@ class SolveRequest:
 
     def command(self, seed: int = 0, starts: int = 1, rank: str = "planned") -> list[str]:
         """Return the words of the equivalent ``ocp solve`` command."""
-        words = ["ocp", "solve", self.problem]
+        command = ["ocp", "solve", self.problem]
         for option, settings in (("-p", self.params), ("-c", self.contact_settings), ("-s", self.settings)):
-            words += [word for key, value in settings.items() for word in (option, f"{key}={value}")]
+            command += [part for key, value in settings.items() for part in (option, f"{key}={value}")]
         options = {
             "contact": (self.contact, DEFAULT_LAW),
             "method": (self.method, "direct"),
@@ -131,8 +131,8 @@ class SolveRequest:
             "rank": (rank, "planned"),
         }
         for name, (value, default) in options.items():
-            words += [] if value == default else [f"--{name}", str(value)]
-        return words
+            command += [] if value == default else [f"--{name}", str(value)]
+        return command
 
 
 def _field_and_key(name: str) -> tuple[str, str]:

@@ -141,10 +141,10 @@ def _union_from_json(kinds: tuple[Any, ...], value: Any, path: str) -> Any:
     raise errors[0]
 
 
-def _choice_from_json(words: Mapping[Any, Any], value: Any, path: str) -> Any:
-    if not isinstance(value, Hashable) or value not in words:
-        raise _mismatch(path, value, f"one of {', '.join(map(str, words))}")
-    return words[value]
+def _choice_from_json(choices: Mapping[Any, Any], value: Any, path: str) -> Any:
+    if not isinstance(value, Hashable) or value not in choices:
+        raise _mismatch(path, value, f"one of {', '.join(map(str, choices))}")
+    return choices[value]
 
 
 def _record_from_json(kind: Any, value: Any, path: str) -> Any:

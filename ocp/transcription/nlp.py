@@ -213,7 +213,7 @@ class NLP(Program):
         kinds = self.problem.system.pairs
         return PairName(kinds[i % len(kinds)].kind, self.step.contacts[i].name, scenario, step)
 
-    def _constraint_bounds(self, physical: np.ndarray, known: dict[str, tuple]) -> tuple[np.ndarray, np.ndarray]:
+    def _constraint_bounds(self, physical: np.ndarray, known_bounds: dict[str, tuple]) -> tuple[np.ndarray, np.ndarray]:
         lower, upper = {}, {}
         for kind, rows in (("path", self.problem.path), ("terminal", self.problem.terminal)):
             if kind in self.constraints and self.constraints[kind].size:
@@ -222,7 +222,7 @@ class NLP(Program):
                 lower[kind], upper[kind] = (np.array(end).ravel() for end in evaluated)
         for name in ("x", "u"):
             if f"{name}_bound" in self.constraints:
-                lower[f"{name}_bound"], upper[f"{name}_bound"] = known[name]
+                lower[f"{name}_bound"], upper[f"{name}_bound"] = known_bounds[name]
         if "separation" in self.constraints:
             upper["separation"] = np.inf
         return self.constraints.pack(lower), self.constraints.pack(upper)

@@ -171,8 +171,8 @@ def build(params: Params) -> Problem:
     p, friction = friction_of(table(params))
     discs = params.links == "discs"
 
-    def stacked(each: Callable[[shapes.Contact], ca.SX], q: ca.SX) -> ca.SX:
-        return ca.vertcat(*map(each, _touches(q, p, discs).values()))
+    def stacked(row_of: Callable[[shapes.Contact], ca.SX], q: ca.SX) -> ca.SX:
+        return ca.vertcat(*map(row_of, _touches(q, p, discs).values()))
 
     K = ca.vertcat(p["K1"], p["K2"], p["K1"], p["K2"])
     start = ca.vertcat(p["ox0"], p["oy0"], p["angle0"], p["l1"], p["l2"], p["r1"], p["r2"])

@@ -67,7 +67,7 @@ def _of_urdf(inertial: Element) -> Moments:
     def numbers(tag: str, names: str, default: str = "0") -> list[float]:
         element = inertial.find(tag)
         attributes = {} if element is None else element.attrib
-        return [float(word) for name in names.split() for word in attributes.get(name, default).split()]
+        return [float(number) for name in names.split() for number in attributes.get(name, default).split()]
 
     rotation = Rotation.from_euler("xyz", numbers("origin", "rpy", "0 0 0"))
     six = numbers("inertia", "ixx iyy izz ixy ixz iyz")

@@ -25,21 +25,21 @@ START_DEPTH_M = 1e-9
 """Maximum depth to which things may start inside each other [m]."""
 
 
-def check_names(things: Sequence[Thing | Goal], pairs: Sequence[tuple[str, str]]) -> None:
+def check_names(elements: Sequence[Thing | Goal], pairs: Sequence[tuple[str, str]]) -> None:
     """Raise :class:`~ocp.errors.InputError` for unsupported elements, duplicate names, and unknown names."""
-    for thing in things:
-        if isinstance(thing, Body | Pusher) and isinstance(thing.shape, HalfPlane):
+    for element in elements:
+        if isinstance(element, Body | Pusher) and isinstance(element.shape, HalfPlane):
             raise InputError(
-                f"{thing.name!r} moves, and a half-plane is unbounded; make it an Obstacle, or its shape a Box"
+                f"{element.name!r} moves, and a half-plane is unbounded; make it an Obstacle, or its shape a Box"
             )
-    names = [thing.name for thing in things if isinstance(thing, Thing)]
+    names = [element.name for element in elements if isinstance(element, Thing)]
     duplicates = [name for name, count in Counter(names).items() if count > 1]
     if duplicates:
         raise InputError(f"two things are called {duplicates[0]!r}; give each its own name")
-    moving = {thing.name: thing for thing in things if isinstance(thing, Body | Pusher)}
+    moving = {element.name: element for element in elements if isinstance(element, Body | Pusher)}
     if not moving:
         raise InputError("nothing in the scene moves; add a Body or a Pusher")
-    for goal in (thing for thing in things if isinstance(thing, Goal)):
+    for goal in (element for element in elements if isinstance(element, Goal)):
         _require_known(goal.body, list(moving), "a goal is for")
     for pair in pairs:
         if isinstance(pair, str) or len(pair) != 2:
@@ -74,15 +74,15 @@ def check_numbers(scene: Scene, parameters: ParameterTable) -> None:
     def value(expression: Scalar) -> float:
         return float(ca.Function("value", [symbols], [ca.densify(ca.SX(expression))])(values))
 
-    for thing in scene.things:
-        for shape in convex_parts(thing.shape):
-            _check_shape(thing, shape, value)
+    for element in scene.things:
+        for shape in convex_parts(element.shape):
+            _check_shape(element, shape, value)
         for quantity in ("mass", "inertia", "stiffness", "table", "reach"):
-            number = getattr(thing, quantity, None)
+            number = getattr(element, quantity, None)
             if number is not None and not value(number) > 0:
-                raise InputError(f"{thing.name!r} has the {quantity} {value(number):g}; expected a positive number")
-        if isinstance(thing, Pusher) and thing.axis is not None:
-            _check_unit(f"the rail of {thing.name!r} runs along", thing.axis, value)
+                raise InputError(f"{element.name!r} has the {quantity} {value(number):g}; expected a positive number")
+        if isinstance(element, Pusher) and element.axis is not None:
+            _check_unit(f"the rail of {element.name!r} runs along", element.axis, value)
     for i, touch in enumerate(scene.touches):
         if value(scene.friction[i]) < 0:
             raise InputError(
@@ -98,37 +98,37 @@ def check_numbers(scene: Scene, parameters: ParameterTable) -> None:
             )
 
 
-def _check_shape(thing: Thing, shape: Shape, value: Value) -> None:
+def _check_shape(element: Thing, shape: Shape, value: Value) -> None:
     match shape:
         case Disc(radius):
-            _check_size(thing, "disc has the radius", value(radius))
+            _check_size(element, "disc has the radius", value(radius))
         case Capsule(start, end, radius):
-            _check_size(thing, "capsule has the radius", value(radius))
+            _check_size(element, "capsule has the radius", value(radius))
             length = math.hypot(*(value(end[i] - start[i]) for i in range(2)))
-            _check_size(thing, "capsule has the length", length)
+            _check_size(element, "capsule has the length", length)
         case Box(half, radius):
             half_sides = [value(half[i]) for i in range(2)]
-            _check_size(thing, "box has a half side of", min(half_sides))
+            _check_size(element, "box has a half side of", min(half_sides))
             if not 0 <= value(radius) <= min(half_sides):
                 raise InputError(
-                    f"the corners of {thing.name!r} are rounded by {value(radius):g} m; expected"
+                    f"the corners of {element.name!r} are rounded by {value(radius):g} m; expected"
                     f" at least 0 and at most half its shorter side, {min(half_sides):g} m"
                 )
         case Polygon(vertices, radius):
             corners = np.array([[value(vertex[i]) for i in range(2)] for vertex in vertices])
             if defect := polygon_defect(corners, value(radius)):
-                raise InputError(f"the polygon of {thing.name!r} {defect}")
+                raise InputError(f"the polygon of {element.name!r} {defect}")
             if is_clockwise(corners):
                 raise InputError(
-                    f"the polygon of {thing.name!r} runs clockwise; give vertices with symbols counterclockwise"
+                    f"the polygon of {element.name!r} runs clockwise; give vertices with symbols counterclockwise"
                 )
         case HalfPlane(_, normal):
-            _check_unit(f"the half-plane of {thing.name!r} has the normal", normal, value)
+            _check_unit(f"the half-plane of {element.name!r} has the normal", normal, value)
 
 
-def _check_size(thing: Thing, what: str, size: float) -> None:
+def _check_size(element: Thing, what: str, size: float) -> None:
     if not size > 0:
-        raise InputError(f"{thing.name!r}: its {what} {size:g} m; expected a positive number")
+        raise InputError(f"{element.name!r}: its {what} {size:g} m; expected a positive number")
 
 
 def _check_unit(what: str, vector: Point, value: Value) -> None:

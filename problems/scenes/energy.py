@@ -31,13 +31,13 @@ def energy_balance(scene: Scene, masses: ca.SX, weight: ca.SX, h: Scalar) -> Bal
         momentum, external = ca.SX.zeros(2), ca.SX.zeros(2)
         impulses = _contact_impulses(scene, q, normal, friction)
         forces = weight + ca.vertcat(ca.SX.zeros(weight.numel() - u.numel()), u)
-        for thing in scene.moving:
-            directions = thing.directions if isinstance(thing, Pusher) else ca.SX.eye(2)
+        for element in scene.moving:
+            directions = element.directions if isinstance(element, Pusher) else ca.SX.eye(2)
             n = directions.shape[1]
-            mass = scene.coordinates_of(thing.name, masses)[0]
-            momentum = momentum + mass * directions @ scene.coordinates_of(thing.name, v)[:n]
-            impulse = directions.T @ impulses.get(thing.name, ca.SX.zeros(2))
-            external = external + directions @ (h * scene.coordinates_of(thing.name, forces)[:n] + impulse)
+            mass = scene.coordinates_of(element.name, masses)[0]
+            momentum = momentum + mass * directions @ scene.coordinates_of(element.name, v)[:n]
+            impulse = directions.T @ impulses.get(element.name, ca.SX.zeros(2))
+            external = external + directions @ (h * scene.coordinates_of(element.name, forces)[:n] + impulse)
         energy = ca.dot(masses, v**2) / 2 - ca.dot(weight, q)
         work = h * ca.dot(u, v_next[v_next.numel() - u.numel() :])
         return EnergyBalance(energy, work, momentum, external)
@@ -50,7 +50,7 @@ def _contact_impulses(scene: Scene, q: ca.SX, normal: ca.SX, friction: ca.SX) ->
     impulses: dict[str, ca.SX] = {}
     for i, (touch, contact) in enumerate(zip(scene.touches, scene.contacts(q), strict=True)):
         push = normal[i] * contact.normal + friction[i] * contact.tangent
-        for thing, impulse in ((touch.one, push), (touch.other, -push)):
-            if isinstance(thing, Body | Pusher):
-                impulses[thing.name] = impulses.get(thing.name, ca.SX.zeros(2)) + impulse
+        for element, impulse in ((touch.one, push), (touch.other, -push)):
+            if isinstance(element, Body | Pusher):
+                impulses[element.name] = impulses.get(element.name, ca.SX.zeros(2)) + impulse
     return impulses

@@ -59,21 +59,21 @@ def _poses_and_contacts(scene: Scene) -> ca.Function:
 def _all_shapes(scene: Scene, poses: list[PlanarPose]) -> list[Shape]:
     """Return the shapes of obstacles, then of goals, then of bodies and pushers."""
     obstacles, goals, moving = list[Shape](), list[Shape](), list[Shape]()
-    for thing, pose in zip(scene.things, poses, strict=True):
-        if isinstance(thing, Obstacle):
-            obstacles += [solid(shape, *pose, "environment") for shape in convex_parts(thing.shape)]
+    for element, pose in zip(scene.things, poses, strict=True):
+        if isinstance(element, Obstacle):
+            obstacles += [solid(shape, *pose, "environment") for shape in convex_parts(element.shape)]
         else:
-            moving += _shapes(thing, pose, "object" if isinstance(thing, Body) else "actuator")
+            moving += _shapes(element, pose, "object" if isinstance(element, Body) else "actuator")
     bodies = {body.name: body for body in scene.moving}
     for goal in scene.goals:
         goals += _shapes(bodies[goal.body], (float(goal.at[0]), float(goal.at[1]), -float(goal.angle)), "goal")
     return [*obstacles, *goals, *moving]
 
 
-def _shapes(thing: Thing, pose: PlanarPose, role: str) -> list[Shape]:
+def _shapes(element: Thing, pose: PlanarPose, role: str) -> list[Shape]:
     """Return the shapes to draw for an element; a rotating disc has a radius, which points upwards at angle zero."""
-    shapes = [solid(shape, *pose, role) for shape in convex_parts(thing.shape)]
-    if not (thing.turns and isinstance(disc := shapes[0], Circle)):
+    shapes = [solid(shape, *pose, role) for shape in convex_parts(element.shape)]
+    if not (element.turns and isinstance(disc := shapes[0], Circle)):
         return shapes
     end = disc.x + disc.radius * math.sin(pose[2]), disc.y + disc.radius * math.cos(pose[2])
     return [*shapes, Segment(disc.x, disc.y, *end, role)]

@@ -44,25 +44,25 @@ class Scene:
         non_colliding: Sequence[Pair] = (),
     ) -> None:
         all_things = require_items("the things of a scene", (Body, Pusher, Obstacle, Goal), things)
-        self.things = tuple(thing for thing in all_things if isinstance(thing, Thing))
-        self.goals = tuple(thing for thing in all_things if isinstance(thing, Goal))
+        self.things = tuple(element for element in all_things if isinstance(element, Thing))
+        self.goals = tuple(element for element in all_things if isinstance(element, Goal))
         self.non_colliding, self._friction = tuple(map(frozenset, non_colliding)), friction
         coefficients = friction if isinstance(friction, Mapping) else {}
         for coefficient in coefficients.values() if isinstance(friction, Mapping) else [friction]:
             require_not_negative("the friction of a scene", coefficient)
         check_names(all_things, [*coefficients, *non_colliding])
-        self.bodies = tuple(thing for thing in self.things if isinstance(thing, Body))
-        self.pushers = tuple(thing for thing in self.things if isinstance(thing, Pusher))
+        self.bodies = tuple(element for element in self.things if isinstance(element, Body))
+        self.pushers = tuple(element for element in self.things if isinstance(element, Pusher))
         self.touches = tuple(contact_pairs(self.things, self.non_colliding))
         self.moving = (*self.bodies, *self.pushers)
-        self.coordinates = tuple(signal for thing in self.moving for signal in thing.coordinates)
-        ends = [0, *accumulate(len(thing.coordinates) for thing in self.moving)]
-        self._at = {thing.name: slice(*pair) for thing, pair in zip(self.moving, pairwise(ends), strict=True)}
+        self.coordinates = tuple(signal for element in self.moving for signal in element.coordinates)
+        ends = [0, *accumulate(len(element.coordinates) for element in self.moving)]
+        self._at = {element.name: slice(*pair) for element, pair in zip(self.moving, pairwise(ends), strict=True)}
 
     @cached_property
     def start(self) -> ca.SX:
         """Coordinates of all bodies and pushers at the start, (nq, 1)."""
-        return ca.vertcat(ca.SX(0, 1), *(thing.start for thing in self.moving))
+        return ca.vertcat(ca.SX(0, 1), *(element.start for element in self.moving))
 
     @cached_property
     def hold(self) -> ca.SX:
@@ -79,7 +79,7 @@ class Scene:
 
     def pose(self, q: ca.SX) -> Callable[[Thing], Pose]:
         """Return the function from a body, pusher, obstacle or goal to its pose at ``q``."""
-        return lambda thing: thing.pose(q[self._at.get(thing.name, slice(0, 0))])
+        return lambda element: element.pose(q[self._at.get(element.name, slice(0, 0))])
 
     def contacts(self, q: ca.SX) -> list[Contact]:
         """Return the contacts at ``q``, in the order of ``touches``."""

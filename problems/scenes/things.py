@@ -220,21 +220,21 @@ class Touch:
         return frozenset((self.one.name, self.other.name))
 
 
-def contact_pairs(things: Sequence[Thing], non_colliding: Collection[frozenset[str]]) -> list[Touch]:
+def contact_pairs(elements: Sequence[Thing], non_colliding: Collection[frozenset[str]]) -> list[Touch]:
     """Return all contacts of two elements, at least one moving, except the pairs of names in ``non_colliding``.
 
     If one of the two can turn, every corner has a separate contact ``<one> on <other> <number>``, see
     :func:`~dynamics.systems.shapes.polygon.vertex_pairs`.
     """
     pairs_that_touch = []
-    for first, second in combinations(things, 2):
+    for first, second in combinations(elements, 2):
         if isinstance(first, Obstacle) and isinstance(second, Obstacle):
             continue
         if frozenset((first.name, second.name)) in non_colliding:
             continue
         label = f"{first.name} on {second.name}"
         freer, less_free = sorted(
-            (first, second), key=lambda thing: [not isinstance(thing, kind) for kind in MOST_FREE_FIRST]
+            (first, second), key=lambda element: [not isinstance(element, kind) for kind in MOST_FREE_FIRST]
         )
         pairs = [(a, b) for a in convex_parts(freer.shape) for b in convex_parts(less_free.shape)]
         if freer.turns or less_free.turns:

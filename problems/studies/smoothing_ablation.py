@@ -117,13 +117,13 @@ def _on_top(law: str, fixed: list[str], ends: dict[str, np.ndarray], areas: dict
         source, name = _SECTION_7_4, "The adaptive law"
     return [
         claim_gains(
-            f"{name} {words}",
+            f"{name} {sentence}",
             source,
             f"{expected} above that of every fixed mu, 95 %",
             fixed,
             [mean_difference(of[law], of[other]) for other in fixed],
         )
-        for words, expected, of in (
+        for sentence, expected, of in (
             ("ends the highest", "best return", ends),
             ("learns the fastest", "mean return over iterations", areas),
         )

@@ -106,13 +106,13 @@ class Statement:
     expectation: str = ""
     observation: str = ""
 
-    def expected(self, words: str) -> Statement:
-        """Return a copy of the statement whose expected value, according to the source, is the text ``words``."""
-        return replace(self, expectation=words)
+    def expected(self, text: str) -> Statement:
+        """Return a copy of the statement whose expected value, according to the source, is the text ``text``."""
+        return replace(self, expectation=text)
 
-    def measured(self, words: str) -> Statement:
-        """Return a copy of the statement whose measured value is the text ``words``, with units."""
-        return replace(self, observation=words)
+    def measured(self, text: str) -> Statement:
+        """Return a copy of the statement whose measured value is the text ``text``, with units."""
+        return replace(self, observation=text)
 
     def holds(self, *conditions: ArrayLike, margin: float | None = None) -> Claim:
         """Return the claim, which holds if all truth values are true; see :class:`Claim` for ``margin``."""
@@ -271,10 +271,10 @@ def settings_text(settings: Sequence[object], marks: ArrayLike) -> str:
 
     Numbers are written with four digits; ``marks`` has one truth value for each setting.
     """
-    words = [f"{s:.4g}" if isinstance(s, int | float) else str(s) for s in settings]
+    text = [f"{s:.4g}" if isinstance(s, int | float) else str(s) for s in settings]
     truths = np.asarray(marks, dtype=bool)
     true_at, false_at = (
-        ", ".join(word for word, mark in zip(words, truths, strict=True) if mark is np.bool_(kind))
+        ", ".join(word for word, mark in zip(text, truths, strict=True) if mark is np.bool_(kind))
         for kind in (True, False)
     )
     if not false_at:

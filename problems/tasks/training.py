@@ -170,16 +170,16 @@ def unfinished(job: TrainingJob, experiment: Experiment, checkpoint: Checkpoint)
     return lines
 
 
-def run_training(job: TrainingJob, tell: Callable[[dict[str, float]], None]) -> xr.Dataset:
+def run_training(job: TrainingJob, report: Callable[[dict[str, float]], None]) -> xr.Dataset:
     """Run a job, or continue it from its checkpoint, and return the data to store (a worker's job function).
 
-    ``tell`` is called with the numbers of every iteration.
+    ``report`` is called with the numbers of every iteration.
     """
     experiment = job.experiment()
     # A worker on another computer may not have the folder.
     folder = job.checkpoint_folder
     checkpoint = SavedWork(folder if folder is not None and folder.is_dir() else None)
-    data = train(experiment, checkpoint, lambda k, row: tell({"iteration": float(k), **row}))
+    data = train(experiment, checkpoint, lambda k, row: report({"iteration": float(k), **row}))
     return with_episode(experiment, data)
 
 

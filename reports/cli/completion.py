@@ -30,8 +30,8 @@ def field_completion(name: str) -> Callable[[typer.Context, str], list[str]] | N
     def complete(ctx: typer.Context, incomplete: str) -> list[str]:
         # The shell would insert the message of an error into the command line.
         try:
-            words = _WORDS[name](ctx.params) if name in _WORDS else _table(_NAMED[name])
-            return [word for word in words if word.startswith(incomplete)]
+            candidates = _WORDS[name](ctx.params) if name in _WORDS else _table(_NAMED[name])
+            return [candidate for candidate in candidates if candidate.startswith(incomplete)]
         except Exception:
             return []
 

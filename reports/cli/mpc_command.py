@@ -115,7 +115,7 @@ def _deviation(flag: str, words: Sequence[str] | None) -> float | dict[str, floa
     words = list(words or ())
     if len(words) == 1 and "=" not in words[0]:
         return read_value(flag, words[0], float)
-    if any("=" not in word for word in words):
+    if any("=" not in assignment for assignment in words):
         raise InputError(
             f"{flag} takes one number for all signals or name=value for each, got"
             f" {', '.join(words)}; drop one of the two"
@@ -126,11 +126,11 @@ def _deviation(flag: str, words: Sequence[str] | None) -> float | dict[str, floa
 def _pushes(words: Iterable[str], states: list[str], steps: int) -> dict[int, np.ndarray]:
     """Return a mapping from the index of a sample to the change of the state (nx,) just before this sample."""
     push_at: dict[int, np.ndarray] = {}
-    for word in words:
-        sample, sign, change = word.partition(":")
+    for assignment in words:
+        sample, sign, change = assignment.partition(":")
         if not sign:
-            raise InputError(f"--push: expected K:name=value, got {word!r}; write 20:{states[0]}=1")
-        k = read_value(f"--push {word}: the sample", sample.strip(), int, least=0, most=steps - 1)
+            raise InputError(f"--push: expected K:name=value, got {assignment!r}; write 20:{states[0]}=1")
+        k = read_value(f"--push {assignment}: the sample", sample.strip(), int, least=0, most=steps - 1)
         for name, text in parse_assignments("--push", [change]).items():
             if name not in states:
                 raise InputError(

@@ -61,17 +61,17 @@ def run(options: RunsOptions, request: RunsRequest) -> int:
         if not options.as_json:
             print_table(run_table(single_run))
         return 0
-    paths, entries, others = store.run_paths(options.out), [], []
+    paths, entries, other_runs = store.run_paths(options.out), [], []
     for number, path in enumerate(reversed(paths), 1):
         row = _row(store.read_entry(path), f"@{number}")
-        (entries if _matches(options, since, row) else others).append(row)
+        (entries if _matches(options, since, row) else other_runs).append(row)
         if len(entries) == (options.last or _SHOWN):
             break
     entries.reverse()
-    older = len(paths) - len(entries) - len(others)
+    older = len(paths) - len(entries) - len(other_runs)
     options.output.document({"runs": entries, "older": older})
     if not options.as_json:
-        _print(options, entries, others)
+        _print(options, entries, other_runs)
         if older and options.last is None:
             print(f"{older} older runs were not read; list all with -n {len(paths)}")
     return 0

@@ -276,8 +276,8 @@ class Output:
         from rich.console import Console
         from rich.text import Text
 
-        first, *others = text.split("\n")
-        lines = [Text(first, style=f"bold {_VERDICT_STYLES[grade]}"), *map(Text, others)]
+        first, *further_lines = text.split("\n")
+        lines = [Text(first, style=f"bold {_VERDICT_STYLES[grade]}"), *map(Text, further_lines)]
         Console(file=stream, highlight=False).print(*lines, sep="\n")
 
     def document(self, content: dict[str, Any]) -> None:

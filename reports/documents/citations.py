@@ -22,5 +22,5 @@ def full_citation(key: str) -> str:
     except typst.TypstError:
         return key
     cited = set_page.decode().partition("<p>")[2].partition("</p>")[0]
-    words = html.unescape(re.sub(r"<[^>]*>", "", cited)).split()
-    return " ".join(words).removesuffix(".")
+    text_words = html.unescape(re.sub(r"<[^>]*>", "", cited)).split()
+    return " ".join(text_words).removesuffix(".")

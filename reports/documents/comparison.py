@@ -83,12 +83,16 @@ def run_labels(runs: Sequence[StoredRun]) -> list[str]:
     leading_keys = _LABEL_KEYS[:2] if len({request.get("problem") for request in all_requests}) > 1 else ()
     leading_words = [[str(request[key]) for key in leading_keys if key in request] for request in all_requests]
     all_labels = []
-    for run, request, words in zip(runs, all_requests, leading_words, strict=True):
-        requests = [candidate for candidate, other in zip(all_requests, leading_words, strict=True) if other == words]
+    for run, request, label_parts in zip(runs, all_requests, leading_words, strict=True):
+        requests = [
+            candidate
+            for candidate, compared in zip(all_requests, leading_words, strict=True)
+            if compared == label_parts
+        ]
         differing = [key for key in request if _differs(key, request, requests)]
-        words = words + [str(request[key]) for key in _LABEL_KEYS if key in differing]
-        words += [f"{symbol(key)} = {value_text(request[key], 4)}" for key in differing if key not in _LABEL_KEYS]
-        all_labels.append(", ".join(words) or str(run.meta["hash"])[:6])
+        label_parts = label_parts + [str(request[key]) for key in _LABEL_KEYS if key in differing]
+        label_parts += [f"{symbol(key)} = {value_text(request[key], 4)}" for key in differing if key not in _LABEL_KEYS]
+        all_labels.append(", ".join(label_parts) or str(run.meta["hash"])[:6])
     if len(set(all_labels)) == len(all_labels):
         return all_labels
     return [
@@ -109,16 +113,18 @@ def _flat(run: StoredRun) -> dict[str, Any]:
 
 def _differs(key: str, request: Mapping[str, Any], requests: Sequence[Mapping[str, Any]]) -> bool:
     """Return whether a request with the same law (any request, unless ``key`` is a law setting) has another value."""
-    others = [other for other in requests if other is not request]
+    compared_requests = [compared for compared in requests if compared is not request]
     if key == "strategy" or key.startswith("contact."):
-        others = [other for other in others if other.get("contact") == request.get("contact")]
-    return any(other.get(key) != request[key] for other in others)
+        compared_requests = [
+            compared for compared in compared_requests if compared.get("contact") == request.get("contact")
+        ]
+    return any(compared.get(key) != request[key] for compared in compared_requests)
 
 
 def continuation_page(view: RunView, cones: bool = False) -> Page:
     """Return content and figures of the page on a path of solutions; ``cones`` draws friction cones."""
     meta, points, common = view.run.meta, view.run.meta["points"], page_header(view)
-    over = str(meta["over"])
+    swept_name = str(meta["over"])
     rows = [
         [
             f"{point['value']:.6g}",
@@ -136,10 +142,10 @@ def continuation_page(view: RunView, cones: bool = False) -> Page:
     grade = "survives" if all(point["survives"] for point in points) else "certified"
     content = {
         **common,
-        "verdict": common["verdict"].replace(over, symbol(over)),
+        "verdict": common["verdict"].replace(swept_name, symbol(swept_name)),
         "request": _continuation_request(view),
-        "settings": [row for row in common["settings"] if row[0] != over],
-        "parameters": [row for row in common["parameters"] if row[0] != over],
+        "settings": [row for row in common["settings"] if row[0] != swept_name],
+        "parameters": [row for row in common["parameters"] if row[0] != swept_name],
         "over": comparison.parameter_label(view),
         "grade": grade if meta["success"] else "failed",
         "survived": f"{sum(p.get('survives') is True for p in points)} of {len(points)}",

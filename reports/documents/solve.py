@@ -52,7 +52,7 @@ def solve_page(view: RunView, cones: bool = False, signals: str | None = None) -
         "left_out": stage_note(stored.stages, stored.meta["cost"]),
         "worst": [] if is_solved else violation_rows(stored.audit),
         "starts": [key.replace("_", " ") for key in _starts(view)],
-        "others": [[as_text(other.get(key)) for key in _starts(view)] for other in stored.meta["others"]],
+        "others": [[as_text(attempt.get(key)) for key in _starts(view)] for attempt in stored.meta["others"]],
         "searched": "" if stored.route.search is None else str(stored.route.search),
         "ladder": [] if stored.route.ladder is None else rung_rows(stored.route.ladder),
         "disturbed": [] if stored.route.ladder is None else disturbance_rows(stored.route.ladder),
@@ -103,8 +103,8 @@ def _stages(view: RunView) -> list[list[str]]:
 
 def _starts(view: RunView) -> list[str]:
     """Return the columns of the table of starts in which at least one start has a value."""
-    others = view.run.meta["others"]
-    return [key for key in _START_KEYS if any(key in other for other in others)]
+    attempts = view.run.meta["others"]
+    return [key for key in _START_KEYS if any(key in attempt for attempt in attempts)]
 
 
 def key_numbers(view: RunView) -> list[dict[str, Any]]:

@@ -123,6 +123,6 @@ def symbol(name: str) -> str:
 
 def in_symbols(line: str) -> str:
     """Return a law's summary with symbols for names, such as ``λ gap = μ`` for ``lam gap = mu``."""
-    for word, sign in _LAW_SYMBOLS:
-        line = re.sub(rf"(?<!\w){re.escape(word)}(?!\w)", sign, line)
+    for name, sign in _LAW_SYMBOLS:
+        line = re.sub(rf"(?<!\w){re.escape(name)}(?!\w)", sign, line)
     return line

@@ -107,10 +107,10 @@ def outline(shape: Shape) -> Path:
         case Spring(x1, y1, x2, y2):
             direction = np.array([x2 - x1, y2 - y1])
             length = float(np.linalg.norm(direction)) or 1.0
-            across = np.array([-direction[1], direction[0]]) / length * COIL_HALF_WIDTH_M
+            normal = np.array([-direction[1], direction[0]]) / length * COIL_HALF_WIDTH_M
             fractions = np.linspace(0, 1, 2 * COIL_COUNT + 2)
-            side = np.array([0, *([1, -1] * COIL_COUNT), 0])
-            return Path(np.array([x1, y1]) + np.outer(fractions, direction) + np.outer(side, across))
+            offsets = np.array([0, *([1, -1] * COIL_COUNT), 0])
+            return Path(np.array([x1, y1]) + np.outer(fractions, direction) + np.outer(offsets, normal))
     raise TypeError(f"a {type(shape).__name__} has no outline")
 
 
@@ -316,9 +316,9 @@ def make_cameras(plays: Sequence[Sequence[list[Shape]]]) -> list[Camera]:
 def _union(boxes: list[np.ndarray]) -> np.ndarray:
     first = np.array([boxes[0][:, 0].min(axis=0), boxes[0][:, 1].max(axis=0)])
     reach = float(np.max(first[1] - first[0]))
-    others = np.concatenate(boxes)
-    low = np.maximum(others[:, 0].min(axis=0), first[0] - reach)
-    high = np.minimum(others[:, 1].max(axis=0), first[1] + reach)
+    other_boxes = np.concatenate(boxes)
+    low = np.maximum(other_boxes[:, 0].min(axis=0), first[0] - reach)
+    high = np.minimum(other_boxes[:, 1].max(axis=0), first[1] + reach)
     return np.array([np.minimum(low, first[0]), np.maximum(high, first[1])])
 
 

@@ -51,8 +51,8 @@ class Renderer:
         bodies = [shape for shape in shapes if not isinstance(shape, Wall)]
         (x_low, y_low), (x_high, y_high) = bounds(bodies)
         if self._size is None:
-            wide = FOLLOWED_WINDOW * max(x_high - x_low, y_high - y_low)
-            self._size = np.array([wide, wide * _IMAGE_SIZE_IN[1] / _IMAGE_SIZE_IN[0]])
+            window_width = FOLLOWED_WINDOW * max(x_high - x_low, y_high - y_low)
+            self._size = np.array([window_width, window_width * _IMAGE_SIZE_IN[1] / _IMAGE_SIZE_IN[0]])
         height = self._size[1]
         floor = min(y_low, bounds(shapes)[0, 1]) - _ROOM_BELOW * height
         # The window moves up with a body that would leave it at the top.

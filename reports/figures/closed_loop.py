@@ -42,11 +42,11 @@ def snapshot_figure(view: RunView) -> Figure | None:
         [(plan_shapes(view, k, middle, body), 0.5), (plan_shapes(view, k, -1, body), 1.0), (body, 1.0)]
         for k, body in zip(chosen.tolist(), bodies, strict=True)
     ]
-    every = [shape for frame in frames for shapes, _ in frame for shape in shapes]
+    all_shapes = [shape for frame in frames for shapes, _ in frame for shape in shapes]
     figure = Figure(figsize=(WIDTH, 2.0))
     axes = figure.subplots(1, len(chosen), squeeze=False)[0]
     for axis, k, frame in zip(axes, chosen, frames, strict=True):
-        show(axis, every)
+        show(axis, all_shapes)
         for shapes, strength in frame:
             for shape in shapes:
                 draw(shape, axis, strength)

@@ -59,11 +59,15 @@ def _draw_world(panel: Axes, row: Mapping[str, Any]) -> None:
     if has_exact_slope:
         panel.plot(amplitudes, _array(row["truth_secants"]), color=GREY, linestyle=":", label="exact secants")
     panel.axhline(truth, color=INK, label="exact slope" if has_exact_slope else "widest secant")
-    for name, (marker, color, words) in _ESTIMATOR_STYLES.items():
-        estimates = [each for each in row["smoothed"] if each["estimator"] == name and each["mean"] is not None]
+    for name, (marker, color, legend_text) in _ESTIMATOR_STYLES.items():
+        estimates = [
+            estimate for estimate in row["smoothed"] if estimate["estimator"] == name and estimate["mean"] is not None
+        ]
         if estimates:
             sigmas, means, deviations = (_array([e[k] for e in estimates]) for k in ("sigma", "mean", "standard_error"))
-            panel.errorbar(sigmas, means, _INTERVAL * deviations, fmt=marker, color=color, linestyle="", label=words)
+            panel.errorbar(
+                sigmas, means, _INTERVAL * deviations, fmt=marker, color=color, linestyle="", label=legend_text
+            )
     panel.set_xscale("log")
     _scale_slopes(panel, truth, [secants, nearby, _array([row["slope"]])])
     panel.set_title(f"{row['world']}: {row['verdict'].replace('-', ' ')}")

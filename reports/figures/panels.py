@@ -109,8 +109,8 @@ def _draw_row(figure: Figure, row: Row, top: float, shape: tuple[int, float], la
 
     def add_axes(column: int, high: float, tall: float) -> Axes:
         x_low = column * cell_width + _LEFT_IN
-        across = cell_width - _LEFT_IN - _RIGHT_IN
-        return figure.add_axes((x_low / width, (high - tall) / height, across / width, tall / height))
+        panel_width = cell_width - _LEFT_IN - _RIGHT_IN
+        return figure.add_axes((x_low / width, (high - tall) / height, panel_width / width, tall / height))
 
     if any(cell.heading for cell in row):
         for cell in row:

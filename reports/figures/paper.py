@@ -243,20 +243,20 @@ def _isolate_panel(figure: Figure, axis: Axes) -> Bbox:
     canvas, key = FigureCanvasAgg(figure), _lend_key(axis)
     figure.draw_without_rendering()
     target_width = BOTH_COLUMNS_IN if axis.bbox.width > _WIDE_PANEL * figure.bbox.width else COLUMN_IN
-    for other in figure.axes:
-        if other is not axis:
-            _lend_labels(other, axis)
-            other.set_visible(False)
+    for source_axis in figure.axes:
+        if source_axis is not axis:
+            _lend_labels(source_axis, axis)
+            source_axis.set_visible(False)
     # Fonts keep their size when the figure is resized, so the layout settles only after a few rounds.
     for _ in range(_LAYOUT_ROUNDS):
         figure.draw_without_rendering()
         if key is not None:
             _put_below(key, axis, canvas)
         covered = _covered(axis, canvas)
-        wide, tall = figure.get_size_inches()
+        width_in, height_in = figure.get_size_inches()
         growth = (target_width - 2 * _PADDING_IN) * figure.dpi / covered.width
         height = covered.height / figure.dpi
-        figure.set_size_inches(wide * growth, tall * min(growth, _TALLEST * target_width / height))
+        figure.set_size_inches(width_in * growth, height_in * min(growth, _TALLEST * target_width / height))
     figure.draw_without_rendering()
     if key is not None:
         _put_below(key, axis, canvas)
@@ -271,22 +271,22 @@ def _covered(axis: Axes, canvas: FigureCanvasAgg) -> Bbox:
     return covered
 
 
-def _lend_labels(other: Axes, axis: Axes) -> None:
-    """Copy from ``other`` the labels that ``axis`` lacks, if the two are aligned and have the same limits."""
-    axis_box, other_box = axis.get_position(), other.get_position()
-    if axis.get_shared_x_axes().joined(axis, other) or (
+def _lend_labels(source_axis: Axes, axis: Axes) -> None:
+    """Copy from ``source_axis`` the labels that ``axis`` lacks, if the two are aligned and have the same limits."""
+    axis_box, other_box = axis.get_position(), source_axis.get_position()
+    if axis.get_shared_x_axes().joined(axis, source_axis) or (
         np.allclose((axis_box.x0, axis_box.x1), (other_box.x0, other_box.x1), atol=_ALIGNED)
-        and np.array_equal(axis.get_xlim(), other.get_xlim())
+        and np.array_equal(axis.get_xlim(), source_axis.get_xlim())
     ):
-        axis.set_xlabel(axis.get_xlabel() or other.get_xlabel())
-    if axis.get_shared_y_axes().joined(axis, other) or (
+        axis.set_xlabel(axis.get_xlabel() or source_axis.get_xlabel())
+    if axis.get_shared_y_axes().joined(axis, source_axis) or (
         np.allclose((axis_box.y0, axis_box.y1), (other_box.y0, other_box.y1), atol=_ALIGNED)
-        and np.array_equal(axis.get_ylim(), other.get_ylim())
+        and np.array_equal(axis.get_ylim(), source_axis.get_ylim())
     ):
-        axis.set_ylabel(axis.get_ylabel() or other.get_ylabel())
-    if axis.get_shared_x_axes().joined(axis, other):
+        axis.set_ylabel(axis.get_ylabel() or source_axis.get_ylabel())
+    if axis.get_shared_x_axes().joined(axis, source_axis):
         axis.tick_params(labelbottom=True)
-    if axis.get_shared_y_axes().joined(axis, other):
+    if axis.get_shared_y_axes().joined(axis, source_axis):
         axis.tick_params(labelleft=True)
 
 

@@ -81,14 +81,14 @@ def _lines(data: xr.Dataset, axis: Axis) -> Figure:
     figure = Figure(figsize=(WIDTH, 5.0))
     top, middle, bottom = figure.subplots(3, 1, sharex=True, height_ratios=(2, 1.3, 1))
     x, succeeded = np.asarray(axis["values"], dtype=float), data["success"].values == 1
-    for name, words, color, style in (
+    for name, texts, color, style in (
         ("cost", "cost under the law", PLANNED, "o-"),
         ("exact_cost", "under exact physics", REPLAYED, "s--"),
         ("referee_cost", "by the referee", CYCLE[2], "^:"),
     ):
         values = np.where(succeeded, data[name].values, np.nan)
         if np.isfinite(values).any():
-            top.plot(x, values, style, color=color, label=words)
+            top.plot(x, values, style, color=color, label=texts)
     if "own_cost" in data and np.isfinite(data["own_cost"].values).any():
         top.plot(x, data["own_cost"].values, "x", color=GREY, label="outlier: its own solve")
     if _outliers(data).any():
@@ -116,12 +116,12 @@ def _lines(data: xr.Dataset, axis: Axis) -> Figure:
 def _legend(figure: Figure, axes: Axes, data: xr.Dataset) -> None:
     from matplotlib.patches import Patch
 
-    handles, words = axes.get_legend_handles_labels()
+    handles, texts = axes.get_legend_handles_labels()
     present_grades = set(map(str, data["grade"].values.ravel()))
     shown_grades = [_GRADE_STYLES[grade] for grade in _GRADE_STYLES if grade in present_grades]
     patches = [Patch(color=color, label=text) for color, text in shown_grades]
     figure.legend(
-        [*handles, *patches], [*words, *(text for _, text in shown_grades)], loc="outside upper center", ncols=3
+        [*handles, *patches], [*texts, *(text for _, text in shown_grades)], loc="outside upper center", ncols=3
     )
 
 
@@ -164,8 +164,8 @@ def _maps(data: xr.Dataset, span: tuple[Axis, Axis], slices: Sequence[Mapping[st
             axes.plot(across, upward, "x", color=INK, markersize=4, linewidth=0)
             upward, across = np.nonzero(_outliers(slice_data))
             axes.plot(across, upward, "o", color=INK, markersize=14, linewidth=0, fillstyle="none")
-        words = ", ".join(f"{name} = {float(data[name].values[k]):.4g}" for name, k in chosen.items())
-        row[0].set_ylabel(_titled(span[1]) + (f"\n{words}" if words else ""))
+        texts = ", ".join(f"{name} = {float(data[name].values[k]):.4g}" for name, k in chosen.items())
+        row[0].set_ylabel(_titled(span[1]) + (f"\n{texts}" if texts else ""))
     for axes, title in zip(grid[0], ("cost", "replayed / planned", "verdict"), strict=True):
         axes.set_title(title)
     for axes in grid[-1]:
@@ -222,9 +222,9 @@ def _scale(figure: Figure, mesh: Any, axes: list[Axes], shade: Normalize) -> Non
 def _ticks(axis: Any, swept_axis: Axis, horizontal: bool = False) -> None:
     count = len(swept_axis["values"])
     tick_places = np.arange(0, count, -(-count // _MOST_TICKS))
-    words = [f"{swept_axis['values'][k]:.3g}" for k in tick_places]
-    is_turned = horizontal and len(words) * max(map(len, words)) > _TICK_LETTERS
-    axis.set_ticks(tick_places, words, **({"rotation": 40, "ha": "right"} if is_turned else {}))
+    texts = [f"{swept_axis['values'][k]:.3g}" for k in tick_places]
+    is_turned = horizontal and len(texts) * max(map(len, texts)) > _TICK_LETTERS
+    axis.set_ticks(tick_places, texts, **({"rotation": 40, "ha": "right"} if is_turned else {}))
 
 
 def _titled(axis: Axis) -> str:

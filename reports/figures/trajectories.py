@@ -147,18 +147,18 @@ def plan_rows(view: RunView, omitted: Collection[str] = (), signals: Collection[
     return lay_out_rows(panels)
 
 
-def select_signals(view: RunView, words: str) -> list[str]:
+def select_signals(view: RunView, patterns: str) -> list[str]:
     """Return the names of signals that match words separated by commas; * is a wildcard.
 
     Raises :class:`~ocp.errors.InputError` for a word that matches no signal.
     """
     names = [track.name for track in tracks(view)]
     matched: list[str] = []
-    for word in (word.strip() for word in words.split(",")):
-        fitting = fnmatch.filter(names, word)
+    for pattern in (pattern.strip() for pattern in patterns.split(",")):
+        fitting = fnmatch.filter(names, pattern)
         if not fitting:
             raise InputError(
-                f"--signals: there is no signal {word!r}{did_you_mean(word, names)}; there are {', '.join(names)}"
+                f"--signals: there is no signal {pattern!r}{did_you_mean(pattern, names)}; there are {', '.join(names)}"
             )
         matched += fitting
     return matched
@@ -192,8 +192,8 @@ def _plan(axis: Axes, time: np.ndarray, track: Track, with_replay: bool) -> None
     if not with_replay or track.replay is None:
         return
     reach = _BEYOND * largest_size(track.plan)
-    for plan, other in zip(track.plan, track.replay, strict=True):
-        fill_band(axis, time, plan, other, color=REPLAYED, alpha=0.3 / len(track.plan) ** 0.5)
+    for plan, replayed in zip(track.plan, track.replay, strict=True):
+        fill_band(axis, time, plan, replayed, color=REPLAYED, alpha=0.3 / len(track.plan) ** 0.5)
     draw_lines(axis, time, track.replay, color=REPLAYED, linewidth=0.5 * width)
     axis.autoscale_view()
     limits = axis.get_ylim()

@@ -116,10 +116,10 @@ def motions(view: RunView, times: np.ndarray) -> list[Motion]:
     assert x is not None
     if x_replay is None:
         return [plan]
-    apart = float(np.max(np.abs(x[0] - x_replay[0])))
-    if apart <= _SAME * max(1.0, float(np.max(np.abs(x[0])))):
-        same = f"the replay under the exact law agrees (states within {apart:.0e})"
-        return [replace(plan, title=f"{plan.title}; {same}")]
+    largest_difference = float(np.max(np.abs(x[0] - x_replay[0])))
+    if largest_difference <= _SAME * max(1.0, float(np.max(np.abs(x[0])))):
+        agreement = f"the replay under the exact law agrees (states within {largest_difference:.0e})"
+        return [replace(plan, title=f"{plan.title}; {agreement}")]
     return [plan, _motion(view, "_replay", "replayed under the exact law", times)]
 
 

@@ -104,7 +104,7 @@ def arrow_stroke(contact: ContactFrame, normal: float, friction: float, scale: f
     length = float(np.hypot(*tip))
     direction, tip = tip / length, start + tip
     head, half_head = (min(size * point, size / HEAD[0] * length) for size in HEAD)
-    neck, across = tip - head * direction, half_head * np.array([-direction[1], direction[0]])
+    neck, half_base = tip - head * direction, half_head * np.array([-direction[1], direction[0]])
     ink = to_rgba(VERMILLION)
-    corners = [start, neck, neck + across, tip, neck - across, neck]
+    corners = [start, neck, neck + half_base, tip, neck - half_base, neck]
     return Stroke(Outline(np.array(corners)), ink, ink, 1.0, 5)

@@ -187,7 +187,7 @@ def stage_note(stages: Sequence[StageRecord], cost: float | None) -> str:
 
 def _line(*cells: str) -> str:
     widths = (5, 18, 13, 7, 8, 5, 6, 0)
-    return "  ".join(f"{cell:>{wide}}" for cell, wide in zip(cells, widths, strict=False)).rstrip()
+    return "  ".join(f"{cell:>{column_width}}" for cell, column_width in zip(cells, widths, strict=False)).rstrip()
 
 
 @contextmanager

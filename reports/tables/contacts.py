@@ -77,6 +77,6 @@ def _far(audit: Audit) -> bool:
 
 def spans_text(spans: Sequence[Sequence[int]]) -> str:
     """Return spans of steps as text, such as ``0-4, 7, 9-12``; after :data:`MAX_SPANS` a count of the others."""
-    words = [f"{first}-{last}" if last > first else str(first) for first, last in spans]
-    remainder = f", {len(words) - MAX_SPANS} more" if len(words) > MAX_SPANS else ""
-    return ", ".join(words[:MAX_SPANS]) + remainder
+    span_texts = [f"{first}-{last}" if last > first else str(first) for first, last in spans]
+    remainder = f", {len(span_texts) - MAX_SPANS} more" if len(span_texts) > MAX_SPANS else ""
+    return ", ".join(span_texts[:MAX_SPANS]) + remainder

@@ -25,7 +25,7 @@ def gradient_cells(row: Mapping[str, Any]) -> list[str]:
         return [row["world"], "", "", "", "", "", row["verdict"]]
     slope, truth = row["slope"], row["truth"]
     ratio = "–" if not truth or slope is None else number(slope / truth, 3)
-    amplitudes = [each["numbers"]["low"] for each in row["findings"] if each["code"] == "use-secant"]
+    amplitudes = [finding["numbers"]["low"] for finding in row["findings"] if finding["code"] == "use-secant"]
     return [
         row["world"],
         row["method"],

@@ -146,8 +146,8 @@ def _collection_lines(document: Mapping[str, Any]) -> list[str]:
     """Return a list with one line on the sampling of collected data; the list is empty for imported data."""
     if document.get("in_tube") is None:
         return []
-    near = f"{document['in_tube']} near the line from start to goal"
-    return [f"drawn with seed {document['seed']}: {near}; {document['unsolved']} unsolved, left out"]
+    near_text = f"{document['in_tube']} near the line from start to goal"
+    return [f"drawn with seed {document['seed']}: {near_text}; {document['unsolved']} unsolved, left out"]
 
 
 def document_tables(document: Mapping[str, Any]) -> list[Group]:

@@ -70,9 +70,9 @@ def claim_table(claims: Sequence[Claim]) -> Table:
     table.add_column("holds", no_wrap=True)
     marks = {"holds": "yes", "does not hold": "NO"}
     for claim in claims:
-        word = claim_verdict(claim.holds, claim.margin)
+        verdict = claim_verdict(claim.holds, claim.margin)
         cells = (claim.claim, claim.source, claim.expected, claim.measured)
-        table.add_row(*map(Text, cells), marks.get(word, word))
+        table.add_row(*map(Text, cells), marks.get(verdict, verdict))
     return table
 
 
@@ -101,7 +101,7 @@ def curve_lines(name: str, rows: Sequence[Mapping[str, Any]], heads: bool) -> It
 
 def _cells(*cells: str) -> str:
     widths = (12, 13, 13, 7, 5, 0)
-    return "  ".join(f"{cell:>{wide}}" for cell, wide in zip(cells, widths, strict=False)).rstrip()
+    return "  ".join(f"{cell:>{column_width}}" for cell, column_width in zip(cells, widths, strict=False)).rstrip()
 
 
 def event_rows(events: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, ...]]:
@@ -124,12 +124,12 @@ Row = Mapping[str, Any]
 
 def run_lines(rows: Sequence[Row]) -> Iterator[str]:
     """Yield two lines per run: number, name, problem and outcome; then law, method, N and scenarios."""
-    wide = max(len(row["at"]) for row in rows)
+    column_width = max(len(row["at"]) for row in rows)
     for row in rows:
         name = row["run"].rpartition("/")[2]
-        yield f"{row['at']:>{wide}}  {name}  {row['problem']}  {run_outcome(row)}"
+        yield f"{row['at']:>{column_width}}  {name}  {row['problem']}  {run_outcome(row)}"
         detail = row["damage"] or ", ".join(_parts(row))
-        margin = " " * (wide + 2)
+        margin = " " * (column_width + 2)
         yield from wrap(detail, 80, initial_indent=margin, subsequent_indent=margin, break_on_hyphens=False)
 
 
@@ -139,9 +139,9 @@ def run_outcome(row: Row) -> str:
         return "damaged"
     if row["return"] is not None:
         return f"return {number(row['return'], 4)}"
-    word = row["grade"] if row["grade"] not in (None, "failed") else row["status"]
+    verdict = row["grade"] if row["grade"] not in (None, "failed") else row["status"]
     cost = "" if row["cost"] is None else f"  cost {number(row['cost'])}"
-    return f"{word}{cost}"
+    return f"{verdict}{cost}"
 
 
 def _parts(row: Row) -> Iterator[str]:
@@ -261,7 +261,7 @@ def estimate_table(rows: Sequence[Mapping[str, Any]], swept: str | None) -> Tabl
     """Return a table of estimates, one row each; vectors are shown as their norms."""
     is_vector = any(isinstance(row["mean"], list) for row in rows)
     numbers = ("|mean|" if is_vector else "mean", "std error", "variance", "reference")
-    cells = ((*columns, word) for *columns, _, word in (estimate_cells(row, bool(swept)) for row in rows))
+    cells = ((*columns, verdict) for *columns, _, verdict in (estimate_cells(row, bool(swept)) for row in rows))
     heads = ("estimator", *(f">{head}" for head in numbers), "verdict")
     return table_of(*([f">{swept}"] if swept else []), *heads, rows=cells)
 
@@ -274,7 +274,7 @@ def _size(value: float | list[float] | None) -> float | None:
 
 def estimate_cells(row: Mapping[str, Any], swept: bool) -> list[str]:
     """Return the swept value, estimator, mean, error, variance, reference, alpha and verdict of a row as text."""
-    reference, short = row["reference"], row["verdict"].partition(" within")[0].partition(" at")[0]
+    reference, short_verdict = row["reference"], row["verdict"].partition(" within")[0].partition(" at")[0]
     return [
         *([number(row["value"], 4)] if swept else []),
         row["estimator"],
@@ -283,5 +283,5 @@ def estimate_cells(row: Mapping[str, Any], swept: bool) -> list[str]:
         number(row["variance_trace"], 3),
         "–" if reference is None else number(_size(reference), 5),
         "" if row["alpha"] is None else number(row["alpha"], 3),
-        "too wide" if row["wide"] else short,
+        "too wide" if row["wide"] else short_verdict,
     ]

@@ -105,8 +105,10 @@ def training_groups() -> list[SettingGroup]:
         "physical parameters NAMES, learned with the policy; psi.NAME is an initial value",
         [*setting_rows(PsiLearning), *setting_rows(RandomSearch)],
     )
-    every = SettingGroup("train", "-s NAME=VALUE", "settings of all algorithms of ocp train", setting_rows(Experiment))
-    return [every, psi, *_groups(ALGORITHMS, "-s {}.NAME=VALUE")]
+    shared_group = SettingGroup(
+        "train", "-s NAME=VALUE", "settings of all algorithms of ocp train", setting_rows(Experiment)
+    )
+    return [shared_group, psi, *_groups(ALGORITHMS, "-s {}.NAME=VALUE")]
 
 
 def solver_group(name: str) -> SettingGroup:

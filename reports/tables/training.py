@@ -112,11 +112,11 @@ def algorithm_of(run: StoredRun) -> str:
 
 def _label(request: Mapping[str, Any], firsts: Sequence[Mapping[str, Any]]) -> str:
     """Return a label with the algorithm, and with the law and other settings if they differ between groups."""
-    laws = {other["contact"] for other in firsts}
+    laws = {compared["contact"] for compared in firsts}
     name = f"{request['algorithm']} {request['contact']}" if len(laws) > 1 else request["algorithm"]
     shared_pair = [request["algorithm"], request["contact"]]
-    alike = [other for other in firsts if [other["algorithm"], other["contact"]] == shared_pair]
-    differing_keys = [key for key in request if any(other.get(key) != request[key] for other in alike)]
+    alike = [compared for compared in firsts if [compared["algorithm"], compared["contact"]] == shared_pair]
+    differing_keys = [key for key in request if any(compared.get(key) != request[key] for compared in alike)]
     return ", ".join([name, *(f"{key.rpartition('.')[2]} = {value_text(request[key], 3)}" for key in differing_keys)])
 
 

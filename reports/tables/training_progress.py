@@ -88,10 +88,10 @@ def show_trainings(trainings: Mapping[str, int], quiet: bool, check: Callable[[]
 def training_line(training: LearningCurve) -> str:
     """Return the state of a training run as one line of at most 80 columns."""
     row = training.rows[-1]
-    words = [f"{training.name}  {row['iteration']:.0f}/{training.iterations}"]
+    cells = [f"{training.name}  {row['iteration']:.0f}/{training.iterations}"]
     values = ((title, training.last(key), show) for key, title, show in _LINE_VALUES)
-    words += [f"{title} {show(value)}" for title, value, show in values if value is not None]
-    return "  ".join([*words, f"{row.get('wall_s', 0.0):.0f} s"])
+    cells += [f"{title} {show(value)}" for title, value, show in values if value is not None]
+    return "  ".join([*cells, f"{row.get('wall_s', 0.0):.0f} s"])
 
 
 _LINE_VALUES: tuple[tuple[str, str, Callable[[float], str]], ...] = (

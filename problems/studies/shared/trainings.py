@@ -38,9 +38,9 @@ def training_curves(jobs: Mapping[str, TrainingJob], finished: FinishedParts) ->
     return side_by_side(trained_curves, jobs, finished)
 
 
-def trained_curves(job: TrainingJob, tell: Report) -> Curves:
+def trained_curves(job: TrainingJob, report: Report) -> Curves:
     """Run one training job and return its arrays, as a :data:`~ocp.jobs.scheduling.Function` does."""
-    data = run_training(job, tell)
+    data = run_training(job, report)
     return {str(name): data[name].values for name in data.data_vars}
 
 

@@ -118,7 +118,7 @@ def open_loop(name: str, data: xr.Dataset) -> list[Claim]:
     source = "Noising data, sec. V-B and fig. 2"
     smooth = [law for law in LAWS if law != "exact"]
     rest_cost, stuck, _ = (float(v) for v in data["cost"].sel(law="exact"))
-    word = str(data["status"].sel(law="exact").values)
+    status = str(data["status"].sel(law="exact").values)
     fall = {law: 1 - float(data["cost"].sel(law=law, of="plan")) / rest_cost for law in smooth}
     plan, replay = data["total"].sel(law=smooth).values.T
     dearer = (replay - plan) / np.abs(plan)
@@ -129,8 +129,8 @@ def open_loop(name: str, data: xr.Dataset) -> list[Claim]:
     return [
         claim(f"{name}: the exact dynamics make no progress from a start without contact", source)
         .expected("the object's cost as at rest")
-        .measured(f"{stuck:.6g} of {rest_cost:.6g}, {word}")
-        .holds(abs(stuck - rest_cost) <= 1e-9 * rest_cost, word == Status.NO_PROGRESS.label),
+        .measured(f"{stuck:.6g} of {rest_cost:.6g}, {status}")
+        .holds(abs(stuck - rest_cost) <= 1e-9 * rest_cost, status == Status.NO_PROGRESS.label),
         claim(f"{name}: randomized smoothing makes progress", source)
         .expected(expected)
         .measured(f"{fall['randomized']:.1%}")

@@ -251,12 +251,14 @@ def make_plans(
     tasks: tuple[str, ...], n: int, finished: FinishedParts, best: Mapping[str, Policy] | None = None
 ) -> dict[str, list[dict[str, np.ndarray]]]:
     """Compute ``n`` plans of each task in parallel, from guesses with constant inputs or motions of ``best``."""
-    word = "plan" if best is None else "near"
+    guess_kind = "plan" if best is None else "near"
     jobs = {
-        f"{word}-{task}-{k}": PlanJob(task, k, None if best is None else best[task]) for task in tasks for k in range(n)
+        f"{guess_kind}-{task}-{k}": PlanJob(task, k, None if best is None else best[task])
+        for task in tasks
+        for k in range(n)
     }
     results = side_by_side(make_plan, jobs, finished)
-    return {task: [results[f"{word}-{task}-{k}"] for k in range(n)] for task in tasks}
+    return {task: [results[f"{guess_kind}-{task}-{k}"] for k in range(n)] for task in tasks}
 
 
 def fit_network(task: str, shown: list[dict[str, np.ndarray]], seed: int) -> TrainedPolicy:

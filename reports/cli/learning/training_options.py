@@ -86,8 +86,8 @@ def help_text() -> str:
 
 
 def _table(rows: Sequence[tuple[str, str]]) -> list[str]:
-    wide = max(len(name) for name, _ in rows)
-    return [f"  {name:<{wide}}  {meaning}" for name, meaning in rows]
+    name_width = max(len(name) for name, _ in rows)
+    return [f"  {name:<{name_width}}  {meaning}" for name, meaning in rows]
 
 
 def _listed(values: Mapping[str, Any]) -> str:

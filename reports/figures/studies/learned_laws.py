@@ -56,11 +56,11 @@ def n2(data: xr.Dataset) -> Figure:
         _curves(axis, data.sel(problem=name))
         axis.set_title(name)
     curves.axes[0].set_ylabel("cost (14)")
-    handles, words = curves.axes[0].get_legend_handles_labels()
+    handles, labels = curves.axes[0].get_legend_handles_labels()
     ends = [Line2D([], [], color=INK, **look) for look in _ENDS.values()]
     curves.legend(
         [*handles, *ends],
-        [*words, *_ENDS],
+        [*labels, *_ENDS],
         loc="outside upper center",
         ncols=9,
         columnspacing=1.0,
