@@ -12,13 +12,7 @@ from itertools import product
 
 import numpy as np
 
-from ocp.search.sampling import (
-    KNOTS,
-    SMOOTHING,
-    InputSampler,
-    SampledPlan,
-    input_basis,
-)
+from ocp.search.sampling import KNOTS, InputSampler, SampledPlan, input_basis
 
 MAX_PLANS = 48
 """Maximum number of changed plans."""
@@ -28,6 +22,8 @@ SAMPLES = 48
 """Number of samples of a changed plan in a round."""
 ROUNDS = 16
 """Number of rounds in which a changed plan is improved."""
+SMOOTHING = 0.2
+"""Weight of the previous mean and deviation in the new ones."""
 ELITES = 6
 """Number of samples of a round that the next distribution is fitted to."""
 SHARES = (10**-2.2, 10**-0.2)

@@ -16,7 +16,7 @@ from ocp.routes.schedules import acting, are_distinct
 from ocp.routes.session import Session
 from ocp.search.perturbed_plans import perturbed_plans
 from ocp.search.plan_solver import PlanSolver, exact_rollout, is_less
-from ocp.search.sampling import ROUNDS, InputSampler, SampledPlan
+from ocp.search.sampling import InputSampler, SampledPlan
 from ocp.search.search import FEW_PAIRS, SAMPLED, Search, can_roll_out, is_poor, replay_cost
 from ocp.solution import Solution
 
@@ -28,8 +28,8 @@ NORMAL_CANDIDATES = 3
 """Maximum number of sampled plans that are solved locally at normal effort."""
 BOTH_LAWS = (Exact(), Barrier(mu=1.0))
 """Laws of all samples at thorough effort."""
-THOROUGH_ROUNDS_AROUND = 120
-"""Rounds of the sampling run around an answer at thorough effort."""
+THOROUGH_AROUND = 3
+"""Number of times that the rounds of the sampling run around an answer are increased at thorough effort."""
 PASSES_NEAR = 4
 """Maximum number of passes that solve plans near the search's best answer."""
 FRUITLESS_PASSES = 2
@@ -136,7 +136,7 @@ class SampleSearch(Search):
 
     def _around(self, sampler: InputSampler, answer: Solution) -> list[SampledPlan]:
         """Return the plan from sampling every input around a solution; empty if it is not cheaper."""
-        rounds = THOROUGH_ROUNDS_AROUND if self.thorough else ROUNDS
+        rounds = sampler.narrowing.rounds * (THOROUGH_AROUND if self.thorough else 1)
         plan = sampler.around(answer.arrays["u"][0], rounds)
         return [plan] if is_less(plan.cost, self._penalized_cost(sampler, answer)) else []
 

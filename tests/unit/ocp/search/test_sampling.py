@@ -7,14 +7,26 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 import pytest
+from scipy.stats import truncnorm
 
+from dynamics.contact import Exact
 from ocp import solve
 from ocp.errors import InputError
 from ocp.problem.evaluation import Evaluation
 from ocp.problem.problem import Problem
 from ocp.problem.rollout import roll_out
 from ocp.search import sampling
-from ocp.search.sampling import InputSampler, input_basis
+from ocp.search.sampling import (
+    ELITE_SHARE,
+    FEW_ROUNDS,
+    MANY_ROUNDS,
+    MIN_SAMPLES,
+    STAGES,
+    InputSampler,
+    Narrowing,
+    SamplingRun,
+    input_basis,
+)
 from problems import get
 
 
@@ -22,7 +34,8 @@ from problems import get
 def few_runs(monkeypatch):
     """Limit the sampler to two bases and twenty rounds, which suffice for few inputs."""
     monkeypatch.setattr(sampling, "KNOTS", (4, 8))
-    monkeypatch.setattr(sampling, "ROUNDS", 20)
+    monkeypatch.setattr(sampling, "FEW_ROUNDS", Narrowing(20, 0.2))
+    monkeypatch.setattr(sampling, "MANY_ROUNDS", Narrowing(60, 0.6))
 
 
 def evaluation(problem: Problem) -> Evaluation:
@@ -44,6 +57,35 @@ def test_a_basis_interpolates_and_reproduces_constants(basis, N, knots) -> None:
     if basis == "linear" and knots > 1:
         line = weights @ np.linspace(0, 1, knots)
         np.testing.assert_allclose(line, np.linspace(0, 1, N), atol=1e-12)
+
+
+def run_of(narrowing: Narrowing, mean: np.ndarray, seed: int) -> SamplingRun:
+    """Return a run whose inputs (K, 1) are its samples, from a normal distribution of deviation 1."""
+    K, generator = len(mean), np.random.default_rng(seed)
+    return SamplingRun(Exact(), np.eye(K), mean, np.ones((K, 1)), generator, narrowing, "run", mean)
+
+
+@pytest.mark.parametrize("narrowing", [FEW_ROUNDS, MANY_ROUNDS], ids=["few rounds", "many rounds"])
+def test_a_round_moves_the_distribution_to_the_tail_of_the_normal_one(narrowing: Narrowing) -> None:
+    run = run_of(narrowing, np.zeros((2, 1)), seed=0)
+    run.advance(lambda inputs, _: inputs[:, 0, 0], samples=200_000, rounds=1)
+    tail = truncnorm(-np.inf, truncnorm(-np.inf, np.inf).ppf(ELITE_SHARE))
+    weight = 1 - narrowing.smoothing
+    np.testing.assert_allclose(run.mean[:, 0], [weight * tail.mean(), 0.0], atol=0.02)
+    np.testing.assert_allclose(run.deviation[:, 0], [narrowing.smoothing + weight * tail.std(), 1.0], atol=0.02)
+
+
+def test_a_budget_buys_many_rounds_as_soon_as_they_have_enough_samples() -> None:
+    at_values = evaluation(wall())
+    budgets = range(20_000, 500_000, 19_973)
+    samplers = [InputSampler(at_values, laws=(Exact(),), rollout_steps=budget) for budget in budgets]
+    rounds = [sampler.narrowing.rounds for sampler in samplers]
+    assert rounds == sorted(rounds) and len(set(rounds)) == 2
+    assert all(sampler.samples >= MIN_SAMPLES for sampler in samplers)
+    for sampler, budget in zip(samplers, budgets, strict=True):
+        steps = 10 * sampler.samples * 2 * len(sampler.runs) * sampler.narrowing.rounds / STAGES
+        assert steps <= budget or sampler.samples == MIN_SAMPLES
+        assert steps > 0.97 * budget
 
 
 @pytest.mark.costly
