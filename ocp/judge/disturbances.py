@@ -28,8 +28,12 @@ FRICTION_SPREAD = 0.2
 """Largest relative change of every friction coefficient."""
 MASS_SPREAD = 0.1
 """Largest relative change of every mass and inertia."""
+ROBUST_DRAWS = 18
+"""Smallest number of draws of friction, and of masses, that a robust policy survives."""
 _MASS_UNITS = ("kg", "kg m^2")
 """Units of parameters that are masses."""
+_FRICTION_ROW, _MASS_ROW = f"friction ±{FRICTION_SPREAD:.0%}", f"masses ±{MASS_SPREAD:.0%}"
+"""Names of the disturbances that change parameters."""
 
 
 @dataclass
@@ -86,6 +90,11 @@ def disturbed_survival(
     return rows
 
 
+def parameter_draws(rows: Sequence[DisturbedSurvival]) -> list[int]:
+    """Return the numbers of draws of friction and of masses that are survived; empty if nothing can be changed."""
+    return [row.survived for row in rows if row.disturbance in (_FRICTION_ROW, _MASS_ROW)]
+
+
 def _counted(name: str, replays: list[Rollout], evaluation: Evaluation, plan: Rollout) -> DisturbedSurvival:
     costs = [replay.cost if np.isfinite(replay.cost) else np.inf for replay in replays]
     survived = sum(not outcome_findings(evaluation, plan, replay) for replay in replays)
@@ -105,8 +114,8 @@ def _draws(evaluation: Evaluation, reads_state: bool, seed: int) -> dict[str, li
             Draw(values, sizes * rng.standard_normal(none.shape)) for rng in rngs[0]
         ]
     spreads = {
-        f"friction ±{FRICTION_SPREAD:.0%}": (friction_parameters(problem), FRICTION_SPREAD, rngs[1]),
-        f"masses ±{MASS_SPREAD:.0%}": (mass_parameters(problem), MASS_SPREAD, rngs[2]),
+        _FRICTION_ROW: (friction_parameters(problem), FRICTION_SPREAD, rngs[1]),
+        _MASS_ROW: (mass_parameters(problem), MASS_SPREAD, rngs[2]),
     }
     for name, (parameters, spread, streams_of) in spreads.items():
         if parameters:

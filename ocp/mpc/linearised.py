@@ -124,7 +124,7 @@ def _stage_costs(model: StageModel, evaluated: StageValues, dlam: Affine) -> tup
     nw = model.nx + 2 * model.nu
     if not model.costs_impulses:
         return evaluated.gradient[:, :nw], project_psd(evaluated.hessian[:, :nw, :nw])
-    T = np.zeros((model.N, nw + model.n, nw))
+    T = np.zeros((len(dlam.value), nw + model.n, nw))
     T[:, :nw] = np.eye(nw)
     T[:, nw:, : model.nx], T[:, nw:, model.nx + model.nu :] = dlam.by_x, dlam.by_u
     gradient = evaluated.gradient + np.einsum("nij,nj->ni", evaluated.hessian[:, :, nw:], dlam.value)

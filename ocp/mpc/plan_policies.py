@@ -8,11 +8,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ocp.judge.step_size import step_size_kind
 from ocp.mpc.active_set import ActiveSets
 from ocp.mpc.controller import Controller
 from ocp.mpc.linearised import LinearClosure, Linearised, linearise
 from ocp.mpc.riccati import Regulator
-from ocp.mpc.stages import Plan, StageModel
+from ocp.mpc.stages import Plan, StageModel, StageValues
 from ocp.problem.evaluation import Evaluation
 from ocp.problem.rollout import Gains, Rollout
 
@@ -36,6 +37,27 @@ NO_WEIGHTS = Weights()
 """Weights that add nothing to the cost of the problem."""
 
 
+def linearised_plan(model: StageModel, plan: Plan, evaluated: StageValues, smoothing: float = 0.0) -> Linearised:
+    """Return the steps of a plan of any length, with contact eliminated as in :class:`PlanRegulator`."""
+    closure = _smoothed_closure(model, plan, smoothing or LEAST_SMOOTHING)
+    if not smoothing:
+        closed = ActiveSets(model).of(plan)
+        with suppress(np.linalg.LinAlgError):
+            return linearise(model, plan, evaluated, LinearClosure.from_active_set(plan, closed))
+    return linearise(model, plan, evaluated, closure)
+
+
+def _smoothed_closure(model: StageModel, plan: Plan, mu: float) -> LinearClosure:
+    """Return ``gap dlam + lam dgap = 0`` at the point with ``lam gap = mu`` and the plan's ``lam - gap``."""
+    lam_size, gap_size = model.sizes
+    difference = plan.lam / lam_size - plan.gap / gap_size
+    larger = (np.abs(difference) + np.sqrt(difference**2 + 4 * mu)) / 2
+    lam = np.where(difference > 0, larger, mu / larger)
+    gap = np.where(difference > 0, mu / larger, larger)
+    zero = np.zeros_like(lam)
+    return LinearClosure(lam / gap_size / larger, gap / lam_size / larger, zero, zero)
+
+
 class PlanRegulator:
     """Linear-quadratic regulator along a plan x (1, N+1, nx) under the exact law, with the plan's contacts fixed.
 
@@ -56,31 +78,18 @@ class PlanRegulator:
         self._evaluated = model.evaluate(self._plan, evaluation.limits.u_before, p)
         self._plan.gap = self._evaluated.gap
         self._regulator = Regulator(model.nx, model.nu, model.N)
-        self._sizes = problem.scales
+        self._sizes, self._step_size = problem.scales, step_size_kind(problem.system)
         self._unit = abs(plan.cost - evaluation.least_cost)
 
     def linearised(self, smoothing: float = 0.0) -> Linearised:
         """Return the plan's steps with contact eliminated; they are smoothed if an active set has no linearisation."""
-        closure = self._smoothed(smoothing or LEAST_SMOOTHING)
-        if not smoothing:
-            closed = ActiveSets(self._model).of(self._plan)
-            with suppress(np.linalg.LinAlgError):
-                active = LinearClosure.from_active_set(self._plan, closed)
-                return linearise(self._model, self._plan, self._evaluated, active)
-        return linearise(self._model, self._plan, self._evaluated, closure)
-
-    def _smoothed(self, mu: float) -> LinearClosure:
-        """Return ``gap dlam + lam dgap = 0`` at the point with ``lam gap = mu`` and the plan's ``lam - gap``."""
-        lam_size, gap_size = self._model.sizes
-        difference = self._plan.lam / lam_size - self._plan.gap / gap_size
-        larger = (np.abs(difference) + np.sqrt(difference**2 + 4 * mu)) / 2
-        lam = np.where(difference > 0, larger, mu / larger)
-        gap = np.where(difference > 0, mu / larger, larger)
-        zero = np.zeros_like(lam)
-        return LinearClosure(lam / gap_size / larger, gap / lam_size / larger, zero, zero)
+        return linearised_plan(self._model, self._plan, self._evaluated, smoothing)
 
     def gains(self, weights: Weights = NO_WEIGHTS, smoothing: float = 0.0) -> Gains:
-        """Return K (N, nu, nx), k (N, nu) of the feedback ``u = K x + k``, with the plan's inputs at its states."""
+        """Return K (N, nu, nx), k (N, nu) of the feedback ``u = K x + k``, with the plan's inputs at its states.
+
+        If the step size is a state, inputs do not depend on it, since a replay at h/4 changes nothing else.
+        """
         lin, plan, N = self.linearised(smoothing), self._plan, len(self._plan.u)
         nx, nu = self._model.nx, self._model.nu
         hessian, (end_gradient, end_hessian) = lin.hessian.copy(), lin.end
@@ -90,6 +99,8 @@ class PlanRegulator:
         hessian[:, inputs, inputs] += weights.inputs * of_inputs / N
         end = end_gradient, end_hessian + np.diag(weights.end * of_states)
         K = self._regulator.gains(replace(lin, hessian=hessian, end=end))
+        if self._step_size.kind == "state":
+            K[:, :, self._step_size.state] = 0.0
         return Gains(K, plan.u - np.einsum("kij,kj->ki", K, plan.x[:-1]))
 
 

@@ -123,7 +123,7 @@ class StageModel:
     def evaluate(self, plan: Plan, u_before: np.ndarray, p: np.ndarray) -> StageValues:
         """Return values and derivatives of a plan's steps at parameters ``p`` (N+1, np)."""
         inputs_before = np.concatenate([u_before[None], plan.u[:-1]])
-        x, N = plan.x, self.N
+        x, N = plan.x, len(plan.u)
         values, jacobian, gradient, hessian = self._stage(x[:-1], inputs_before, plan.u, x[1:], plan.lam, p[:-1])
         end_gradient, end_hessian = self._end_slopes(x[-1:], p[-1])
         edges = np.cumsum([0, self.nx, self.n, self.n, self.m])

@@ -8,6 +8,8 @@ import casadi as ca
 import numpy as np
 
 from ocp.judge.idling import cost_span
+from ocp.judge.referee import Referee
+from ocp.judge.route_report import Rung
 from ocp.judge.step_size import step_size_kind
 from ocp.problem.evaluation import Evaluation
 from ocp.problem.problem import Problem
@@ -55,3 +57,28 @@ def comparable_cost(coarse: Solution, problem: Problem, finer: Rollout) -> float
     if impulses.shape[2] != target.system.nlam:
         impulses = np.full((*u.shape[:2], target.system.nlam), np.nan)
     return float(Evaluation(target, coarse.values).trajectory_costs(x, u, impulses).mean())
+
+
+def rung_of(name: str, first: Solution, solution: Solution, plan: Rollout, outcome: Referee) -> Rung:
+    """Return the rung of a remedy's ``solution`` with its ``plan``, with costs comparable with those of ``first``.
+
+    ``outcome`` are the replays of its inputs or its policy. A remedy that is more expensive than the first plan at its
+    own step size has a note.
+    """
+    cost, refined_cost = (
+        math.nan if replay is None else comparable_cost(first, solution.problem, replay)
+        for replay in (outcome.replay, outcome.refined)
+    )
+    share = first.cost_share(comparable_cost(first, solution.problem, plan) - first.cost, first.cost)
+    return Rung(
+        name,
+        h=float(solution.arrays["time"][1]),
+        N=solution.problem.N,
+        status=solution.status.label,
+        planned=solution.cost,
+        cost=cost,
+        refined_cost=refined_cost,
+        survives=bool(solution.success and solution.referee.survives),
+        iterations=solution.iterations,
+        note=f"{100 * share:.2g} % more expensive than the plan at its own step size" if share > DEARER_SHARE else "",
+    )

@@ -1,7 +1,9 @@
 """Remedies for a plan that does not survive the referee, tried one after another until one succeeds.
 
-The rungs are: the problem under the referee's contact model, from the plan; finer steps; gains along the plans; and
-a controller that plans again at every step.
+The rungs are: the problem under the referee's contact model, from the plan; finer steps; gains along the plans; gains
+shared by scenarios of friction, masses and step sizes; and a controller that plans again at every step. Gains over
+scenarios are also tried if the answer survives fewer than 18 of 20 draws of friction or masses, and are the answer if
+they survive more.
 
 A rung survives if it does so relative to its own plan, and is not much more expensive than the first plan:
 
@@ -24,7 +26,7 @@ import numpy as np
 
 from dynamics.contact import Exact
 from ocp.errors import InputError, NotConverged, abbreviated, interruptible
-from ocp.judge.disturbances import disturbed_survival
+from ocp.judge.disturbances import ROBUST_DRAWS, disturbed_survival, parameter_draws
 from ocp.judge.findings import make_finding
 from ocp.judge.policy_referee import policy_report
 from ocp.judge.referee import Referee, referee_replay
@@ -38,8 +40,9 @@ from ocp.routes.relaxations import DEFAULT_STRATEGY
 from ocp.routes.session import Session
 from ocp.solution import Interrupted, Solution
 from ocp.solve.best_gains import best_gains, plan_of, with_gains, with_replay
-from ocp.solve.comparable_cost import DEARER_SHARE, comparable_cost, largest_surviving_cost
+from ocp.solve.comparable_cost import largest_surviving_cost, rung_of
 from ocp.solve.refinement import HALVINGS, divided_step
+from ocp.solve.scenario_gains import gains_over_scenarios
 from ocp.transcription import Direct
 
 logger = logging.getLogger(__name__)
@@ -54,6 +57,9 @@ PAYING_SHARE = 0.75
 """Maximum ratio of a replay's excess cost to that before halving the step, for which halving continues."""
 FINEST_REPLAY = 16
 """Divisor of the step size in the replay that is listed with the disturbances."""
+
+SCENARIOS = "gains over scenarios"
+"""Name of the rung that is also tried if the answer survives too few draws of friction and masses."""
 
 Build = Callable[[Problem, dict[str, Any]], Problem]
 SolveFrom = Callable[[Session, Solution, int, "Callable[[StageRecord], None] | None"], Solution]
@@ -85,6 +91,7 @@ class SurvivalLadder:
         self.rungs: list[Rung] = []
         self.answers: list[Solution] = []
         self.policies: dict[int, StateFeedback] = {}
+        self.disturbed: dict[int, list[DisturbedSurvival]] = {}
         self.work, self.work_factor = 0.0, 1
         self.improves_model = _has_more_exact_model(session.problem)
         self.work_limit = self.all_work = max(LEAST_WORK, WORK * solution.iterations)
@@ -98,16 +105,17 @@ class SurvivalLadder:
             "the most exact contact model": self._solve_most_exact,
             "finer steps": self._finer,
             "gains": self._gains,
+            SCENARIOS: self._gains_over_scenarios,
             "a controller": self._controller,
         }
         name = ""
         try:
             with interruptible():
                 for name, climb in rungs.items():
-                    if self.rungs[self._best()].survives:
-                        break
-                    logger.info("the plan does not survive; next rung: %s", name)
-                    self._try(name, climb)
+                    best = self._best()
+                    if not self.rungs[best].survives or (name == SCENARIOS and not self._is_robust(best)):
+                        logger.info("the plan does not survive, or too few draws; next rung: %s", name)
+                        self._try(name, climb)
                 return self._best_solution()
         except KeyboardInterrupt as stop:
             raise Interrupted(self._best_solution(f"Ctrl-C ended the rung {name or 'of the plan'}")) from stop
@@ -170,8 +178,7 @@ class SurvivalLadder:
 
     def _gains(self) -> None:
         """Try gains along plans of decreasing step size until a policy survives; solve missing finer plans first."""
-        if self.first.problem.scenarios.n > 1 or self.first.gains is not None:
-            raise InputError("gains follow a single plan of open-loop inputs")
+        self._require_single_plan()
         self.work_limit = self.all_work
         if isinstance(self.session.law, Exact) and self.first is not self.plans[0]:
             self._gains_along(self.first, "gains")
@@ -181,8 +188,7 @@ class SurvivalLadder:
             solution = self._finer_plan(level)
             if self.rungs[-1].survives:
                 return
-            if solution is self.first and not isinstance(self.session.law, Exact):
-                raise InputError("gains follow a plan under the exact law")
+            self._require_exact(solution)
             suffix = " along the plan of the most exact contact model" if solution.route.most_exact else ""
             self._gains_along(solution, f"gains at {solution.problem.N} steps" if level else f"gains{suffix}")
 
@@ -191,6 +197,28 @@ class SurvivalLadder:
         evaluation, plan = self._plan(solution)
         gains, outcome = best_gains(evaluation, plan)
         self._add(name, with_gains(solution, gains, outcome), iterations=0)
+
+    def _gains_over_scenarios(self) -> None:
+        """Try gains over scenarios along the plan that survives, or else along the coarsest plan and the finest."""
+        self._require_single_plan()
+        best = self._best()
+        solutions = [self.answers[best]] if self.rungs[best].survives else self.plans[:1] + self.plans[1:][-1:]
+        for solution in solutions:
+            self._require_exact(solution)
+            gains, outcome = gains_over_scenarios(*self._plan(solution), solution.gains)
+            N = solution.problem.N
+            name = SCENARIOS if N == self.first.problem.N else f"{SCENARIOS} at {N} steps"
+            self._add(name, with_gains(solution, gains, outcome), iterations=0)
+            if self.rungs[-1].survives:
+                return
+
+    def _require_single_plan(self) -> None:
+        if self.first.problem.scenarios.n > 1 or self.first.gains is not None:
+            raise InputError("gains follow a single plan of open-loop inputs")
+
+    def _require_exact(self, solution: Solution) -> None:
+        if solution is self.first and not isinstance(self.session.law, Exact):
+            raise InputError("gains follow a plan under the exact law")
 
     def _controller(self) -> None:
         """Try a controller that plans again at every step, on the referee's plant."""
@@ -250,25 +278,8 @@ class SurvivalLadder:
         """
         evaluation, plan = self._plan(solution)
         outcome = outcome or referee_replay(evaluation, solution.inputs, plan.x[:, 0])
-        cost, refined_cost = (
-            math.nan if replay is None else comparable_cost(self.first, solution.problem, replay)
-            for replay in (outcome.replay, outcome.refined)
-        )
-        own_cost = comparable_cost(self.first, solution.problem, plan)
-        share = self.first.cost_share(own_cost - self.first.cost, self.first.cost)
-        note = f"{100 * share:.2g} % more expensive than the plan at its own step size" if share > DEARER_SHARE else ""
-        rung = Rung(
-            name,
-            h=float(solution.data["time"][1]),
-            N=solution.problem.N,
-            status=solution.status.label,
-            planned=solution.cost,
-            cost=cost,
-            refined_cost=refined_cost,
-            survives=bool(solution.success and solution.referee.survives),
-            iterations=solution.iterations if iterations is None else iterations,
-            note=note,
-        )
+        rung = rung_of(name, self.first, solution, plan, outcome)
+        rung = rung if iterations is None else replace(rung, iterations=iterations)
         if self.rungs and rung.survives and rung.most_exact_cost > self.largest_cost:
             cost, planned = rung.most_exact_cost, self.first.cost
             finding = make_finding("remedy-costs-too-much", cost=cost, planned=planned, limit=self.largest_cost)
@@ -287,10 +298,10 @@ class SurvivalLadder:
         return next(i for i, refereed in enumerate(self.answers) if refereed is solution)
 
     def _best(self) -> int:
-        """Return the index of the best rung; among rungs that survive this is the last."""
+        """Return the index of the best rung: of those that survive, the one with most draws of friction and masses."""
         survivors = [i for i, rung in enumerate(self.rungs) if rung.survives]
         if survivors:
-            return survivors[-1]
+            return survivors[0] if len(survivors) == 1 else max(survivors, key=lambda i: sum(self._draws(i)))
 
         def order(i: int) -> tuple[bool, bool, float]:
             rung, cost = self.rungs[i], self.rungs[i].most_exact_cost
@@ -306,11 +317,22 @@ class SurvivalLadder:
         ladder = Ladder(self.rungs, best, stopped, rows, self.largest_cost)
         return replace(solution, iterations=self.iterations).with_route(ladder=ladder)
 
-    def _disturbed(self, best: int) -> list[DisturbedSurvival]:
-        solution = self.answers[best]
-        evaluation, plan = self._plan(solution)
-        policy, delay = self.policies.get(best, solution.inputs), solution.problem.N // self.first.problem.N
-        return disturbed_survival(evaluation, plan, policy, self.seed, (FINEST_REPLAY,), delay)
+    def _is_robust(self, i: int) -> bool:
+        return all(survived >= ROBUST_DRAWS for survived in self._draws(i))
+
+    def _draws(self, i: int) -> list[int]:
+        """Return the numbers of draws of friction and of masses that a rung survives."""
+        return parameter_draws(self._disturbed(i))
+
+    def _disturbed(self, i: int) -> list[DisturbedSurvival]:
+        """Return the disturbances that a rung survives, each tried once."""
+        if i not in self.disturbed:
+            solution = self.answers[i]
+            evaluation, plan = self._plan(solution)
+            policy, delay = self.policies.get(i, solution.inputs), solution.problem.N // self.first.problem.N
+            rows = disturbed_survival(evaluation, plan, policy, self.seed, (FINEST_REPLAY,), delay)
+            self.disturbed[i] = rows
+        return self.disturbed[i]
 
 
 def _has_more_exact_model(problem: Problem) -> bool:

@@ -83,8 +83,9 @@ def solve(
     ``refine`` solves again at half the step, from the last plan, until the cost of the plan agrees with the cost of its
     replay at half the step (:func:`~ocp.solve.refinement.refine_step_size`).
     ``until="survives"`` tries remedies while the plan does not survive the referee: the referee's own contact, finer
-    steps, gains along the plan, a controller (:class:`~ocp.solve.ladder.SurvivalLadder`). The first answer that
-    survives is returned, or else the best; ``Solution.route.ladder`` has all of them.
+    steps, gains along the plan, gains over scenarios, a controller (:class:`~ocp.solve.ladder.SurvivalLadder`). The
+    first answer that survives is returned, gains over scenarios in its place if it survives few draws of friction or
+    masses and they survive more, or else the best; ``Solution.route.ladder`` has all of them.
 
     Raises :class:`~ocp.errors.InputError` for invalid settings, names or combinations.
     """

@@ -1,0 +1,76 @@
+"""Gains over scenarios: the best of a regulator's gains, improved for friction, masses and step sizes together."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ocp.judge.disturbances import NOISE_SHARE, measured_sizes
+from ocp.judge.referee import Referee, referee_replay
+from ocp.mpc.plan_policies import PlanRegulator
+from ocp.problem.evaluation import Evaluation
+from ocp.problem.rollout import Gains, Rollout
+from ocp.solve.best_gains import WEIGHTS
+from ocp.solve.scenario_outcomes import ScenarioOutcomes
+from ocp.solve.shared_gains import Deviations, shared_gains
+
+PASSES = 12
+"""Maximum number of passes of dynamic programming."""
+STEP_LENGTHS = (1.0, 0.5, 0.25, 0.1)
+"""Fractions of the change of the gains that are tried, in this order."""
+LEAST_DAMPING = 1e-3
+"""Damping of the change of inputs of a first pass, in characteristic inputs, relative to the cost of a step."""
+LARGEST_DAMPING = 1.0
+"""Damping at which a pass that does not lower the cost is the last."""
+DAMPING_GROWTH = 10.0
+"""Factor by which damping grows after such a pass."""
+LEAST_GAIN = 1e-4
+"""Relative decrease of the mean cost below which a pass is the last."""
+
+
+def gains_over_scenarios(
+    evaluation: Evaluation, plan: Rollout, present_gains: Gains | None = None
+) -> tuple[Gains, Referee]:
+    """Return gains with fewer failures, and then a lower mean cost, over scenarios, and the referee's replay of them.
+
+    The passes of :func:`~ocp.solve.shared_gains.shared_gains` start at the best of ``present_gains`` and the gains of
+    :class:`~ocp.mpc.plan_policies.PlanRegulator` with :data:`~ocp.solve.best_gains.WEIGHTS`. States deviate as the
+    referee's noise. Raises the errors of :class:`~ocp.solve.scenario_outcomes.ScenarioOutcomes`.
+    """
+    outcomes = ScenarioOutcomes(evaluation, plan)
+    regulator = PlanRegulator(evaluation, plan)
+    candidates = [regulator.gains(weights) for weights in WEIGHTS]
+    candidates += [] if present_gains is None else [present_gains]
+    merits = [outcomes.merit(gains) for gains in candidates]
+    first = min(range(len(candidates)), key=merits.__getitem__)
+    gains = _improve(outcomes, candidates[first], merits[first])
+    return gains, referee_replay(evaluation, gains, plan.x[:, 0])
+
+
+def _improve(outcomes: ScenarioOutcomes, gains: Gains, merit: tuple[int, float]) -> Gains:
+    """Return gains after passes with growing damping, each shortened until the merit decreases."""
+    problem, evaluation, plan = outcomes.problem, outcomes.evaluation, outcomes.plan
+    noise = np.diag((NOISE_SHARE * measured_sizes(problem)) ** 2)
+    deviations = Deviations(noise, noise, noise / problem.N)
+    unit = abs(plan.cost - evaluation.least_cost) / problem.N / problem.scales.u**2
+    damping, expansions = LEAST_DAMPING, outcomes.expansions(gains)
+    for _ in range(PASSES):
+        if not expansions:
+            break
+        improved = shared_gains(expansions, gains, deviations, np.diag(damping * unit), problem.scales.x)
+        trials = (_between(gains, improved, length) for length in STEP_LENGTHS)
+        better = next(((trial, new) for trial in trials if (new := outcomes.merit(trial)) < merit), None)
+        if better is None:
+            if damping >= LARGEST_DAMPING:
+                break
+            damping *= DAMPING_GROWTH
+            continue
+        decrease = merit[1] - better[1][1] if merit[0] == better[1][0] else np.inf
+        gains, merit = better
+        if decrease < LEAST_GAIN * abs(merit[1]):
+            break
+        expansions = outcomes.expansions(gains)
+    return gains
+
+
+def _between(gains: Gains, improved: Gains, share: float) -> Gains:
+    return Gains(gains.K + share * (improved.K - gains.K), gains.k + share * (improved.k - gains.k))

@@ -1,0 +1,134 @@
+"""Scenarios of friction, masses and step sizes, in which one policy is replayed and followed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ocp.judge.disturbances import FRICTION_SPREAD, MASS_SPREAD, friction_parameters, mass_parameters
+from ocp.judge.referee import REFINEMENT, outcome_findings, refined_replay
+from ocp.judge.step_size import step_size_kind
+from ocp.mpc.linearised import project_psd
+from ocp.mpc.plan_policies import linearised_plan
+from ocp.mpc.stages import Plan, StageModel
+from ocp.problem.evaluation import Evaluation
+from ocp.problem.problem import Problem
+from ocp.problem.rollout import Gains, Rollout, roll_on
+from ocp.solve.shared_gains import Expansion
+
+
+class HeldInputs:
+    """Gains that are evaluated at every ``count``-th step; the input is held in between."""
+
+    def __init__(self, gains: Gains, count: int) -> None:
+        self.gains, self.count = gains, count
+        self.held = gains.k[0]
+
+    def input(self, step: int, x: np.ndarray) -> np.ndarray:
+        """Return the input (nu,) at a step, which is computed from x (nx,) at the first step of its interval."""
+        if step % self.count == 0:
+            self.held = self.gains.input(step // self.count, x)
+        return self.held
+
+
+class ScenarioOutcomes:
+    """Replays of a policy, along the plan of an ``evaluation``, in scenarios of changed parameters.
+
+    The scenarios are the problem's own parameters, and both ends of the ranges from which the referee draws frictions
+    and masses (:func:`end_values`). They are replayed at h/4 or, if the step size is part of the model, at h; the
+    problem's own parameters are also replayed at h.
+    """
+
+    def __init__(self, evaluation: Evaluation, plan: Rollout) -> None:
+        problem = evaluation.problem
+        step_size = step_size_kind(problem.system)
+        self.evaluation, self.plan, self.problem, self.step_size = evaluation, plan, problem, step_size
+        self.substeps = 1 if step_size.kind == "fixed" else REFINEMENT
+        self.scenarios = [Evaluation(problem, values) for values in end_values(problem, evaluation.values)]
+        self._refined_problem = replace(problem, N=self.substeps * problem.N)
+        self._model = StageModel(problem, problem.exact_step)
+
+    def merit(self, gains: Gains) -> tuple[int, float]:
+        """Return the number of replays that do not survive, and the mean cost of those that end; smaller is better."""
+        replays = [self._replay(scenario, gains) for scenario in self.scenarios]
+        if self.substeps > 1:
+            replays.append(self._replay(self.evaluation, gains, substeps=1))
+        failures = sum(bool(outcome_findings(self.evaluation, self.plan, replay)) for replay in replays)
+        costs = [replay.cost for replay in replays if np.isfinite(replay.cost)]
+        return failures, float(np.mean(costs)) if costs else np.inf
+
+    def _replay(self, scenario: Evaluation, gains: Gains, substeps: int | None = None) -> Rollout:
+        x0, substeps = self.plan.x[:, 0], substeps or self.substeps
+        if substeps == 1:
+            return roll_on(scenario, gains, self.problem.referee_step, x0)[0]
+        replay = refined_replay(scenario, gains, x0, substeps)[0]
+        assert replay is not None
+        return replay
+
+    def expansions(self, gains: Gains) -> list[Expansion]:
+        """Return the expansions of all scenarios whose closed loop under the exact law can be followed to the end."""
+        expansions = (self._expansion(scenario, gains) for scenario in self.scenarios)
+        return [expansion for expansion in expansions if expansion is not None]
+
+    def _expansion(self, scenario: Evaluation, gains: Gains) -> Expansion | None:
+        """Return the expansion of a scenario's closed loop; the inputs of its steps are held over the substeps."""
+        model, N, substeps = self._model, self.problem.N, self.substeps
+        nx, nu, limits = model.nx, model.nu, scenario.limits
+        values, start, step_state = dict(scenario.values), self.plan.x[:, 0].copy(), self.step_size.state
+        if self.step_size.kind == "parameter":
+            values[self.step_size.parameter] /= substeps
+        elif self.step_size.kind == "state":
+            start[:, step_state] /= substeps
+        refined, policy = Evaluation(self._refined_problem, values), HeldInputs(gains, substeps)
+        rolled, unsolved = roll_on(refined, policy, self.problem.exact_step, start)
+        if unsolved is not None or not np.isfinite(rolled.x).all():
+            return None
+        fine = Plan(rolled.x[0], rolled.u[0], rolled.lam[0], rolled.gap[0])
+        evaluated = model.evaluate(fine, limits.u_before, self._rows(values, N * substeps))
+        fine.gap = evaluated.gap
+        x_next = linearised_plan(model, fine, evaluated).x_next
+        A, B = x_next.by_x.reshape(N, substeps, nx, nx), x_next.by_u.reshape(N, substeps, nx, nu)
+        AB = np.concatenate([A[:, 0], B[:, 0]], axis=2)
+        for i in range(1, substeps):
+            AB = A[:, i] @ AB
+            AB[:, :, nx:] += B[:, i]
+        lam, gap = fine.lam.reshape(N, substeps, model.n).sum(axis=1), fine.gap[substeps - 1 :: substeps]
+        coarse = Plan(fine.x[::substeps].copy(), fine.u[::substeps], lam, gap)
+        if self.step_size.kind == "state":
+            coarse.x[:, step_state] *= substeps
+        costs = model.evaluate(coarse, limits.u_before, self._rows(scenario.values, N))
+        xu, before = np.r_[:nx, nx + nu : nx + 2 * nu], slice(nx, nx + nu)
+        gradient, hessian = costs.gradient[:, xu], costs.hessian[:, xu[:, None], xu]
+        gradient[:-1, nx:] += costs.gradient[1:, before]
+        hessian[:-1, nx:, nx:] += costs.hessian[1:, before, before]
+        if self.step_size.kind == "state":
+            coarse.x[:, step_state] = 0.0  # Gains do not depend on the step size.
+        return Expansion(
+            x=coarse.x,
+            u=coarse.u,
+            free=(coarse.u > limits.u_lower) & (coarse.u < limits.u_upper),
+            dynamics=AB,
+            gradient=gradient,
+            hessian=project_psd(hessian),
+            end_gradient=costs.end_gradient,
+            end_hessian=project_psd(costs.end_hessian),
+        )
+
+    def _rows(self, values: dict[str, float], N: int) -> np.ndarray:
+        return np.tile([values.get(name, 0.0) for name in self._model.names], (N + 1, 1))
+
+
+def end_values(problem: Problem, values: dict[str, float]) -> list[dict[str, float]]:
+    """Return the values themselves, and values with all frictions, or all masses, at the ends of their ranges.
+
+    The ends are both upper, both lower, or alternate from parameter to parameter.
+    """
+    scenarios = [values]
+    for names, spread in ((friction_parameters(problem), FRICTION_SPREAD), (mass_parameters(problem), MASS_SPREAD)):
+        alternating = (-1.0) ** np.arange(len(names))
+        for signs in [np.ones(len(names)), alternating][: len(names)]:
+            for end in (-spread, spread):
+                changed = {name: values[name] * (1 + end * sign) for name, sign in zip(names, signs, strict=True)}
+                scenarios.append(values | changed)
+    return scenarios
