@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from importlib import import_module
-from importlib.metadata import version
 from typing import Any
 
 import numpy as np
@@ -14,26 +13,33 @@ DIFFERENCE = 1e-6
 """Perturbation of ``mjd_transitionFD``, as in MuJoCo's documentation."""
 
 
-class MujocoRollouts:
-    """Model of an MJCF, rolled out from many states under constant controls (nu,).
-
-    States are (qpos, qvel); all joints must be hinges or slides, so that both have the same entries.
+def load_model(mjcf: str, name: str) -> tuple[Any, Any]:
+    """Return the module mujoco and the model of an MJCF, which is called ``name`` in messages.
 
     Raises :class:`~ocp.errors.InputError` if MuJoCo is not installed, or rejects the MJCF.
     """
+    try:
+        mujoco: Any = import_module("mujoco")
+    except ImportError:
+        raise InputError("the world of MuJoCo needs the package mujoco; install 'centralpath[robots]'") from None
+    try:
+        return mujoco, mujoco.MjModel.from_xml_string(mjcf)
+    except (ValueError, mujoco.FatalError) as error:
+        obstacle = " ".join(str(error).removeprefix("Error: ").split())
+        raise InputError(f"MuJoCo rejects {name}: {obstacle}") from None
+
+
+class MujocoRollouts:
+    """Model of an MJCF, rolled out from many states under constant controls (nu,).
+
+    States are (qpos, qvel); all joints must be hinges or slides, so that both have the same entries. Raises the errors
+    of :func:`load_model`.
+    """
 
     def __init__(self, mjcf: str) -> None:
-        try:
-            self._mujoco: Any = import_module("mujoco")
-            self._rollout: Any = import_module("mujoco.rollout")
-        except ImportError:
-            raise InputError("the world of MuJoCo needs the package mujoco; install 'centralpath[robots]'") from None
-        try:
-            self.model = self._mujoco.MjModel.from_xml_string(mjcf)
-        except ValueError as error:
-            raise InputError(f"MuJoCo does not take this model: {' '.join(str(error).split())}") from None
-        self.data = self._mujoco.MjData(self.model)
-        self.version = version("mujoco")
+        self._mujoco, self.model = load_model(mjcf, "the model")
+        self._rollout: Any = import_module("mujoco.rollout")
+        self.data, self.version = self._mujoco.MjData(self.model), self._mujoco.__version__
 
     def set_contacts(self, timestep: float, solref: float) -> None:
         """Set the time step [s] and the time constant ``solref`` [s] of all contacts and joint limits.

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
-from importlib import import_module
 from typing import Any
 
 import casadi as ca
@@ -14,6 +13,7 @@ import numpy as np
 from ocp.errors import InputError
 from ocp.problem.problem import Problem
 from ocp.simulators.mjcf import write_mjcf
+from ocp.simulators.mujoco_rollouts import load_model
 
 SOLREF_S = 0.02
 """Time constant of contacts and joint limits [s], MuJoCo's default."""
@@ -51,11 +51,7 @@ class MujocoWorld:
         obstacle = "it is not built by the system() of a machine" if system.machine is None else obstacle
         if obstacle or system.machine is None:
             raise InputError(f"{problem.name} cannot be tried in MuJoCo: {obstacle}")
-        try:
-            self._mujoco: Any = import_module("mujoco")
-        except ImportError:
-            raise InputError("the world of MuJoCo needs the package mujoco; install 'centralpath[robots]'") from None
-        self.problem, self._p, self.version = problem, problem.parameters.pack(values), self._mujoco.__version__
+        self.problem, self._p = problem, problem.parameters.pack(values)
 
         def number(value: Any) -> float:
             return float(ca.evalf(ca.substitute(ca.SX(value), p, self._p)))
@@ -63,12 +59,8 @@ class MujocoWorld:
         forces = system.forces
         frictions = () if forces is None else zip(forces.names, forces.friction.elements(), strict=True)
         self.mjcf = write_mjcf(system.machine, number, {name: number(f) for name, f in frictions})
-        try:
-            self.model = self._mujoco.MjModel.from_xml_string(self.mjcf.text)
-        except (ValueError, self._mujoco.FatalError) as error:
-            obstacle = " ".join(str(error).removeprefix("Error: ").split())
-            raise InputError(f"MuJoCo rejects {problem.name}: {obstacle}") from None
-        self.data = self._mujoco.MjData(self.model)
+        self._mujoco, self.model = load_model(self.mjcf.text, problem.name)
+        self.data, self.version = self._mujoco.MjData(self.model), self._mujoco.__version__
         self._q: list[int] = []
         self._v: list[int] = []
         for joint in map(self.model.joint, self.mjcf.joints):

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from dynamics.batch import RolloutFunction, open_loop
 from dynamics.contact import Adaptive, Barrier, ContactLaw, Exact, Randomized
 from dynamics.systems import ContactSystem, Parameter, ParameterTable, Signal, time_stepping
-from ocp.gradients.objective import without_warnings
-from ocp.gradients.worlds.world import SHARPER, World
+from ocp.gradients.worlds.plans import along, law_plan
+from ocp.gradients.worlds.world import World
+from ocp.problem.problem import Problem
 from problems.gradient_scenes.scene import Mechanics, Scene
 
 STEP_S = 0.01
@@ -52,41 +53,23 @@ def penalty_world(scene: Scene) -> World:
 
 def _world(scene: Scene, name: str, law: ContactLaw, values: dict[str, float]) -> World:
     """Return the simulator of a scene under a law; its settings are ``values`` and the parameters of the law."""
-    system = _system(scene, values)
-    step = law.close(system)
-    law_values = {key.removeprefix("contact."): value for key, value in step.p.defaults.items() if "." in key}
-    x, u, p, nq = system.x, system.u, step.p.vector, len(scene.mechanics.coordinates)
-    stage_cost = ca.Function("stage_cost", [x, u, p], [ca.SX.zeros(1)])
-    terminal_cost = ca.Function("terminal_cost", [x, p], [x[scene.output_index]])
+    system, mechanics = _system(scene, values), scene.mechanics
+    start, output = mechanics.table[:2].ravel(), system.x[scene.output_index]
 
     @lru_cache
-    def function(n_steps: int) -> RolloutFunction:
-        return RolloutFunction(step, stage_cost, terminal_cost, n_steps, open_loop(2 * nq, 1))
+    def rollouts(h: float) -> World:
+        profile = np.ones((1, max(1, round(scene.duration / h))))
+        if mechanics.is_speed:
+            profile = np.eye(1, profile.size) / h
+        problem = Problem(scene.name, system, profile.size, ca.SX(0), output, start, system.parameters)
+        return along(law_plan(problem, law, values, values), np.zeros(profile.size), profile)
 
-    def roll_out(theta: np.ndarray, gradient: bool, settings: dict[str, float]) -> tuple[np.ndarray, np.ndarray]:
-        n_steps = max(1, round(scene.duration / settings["h"]))
-        named = {key if key in values else f"contact.{key}": value for key, value in settings.items()}
-        profile = np.zeros((n_steps, 1))
-        profile[: 1 if scene.mechanics.is_speed else n_steps] = 1.0 / settings["h"] if scene.mechanics.is_speed else 1.0
-        rolled = without_warnings(
-            function(n_steps),
-            scene.mechanics.table[:2].ravel(),
-            theta[:, :, None] * profile,
-            p=step.p.pack(named),
-            gradient=gradient,
-        )
-        slopes = np.empty(0) if rolled.gradient is None else (rolled.gradient * profile).sum(axis=(1, 2))
-        return rolled.cost, slopes
-
-    def simulate(theta: np.ndarray, **settings: float) -> np.ndarray:
-        return roll_out(theta, False, settings)[0][:, None]
-
-    def differentiate(theta: np.ndarray, **settings: float) -> np.ndarray:
-        return roll_out(theta, True, settings)[1][:, None, None]
-
-    settings = {**values, **law_values}
-    sharper = {key: factor for key, factor in SHARPER.items() if key in settings}
-    return World(name, simulate, differentiate, settings, sharper)
+    return replace(
+        rollouts(values["h"]),
+        name=name,
+        simulate=lambda theta, **named: rollouts(named["h"]).simulate(theta, **named),
+        differentiate=lambda theta, **named: rollouts(named["h"]).differentiate(theta, **named),
+    )
 
 
 def _system(scene: Scene, values: dict[str, float]) -> ContactSystem:

@@ -42,17 +42,13 @@ def drop_outcome(v: ca.SX) -> ca.SX:
     """Return the position at which the ball comes to rest, ``x = u t + (u - f w)^2 / (2 f g)``.
 
     The plastic impact reduces the horizontal speed u by f w, and the ball then slides to rest under friction f.
-    With ``dt/dv = t/w`` and ``dw/dv = v/w`` the slope is ``(u t - (u - f w) v/g) / w``.
     """
     t, w = _landing(v)
     return DROP_SPEED * t + ca.fmax(DROP_SPEED - DROP_FRICTION * w, 0) ** 2 / (2 * DROP_FRICTION * GRAVITY)
 
 
 def bounce_outcome(v: ca.SX) -> ca.SX:
-    """Return the final height ``e w s - g s^2/2`` with ``s = T - t``, in flight after the first impact at t.
-
-    The slope is ``(e s v - (e w - g s) t) / w``.
-    """
+    """Return the final height ``e w s - g s^2/2`` with ``s = T - t``, in flight after the first impact at t."""
     t, w = _landing(v)
     s = BOUNCE_DURATION_S - t
     return RESTITUTION * w * s - GRAVITY * s**2 / 2
@@ -85,7 +81,7 @@ def push_outcome(force: ca.SX) -> ca.SX:
     """Return the final position of the pushed ball, ``gap + (m1 w s + F s^2/2)/(m1 + m2)``.
 
     The pusher starts at rest and meets the ball at ``t = sqrt(2 gap m1/F)`` with the speed ``w = F t/m1``; the time
-    ``s = max(T - t, 0)`` remains. The slope follows from ``dt/dF = -t/(2 F)`` and ``dw/dF = w/(2 F)``.
+    ``s = max(T - t, 0)`` remains.
     """
     t = ca.sqrt(2 * GAP_M * MASSES_KG[0] / ca.fmax(force, 1e-9))
     s = ca.fmax(PUSH_DURATION_S - t, 0)
@@ -95,8 +91,7 @@ def push_outcome(force: ca.SX) -> ca.SX:
 def swing_outcome(speed: ca.SX) -> ca.SX:
     """Return the final angle: ``phi cos(W (T - t))`` if the pendulum hits the stop before T, else ``speed/W sin(W T)``.
 
-    The angle is ``speed/W sin(W t)`` until the impact at ``t = asin(phi W/speed)/W``, where the pendulum is at rest:
-    the slope is ``phi W sin(W (T - t)) dt/dspeed`` with ``dt/dspeed = -phi/(speed^2 sqrt(1 - (phi W/speed)^2))``.
+    The angle is ``speed/W sin(W t)`` until the impact at ``t = asin(phi W/speed)/W``, where the pendulum is at rest.
     """
     ratio = STOP_ANGLE * FREQUENCY / speed
     hits = ca.logic_and(ratio > 0, ratio < 1)

@@ -12,7 +12,7 @@ from dynamics.batch import Gaussian
 from ocp.gradients.estimators import SAMPLED
 from ocp.gradients.objective import SampledObjective
 from ocp.gradients.sampling import ReferenceGradient, child_seed, run_estimator
-from ocp.gradients.verdict import joint_quantile, judge_estimate
+from ocp.gradients.verdict import joint_quantile
 from ocp.gradients.worlds.world import WorldObjective
 
 AMPLITUDES = tuple(float(10.0**k) for k in np.arange(-8, -1 + 1e-9, 1 / 3))
@@ -130,9 +130,7 @@ def smoothed_gradient(
         "mean": np.nan,
         "standard_error": np.nan,
         "reference": None if reference is None else float(reference.gradient[0]),
-        "reference_error": None if reference is None else float(reference.standard_error[0]),
         "reliable": np.nan,
-        "verdict": "no reference",
     }
     # Without samples that are not finite the mean is that of another function.
     if moments.n < 2 or len(run.nonfinite):
@@ -143,7 +141,6 @@ def smoothed_gradient(
         "mean": float(moments.mean[0]),
         "standard_error": error,
         "reliable": quantile * float(np.hypot(error, known_error)),
-        "verdict": judge_estimate(moments, reference).word,
     }
 
 

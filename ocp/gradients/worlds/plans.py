@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -10,13 +10,15 @@ import numpy as np
 from dynamics.contact import ContactLaw
 from ocp.gradients.rollouts import RolloutObjective
 from ocp.gradients.worlds.measures import NEARBY_REACH
-from ocp.gradients.worlds.world import SHARPER, World
+from ocp.gradients.worlds.world import World
 from ocp.judge.findings import Finding, make_finding
 from ocp.problem.evaluation import Evaluation
 from ocp.problem.problem import Problem
 from ocp.simulators.mujoco_world import SOLREF_S, STEP_S, MujocoWorld
 from ocp.simulators.replay import simulated_costs
 
+SHARPER = {"h": 0.5, "mu": 0.1, "sigma": 0.25, "stiffness": 4.0}
+"""Mapping from settings of laws and systems to the factors by which they change in one refinement."""
 N_DIRECTIONS = 3
 """Number of directions along which the gradient of a plan is judged."""
 STATIONARY_SHARE = 1e-3
@@ -27,17 +29,19 @@ DIFFERENCE_SHARE = 1e-3
 """Amplitude of the central differences by all inputs, as a share of an input's characteristic size."""
 
 
-def law_plan(problem: Problem, law: ContactLaw, values: Mapping[str, float]) -> World:
+def law_plan(problem: Problem, law: ContactLaw, values: Mapping[str, float], adjustable: Collection[str] = ()) -> World:
     """Return the mean cost over scenarios under a contact law, as a simulator of the inputs (n, N nu).
 
-    The settings of the simulator are the parameters of the law; ``values`` are those of the problem.
+    The settings of the simulator are the parameters of the law and the ``adjustable`` ones among the ``values`` of the
+    problem's parameters.
     """
     objective = RolloutObjective(problem, law).at({name: values[name] for name in problem.parameters.names})
     prefix = "contact."
-    settings = {key.removeprefix(prefix): v for key, v in objective.parameters.items() if key.startswith(prefix)}
+    settings = {name: values[name] for name in adjustable}
+    settings |= {key.removeprefix(prefix): v for key, v in objective.parameters.items() if key.startswith(prefix)}
 
     def roll_out(theta: np.ndarray, gradient: bool, named: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
-        changed = objective.at({prefix + name: value for name, value in named.items()})
+        changed = objective.at({name if name in adjustable else prefix + name: v for name, v in named.items()})
         return changed.costs_and_gradients(theta, gradient)
 
     return World(

@@ -15,8 +15,6 @@ from ocp.gradients.objective import CostSamples, SampledObjective
 
 Simulation = Callable[..., Any]
 """Function ``(theta, **settings)`` of parameters (n, d) that returns outputs (n, m), or their gradients (n, m, d)."""
-SHARPER = {"h": 0.5, "mu": 0.1, "sigma": 0.25, "stiffness": 4.0}
-"""Mapping from settings of our worlds to the factors by which they change in one refinement."""
 ROW_TOLERANCE = 1e-6
 """Largest difference between one row simulated alone and among others, as a share of the largest output."""
 
