@@ -54,7 +54,7 @@ def penalty_world(scene: Scene) -> World:
 def _world(scene: Scene, name: str, law: ContactLaw, values: dict[str, float]) -> World:
     """Return the simulator of a scene under a law; its settings are ``values`` and the parameters of the law."""
     system, mechanics = _system(scene, values), scene.mechanics
-    start, output = mechanics.table[:2].ravel(), system.x[scene.output_index]
+    start, output = ca.SX(mechanics.table[:2].ravel()), system.x[scene.output_index]
 
     @lru_cache
     def rollouts(h: float) -> World:
@@ -67,8 +67,8 @@ def _world(scene: Scene, name: str, law: ContactLaw, values: dict[str, float]) -
     return replace(
         rollouts(values["h"]),
         name=name,
-        simulate=lambda theta, **named: rollouts(named["h"]).simulate(theta, **named),
-        differentiate=lambda theta, **named: rollouts(named["h"]).differentiate(theta, **named),
+        simulate=lambda theta, **named: rollouts(named["h"]).at(named).rollout(theta),
+        differentiate=lambda theta, **named: rollouts(named["h"]).at(named).gradient(theta),
     )
 
 

@@ -15,7 +15,7 @@ from problems.gradient_scenes import SCENES
 from problems.gradient_scenes.worlds import scene_world
 
 TABLE = "gradient-worlds"
-WORLDS = ("exact", "barrier", "adaptive", "penalty", "mujoco")
+WORLDS = ("exact", "barrier", "penalty", "mujoco", "adaptive", "randomized")
 
 
 def cell(row: dict[str, Any]) -> str:
@@ -26,6 +26,12 @@ def cell(row: dict[str, Any]) -> str:
         if row["verdict"] in ("right", "zero", "undefined") or not truth
         else (f"{verdict} (×{row['slope'] / truth:.3g})")
     )
+
+
+def factor(verdict: str) -> str:
+    """Return a cell of the README: the multiple of the exact slope alone, with an arrow where slopes explode."""
+    ratio = verdict.rpartition("(")[2].removesuffix(")") + " ↑" * verdict.startswith("exploding")
+    return {"right": "**right**", "zero": "0", "undefined": "jump"}.get(verdict, ratio)
 
 
 def main() -> None:
