@@ -220,7 +220,7 @@ def _friction_rows(
 
 
 def _replace_entries(row: Row, replacement: Row, indices: list[int]) -> Row:
-    """Return ``row`` with the entries at the indices ``indices`` replaced by those of ``replacement``."""
+    """Return ``row`` with the entries at ``indices`` replaced by those of ``replacement``."""
     if len(indices) == len(row.signals):
         return replacement
     gap, direction, signals = ca.SX(row.gap), ca.SX(row.direction), list(row.signals)

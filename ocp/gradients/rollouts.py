@@ -68,7 +68,7 @@ class RolloutObjective(SampledObjective):
         return float(costs[0]), gradients[0]
 
     def costs_and_gradients(self, theta: np.ndarray, gradient: bool = True) -> tuple[np.ndarray, np.ndarray]:
-        """Return costs (n,), means over scenarios, at ``theta`` (n, d) and gradients (n, d) or zeros."""
+        """Return the mean costs (n,) over scenarios at ``theta`` (n, d) and gradients (n, d), zero if not requested."""
         (n, d), scenarios = theta.shape, self.problem.scenarios.n
         shaped = np.repeat(theta, scenarios, axis=0).reshape(-1, *self._policy.shape(self.problem.N))
         rollouts = self._roll_out(n * scenarios, 0, theta=shaped, gradient=gradient)

@@ -124,13 +124,13 @@ def runaway_inputs(problem: Problem, u: np.ndarray) -> str:
 
 
 def _input_rays(
-    evaluation: Evaluation, step: Step, plan: Rollout, tolerance: Callable[[np.ndarray], float] | None
+    evaluation: Evaluation, step: Step, plan: Rollout, least_cost: Callable[[np.ndarray], float] | None
 ) -> Iterator[Ray]:
     """Yield rays along which inputs without bounds change at all steps of the horizon.
 
     A ray moves one input, two inputs at once, or all of them in proportion to the plan. Rays begin at the
     plan and, if the plan is far from zero, also at the guess; their inputs are rolled out under the law.
-    A ray is left out if ``tolerance``, a lower bound on the cost of inputs, exceeds the plan's cost.
+    A ray is left out if ``least_cost``, a lower bound on the cost of inputs, exceeds the plan's cost.
     """
     problem, limits = evaluation.problem, evaluation.limits
     sizes, low, high = problem.scales.u, np.isfinite(limits.u_lower), np.isfinite(limits.u_upper)
@@ -154,7 +154,7 @@ def _input_rays(
         # Other inputs are those of the plan: with the inputs of the guess no ray would end below the plan's cost.
         begun = np.where(is_moved, guess, planned)
         for base in (planned, begun) if reach > _DISTANT_START else (planned,):
-            if tolerance is not None and tolerance(base + max(reach, 1.0) * _FIRST_DISTANCE * direction) > plan.cost:
+            if least_cost is not None and least_cost(base + max(reach, 1.0) * _FIRST_DISTANCE * direction) > plan.cost:
                 continue
             yield variables, partial(_rolled, evaluation, step, plan.x[:, 0], base, direction), reach
 
@@ -179,7 +179,7 @@ def unbounded_variables(
     """Return a clause that names variables along which the cost decreases without bound, or "".
 
     Rays are straight and begin at the ``solution`` (n,) and, if that is distant or not feasible, at the
-    ``start`` (n,), by default the answer.
+    ``start`` (n,), by default the solution.
     """
     model = LinearModel.at(program, solution, p, bounds)
     best = _cost_at(program, model, p, bounds, solution, 0 * solution, 0.0)

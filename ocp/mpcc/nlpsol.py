@@ -254,7 +254,7 @@ def presolve(
 
 
 def _relations(pairs: Any, kind: Any) -> list[Relation]:
-    """Return the relations of the entry ``pairs`` of the kind SX or MX, each named by its position in the list."""
+    """Return the relations in the entry ``pairs``, as SX or MX, each named by its position in the list."""
     entries = pairs if isinstance(pairs, list) else [pairs]
     relations = []
     for number, entry in enumerate(entries):

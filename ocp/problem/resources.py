@@ -99,7 +99,7 @@ def solve_memory(problem: Problem, policy: Policy | None = None, law: ContactLaw
 def solve_seconds(
     problem: Problem, policy: Policy | None = None, law: ContactLaw | None = None, path: int = 1
 ) -> float:
-    """Return the approximate time of a solve [s]; each of ``path`` stages has at least two iterations."""
+    """Return the approximate time of a solve [s] whose homotopy has ``path`` stages of at least two iterations."""
     iterations = max(SOLVE_ITERATIONS, STAGE_ITERATIONS * path)
     return iterations * SECONDS_PER_BYTE * solve_memory(problem, policy, law)
 
@@ -119,7 +119,7 @@ def sampling_memory(decision: float, samples: float) -> float:
 
 
 def check_memory(task_name: str, needed_bytes: float) -> None:
-    """Raise :class:`~ocp.errors.InputError` if ``needed_bytes`` bytes exceed the available memory."""
+    """Raise :class:`~ocp.errors.InputError` if ``needed_bytes`` exceed the available memory."""
     available = machine_memory()
     if needed_bytes > available:
         raise InputError(

@@ -137,7 +137,7 @@ class _Data:
         return float(np.median(usable)) if usable else 1.0
 
     def typical_gap_change(self, x: np.ndarray) -> float:
-        """Return the median change of contacts' gaps as states change by their sizes, or else the largest length."""
+        """Return the median change of gaps as states change by their sizes; without contacts, the largest length."""
         changes = self.gap_changes(x)
         usable = changes[np.isfinite(changes) & (changes > 0)]
         if usable.size:
@@ -218,7 +218,7 @@ class _Data:
         return sizes_by_gap.max(axis=0, initial=0.0)
 
     def _bound_widths(self, _: np.ndarray) -> np.ndarray:
-        """Return the distance (nx,) of every state at x0 from its farther finite bound, zero without a bound."""
+        """Return the distance (nx,) of every state at x0 from its more distant finite bound, zero without one."""
         with np.errstate(invalid="ignore"):
             ends = np.abs([self.x_lower - self.x0, self.x_upper - self.x0])
         return np.where(np.isfinite(ends), ends, 0.0).max(axis=0)

@@ -57,7 +57,7 @@ class SingleShooting:
 
 
 class _First(NamedTuple):
-    """First derivatives: gradient and constraint Jacobian of the NLP; Y, Jacobian J and cost gradient per stage."""
+    """First derivatives of the NLP (gradient, Jacobian) and of each stage (the module's Y, Jacobian, gradient)."""
 
     gradient: ca.MX
     jacobian: ca.MX

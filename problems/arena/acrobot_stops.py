@@ -57,9 +57,9 @@ class Params(InstanceParameters):
 def build(params: Params) -> Problem:
     """Return the problem with steps (acrobot-stops.1), stops (acrobot-stops.6) and cost (acrobot-stops.7).
 
-    Steps are implicit in v+, so that the next velocity of the shoulder is an input, held to the balance of
-    momentum by a path constraint. The elbow's input is a commanded angle: where the command lies beyond a
-    stop, q2 ends at the stop, and lam, the impulse of the stop, is as many N m s as the command lies rad beyond.
+    Steps are implicit in v+, so that the next velocity of the shoulder is an input, and the balance of
+    momentum is a path constraint. The elbow's input is a commanded angle: if the command lies beyond a
+    stop, q2 ends at the stop, and lam, the impulse of the stop [N m s], equals the distance beyond the stop [rad].
     """
     p = table(params)
     x, x_next, u, lam = (ca.SX.sym(s, k) for s, k in (("x", 4), ("x_next", 4), ("u", 3), ("lam", 2)))

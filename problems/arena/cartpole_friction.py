@@ -54,8 +54,8 @@ def build(params: Params) -> Problem:
     """Return the problem with steps (cartpole-friction.1), friction (cartpole-friction.5) and its cost.
 
     lam are the parts a, c of the next velocities. An input y_i is the friction f_i without its limit, and
-    ``f_i = y_i - a_i + c_i``: where y_i exceeds the limit by as many N as the joint slides in m/s, it slides.
-    A path constraint holds the inputs to the balance of momentum, which is implicit in v+.
+    ``f_i = y_i - a_i + c_i``: the amount [N] by which y_i exceeds the limit equals the
+    sliding velocity [m/s]. The balance of momentum, implicit in v+, is a path constraint on the inputs.
     """
     p = table(params)
     x, x_next, u, lam = (ca.SX.sym(s, k) for s, k in (("x", 4), ("x_next", 4), ("u", 3), ("lam", 4)))

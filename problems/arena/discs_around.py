@@ -1,4 +1,4 @@
-"""Two discs without drag, of which the driven one goes round the other and pushes it."""
+"""Two discs without drag; the driven disc moves around the other and pushes it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Two discs, of which one is driven and pushes the other, that change places."""
+"""Two discs that change places; one is driven and pushes the other."""
 
 from __future__ import annotations
 

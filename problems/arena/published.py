@@ -70,7 +70,7 @@ def _result(solver: str, row: dict[str, str]) -> PublishedResult:
 
 
 class InstanceParameters(Parameters):
-    """Parameters of a task with published instances, whose numbers are the defaults of the other parameters."""
+    """Parameters of a task with published instances; the numbers of an instance are defaults of other parameters."""
 
     TASK: ClassVar[str]
     """Name of the task, and of its file."""

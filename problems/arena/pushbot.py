@@ -48,7 +48,7 @@ class Params(Parameters):
 def build(params: Params) -> Problem:
     """Return the problem with accelerations (pushbot.1), (pushbot.2), walls (pushbot.4) and cost (pushbot.5).
 
-    Walls are felt at the state from which a step starts. u and lam are forces [N].
+    The forces of the walls depend on the state from which a step starts. u and lam are forces [N].
     """
     p = table(params)
     x, x_next, u, lam = (ca.SX.sym(s, k) for s, k in (("x", 4), ("x_next", 4), ("u", 1), ("lam", 2)))

@@ -47,7 +47,8 @@ def build(params: Params) -> Problem:
     """Return the problem with steps (transport.1), friction (transport.2) and cost (transport.4).
 
     The friction of a step belongs to the velocities at its start, as in the source. The input y is the friction
-    without its limit, ``f = y + v - w``: where y exceeds the limit by as many N as the cargo slides in m/s, it slides.
+    without its limit, ``f = y + v - w``: the amount [N] by which y exceeds the limit equals the
+    sliding velocity [m/s].
     """
     p = table(params)
     x, x_next, u, lam = (ca.SX.sym(s, k) for s, k in (("x", 4), ("x_next", 4), ("u", 2), ("lam", 2)))

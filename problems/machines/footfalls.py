@@ -52,7 +52,7 @@ def slip_cost(system: ContactSystem) -> ca.SX:
 
 
 def clearance_cost(system: ContactSystem, clearance: ca.SX | float) -> ca.SX:
-    """Return ``sum_i max(0, 1 - phi_i/clearance)^2 |J_t,i v|^2`` [m²/s²]: motion lower than ``clearance`` [m].
+    """Return ``sum_i max(0, 1 - phi_i/clearance)^2 |J_t,i v|^2`` [m²/s²] of motion below ``clearance`` [m].
 
     ``phi_i`` is the distance of contact i at the state x and ``J_t,i v`` its tangential velocity there. Bodies that
     move along the ground at a height of ``clearance`` or more cost nothing, so that feet are lifted in swing.

@@ -107,11 +107,11 @@ class Statement:
     observation: str = ""
 
     def expected(self, text: str) -> Statement:
-        """Return a copy of the statement whose expected value, according to the source, is the text ``text``."""
+        """Return a copy of the statement whose expected value, according to the source, is ``text``."""
         return replace(self, expectation=text)
 
     def measured(self, text: str) -> Statement:
-        """Return a copy of the statement whose measured value is the text ``text``, with units."""
+        """Return a copy of the statement whose measured value, with units, is ``text``."""
         return replace(self, observation=text)
 
     def holds(self, *conditions: ArrayLike, margin: float | None = None) -> Claim:

@@ -135,7 +135,7 @@ class StageLines:
 
 
 class StageFilter:
-    """Filter and counter of the stages in tables: all except neighbouring schedules without a lower cost."""
+    """Filter of the stages that tables show; it omits neighbouring schedules that did not lower the cost."""
 
     def __init__(self) -> None:
         self.lowest, self.number = float("inf"), 0

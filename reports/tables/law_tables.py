@@ -8,7 +8,7 @@ import xarray as xr
 
 
 def excess_text(share: float) -> str:
-    """Return a relative excess in percent, or from threefold on as a factor; a dash if it is not finite."""
+    """Return a relative excess as text: in percent, or as a factor if it is threefold or more; a dash if not finite."""
     if not math.isfinite(share):
         return "–"
     if share >= 2:

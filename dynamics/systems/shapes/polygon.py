@@ -210,7 +210,7 @@ def _outer(shape: Shape, body: Shape | Union) -> list[Point]:
 
 
 def _angle(member: Shape, point: Point) -> float:
-    """Return the interior angle [rad] of ``member`` at the point ``point``.
+    """Return the interior angle [rad] of ``member`` at ``point``.
 
     The angle is 0 for a member that is not a polygon. For a polygon with symbolic sides it is 1e-3 at the
     polygon's corners and 0 elsewhere.

@@ -97,7 +97,7 @@ def nearby_points(theta: float, size: float) -> np.ndarray:
 
 
 def measure_slopes(objective: WorldObjective, size: float) -> tuple[Secants, np.ndarray]:
-    """Return the secants, and the slopes at :func:`nearby_points`: derivatives, or else differences."""
+    """Return the secants, and the slopes at :func:`nearby_points`: derivatives, or differences if there are none."""
     secants, points = measure_secants(objective, size), nearby_points(float(objective.theta[0]), size)
     if objective.world.differentiate is not None:
         return secants, objective.slopes_at(points)

@@ -71,7 +71,7 @@ def mujoco_plan(problem: Problem, values: Mapping[str, float]) -> World:
 
 
 def along(world: World, inputs: np.ndarray, directions: np.ndarray) -> World:
-    """Return a simulator at ``inputs + t @ directions`` as one of t (n, k), with inputs (d,) and directions (k, d)."""
+    """Return a simulator of the coordinates t (n, k) along ``directions`` (k, d), at ``inputs + t @ directions``."""
     differentiate = world.differentiate
     return replace(
         world,
@@ -85,8 +85,8 @@ def along(world: World, inputs: np.ndarray, directions: np.ndarray) -> World:
 def plan_directions(exact: World, inputs: np.ndarray, sizes: np.ndarray, seed: int) -> dict[str, np.ndarray]:
     """Return directions (d,) at ``inputs`` (d,) that change them by their characteristic ``sizes`` (d,) on average.
 
-    The first, g, is that of the gradient under the exact law, unless it vanishes, as at an optimum; the others, d1, d2,
-    ..., are random.
+    The first direction, g, is the gradient under the exact law, unless that vanishes, as at an optimum. The others,
+    d1, d2, ..., are random.
     """
     names = [f"d{index + 1}" for index in range(N_DIRECTIONS)]
     rows = np.random.default_rng(seed).normal(size=(N_DIRECTIONS, inputs.size))

@@ -68,7 +68,7 @@ class Question:
     ``size`` > 0 is the characteristic size of the parameter, to which amplitudes are relative. ``truth`` computes the
     exact output and, if possible, its gradient; it is None if these are unknown. ``signals`` are the names and units
     of the parameter and the output, ``points`` the number of quadrature points for the smoothed exact gradient.
-    ``further_findings`` returns what else is to be said of a simulator.
+    ``further_findings`` returns further findings on a simulator.
     """
 
     theta: np.ndarray

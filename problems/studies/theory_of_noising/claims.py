@@ -18,7 +18,7 @@ _MANY_NEIGHBOURS = 400.0
 
 
 def claims(data: xr.Dataset) -> list[Claim]:
-    """Return claims on the lemmas, walls, rollouts, networks, ends of the data and the number of dimensions."""
+    """Return claims on the lemmas, on walls, rollouts and networks, on the ends of the data, and on dimensions."""
     return [*_lemmas(data), *_walls(data), *_rollouts(data), *_networks(data), *_ends(data), *_neighbours(data)]
 
 
