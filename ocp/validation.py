@@ -93,10 +93,10 @@ def _adapter(kind: Any) -> TypeAdapter[Any]:
     return TypeAdapter(singleton, config=config)
 
 
-def validated(what: str, value: Any, kind: Any) -> Any:
+def validated(label: str, value: Any, kind: Any) -> Any:
     """Return ``value`` converted to the type ``kind``, with its parts checked as well.
 
-    Raises :class:`~ocp.errors.InputError`, with the invalid part of ``what`` in its message.
+    Raises :class:`~ocp.errors.InputError`, with the invalid part of ``label`` in its message.
     """
     try:
         return _adapter(kind).validate_python((value,))[0]
@@ -108,13 +108,13 @@ def validated(what: str, value: Any, kind: Any) -> Any:
     expected = expected.replace("valid string", "text").replace("valid ", "")
     sentence = f"must {expected}" if should else message
     path = _python_path(value, details["loc"][1:])
-    raise InputError(f"{what}{path} {sentence}, got {abbreviated(details['input'])}")
+    raise InputError(f"{label}{path} {sentence}, got {abbreviated(details['input'])}")
 
 
-def validate_fields(instance: Any, what: str, **kinds: Any) -> None:
+def validate_fields(instance: Any, label: str, **kinds: Any) -> None:
     """Convert the fields of a frozen dataclass to their ``kinds``; raise as :func:`validated` does."""
     for name, kind in kinds.items():
-        value = validated(f"{what}.{name}", getattr(instance, name), kind)
+        value = validated(f"{label}.{name}", getattr(instance, name), kind)
         object.__setattr__(instance, name, value)
 
 

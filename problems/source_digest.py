@@ -43,7 +43,7 @@ def dependency_files(path: Path) -> dict[str, Path]:
     file = path.resolve()
     search = _DependencySearch(search_path(file.parent))
     search.add_file("", file)
-    return search.found
+    return search.files
 
 
 _folders: list[str] = []
@@ -73,11 +73,11 @@ def folder_modules(path: Path) -> dict[str, Path]:
 @dataclass
 class _DependencySearch:
     path: Sequence[str]
-    found: dict[str, Path] = field(default_factory=dict)
+    files: dict[str, Path] = field(default_factory=dict)
 
     def add_file(self, name: str, file: Path, package: str = "") -> None:
-        """Add a file to ``found`` and, if it is a module, all files that it imports or names."""
-        self.found[name] = file
+        """Add a file to ``files`` and, if it is a module, all files that it imports or names."""
+        self.files[name] = file
         if file.suffix != ".py":
             return
         try:
@@ -90,7 +90,7 @@ class _DependencySearch:
                 self._module(module)
             data = _named_path(node)
             if data and _is_file(file.parent, data):
-                self.found[f"./{data}"] = file.parent / data
+                self.files[f"./{data}"] = file.parent / data
 
     def _module(self, name: str) -> None:
         """Add the module with the full name ``name`` and its parent packages, up to an installed package."""
@@ -102,7 +102,7 @@ class _DependencySearch:
             if spec is None or (origin and any(map(origin.is_relative_to, _installed_folders()))):
                 return
             inside = spec.submodule_search_locations
-            if spec.origin and module not in self.found:
+            if spec.origin and module not in self.files:
                 package = module if inside is not None else module.rpartition(".")[0]
                 self.add_file(module, Path(spec.origin), package)
             path = list(inside or ())
@@ -126,7 +126,7 @@ def _installed_folders() -> set[Path]:
     kinds = ("stdlib", "platstdlib", "purelib", "platlib")
     folders = [sysconfig.get_path(kind) for kind in kinds]
     folders += [*site.getsitepackages(), site.getusersitepackages()]
-    return {Path(place).resolve() for place in folders}
+    return {Path(folder).resolve() for folder in folders}
 
 
 def _nodes(tree: ast.AST) -> Iterator[ast.AST]:

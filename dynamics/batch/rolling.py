@@ -60,9 +60,9 @@ class Moments:
         """Standard error of the mean, sqrt(variance / n)."""
         return np.sqrt(self.variance / self.n)
 
-    def merge_with(self, other: Moments) -> Moments:
+    def merge_with(self, moments: Moments) -> Moments:
         """Return the moments of the union of both sets of samples (Chan, Golub and LeVeque)."""
-        n, mean, m2 = _merge((np.array(self.n), self.mean, self.m2), (np.array(other.n), other.mean, other.m2))
+        n, mean, m2 = _merge((np.array(self.n), self.mean, self.m2), (np.array(moments.n), moments.mean, moments.m2))
         return Moments(int(n), mean, m2)
 
 
@@ -152,9 +152,9 @@ class BatchedRollouts(ABC):
 
     def with_horizon(self, horizon: int) -> Self:
         """Return a copy with another horizon, which shares the compiled code."""
-        other = copy(self)
-        other.horizon = _checked_horizon(horizon)
-        return other
+        copied = copy(self)
+        copied.horizon = _checked_horizon(horizon)
+        return copied
 
     @property
     def acting(self) -> tuple[np.ndarray, np.ndarray]:

@@ -120,14 +120,14 @@ class _Source:
         system = self.step.system
         self._states, self._inputs = ([signal.name for signal in signals] for signals in (system.states, system.inputs))
 
-    def draw_rows(self, rng: np.random.Generator, n_rows: int, draw_states: DrawStates, place: str) -> Rows:
-        """Return ``n_rows`` rows of x, u and x_next at states from ``draw_states``; ``place`` names these in errors."""
+    def draw_rows(self, rng: np.random.Generator, n_rows: int, draw_states: DrawStates, part_name: str) -> Rows:
+        """Return ``n_rows`` rows of x, u and x_next from ``draw_states``; errors name the ``part_name`` of the region."""
         n_kept, batches = 0, [self._rows(draw_states(rng, 1, self._states)[:0], rng)]
         n_drawn = 0
         while n_kept < n_rows:
             if n_drawn > MAX_DRAWS_PER_ROW * n_rows:
                 raise ValueError(
-                    f"only {n_kept} of {n_drawn} states drawn in the {place} of the region could be"
+                    f"only {n_kept} of {n_drawn} states drawn in the {part_name} of the region could be"
                     " used; choose a region in which bodies do not penetrate"
                 )
             share = n_kept / n_drawn if n_kept else 0.5

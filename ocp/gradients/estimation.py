@@ -49,7 +49,7 @@ class Estimate:
     """Estimate of an objective's gradient (d,) by one estimator, with its verdict.
 
     ``moments`` (d,) are mean and variance of single samples, and ``evaluations`` is the number of rollouts.
-    ``known`` is the reference with which the estimate was compared, or None. ``choice`` is the weight of an
+    ``reference`` is the reference with which the estimate was compared, or None. ``choice`` is the weight of an
     interpolated estimate, ``bias`` the empirical bias of a sampled estimate, and ``nonfinite`` are the indices
     of the samples that were left out.
     """
@@ -57,7 +57,7 @@ class Estimate:
     estimator: str
     moments: Moments
     evaluations: int
-    known: ReferenceGradient | None
+    reference: ReferenceGradient | None
     verdict: Verdict
     bias: EmpiricalBias | None = None
     choice: Choice | None = None
@@ -87,7 +87,7 @@ class Estimate:
 
     def row(self) -> dict[str, Any]:
         """Return the estimate as a JSON object; a vector is a number if it has one component, else a list."""
-        reference, variance = self.known, self.variance
+        reference, variance = self.reference, self.variance
         return {
             "estimator": self.estimator,
             "mean": number_or_list(self.mean),

@@ -75,11 +75,11 @@ class SampledObjective(ABC):
                 raise InputError(f"{self.name} has no parameter {name!r} to set; there are {listed}")
             if not np.isfinite(value):
                 raise InputError(f"{self.name}: {name} must be finite, got {value}")
-        other = copy(self)
+        copied = copy(self)
         pairs = zip(self.decision, self.theta, strict=True)
-        other.theta = np.array([values.get(s.name, current) for s, current in pairs], dtype=float)
-        other.parameters = {k: float(values.get(k, current)) for k, current in self.parameters.items()}
-        return other
+        copied.theta = np.array([values.get(s.name, current) for s, current in pairs], dtype=float)
+        copied.parameters = {k: float(values.get(k, current)) for k, current in self.parameters.items()}
+        return copied
 
     @property
     def values(self) -> np.ndarray:

@@ -87,13 +87,13 @@ class Jump:
     """Sharpest change of a cost between samples: change by ``size`` over the distance ``width``.
 
     ``discontinuous`` is true if the change remained while the distance was halved down to rounding errors.
-    ``place`` is the noise (n_noise,) at which the cost changes.
+    ``noise`` is the noise vector (n_noise,) at which the cost changes.
     """
 
     size: float
     width: float
     discontinuous: bool
-    place: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    noise: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     @property
     def slope(self) -> float:

@@ -72,7 +72,7 @@ def find_nonuniqueness(evaluation: Evaluation, plan: Rollout) -> Nonuniqueness |
     step, (x, u, lam) = evaluation.problem.exact_step, (plan.x, plan.u, plan.lam)
     if lam.shape[2] != step.n or not step.n:
         return None
-    x_next, other, _, error = at_steps(step.solve, x[:, :-1], u, p=step.p.pack(evaluation.values))
+    x_next, lam_solved, _, error = at_steps(step.solve, x[:, :-1], u, p=step.p.pack(evaluation.values))
     obeys, gap = _obeys(evaluation, plan)
     replayed = np.all(error <= SATISFIED, axis=2) & obeys & _apart(evaluation.problem, x_next, x[:, 1:])
     scenario, node = (array.ravel() for array in np.indices(obeys.shape))
@@ -90,7 +90,7 @@ def find_nonuniqueness(evaluation: Evaluation, plan: Rollout) -> Nonuniqueness |
     s, i, is_replayed = int(scenario[k]), int(node[k]), bool(replayed.flat[k])
     ends, forces = ends[plan_index == k], forces[plan_index == k]
     if is_replayed:
-        ends, forces = np.vstack([x_next[s, i], ends]), np.vstack([other[s, i], forces])
+        ends, forces = np.vstack([x_next[s, i], ends]), np.vstack([lam_solved[s, i], forces])
     return Nonuniqueness(i, s, ends, forces, is_replayed, int(several.sum()))
 
 
@@ -238,6 +238,6 @@ def _modes(rows: np.ndarray, kinds: np.ndarray) -> list[tuple[int, ...]]:
     edges, slip = rows[kinds == "friction"], rows[kinds == "slip"]
     normal = rows[(kinds == "normal") | (kinds == "limit")]
     if not edges.size:
-        return [some for size in range(len(normal) + 1) for some in combinations(normal, size)]
+        return [chosen for size in range(len(normal) + 1) for chosen in combinations(normal, size)]
     sides = [*combinations(edges, 1), *(combinations(edges, 2) if len(edges) > 2 else ())]
-    return [(), *((*normal, *some, *end) for some in sides for end in ((), slip))]
+    return [(), *((*normal, *chosen, *end) for chosen in sides for end in ((), slip))]

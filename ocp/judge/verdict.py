@@ -223,7 +223,9 @@ def _model_findings(plan: Judgement) -> Iterator[Finding]:
     if (gaps := plan.problem.system.gap_kind) is not None:
         yield make_finding("gaps", gaps=gaps)
     if learned_at := plan.record.get("learned_at"):
-        differences = ", ".join(f"{name} = {then:g}, not {now:g}" for name, (then, now) in learned_at.items())
+        differences = ", ".join(
+            f"{name} = {trained:g}, not {current:g}" for name, (trained, current) in learned_at.items()
+        )
         yield make_finding("training-data-differ", differences=differences)
 
 

@@ -121,9 +121,9 @@ class OneStepLoss:
 
     def in_scales_of(self, buffer: Buffer) -> OneStepLoss:
         """Return a copy of this loss whose scale is the :meth:`increments` of ``buffer``."""
-        other = copy.copy(self)
-        other.scale = self.increments(buffer)
-        return other
+        copied = copy.copy(self)
+        copied.scale = self.increments(buffer)
+        return copied
 
     @staticmethod
     def increments(buffer: Buffer) -> np.ndarray:

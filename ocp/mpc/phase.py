@@ -62,7 +62,7 @@ class Phase(ABC):
         return self.feedback(sample)
 
 
-def numbers(what: str, value: Any, *shapes: tuple[int, ...], finite: bool = False) -> np.ndarray:
+def numbers(label: str, value: Any, *shapes: tuple[int, ...], finite: bool = False) -> np.ndarray:
     """Return ``value`` as an array of floats of one of the ``shapes``, or of any shape if none is given.
 
     Raises :class:`~ocp.errors.InputError` for any other value, and if ``finite`` also for NaN and infinity.
@@ -70,10 +70,10 @@ def numbers(what: str, value: Any, *shapes: tuple[int, ...], finite: bool = Fals
     try:
         array = np.asarray(value, dtype=float)
     except (TypeError, ValueError):
-        raise InputError(f"{what} must be numbers, got {abbreviated(value)}") from None
+        raise InputError(f"{label} must be numbers, got {abbreviated(value)}") from None
     if finite and not np.isfinite(array).all():
-        raise InputError(f"{what} must be finite, got {abbreviated(value)}")
+        raise InputError(f"{label} must be finite, got {abbreviated(value)}")
     if shapes and array.shape not in shapes:
         expected = " or ".join(" x ".join(map(str, shape)) for shape in shapes)
-        raise InputError(f"{what} must have {expected} numbers, got {array.size}")
+        raise InputError(f"{label} must have {expected} numbers, got {array.size}")
     return array

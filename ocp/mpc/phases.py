@@ -76,9 +76,9 @@ class PhaseEntry:
             return Barrier(mu=1e-2) if self.exact is False else Exact()
         if self.exact is not None and isinstance(law, Exact) != self.exact:
             right = "the exact law" if self.exact else "a smoothed law such as barrier"
-            other = "relaxed" if self.exact else "qpcc"
+            phase = "relaxed" if self.exact else "qpcc"
             raise InputError(
-                f"phase {self.name} plans under {right}, not under {law.name}; choose another law, or phase {other}"
+                f"phase {self.name} plans under {right}, not under {law.name}; choose another law, or phase {phase}"
             )
         return law
 

@@ -107,7 +107,7 @@ class PlanRegulator:
 class ControllerPolicy:
     """Receding-horizon controller as a function of the state; it is reset at step 0.
 
-    ``samples`` counts the samples, and ``kept`` the samples at which no new plan could be computed; ``note``
+    ``samples`` counts the samples, and ``n_unplanned`` the samples at which no new plan could be computed; ``note``
     is the reason at the last such sample.
     """
 
@@ -115,7 +115,7 @@ class ControllerPolicy:
         names = evaluation.problem.parameters.names
         values = {name: evaluation.values[name] for name in names}
         self.controller = Controller(evaluation.problem, parameters=values)
-        self.samples, self.kept, self.note = 0, 0, ""
+        self.samples, self.n_unplanned, self.note = 0, 0, ""
 
     def input(self, step: int, x: np.ndarray) -> np.ndarray:
         """Return the controller's input (nu,) for a measured state."""
@@ -124,5 +124,5 @@ class ControllerPolicy:
         command = self.controller.step(x)
         self.samples += 1
         if command.status == "kept":
-            self.kept, self.note = self.kept + 1, command.note
+            self.n_unplanned, self.note = self.n_unplanned + 1, command.note
         return command.u

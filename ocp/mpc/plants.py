@@ -122,17 +122,17 @@ def check_pushes(problem: Problem, pushes: Mapping[int, np.ndarray], steps: int)
         numbers(f"pushes[{k}]", change, (problem.system.nx,), finite=True)
 
 
-def deviations(values: float | Mapping[str, float], names: list[str], what: str) -> np.ndarray:
+def deviations(values: float | Mapping[str, float], names: list[str], label: str) -> np.ndarray:
     """Return the standard deviations of all signals, from one number or from a mapping (0 for absent names).
 
     Raises :class:`~ocp.errors.InputError` for an unknown name and a negative or non-finite number.
     """
-    values = validated(what, values, Number | Mapping[str, Number])
+    values = validated(label, values, Number | Mapping[str, Number])
     if isinstance(values, Mapping):
-        _check_names(f"{what}: unknown signal", values, names)
+        _check_names(f"{label}: unknown signal", values, names)
         standard_deviations = np.array([float(values.get(name, 0.0)) for name in names])
     else:
         standard_deviations = np.full(len(names), float(values))
     if not (np.isfinite(standard_deviations).all() and (standard_deviations >= 0).all()):
-        raise InputError(f"{what} must be 0 or more and finite, got {values}")
+        raise InputError(f"{label} must be 0 or more and finite, got {values}")
     return standard_deviations

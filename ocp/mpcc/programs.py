@@ -110,11 +110,11 @@ class MPCC:
         return sized(self.name, "lbg", self.lbg, m), sized(self.name, "ubg", self.ubg, m)
 
 
-def sized(name: str, what: str, value: float | Sequence[float] | np.ndarray, n: int) -> np.ndarray:
+def sized(name: str, label: str, value: float | Sequence[float] | np.ndarray, n: int) -> np.ndarray:
     """Return numbers as a vector (n,), repeating a single number; raise :class:`InputError` for another size."""
     numbers = np.asarray(value, dtype=float).ravel()
     if numbers.size not in (1, n):
-        raise InputError(f"{name}: {what} has {numbers.size} entries, expected {n}")
+        raise InputError(f"{name}: {label} has {numbers.size} entries, expected {n}")
     return np.broadcast_to(numbers, n).copy()
 
 

@@ -17,7 +17,7 @@ BY_PARAMETERS = ("x0", "u_before", "u_lower", "u_upper", "x_lower", "x_upper")
 """Names of a problem's fields that are expressions in its parameters only."""
 
 
-def check_symbols(what: str, value: ca.SX, known_symbols: Iterable[ca.SX], expected: str) -> None:
+def check_symbols(label: str, value: ca.SX, known_symbols: Iterable[ca.SX], expected: str) -> None:
     """Raise :class:`~ocp.errors.InputError` if ``value`` uses a symbol that is not in ``known_symbols``.
 
     The message says that the symbol is ``expected``, such as "no declared parameter".
@@ -26,7 +26,7 @@ def check_symbols(what: str, value: ca.SX, known_symbols: Iterable[ca.SX], expec
     used_symbols = ca.symvar(value)
     unknown_names = sorted({str(symbol) for symbol in used_symbols if symbol.element_hash() not in declared})
     if unknown_names:
-        raise InputError(f"{what} uses {', '.join(unknown_names)}, which is {expected}")
+        raise InputError(f"{label} uses {', '.join(unknown_names)}, which is {expected}")
 
 
 def check_problem_symbols(problem: Problem) -> None:

@@ -14,18 +14,18 @@ from ocp.programs.units import SI, Units
 from ocp.validation import Count, Index, Line, Name, NotNegative, Positive, Recorded, validate_fields, validated
 
 
-def column(what: str, value: Any, *sizes: int) -> ca.SX:
+def column(label: str, value: Any, *sizes: int) -> ca.SX:
     """Return numbers or an expression as a column; its number of entries must be one of ``sizes``.
 
     Raises :class:`~ocp.errors.InputError` for anything else.
     """
     expression = _expression(value)
     if expression is None:
-        raise InputError(f"{what} must be numbers or an expression of ca.SX, got {abbreviated(value)}")
+        raise InputError(f"{label} must be numbers or an expression of ca.SX, got {abbreviated(value)}")
     if min(expression.shape) > 1:
-        raise InputError(f"{what} must be a column, got a matrix of shape {expression.shape}")
+        raise InputError(f"{label} must be a column, got a matrix of shape {expression.shape}")
     if sizes and expression.numel() not in sizes:
-        raise InputError(f"{what} has {expression.numel()} entries, expected {sizes[0]}")
+        raise InputError(f"{label} has {expression.numel()} entries, expected {sizes[0]}")
     return ca.vec(expression)
 
 

@@ -143,8 +143,8 @@ class Problem:
         lowest_gap = -DEPTH * self.scales.gap
         return Constraint(SWEPT, gaps, lowest_gap, ca.inf)
 
-    def _set(self, what: str, value: Any) -> None:
-        object.__setattr__(self, what, value)
+    def _set(self, field_name: str, value: Any) -> None:
+        object.__setattr__(self, field_name, value)
 
     @property
     def uses_du(self) -> bool:

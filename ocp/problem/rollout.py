@@ -72,9 +72,9 @@ class Rollout:
         """Mean cost over scenarios."""
         return float(self.costs.mean())
 
-    def __getitem__(self, which: Sequence[int] | np.ndarray) -> Rollout:
-        """Return the rollout of the scenarios with the indices ``which``."""
-        return Rollout(*(array[which] for array in astuple(self)))
+    def __getitem__(self, scenarios: Sequence[int] | np.ndarray) -> Rollout:
+        """Return the rollout of the scenarios with the indices ``scenarios``."""
+        return Rollout(*(array[scenarios] for array in astuple(self)))
 
 
 @dataclass(frozen=True)
@@ -179,7 +179,7 @@ def roll_on(
     return rolled, min(unsolved, key=lambda failure: failure.step, default=None)
 
 
-def _array(what: str, value: Any, shape: tuple[int | None, ...], scenarios: int | None = None) -> np.ndarray:
+def _array(label: str, value: Any, shape: tuple[int | None, ...], scenarios: int | None = None) -> np.ndarray:
     """Return ``value`` as an array of ``shape``; its first size may be 1 or ``scenarios``, or any size if that is None.
 
     Raises :class:`~ocp.errors.InputError` for any other shape, and for values that are not numbers.
@@ -189,11 +189,11 @@ def _array(what: str, value: Any, shape: tuple[int | None, ...], scenarios: int 
     try:
         array = np.asarray(value, dtype=float)
     except (TypeError, ValueError):
-        raise InputError(f"{what} must be an array {expected} of numbers, got {value!r}") from None
+        raise InputError(f"{label} must be an array {expected} of numbers, got {value!r}") from None
     array = array.reshape((1,) * (len(shape) - array.ndim) + array.shape)
     fits = scenarios is None or array.shape[0] in (1, scenarios)
     if not fits or array.shape[1:] != shape[1:]:
-        raise InputError(f"{what} must be an array {expected}, got the shape {np.shape(value)}")
+        raise InputError(f"{label} must be an array {expected}, got the shape {np.shape(value)}")
     return array
 
 

@@ -81,8 +81,8 @@ class PushSearch(Search):
 
     @property
     def _goes_first(self) -> bool:
-        many = self._by_default and self.session.problem.system.nlam > _MANY
-        return bool(self.session.search or (many and searchable(self.session.problem)))
+        has_many_pairs = self._by_default and self.session.problem.system.nlam > _MANY
+        return bool(self.session.search or (has_many_pairs and searchable(self.session.problem)))
 
     @property
     def _by_default(self) -> bool:

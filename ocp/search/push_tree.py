@@ -164,27 +164,27 @@ class TouchSearch:
                 polylines += [np.vstack([before, *path, end]) for end in ends]
         return polylines
 
-    def _push_end(self, point: np.ndarray, into: np.ndarray, own: np.ndarray) -> np.ndarray:
+    def _push_end(self, point: np.ndarray, into: np.ndarray, coordinates: np.ndarray) -> np.ndarray:
         """Return the commanded end (nu,) of a push of random length from ``point``, about in the direction ``into``."""
         size = float(self.problem.scales.x[-1])
         length = size * np.exp(self.rng.uniform(np.log(0.1), np.log(_REACH)))
         polyline = into.copy()
-        if len(own) == 2:
+        if len(coordinates) == 2:
             angle = self.rng.normal(0, 0.35)
             c, s = np.cos(angle), np.sin(angle)
-            polyline[own] = np.array([[c, -s], [s, c]]) @ into[own]
+            polyline[coordinates] = np.array([[c, -s], [s, c]]) @ into[coordinates]
         return np.clip(point + length * polyline, *self._bounds)
 
-    def _contact_positions(self, x: np.ndarray, contact: int, own: np.ndarray) -> np.ndarray:
+    def _contact_positions(self, x: np.ndarray, contact: int, coordinates: np.ndarray) -> np.ndarray:
         """Return pusher positions (n, nu) at which ``contact`` closes, by Newton's method from random guesses."""
         sizes, nu = self.problem.scales, self._nu
         touch_states = np.repeat(x[None], 4 * _TOUCHES, axis=0)
-        sampled_places = self.rng.uniform(-_REACH, _REACH, (len(touch_states), len(own)))
-        places = x.size - nu + own
+        sampled_places = self.rng.uniform(-_REACH, _REACH, (len(touch_states), len(coordinates)))
+        positions = x.size - nu + coordinates
         nearest = touch_states[:1].copy()
-        self._newton(nearest, contact, places)
-        touch_states[:, places] = nearest[0, places] + sizes.x[places] * sampled_places
-        self._newton(touch_states, contact, places)
+        self._newton(nearest, contact, positions)
+        touch_states[:, positions] = nearest[0, positions] + sizes.x[positions] * sampled_places
+        self._newton(touch_states, contact, positions)
         gap = self._distance(touch_states)
         inside = np.all(touch_states[:, -nu:] >= self._bounds[0], axis=1)
         inside &= np.all(touch_states[:, -nu:] <= self._bounds[1], axis=1)
@@ -193,12 +193,12 @@ class TouchSearch:
         is_touching = inside & clear & (np.abs(gap[:, contact]) < _TOUCHED * sizes.gap)
         return touch_states[is_touching][:_TOUCHES, -nu:]
 
-    def _newton(self, states: np.ndarray, contact: int, places: np.ndarray) -> None:
+    def _newton(self, states: np.ndarray, contact: int, positions: np.ndarray) -> None:
         for _ in range(_NEWTON):
             gap, slope = self._distance(states)[:, contact], self._slope(states)[:, contact]
-            slope = slope[:, places - (states.shape[1] - self._nu)]
+            slope = slope[:, positions - (states.shape[1] - self._nu)]
             size = np.maximum((slope**2).sum(axis=1), 1e-9)
-            states[:, places] -= (gap / size)[:, None] * slope
+            states[:, positions] -= (gap / size)[:, None] * slope
 
     def _paths(self, x: np.ndarray, coordinates: np.ndarray, goals: np.ndarray) -> list[list[np.ndarray] | None]:
         """Return a pusher's shortest collision-free path via random waypoints to each goal, None if there is none."""
@@ -242,14 +242,14 @@ class TouchSearch:
             paths.append(path)
         return paths
 
-    def _moved_outwards(self, x: np.ndarray, places: np.ndarray) -> np.ndarray:
-        """Return the ``places`` (n, nu), each moved away from the nearest body."""
-        states = np.repeat(x[None], len(places), axis=0)
-        states[:, -self._nu :] = places
+    def _moved_outwards(self, x: np.ndarray, positions: np.ndarray) -> np.ndarray:
+        """Return the ``positions`` (n, nu), each moved away from the nearest body."""
+        states = np.repeat(x[None], len(positions), axis=0)
+        states[:, -self._nu :] = positions
         slope = self._slope(states)
         gap = np.where(np.abs(slope).sum(axis=2) > 0, self._distance(states), np.inf)
         nearest = slope[np.arange(len(states)), gap.argmin(axis=1)]
-        return places + 1.5 * self.problem.scales.gap * nearest
+        return positions + 1.5 * self.problem.scales.gap * nearest
 
     def _timed(self, polyline: np.ndarray, steps: int) -> np.ndarray:
         """Return commands (steps, nu), equally spaced along a polyline."""

@@ -98,7 +98,7 @@ class _Writer:
     def body(self, parent: Element, name: str, frame: _BodyFrame) -> Element:
         """Append and return a body with its joints and its inertia."""
         owner = frame.owner
-        body = self(parent, "body", name=name, pos=frame.place, quat=frame.quaternion)
+        body = self(parent, "body", name=name, pos=frame.position, quat=frame.quaternion)
         for joint in frame.moves:
             carrier: Any = joint.owner
             attributes = {"range": carrier.limits, "damping": carrier.damping, "pos": joint.point}
@@ -128,7 +128,7 @@ class _BodyFrame(NamedTuple):
 
     owner: Any
     parent: str
-    place: Any
+    position: Any
     quaternion: Any
     moves: list[_Joint]
 
@@ -176,7 +176,7 @@ def _merge_massless(frames: dict[str, _BodyFrame], touching_names: set[str], num
         if heavy or len(children) != 1 or name in touching_names or not has_simple_joints:
             continue
         lower = frames[children[0]]
-        offset, quaternions = numbers(lower.place), [numbers(upper.quaternion), numbers(lower.quaternion)]
+        offset, quaternions = numbers(lower.position), [numbers(upper.quaternion), numbers(lower.quaternion)]
         upper_rotation, lower_rotation = Rotation.from_quat(quaternions, scalar_first=True)
         joints = list[_Joint]()
         for joint in upper.moves:
@@ -185,7 +185,7 @@ def _merge_massless(frames: dict[str, _BodyFrame], touching_names: set[str], num
             joints.append(joint._replace(axis=axis, point=point))
         frames[children[0]] = lower._replace(
             parent=upper.parent,
-            place=tuple(numbers(upper.place) + upper_rotation.apply(offset)),
+            position=tuple(numbers(upper.position) + upper_rotation.apply(offset)),
             quaternion=tuple((upper_rotation * lower_rotation).as_quat(scalar_first=True)),
             moves=[*joints, *lower.moves],
         )

@@ -230,7 +230,7 @@ class SurvivalLadder:
         evaluation, plan = self._plan(solution)
         policy = ControllerPolicy(evaluation)
         outcome = referee_replay(evaluation, policy, plan.x[:, 0])
-        if policy.samples == policy.kept:
+        if policy.samples == policy.n_unplanned:
             raise NotConverged(f"the controller made no plan of its own: {policy.note or 'no sample was answered'}")
         report = policy_report(evaluation, plan, outcome, solution.referee)
         refereed = replace(solution.with_data(with_replay(solution, outcome.replay)), referee=report)

@@ -33,23 +33,23 @@ NETCDF_LOCK = threading.Lock()
 """Lock around calls of the netCDF library, which crashes if two threads use it at once."""
 
 
-def write_file(path: Path, content: bytes, what: str = "") -> None:
+def write_file(path: Path, content: bytes, label: str = "") -> None:
     """Write ``content`` to the file ``path`` atomically; raises the errors of :func:`replace_file`."""
-    with replace_file(path, what) as draft:
+    with replace_file(path, label) as draft:
         draft.write_bytes(content)
 
 
 @contextmanager
-def replace_file(path: Path, what: str = "") -> Iterator[Path]:
+def replace_file(path: Path, label: str = "") -> Iterator[Path]:
     """Yield the path of a draft for the caller to write; it replaces ``path`` at the end of the context.
 
     A replaced file keeps its permissions. If ``path`` is a link, the file to which it points is replaced. If it
     is a device or a FIFO, the content of the draft is copied to it.
 
-    Raises :class:`~ocp.errors.InputError` with the reason if the file cannot be written; ``what`` is the kind
+    Raises :class:`~ocp.errors.InputError` with the reason if the file cannot be written; ``label`` is the kind
     of file in the message.
     """
-    with write_errors(f"{what} {path}".strip()):
+    with write_errors(f"{label} {path}".strip()):
         target = replaceable_path(path)
         if target is None:
             with tempfile.TemporaryDirectory(prefix=_DRAFT_PREFIX) as draft_folder:
@@ -113,8 +113,8 @@ def write_errors(target: str, advice: str = "another place") -> Iterator[None]:
         raise error_class(f"cannot write {target}: {reason}; {remedy} {advice}") from error
 
 
-def netcdf_bytes(arrays: LabelledArrays, what: str) -> bytes:
-    """Return arrays as the content of a netCDF file, which xarray reads as their dataset; ``what`` names the file.
+def netcdf_bytes(arrays: LabelledArrays, label: str) -> bytes:
+    """Return arrays as the content of a netCDF file, which xarray reads as their dataset; ``label`` names the file.
 
     Raises :class:`~ocp.errors.NotWritten` if the netCDF library fails.
     """
@@ -127,7 +127,7 @@ def netcdf_bytes(arrays: LabelledArrays, what: str) -> bytes:
             return bytes(file.close())
     except (RuntimeError, OSError) as error:
         raise NotWritten(
-            f"cannot write {what}: the netCDF library says {str(error)!r}; take fewer points, steps"
+            f"cannot write {label}: the netCDF library says {str(error)!r}; take fewer points, steps"
             " or scenarios, or free some memory"
         ) from error
 

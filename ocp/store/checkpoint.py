@@ -160,16 +160,16 @@ class Checkpoint(SavedWork):
     def _outdated(self, folder: Path) -> Iterator[str]:
         """Yield a sentence on why unfinished work for the same request is not resumed, if such work exists."""
         source, program = _digests_in_name(self._name, self._prefix)
-        for other in sorted(folder.glob(f"{self._prefix}*")):
-            old_source, old_program = _digests_in_name(other.name, self._prefix)
-            if (old_source, old_program) == (source, program) or _is_empty(other):
+        for checkpoint in sorted(folder.glob(f"{self._prefix}*")):
+            old_source, old_program = _digests_in_name(checkpoint.name, self._prefix)
+            if (old_source, old_program) == (source, program) or _is_empty(checkpoint):
                 continue
             cause = (
                 "the problem's file, or what it imports, has changed"
                 if old_source != source
                 else "the program, or the computer, has changed"
             )
-            yield f"{cause} since the first run: starting again; earlier results are in {other}"
+            yield f"{cause} since the first run: starting again; earlier results are in {checkpoint}"
             return
 
 

@@ -238,8 +238,8 @@ def _csv_columns(run: StoredRun) -> Iterator[tuple[str, list[Any]]]:
     shape = tuple(data.sizes[name] for name in row_dimensions)
     for position, name in enumerate(row_dimensions):
         labels = data[name].values if name in data.coords else np.arange(shape[position])
-        others = [axis for axis in range(len(row_dimensions)) if axis != position]
-        cells = np.broadcast_to(np.expand_dims(labels, others), shape)
+        row_axes = [axis for axis in range(len(row_dimensions)) if axis != position]
+        cells = np.broadcast_to(np.expand_dims(labels, row_axes), shape)
         yield name, list(cells.ravel())
     for name in map(str, [*data.coords, *data.data_vars]):
         if name not in row_dimensions and not name.startswith(("lam_g_", "lam_x_", "time_interval")):

@@ -100,10 +100,10 @@ class Stage:
         s, m = ca.SX.sym("s"), ca.SX.sym("m", self.constraints.numel())
         return s * self.cost + ca.dot(m, self.constraints), s, m
 
-    def _function(self, what: str, inputs: list[ca.SX], outputs: list[ca.SX]) -> ca.Function:
+    def _function(self, function_name: str, inputs: list[ca.SX], outputs: list[ca.SX]) -> ca.Function:
         if self.eliminated is not None:
             outputs = self.eliminated.substitute_held(outputs)
-        return ca.Function(f"{self.name}_{what}", inputs, outputs, {"cse": True})
+        return ca.Function(f"{self.name}_{function_name}", inputs, outputs, {"cse": True})
 
     def _total(self, expression: ca.SX) -> ca.SX:
         direct = ca.jacobian(expression, self.w)

@@ -104,8 +104,8 @@ def reference(time: ca.SX, duration: ca.SX) -> ca.SX:
     def risen(start: float, end: float) -> ca.SX:
         return ca.fmin(ca.fmax((time / duration - start) / (end - start), 0), 1)
 
-    up, across, down = risen(0, 0.25), risen(0.25, 0.75), risen(0.75, 1)
-    return ca.vertcat(4 * across, 1.05 + 1.5 * up - 2.1 * down, 0, 4 * across, HALF_HEIGHT + 1.5 * (up - down))
+    up, sideways, down = risen(0, 0.25), risen(0.25, 0.75), risen(0.75, 1)
+    return ca.vertcat(4 * sideways, 1.05 + 1.5 * up - 2.1 * down, 0, 4 * sideways, HALF_HEIGHT + 1.5 * (up - down))
 
 
 def draw(params: Params, state: np.ndarray) -> list[Shape]:

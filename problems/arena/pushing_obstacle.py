@@ -68,8 +68,10 @@ def build(params: Params) -> Problem:
     margins = u[:2] + p["damper"] * lam
     force = ca.vertcat((margins[0] + margins[1]) / (2 * p["friction"]), (margins[1] - margins[0]) / 2)
     cos, sin = ca.cos(x[2]), ca.sin(x[2])
-    turn = p["zx"] / (2 * p["c"] ** 2) * (force[0] * ca.tan(x[3]) - force[1])
-    rate = ca.vertcat(cos * force[0] - sin * force[1], sin * force[0] + cos * force[1], turn, lam[0] - lam[1])
+    angular_velocity = p["zx"] / (2 * p["c"] ** 2) * (force[0] * ca.tan(x[3]) - force[1])
+    rate = ca.vertcat(
+        cos * force[0] - sin * force[1], sin * force[0] + cos * force[1], angular_velocity, lam[0] - lam[1]
+    )
     system = ContactSystem(
         name=name,
         x=x,

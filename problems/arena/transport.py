@@ -70,13 +70,13 @@ def build(params: Params) -> Problem:
         gap_unit="N",
         referee_model=RefereeModel(),
     )
-    goal, rest = ca.vertcat(p["cargo_goal"], p["cart_goal"]), p["v_goal"]
+    goal, final_velocity = ca.vertcat(p["cargo_goal"], p["cart_goal"]), p["v_goal"]
     on_the_cart = Constraint("on the cart", x[0] - x[1], -p["l"], p["l"])
     return pose_problem(
         params,
         system,
         stage_cost=p["w_u"] * (u[0] ** 2 + friction**2),
-        terminal_cost=p["w_x"] * ca.sumsqr(x[:2] - goal) + p["w_v"] * ca.sumsqr(x[2:] - rest),
+        terminal_cost=p["w_x"] * ca.sumsqr(x[:2] - goal) + p["w_v"] * ca.sumsqr(x[2:] - final_velocity),
         x0=ca.vertcat(p["cargo0"], p["cart0"], p["v0"], p["v0"]),
         path=[Constraint("slip", x[2] - x[3] - lam[0] + lam[1], 0.0, 0.0), on_the_cart],
         terminal=[on_the_cart],

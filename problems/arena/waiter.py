@@ -75,7 +75,7 @@ def build(params: Params) -> Problem:
         referee_model=RefereeModel(),
     )
     goal, length = ca.vertcat(p["x_goal"], p["x_goal"], p["v_goal"], p["v_goal"]), p["l"]
-    places = ca.vertcat(x[1] - p["s"], length - x[1] + x[0])
+    margins = ca.vertcat(x[1] - p["s"], length - x[1] + x[0])
     lever = weight * length - pressure * (x[1] - x[0] + length)
     return pose_problem(
         params,
@@ -87,10 +87,10 @@ def build(params: Params) -> Problem:
         u_upper=ca.vertcat(ca.inf, weight, ca.inf, ca.inf),
         path=[
             Constraint("slip", ca.vertcat(x[3] - x[2], x[2]) - slip, 0.0, 0.0),
-            Constraint("on the plate", places, 0.0, ca.inf),
+            Constraint("on the plate", margins, 0.0, ca.inf),
             Constraint("no tipping", lever, 0.0, ca.inf),
         ],
-        terminal=[Constraint("on the plate", places, 0.0, ca.inf)],
+        terminal=[Constraint("on the plate", margins, 0.0, ca.inf)],
         scaling=Scaling(impulse=1.0, gap=1.0, x=1.0, u=5.0),
     )
 

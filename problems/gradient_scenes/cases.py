@@ -75,8 +75,10 @@ def gradient_case(
                 f"{source}: the file must define theta, the parameters at which the gradient is asked for; or compare"
                 f" it with a scene: ocp gradients oblique-drop --world {source}"
             )
-        if others := [world for world in worlds if not world.endswith(".py")]:
-            raise InputError(f"{others[0]} simulates the scenes {', '.join(SCENES)}, and not {source}; name files")
+        if scene_worlds := [world for world in worlds if not world.endswith(".py")]:
+            raise InputError(
+                f"{scene_worlds[0]} simulates the scenes {', '.join(SCENES)}, and not {source}; name files"
+            )
         title, questions = name, [loaded.question]
         chosen = [loaded.world, *(read(world).world for world in worlds)]
     else:

@@ -88,7 +88,9 @@ def _system(p: ParameterTable) -> ContactSystem:
     mc, mp, length = p["mc"], p["mp"], p["l"]
     _, theta, dp, dtheta = ca.vertsplit(x_next)
     acceleration = p["g"] * mp / mc * theta + u / mc
-    turn = p["g"] * (mc + mp) / (length * mc) * theta + u / (length * mc) + (lam[1] - lam[0]) / (length * mp)
+    angular_acceleration = (
+        p["g"] * (mc + mp) / (length * mc) * theta + u / (length * mc) + (lam[1] - lam[0]) / (length * mp)
+    )
     tip = x_next[0] + length * theta
     return ContactSystem(
         name=name,
@@ -96,7 +98,7 @@ def _system(p: ParameterTable) -> ContactSystem:
         u=u,
         x_next=x_next,
         lam=lam,
-        residual=x_next - x - p["h"] * ca.vertcat(dp, dtheta, acceleration, turn),
+        residual=x_next - x - p["h"] * ca.vertcat(dp, dtheta, acceleration, angular_acceleration),
         gap=lam / p["k"] + p["wall"] + ca.vertcat(-tip, tip),
         states=signals("p [m] cart; theta [rad] pole; dp [m/s]; dtheta [rad/s]"),
         inputs=signals("u [N] force on the cart"),

@@ -21,16 +21,16 @@ JOINTS: tuple[Joint, ...] = ("free", "ball", "slide", "hinge")
 
 @dataclass(frozen=True)
 class BodyFrame:
-    """A frame that is fixed to ``body``, with its origin at ``place`` (3,) [m] and axes rotated by ``turn``."""
+    """A frame that is fixed to ``body``, with its origin at ``origin`` (3,) [m] and axes rotated by ``rotation``."""
 
     body: str
-    place: np.ndarray = field(default_factory=lambda: np.zeros(3))
-    turn: Rotation = field(default_factory=Rotation.identity)
+    origin: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    rotation: Rotation = field(default_factory=Rotation.identity)
 
     def compose(self, offset: np.ndarray, quaternion: np.ndarray) -> BodyFrame:
         """Return the frame whose origin ``offset`` [m] and ``quaternion`` (w, x, y, z) are relative to this frame."""
-        orientation = self.turn * Rotation.from_quat(quaternion, scalar_first=True)
-        return BodyFrame(self.body, self.place + self.turn.apply(offset), orientation)
+        orientation = self.rotation * Rotation.from_quat(quaternion, scalar_first=True)
+        return BodyFrame(self.body, self.origin + self.rotation.apply(offset), orientation)
 
 
 @dataclass(frozen=True)
@@ -95,11 +95,11 @@ def _jointed(model: Any, j: int, name: str, pose: BodyFrame, actuator: Actuator 
     body = Body(name, above, 0.0, joint=kind, damping=damping)
     if kind == "free":
         return body, BodyFrame(name)
-    anchor = pose.place + pose.turn.apply(model.jnt_pos[j])
+    anchor = pose.origin + pose.rotation.apply(model.jnt_pos[j])
     if kind == "ball":
-        turn = exact(pose.turn.as_quat(canonical=True, scalar_first=True))
+        turn = exact(pose.rotation.as_quat(canonical=True, scalar_first=True))
         return replace(body, position=exact(anchor), quaternion=turn), BodyFrame(name, -model.jnt_pos[j])
-    axis, q0 = pose.turn.apply(model.jnt_axis[j]), float(model.qpos0[index])
+    axis, q0 = pose.rotation.apply(model.jnt_axis[j]), float(model.qpos0[index])
     back, slid = Rotation.from_rotvec(-q0 * axis), 0.0
     if kind == "slide":
         back, slid = Rotation.identity(), q0 * axis
@@ -117,7 +117,7 @@ def _jointed(model: Any, j: int, name: str, pose: BodyFrame, actuator: Actuator 
         gear=actuator and actuator.gear,
         servo=actuator and actuator.servo,
     )
-    return body, BodyFrame(name, back.apply(pose.place - anchor), back * pose.turn)
+    return body, BodyFrame(name, back.apply(pose.origin - anchor), back * pose.rotation)
 
 
 def _inertia(model: Any, body: int, poses: Sequence[BodyFrame]) -> dict[str, Any]:
@@ -125,8 +125,8 @@ def _inertia(model: Any, body: int, poses: Sequence[BodyFrame]) -> dict[str, Any
     solids = list[Moments]()
     for b in np.flatnonzero(model.body_weldid == body).tolist():
         frame = poses[b].compose(model.body_ipos[b], model.body_iquat[b])
-        R = frame.turn.as_matrix()
-        solids.append((model.body_mass[b], frame.place, R @ np.diag(model.body_inertia[b]) @ R.T))
+        R = frame.rotation.as_matrix()
+        solids.append((model.body_mass[b], frame.origin, R @ np.diag(model.body_inertia[b]) @ R.T))
     total, centre, inertia = combined(solids)
     six = inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
     return {"mass": float(total), "inertia": exact(six, float(np.trace(inertia))), "com": exact(centre)}

@@ -75,11 +75,11 @@ REFUSED_OF_URDF = {"include", "loop_joint"}
 """Elements of :data:`REFUSED` that cause an error in a URDF; others have no effect there."""
 
 
-def listed(what: str, names: Iterable[str]) -> str:
-    """Return ``what`` (in the plural for several names) followed by the names: ``"sensors a, b"``."""
+def listed(kind: str, names: Iterable[str]) -> str:
+    """Return ``kind`` (in the plural for several names) followed by the names: ``"sensors a, b"``."""
     names = list(dict.fromkeys(names))
     plural = "" if len(names) == 1 else "s"
-    return f"{what.replace('body', 'bodie') if plural else what}{plural} {', '.join(names)}"
+    return f"{kind.replace('body', 'bodie') if plural else kind}{plural} {', '.join(names)}"
 
 
 def unread(root: Element, *, urdf: bool) -> list[str]:

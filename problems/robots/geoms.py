@@ -138,20 +138,20 @@ def _shape(model: Any, g: int, kind: str, pose: BodyFrame) -> tuple[Shape, str]:
 
     Raises ``ValueError`` with the reason if the geom's shape is not supported.
     """
-    size, middle = model.geom_size[g], exact(pose.place)
-    R, radius = pose.turn.as_matrix(), float(size[0])
+    size, middle = model.geom_size[g], exact(pose.origin)
+    R, radius = pose.rotation.as_matrix(), float(size[0])
     if kind == "plane" and pose.body == WORLD:
         return Plane(middle, exact(R[:, 2])), ""
     if kind == "sphere" or (kind == "ellipsoid" and len(set(size.tolist())) == 1):
         return Sphere(radius, middle), ""
     if kind in ("capsule", "cylinder"):
-        start, end = (exact(pose.place + side * size[1] * R[:, 2]) for side in (-1, 1))
+        start, end = (exact(pose.origin + side * size[1] * R[:, 2]) for side in (-1, 1))
         return (Capsule if kind == "capsule" else Cylinder)(start, end, radius), ""
     if kind == "box":
         straight = np.abs(R).round()
         if np.allclose(np.abs(R), straight, atol=1e-12):
             return Box(exact(straight @ size), middle), ""
-        return Box(exact(size), middle, exact(pose.turn.as_quat(scalar_first=True))), ""
+        return Box(exact(size), middle, exact(pose.rotation.as_quat(scalar_first=True))), ""
     if kind == "mesh":
         return _hull(model, g, pose)
     raise ValueError(f"of the kind {kind}")
@@ -170,7 +170,7 @@ def _hull(model: Any, g: int, pose: BodyFrame) -> tuple[Hull, str]:
     faces = ConvexHull(kept_corners).equations
     depth = 1e3 * float((corners @ faces[:, :3].T + faces[:, 3]).max())
     note = f"hull of mesh {model.geom(g).name}: {count} corners, at most {depth:.2g} mm inside"
-    hull = Hull(tuple(exact(pose.place + corner) for corner in pose.turn.apply(kept_corners)))
+    hull = Hull(tuple(exact(pose.origin + corner) for corner in pose.rotation.apply(kept_corners)))
     return hull, note if depth > 1e-3 else ""
 
 

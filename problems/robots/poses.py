@@ -34,15 +34,15 @@ STILL = 1e-9
 
 @dataclass(frozen=True)
 class BodyPlace:
-    """A point fixed to a ``body``, at ``place`` in its frame [m]."""
+    """A point fixed to a ``body``, at ``offset`` in its frame [m]."""
 
     body: str
-    place: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def position(self, machine: SpatialMachine, q: ca.SX) -> ca.SX:
         """Return the point's position (3, 1) in the world [m] at the pose q (nq, 1)."""
         rotation, origin = machine.tree().pose(q, self.body)
-        return origin + rotation @ ca.DM(self.place)
+        return origin + rotation @ ca.DM(self.offset)
 
     def at(self, machine: SpatialMachine, pose: np.ndarray) -> np.ndarray:
         """Return the point's position (3,) in the world [m] at the pose (nq,)."""

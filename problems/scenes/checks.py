@@ -57,10 +57,10 @@ def _require_known(name: str, names: list[str], role: str) -> None:
         raise InputError(f"{role} {name!r}{did_you_mean(name, names)}; there are {', '.join(names)}")
 
 
-def required(pusher: Pusher, value: Scalar | None, what: str, where: str) -> Scalar:
-    """Return ``value``, the property ``what`` of a pusher; raise :class:`~ocp.errors.InputError` if it is None."""
+def required(pusher: Pusher, value: Scalar | None, label: str, scene_kind: str) -> Scalar:
+    """Return ``value``, the property ``label`` of a pusher; raise :class:`~ocp.errors.InputError` if it is None."""
     if value is None:
-        raise InputError(f"the pusher {pusher.name!r} has no {what}, required in {where}; set it")
+        raise InputError(f"the pusher {pusher.name!r} has no {label}, required in {scene_kind}; set it")
     return value
 
 
@@ -126,12 +126,12 @@ def _check_shape(element: Thing, shape: Shape, value: Value) -> None:
             _check_unit(f"the half-plane of {element.name!r} has the normal", normal, value)
 
 
-def _check_size(element: Thing, what: str, size: float) -> None:
+def _check_size(element: Thing, label: str, size: float) -> None:
     if not size > 0:
-        raise InputError(f"{element.name!r}: its {what} {size:g} m; expected a positive number")
+        raise InputError(f"{element.name!r}: its {label} {size:g} m; expected a positive number")
 
 
-def _check_unit(what: str, vector: Point, value: Value) -> None:
+def _check_unit(label: str, vector: Point, value: Value) -> None:
     x, y = (value(vector[i]) for i in range(2))
     if not math.isclose(math.hypot(x, y), 1, rel_tol=1e-6):
-        raise InputError(f"{what} ({x:g}, {y:g}) of length {math.hypot(x, y):g}; expected a vector of length 1")
+        raise InputError(f"{label} ({x:g}, {y:g}) of length {math.hypot(x, y):g}; expected a vector of length 1")

@@ -223,6 +223,6 @@ class Scene:
         )
         return replace(system, scene=not linearised)
 
-    def _commands(self, unit: str, what: str) -> tuple[Signal, ...]:
+    def _commands(self, unit: str, meaning: str) -> tuple[Signal, ...]:
         coordinates = (c for pusher in self.pushers for c in pusher.coordinates)
-        return tuple(Signal(f"u_{c.name}", unit, f"{what} {c.name}") for c in coordinates)
+        return tuple(Signal(f"u_{c.name}", unit, f"{meaning} {c.name}") for c in coordinates)

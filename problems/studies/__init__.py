@@ -69,8 +69,8 @@ _FIGURES = (
 )
 """Identifier, module, title and place in the paper of every study."""
 STUDIES = {
-    identifier: FigureStudy(identifier, f"{__name__}.{module}", title, Citation(_PAPERS[identifier[0]], place))
-    for identifier, module, title, place in _FIGURES
+    identifier: FigureStudy(identifier, f"{__name__}.{module}", title, Citation(_PAPERS[identifier[0]], source))
+    for identifier, module, title, source in _FIGURES
 }
 """Mapping from identifier to study, in the order of the papers."""
 

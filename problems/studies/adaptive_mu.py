@@ -209,7 +209,7 @@ def _tradeoff_claims(data: xr.Dataset) -> list[Claim]:
 def _smoothing(data: xr.Dataset) -> list[Claim]:
     compliance = list(data["compliance"].values)
     mismatch, variance = data["mismatch"].values, data["variance_within"].values
-    apart = np.abs(data["density_constant"].values / data["student"].values - 1).max()
+    largest_misfit = np.abs(data["density_constant"].values / data["student"].values - 1).max()
     mass, slope = data["printed_mass"].values, data["quartic_slope"].values
     integrates_to_one, monotone = np.abs(mass - 1) < 1e-2, slope <= 0
     reach = format_values(data["reach"].values, "g")
@@ -219,9 +219,9 @@ def _smoothing(data: xr.Dataset) -> list[Claim]:
         .expected("E S_0(z + w) = S_mu(z)")
         .measured(
             f"within {mismatch[:-1].max():.1e} of its size; density"
-            f" equals Student's, two degrees of freedom, within {apart:.1e}"
+            f" equals Student's, two degrees of freedom, within {largest_misfit:.1e}"
         )
-        .holds(mismatch[:-1].max() < 1e-9, apart < 1e-6),
+        .holds(mismatch[:-1].max() < 1e-9, largest_misfit < 1e-6),
         claim("The noise has density rho = S_mu''(w)", "ABS, prop. 5.2")
         .expected("integral 1")
         .measured(

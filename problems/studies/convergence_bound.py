@@ -88,14 +88,14 @@ def run(params: Params) -> xr.Dataset:
             rng = np.random.default_rng([params.seed, r])
             theta[i, r, 0] = middle + np.array([-0.2, 0.0]) + 0.1 * rng.uniform(-1, 1, 2)
             for k in range(params.iterations):
-                now = theta[i, r, k]
-                value[i, r, k], true = (a[0] for a in landscape.at(now[None]))
-                mean, spread = _moments(judge, law, now, params.measured, params, (r, k, 1))
+                decision = theta[i, r, k]
+                value[i, r, k], true = (a[0] for a in landscape.at(decision[None]))
+                mean, spread = _moments(judge, law, decision, params.measured, params, (r, k, 1))
                 bias[i, r, k] = np.linalg.norm(true - mean)
                 variance[i, r, k] = spread / params.samples
                 slope[i, r, k] = np.linalg.norm(true)
-                step, _ = _moments(judge, law, now, params.samples, params, (r, k, 0))
-                theta[i, r, k + 1] = now + eta * step
+                step, _ = _moments(judge, law, decision, params.samples, params, (r, k, 0))
+                theta[i, r, k + 1] = decision + eta * step
             value[i, r, -1] = landscape.at(theta[i, r, -1][None])[0][0]
     every = ("law", "run", "iteration")
     return dataset(

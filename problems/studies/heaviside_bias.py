@@ -123,8 +123,8 @@ def _first_order(data: xr.Dataset) -> list[Claim]:
     """Check mean, variance and expectation of the first-order gradient."""
     true, first = data["gradient"].values, data.sel(estimator="fobg")
     mean, limit = first["mean"].values, data["fobg_mean"].values
-    apart = np.abs(mean - limit)
-    diverges = apart > 5 * first["standard_error"].values
+    errors = np.abs(mean - limit)
+    diverges = errors > 5 * first["standard_error"].values
     delta, narrow = data["delta"].values[-1], float(data["box"][-1])
     equal = float(np.abs(delta - true).max() / true.max())
     return [
@@ -139,7 +139,7 @@ def _first_order(data: xr.Dataset) -> list[Claim]:
         claim("The law of large numbers does not hold for the first order", "Pathologies, ex. III.2")
         .expected("the mean of the samples stays off their expectation")
         .measured(
-            f"off by {apart.max():g} at most, at {np.sum(diverges)} of {diverges.size} theta;"
+            f"off by {errors.max():g} at most, at {np.sum(diverges)} of {diverges.size} theta;"
             f" their expectation is {np.abs(limit).max():g}, F' up to {true.max():.4g}"
         )
         .holds(diverges.any()),

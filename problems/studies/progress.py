@@ -25,15 +25,15 @@ def listen_to_progress(listener: Listener) -> Iterator[None]:
         _LISTENER.reset(token)
 
 
-def report_progress(what: str, done: int, total: int) -> None:
-    """Report to the listener, if any, that ``done`` of ``total`` items of the loop ``what`` are finished."""
+def report_progress(label: str, done: int, total: int) -> None:
+    """Report to the listener, if any, that ``done`` of ``total`` items of the loop ``label`` are finished."""
     if listener := _LISTENER.get():
-        listener(what, done, total)
+        listener(label, done, total)
 
 
-def track_items(what: str, items: Sequence[T]) -> Iterator[T]:
-    """Yield the ``items`` of the loop ``what`` and report each finished one to the listener."""
+def track_items(label: str, items: Sequence[T]) -> Iterator[T]:
+    """Yield the ``items`` of the loop ``label`` and report each finished one to the listener."""
     for done, item in enumerate(items):
-        report_progress(what, done, len(items))
+        report_progress(label, done, len(items))
         yield item
-    report_progress(what, len(items), len(items))
+    report_progress(label, len(items), len(items))

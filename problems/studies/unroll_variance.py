@@ -207,7 +207,7 @@ def claims(data: xr.Dataset) -> list[Claim]:
     wide, adaptive = list(LAWS).index(_WIDE), list(LAWS).index(_ADAPTIVE)
     exploding = [rates[t, _SHARP].low > 0 for t in TASKS]
     flatter = [rates[t, _WIDE].high < rates[t, _SHARP].low for t in TASKS]
-    apart = [rates[t, _SHARP].above(rates[t, _WIDE]) for t in TASKS]
+    separations = [rates[t, _SHARP].above(rates[t, _WIDE]) for t in TASKS]
     ordered = [bool(np.all(np.diff(shares[t][:5]) >= 0)) for t in TASKS]
     below = [rates[t, law].low <= bound_rate(data, t, law) for t in TASKS for law in LAWS]
     loose = [bound_rate(data, t, _SHARP) / rates[t, _SHARP].rate for t in TASKS]
@@ -229,7 +229,7 @@ def claims(data: xr.Dataset) -> list[Claim]:
         claim("At mu = 1e-2 it grows more slowly than at 1e-10", _SECTION_7_2)
         .expected("intervals of the growth apart")
         .measured(f"{settings_text(TASKS, flatter)}: {', '.join(str(rates[t, _WIDE]) for t in TASKS)} a step")
-        .holds(flatter, margin=min(apart)),
+        .holds(flatter, margin=min(separations)),
         claim("The adaptive law's variance lies between", "our check")
         .expected("at the longest unroll between those of mu = 1e-2 and 1e-10")
         .measured(

@@ -28,10 +28,10 @@ def check(options: DoctorOptions) -> dict[str, Any]:
     return {"root": common_root(roots), "roots": roots, "scripts here": hidden or "no name hidden"}
 
 
-def run(options: DoctorOptions, place: dict[str, Any]) -> int:
+def run(options: DoctorOptions, locations: dict[str, Any]) -> int:
     """Show CasADi's plugins, the compiler, threads, versions, and the location of the packages."""
     count = compiler.clear_cache() if options.clear_cache else None
-    installation = {**place, **describe_computer()}
+    installation = {**locations, **describe_computer()}
     if count is not None:
         installation["cleared"] = count
         objects = "1 compiled object" if count == 1 else f"{count} compiled objects"

@@ -276,10 +276,10 @@ def _check_same(
 
 def _rules(setting_texts: Mapping[str, str], estimators: tuple[str, ...]) -> list[Any]:
     """Return the rules of estimators from settings such as ``alpha.gamma=0.1``."""
-    known = {f"{rule}.{name}": setting for rule, cls in RULES.items() for name, setting in settings_of(cls).items()}
+    declared = {f"{rule}.{name}": setting for rule, cls in RULES.items() for name, setting in settings_of(cls).items()}
     settings: dict[str, dict[str, float]] = {}
     for key, text in setting_texts.items():
-        setting, rule = choose("setting", key, known), key.partition(".")[0]
+        setting, rule = choose("setting", key, declared), key.partition(".")[0]
         if rule not in estimators:
             raise InputError(f"-s {key} has no effect: {rule} is not among --estimators")
         settings.setdefault(rule, {})[setting.name] = setting.read(text, f"-s {rule}.")

@@ -74,7 +74,7 @@ def run(options: NewOptions, file: Path) -> int:
     kind = next((kind for kind in TEMPLATES if getattr(options, kind, None)), "plain")
     template = TEMPLATES[kind] if options.task is None else TASKS[options.task]
     candidates = (folder / template for folder in _TEMPLATE_FOLDERS)
-    text = next(place for place in candidates if place.exists()).read_text(encoding="utf-8")
+    text = next(candidate for candidate in candidates if candidate.exists()).read_text(encoding="utf-8")
     problem_text = re.sub('^name = ".*"$', f'name = "{file.stem}"', text, count=1, flags=re.MULTILINE)
     if options.robot is not None:
         bases = ("floating", "planar")

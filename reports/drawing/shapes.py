@@ -124,8 +124,8 @@ def _grown(corners: np.ndarray, radius: float) -> np.ndarray:
     leaving = np.arctan2(edges[:, 1], edges[:, 0]) - math.pi / 2
     arriving = np.roll(leaving, 1)
     rounded = []
-    for corner, start, turn in zip(corners, arriving, (leaving - arriving) % (2 * math.pi), strict=True):
-        angles = start + np.linspace(0, turn, 2 + int(turn / _ARC_STEP_RAD))
+    for corner, start, arc_angle in zip(corners, arriving, (leaving - arriving) % (2 * math.pi), strict=True):
+        angles = start + np.linspace(0, arc_angle, 2 + int(arc_angle / _ARC_STEP_RAD))
         rounded.append(corner + radius * np.column_stack([np.cos(angles), np.sin(angles)]))
     return np.concatenate(rounded)
 

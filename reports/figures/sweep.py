@@ -41,10 +41,10 @@ def sweep_figures(data: xr.Dataset, axes: Sequence[Axis]) -> list[Figure]:
         return [_lines(data, axes[0])]
     # The two longest axes span the maps; every combination of the others' values is a slice.
     order = sorted(range(len(axes)), key=lambda i: -len(axes[i]["values"]))
-    across, upward, *other_axes = order
+    x_axis, y_axis, *other_axes = order
     slices = [*itertools.product(*(range(len(axes[i]["values"])) for i in other_axes))]
     slice_indices = [{str(axes[i]["name"]): k for i, k in zip(other_axes, indices, strict=True)} for indices in slices]
-    span = axes[across], axes[upward]
+    span = axes[x_axis], axes[y_axis]
     shades = _Shades(data)
     return [
         _maps(data, span, slice_indices[k : k + _MAX_SLICES], shades) for k in range(0, len(slice_indices), _MAX_SLICES)
@@ -160,10 +160,10 @@ def _maps(data: xr.Dataset, span: tuple[Axis, Axis], slices: Sequence[Mapping[st
             _verdicts(row[2], slice_data["grade"].values),
         ]
         for axes in row:
-            upward, across = np.nonzero(~succeeded)
-            axes.plot(across, upward, "x", color=INK, markersize=4, linewidth=0)
-            upward, across = np.nonzero(_outliers(slice_data))
-            axes.plot(across, upward, "o", color=INK, markersize=14, linewidth=0, fillstyle="none")
+            rows, columns = np.nonzero(~succeeded)
+            axes.plot(columns, rows, "x", color=INK, markersize=4, linewidth=0)
+            rows, columns = np.nonzero(_outliers(slice_data))
+            axes.plot(columns, rows, "o", color=INK, markersize=14, linewidth=0, fillstyle="none")
         texts = ", ".join(f"{name} = {float(data[name].values[k]):.4g}" for name, k in chosen.items())
         row[0].set_ylabel(_titled(span[1]) + (f"\n{texts}" if texts else ""))
     for axes, title in zip(grid[0], ("cost", "replayed / planned", "verdict"), strict=True):

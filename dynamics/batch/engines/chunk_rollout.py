@@ -100,7 +100,7 @@ class ChunkNetwork:
     """
 
     def __init__(self, layers: Layers, make: Callable[[ca.Function], Kernel]) -> None:
-        self._layers, self._places = layers, layer_slices(layers.sizes)
+        self._layers, self._slices = layers, layer_slices(layers.sizes)
         self._observe, self._back = make(layers.observe), make(layers.observe_adjoint)
 
     def mean_actions(self, theta: Array, x: Array, p: Array) -> Array:
@@ -110,7 +110,7 @@ class ChunkNetwork:
     def backpropagate(self, theta: Array, x: Array, p: Array, abar: Array, total: Array) -> Array:
         """Add `D_theta a' abar` to `total` (n_weights, m), and return `D_x a' abar` (nx, m)."""
         values, adjoint = self._values(theta, x, p), abar
-        for k, (weights, offsets, shape) in reversed(list(enumerate(self._places))):
+        for k, (weights, offsets, shape) in reversed(list(enumerate(self._slices))):
             product = adjoint[:, None] * values[k][None]
             total[weights] += product.reshape(-1, product.shape[-1])
             total[offsets] += adjoint
@@ -126,7 +126,7 @@ class ChunkNetwork:
         observation = np.empty((self._layers.sizes[0], x.shape[-1]))
         self._observe.run([x, p], [observation])
         values = [observation]
-        for weights, offsets, shape in self._places:
+        for weights, offsets, shape in self._slices:
             if len(values) > 1:
                 np.tanh(values[-1], out=values[-1])
             matrix = theta[weights].reshape(*shape, -1)

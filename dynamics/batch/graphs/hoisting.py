@@ -54,15 +54,15 @@ class _Pool:
         self.p = ca.SX.sym("p", n_parameters)
         self.expressions: list[ca.SX] = []
         self.symbols: dict[int, ca.SX] = {}
-        self._known: dict[tuple[int, tuple[int, ...], str], int] = {}
+        self._index_of: dict[tuple[int, tuple[int, ...], str], int] = {}
 
     def add_operation(self, operation: Operation, args: tuple[int, ...]) -> int:
         """Add a parameter, a constant or an operation on the pool's members `args`; return the member's index."""
         key = (operation.op, args, operation.value.hex())
-        if key not in self._known:
-            self._known[key] = len(self.expressions)
+        if key not in self._index_of:
+            self._index_of[key] = len(self.expressions)
             self.expressions.append(self._expression(operation, args))
-        return self._known[key]
+        return self._index_of[key]
 
     def _expression(self, operation: Operation, args: tuple[int, ...]) -> ca.SX:
         if operation.op == ca.OP_INPUT:

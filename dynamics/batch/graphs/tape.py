@@ -163,7 +163,7 @@ class _Builder:
     def __init__(self, fn: ca.Function) -> None:
         self.fn = fn
         self.operations: list[Operation] = []
-        self.known: dict[tuple[int, tuple[int, ...], str], int] = {}
+        self.index_of: dict[tuple[int, tuple[int, ...], str], int] = {}
         self.register: dict[int, int] = {}
         self.outputs = [[-1] * fn.nnz_out(k) for k in range(fn.n_out())]
 
@@ -196,10 +196,10 @@ class _Builder:
             args = tuple(sorted(args))
         # float.hex distinguishes 0.0 from -0.0, which == does not.
         key = (operation.op, args, operation.value.hex())
-        if key not in self.known:
-            self.known[key] = len(self.operations)
+        if key not in self.index_of:
+            self.index_of[key] = len(self.operations)
             self.operations.append(operation)
-        return self.known[key]
+        return self.index_of[key]
 
     def finish(self) -> Tape:
         fn = self.fn

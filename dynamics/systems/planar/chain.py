@@ -25,7 +25,7 @@ class _Frame(Pose):
 class _Motion:
     """Motion of a link per unit of one coordinate: rotation about the joint, or translation along ``direction``."""
 
-    turn: float
+    rotation: float
     direction: ca.SX
 
 
@@ -127,12 +127,12 @@ class Chain:
             for column, motion in self._motions(name, frames):
                 # Momentum of everything that this coordinate moves, about the joint; moved
                 # towards the root, it gives the entry of each ancestor's coordinate.
-                momentum = mass * motion.direction + motion.turn * _swing(first)
-                spin = motion.turn * second + _moment(first, motion.direction)
+                momentum = mass * motion.direction + motion.rotation * _swing(first)
+                spin = motion.rotation * second + _moment(first, motion.direction)
                 ancestor: str | None = name
                 while ancestor is not None:
                     for row, other in self._motions(ancestor, frames):
-                        M[row, column] = M[column, row] = other.turn * spin + other.direction.T @ momentum
+                        M[row, column] = M[column, row] = other.rotation * spin + other.direction.T @ momentum
                     spin = spin + _moment(frames[ancestor].step, momentum)
                     ancestor = self._links[ancestor].parent
         return M + ca.diag(self.armature)
@@ -207,7 +207,7 @@ class Chain:
             moment[name] += loads[name][1]
             force[name] += loads[name][0]
             for index, motion in self._motions(name, frames):
-                result[index] = motion.turn * moment[name] + motion.direction.T @ force[name]
+                result[index] = motion.rotation * moment[name] + motion.direction.T @ force[name]
             if link.parent is not None:
                 force[link.parent] += force[name]
                 moment[link.parent] += moment[name] + _moment(frames[name].step, force[name])
@@ -287,7 +287,7 @@ class Chain:
                 spin = omega[link.parent]
                 origin_velocity = velocity[link.parent] + spin * _swing(frames[link.name].step)
             for index, motion in self._motions(link.name, frames):
-                spin = spin + motion.turn * v[index]
+                spin = spin + motion.rotation * v[index]
                 origin_velocity = origin_velocity + motion.direction * v[index]
             omega[link.name], velocity[link.name] = spin, origin_velocity
             yield link, spin, origin_velocity + spin * _swing(frames[link.name].rotate(link.com))
@@ -309,8 +309,8 @@ class Chain:
                 base = spin
                 origin_acceleration = acceleration[link.parent] + spin_rate * _swing(step) - spin**2 * step
             for index, motion in self._motions(link.name, frames):
-                spin = spin + motion.turn * v[index]
-                spin_rate = spin_rate + motion.turn * a[index]
+                spin = spin + motion.rotation * v[index]
+                spin_rate = spin_rate + motion.rotation * a[index]
                 origin_acceleration = origin_acceleration + motion.direction * a[index]
                 origin_acceleration = origin_acceleration + 2 * base * v[index] * _swing(motion.direction)
             omega[link.name], alpha[link.name], acceleration[link.name] = spin, spin_rate, origin_acceleration

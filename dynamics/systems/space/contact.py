@@ -187,8 +187,8 @@ def _nearest_on_segments(
     def clamp(value: ca.SX) -> ca.SX:
         return ca.fmin(ca.fmax(value, 0), 1)
 
-    across = ca.fmax(dd * ee - de**2, 1e-12 * dd * ee)
-    s = clamp((de * ca.dot(e, offset) - ee * ca.dot(d, offset)) / across)
+    determinant = ca.fmax(dd * ee - de**2, 1e-12 * dd * ee)
+    s = clamp((de * ca.dot(e, offset) - ee * ca.dot(d, offset)) / determinant)
     t = clamp((de * s + ca.dot(e, offset)) / ee)
     s = clamp((de * t - ca.dot(d, offset)) / dd)
     return p + s * d, q + t * e

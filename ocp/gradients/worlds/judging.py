@@ -111,8 +111,8 @@ def _verdict(measures: Measures, allowed: float) -> Finding:
         return make_finding("gradient-right" if is_exact_known else "gradient-consistent", **numbers)
     # A jump at the nominal parameter looks like rounding errors there.
     if measures.jump is not None:
-        size, place = measures.jump
-        return make_finding("gradient-undefined", size=size, place=place, slope=slope)
+        size, parameter = measures.jump
+        return make_finding("gradient-undefined", size=size, place=parameter, slope=slope)
     if _is_noise(measures, allowed):
         return make_finding("gradient-noise", noise=secants.noise, error=float(secants.errors[-1]), truth=truth)
     if measures.has_gradient and not _is_derivative(measures):

@@ -102,10 +102,10 @@ def compare_gradients(world: World, exact: World, inputs: np.ndarray, sizes: np.
     They are compared at random points near ``inputs``, since plans often lie at kinks, where a contact begins.
     """
     points = inputs + NEARBY_REACH * sizes * np.random.default_rng(seed).normal(size=(COMPARED_POINTS, inputs.size))
-    gradients, truth = (_scaled_gradients(each, points, sizes) for each in (world, exact))
-    length, exact_length = (float(np.sqrt(np.square(rows).sum(axis=1).mean())) for rows in (gradients, truth))
+    gradients, exact_gradients = (_scaled_gradients(simulator, points, sizes) for simulator in (world, exact))
+    length, exact_length = (float(np.sqrt(np.square(rows).sum(axis=1).mean())) for rows in (gradients, exact_gradients))
     lengths = length * exact_length
-    cosine = float((gradients * truth).sum(axis=1).mean()) / lengths if lengths > 0 else 0.0
+    cosine = float((gradients * exact_gradients).sum(axis=1).mean()) / lengths if lengths > 0 else 0.0
     return make_finding("gradient-by-all-inputs", count=inputs.size, length=length, truth=exact_length, cosine=cosine)
 
 

@@ -233,7 +233,7 @@ def _measures(world: World, question: Question, truth: _Truth | None, settings: 
         secants=secants,
         truth_secants=None if truth is None else truth.secants,
         has_gradient=world.differentiate is not None,
-        jump=None if jump is None else (jump.size, float(objective.theta[0] + jump.place[0])),
+        jump=None if jump is None else (jump.size, float(objective.theta[0] + jump.noise[0])),
         refinements=_changes(world, world.sharper, times, question, truth),
         horizons=_changes(world, world.longer, times, question, None),
         smoothed=_smoothed(objective, size, truth, settings),

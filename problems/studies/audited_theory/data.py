@@ -53,7 +53,7 @@ def _audit(params: Params, rng: np.random.Generator) -> dict:
             z = rng.standard_normal((params.draws, n))
             any_z, away = bounds.solve_softened(z, F, mu), bounds.solve_softened(np.abs(z) + 0.05, F, mu)
             reach, steepest = _over_domain(z, F, mu, rng)
-            apart = np.abs(z) + 0.05
+            gaps = np.abs(z) + 0.05
             slope, slope_away = bounds.spectral_norms(any_z.slope), bounds.spectral_norms(away.slope)
             wrong = bounds.spectral_norms(bounds.printed_a26(any_z.lam, any_z.gap, F) - any_z.slope)
             ratio[row, column] = [
@@ -61,14 +61,14 @@ def _audit(params: Params, rng: np.random.Generator) -> dict:
                 steepest / bounds.theorem_4_5(reach, F, mu, -1),
                 slope / bounds.pointwise_4_5(any_z.lam, mu),
                 slope / bounds.definite_bound(F),
-                slope_away / bounds.theorem_5_1(apart, mu),
-                slope_away / bounds.corrected_5_1(apart, F, mu),
+                slope_away / bounds.theorem_5_1(gaps, mu),
+                slope_away / bounds.corrected_5_1(gaps, F, mu),
                 wrong / np.maximum(slope, 1e-300),
             ]
             undefined = ~np.isfinite(bounds.definite_bound(F))
             for bound in (3, 5):
                 ratio[row, column, bound, undefined] = np.nan
-            step[row, column] = np.mean(np.any(away.lam > mu[:, None] / apart, axis=1))
+            step[row, column] = np.mean(np.any(away.lam > mu[:, None] / gaps, axis=1))
     return {
         "ratio": (("kind", "size", "bound", "draw"), ratio, "1", "true slope over bound; for A.26 its relative error"),
         "step_5_1": (("kind", "size"), step, "1", "how often lam_i > mu/z_i, against a step in the proof of 5.1"),
@@ -81,9 +81,9 @@ def _over_domain(
     """Return the largest |z| and the largest slope of every system over its domain, (draws,) each."""
     reach, steepest = np.linalg.norm(z, axis=1), bounds.spectral_norms(bounds.solve_softened(z, F, mu).slope)
     for _ in range(_DOMAIN_POINTS - 1):
-        other = rng.standard_normal(z.shape)
-        reach = np.maximum(reach, np.linalg.norm(other, axis=1))
-        steepest = np.maximum(steepest, bounds.spectral_norms(bounds.solve_softened(other, F, mu).slope))
+        direction = rng.standard_normal(z.shape)
+        reach = np.maximum(reach, np.linalg.norm(direction, axis=1))
+        steepest = np.maximum(steepest, bounds.spectral_norms(bounds.solve_softened(direction, F, mu).slope))
     return reach, steepest
 
 

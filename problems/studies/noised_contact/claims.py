@@ -32,7 +32,7 @@ def _dense(data: xr.Dataset) -> list[Claim]:
     rms, error = data["dense_rms"].values, data["dense_error"].values
     dense_data = data.sel(regime="dense")
     kink, ends = np.abs(u) <= sigma, (u >= 1 - sigma) & (u <= 1)
-    apart = _rms((dense_data["pusher_h"].values - data["f_sigma"].values)[:, kink])
+    difference = _rms((dense_data["pusher_h"].values - data["f_sigma"].values)[:, kink])
     effect = _rms((data["f"] - data["f_sigma"]).values[kink])
     off_g = _rms((dense_data["pusher_h"] - dense_data["pusher_g"]).values[:, ends])
     off_f = _rms((dense_data["pusher_h"] - data["f_sigma"]).values[:, ends])
@@ -53,8 +53,8 @@ def _dense(data: xr.Dataset) -> list[Claim]:
         .between(square, 0.5, 1.5),
         claim("Dense: so is h_sigma", "Noising data, sec. IV-B")
         .expected("within sigma of the kink, where smoothing acts, apart by less than half of it")
-        .measured(f"{format_values(apart, '.2g')} m of {effect:.2g} m")
-        .below(apart, _MATCH_SHARE * effect),
+        .measured(f"{format_values(difference, '.2g')} m of {effect:.2g} m")
+        .below(difference, _MATCH_SHARE * effect),
         claim("Dense: at the upper end g_sigma is off f_sigma", "our check")
         .expected("below it by 5 standard errors or more in every set")
         .measured(f"by {-end.max():.3g} or more over {end.size} sets and widths")

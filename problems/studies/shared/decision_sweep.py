@@ -42,20 +42,20 @@ def sweep_decision(
         cost = at_decision.costs(w[:, None])
         middle = at_decision.nominal_cost()
         # Every point has its own random stream, so that errors appear as scatter, not as an offset.
-        found = [sampled.moments for sampled in both_orders(at_decision, sigma, n, seed, index)]
+        estimates = [sampled.moments for sampled in both_orders(at_decision, sigma, n, seed, index)]
         rows.append(
             [
                 weight @ cost,
                 weight @ ((cost - middle) * w) / sigma**2,
-                *(float(value) for m in found for value in (m.mean[0], m.standard_error[0], m.variance[0])),
+                *(float(value) for m in estimates for value in (m.mean[0], m.standard_error[0], m.variance[0])),
             ]
         )
-    found = np.array(rows)
+    estimates = np.array(rows)
     return {
-        "F": found[:, 0],
-        "slope": found[:, 1],
-        "first": found[:, 2:4],
-        "zeroth": found[:, 5:7],
-        "first_variance": found[:, 4],
-        "zeroth_variance": found[:, 7],
+        "F": estimates[:, 0],
+        "slope": estimates[:, 1],
+        "first": estimates[:, 2:4],
+        "zeroth": estimates[:, 5:7],
+        "first_variance": estimates[:, 4],
+        "zeroth_variance": estimates[:, 7],
     }

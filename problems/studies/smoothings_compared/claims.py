@@ -160,8 +160,8 @@ def _survivors(survives: xr.DataArray, shares: xr.DataArray) -> np.ndarray:
 
 def _trust(data: xr.Dataset) -> list[Claim]:
     names, cost, shares = _names(data), data["trusting_cost"], data["share"].values
-    apart = replay_gap(cost).transpose("share", "problem", "seed").values
-    narrower = apart[-1] < apart[0]
+    gaps = replay_gap(cost).transpose("share", "problem", "seed").values
+    narrower = gaps[-1] < gaps[0]
     plan, replay = (_middle(cost.sel(motion=m)).transpose("problem", "share").values for m in ("plan", "exact replay"))
     ratio = replay[:, 1:] / replay[:, :1]
     helped = ratio.min(axis=1) <= 1 - WITHIN
@@ -172,8 +172,8 @@ def _trust(data: xr.Dataset) -> list[Claim]:
         .expected(f"at its largest weight the gap is smaller than without in {_PLANS_SHARE:.0%} of plans")
         .measured(
             f"{narrower.sum()} of {narrower.size}; medians"
-            f" {_each(names, np.median(apart[-1], axis=1), '+.0%')}; without"
-            f" {_each(names, np.median(apart[0], axis=1), '+.0%')}"
+            f" {_each(names, np.median(gaps[-1], axis=1), '+.0%')}; without"
+            f" {_each(names, np.median(gaps[0], axis=1), '+.0%')}"
         )
         .at_least(np.mean(narrower), _PLANS_SHARE),
         claim("Trust makes the plan cheaper under the exact law", _OUR_CHECK)

@@ -209,7 +209,7 @@ def _neighbours(data: xr.Dataset) -> list[Claim]:
     dims, widths = data["dim"].values, data["normalised"].values
     # The count near one query has the relative standard deviation 1/sqrt(count).
     is_many = law >= _MANY_NEIGHBOURS
-    apart = np.abs(counts / law - 1)[is_many]
+    misfit = np.abs(counts / law - 1)[is_many]
     column = int(np.argmin(np.abs(widths - _USUAL_SIGMA)))
     sparse_dimensions = dims[counts[:, column] < _FEW_NEIGHBOURS]
     task = data["task_neighbours"].isel(normalised=column)
@@ -222,8 +222,8 @@ def _neighbours(data: xr.Dataset) -> list[Claim]:
             "n (2 sqrt(pi) sigma/length)^d effective neighbours, within 15 %, three deviations"
             f" of a count of {_MANY_NEIGHBOURS:g}, where it is that or more"
         )
-        .measured(f"off by {apart.max(initial=0):.1%} at most, at {apart.size} settings")
-        .below(apart, 3 / np.sqrt(_MANY_NEIGHBOURS)),
+        .measured(f"off by {misfit.max(initial=0):.1%} at most, at {misfit.size} settings")
+        .below(misfit, 3 / np.sqrt(_MANY_NEIGHBOURS)),
         claim("Uniform data are too sparse for the average in the dimensions of pushing", "our check")
         .expected(f"fewer than {_FEW_NEIGHBOURS:g} neighbours at sigma = {_USUAL_SIGMA:g}")
         .measured(

@@ -44,9 +44,9 @@ def uniform_data() -> dict[str, Any]:
     errors = np.empty((len(COMMANDS), len(WIDTHS), len(PLACES), len(SPACINGS)))
     for index in np.ndindex(errors.shape):
         every = zip((COMMANDS, WIDTHS, PLACES, SPACINGS), index, strict=True)
-        rho, sigma, place, spacing = (float(choices[i]) for choices, i in every)
+        rho, sigma, position, spacing = (float(choices[i]) for choices, i in every)
         pusher, n_side = LinePusher(rho), round(14 / spacing)
-        u = (np.arange(-n_side, n_side + 1) + place) * spacing * sigma
+        u = (np.arange(-n_side, n_side + 1) + position) * spacing * sigma
         g = model_values(average_of(u, pusher.step(u), sigma), positions * sigma)
         errors[index] = np.abs(g - pusher.smoothed(positions * sigma, sigma)).max() / (rho * sigma)
     bernoulli = np.abs(PLACES**2 - PLACES + 1 / 6) / 2

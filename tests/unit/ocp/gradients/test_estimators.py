@@ -170,8 +170,8 @@ def test_all_estimators_agree_through_contact(name, policy, sigma):
     )
     for estimate in found.values():
         assert estimate.verdict.word == "unbiased within the interval"
-        off = estimate.mean - estimate.known.gradient
-        width = np.hypot(estimate.standard_error, estimate.known.standard_error)
+        off = estimate.mean - estimate.reference.gradient
+        width = np.hypot(estimate.standard_error, estimate.reference.standard_error)
         assert np.all(np.abs(off) <= 5 * width)
     assert found["fobg"].variance.sum() < found["zobg-mean"].variance.sum()
 

@@ -103,9 +103,9 @@ def test_theta_is_the_decision_of_an_objective() -> None:
     found = ocp.estimate("heaviside", ["zobg"], 500, theta=np.array([0.5]))["zobg"]
     by_name = ocp.estimate("heaviside", ["zobg"], 500, params={"theta": 0.5})["zobg"]
     np.testing.assert_array_equal(found.mean, by_name.mean)
-    assert found.known is not None
+    assert found.reference is not None
     density = np.exp(-0.5 * (0.5 / 0.2) ** 2) / (0.2 * np.sqrt(2 * np.pi))
-    assert found.known.gradient[0] == pytest.approx(density, rel=1e-6)
+    assert found.reference.gradient[0] == pytest.approx(density, rel=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -120,5 +120,5 @@ def test_a_controller_begins_anew_at_step_0() -> None:
     policy = ControllerPolicy(evaluation)
     rollouts = [roll_on(evaluation, policy, x0=plan.x[:, 0])[0] for _ in range(2)]
     assert np.array_equal(rollouts[0].u, rollouts[1].u)
-    assert policy.samples == 20 and policy.kept == 0
+    assert policy.samples == 20 and policy.n_unplanned == 0
     assert rollouts[0].cost < 2 * solution.cost
