@@ -121,7 +121,7 @@ class _Source:
         self._states, self._inputs = ([signal.name for signal in signals] for signals in (system.states, system.inputs))
 
     def draw_rows(self, rng: np.random.Generator, n_rows: int, draw_states: DrawStates, part_name: str) -> Rows:
-        """Return ``n_rows`` rows of x, u and x_next from ``draw_states``; errors name the ``part_name`` of the region."""
+        """Return ``n_rows`` rows of x, u and x_next from ``draw_states``; errors name the part ``part_name``."""
         n_kept, batches = 0, [self._rows(draw_states(rng, 1, self._states)[:0], rng)]
         n_drawn = 0
         while n_kept < n_rows:
