@@ -16,9 +16,8 @@ from dynamics.settings import read_value
 from ocp.errors import InputError, choose
 from ocp.limits import QP_ITERATIONS, TRUST
 from ocp.mpc.measurement import Measurement
-from ocp.mpc.phase import Sample, numbers
+from ocp.mpc.phase import Law, Sample, numbers
 from ocp.mpc.phases import PHASES, PhaseParts, soft_phase
-from ocp.mpc.policy_phase import Law
 from ocp.mpc.receding import Receding, Values, horizon_rows
 from ocp.mpc.rollouts import CandidateRollouts
 from ocp.mpc.stages import Plan, StageModel

@@ -1,4 +1,4 @@
-"""Base class of phases that solve a quadratic program per sample and choose the step size by rollouts."""
+"""Phases that solve a quadratic program per sample and choose the step size by rollouts: base class, smoothed laws."""
 
 from __future__ import annotations
 
@@ -195,3 +195,20 @@ class NewtonPhase(Phase):
                 inputs.append(u + share * proposal.step.du)
         K = np.array(gains)
         return K, np.array(inputs) - np.einsum("skij,skj->ski", K, np.array(centres))
+
+
+class Relaxed(NewtonPhase):
+    """Phase of Newton steps on the smoothed problem, with ``lam gap = mu`` linearised at the plan."""
+
+    @property
+    def n_rows(self) -> int:
+        """Number of rows per step: the constraints only, since the law keeps forces and gaps positive."""
+        return self.model.m
+
+    def closure(self, plan: Plan, evaluated: StageValues, closed: np.ndarray) -> LinearClosure:
+        """Return the closure ``lam gap = mu``, linearised at the plan."""
+        return LinearClosure.from_product(plan, evaluated.mu, self.model.sizes)
+
+    def rows(self, lin: Linearised, closed: np.ndarray) -> Affine:
+        """Return the rows of path constraints and bounds, which must be 0 or above."""
+        return lin.rows

@@ -1,8 +1,9 @@
-"""Base class of feedback phases, which compute the next plan from a measured state."""
+"""Base class of feedback phases, which compute the next plan from a measured state, and the phase without plans."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -10,6 +11,7 @@ import numpy as np
 
 from ocp.errors import InputError, abbreviated
 from ocp.mpc.stages import Plan
+from ocp.problem.rollout import Gains
 
 
 @dataclass(frozen=True)
@@ -77,3 +79,30 @@ def numbers(label: str, value: Any, *shapes: tuple[int, ...], finite: bool = Fal
         expected = " or ".join(" x ".join(map(str, shape)) for shape in shapes)
         raise InputError(f"{label} must have {expected} numbers, got {array.size}")
     return array
+
+
+Law = Callable[[np.ndarray, int], np.ndarray]
+"""Feedback ``u = law(x, k)`` of the state (nx,) at sample k, counted from 0."""
+
+
+class FixedPolicy(Phase):
+    """Phase that evaluates the feedback ``u = law(x, k)``, or gains, and clips the input to its bounds."""
+
+    plans = False
+
+    def __init__(self, law: Law | Gains, nu: int) -> None:
+        self.law: Law = (lambda x, k: law.input(k, x)) if isinstance(law, Gains) else law
+        self.nu, self.count = nu, 0
+
+    def prepare(self, plan: Plan, sample: Sample) -> None:
+        """Do nothing; there is no plan."""
+
+    def feedback(self, sample: Sample) -> Answer:
+        """Evaluate the feedback law; raise :class:`~ocp.errors.InputError` unless it returns nu numbers."""
+        u = np.ravel(self.law(sample.x, self.count))
+        u = numbers("the policy's input", u, (self.nu,))
+        self.count += 1
+        if not np.isfinite(u).all():
+            note = "the policy's input is not finite; the previous input is used"
+            return Answer(np.clip(sample.u_before, *sample.bounds), None, "kept", note)
+        return Answer(np.clip(u, *sample.bounds), None)

@@ -10,11 +10,9 @@ from dynamics.contact import Barrier, ContactLaw, Exact
 from dynamics.learned.laws import LearnedLaw
 from ocp.errors import InputError
 from ocp.mpc.full_phase import Full
-from ocp.mpc.newton_phase import MAX_WARM_UP_PROGRAMS, NewtonPhase
-from ocp.mpc.phase import Phase
-from ocp.mpc.policy_phase import FixedPolicy
+from ocp.mpc.newton_phase import MAX_WARM_UP_PROGRAMS, NewtonPhase, Relaxed
+from ocp.mpc.phase import FixedPolicy, Phase
 from ocp.mpc.qpcc_phase import QPCC, FixedActiveSet
-from ocp.mpc.relaxed_phase import Relaxed
 from ocp.mpc.rollouts import CandidateRollouts
 from ocp.mpc.stages import StageModel
 from ocp.routes.homotopy import RouteResult

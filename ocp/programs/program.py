@@ -26,8 +26,6 @@ RELAXATION = "route.relaxation"
 
 _AT_BOUND = 1e-4
 """Distance from a bound, in characteristic sizes, below which a variable is at the bound."""
-REFORMULATIONS = ("product", "none", "fischer-burmeister", "lin-fukushima")
-"""Formulations of ``0 <= G ⟂ H >= 0`` in a program, see :class:`Program`."""
 
 
 @dataclass(frozen=True)

@@ -97,11 +97,11 @@ def ant() -> SpatialMachine:
     return SpatialMachine(tuple(bodies), tuple(parts), tuple((part, "floor") for part in touching))
 
 
-def standing_pose(bend: float = 1.0) -> np.ndarray:
-    """Return the pose q (15,) of the ant standing on its four feet, with ankles bent by ``bend`` [rad]."""
+def standing_pose() -> np.ndarray:
+    """Return the pose q (15,) of the ant standing on its four feet, with ankles bent by 1 rad."""
     q = np.zeros(15)
-    q[2], q[3] = 0.4 * sqrt(2) * sin(bend) + TUBE, 1.0
-    q[8::2] = [bend if low > 0 else -bend for low, _ in ANKLES.values()]
+    q[2], q[3] = 0.4 * sqrt(2) * sin(1.0) + TUBE, 1.0
+    q[8::2] = [1.0 if low > 0 else -1.0 for low, _ in ANKLES.values()]
     return q
 
 

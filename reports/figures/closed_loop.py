@@ -11,10 +11,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
 
 from ocp.problem.problem import Problem
-from reports.drawing.ghost import plan_shapes
 from reports.drawing.shapes import draw, show
 from reports.drawing.style import BLUE, CYCLE, GREEN, GREY, INK, VERMILLION, WIDTH, line_of
-from reports.drawing.view import RunView
+from reports.drawing.view import RunView, plan_shapes
 from reports.figures.panels import shade_spans
 from reports.figures.run import contacts_of
 from reports.tables.closed_loop import counted_times

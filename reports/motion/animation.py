@@ -11,10 +11,9 @@ from ocp.errors import InputError
 from ocp.problem.problem import Problem
 from problems.drawing import ContactFrame, Shape
 from problems.plugin import spec_of
-from reports.drawing.ghost import with_ghosts
 from reports.drawing.shapes import Camera, make_cameras
 from reports.drawing.strobe import Forces, forces_drawn, forces_of
-from reports.drawing.view import RunView
+from reports.drawing.view import RunView, with_ghosts
 
 _MOST_FRAMES = 1500
 """Maximum number of frames of an animation."""

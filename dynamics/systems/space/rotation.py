@@ -60,9 +60,3 @@ def integrate(q: ca.SX, rotation_vector: ca.SX) -> ca.SX:
     sinc_series = 1 - half_angle_squared * (1 / 6 - half_angle_squared * (1 / 120 - half_angle_squared / 5040))
     sinc = ca.if_else(is_small, sinc_series, ca.sin(half_angle) / half_angle)
     return product(q, ca.vertcat(w, sinc * rotation_vector / 2)) * ((3 - ca.sumsqr(q)) / 2)
-
-
-def rate_matrix(q: ca.SX) -> ca.SX:
-    """Return the derivative (4, 3) of ``q (+) w`` by w at zero, for unit q: ``dq/dt = rate_matrix(q) omega``."""
-    w, v = q[0], q[1:]
-    return ca.vertcat(-v.T, w * ca.SX.eye(3) + ca.skew(v)) / 2

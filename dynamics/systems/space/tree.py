@@ -195,7 +195,6 @@ class Tree:
         v: ca.SX,
         w: ca.SX,
         a: ca.SX,
-        gravity: ca.SX | None = None,
         *,
         centred: bool = False,
     ) -> ca.SX:
@@ -208,8 +207,8 @@ class Tree:
         If ``centred``, a contains the accelerations of free bodies' centres of mass, the rate of change of
         :func:`~dynamics.systems.space.stepping.about_centres`, in place of the accelerations of their origins.
         """
-        joints, gravity_acceleration = self._joints(q), self.gravity if gravity is None else gravity
-        states = self._accelerations(joints, v, w, a, -gravity_acceleration, self.centres if centred else {})
+        joints = self._joints(q)
+        states = self._accelerations(joints, v, w, a, -self.gravity, self.centres if centred else {})
         force = {body.name: ca.SX(3, 1) for body in self._ordered}
         moment = dict(force)
         result = ca.SX(self.nv, 1)

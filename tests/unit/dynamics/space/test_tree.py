@@ -67,7 +67,7 @@ def _tree(name: str) -> Tree:
 def _maps(name: str) -> ca.Function:
     tree = _tree(name)
     q, v, w = (ca.SX.sym(s, n) for s, n in (("q", tree.nq), ("v", tree.nv), ("w", tree.nv)))
-    by_w = ca.jacobian(tree.inverse_dynamics(q, v, w, ca.SX(tree.nv, 1), ca.SX(3, 1)), w)
+    by_w = ca.jacobian(tree.inverse_dynamics(q, v, w, ca.SX(tree.nv, 1)), w)
     outputs = [
         tree.mass(q),
         by_w,
@@ -147,8 +147,11 @@ def test_turning_is_that_of_rotation_vectors_and_stays_of_unit_length() -> None:
 
 
 def test_the_slope_of_turning_is_its_derivative() -> None:
+    """For a unit quaternion ``q = (s, a)``, ``dq/dt = (-a, s I + [a]) omega / 2``."""
     q, way = ca.SX.sym("q", 4), ca.SX.sym("way", 3)
-    both = ca.Function("both", [q, way], [ca.jacobian(rotation.integrate(q, way), way), rotation.rate_matrix(q)])
+    s, a = q[0], q[1:]
+    rate = ca.vertcat(-a.T, s * ca.SX.eye(3) + ca.skew(a)) / 2
+    both = ca.Function("both", [q, way], [ca.jacobian(rotation.integrate(q, way), way), rate])
     at = np.roll(Rotation.random(random_state=4).as_quat(), 1)
     found, expected = (np.array(one) for one in both(at, np.zeros(3)))
     assert np.allclose(found, expected, atol=1e-15)
