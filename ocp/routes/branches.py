@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ocp.judge.certificate import RADII, tolerance_of
-from ocp.judge.lpec import LinearModel
+from ocp.judge.lpec import Descent, LinearModel
 from ocp.programs.program import PENALTY, Program
 from ocp.programs.solver import Point, Result
 from ocp.routes.homotopy import IPOPT_WARM_START, Homotopy, RouteResult, lower, translate
@@ -41,6 +41,8 @@ GUESS_RADII = (1e-3, 1e-2, 1e-1, 1.0)
 _EFFORT = 750_000
 """Maximum of binaries times row entries of a program over branches; in larger programs HiGHS
 takes many seconds before the first node, and a smaller trust region has fewer binaries."""
+_EXCHANGE_EFFORT = 150_000
+"""Maximum of the same product for an exchange of branches, at which HiGHS takes as long as IPOPT on a branch."""
 
 
 class Branches:
@@ -156,8 +158,8 @@ class Branches:
 
         The program searches for descent within a trust region whose first radius is a tenth of the characteristic
         sizes. The branch that it proposes is solved from the proposed point and accepted if it costs less; otherwise
-        the radius shrinks tenfold. The result is B-stationary if no descent is left at the certificate's smallest
-        radius (Nurkanovic and Leyffer, arXiv 2501.13835, phase 2).
+        the radius shrinks tenfold. The result is B-stationary if no descent is left at one of the certificate's radii
+        (Nurkanovic and Leyffer, arXiv 2501.13835, phase 2).
         """
         best, radius = start, FIRST_RADIUS
         start_time, seconds_before = time.perf_counter(), self.follower.trace.seconds
@@ -168,7 +170,10 @@ class Branches:
             if self._no_descent_left(model, best, radius):
                 radius /= 10
                 continue
-            neighbour = self._exchange(model, best, radius)
+            direction = self._direction(model, radius)
+            if direction.decrease <= tolerance_of(model) and radius <= RADII[0]:
+                break
+            neighbour = self._exchange(model, best, radius, direction)
             if neighbour is not None and lower(neighbour, best):
                 best, self.follower.trace.refused = neighbour, ""
             else:
@@ -183,13 +188,15 @@ class Branches:
             return False
         return model.dual_bound(multipliers, radius) <= tolerance_of(model)
 
-    def _exchange(self, model: LinearModel, best: Result, radius: float) -> Result | None:
-        """Return the result of the branch in a descent direction; None if there is no such direction."""
-        if not 0 < model.effort(radius) <= _EFFORT:
-            return None
-        min_decrease = tolerance_of(model)
-        direction = model.descend(radius, True, min_decrease, first=True)
-        if not direction.decrease > min_decrease:
+    def _direction(self, model: LinearModel, radius: float) -> Descent:
+        """Return a descent direction across branches; its decrease is NaN if the program is too large to solve."""
+        if not 0 < model.effort(radius) <= _EXCHANGE_EFFORT:
+            return Descent(np.nan)
+        return model.descend(radius, True, tolerance_of(model), first=True)
+
+    def _exchange(self, model: LinearModel, best: Result, radius: float, direction: Descent) -> Result | None:
+        """Return the result of the branch in a descent direction; None if there is no descent."""
+        if not direction.decrease > tolerance_of(model):
             return None
         active = self.program.active_sets(best.point.x)[-1]
         active[direction.near] = direction.active > 0.5

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
+
 import casadi as ca
 import numpy as np
 import pytest
 
+from ocp.judge.certificate import certify
 from ocp.mpcc import MPCC
 from ocp.mpcc.programs import programs_of
 from ocp.programs.program import PENALTY, RELAXATION
@@ -100,3 +103,35 @@ def test_a_search_in_vain_ends_after_a_share_of_the_iterations_and_one_that_gain
             neighbour = branches.solve(best.point, ended ^ flip)
             assert not neighbour.ok or neighbour.f > best.f - 1e-6 * abs(best.f)
     assert gained > 2 and vain > 0
+
+
+def test_exchanges_end_where_no_choice_of_the_pairs_at_zero_costs_less(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every pair's held member has the positive target, so that the first branch ends with all pairs at (0, 0)."""
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        active, v = rng.random(PAIRS) < 0.5, ca.SX.sym("v", 2 * PAIRS)
+        targets = rng.uniform(-1.0, -0.2, 2 * PAIRS)
+        targets[held_of(active)] *= -1.0
+        root = rng.normal(size=(2 * PAIRS, 2 * PAIRS))
+        Q = np.eye(2 * PAIRS) + 0.02 * root @ root.T
+        cost = ca.bilin(ca.DM(Q), v - targets, v - targets) / 2
+        mpcc = MPCC(v, cost, v[:PAIRS], v[PAIRS:], g=ca.sum1(v), lbg=-np.inf, ubg=100.0)
+        programs = programs_of(mpcc, np.zeros(0), np.zeros(2 * PAIRS))
+        branches = Branches(Homotopy(programs, Solver("ipopt"), {PENALTY: 0.0, RELAXATION: 0.0}))
+        start = branches.solve(Point(np.zeros(2 * PAIRS)), active, mu_init=1e-2)
+        assert np.abs(start.point.x).max() < 1e-3
+        # A program too large to solve is no proof: the start remains, and its certificate says that it is not optimal.
+        monkeypatch.setattr("ocp.routes.branches._EXCHANGE_EFFORT", 0)
+        assert branches.improve(start) is start
+        p, bounds = np.zeros(branches.program.n_parameters), branches.limits
+        assert certify(branches.program, start.point.x, p, bounds).stationarity == "not"
+        monkeypatch.undo()
+        best = branches.improve(start)
+        assert best.f < 0.9 * start.f
+        ended = best.point.x[: 2 * PAIRS].reshape(2, PAIRS)
+        biactive = np.flatnonzero(ended.max(axis=0) < 1e-3)
+        for sides in itertools.product([False, True], repeat=len(biactive)):
+            other = ended[0] > ended[1]
+            other[biactive] = sides
+            assert branches.solve(best.point, other).f > best.f - 1e-6 * abs(best.f)
+        assert certify(branches.program, best.point.x, p, bounds).stationarity == "B"
