@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from ocp.errors import InputError, choose
+from ocp.gradients.worlds.plans import plan_questions
 from ocp.gradients.worlds.report import Question
 from ocp.gradients.worlds.world import World
 from ocp.solution import Solution
 from ocp.store.provenance import content_digest
 from problems.gradient_scenes import SCENES
 from problems.gradient_scenes.own_world import OwnWorld, load_own_world
-from problems.gradient_scenes.plan_case import plan_questions
 from problems.gradient_scenes.worlds import scene_world
 
 MAX_STEPS = 100_000
@@ -53,7 +53,7 @@ def gradient_case(
 
     Raises :class:`~ocp.errors.InputError` for an unknown name, for a setting that no simulator has, and as
     :func:`~problems.gradient_scenes.own_world.load_own_world` and
-    :func:`~problems.gradient_scenes.plan_case.plan_questions` do.
+    :func:`~ocp.gradients.worlds.plans.plan_questions` do.
     """
     digests, named, settings = list[str](), list(worlds) or ["exact"], settings or {}
     if (parameter or output) and not str(source).endswith(".py"):

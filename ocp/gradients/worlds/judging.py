@@ -87,7 +87,7 @@ def judge_world(measures: Measures, tolerance: float) -> list[Finding]:
     of ten nearby points. At a kink of the exact output, slopes between those of its two sides are right.
     """
     verdict = _verdict(measures, tolerance * measures.scale)
-    biased = [_smoothed_numbers(row) for row in measures.smoothed if _is_biased(row, tolerance, measures.scale)]
+    biased = [row for row in measures.smoothed if _is_biased(row, tolerance, measures.scale)]
     low, high = measures.sides
     kink = [make_finding("truth-has-a-kink", low=low, high=high)] if high - low > tolerance * measures.scale else []
     is_right = verdict.code in ("gradient-right", "gradient-consistent")
@@ -204,10 +204,6 @@ def _vanishing_clause(measures: Measures) -> str:
     return f"finer {names} does not lower the error: {errors[0]:.2g}, then {errors[-1]:.2g}"
 
 
-def _smoothed_numbers(row: dict[str, Any]) -> dict[str, Any]:
-    return {key: row[key] for key in ("estimator", "sigma", "mean", "standard_error", "reference")}
-
-
 def _is_biased(row: dict[str, Any], tolerance: float, scale: float) -> bool:
     """Return whether a first-order estimate differs from its reference by more than its interval plus the tolerance."""
     if row["reference"] is None or row["estimator"] != FIRST_ORDER or not np.isfinite(row["mean"]):
@@ -252,30 +248,29 @@ def _advice(measures: Measures, tolerance: float) -> Finding:
     if measures.truth_secants is None:
         row = next(row for row in measures.smoothed if row["sigma"] == widest)
         code = "use-estimate" if np.isfinite(row["mean"]) else "use-finite-outputs"
-        return make_finding(code, **_smoothed_numbers(row), count=row["nonfinite"])
+        return make_finding(code, **row, count=row["nonfinite"])
     # A gradient smoothed with less noise than the distance of a jump does not depend on the jump.
     smoothed = [row for row in measures.smoothed if measures.jump is None or row["sigma"] == widest]
     reliable = [row for row in smoothed if _is_reliable(row, tolerance)]
     if reliable:
         best = min(reliable, key=lambda row: row["standard_error"] / abs(row["reference"]))
-        return make_finding("use-smoothed", **_smoothed_numbers(best))
-    samples = [(_needed_samples(row, tolerance), row) for row in smoothed if _is_undecided(row, tolerance)]
-    if samples:
-        count, row = min(samples, key=lambda pair: pair[0])
-        return make_finding("use-more-samples", count=count, **_smoothed_numbers(row))
+        return make_finding("use-smoothed", **best)
+    counts = [(count, row) for row in smoothed if (count := _needed_samples(row, tolerance)) is not None]
+    if counts:
+        count, row = min(counts, key=lambda pair: pair[0])
+        return make_finding("use-more-samples", count=count, **row)
     return make_finding("use-other-law")
 
 
-def _is_undecided(row: dict[str, Any], tolerance: float) -> bool:
-    """Return whether an estimate needs more samples: it agrees with its reference, but its interval is too wide."""
-    size = abs(row["reference"] or 0.0)
-    return abs(row["mean"] - (row["reference"] or 0.0)) <= row["reliable"] < size < row["standard_error"] / tolerance
+def _needed_samples(row: dict[str, Any], tolerance: float) -> int | None:
+    """Return the number of samples at which the standard error meets the tolerance, rounded to two digits.
 
-
-def _needed_samples(row: dict[str, Any], tolerance: float) -> int:
-    """Return the number of samples at which the standard error meets the tolerance, rounded to two digits."""
-    count = row["n_samples"] * (row["standard_error"] / (tolerance * row["reference"])) ** 2
-    return int(float(f"{count:.1e}"))
+    It is None unless the estimate agrees with its reference, and only its interval is too wide.
+    """
+    reference, error = row["reference"] or 0.0, row["standard_error"] / tolerance
+    if not abs(row["mean"] - reference) <= row["reliable"] < abs(reference) < error:
+        return None
+    return int(float(f"{row['n_samples'] * (error / reference) ** 2:.1e}"))
 
 
 def _decreases(measures: Measures) -> bool:

@@ -10,9 +10,8 @@ import numpy as np
 
 from dynamics.batch import Gaussian
 from ocp.gradients.estimators import SAMPLED
-from ocp.gradients.objective import SampledObjective
 from ocp.gradients.sampling import ReferenceGradient, child_seed, run_estimator
-from ocp.gradients.verdict import joint_quantile
+from ocp.gradients.verdict import Jump, joint_quantile, sharpest_change_on_lines
 from ocp.gradients.worlds.world import WorldObjective
 
 AMPLITUDES = tuple(float(10.0**k) for k in np.arange(-8, -1 + 1e-9, 1 / 3))
@@ -29,6 +28,8 @@ _NOISE_POINTS = 9
 """Number of points at which rounding errors are measured."""
 _ERROR_FACTOR = 3.0
 """Half-width of the interval of a secant, in standard deviations of its rounding error."""
+RANGE_POINTS = 33
+"""Number of points at which the range of an output is measured."""
 CERTAINTY = 1e-4
 """Error below which a secant counts as accurate, as a share of the slope."""
 FIRST_ORDER, ZEROTH_ORDER = "fobg", "zobg-antithetic"
@@ -150,15 +151,10 @@ def own_reference(row: dict[str, Any]) -> ReferenceGradient:
     return ReferenceGradient(gradient, error, "the simulator's own rollouts", row["n_samples"])
 
 
-def reach_noise(size: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the ends, as noise (1, 1) each, of the interval of the parameter that is searched for jumps."""
+def dominant_jump(objective: WorldObjective, size: float, share: float) -> Jump | None:
+    """Return the largest jump within the largest amplitude, or None if below ``share`` times the output's range."""
     end = np.array([[size * AMPLITUDES[-1]]])
-    return -end, end
-
-
-def value_range(objective: SampledObjective, size: float) -> float:
-    """Return the range of an output at 33 points within the largest amplitude."""
-    first, last = reach_noise(size)
-    values = objective.costs(np.linspace(first[0], last[0], 33))
+    jump = sharpest_change_on_lines(objective, -end, end)
+    values = objective.costs(np.linspace(-end[0], end[0], RANGE_POINTS))
     finite = values[np.isfinite(values)]
-    return float(np.ptp(finite)) if finite.size else 0.0
+    return jump if finite.size and jump.discontinuous and jump.size > share * np.ptp(finite) else None

@@ -1,22 +1,31 @@
-"""Cost of a problem by the inputs of all steps, as simulators: under our contact laws, and in MuJoCo."""
+"""Cost of a plan by the inputs of all steps, as simulators: under our contact laws, and in MuJoCo."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from dynamics.contact import ContactLaw
+from dynamics.systems import Signal
+from ocp.errors import InputError, choose
 from ocp.gradients.rollouts import RolloutObjective
 from ocp.gradients.worlds.measures import NEARBY_REACH
+from ocp.gradients.worlds.report import Question
 from ocp.gradients.worlds.world import World
 from ocp.judge.findings import Finding, make_finding
 from ocp.problem.evaluation import Evaluation
 from ocp.problem.problem import Problem
 from ocp.simulators.mujoco_world import SOLREF_S, STEP_S, MujocoWorld
 from ocp.simulators.replay import simulated_costs
+from ocp.solution import Solution
+from ocp.transcription.factories import make_law
 
+PLAN_WORLDS = ("exact", "barrier", "adaptive", "randomized", "mujoco")
+"""Names of the worlds in which a plan's gradient can be compared with that of the exact law."""
+QUADRATURE_POINTS = 1 << 10
+"""Number of rollouts under the exact law for each smoothed gradient of a plan."""
 SHARPER = {"h": 0.5, "mu": 0.1, "sigma": 0.25, "stiffness": 4.0}
 """Mapping from settings of laws and systems to the factors by which they change in one refinement."""
 N_DIRECTIONS = 3
@@ -116,3 +125,54 @@ def _scaled_gradients(world: World, points: np.ndarray, sizes: np.ndarray) -> np
     (n, d), steps = points.shape, DIFFERENCE_SHARE * np.diag(sizes)
     values = [world.rollout((points[:, None] + sign * steps).reshape(-1, d))[:, 0] for sign in (1, -1)]
     return (values[0] - values[1]).reshape(n, d) / (2 * DIFFERENCE_SHARE)
+
+
+def plan_questions(
+    solution: Solution, names: Sequence[str], read: Callable[[str], World], seed: int
+) -> tuple[list[Question], list[World]]:
+    """Return the derivatives of a plan's cost along directions of its inputs, and the simulators in ``names``.
+
+    ``read`` loads a user's file, whose ``rollout(theta)`` maps the inputs (n, N nu) of all steps to costs (n, 1). The
+    parameter is the distance along a direction; at 1 the inputs change by their characteristic size on average.
+
+    Raises :class:`~ocp.errors.InputError` for an unknown name, and for a plan whose inputs or start are not those of
+    the problem's rollouts.
+    """
+    problem, values = solution.problem, solution.values
+    x, u = solution.data["x"].values, solution.data["u"].values
+    if not (u == u[0]).all():
+        raise InputError(
+            f"the scenarios of {problem.name} have different inputs, by feedback; solve it with --policy open-loop"
+        )
+    if not np.allclose(x[:, 0], problem.initial_states(problem.parameters.pack(values))):
+        raise InputError(f"the plan of {problem.name} chooses its own start; gradients are at the problem's start")
+    inputs, sizes = u[0].ravel(), np.tile(problem.scales.u, problem.N)
+
+    def build(name: str) -> World:
+        if name.endswith(".py"):
+            return read(name)
+        choose("world", name, dict.fromkeys(PLAN_WORLDS))
+        is_law = name != "mujoco"
+        return law_plan(problem, make_law(name, {}, problem.system), values) if is_law else mujoco_plan(problem, values)
+
+    exact, worlds = build("exact"), [build(name) for name in names]
+    directions = plan_directions(exact, inputs, sizes, seed)
+    rows = np.array(list(directions.values()))
+    full_worlds = {world.name: world for world in worlds}
+
+    def compare(world: World) -> list[Finding]:
+        return [compare_gradients(full_worlds[world.name].at(world.settings), exact, inputs, sizes, seed)]
+
+    questions = [
+        Question(
+            np.zeros(len(rows)),
+            1.0,
+            along(exact, inputs, rows),
+            index,
+            signals=(Signal(name, "1"), Signal("cost", "1")),
+            points=QUADRATURE_POINTS,
+            further_findings=compare if index == 0 else lambda world: [],
+        )
+        for index, name in enumerate(directions)
+    ]
+    return questions, [along(world, inputs, rows) for world in worlds]

@@ -13,17 +13,15 @@ from dynamics.settings import Configured, setting
 from dynamics.systems import Signal
 from ocp.errors import InputError
 from ocp.gradients.sampling import ReferenceGradient, quadrature
-from ocp.gradients.verdict import Jump, sharpest_change_on_lines
 from ocp.gradients.worlds.judging import Measures, judge_world
 from ocp.gradients.worlds.measures import (
     FIRST_ORDER,
     ZEROTH_ORDER,
+    dominant_jump,
     measure_slopes,
     nearby_points,
     own_reference,
-    reach_noise,
     smoothed_gradient,
-    value_range,
 )
 from ocp.gradients.worlds.world import World, WorldObjective, check_world
 from ocp.judge.findings import Finding
@@ -99,7 +97,7 @@ class _Truth:
         question.check(truth)
         self._question, self.objective = question, question.objective(truth)
         self.secants, self.nearby = measure_slopes(self.objective, question.size)
-        self.jump = dominant_jump(self.objective, question.size)
+        self.jump = dominant_jump(self.objective, question.size, JUMP_SHARE)
         self._smoothed: dict[float, ReferenceGradient] = {}
 
     def smoothed(self, sigma: float) -> ReferenceGradient:
@@ -107,12 +105,6 @@ class _Truth:
         if sigma not in self._smoothed:
             self._smoothed[sigma] = quadrature(self.objective, sigma, self._question.points)
         return self._smoothed[sigma]
-
-
-def dominant_jump(objective: WorldObjective, size: float, share: float = JUMP_SHARE) -> Jump | None:
-    """Return the largest jump within the largest amplitude, or None if below ``share`` times the output's range."""
-    jump = sharpest_change_on_lines(objective, *reach_noise(size))
-    return jump if jump.discontinuous and jump.size > share * value_range(objective, size) else None
 
 
 @dataclass(frozen=True)
