@@ -16,7 +16,7 @@ from ocp.routes.schedules import acting, are_distinct
 from ocp.routes.session import Session
 from ocp.search.perturbed_plans import perturbed_plans
 from ocp.search.plan_solver import PlanSolver, exact_rollout, is_less
-from ocp.search.sampling import InputSampler, SampledPlan
+from ocp.search.sampling import MAX_SAMPLES, InputSampler, SampledPlan
 from ocp.search.search import FEW_PAIRS, SAMPLED, Search, can_roll_out, is_poor, replay_cost
 from ocp.solution import Solution
 
@@ -40,6 +40,12 @@ NEAR_STREAM = 1
 """Number of the stream of random numbers for plans near answers."""
 CATCHING_UP = 0.5
 """Ratio of the samples' excess costs after and before a stage, above which sampling at normal effort ends."""
+CERTIFIED_SAMPLES = 500
+"""Maximum number of samples in a round at normal effort beside an answer that is certified and does not idle."""
+UNPROMISING = 2.0
+"""Excess cost of the cheapest sample, relative to what a plan can change, above which normal effort ends."""
+SAME_COST = 1e-3
+"""Excess cost of the cheapest sample, relative to what a plan can change, below which it repeats the answer."""
 PROMISING = 0.5
 """Excess cost of a sampled plan, relative to what a plan can change, below which the plan is solved."""
 HEAVY_PAIRS = 40
@@ -50,8 +56,9 @@ HEAVY_PAIRS = 40
 class SampleSearch(Search):
     """Search for plans by sampled inputs, see :class:`~ocp.search.sampling.InputSampler`.
 
-    ``thorough`` effort samples under two laws in all rounds; normal effort samples under the exact law, and
-    ends when samples no longer improve towards an answer that is certified and does not idle. The best
+    ``thorough`` effort samples under two laws in all rounds; normal effort samples under the exact law, and, if the
+    answer is certified and does not idle, ends when samples no longer improve towards the answer, are far from it, or
+    repeat it. The best
     answer's inputs are then changed at random (:mod:`ocp.search.perturbed_plans`), and plans with other contact
     schedules are solved.
     """
@@ -73,7 +80,9 @@ class SampleSearch(Search):
         """
         laws = BOTH_LAWS if self.thorough else (Exact(),)
         failing_share = 1.0 if self.thorough else NORMAL_FAILING_SHARE
-        sampler = InputSampler(self.session.evaluation, self.seed, laws, failing_share, self.session.rollout_steps)
+        most = MAX_SAMPLES if self._is_patient(answer) else CERTIFIED_SAMPLES
+        evaluation, steps = self.session.evaluation, self.session.rollout_steps
+        sampler = InputSampler(evaluation, self.seed, laws, failing_share, steps, most)
         system, generator = self.session.problem.system, np.random.default_rng([self.seed, NEAR_STREAM])
         session = self.session.as_swept() if system.scene and system.phi is not None else self.session
         plans = self._distinct(self._rollouts(sampler, self._sampled(sampler, answer)), sampler, answer)
@@ -119,8 +128,12 @@ class SampleSearch(Search):
         return sampler.exact_cost(solution.arrays["u"][0]) if np.isfinite(replay_cost(solution)) else np.inf
 
     def _sampled(self, sampler: InputSampler, answer: Solution) -> list[SampledPlan]:
-        """Return the cheapest plan of each run, and a better plan near the solution if sampling finds one."""
+        """Return the cheapest plan of each run, and a better plan near a poor solution if sampling finds one.
+
+        Near a certified solution that does not idle, small changes of inputs find nothing better.
+        """
         plans: list[SampledPlan] = []
+        patient = self._is_patient(answer)
         excess_before = answer.idle_cost - replay_cost(answer)
         for number, plans in enumerate(sampler.stages(), 1):
             best = min((plan.cost for plan in plans), default=np.inf)
@@ -128,11 +141,19 @@ class SampleSearch(Search):
                 nan = np.nan
                 self.progress(StageRecord("samples", number, best, nan, nan, sampler.rolled_steps, nan, "sampled"))
             excess = best - replay_cost(answer)
-            patient = self.thorough or is_poor(answer)
-            if not patient and excess > 0 and excess > CATCHING_UP * excess_before:
+            if not patient and self._is_fruitless(excess, excess_before, replay_cost(answer)):
                 break
             excess_before = excess
-        return [*plans, *self._around(sampler, answer)] if plans else []
+        return [*plans, *self._around(sampler, answer)] if plans and patient else plans
+
+    def _is_patient(self, answer: Solution) -> bool:
+        """Return whether to sample with the whole budget, also where samples bring nothing."""
+        return self.thorough or is_poor(answer)
+
+    def _is_fruitless(self, excess: float, excess_before: float, cost: float) -> bool:
+        """Return whether to end sampling, by the excess of the samples over ``cost`` after and before a stage."""
+        share = self.session.evaluation.cost_share(excess, cost)
+        return excess > 0 and (excess > CATCHING_UP * excess_before or not SAME_COST < share < UNPROMISING)
 
     def _around(self, sampler: InputSampler, answer: Solution) -> list[SampledPlan]:
         """Return the plan from sampling every input around a solution; empty if it is not cheaper."""

@@ -28,7 +28,7 @@ from ocp.problem.problem import Problem
 from ocp.search.penalties import TransitionPenalty, penalized
 
 MAX_SAMPLES = 1000
-"""Maximum number of samples in each of :data:`FEW_ROUNDS`."""
+"""Maximum number of samples in each of :data:`FEW_ROUNDS`, unless the user states the number of steps."""
 MIN_SAMPLES = 96
 """Minimum number of samples in a round, enough to fit a distribution to."""
 STAGES = 4
@@ -147,8 +147,8 @@ class InputSampler:
 
     All ``runs`` start; after every one of :data:`STAGES` stages the costlier half under each law ends. Violated bounds
     and constraints cost as :mod:`ocp.search.penalties` says. The budget ``rollout_steps`` of steps, or
-    :data:`PAIR_STEPS`, determines the ``narrowing`` and the ``samples`` of a round; ``rolled_steps`` counts the steps
-    rolled out so far.
+    :data:`PAIR_STEPS` and at most ``max_samples`` in each of :data:`FEW_ROUNDS`, determines the ``narrowing`` and the
+    ``samples`` of a round; ``rolled_steps`` counts the steps rolled out so far.
     Sampling ends if more than ``failing_share`` of the first run's samples have a step without solution, since such
     steps are slow. Plans depend on ``seed`` but not on the number of threads.
     """
@@ -160,6 +160,7 @@ class InputSampler:
         laws: Sequence[ContactLaw] = (Exact(), Barrier(mu=1.0)),
         failing_share: float = 1.0,
         rollout_steps: int | None = None,
+        max_samples: int = MAX_SAMPLES,
     ) -> None:
         problem, limits = evaluation.problem, evaluation.limits
         self.problem, self.evaluation, self.failing_share = penalized(problem), evaluation, failing_share
@@ -174,7 +175,7 @@ class InputSampler:
         # With halving, all stages together run at most twice the rounds of the first.
         self.step_budget = rollout_steps or PAIR_STEPS / max(problem.system.nlam, 2) ** 2
         affordable = self.step_budget / (problem.N * 2 * FEW_ROUNDS.rounds / STAGES)
-        most = MAX_SAMPLES if rollout_steps is None else math.inf
+        most = max_samples if rollout_steps is None else math.inf
         for knots in (KNOTS, KNOTS[:-1]):
             n_knots = sorted({min(n, problem.N) for n in knots})
             choices = [*product(laws, get_args(Basis), n_knots, beginnings)]

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from dynamics.contact import Exact
 from ocp import solve
 from ocp.errors import InputError
 from ocp.judge.findings import make_finding
@@ -17,7 +18,7 @@ from ocp.problem.rollout import roll_out
 from ocp.programs.solver import Status
 from ocp.routes.homotopy import StageRecord
 from ocp.search import sample_search
-from ocp.search.sampling import InputSampler
+from ocp.search.sampling import STAGES, InputSampler
 from ocp.search.search import cost_to_beat
 from ocp.solution import Interrupted, Solution
 from ocp.solve.starts import CERTIFIED_SHARE, SURVIVING_SHARE, best_solution
@@ -101,14 +102,24 @@ def test_samples_are_drawn_at_normal_effort_and_not_at_quick() -> None:
     assert normal.audit.exact_cost <= quick.audit.exact_cost * (1 + 1e-7)
 
 
-def test_sampling_ends_where_it_does_not_catch_up(monkeypatch) -> None:
+LIMITS = {"CATCHING_UP": (np.inf, 0.0), "UNPROMISING": (np.inf, 0.0), "SAME_COST": (0.0, np.inf)}
+"""Limits of sampling beside a certified answer: values with which it never ends early, and ends after one stage."""
+
+
+@pytest.mark.parametrize("limit", ["none", *LIMITS])
+def test_sampling_beside_a_certified_answer_ends_where_it_is_fruitless(limit: str, monkeypatch) -> None:
     problem = get("push-1d", N=10)
-    monkeypatch.setattr(sample_search, "CATCHING_UP", 0.0)
-    one_stage = solve(problem, contact="exact", effort="normal")
-    monkeypatch.setattr(sample_search, "CATCHING_UP", np.inf)
-    all_stages = solve(problem, contact="exact", effort="normal")
-    assert one_stage.route.search.motions < all_stages.route.search.motions
-    assert one_stage.cost == pytest.approx(all_stages.cost, rel=1e-6)
+    for name, (never, at_once) in LIMITS.items():
+        monkeypatch.setattr(sample_search, name, at_once if name == limit else never)
+    sampled = solve(problem, contact="exact", effort=100_000)
+    sampler = InputSampler(Evaluation(problem, problem.parameters.defaults), laws=(Exact(),), rollout_steps=100_000)
+    halves = [len(sampler.runs)]
+    while limit == "none" and len(halves) < STAGES:
+        halves.append(-(-halves[-1] // 2))
+    motions = sampler.samples * sum(halves) * sampler.narrowing.rounds // STAGES
+    assert sampled.route.search is not None
+    assert motions <= sampled.route.search.motions <= motions + 4 * len(sampler.runs)
+    assert sampled.certificate.certified
 
 
 def test_a_seed_determines_the_answer_and_what_was_tried() -> None:
