@@ -26,7 +26,7 @@ from ocp.judge.measures import Worst, between
 from ocp.judge.verdict import Judgement
 from ocp.labelled import LabelledArrays
 from ocp.problem.evaluation import Evaluation
-from ocp.problem.rollout import Rollout, roll_out
+from ocp.problem.rollout import Rollout, policy_name, roll_out
 from ocp.transcription.factories import make_law
 from ocp.validation import expand_path
 
@@ -49,7 +49,7 @@ class Replay:
     ``state_gap`` the largest |x - planned x|. ``penetration`` [m] is measured by the true signed
     distance, or by the model's gaps if that is unknown; ``between`` is the penetration on straight
     lines from node to node, None without geometry. ``broken`` are the noticeable violations of
-    constraints: the worst one of every kind, with its step. ``inputs`` is "open-loop" or "feedback".
+    constraints: the worst one of every kind, with its step. ``inputs`` is "open-loop", "feedback" or "controller".
     """
 
     data: xr.Dataset
@@ -90,7 +90,7 @@ def replay_plan(plan: Judgement, law: ContactLaw) -> Replay:
         data=_label_replay(plan, rolled, law),
         problem=problem.name,
         law=law,
-        inputs="open-loop" if plan.gains is None else "feedback",
+        inputs=policy_name(plan.inputs),
         cost=rolled.cost,
         planned_cost=plan.cost,
         state_gap=float(np.max(np.abs(rolled.x - x))),

@@ -182,9 +182,10 @@ class RouteReport:
     solve started from, or None; ``resumed`` is False if the solver did not converge from that solution and started
     cold with its trajectories as the guess. ``swept`` marks a problem that also limits penetration between nodes,
     ``most_exact`` a problem that was solved under the most exact contact model of its system
-    (:attr:`ocp.problem.problem.Problem.most_exact`). ``search``, ``refinement`` and ``ladder`` are None if there was
-    none. ``failures`` are the errors that ended other attempts. ``idle_attempts`` is the number of certified attempts
-    if the best of them stands still, and 0 otherwise. ``audit_s`` [s] is the time of audit, certificate and referee.
+    (:attr:`ocp.problem.problem.Problem.most_exact`), ``controller`` one whose policy is a controller. ``search``,
+    ``refinement`` and ``ladder`` are None if there was none. ``failures`` are the errors that ended other attempts.
+    ``idle_attempts`` is the number of certified attempts if the best of them stands still, and 0 otherwise.
+    ``audit_s`` [s] is the time of audit, certificate and referee.
     """
 
     name: str = ""
@@ -198,4 +199,5 @@ class RouteReport:
     refinement: Refinement | None = None
     ladder: Ladder | None = None
     most_exact: bool = False
+    controller: bool = False
     audit_s: float = math.nan

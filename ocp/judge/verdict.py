@@ -21,7 +21,7 @@ from ocp.judge.route_report import Ladder, RouteReport, StageRecord
 from ocp.labelled import LabelledArrays
 from ocp.problem.evaluation import Evaluation
 from ocp.problem.problem import Problem
-from ocp.problem.rollout import Gains
+from ocp.problem.rollout import Gains, StateFeedback
 from ocp.problem.sizes import describe_sizes, doubtful_sizes
 from ocp.programs.solver import TIMED_OUT, Status
 
@@ -78,6 +78,7 @@ class Judgement:
     problem: Problem
     values: dict[str, float]
     gains: Gains | None = None
+    controller: StateFeedback | None = None
     route: RouteReport = field(default_factory=RouteReport)
     unbounded: str = ""
     undone: list[Finding] = field(default_factory=list)
@@ -90,9 +91,10 @@ class Judgement:
         return self.arrays.dataset
 
     @property
-    def inputs(self) -> np.ndarray | Gains:
-        """Inputs of the plan (S, N, nu), or its policy."""
-        return self.arrays["u"] if self.gains is None else self.gains
+    def inputs(self) -> np.ndarray | StateFeedback:
+        """Inputs of the plan (S, N, nu), or its policy: gains or a controller."""
+        policy = self.gains if self.controller is None else self.controller
+        return self.arrays["u"] if policy is None else policy
 
     @property
     def success(self) -> bool:

@@ -44,6 +44,13 @@ class Gains:
         return self.K[row] @ x + self.k[row]
 
 
+def policy_name(inputs: np.ndarray | StateFeedback) -> str:
+    """Return the kind of policy: "open-loop" for an array of inputs, "feedback" for gains, or else "controller"."""
+    if isinstance(inputs, np.ndarray):
+        return "open-loop"
+    return "feedback" if isinstance(inputs, Gains) else "controller"
+
+
 @dataclass(frozen=True)
 class Rollout:
     """Trajectories of all scenarios: x (S, N+1, nx), u (S, N, nu), lam and gap (S, N, n).

@@ -12,7 +12,7 @@ import numpy as np
 from ocp.errors import choose
 from ocp.problem.evaluation import Evaluation
 from ocp.problem.problem import Problem
-from ocp.problem.rollout import Gains
+from ocp.problem.rollout import StateFeedback
 from ocp.simulators import SIMULATORS
 from ocp.simulators.mujoco_world import SOLREF_S, STEP_S, MujocoWorld
 
@@ -63,12 +63,12 @@ class ExternalReplay:
 def replay_in_simulator(
     name: str,
     problem: Problem,
-    inputs: np.ndarray | Gains,
+    inputs: np.ndarray | StateFeedback,
     values: Mapping[str, float],
     x0: np.ndarray,
     planned_cost: float,
 ) -> ExternalReplay:
-    """Return the replay of ``inputs`` (S, N, nu), or gains, from x0 (S, nx) in the simulator ``name``.
+    """Return the replay of ``inputs`` (S, N, nu), or a policy, from x0 (S, nx) in the simulator ``name``.
 
     Raises :class:`~ocp.errors.InputError` for an unknown simulator, and as
     :class:`~ocp.simulators.mujoco_world.MujocoWorld` does.
@@ -87,21 +87,21 @@ def replay_in_simulator(
 def simulated_costs(
     simulator: MujocoWorld,
     evaluation: Evaluation,
-    inputs: np.ndarray | Gains,
+    inputs: np.ndarray | StateFeedback,
     x0: np.ndarray,
     solref: float = SOLREF_S,
     step: float = STEP_S,
 ) -> np.ndarray:
-    """Return the costs (S,) of ``inputs`` (S, N, nu), or gains, from x0 (S, nx) in MuJoCo, NaN if a motion diverges."""
+    """Return the costs (S,) of ``inputs`` (S, N, nu), or a policy, from x0 (S, nx) in MuJoCo; NaN after divergence."""
     lower, upper = evaluation.limits[2:4]
     S, problem = len(x0), simulator.problem
     N, system = problem.N, problem.system
     x, u = np.empty((S, N + 1, system.nx)), np.empty((S, N, system.nu))
     x[:, 0] = x0
     for s, k in np.ndindex(S, N):
-        if isinstance(inputs, Gains):
-            u[s, k] = np.clip(inputs.input(k, x[s, k]), lower, upper)
-        else:
+        if isinstance(inputs, np.ndarray):
             u[s, k] = inputs[s, k]
+        else:
+            u[s, k] = np.clip(inputs.input(k, x[s, k]), lower, upper)
         x[s, k + 1] = simulator.step(x[s, k], u[s, k], solref, step)
     return evaluation.trajectory_costs(x, u, np.zeros((S, N, system.nlam)))

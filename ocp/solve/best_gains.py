@@ -11,8 +11,9 @@ from ocp.judge.policy_referee import policy_findings, policy_report
 from ocp.judge.referee import Referee, referee_replay
 from ocp.mpc.plan_policies import PlanRegulator, Weights
 from ocp.problem.evaluation import Evaluation
-from ocp.problem.rollout import Gains, Rollout
+from ocp.problem.rollout import Gains, Rollout, StateFeedback, roll_on
 from ocp.solution import Solution
+from ocp.solve.labelling import replay_variables
 
 WEIGHTS = (
     Weights(),
@@ -50,7 +51,7 @@ def with_gains(solution: Solution, gains: Gains, outcome: Referee) -> Solution:
     """Return the solution with ``gains`` as its policy, and with the referee's report on their replay."""
     evaluation, plan = plan_of(solution, solution.problem.exact_step)
     report = policy_report(evaluation, plan, outcome, solution.referee)
-    data = with_replay(solution, outcome.replay).assign(
+    data = replayed_data(solution, gains, outcome).assign(
         K=(("interval", "control", "state"), gains.K, {"units": "1"}),
         k=(("interval", "control"), gains.k, {"units": "1"}),
     )
@@ -64,10 +65,11 @@ def plan_of(solution: Solution, step: Step) -> tuple[Evaluation, Rollout]:
     return evaluation, Rollout.from_trajectories(evaluation, step, *arrays)
 
 
-def with_replay(solution: Solution, replay: Rollout) -> Any:
-    """Return the solution's data with another replay by the referee."""
-    x, u = solution.data["x_referee"], solution.data["u_referee"]
-    return solution.data.assign(x_referee=(x.dims, replay.x, x.attrs), u_referee=(u.dims, replay.u, u.attrs))
+def replayed_data(solution: Solution, policy: StateFeedback, outcome: Referee) -> Any:
+    """Return the solution's data with the replays of a policy, under the exact law and by the referee."""
+    evaluation = Evaluation(solution.problem, solution.values)
+    replay, _ = roll_on(evaluation, policy, x0=solution.arrays["x"][:, 0])
+    return solution.data.assign(replay_variables(evaluation, replay, outcome.replay))
 
 
 def _order_of_outcome(outcome: Referee) -> float:

@@ -40,13 +40,10 @@ def label(
         "contact": nlp.step.contacts,
     }
     entry_units, units = units_of(signals)
-    variables = _trajectories(nlp, plan, replay, refereed, units)
-    for name, x in (("phi", plan.x), ("phi_replay", replay.x)):
-        phi = evaluation.signed_distances(x)
-        if phi is not None:
-            variables[name] = (("scenario", "node", "distance"), phi, {"units": "m"})
+    variables = _trajectories(nlp, plan, units) | replay_variables(evaluation, replay, refereed)
+    variables |= _distances("phi", evaluation, plan.x)
     if system.forces is not None:
-        variables |= _forces(contacts, contact_report(evaluation, problem.exact_step, replay))
+        variables |= _forces("", contacts)
     if plan.gains is not None:
         K, k = plan.gains.K, plan.gains.k
         variables["K"] = (("interval", "control", "state"), np.broadcast_to(K, (problem.N, *K.shape[1:])))
@@ -61,34 +58,49 @@ def label(
     return LabelledArrays(variables, coords)
 
 
-def _trajectories(
-    nlp: NLP, plan: Trajectories, replay: Rollout, refereed: Rollout, units: Mapping[str, dict[str, str]]
-) -> Variables:
-    """Return states, inputs and contacts of the plan, of its exact replay, and of its replay by the referee."""
-    system = nlp.problem.system
-    nodes, intervals = ("scenario", "node", "state"), ("scenario", "interval")
+def replay_variables(evaluation: Evaluation, replay: Rollout, refereed: Rollout) -> Variables:
+    """Return the arrays of a replay under the exact law, and states and inputs of one by the referee."""
+    system, step = evaluation.problem.system, evaluation.problem.exact_step
+    intervals, exact = ("scenario", "interval"), ("scenario", "interval", "contact_exact")
+    _, units = units_of({"state": system.states, "control": system.inputs, "contact": system.contacts})
+    lam, gap = least_slip(step, replay.lam, replay.gap)
+    variables: Variables = {
+        "lam_replay": (exact, lam, units["contact"]),
+        "gap_replay": (exact, gap, {"units": system.gap_unit}),
+    }
+    for name, rollout in (("replay", replay), ("referee", refereed)):
+        variables[f"x_{name}"] = (("scenario", "node", "state"), rollout.x, units["state"])
+        variables[f"u_{name}"] = ((*intervals, "control"), rollout.u, units["control"])
+    forces = {} if system.forces is None else _forces("_replay", contact_report(evaluation, step, replay))
+    return variables | _distances("phi_replay", evaluation, replay.x) | forces
+
+
+def _distances(name: str, evaluation: Evaluation, x: np.ndarray) -> Variables:
+    """Return the true signed distances at states as the array ``name``; empty without geometry."""
+    phi = evaluation.signed_distances(x)
+    return {} if phi is None else {name: (("scenario", "node", "distance"), phi, {"units": "m"})}
+
+
+def _trajectories(nlp: NLP, plan: Trajectories, units: Mapping[str, dict[str, str]]) -> Variables:
+    """Return states, inputs and contacts of the plan."""
+    system, intervals = nlp.problem.system, ("scenario", "interval")
     gap_unit = {"units": system.gap_unit}
     mu_unit = {"units": f"{system.contacts[0].unit if system.contacts else 1} {system.gap_unit}"}
     lam, gap = least_slip(nlp.step, plan.lam, plan.gap)
-    lam_replay, gap_replay = least_slip(nlp.problem.exact_step, replay.lam, replay.gap)
-    variables: Variables = {
-        "x": (nodes, plan.x, units["state"]),
+    return {
+        "x": (("scenario", "node", "state"), plan.x, units["state"]),
         "u": ((*intervals, "control"), plan.u, units["control"]),
         "lam": ((*intervals, "contact"), lam, units["contact"]),
         "gap": ((*intervals, "contact"), gap, gap_unit),
         "mu": ((*intervals, "contact"), plan.mu, mu_unit),
-        "lam_replay": ((*intervals, "contact_exact"), lam_replay, units["contact_exact"]),
-        "gap_replay": ((*intervals, "contact_exact"), gap_replay, gap_unit),
     }
-    for name, rollout in (("replay", replay), ("referee", refereed)):
-        variables[f"x_{name}"] = (nodes, rollout.x, units["state"])
-        variables[f"u_{name}"] = ((*intervals, "control"), rollout.u, units["control"])
-    return variables
 
 
-def _forces(planned: ContactReport, exact: ContactReport) -> Variables:
-    variables: Variables = {}
-    for suffix, contacts in (("", planned), ("_replay", exact)):
+def _forces(suffix: str, contacts: ContactReport) -> Variables:
+    """Return the forces and states of contacts, as arrays whose names end with ``suffix``."""
+    dims = ("scenario", "interval", "point")
+    return {
+        f"{name}{suffix}": (dims, np.asarray(values, dtype=float), {"units": unit})
         for name, values, unit in (
             ("normal_impulse", contacts.normal, "N s"),
             ("friction_impulse", contacts.tangential, "N s"),
@@ -97,10 +109,8 @@ def _forces(planned: ContactReport, exact: ContactReport) -> Variables:
             ("active", contacts.active, "1"),
             ("slipping", contacts.slipping, "1"),
             ("degenerate", contacts.degenerate, "1"),
-        ):
-            dims = ("scenario", "interval", "point")
-            variables[f"{name}{suffix}"] = (dims, np.asarray(values, dtype=float), {"units": unit})
-    return variables
+        )
+    }
 
 
 def _stages(nlp: NLP, outcome: RouteResult, scenarios: int) -> Variables:

@@ -34,12 +34,12 @@ from ocp.judge.route_report import DisturbedSurvival, Ladder, Rung, StageRecord
 from ocp.judge.step_size import step_size_kind
 from ocp.problem.evaluation import Evaluation
 from ocp.problem.problem import Problem
-from ocp.problem.rollout import Rollout, StateFeedback
+from ocp.problem.rollout import Rollout
 from ocp.programs.solver import Status
 from ocp.routes.relaxations import DEFAULT_STRATEGY
 from ocp.routes.session import Session
 from ocp.solution import Interrupted, Solution
-from ocp.solve.best_gains import best_gains, plan_of, with_gains, with_replay
+from ocp.solve.best_gains import best_gains, plan_of, replayed_data, with_gains
 from ocp.solve.comparable_cost import largest_surviving_cost, rung_of
 from ocp.solve.refinement import HALVINGS, divided_step
 from ocp.solve.scenario_gains import gains_over_scenarios
@@ -90,7 +90,6 @@ class SurvivalLadder:
         self.first, self.plans = solution, [solution]
         self.rungs: list[Rung] = []
         self.answers: list[Solution] = []
-        self.policies: dict[int, StateFeedback] = {}
         self.disturbed: dict[int, list[DisturbedSurvival]] = {}
         self.work, self.work_factor = 0.0, 1
         self.improves_model = _has_more_exact_model(session.problem)
@@ -233,9 +232,9 @@ class SurvivalLadder:
         if policy.samples == policy.n_unplanned:
             raise NotConverged(f"the controller made no plan of its own: {policy.note or 'no sample was answered'}")
         report = policy_report(evaluation, plan, outcome, solution.referee)
-        refereed = replace(solution.with_data(with_replay(solution, outcome.replay)), referee=report)
-        self._add("a controller", refereed, outcome, iterations=0)
-        self.policies[len(self.rungs) - 1] = policy
+        data = replayed_data(solution, policy, outcome)
+        refereed = replace(solution.with_data(data), referee=report, controller=policy)
+        self._add("a controller", refereed.with_route(controller=True), outcome, iterations=0)
 
     def _exact_session(self, problem: Problem, changed_values: dict[str, Any] | None = None) -> Session:
         """Return a session of another problem under the exact law, without searches, at the same values."""
@@ -329,9 +328,8 @@ class SurvivalLadder:
         if i not in self.disturbed:
             solution = self.answers[i]
             evaluation, plan = self._plan(solution)
-            policy, delay = self.policies.get(i, solution.inputs), solution.problem.N // self.first.problem.N
-            rows = disturbed_survival(evaluation, plan, policy, self.seed, (FINEST_REPLAY,), delay)
-            self.disturbed[i] = rows
+            delay, factors = solution.problem.N // self.first.problem.N, (FINEST_REPLAY,)
+            self.disturbed[i] = disturbed_survival(evaluation, plan, solution.inputs, self.seed, factors, delay)
         return self.disturbed[i]
 
 

@@ -46,7 +46,7 @@ def gains_over_scenarios(
     return gains, referee_replay(evaluation, gains, plan.x[:, 0])
 
 
-def _improve(outcomes: ScenarioOutcomes, gains: Gains, merit: tuple[int, float]) -> Gains:
+def _improve(outcomes: ScenarioOutcomes, gains: Gains, merit: tuple[int, int, float]) -> Gains:
     """Return gains after passes with growing damping, each shortened until the merit decreases."""
     problem, evaluation, plan = outcomes.problem, outcomes.evaluation, outcomes.plan
     noise = np.diag((NOISE_SHARE * measured_sizes(problem)) ** 2)
@@ -64,9 +64,8 @@ def _improve(outcomes: ScenarioOutcomes, gains: Gains, merit: tuple[int, float])
                 break
             damping *= DAMPING_GROWTH
             continue
-        decrease = merit[1] - better[1][1] if merit[0] == better[1][0] else np.inf
-        gains, merit = better
-        if decrease < LEAST_GAIN * abs(merit[1]):
+        previous, (gains, merit) = merit, better
+        if merit[:2] == previous[:2] and previous[2] - merit[2] < LEAST_GAIN * abs(merit[2]):
             break
         expansions = outcomes.expansions(gains)
     return gains

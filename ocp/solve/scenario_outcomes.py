@@ -49,14 +49,18 @@ class ScenarioOutcomes:
         self._refined_problem = replace(problem, N=self.substeps * problem.N)
         self._model = StageModel(problem, problem.exact_step)
 
-    def merit(self, gains: Gains) -> tuple[int, float]:
-        """Return the number of replays that do not survive, and the mean cost of those that end; smaller is better."""
+    def merit(self, gains: Gains) -> tuple[int, int, float]:
+        """Return numbers of failed replays, at the problem's own parameters and in all, and the mean cost of others.
+
+        Smaller is better, in this order. Replays that do not end have no cost.
+        """
         replays = [self._replay(scenario, gains) for scenario in self.scenarios]
         if self.substeps > 1:
             replays.append(self._replay(self.evaluation, gains, substeps=1))
-        failures = sum(bool(outcome_findings(self.evaluation, self.plan, replay)) for replay in replays)
+        failed = [bool(outcome_findings(self.evaluation, self.plan, replay)) for replay in replays]
+        own_failures = failed[0] + sum(failed[len(self.scenarios) :])
         costs = [replay.cost for replay in replays if np.isfinite(replay.cost)]
-        return failures, float(np.mean(costs)) if costs else np.inf
+        return own_failures, sum(failed), float(np.mean(costs)) if costs else np.inf
 
     def _replay(self, scenario: Evaluation, gains: Gains, substeps: int | None = None) -> Rollout:
         x0, substeps = self.plan.x[:, 0], substeps or self.substeps

@@ -19,6 +19,7 @@ from ocp.judge.certificate import Certificate
 from ocp.judge.referee import RefereeReport
 from ocp.judge.route_report import RouteReport
 from ocp.labelled import LabelledArrays
+from ocp.problem.evaluation import Evaluation
 from ocp.problem.problem import Problem
 from ocp.problem.rollout import Gains
 from ocp.programs.solver import Status
@@ -122,7 +123,7 @@ class StoredRun:
         route, record = self._route()
         arrays, numbers = self.arrays, ("cost", "idle_cost", "build_s", "solve_s", "evaluation_s")
         attributes = ("status", "audit", "certificate", "referee", "stages")
-        return Solution(
+        solution = Solution(
             arrays=arrays,
             iterations=self._entry(int, "iterations"),
             problem=problem,
@@ -135,6 +136,11 @@ class StoredRun:
             **{name: getattr(self, name) for name in attributes},
             **{name: self._entry(float, name) for name in numbers},
         )
+        if not route.controller:
+            return solution
+        from ocp.mpc.plan_policies import ControllerPolicy
+
+        return replace(solution, controller=ControllerPolicy(Evaluation(problem, solution.values)))
 
     @property
     def route(self) -> RouteReport:

@@ -14,6 +14,7 @@ from dynamics.contact.learned_step import LearnedStep
 from ocp.errors import InputError, did_you_mean
 from ocp.problem.evaluation import Evaluation
 from ocp.problem.problem import Problem
+from ocp.problem.rollout import policy_name
 from ocp.solution import Solution
 from ocp.store import atomic
 from ocp.transcription.factories import DEFAULT_LAW, make_law
@@ -38,9 +39,7 @@ class ExportRequest:
     @property
     def policy_name(self) -> str | None:
         """Kind of the run's policy, ``open-loop`` or ``feedback``; None without a run."""
-        if self.solution is None:
-            return None
-        return "open-loop" if self.solution.gains is None else "feedback"
+        return None if self.solution is None else policy_name(self.solution.inputs)
 
     @cached_property
     def step(self) -> Step:
@@ -113,6 +112,11 @@ def _read_run(name: str, options: ExportOptions, law_settings: dict[str, str]) -
     run.check_solve()
     problem_spec, _, problem = problem_of(run, options.problem_from_source([run]))
     solution = run.solution(problem)
+    if solution.controller is not None:
+        raise InputError(
+            f"{name}: the run's policy is a controller, which plans again at every step and cannot be written as C;"
+            f" export the step of the problem {problem_spec.name}, or run the controller with ocp mpc"
+        )
     if options.params:
         raise InputError(f"-p: a run has fixed parameters; to choose them export the problem {problem_spec.name}")
     law, warning = law_of(run, options.contact, law_settings, problem.system)

@@ -297,7 +297,7 @@ def replay_document(stored: StoredRun, rolled: Replay) -> dict[str, Any]:
     Among its keys, ``cost`` is the cost under the law of the replay, ``state_gap`` is max |x - x_replay|,
     ``penetration`` [m] is measured by the true signed distance, ``between`` is the deepest penetration between
     nodes, ``broken`` lists the constraints that the replay violates, ``final_state`` has shape (scenario,
-    state), and ``inputs`` is "open-loop" or "feedback".
+    state), and ``inputs`` is "open-loop", "feedback" or "controller".
     """
     copied = ("inputs", "cost", "planned_cost", "state_gap", "penetration")
     return {

@@ -169,3 +169,16 @@ def test_gains_that_made_a_plan_survive_are_exported_and_replayed_step_by_step(o
     replayed = ocp("replay", "@last", "--source", file, "--json")
     assert replayed.code == 0 and replayed.json["inputs"] == "feedback"
     assert replayed.json["cost"] == pytest.approx(solved.json["cost"], rel=1e-9)
+
+
+@pytest.mark.costly
+def test_a_controller_is_replayed_and_not_written_as_c(ocp) -> None:
+    file = str(Path(__file__).parents[1] / "golden/cases/hill.py")
+    words = ("--contact", "exact", "--effort", "quick", "--policy", "feedback", "-p", "N=20")
+    solved = ocp("solve", file, *words, "--until", "survives", "--json")
+    assert solved.json["ladder"]["rungs"][solved.json["ladder"]["chosen"]]["name"] == "a controller"
+    replayed = ocp("replay", "@last", "--source", file, "--json")
+    assert replayed.json["inputs"] == "controller"
+    assert replayed.json["cost"] == pytest.approx(solved.json["referee_cost"], rel=1e-9)
+    done = ocp("export", "@last", "--source", file, "-o", "hill.c")
+    assert done.code == 2 and "is a controller" in done.err and not Path("hill.c").exists()

@@ -14,6 +14,8 @@ import ocp
 from ocp import InputError, Solution, solve
 from ocp.judge.referee import COST_SHARE
 from ocp.judge.route_report import StageRecord
+from ocp.mpc.controller import Controller
+from ocp.problem.rollout import policy_name
 from ocp.solution import Interrupted
 from problems import get
 from tests.findings import codes, numbers
@@ -83,6 +85,30 @@ def test_the_same_seed_gives_the_same_bits_and_the_run_is_read_back(tmp_path: Pa
     assert repr(read.route.ladder) == repr(one.route.ladder)
     assert read.replay("exact").cost == pytest.approx(one.referee.cost, rel=1e-12)
     assert read.headline == one.headline
+
+
+@pytest.mark.costly
+def test_a_controller_is_stored_as_the_policy_that_replays_use(tmp_path: Path) -> None:
+    """Gains of a plan with feedback are not replaced by others, and a controller comes next."""
+    answer = climbed(policy="feedback", N=20)
+    assert answer.route.ladder.answer.name == "a controller" and policy_name(answer.inputs) == "controller"
+    p, controller = answer.values, Controller(answer.problem, parameters=answer.values)
+    x, v, cost, states = p["start"], 0.0, 0.0, [[p["start"], 0.0]]
+    for _ in range(20):
+        u = float(controller.step(np.array([x, v])).u[0])
+        cost += p["h"] * (x**2 + p["w_u"] * u**2)
+        v += p["h"] * (p["a"] * x + u / p["m"])
+        x += p["h"] * v
+        states.append([x, v])
+    cost += p["w_end"] * x**2 + p["w_rest"] * v**2
+    read = ocp.load(ocp.save(answer, tmp_path), source=HILL)
+    assert policy_name(read.inputs) == "controller" and read.headline == answer.headline
+    for solution in (answer, read):
+        replay = solution.replay("exact")
+        assert replay.inputs == "controller" and replay.cost == pytest.approx(cost, rel=1e-9)
+        for name in ("x_replay", "x_referee"):
+            assert solution.data[name].values[0] == pytest.approx(np.array(states), abs=1e-9)
+        assert np.abs(solution.data["x"].values[0] - states).max() > 1e-6, "the plan's states are another motion"
 
 
 @pytest.mark.costly
