@@ -47,6 +47,9 @@ class RolloutStarts:
         period over the horizon added to every input, since independent noise at each step averages out. The size of
         these terms is log-uniform from 0.03 to 3 characteristic units, seed 0; inputs are clipped to their bounds.
         Inputs that do not act are unchanged, since their cost would hide the cost of the motion.
+
+        At quick effort these rollouts improve one of 83 drawn problems (``tests/benchmarks/ocp/random_draws.py``, seeds
+        77003 and 41507): a cart between walls costs 650 instead of 6413. At normal effort samples find its plan too.
         """
         sizes, N = self.problem.scales, self.problem.N
         rng, (log_smallest, log_largest) = np.random.default_rng(0), np.log(_NOISE_SIZES)
