@@ -53,6 +53,7 @@ class TouchSearch:
     def __init__(self, problem: Problem, values: dict[str, float], seed: int = 0) -> None:
         self.problem = problem
         self.evaluation = Evaluation(problem, values)
+        self.limits = self.evaluation.limits
         self.rng = np.random.default_rng(seed)
         self.tried = self.rolled = 0
         self._step = NearSteps(self.evaluation, problem.referee_step.system)
@@ -86,16 +87,10 @@ class TouchSearch:
         touches = np.flatnonzero(by[:, : -system.nu].any(axis=1) & coordinates.any(axis=1))
         return [(int(i), np.flatnonzero(coordinates[i])) for i in touches]
 
-    @cached_property
-    def _bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        lower, upper = (np.array(v).ravel() for v in self.problem.limits(self.evaluation.p)[2:4])
-        return lower, upper
-
     def first(self) -> Node:
         """Return the node of the start, without steps."""
-        x0, u_before = (np.array(v).ravel() for v in self.problem.limits(self.evaluation.p)[:2])
-        resting = self._cost_at_rest(x0[None], np.zeros(1))[0]
-        return Node(x0[None], np.zeros((0, u_before.size)), 0.0, resting)
+        x0 = self.limits.x0[None]
+        return Node(x0, np.zeros((0, self._nu)), 0.0, self._cost_at_rest(x0, np.zeros(1))[0])
 
     def rounds(self, rounds: int = _ROUNDS) -> Iterator[list[Node]]:
         """Yield after every round the best plans so far, in order of their cost if nothing moves afterwards."""
@@ -124,7 +119,7 @@ class TouchSearch:
         """Return the nodes after pushes from every node of ``beam``, without nodes that pass through a body."""
         plans: dict[int, list[tuple[Node, np.ndarray]]] = {}
         for node in beam:
-            u_before = node.u[-1] if len(node.u) else self._before
+            u_before = node.u[-1] if len(node.u) else self.limits.u_before
             steps_left = self.problem.N - len(node.u)
             for polyline in self._push_paths(node.x[-1], u_before):
                 for steps in {steps_left, min(steps_left, max(2, steps_left // 2))}:
@@ -162,7 +157,7 @@ class TouchSearch:
             angle = self.rng.normal(0, 0.35)
             c, s = np.cos(angle), np.sin(angle)
             polyline[coordinates] = np.array([[c, -s], [s, c]]) @ into[coordinates]
-        return np.clip(point + length * polyline, *self._bounds)
+        return np.clip(point + length * polyline, self.limits.u_lower, self.limits.u_upper)
 
     def _contact_positions(self, x: np.ndarray, contact: int, coordinates: np.ndarray) -> np.ndarray:
         """Return pusher positions (n, nu) at which ``contact`` closes, by Newton's method from random guesses."""
@@ -175,8 +170,8 @@ class TouchSearch:
         touch_states[:, positions] = nearest[0, positions] + sizes.x[positions] * sampled_places
         self._newton(touch_states, contact, positions)
         gap = self._distance(touch_states)
-        inside = np.all(touch_states[:, -nu:] >= self._bounds[0], axis=1)
-        inside &= np.all(touch_states[:, -nu:] <= self._bounds[1], axis=1)
+        inside = np.all(touch_states[:, -nu:] >= self.limits.u_lower, axis=1)
+        inside &= np.all(touch_states[:, -nu:] <= self.limits.u_upper, axis=1)
         depends = np.abs(self._slope(touch_states)).sum(axis=2) > 0
         clear = np.where(depends, gap, np.inf).min(axis=1) > -_TOUCHED * sizes.gap
         is_touching = inside & clear & (np.abs(gap[:, contact]) < _TOUCHED * sizes.gap)
@@ -264,17 +259,13 @@ class TouchSearch:
         if not len(alive):
             return []
         chosen, x, u = [nodes[s] for s in alive], x[alive], u[alive]
-        u_before = np.array([n.u[-1] if len(n.u) else self._before for n in chosen])
+        u_before = np.array([n.u[-1] if len(n.u) else self.limits.u_before for n in chosen])
         cost = np.array([n.cost for n in chosen]) + self._stages(x, u, u_before)
         steps_done = np.array([len(n.u) + K for n in chosen])
         resting = cost + self._cost_at_rest(x[:, -1], steps_done)
         return [
             Node(np.vstack([n.x, x[s, 1:]]), np.vstack([n.u, u[s]]), cost[s], resting[s]) for s, n in enumerate(chosen)
         ]
-
-    @cached_property
-    def _before(self) -> np.ndarray:
-        return self.evaluation.limits.u_before
 
     def _penetration_between_nodes(self, x: np.ndarray) -> np.ndarray:
         """Return the deepest penetration (S,) on the straight lines between nodes."""
@@ -328,5 +319,5 @@ class TouchSearch:
 
     def padded_inputs(self, node: Node) -> np.ndarray:
         """Return the inputs (N, nu) of a plan, with the last input held until the end."""
-        last = node.u[-1] if len(node.u) else self._before
+        last = node.u[-1] if len(node.u) else self.limits.u_before
         return np.vstack([node.u, np.repeat(last[None], self.problem.N - len(node.u), axis=0)])

@@ -205,7 +205,7 @@ def test_a_push_is_at_most_three_sizes_long_and_leads_into_the_body() -> None:
     search: Any = SimpleNamespace(
         problem=SimpleNamespace(scales=SimpleNamespace(x=np.array([size]))),
         rng=np.random.default_rng(0),
-        _bounds=(np.full(2, -np.inf), np.full(2, np.inf)),
+        limits=SimpleNamespace(u_lower=np.full(2, -np.inf), u_upper=np.full(2, np.inf)),
     )
     point = np.array([1.0, 2.0])
     pushes = np.array([TouchSearch._push_end(search, point, into, own) - point for _ in range(2000)])
@@ -214,6 +214,6 @@ def test_a_push_is_at_most_three_sizes_long_and_leads_into_the_body() -> None:
     assert np.log(lengths).mean() == pytest.approx(np.log(0.3) / 2, abs=0.1)
     angles = np.arctan2(pushes @ [-into[1], into[0]], pushes @ into)
     assert np.abs(angles.mean()) < 0.06 and angles.std() == pytest.approx(0.35, abs=0.05)
-    search._bounds = (np.array([0.9, 1.9]), np.array([1.1, 2.1]))
+    search.limits = SimpleNamespace(u_lower=np.array([0.9, 1.9]), u_upper=np.array([1.1, 2.1]))
     ends = np.array([TouchSearch._push_end(search, point, into, own) for _ in range(50)])
     assert np.abs(ends - point).max() == pytest.approx(0.1), "bounds of the inputs cut pushes"
