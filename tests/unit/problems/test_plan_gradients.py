@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -11,10 +13,11 @@ import pytest
 
 from dynamics.contact import Barrier, Exact
 from dynamics.systems import Link, Machine, Parameter, ParameterTable
-from ocp import Problem, Solution, gradient_report, solve
+from ocp import Problem, gradient_report, solve
 from ocp.errors import InputError
-from ocp.gradients.worlds.plans import along, compare_gradients, law_plan, mujoco_plan, plan_directions
+from ocp.gradients.worlds.plans import along, compare_gradients, law_plan, mujoco_plan, plan_directions, plan_questions
 from ocp.gradients.worlds.world import World
+from ocp.problem.parts import Scenarios
 from ocp.simulators.replay import replay_in_simulator
 from problems import get
 
@@ -32,18 +35,17 @@ def rollout(theta):
 """
 
 
-@pytest.fixture(scope="module")
-def plan() -> Solution:
-    return solve(get("push-1d", N=6), contact="exact", effort="quick")
-
-
 def pusher(folder: Path, K: float) -> str:
     file = folder / f"pusher{K:.0f}.py"
     file.write_text(PUSHER.format(K=K))
     return str(file)
 
 
-def test_another_implementation_of_a_plan_is_right_and_that_of_a_softer_pusher_is_not(plan, tmp_path: Path) -> None:
+@pytest.mark.costly
+def test_another_implementation_of_a_plan_is_right_and_that_of_a_softer_pusher_is_not(tmp_path: Path) -> None:
+    plan = solve(get("push-1d", N=6), contact="exact", effort="quick")
+    exact = law_plan(plan.problem, Exact(), plan.values).rollout(plan.data["u"].values.reshape(1, -1))
+    assert exact[0, 0] == pytest.approx(plan.audit.exact_cost, rel=1e-8)
     report = gradient_report(plan, [pusher(tmp_path, 100.0), pusher(tmp_path, 10.0)], samples=100)
     right, soft = report.rows[::2], report.rows[1::2]
     assert {row["verdict"] for row in right} == {"right"}, report.sentences
@@ -54,12 +56,10 @@ def test_another_implementation_of_a_plan_is_right_and_that_of_a_softer_pusher_i
 
 
 @pytest.mark.parametrize("law", [Exact(), Barrier(mu=1e-3)])
-def test_costs_and_slopes_of_laws_are_those_of_the_plan_and_of_differences(plan: Solution, law) -> None:
-    world, inputs = law_plan(plan.problem, law, plan.values), plan.data["u"].values[0].ravel()
-    if law.name == "exact":
-        assert world.rollout(inputs[None])[0, 0] == pytest.approx(plan.audit.exact_cost, rel=1e-8)
-    rng = np.random.default_rng(1)
-    inputs, rows = inputs + 0.05 * rng.normal(size=6), rng.normal(size=(2, 6))
+def test_slopes_of_laws_are_those_of_differences(law) -> None:
+    problem, rng = get("push-1d", N=6), np.random.default_rng(1)
+    world = law_plan(problem, law, problem.parameters.defaults)
+    inputs, rows = np.linspace(-0.4, 0.8, 6) + 0.05 * rng.normal(size=6), rng.normal(size=(2, 6))
     t, a = np.zeros((1, 2)), 1e-6
     line = along(world, inputs, rows)
     values = line.rollout(np.concatenate([t + a * np.eye(2), t - a * np.eye(2)]))[:, 0]
@@ -67,9 +67,13 @@ def test_costs_and_slopes_of_laws_are_those_of_the_plan_and_of_differences(plan:
 
 
 def test_the_mean_over_scenarios_is_differentiated() -> None:
-    problem = get("cart-walls", N=4)
-    world = law_plan(problem, Exact(), problem.parameters.defaults)
-    inputs, a = 0.1 * np.ones((1, 4)), 1e-6
+    """The mean over three starts is that of three problems with one start each, and so is its gradient."""
+    problem = replace(get("push-1d", N=4), scenarios=Scenarios(3, (0.02, 0.1)))
+    values, inputs, a = problem.parameters.defaults, np.array([[-0.1, 0.3, 0.7, 0.8]]), 1e-6
+    world, starts = law_plan(problem, Exact(), values), problem.initial_states(problem.parameters.values)
+    alone = [law_plan(replace(get("push-1d", N=4), x0=ca.SX(x0)), Exact(), values) for x0 in starts]
+    np.testing.assert_allclose(world.rollout(inputs), np.mean([each.rollout(inputs) for each in alone], axis=0))
+    np.testing.assert_allclose(world.gradient(inputs), np.mean([each.gradient(inputs) for each in alone], axis=0))
     costs = world.rollout(np.concatenate([inputs + a * np.eye(4), inputs - a * np.eye(4)]))[:, 0]
     np.testing.assert_allclose(world.gradient(inputs)[0, 0], (costs[:4] - costs[4:]) / (2 * a), rtol=1e-5, atol=1e-7)
 
@@ -127,16 +131,20 @@ def test_costs_in_mujoco_are_those_of_the_replay() -> None:
     np.testing.assert_allclose(costs, replays, rtol=1e-12)
 
 
-def test_plans_that_cannot_be_judged_get_one_sentence(plan: Solution) -> None:
+def test_plans_that_cannot_be_judged_get_one_sentence() -> None:
+    problem = get("push-1d", N=6)
+    values, x0 = problem.parameters.defaults, problem.initial_states(problem.parameters.values)
+
+    def ask(x0: np.ndarray, u: np.ndarray, world: str = "exact") -> None:
+        arrays = {"x": SimpleNamespace(values=x0[:, None]), "u": SimpleNamespace(values=u)}
+        plan: Any = SimpleNamespace(problem=problem, values=values, data=arrays)
+        plan_questions(plan, [world], lambda path: pytest.fail(path), 0)
+
+    u = np.zeros((1, 6, 1))
+    ask(x0, u)
     with pytest.raises(InputError, match=r"unknown world 'mujco'.*did you mean 'mujoco'"):
-        gradient_report(plan, ["mujco"])
-    with pytest.raises(InputError, match="no simulator has a setting 'k'"):
-        gradient_report(plan, ["barrier"], settings={"k": 1.0})
-    two = plan.data.isel(scenario=[0, 0]).copy(deep=True)
-    two["u"][1] += 1
+        ask(x0, u, "mujco")
     with pytest.raises(InputError, match="have different inputs"):
-        gradient_report(plan.with_data(two), ["exact"])
-    moved = plan.data.copy(deep=True)
-    moved["x"][:, 0] += 1
+        ask(x0, np.concatenate([u, u + 1]))
     with pytest.raises(InputError, match="chooses its own start"):
-        gradient_report(plan.with_data(moved), ["exact"])
+        ask(x0 + 1, u)
