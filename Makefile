@@ -6,7 +6,7 @@ READY := $(VENV)/.ready
 # Tests start many processes: each reads the bytecode that the first one wrote.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: setup demo check test tests test-cpus test-slow test-attack bench bench-solve bench-solvers bench-laws bench-survives bench-mpcc bench-random bench-world bench-found bench-mpc bench-robots lint gallery claims docs generated notebooks numbers verdicts refined promises
+.PHONY: setup demo check test tests test-cpus test-slow test-attack bench bench-solve bench-solvers bench-laws bench-survives bench-mpcc bench-random bench-world bench-found bench-mpc bench-robots arena lint gallery claims docs generated notebooks numbers verdicts refined promises
 
 setup: $(READY)
 
@@ -121,6 +121,12 @@ bench-mpc: setup
 bench-robots: setup
 	PEERS="$(PEERS)" EXTRA_ROBOTS="$(EXTRA_ROBOTS)" $(BIN)/python -m tests.benchmarks.robots.bench $(PARTS)
 	EXTRA_ROBOTS="$(EXTRA_ROBOTS)" $(BIN)/python -m tests.benchmarks.robots.plans
+
+# Public tasks by the default command and by their published formulations, one judge for both; writes
+# the site's table and figure, and what `ocp arena compare` knows of ocp solve. TASKS="pushbot waiter"
+# some tasks, COUNT=100 so many instances (3 without it).
+arena: setup
+	$(BIN)/python -m tests.benchmarks.arena $(TASKS) --count $(if $(filter command line,$(origin COUNT)),$(COUNT),3)
 
 # The site, from docs/ and docstrings into build/site; warnings are errors, and nothing is fetched.
 docs: setup

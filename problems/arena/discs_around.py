@@ -10,7 +10,7 @@ name = "discs-around"
 title = "Two discs, one of them driven round the other (nosnoc)"
 citation = discs_swap.citation
 equations = discs_swap.equations
-draw, frames = discs_swap.draw, discs_swap.frames
+draw = discs_swap.draw
 
 
 class Params(discs_swap.Params):

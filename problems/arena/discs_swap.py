@@ -7,7 +7,7 @@ import numpy as np
 
 from dynamics.systems import signals, time_stepping
 from ocp.problem.problem import Problem, Scaling
-from problems.drawing import Circle, ContactFrame, Mark, Shape
+from problems.drawing import Circle, Mark, Shape
 from problems.parameters import Parameters, pose_problem, quantity, structure, table
 from problems.spec import Citation
 
@@ -100,11 +100,3 @@ def draw(params: Params, state: np.ndarray) -> list[Shape]:
     x1, y1, x2, y2 = (float(value) for value in state[:4])
     goals: list[Shape] = [Mark(params.gx1, params.gy1, "goal"), Mark(params.gx2, params.gy2, "goal")]
     return [*goals, Circle(x1, y1, params.r1, "actuator"), Circle(x2, y2, params.r2)]
-
-
-def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
-    """Return the contact frame of the driven disc on the other one."""
-    offset = state[2:4] - state[:2]
-    normal = offset / max(float(np.linalg.norm(offset)), 1e-12)
-    point = state[:2] + params.r1 * normal
-    return [ContactFrame(float(point[0]), float(point[1]), float(normal[0]), float(normal[1]))]

@@ -69,6 +69,12 @@ def _result(solver: str, row: dict[str, str]) -> PublishedResult:
     )
 
 
+def workbench_results(task: str) -> list[PublishedResult]:
+    """Return the results of ``ocp solve`` on a task, as ``make arena`` measured them; 0 is a task without instances."""
+    rows = [row for row in _rows("workbench") if row["task"] == task]
+    return [_result("ocp", row) for row in rows]
+
+
 class InstanceParameters(Parameters):
     """Parameters of a task with published instances; the numbers of an instance are defaults of other parameters."""
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from dynamics.systems import Signal, signals, time_stepping
 from ocp.problem.problem import Problem, Scaling
-from problems.drawing import ContactFrame, Mark, Segment, Shape, Wall
+from problems.drawing import Mark, Segment, Shape, Wall
 from problems.machines.tracking import with_nominal
 from problems.parameters import Parameters, pose_problem, quantity, structure, table
 from problems.spec import Citation
@@ -111,17 +111,8 @@ def build(params: Params) -> Problem:
 
 def draw(params: Params, state: np.ndarray) -> list[Shape]:
     """Draw walls, pendulum, arm and the goal of the bob."""
-    bob, end = _points(params, state)
+    sin, cos, d = math.sin(float(state[0])), math.cos(float(state[0])), float(state[1])
+    bob = -params.l * sin, params.l * cos
+    end = bob[0] + d * cos, bob[1] + d * sin
     walls: list[Shape] = [Wall(params.wall, 0, -1, 0), Wall(-params.wall, 0, 1, 0), Mark(0, params.l, "goal")]
     return [*walls, Segment(0, 0, *bob), Segment(*bob, *end, "actuator"), Mark(*end)]
-
-
-def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
-    """Return the contact frames of the right and of the left wall, with Coulomb's coefficient."""
-    _, end = _points(params, state)
-    return [ContactFrame(*end, -1, 0, params.friction), ContactFrame(*end, 1, 0, params.friction)]
-
-
-def _points(params: Params, state: np.ndarray) -> tuple[tuple[float, float], tuple[float, float]]:
-    sin, cos, d = math.sin(float(state[0])), math.cos(float(state[0])), float(state[1])
-    return (-params.l * sin, params.l * cos), (-params.l * sin + d * cos, params.l * cos + d * sin)

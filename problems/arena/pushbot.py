@@ -9,7 +9,7 @@ import numpy as np
 
 from dynamics.systems import ContactSystem, RefereeModel, signals
 from ocp.problem.problem import Problem, Scaling
-from problems.drawing import ContactFrame, Mark, Rectangle, Segment, Shape, Spring
+from problems.drawing import Mark, Rectangle, Segment, Shape, Spring
 from problems.parameters import Parameters, pose_problem, quantity, structure, table
 from problems.spec import Citation
 
@@ -99,9 +99,3 @@ def draw(params: Params, state: np.ndarray) -> list[Shape]:
         Spring(wall + 0.15, height, max(wall, tip), height),
         Spring(-wall - 0.15, height, min(-wall, tip), height),
     ]
-
-
-def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
-    """Return the contact frames of the right wall, which pushes the tip to the left, and of the left wall."""
-    tip = float(state[0]) + params.l * math.sin(float(state[1])), params.l * math.cos(float(state[1]))
-    return [ContactFrame(*tip, -1, 0), ContactFrame(*tip, 1, 0)]

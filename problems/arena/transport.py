@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import casadi as ca
-import numpy as np
 
 from dynamics.systems import ContactSystem, RefereeModel, signals
 from ocp.problem.problem import Constraint, Problem, Scaling
-from problems.drawing import Mark, Rectangle, Shape
 from problems.parameters import Parameters, pose_problem, quantity, structure, table
 from problems.spec import Citation
 
@@ -82,14 +80,3 @@ def build(params: Params) -> Problem:
         terminal=[on_the_cart],
         scaling=Scaling(impulse=1.0, gap=1.0, x=1.0, u=5.0),
     )
-
-
-def draw(params: Params, state: np.ndarray) -> list[Shape]:
-    """Draw cart, cargo and their goals; heights are those of the picture."""
-    cargo, cart = float(state[0]), float(state[1])
-    return [
-        Mark(params.cart_goal, 0.1, "goal"),
-        Mark(params.cargo_goal, 0.35, "goal"),
-        Rectangle(cart, 0.1, 2 * params.l, 0.2, role="actuator"),
-        Rectangle(cargo, 0.35, 0.3, 0.3),
-    ]

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import casadi as ca
-import numpy as np
 
 from dynamics.systems import ContactSystem, RefereeModel, signals
 from ocp.problem.problem import Constraint, Problem, Scaling
-from problems.drawing import Mark, Rectangle, Shape
 from problems.parameters import Parameters, pose_problem, quantity, structure, table
 from problems.spec import Citation
 
@@ -93,14 +91,3 @@ def build(params: Params) -> Problem:
         terminal=[Constraint("on the plate", margins, 0.0, ca.inf)],
         scaling=Scaling(impulse=1.0, gap=1.0, x=1.0, u=5.0),
     )
-
-
-def draw(params: Params, state: np.ndarray) -> list[Shape]:
-    """Draw table, plate, pusher and goal; heights are those of the picture."""
-    plate, pusher = float(state[0]), float(state[1])
-    return [
-        Rectangle(-7, -0.25, 14, 0.5, role="environment"),
-        Mark(params.x_goal, 0.1, "goal"),
-        Rectangle(plate, 0.1, 2 * params.l, 0.2),
-        Rectangle(pusher, 0.35, 0.3, 0.3, role="actuator"),
-    ]

@@ -10,7 +10,7 @@ from ocp.limits import CONTINUATION_STEPS, WORKERS
 from reports.cli.options.gradients import GradientsOptions
 from reports.cli.options.learning import CollectOptions, EvaluateOptions, LearnOptions, TrainOptions
 from reports.cli.options.mpc import MpcOptions
-from reports.cli.options.output import AnimateOptions, ExportOptions, FigureOptions, ReportOptions
+from reports.cli.options.output import AnimateOptions, CompareOptions, ExportOptions, FigureOptions, ReportOptions
 from reports.cli.options.shared import (
     LAW_HELP,
     PROBLEM_HELP,
@@ -228,6 +228,7 @@ COMMANDS: dict[str, type[Options]] = {
     "show": ShowOptions,
     "new": NewOptions,
     "solve": SolveOptions,
+    "arena compare": CompareOptions,
     "replay": ReplayOptions,
     "mpc": MpcOptions,
     "continue": ContinueOptions,

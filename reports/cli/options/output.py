@@ -1,4 +1,4 @@
-"""Options of the commands that write figures, reports, animations and C files."""
+"""Options of the commands that write figures, reports, animations and C files, and compare results."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import ClassVar
 from ocp.limits import INDEX
 from reports.cli.options.shared import (
     JobsOptions,
+    Options,
     RunOptions,
     SourceOptions,
     StoreOptions,
@@ -85,3 +86,16 @@ class ExportOptions(SourceOptions):
         from problems import names
 
         return [] if self.subject in names() or self.subject.endswith(".py") else [self.subject]
+
+
+class CompareOptions(Options):
+    """Put results on arena tasks beside those of ocp solve and the published ones.
+
+    The file has a line for each result: task, instance (empty for a task without instances), cost, and, if you
+    like, solved (true or false), iterations and seconds. lower, equal and higher count the solved instances by their
+    cost, compared with a certified one of ocp solve.
+    """
+
+    code: ClassVar = "reports.cli.arena_command:compare"
+    examples: ClassVar = ("arena compare results.csv", "arena compare results.csv --json")
+    file: Path = argument(metavar="FILE.csv", help="Results, with a header: task,instance,cost,...")

@@ -63,7 +63,8 @@ def test_every_task_is_described_and_sourced(name: str) -> None:
     problem = problems.get(name)
     values = {**dict(zip(problem.parameters.names, problem.parameters.values, strict=True)), **problem.origin.settings}
     assert values == spec.params({}).model_dump()
-    assert spec.draw is not None and spec.draw(spec.params({}), problem.initial_states(problem.parameters.values)[0])
+    start = problem.initial_states(problem.parameters.values)[0]
+    assert spec.draw is None or spec.draw(spec.params({}), start)
 
 
 @pytest.mark.parametrize("name", WITH_INSTANCES)
@@ -166,22 +167,41 @@ def test_waiter_holds_both_frictions_within_their_cones(rng) -> None:
 
 @pytest.mark.parametrize("stance", [True, False])
 def test_the_hoppers_pairs_give_the_products_of_its_source(stance: bool, rng) -> None:
-    problem, h = problems.get("stance-hopper"), 0.02
+    problem, h, g = problems.get("stance-hopper"), 0.02, 9.81
     for _ in range(10):
-        px, py, qx, th, dpx, dpy = rng.normal(size=6)
+        px, py, qx, th, dpx, dpy, turn = rng.normal(size=7)
         r, qy = (0.3, 0.0) if stance else (0.0, 0.4)
-        x = np.array([px, py, qx, qy, th, r, dpx, dpy])
-        lam = np.zeros(8)
-        lam[[3, 4, 7] if stance else [0, 1, 2, 5, 6]] = rng.uniform(0, 1, 3 if stance else 5)
-        gap = evaluated(problem, problem.system.gap, x, [0.2, 0], lam)
+        x, lam = np.array([px, py, qx, qy, th, r, dpx, dpy]), [0, 8] if stance else [8, 0]
+        thrust = rng.uniform(0, 50)
+        u = [0.2, 0, 0, 0, turn, 0, thrust] if stance else [0.2, 0, rng.normal(), 0.9, 0, turn, 0]
+        gap = evaluated(problem, problem.system.gap, x, u, lam)
         assert np.all(gap >= 0) and np.dot(gap, lam) == 0
-        after, u1, u2 = next_state(problem, x, [0.2, 0], lam), lam[5] - lam[6], lam[7]
+        assert np.all(row(problem, "phase", x, u, lam) >= 0)
+        after, u1, u2 = next_state(problem, x, u, lam), u[5], u[6]
         products = r * (after[2] - qx), r * (after[3] - qy), qy * (after[4] - th - h * u1), u2 * qy, u1**2 * r, r * qy
         np.testing.assert_allclose(products, 0, atol=1e-14)
-        v = np.array([dpx - h * u2 * np.sin(th), dpy + h * (u2 * np.cos(th) - 9.81)])
+        v = np.array([dpx - h * u2 * np.sin(th), dpy + h * (u2 * np.cos(th) - g)])
         np.testing.assert_allclose(after[[0, 1, 6, 7]], [px + h * v[0], py + h * v[1], *v], rtol=1e-12)
         leg = [(1 - r) * np.cos(th) - py + qy, (1 - r) * np.sin(th) - qx + px]
-        np.testing.assert_allclose(row(problem, "leg", x, [0.2, 0], lam), leg, rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(row(problem, "leg", x, u, lam), leg, rtol=1e-9, atol=1e-12)
+        # What is bounded by a multiplier that is zero must be zero itself.
+        for index in (2, 3, 5) if stance else (4, 6):
+            moved = np.array(u)
+            moved[index] += 0.01
+            assert row(problem, "phase", x, moved, lam).min() < 0
+
+
+def test_the_hoppers_guess_hops_in_place_as_its_source_does() -> None:
+    problem = problems.get("stance-hopper")
+    x, u = problem.initial_guess(problem.parameters.values)
+    for k in range(problem.N):
+        lam = [0, 8] if x[k, 5] > 0 else [8, 0]
+        np.testing.assert_allclose(next_state(problem, x[k], u[k], lam), x[k + 1], atol=1e-12)
+        np.testing.assert_allclose(row(problem, "leg", x[k], u[k], lam), 0, atol=1e-12)
+        assert row(problem, "clearance", x[k], u[k], lam) >= -1e-12
+    # Nodes of the source's file, rounded to six digits.
+    for k, height, speed in ((14, 1.08798, -2.7468), (18, 0.864312, -2.3544), (40, 1.39013, 1.5696)):
+        np.testing.assert_allclose(x[k, [1, 7]], [height, speed], rtol=1e-5)
 
 
 def acrobot(p: dict[str, float]):
