@@ -91,13 +91,11 @@ def judge_world(measures: Measures, tolerance: float) -> list[Finding]:
     low, high = measures.sides
     kink = [make_finding("truth-has-a-kink", low=low, high=high)] if high - low > tolerance * measures.scale else []
     is_right = verdict.code in ("gradient-right", "gradient-consistent")
-    if is_right and biased:
-        return [
-            make_finding("gradient-biased-at-sigma", slope=measures.slope, **biased[0]),
-            *kink,
-            _advice(measures, tolerance),
-        ]
-    return [verdict, *kink] if is_right else [verdict, *kink, _advice(measures, tolerance)]
+    if is_right and not biased:
+        return [verdict, *kink]
+    if is_right:
+        verdict = make_finding("gradient-biased-at-sigma", slope=measures.slope, **biased[0])
+    return [verdict, *kink, _advice(measures, tolerance)]
 
 
 def _verdict(measures: Measures, allowed: float) -> Finding:
@@ -106,9 +104,9 @@ def _verdict(measures: Measures, allowed: float) -> Finding:
     numbers: dict[str, Any] = {"slope": slope, "truth": truth}
     if not np.isfinite([slope, *measures.nearby]).all():
         return make_finding("gradient-not-finite", slope=slope)
-    is_exact_known = measures.truth_secants is not None
+    right = make_finding("gradient-consistent" if measures.truth_secants is None else "gradient-right", **numbers)
     if _is_constant(measures):
-        return make_finding("gradient-right" if is_exact_known else "gradient-consistent", **numbers)
+        return right
     # A jump at the nominal parameter looks like rounding errors there.
     if measures.jump is not None:
         size, parameter = measures.jump
@@ -120,12 +118,9 @@ def _verdict(measures: Measures, allowed: float) -> Finding:
         return make_finding("gradient-not-the-derivative", difference=difference, **numbers)
     typical = max(abs(slope), float(np.median(np.abs(measures.nearby))))
     if measures.scale > 0 and typical <= ZERO_SHARE * measures.scale:
-        return make_finding(
-            "gradient-zero", wide=max([measures.wide[0], *measures.wide[AGREEING_AMPLITUDES:-2]], key=abs), **numbers
-        )
-    if _is_right(measures, allowed):
-        return make_finding("gradient-right" if is_exact_known else "gradient-consistent", **numbers)
-    return _wrong(measures, allowed)
+        wide = max([measures.wide[0], *measures.wide[AGREEING_AMPLITUDES:-2]], key=abs)
+        return make_finding("gradient-zero", wide=wide, **numbers)
+    return right if _is_right(measures, allowed) else _wrong(measures, allowed)
 
 
 def _wrong(measures: Measures, allowed: float) -> Finding:
