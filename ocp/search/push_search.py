@@ -1,14 +1,14 @@
 """Tree search over pushes, which needs no guess; each plan is then solved with its contacts fixed.
 
-By default it searches only scenes with more contact pairs than :data:`~ocp.search.search.COMPILED_PAIRS`. In smaller
-scenes samples find plans that are as good or better. For scenes of ``tests/benchmarks/ocp/world_scenes.py`` at seed 0,
-the processor times of the whole solve are:
+Samples alone do not replace it. For scenes of ``tests/benchmarks/ocp/world_scenes.py`` at seed 0, cost and processor
+time of a solve with pushes, which samples follow where the answer is poor, and of one with samples alone are:
 
-- a box past a block, 40 pairs: 1.823 from samples, surviving (68 s); 1.884 from pushes, not surviving (56 s);
-- a triangle to a wall, 36 pairs: 0.0519 without pushes (53 s) and with them (105 s);
-- a quarter turn, 4 pairs: 0.0215 without pushes (77 s) and with them (96 s).
+- a box that comes back, 40 pairs: 0.0566, certified (156 s); 0.927, without a certificate (174 s);
+- a box past a block, 40 pairs: 1.884, not surviving (56 s); 1.823, surviving (68 s);
+- a triangle to a wall, 36 pairs: 0.0519 (126 s); 0.0519 (53 s);
+- a quarter turn, 4 pairs: 0.0215 (99 s); 0.0215 (77 s).
 
-Samples need compiled rollouts; at 112 pairs the graph of these takes over two minutes.
+Samples need compiled rollouts, whose graph takes over two minutes to build at 112 pairs.
 """
 
 from __future__ import annotations
@@ -25,22 +25,17 @@ from ocp.programs.solver import Status
 from ocp.routes.homotopy import StageRecord
 from ocp.routes.session import Session
 from ocp.search.plan_solver import PlanSolver
-from ocp.search.push_tree import TouchSearch
+from ocp.search.push_tree import TouchSearch, searchable
 from ocp.search.sampling import can_sample
-from ocp.search.search import (
-    MANY_PAIRS,
-    Search,
-    falls_short,
-    penetrates_between_nodes,
-    samples_pushes,
-    searchable,
-)
+from ocp.search.search import Search, falls_short, penetrates_between_nodes
 from ocp.solution import Solution
 
 CANDIDATES = 4
 """Maximum number of the tree's plans that are solved locally."""
 _FIRST = 2
 """Number of candidates that are solved first; others are solved only if none of these survives the referee."""
+_MANY = 24
+"""Number of contact pairs above which a scene is searched before the usual route."""
 
 
 def check_search(session: Session) -> None:
@@ -82,7 +77,7 @@ class PushSearch(Search):
         not fall short. Under a law other than the exact law, or with another method, the plans of pushes are guesses
         for the law's own route.
         """
-        swept, few = self.session.as_swept(), self.session.problem.system.nlam <= MANY_PAIRS
+        swept, few = self.session.as_swept(), self.session.problem.system.nlam <= _MANY
         moving = answer is not None and answer.status is not Status.NO_PROGRESS and penetrates_between_nodes(answer)
         if moving or (answer is None and few):
             guess = None
@@ -92,14 +87,13 @@ class PushSearch(Search):
             yield swept_solution.with_route(swept=True)
             if answer is not None and not falls_short(swept_solution):
                 return
-        if searchable(swept.problem) and not samples_pushes(self.session):
+        if searchable(swept.problem):
             yield from self._pushed(swept)
 
     @property
     def _goes_first(self) -> bool:
-        has_many_pairs = self._by_default and self.session.problem.system.nlam > MANY_PAIRS
-        over_pushes = searchable(self.session.problem) and not samples_pushes(self.session)
-        return bool(self.session.search or (has_many_pairs and over_pushes))
+        has_many_pairs = self._by_default and self.session.problem.system.nlam > _MANY
+        return bool(self.session.search or (has_many_pairs and searchable(self.session.problem)))
 
     @property
     def _by_default(self) -> bool:

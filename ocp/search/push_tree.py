@@ -44,6 +44,17 @@ class Node:
     resting: float
 
 
+def searchable(problem: Problem) -> bool:
+    """Return whether inputs are commanded positions of pushers on springs and signed distances are known."""
+    system = problem.system
+    if system.stiffness is None or system.mass is None or problem.signed_distance is None:
+        return False
+    if not system.nlam:
+        return False
+    single = problem.scenarios.n == 1 and problem.start is None
+    return single and system.mass.shape[0] + system.stiffness.shape[0] == system.nx
+
+
 class TouchSearch:
     """Tree search over random pushes for a ``problem`` at parameter ``values``.
 

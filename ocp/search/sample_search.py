@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
 
@@ -17,16 +17,7 @@ from ocp.routes.session import Session
 from ocp.search.perturbed_plans import perturbed_plans
 from ocp.search.plan_solver import PlanSolver, exact_rollout, is_less
 from ocp.search.sampling import MAX_SAMPLES, InputSampler, SampledPlan
-from ocp.search.search import (
-    FEW_PAIRS,
-    MANY_PAIRS,
-    SAMPLED,
-    Search,
-    can_roll_out,
-    is_poor,
-    replay_cost,
-    samples_pushes,
-)
+from ocp.search.search import FEW_PAIRS, SAMPLED, Search, can_roll_out, is_poor, replay_cost
 from ocp.solution import Solution
 
 NORMAL_FAILING_SHARE = 0.4
@@ -67,37 +58,22 @@ class SampleSearch(Search):
 
     ``thorough`` effort samples under two laws in all rounds; normal effort samples under the exact law, and, if the
     answer is certified and does not idle, ends when samples no longer improve towards the answer, are far from it, or
-    repeat it. The best answer's inputs are then changed at random (:mod:`ocp.search.perturbed_plans`), and plans with
-    other contact schedules are solved. In a scene with pushers and many corners, where relaxations of the many pairs
-    take minutes, samples come before the usual route.
+    repeat it. The best
+    answer's inputs are then changed at random (:mod:`ocp.search.perturbed_plans`), and plans with other contact
+    schedules are solved.
     """
 
     thorough: bool = True
 
-    def replacements(self) -> Iterable[Solution]:
-        """Yield solutions that replace the usual route in a scene with pushers and many corners."""
-        session = self.session
-        many = samples_pushes(session) and session.problem.system.nlam > MANY_PAIRS
-        return self._solutions(None) if many else ()
-
     def is_needed(self, solution: Solution) -> bool:
-        """Return whether to sample: if the search was requested, or if inputs alone determine a plan.
-
-        Samples are drawn only once.
-        """
+        """Return whether to sample: if the search was requested, or if inputs alone determine a plan."""
         session = self.session
-        if self.report is not None:
-            return False
         if session.search:
             return True
         light = session.problem.system.nlam < HEAVY_PAIRS
         return can_roll_out(session) and (self.thorough or light or is_poor(solution))
 
     def solutions(self, answer: Solution) -> Iterator[Solution]:
-        """Yield solutions on the branches of the cheapest sampled plans, in addition to the best ``answer`` so far."""
-        return self._solutions(answer)
-
-    def _solutions(self, answer: Solution | None) -> Iterator[Solution]:
         """Yield solutions on the branches of the cheapest sampled plans, one per contact schedule.
 
         In a scene, neither samples nor solutions may pass through bodies between two nodes.
@@ -121,7 +97,7 @@ class SampleSearch(Search):
                 if cost < least_cost:
                     best, least_cost = solution, cost
             patience = patience - 1 if best is before else FRUITLESS_PASSES if few else 1
-            if best is None or patience == 0 or np.isinf(least_cost):
+            if patience == 0 or np.isinf(least_cost):
                 return
             nearby_plans = self._around(sampler, best)
             if few:
@@ -133,12 +109,12 @@ class SampleSearch(Search):
         session: Session,
         sampler: InputSampler,
         plans: list[Rollout],
-        best: Solution | None,
+        best: Solution,
         least_cost: float,
         solved: list[SearchedPlan],
     ) -> Iterator[Solution]:
         """Yield answers near rollouts that cost less than the ``best`` one; list all plans in ``solved``."""
-        limit = least_cost if best is not None and best.certificate.certified else np.inf
+        limit = least_cost if best.certificate.certified else np.inf
         roll_out = partial(exact_rollout, session)
         solver = PlanSolver(session, roll_out, self.judge, SAMPLED, self.seed, self.progress, limit, solved)
         steps = sampler.rolled_steps
@@ -147,37 +123,32 @@ class SampleSearch(Search):
             yield solution.with_route(swept=session.problem.swept)
 
     @staticmethod
-    def _penalized_cost(sampler: InputSampler, solution: Solution | None) -> float:
-        """Return the cost of a solution's exact rollout with penalties, infinite without a solution or its replay."""
-        if solution is None or not np.isfinite(replay_cost(solution)):
-            return np.inf
-        return sampler.exact_cost(solution.arrays["u"][0])
+    def _penalized_cost(sampler: InputSampler, solution: Solution) -> float:
+        """Return the cost of a solution's exact rollout with penalties, infinite if its replay failed."""
+        return sampler.exact_cost(solution.arrays["u"][0]) if np.isfinite(replay_cost(solution)) else np.inf
 
-    def _sampled(self, sampler: InputSampler, answer: Solution | None) -> list[SampledPlan]:
+    def _sampled(self, sampler: InputSampler, answer: Solution) -> list[SampledPlan]:
         """Return the cheapest plan of each run, and a better plan near a poor solution if sampling finds one.
 
         Near a certified solution that does not idle, small changes of inputs find nothing better.
         """
         plans: list[SampledPlan] = []
-        excess_before = np.inf if answer is None else answer.idle_cost - replay_cost(answer)
+        patient = self._is_patient(answer)
+        excess_before = answer.idle_cost - replay_cost(answer)
         for number, plans in enumerate(sampler.stages(), 1):
             best = min((plan.cost for plan in plans), default=np.inf)
             if self.progress is not None:
                 nan = np.nan
                 self.progress(StageRecord("samples", number, best, nan, nan, sampler.rolled_steps, nan, "sampled"))
-            if answer is None or self._is_patient(answer):
-                continue
             excess = best - replay_cost(answer)
-            if self._is_fruitless(excess, excess_before, replay_cost(answer)):
+            if not patient and self._is_fruitless(excess, excess_before, replay_cost(answer)):
                 break
             excess_before = excess
-        if not plans or answer is None or not self._is_patient(answer):
-            return plans
-        return [*plans, *self._around(sampler, answer)]
+        return [*plans, *self._around(sampler, answer)] if plans and patient else plans
 
-    def _is_patient(self, answer: Solution | None) -> bool:
+    def _is_patient(self, answer: Solution) -> bool:
         """Return whether to sample with the whole budget, also where samples bring nothing."""
-        return answer is None or self.thorough or is_poor(answer)
+        return self.thorough or is_poor(answer)
 
     def _is_fruitless(self, excess: float, excess_before: float, cost: float) -> bool:
         """Return whether to end sampling, by the excess of the samples over ``cost`` after and before a stage."""
@@ -197,22 +168,20 @@ class SampleSearch(Search):
         return [(cost, rollout) for cost, rollout in rollouts if rollout is not None]
 
     def _distinct(
-        self, rollouts: list[tuple[float, Rollout]], sampler: InputSampler, answer: Solution | None
+        self, rollouts: list[tuple[float, Rollout]], sampler: InputSampler, answer: Solution
     ) -> list[Rollout]:
         """Return promising rollouts, in order, with schedules distinct from each other and from a cheaper answer's."""
-        session = self.session
+        session, certified = self.session, answer.certificate.certified
         cost = self._penalized_cost(sampler, answer)
         limit = THOROUGH_CANDIDATES if self.thorough else NORMAL_CANDIDATES
         sizes = session.problem.scales
-        certified_schedules = list[np.ndarray]()
-        if answer is not None and answer.certificate.certified:
-            certified_schedules = [acting(answer.arrays["lam"][0], answer.arrays["gap"][0], sizes)]
+        answered = acting(answer.arrays["lam"][0], answer.arrays["gap"][0], sizes)
         chosen, schedules = list[Rollout](), list[np.ndarray]()
         for rollout_cost, rollout in rollouts:
             excess, schedule = rollout_cost - cost, acting(rollout.lam[0], rollout.gap[0], sizes)
-            promising = not certified_schedules or self.thorough or excess < 0
+            promising = not certified or self.thorough or excess < 0
             promising = promising or session.evaluation.cost_share(excess, cost) < PROMISING
-            compared_schedules = [*schedules, *certified_schedules] if excess > 0 else schedules
+            compared_schedules = [*schedules, answered] if certified and excess > 0 else schedules
             if (
                 promising
                 and len(chosen) < limit

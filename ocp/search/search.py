@@ -12,7 +12,6 @@ from ocp.judge.referee import PENETRATION_SHARE
 from ocp.judge.route_report import SearchReport
 from ocp.problem.evaluation import Evaluation
 from ocp.problem.policy import Feedback
-from ocp.problem.problem import Problem
 from ocp.routes.homotopy import Progress, RouteResult
 from ocp.routes.session import Session
 from ocp.search.sampling import can_sample
@@ -20,10 +19,6 @@ from ocp.solution import Solution
 
 FEW_PAIRS = 20
 """Number of contact pairs up to which searches go on after one of them found a better answer."""
-MANY_PAIRS = 24
-"""Number of contact pairs above which a scene with pushers is searched before the usual route."""
-COMPILED_PAIRS = 60
-"""Number of contact pairs above which compiling rollouts of a scene takes longer than searching over pushes."""
 IDLE_SHARE = 0.9
 """Share of the cost of standing still above which an answer idles."""
 SAMPLED = "sampling"
@@ -62,24 +57,6 @@ def can_roll_out(session: Session) -> bool:
     """Return whether inputs alone determine a plan of a session's complementarity problem."""
     has_single_branch = session.complementary and session.step.branches == 1
     return has_single_branch and not isinstance(session.policy, Feedback) and can_sample(session.problem)
-
-
-def searchable(problem: Problem) -> bool:
-    """Return whether inputs are commanded positions of pushers on springs and signed distances are known."""
-    system = problem.system
-    if system.stiffness is None or system.mass is None or problem.signed_distance is None:
-        return False
-    if not system.nlam:
-        return False
-    single = problem.scenarios.n == 1 and problem.start is None
-    return single and system.mass.shape[0] + system.stiffness.shape[0] == system.nx
-
-
-def samples_pushes(session: Session) -> bool:
-    """Return whether plans of a scene with pushers are searched by samples, not over pushes."""
-    few = session.problem.system.nlam <= COMPILED_PAIRS
-    chosen = session.search is None and session.effort != "quick" and few
-    return chosen and can_roll_out(session) and searchable(session.problem)
 
 
 def idles(solution: Solution) -> bool:

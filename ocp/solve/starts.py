@@ -88,8 +88,9 @@ def solve_session(
 ) -> Solution:
     """Return the best solution of a session, from one or several guesses and from searches.
 
-    If a search is requested, or a scene with pushers has many corners, the solutions of the search replace those from
-    the guesses (:meth:`ocp.search.search.Search.replacements`). Otherwise searches follow the guesses.
+    If a search over pushes is requested, or the scene has many corners, the solutions of this search replace those
+    from the guesses. Otherwise the search follows the guesses, if their solution falls short
+    (:meth:`ocp.search.push_search.PushSearch.is_needed`).
 
     Raises :class:`~ocp.solution.Interrupted` if Ctrl-C ends the solve, with the best solution so far or,
     during the first start, with the best point so far.
@@ -163,7 +164,7 @@ def searches_of(session: Session, seed: int, progress: Callable[[StageRecord], N
         searches.append(GuessSearch(session, judge_outcome, seed, progress, guess=session.user_guess))
     if pushing:
         from ocp.search.push_search import PushSearch
-        from ocp.search.search import searchable
+        from ocp.search.push_tree import searchable
 
         sampled = sampled and not searchable(session.problem)
         if not sampled:

@@ -20,16 +20,13 @@ from ocp.judge.referee import RefereeReport
 from ocp.problem.evaluation import Evaluation
 from ocp.problem.problem import SWEPT, Constraint, Problem, Scaling
 from ocp.problem.rollout import roll_on
-from ocp.routes.session import Effort
 from ocp.search.near_steps import NearSteps, linear_complementarity
 from ocp.search.push_search import PushSearch, penetrates_between_nodes
 from ocp.search.push_tree import TouchSearch
-from ocp.search.search import SAMPLED, samples_pushes
 from ocp.solve.judging import judge_outcome
-from ocp.solve.solve import begin_at, new_session
+from ocp.solve.solve import new_session
 from problems import get
 from problems.scenes import Body, Box, Disc, Obstacle, Pusher, Scene
-from tests.benchmarks.ocp.world_scenes import SCENES
 
 REACH = 0.15
 
@@ -135,23 +132,6 @@ def test_an_answer_that_stands_still_or_is_lost_falls_short() -> None:
     )
     session.search = False
     assert not pushes.is_needed(replace(found, cost=found.idle_cost))
-
-
-@pytest.mark.parametrize(
-    ("effort", "search", "sampled"), [("normal", None, True), ("quick", None, False), ("normal", True, False)]
-)
-def test_pushes_are_searched_where_samples_are_not(effort: Effort, search: bool | None, sampled: bool) -> None:
-    session = begin_at(new_session(behind(2), "exact"), None, search, effort)
-    assert samples_pushes(session) is sampled
-
-
-@pytest.mark.slow
-def test_a_scene_with_many_corners_begins_with_samples() -> None:
-    """The 40 contact pairs of a box past a block are sampled first; no plan goes through the block."""
-    found = solve(SCENES["box past a block"](), contact="exact")
-    assert found.success and found.referee.survives and not penetrates_between_nodes(found)
-    assert found.cost < 0.25 * found.idle_cost
-    assert {attempt.route for attempt in found.route.attempts} <= {SAMPLED}
 
 
 def test_search_and_warm_start_exclude_each_other() -> None:
