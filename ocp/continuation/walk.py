@@ -7,13 +7,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from dynamics.limits import CONTINUATION_STEPS
 from dynamics.settings import read_value
 from dynamics.systems import LAW_PREFIX
 from ocp.continuation.curve import Continuation, CurvePoint, with_neighbour_costs
 from ocp.continuation.events import LOCATION_TOLERANCE, PAIR_EVENTS, Event, merge_simultaneous
 from ocp.continuation.tracking import Tracker
 from ocp.errors import InputError, choose, input_errors
-from ocp.limits import CONTINUATION_STEPS
 from ocp.problem.checks import check_physics
 from ocp.programs.solver import Point, Status
 from ocp.routes.homotopy import RouteResult

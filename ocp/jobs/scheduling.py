@@ -7,9 +7,9 @@ from contextlib import closing
 from dataclasses import dataclass
 from typing import Any, Protocol, TypeVar
 
+from dynamics.limits import WORKERS
 from dynamics.settings import read_value
 from ocp.jobs.sequential import Callback, Failure, Function, Report, run_sequentially
-from ocp.limits import WORKERS
 
 __all__ = ["Callback", "Failure", "Function", "Report", "SavedResults", "Workers", "in_order", "map_jobs", "run_jobs"]
 

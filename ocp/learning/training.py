@@ -14,6 +14,7 @@ import numpy as np
 
 from dynamics.batch import BatchFunction, BatchWarning
 from dynamics.contact import ContactLaw
+from dynamics.limits import EPISODES
 from dynamics.settings import read_value
 from ocp.errors import InputError
 from ocp.learning.experiment import EXACT, Experiment
@@ -22,7 +23,6 @@ from ocp.learning.protocol import Algorithm, Row, State, TrainedPolicy, with_pre
 from ocp.learning.total_propagation import TotalPropagation
 from ocp.learning.unroll_gradients import ARS, FOPG, ZOPG, AoBG
 from ocp.learning.unrolling import non_finite_reward_message
-from ocp.limits import EPISODES
 from ocp.problem.resources import check_memory
 from ocp.problem.task import Task
 from ocp.store.checkpoint import UNSAVED, SavedWork

@@ -12,9 +12,9 @@ import numpy as np
 from pydantic import InstanceOf
 
 from dynamics.contact import ContactLaw, Exact
+from dynamics.limits import QP_ITERATIONS, TRUST
 from dynamics.settings import read_value
 from ocp.errors import InputError, choose
-from ocp.limits import QP_ITERATIONS, TRUST
 from ocp.mpc.measurement import Measurement
 from ocp.mpc.phase import Law, Sample, numbers
 from ocp.mpc.phases import PHASES, PhaseParts, soft_phase

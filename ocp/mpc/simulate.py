@@ -12,11 +12,11 @@ import numpy as np
 import xarray as xr
 from pydantic import InstanceOf
 
+from dynamics.limits import INDEX, LOOP_SAMPLES, LOOP_SEEDS
 from dynamics.settings import read_value
 from ocp.judge.certificate import certify
 from ocp.judge.constraints import Broken
 from ocp.judge.step_size import step_size_kind
-from ocp.limits import INDEX, LOOP_SAMPLES, LOOP_SEEDS
 from ocp.mpc.constraint_rows import ConstraintRows
 from ocp.mpc.controller import Command, Controller
 from ocp.mpc.phase import numbers

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 
+from dynamics.limits import INDEX, STARTS
 from dynamics.settings import read_value
 from ocp.errors import InputError, choose, interruptible
 from ocp.judge.route_report import Attempt
-from ocp.limits import INDEX, STARTS
 from ocp.problem.rollout import initial_guesses
 from ocp.programs.solver import Status
 from ocp.routes.homotopy import COST_GAIN, StageRecord

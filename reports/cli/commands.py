@@ -6,7 +6,7 @@ from dataclasses import MISSING
 from pathlib import Path
 from typing import ClassVar
 
-from ocp.limits import CONTINUATION_STEPS, WORKERS
+from dynamics.limits import CONTINUATION_STEPS, WORKERS
 from reports.cli.options.gradients import GradientsOptions
 from reports.cli.options.learning import CollectOptions, EvaluateOptions, LearnOptions, TrainOptions
 from reports.cli.options.mpc import MpcOptions

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import ClassVar
 
-from ocp.limits import INDEX
+from dynamics.limits import INDEX
 from reports.cli.options.shared import SourceOptions, TagOptions, argument, assignment, option
 
 

@@ -6,7 +6,7 @@ from dataclasses import MISSING
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
-from ocp.limits import COUNT, EPISODES, INDEX, WORKERS
+from dynamics.limits import COUNT, EPISODES, INDEX, WORKERS
 from reports.cli.options.shared import (
     LAW_HELP,
     PROBLEM_HELP,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from ocp.limits import INDEX, LOOP_SAMPLES, LOOP_SEEDS, QP_ITERATIONS, TRUST
+from dynamics.limits import INDEX, LOOP_SAMPLES, LOOP_SEEDS, QP_ITERATIONS, TRUST
 from reports.cli.options.shared import ProblemOptions, assignment, option
 
 

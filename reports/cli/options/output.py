@@ -6,7 +6,7 @@ from dataclasses import MISSING
 from pathlib import Path
 from typing import ClassVar
 
-from ocp.limits import INDEX
+from dynamics.limits import INDEX
 from reports.cli.options.shared import (
     JobsOptions,
     Options,

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, dataclass_transform
 
 import typer
 
-from ocp.limits import INDEX, STARTS, WORKERS
+from dynamics.limits import INDEX, STARTS, WORKERS
 from reports.cli.streams import Output
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ from dataclasses import MISSING
 from pathlib import Path
 from typing import ClassVar
 
-from ocp.limits import COUNT
+from dynamics.limits import COUNT
 from reports.cli.options.shared import RUN_HELP, RunOptions, StoreOptions, argument, option
 
 
