@@ -63,7 +63,7 @@ def parse_axes(over: Mapping[str, Any] | Iterable[str | Axis]) -> tuple[Axis, ..
 
 def parse_axis(text: str) -> Axis:
     """Parse an axis such as ``M=0.5:2:7`` or ``contact.mu=1e-4:1:5:log``; raises the errors of :func:`parse_axes`."""
-    parsed = parse_axis_option("--over", text, least=2)
+    parsed = parse_axis_option("--over", text, least_count=2)
     name, begin, end = parsed.name, parsed.values[0], parsed.values[-1]
     if begin == end:
         raise InputError(f"--over {name}: both ends are {begin:g}; give two that differ")
