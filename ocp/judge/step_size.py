@@ -38,6 +38,12 @@ def step_size_kind(system: ContactSystem) -> StepSize:
     return StepSize("parameter", system.parameters.names[index])
 
 
+def step_state(system: ContactSystem) -> list[int]:
+    """Return the index of the state that is the step size, in a list that is empty if no state is."""
+    step_size = step_size_kind(system)
+    return [step_size.state] if step_size.kind == "state" else []
+
+
 def index_of_symbol(symbol: ca.SX | float, symbols: ca.SX) -> int | None:
     """Return the index of a symbol in a column of symbols, or None if the column does not contain it."""
     expression = ca.SX(symbol)

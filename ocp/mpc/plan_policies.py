@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ocp.judge.step_size import step_size_kind
+from ocp.judge.step_size import step_state
 from ocp.mpc.active_set import ActiveSets
 from ocp.mpc.controller import Controller
 from ocp.mpc.linearised import LinearClosure, Linearised, linearise
@@ -77,8 +77,11 @@ class PlanRegulator:
         self._plan = Plan(plan.x[0], plan.u[0], plan.lam[0], plan.gap[0])
         self._evaluated = model.evaluate(self._plan, evaluation.limits.u_before, p)
         self._plan.gap = self._evaluated.gap
+        self._step_state = step_state(problem.system)
+        for hessian in (self._evaluated.hessian, self._evaluated.end_hessian):
+            hessian[..., self._step_state, :] = hessian[..., self._step_state] = 0.0
         self._regulator = Regulator(model.nx, model.nu, model.N)
-        self._sizes, self._step_size = problem.scales, step_size_kind(problem.system)
+        self._sizes = problem.scales
         self._unit = abs(plan.cost - evaluation.least_cost)
 
     def linearised(self, smoothing: float = 0.0) -> Linearised:
@@ -99,8 +102,7 @@ class PlanRegulator:
         hessian[:, inputs, inputs] += weights.inputs * of_inputs / N
         end = end_gradient, end_hessian + np.diag(weights.end * of_states)
         K = self._regulator.gains(replace(lin, hessian=hessian, end=end))
-        if self._step_size.kind == "state":
-            K[:, :, self._step_size.state] = 0.0
+        K[:, :, self._step_state] = 0.0
         return Gains(K, plan.u - np.einsum("kij,kj->ki", K, plan.x[:-1]))
 
 

@@ -17,13 +17,9 @@ PASSES = 12
 """Maximum number of passes of dynamic programming."""
 STEP_LENGTHS = (1.0, 0.5, 0.25, 0.1)
 """Fractions of the change of the gains that are tried, in this order."""
-LEAST_DAMPING = 1e-3
-"""Damping of the change of inputs of a first pass, in characteristic inputs, relative to the cost of a step."""
-LARGEST_DAMPING = 1.0
-"""Damping at which a pass that does not lower the cost is the last."""
-DAMPING_GROWTH = 10.0
-"""Factor by which damping grows after such a pass."""
-LEAST_GAIN = 1e-4
+DAMPINGS = (1e-3, 1e-2, 0.1, 1.0)
+"""Weights of changes of inputs by their sizes, relative to the cost of a step; one that is too small gives the next."""
+LEAST_DECREASE = 1e-4
 """Relative decrease of the mean cost below which a pass is the last."""
 
 
@@ -34,7 +30,7 @@ def gains_over_scenarios(
 
     The passes of :func:`~ocp.solve.shared_gains.shared_gains` start at the best of ``present_gains`` and the gains of
     :class:`~ocp.mpc.plan_policies.PlanRegulator` with :data:`~ocp.solve.best_gains.WEIGHTS`. States deviate as the
-    referee's noise. Raises the errors of :class:`~ocp.solve.scenario_outcomes.ScenarioOutcomes`.
+    referee's noise.
     """
     outcomes = ScenarioOutcomes(evaluation, plan)
     regulator = PlanRegulator(evaluation, plan)
@@ -52,20 +48,18 @@ def _improve(outcomes: ScenarioOutcomes, gains: Gains, merit: tuple[int, int, fl
     noise = np.diag((NOISE_SHARE * measured_sizes(problem)) ** 2)
     deviations = Deviations(noise, noise, noise / problem.N)
     unit = abs(plan.cost - evaluation.least_cost) / problem.N / problem.scales.u**2
-    damping, expansions = LEAST_DAMPING, outcomes.expansions(gains)
+    dampings, expansions = list(DAMPINGS), outcomes.expansions(gains)
     for _ in range(PASSES):
-        if not expansions:
+        if not (expansions and dampings):
             break
-        improved = shared_gains(expansions, gains, deviations, np.diag(damping * unit), problem.scales.x)
+        improved = shared_gains(expansions, gains, deviations, np.diag(dampings[0] * unit), problem.scales.x)
         trials = (_between(gains, improved, length) for length in STEP_LENGTHS)
         better = next(((trial, new) for trial in trials if (new := outcomes.merit(trial)) < merit), None)
         if better is None:
-            if damping >= LARGEST_DAMPING:
-                break
-            damping *= DAMPING_GROWTH
+            dampings.pop(0)
             continue
         previous, (gains, merit) = merit, better
-        if merit[:2] == previous[:2] and previous[2] - merit[2] < LEAST_GAIN * abs(merit[2]):
+        if merit[:2] == previous[:2] and previous[2] - merit[2] < LEAST_DECREASE * abs(merit[2]):
             break
         expansions = outcomes.expansions(gains)
     return gains

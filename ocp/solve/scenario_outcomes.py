@@ -8,7 +8,7 @@ import numpy as np
 
 from ocp.judge.disturbances import FRICTION_SPREAD, MASS_SPREAD, friction_parameters, mass_parameters
 from ocp.judge.referee import REFINEMENT, outcome_findings, refined_replay
-from ocp.judge.step_size import step_size_kind
+from ocp.judge.step_size import step_size_kind, step_state
 from ocp.mpc.linearised import project_psd
 from ocp.mpc.plan_policies import linearised_plan
 from ocp.mpc.stages import Plan, StageModel
@@ -44,6 +44,7 @@ class ScenarioOutcomes:
         problem = evaluation.problem
         step_size = step_size_kind(problem.system)
         self.evaluation, self.plan, self.problem, self.step_size = evaluation, plan, problem, step_size
+        self._step_state = step_state(problem.system)
         self.substeps = 1 if step_size.kind == "fixed" else REFINEMENT
         self.scenarios = [Evaluation(problem, values) for values in end_values(problem, evaluation.values)]
         self._refined_problem = replace(problem, N=self.substeps * problem.N)
@@ -79,11 +80,10 @@ class ScenarioOutcomes:
         """Return the expansion of a scenario's closed loop; the inputs of its steps are held over the substeps."""
         model, N, substeps = self._model, self.problem.N, self.substeps
         nx, nu, limits = model.nx, model.nu, scenario.limits
-        values, start, step_state = dict(scenario.values), self.plan.x[:, 0].copy(), self.step_size.state
+        values, start = dict(scenario.values), self.plan.x[:, 0].copy()
+        start[:, self._step_state] /= substeps
         if self.step_size.kind == "parameter":
             values[self.step_size.parameter] /= substeps
-        elif self.step_size.kind == "state":
-            start[:, step_state] /= substeps
         refined, policy = Evaluation(self._refined_problem, values), HeldInputs(gains, substeps)
         rolled, unsolved = roll_on(refined, policy, self.problem.exact_step, start)
         if unsolved is not None or not np.isfinite(rolled.x).all():
@@ -99,15 +99,16 @@ class ScenarioOutcomes:
             AB[:, :, nx:] += B[:, i]
         lam, gap = fine.lam.reshape(N, substeps, model.n).sum(axis=1), fine.gap[substeps - 1 :: substeps]
         coarse = Plan(fine.x[::substeps].copy(), fine.u[::substeps], lam, gap)
-        if self.step_size.kind == "state":
-            coarse.x[:, step_state] *= substeps
+        coarse.x[:, self._step_state] *= substeps
         costs = model.evaluate(coarse, limits.u_before, self._rows(scenario.values, N))
         xu, before = np.r_[:nx, nx + nu : nx + 2 * nu], slice(nx, nx + nu)
         gradient, hessian = costs.gradient[:, xu], costs.hessian[:, xu[:, None], xu]
         gradient[:-1, nx:] += costs.gradient[1:, before]
         hessian[:-1, nx:, nx:] += costs.hessian[1:, before, before]
-        if self.step_size.kind == "state":
-            coarse.x[:, step_state] = 0.0  # Gains do not depend on the step size.
+        # Gains do not depend on the step size.
+        coarse.x[:, self._step_state] = 0.0
+        for matrix in (hessian, costs.end_hessian):
+            matrix[..., self._step_state, :] = matrix[..., self._step_state] = 0.0
         return Expansion(
             x=coarse.x,
             u=coarse.u,

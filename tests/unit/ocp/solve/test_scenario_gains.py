@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from ocp import Solution, solve
+from ocp import Solution, free, solve
 from ocp.judge.disturbances import MASS_SPREAD, disturbed_survival, parameter_draws
 from ocp.judge.referee import COST_SHARE
 from ocp.mpc.plan_policies import PlanRegulator
@@ -89,6 +90,23 @@ def test_expansions_have_the_derivatives_of_differences_of_held_inputs() -> None
     p, u = plan().values, lighter.u[:, 0]
     expected = 2 * p["h"] * np.stack([states[:-1, 0], 0 * u, p["w_u"] * u], axis=1)
     assert lighter.gradient == pytest.approx(expected, abs=1e-9)
+
+
+@pytest.mark.costly
+def test_a_step_size_that_is_a_state_changes_neither_gains_nor_replays() -> None:
+    """A step size between 0.1 s and 0.1 s is that of the hill; at h/4 this state is a quarter."""
+    freed = solve(replace(plan().problem, h=free(0.1, 0.1)), "exact", effort="quick")
+    evaluation, rollout = plan_of(freed, freed.problem.exact_step)
+    regulator = PlanRegulator(evaluation, rollout)
+    for weights, fixed in zip(WEIGHTS, regulators(), strict=True):
+        gains = regulator.gains(weights)
+        assert np.all(gains.K[:, :, 2] == 0) and gains.K[:, :, :2] == pytest.approx(fixed.K, rel=1e-4, abs=1e-4)
+    expected, freed_outcomes = outcomes().expansions(fixed)[2], ScenarioOutcomes(evaluation, rollout)
+    expansion = freed_outcomes.expansions(gains)[2]
+    assert expansion.x[:, :2] == pytest.approx(expected.x, abs=1e-5) and np.all(expansion.x[:, 2] == 0)
+    assert expansion.dynamics[:, :2, [0, 1, 3]] == pytest.approx(expected.dynamics, abs=1e-6)
+    assert expansion.gradient[:, [0, 1, 3]] == pytest.approx(expected.gradient, abs=1e-5)
+    assert freed_outcomes.merit(gains) == pytest.approx(outcomes().merit(fixed), rel=1e-4)
 
 
 @pytest.mark.costly
