@@ -88,6 +88,17 @@ def test_a_budget_buys_many_rounds_as_soon_as_they_have_enough_samples() -> None
         assert steps > 0.97 * budget
 
 
+@pytest.mark.parametrize("most", [120, 300, 600])
+def test_samples_of_a_run_are_limited_unless_the_number_of_steps_is_stated(most: int) -> None:
+    few, many = sampling.FEW_ROUNDS.rounds, sampling.MANY_ROUNDS.rounds
+    limited, stated = (
+        InputSampler(evaluation(wall()), laws=(Exact(),), rollout_steps=steps, max_samples=most)
+        for steps in (None, 10_000_000)
+    )
+    assert most * few - many < limited.samples * limited.narrowing.rounds <= most * few
+    assert stated.samples * stated.narrowing.rounds > 600 * few
+
+
 @pytest.mark.costly
 def test_sampled_costs_are_those_of_exact_rollouts_and_bound_the_optimum_from_above() -> None:
     problem = wall()
