@@ -17,8 +17,9 @@ PENALTY_CURVATURE = 1e-2
 """Second derivative of the penalty of a slack, relative to the penalty's slope."""
 MAX_ROW_VALUE = 1e4
 """Value of a row, in characteristic sizes, above which the row is scaled down."""
-QP_TOLERANCE = 1e-9
-"""Absolute tolerance of PIQP."""
+QP_TOLERANCE = 1e-6
+"""Absolute tolerance of PIQP, in characteristic sizes and costs: rollouts under the law follow every program, and the
+next sample is linearised at their states, which differ from the program's by far more."""
 MAX_QP_ITERATIONS = 60
 """Maximum number of iterations of PIQP."""
 

@@ -26,12 +26,12 @@ class QPCC(NewtonPhase):
 
         sigma_i = -y_k' (d x_{k+1} / d eps_i) - sum_j z_kj (d row_kj / d eps_i),
 
-    is negative. All pairs with ``sigma_i < 0`` are exchanged at once or, if the optimum does not decrease, only the
-    pair with the largest gain, at most ``exchanges`` times. If no such pair is left and multipliers are unique, the
-    program's solution is strongly stationary.
+    is negative. All pairs with ``sigma_i < 0`` are exchanged at once, and the exchange is kept if it lowers the
+    optimum. It takes one more program; further exchanges are left to the next sample. If no such pair is left and
+    multipliers are unique, the program's solution is strongly stationary.
     """
 
-    exchanges = 2
+    exchanges = True
 
     def __init__(self, model: StageModel, rollouts: CandidateRollouts, iterations: int = 1) -> None:
         super().__init__(model, rollouts, iterations)
@@ -67,28 +67,18 @@ class QPCC(NewtonPhase):
     def proposals(self, prepared: Prepared, sample: Sample) -> tuple[list[Proposal], str]:
         """Return the proposal for the plan's active set, the best proposal after exchanges, and a note."""
         steps, note = super().proposals(prepared, sample)
-        for _ in range(self.exchanges if steps else 0):
-            better = self._exchange_pairs(prepared, steps[-1], sample)
-            if better is None:
-                break
-            steps, note = [steps[0], better], "contacts were exchanged"
-        return steps, note
+        better = self._exchange_pairs(prepared, steps[-1], sample) if steps and self.exchanges else None
+        return (steps, note) if better is None else ([steps[0], better], "contacts were exchanged")
 
     def _exchange_pairs(self, prepared: Prepared, incumbent: Proposal, sample: Sample) -> Proposal | None:
         """Return a proposal with exchanged pairs that lowers the program's optimum, or None."""
-        gains = self._gains(incumbent)
-        pays = gains > MIN_EXCHANGE_GAIN
+        pays = self._gains(incumbent) > MIN_EXCHANGE_GAIN
         if not pays.any():
             return None
-        best_alone = gains == gains.max()
-        for pairs in (pays, best_alone)[: 1 + (pays.sum() > 1)]:
-            closed = self.sets.exchange(incumbent.closed, pairs)
-            lin = self.linearise_plan(prepared.plan, prepared.evaluated, closed)
-            trial = self.propose(lin, closed, sample)
-            improves = trial.step.objective < incumbent.step.objective - MIN_EXCHANGE_GAIN * self.cost
-            if trial.step.solved and improves:
-                return trial
-        return None
+        closed = self.sets.exchange(incumbent.closed, pays)
+        trial = self.propose(self.linearise_plan(prepared.plan, prepared.evaluated, closed), closed, sample)
+        improves = trial.step.objective < incumbent.step.objective - MIN_EXCHANGE_GAIN * self.cost
+        return trial if trial.step.solved and improves else None
 
     @property
     def cost(self) -> float:
@@ -118,4 +108,4 @@ class QPCC(NewtonPhase):
 class FixedActiveSet(QPCC):
     """Phase that solves the program of :class:`QPCC` without exchanges, with the active set of the last plan."""
 
-    exchanges = 0
+    exchanges = False
