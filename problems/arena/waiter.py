@@ -19,6 +19,8 @@ dot(x)_1 = v - w, quad 0 <= v perp mu_1 P - G >= 0, quad 0 <= w perp mu_1 P + G 
 x_2 >= s, quad x_2 - x_1 <= l, quad n (x_2 - x_1 + l) <= m_1 g l, quad n >= 0
 min w_"end" norm((x, dot(x))_N - (a, a, b, b))^2 + w_u sum_(k=0)^(N-1) n_k^2 + u_k^2
 """
+LARGEST_SLIP = 20.0
+"""Upper limit of the parts of slips; a surface without pressure leaves their sum free, which could grow [m/s]."""
 
 
 class Params(Parameters):
@@ -85,6 +87,7 @@ def build(params: Params) -> Problem:
         u_upper=ca.vertcat(ca.inf, weight, ca.inf, ca.inf),
         path=[
             Constraint("slip", ca.vertcat(x[3] - x[2], x[2]) - slip, 0.0, 0.0),
+            Constraint("speed of sliding", lam, -ca.inf, LARGEST_SLIP),
             Constraint("on the plate", margins, 0.0, ca.inf),
             Constraint("no tipping", lever, 0.0, ca.inf),
         ],

@@ -2,7 +2,7 @@
 
 Every task, and the first N instances of those that have some, is solved by the default command and by the published
 formulation. One judge holds both to the same tolerance and certificate. Answers are kept in
-``docs/generated/data/arena-answers.json``, so that a task can be run again alone; the table and the figure of the site
+``docs/generated/data/arena/answers.json``, so that a task can be run again alone; the table and the figure of the site
 are made from all of them.
 """
 
@@ -16,7 +16,7 @@ from problems.registry import arena_names
 from tests.benchmarks.arena.race import limited
 from tests.benchmarks.arena.report import WORDS, write_report
 
-ANSWERS = "arena-answers"
+ANSWERS = "arena/answers"
 """Name of the stored answers."""
 
 
