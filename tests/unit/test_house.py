@@ -118,7 +118,7 @@ def test_the_map_of_the_house_is_true() -> None:
 def test_a_file_is_checked_by_its_own_tests() -> None:
     nearest = {
         "docs/generator/roles.py": "tests/docs/test_site.py",
-        "ocp/store/atomic.py": "tests/unit/ocp/store/test_store.py",
+        "ocp/store/atomic.py": "tests/unit/ocp/store/test_interrupted_writes.py",
         "ocp/judge/audit.py": "tests/unit/ocp/judge/test_audit.py",
         "dynamics/systems/parameters.py": "tests/unit/dynamics/test_parameters.py",
         "tests/unit/test_words.py": "tests/unit/test_words.py",

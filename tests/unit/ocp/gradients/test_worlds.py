@@ -1,21 +1,16 @@
-"""Verdicts on worlds whose maps are formulas, measures against formulas, and rejected simulators."""
+"""Verdicts on worlds whose maps are formulas, and measures against formulas."""
 
 from __future__ import annotations
-
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from dynamics.batch import Gaussian
-from ocp import gradient_report
-from ocp.errors import InputError
 from ocp.gradients.estimators import SAMPLED
 from ocp.gradients.sampling import quadrature, run_estimator
-from ocp.gradients.worlds import Question, ReportSettings, World, check_world, measure_worlds
+from ocp.gradients.worlds import Question, ReportSettings, World, measure_worlds
 from ocp.gradients.worlds.measures import measure_secants, rounding_noise
 from ocp.gradients.worlds.world import WorldObjective
-from ocp.store.checkpoint import SavedWork
 
 NOMINAL = np.array([1.0003])
 TOOTH = 1e-3
@@ -261,111 +256,9 @@ def test_intervals_of_smoothed_gradients_cover_the_truth(estimator: str) -> None
     assert abs(covered - 190) <= 3 * np.sqrt(200 * 0.95 * 0.05)
 
 
-class _Drifting:
-    def __init__(self) -> None:
-        self.calls = 0
-
-    def __call__(self, theta: np.ndarray) -> np.ndarray:
-        self.calls += 1
-        return theta + self.calls
-
-
-def _mutating(theta: np.ndarray) -> np.ndarray:
-    theta += 1
-    return theta
-
-
-BAD = {
-    "the shape": (lambda theta: theta[:, 0], None, "expected (4, m)"),
-    "changes its argument": (_mutating, None, "theta.copy()"),
-    "other values in a second call": (_Drifting(), None, "seed its random numbers"),
-    "depend on the other rows": (lambda theta: theta + theta.mean(), None, "every row by itself"),
-    "did not return an array": (lambda theta: "sin", None, "numbers"),
-    "returned nan at the nominal parameters": (lambda theta: theta * np.nan, None, "a finite number"),
-    "gradient(theta) returned the shape": (np.sin, np.cos, "expected (1, m, 1)"),
-    "gradient(theta) has 2": (np.sin, lambda theta: np.ones((len(theta), 2, 1)), "1 outputs"),
-}
-
-
-@pytest.mark.parametrize("message", BAD)
-def test_a_bad_simulator_gets_one_sentence(message: str) -> None:
-    simulate, differentiate, remedy = BAD[message]
-    with pytest.raises(InputError) as error:
-        check_world(World("bad", simulate, differentiate), NOMINAL)
-    assert message in str(error.value) and remedy in str(error.value) and "\n" not in str(error.value)
-
-
-def test_a_world_that_fails_does_not_lose_the_others_and_all_failing_raise() -> None:
-    bad = World("bad", lambda theta: theta[:, 0])
-    report = measure_worlds([bad, SINE], Question(NOMINAL, 1.0, SINE), ReportSettings(samples=100))
-    assert [row["verdict"] for row in report.rows] == ["failed", "right"]
-    assert report.dataset().sizes["world"] == 1
-    with pytest.raises(InputError, match="returned the shape"):
-        measure_worlds([bad], Question(NOMINAL, 1.0, SINE))
-
-
-def test_non_finite_rollouts_are_counted() -> None:
-    world = World("half", lambda theta: np.where(theta > 1.0008, np.nan, np.sin(theta)))
-    assert check_world(world, NOMINAL) == (1, 2)
-    row = judged(world, SINE)
-    assert row["nonfinite"] == 2 and all(each["nonfinite"] > 0 for each in row["smoothed"])
-    # Half of the samples are missing, so that the others' mean is no gradient of the sine.
-    assert all(each["mean"] is None for each in row["smoothed"])
-    assert judged(world, None)["findings"][-1]["code"] == "use-finite-outputs"
-
-
-def test_a_function_is_reported_from_python_and_needs_its_parameters() -> None:
-    report = gradient_report(np.sin, theta=1.0, truth=np.sin, samples=100)
-    assert report.rows[0]["verdict"] == "right" and report.sentences[0].startswith("sin: right")
-    with pytest.raises(InputError, match="needs theta"):
-        gradient_report(np.sin)
-    for settings, message in (({"sigmas": ()}, "positive numbers"), ({"tolerance": 0.0}, "tolerance")):
-        with pytest.raises(InputError, match=message):
-            gradient_report(np.sin, theta=1.0, **settings)
-    with pytest.raises(InputError, match="are for a function"):
-        gradient_report("two-balls", theta=1.0)
-
-
-def test_the_same_seed_gives_the_same_report() -> None:
-    first, second = (judged(saw(3.0), SINE, samples=300, seed=7) for _ in range(2))
-    assert first == second != judged(saw(3.0), SINE, samples=300, seed=8)
-
-
-def test_an_interrupted_report_resumes_after_the_finished_world(tmp_path: Path) -> None:
-    counted = _Counted()
-    worlds, question = [World("counted", counted), SINE], Question(NOMINAL, 1.0, SINE)
-    settings, files = ReportSettings(samples=100), SavedWork(tmp_path)
-
-    def stop(index: int, name: str) -> None:
-        if index == 1:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        measure_worlds(worlds, question, settings, files, stop)
-    calls = counted.calls
-    resumed = measure_worlds(worlds, question, settings, files)
-    assert counted.calls == calls > 0
-    assert resumed.rows == measure_worlds(worlds, question, settings).rows
-
-
-class _Counted:
-    def __init__(self) -> None:
-        self.calls = 0
-
-    def __call__(self, theta: np.ndarray) -> np.ndarray:
-        self.calls += 1
-        return np.sin(theta)
-
-
 def test_an_uncertain_estimate_says_how_many_samples_it_needs() -> None:
     """The standard error falls with the square root of the samples, so that the number that is said suffices."""
     wide = World("wide stairs", lambda theta: np.sin(0.1 * np.floor(theta / 0.1)), STAIRS.differentiate)
     few = judged(wide, SINE, samples=200)["findings"][1]
     assert few["code"] == "use-more-samples" and few["numbers"]["sigma"] == 0.1
     assert judged(wide, SINE, samples=4 * few["numbers"]["count"])["findings"][1]["code"] == "use-smoothed"
-
-
-def test_a_truth_without_the_output_that_is_asked_for_is_refused() -> None:
-    two = World("two", lambda theta: np.concatenate([theta, theta**2], axis=1))
-    with pytest.raises(InputError, match="sine has 1 outputs, got 1 as the index"):
-        measure_worlds([two], Question(NOMINAL, 1.0, SINE, output=1))

@@ -2,15 +2,9 @@
 
 from __future__ import annotations
 
-import errno
 import json
 import math
 import os
-import re
-import signal
-import subprocess
-import sys
-import textwrap
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -33,9 +27,9 @@ from ocp.labelled import LabelledArrays
 from ocp.programs.solver import Status
 from ocp.routes.homotopy import StageRecord
 from ocp.solution import Solution
-from ocp.store import atomic, lookup
+from ocp.store import atomic
 from problems import get
-from tests.resealed import having, lacking, reseal
+from tests.resealed import reseal
 
 
 def dataset(shift: float = 0.0) -> xr.Dataset:
@@ -177,61 +171,6 @@ def test_a_name_cannot_leave_the_store(tmp_path: Path) -> None:
     assert path.parent.parent == tmp_path / "runs"
 
 
-def cut(path: Path) -> None:
-    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
-
-
-def flip(path: Path) -> None:
-    content = bytearray(path.read_bytes())
-    content[len(content) // 2] ^= 1
-    path.write_bytes(bytes(content))
-
-
-def sealed_with(change):
-    return lambda file: reseal(file.parent, change)
-
-
-@pytest.mark.parametrize(
-    ("file", "harm", "reason"),
-    [
-        ("solution.nc", Path.unlink, "No such file"),
-        ("solution.nc", cut, "checksum"),
-        ("solution.nc", flip, "checksum"),
-        ("meta.json", Path.unlink, "No such file"),
-        ("meta.json", cut, "does not end in its checksum"),
-        ("meta.json", flip, "does not match its checksum"),
-        ("meta.json", lambda path: path.write_text("[1]"), "does not end in its checksum"),
-        ("meta.json", sealed_with(having(schema=99)), "schema version 99"),
-        ("meta.json", sealed_with(lacking("schema")), "no schema"),
-        ("meta.json", sealed_with(lacking("hash", "kind")), "hash is missing"),
-        ("meta.json", sealed_with(having(kind="song")), "kind is 'song', expected one of solve"),
-    ],
-)
-def test_damage_is_named(tmp_path: Path, file: str, harm, reason: str) -> None:
-    path = store.save(solution(), tmp_path, []).path
-    harm(path / file)
-    with pytest.raises(DamagedRun) as caught:
-        store.load(path)
-    assert file in str(caught.value)
-    assert reason in str(caught.value)
-
-
-def test_an_unreadable_netcdf_with_the_right_checksum_is_damaged(tmp_path: Path) -> None:
-    path = store.save(solution(), tmp_path, []).path
-    reseal(path, having(), solution=b"not netCDF")
-    with pytest.raises(DamagedRun, match="not a readable netCDF"):
-        store.load(path)
-
-
-def test_a_listing_shows_damaged_runs_with_the_reason(tmp_path: Path) -> None:
-    good, bad = (store.save(solution(), tmp_path, []).path for _ in range(2))
-    (bad / "meta.json").unlink()
-    entries = {entry.path: entry for entry in store.list_runs(tmp_path)}
-    assert entries[good].meta is not None
-    assert entries[bad].meta is None
-    assert "meta.json" in entries[bad].damage
-
-
 def test_a_missing_run_is_wrong_usage(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no run"):
         store.load(tmp_path / "nothing")
@@ -242,14 +181,6 @@ def test_a_study_is_no_solution(tmp_path: Path) -> None:
     path = store.write_run(tmp_path, "toy", dataset(), {"kind": "figure", **told}).path
     with pytest.raises(InputError, match="figure"):
         store.load(path).solution(get("wall-1d"))
-
-
-@pytest.mark.parametrize("part", ["audit", "stages", "status", "iterations"])
-def test_a_solution_with_a_part_missing_is_damaged(tmp_path: Path, part: str) -> None:
-    path = store.save(solution(), tmp_path, []).path
-    reseal(path, lacking(part))
-    with pytest.raises(DamagedRun, match=rf"meta\.json does not describe a run: {part} is missing"):
-        store.load(path)
 
 
 def test_survival_follows_from_the_findings(tmp_path: Path) -> None:
@@ -283,99 +214,6 @@ def test_multipliers_survive_the_disk_by_name(tmp_path: Path) -> None:
     shifted = solved.data.assign(lam_g_contact=2 * solved.data["lam_g_contact"])
     other = store.load(store.save(solved.with_data(shifted), tmp_path, []).path)
     assert other.meta["hash"] != run.meta["hash"], "they are content"
-
-
-@pytest.mark.parametrize("call", [store.check_writable, lambda r: store.save(solution(), r, []).path])
-def test_a_root_that_is_a_file_is_refused(tmp_path: Path, call) -> None:
-    root = tmp_path / "runs"
-    root.write_text("")
-    with pytest.raises(InputError, match="--out"):
-        call(root)
-
-
-@pytest.mark.parametrize("fails", ["fsync", "rename"])
-def test_a_full_disk_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fails: str) -> None:
-    def full(*_: object) -> None:
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    monkeypatch.setattr(*((os, "fsync") if fails == "fsync" else (Path, "rename")), full)
-    with pytest.raises(InputError, match="disk is full"):
-        store.save(solution(), tmp_path, [])
-    assert list((tmp_path / "toy").iterdir()) == []
-
-
-KILLED_WHILE_WRITING = textwrap.dedent(
-    """
-    import sys, time
-    import xarray as xr
-    from pathlib import Path
-    from ocp.store import runs as store
-    def hang(*_):
-        print("writing", flush=True)
-        time.sleep(60)
-    store.flush = hang
-    store.write_run(Path(sys.argv[1]), "toy", xr.Dataset({"a": ("n", [1.0])}), {"kind": "continue"})
-    """
-)
-
-
-@pytest.mark.costly
-def test_kill_leaves_no_half_run_and_the_next_save_sweeps(tmp_path: Path) -> None:
-    command = [sys.executable, "-c", KILLED_WHILE_WRITING, str(tmp_path)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdout is not None
-        assert process.stdout.readline() == "writing\n"
-        store.save(solution(), tmp_path, [])
-        living = [p for p in (tmp_path / "toy").iterdir() if p.name.startswith(".")]
-        assert len(living) == 1, "a save must not sweep what a living process is writing"
-        process.send_signal(signal.SIGKILL)
-    assert living[0].exists()
-    assert len(store.list_runs(tmp_path)) == 1, "a half run must not be listed"
-    store.save(solution(), tmp_path, [])
-    assert not living[0].exists()
-    assert len(store.list_runs(tmp_path)) == 2
-
-
-def test_a_removal_cut_short_leaves_no_half_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = store.save(solution(), tmp_path, []).path
-
-    def killed(place: Path) -> None:
-        (place / "meta.json").unlink()
-        raise KeyboardInterrupt
-
-    with monkeypatch.context() as patched, pytest.raises(KeyboardInterrupt):
-        patched.setattr(atomic.shutil, "rmtree", killed)
-        lookup.remove_runs([path])
-    assert store.list_runs(tmp_path) == []
-    store.save(solution(), tmp_path, [])
-    assert not [child for child in path.parent.iterdir() if child.name.startswith(".")]
-
-
-@pytest.mark.parametrize("ending", [KeyboardInterrupt, ValueError])
-def test_a_file_is_replaced_whole_or_not_at_all(tmp_path: Path, ending: type) -> None:
-    file = tmp_path / "figure.pdf"
-    atomic.write_file(file, b"old")
-    with pytest.raises(ending), atomic.replace_file(file) as draft:
-        draft.write_bytes(b"half")
-        raise ending
-    assert file.read_bytes() == b"old"
-    atomic.write_file(file, b"new")
-    assert file.read_bytes() == b"new"
-    assert [path.name for path in tmp_path.iterdir()] == ["figure.pdf"]
-
-
-def test_only_one_module_renames_into_place() -> None:
-    """In ocp, problems and reports no other module moves files; dynamics has its own cache."""
-    root = Path(store.__file__).parents[2]
-    moves = r"(replace|rename)"
-    by_hand = re.compile(rf"mkstemp|mkdtemp|os\.{moves}\(|[a-z)]\.{moves}\([a-z_]+\)")
-    found = {
-        str(file.relative_to(root))
-        for package in ("ocp", "problems", "reports")
-        for file in (root / package).rglob("*.py")
-        if by_hand.search(file.read_text())
-    }
-    assert found == {"ocp/store/atomic.py", "ocp/store/runs.py"}
 
 
 def test_runs_are_found_by_their_names_without_opening_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
