@@ -4,7 +4,7 @@ Samples alone do not replace it. For scenes of ``tests/benchmarks/ocp/world_scen
 time of a solve with pushes, which samples follow where the answer is poor, and of one with samples alone are:
 
 - a box that comes back, 40 pairs: 0.0566, certified (156 s); 0.927, without a certificate (174 s);
-- a box past a block, 40 pairs: 1.884, not surviving (56 s); 1.823, surviving (68 s);
+- a box past a block, 40 pairs: 1.823 (116 s), from pushes 1.884, which does not survive; 1.823 (68 s);
 - a triangle to a wall, 36 pairs: 0.0519 (126 s); 0.0519 (53 s);
 - a quarter turn, 4 pairs: 0.0215 (99 s); 0.0215 (77 s).
 

@@ -58,9 +58,8 @@ class SampleSearch(Search):
 
     ``thorough`` effort samples under two laws in all rounds; normal effort samples under the exact law, and, if the
     answer is certified and does not idle, ends when samples no longer improve towards the answer, are far from it, or
-    repeat it. The best
-    answer's inputs are then changed at random (:mod:`ocp.search.perturbed_plans`), and plans with other contact
-    schedules are solved.
+    repeat it. The best answer's inputs are then changed at random (:mod:`ocp.search.perturbed_plans`), and plans with
+    other contact schedules are solved.
     """
 
     thorough: bool = True

@@ -81,8 +81,9 @@ def cost_to_beat(solution: Solution) -> float:
 
 
 def is_poor(solution: Solution) -> bool:
-    """Return whether an answer has no certificate or idles."""
-    return idles(solution) or not solution.certificate.certified
+    """Return whether an answer has no certificate, idles or, in a scene, does not survive the referee at its step."""
+    fails = bool(solution.problem.system.scene) and solution.referee.survives_at_h is False
+    return fails or idles(solution) or not solution.certificate.certified
 
 
 def falls_short(solution: Solution) -> bool:

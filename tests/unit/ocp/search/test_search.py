@@ -23,6 +23,7 @@ from ocp.problem.rollout import roll_on
 from ocp.search.near_steps import NearSteps, linear_complementarity
 from ocp.search.push_search import PushSearch, penetrates_between_nodes
 from ocp.search.push_tree import TouchSearch
+from ocp.search.search import is_poor
 from ocp.solve.judging import judge_outcome
 from ocp.solve.solve import new_session
 from problems import get
@@ -130,6 +131,8 @@ def test_an_answer_that_stands_still_or_is_lost_falls_short() -> None:
     assert pushes.is_needed(
         replace(good, referee=RefereeReport(note="exact", findings=[make_finding("states-not-finite")]))
     )
+    failing = RefereeReport(note="exact", findings=[make_finding("states-not-finite")])
+    assert is_poor(replace(good, referee=failing)) and not is_poor(replace(good, referee=RefereeReport(note="exact")))
     session.search = False
     assert not pushes.is_needed(replace(found, cost=found.idle_cost))
 
