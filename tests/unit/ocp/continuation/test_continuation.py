@@ -206,7 +206,7 @@ def test_names_are_found_with_and_without_prefix() -> None:
         ("M", 1, 1, 3, "linear", "must be finite and differ"),
         ("M", 1, float("nan"), 3, "linear", "must be finite and differ"),
         ("M", float("inf"), 1, 3, "linear", "must be finite and differ"),
-        ("M", 1, 2, 0, "linear", "1 or more"),
+        ("M", 1, 2, 0, "linear", "steps must be a whole number >= 1"),
         ("M", 0, 2, 3, "log", "positive ends"),
         ("M", 1, -2, 3, "log", "positive ends"),
         ("M", -1, -2, 3, "log", "positive ends"),
