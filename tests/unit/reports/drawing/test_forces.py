@@ -7,6 +7,7 @@ import pytest
 from matplotlib.figure import Figure
 from matplotlib.text import Annotation
 
+from ocp.labelled import LabelledArrays
 from problems.drawing import ContactFrame
 from reports.drawing.strobe import cone_stroke, draw_force, forces_of, strobe
 from tests.unit.reports.made import sliding_box
@@ -62,7 +63,7 @@ def test_the_strobe_draws_every_force_to_scale_and_cones_on_request() -> None:
 def test_without_stored_impulses_a_multiplier_is_a_normal_impulse() -> None:
     view = sliding_box(NORMAL, SLIP)
     bare = view.run.data.drop_vars(["normal_impulse", "friction_impulse"])
-    object.__setattr__(view.run, "data", bare)
+    object.__setattr__(view.run, "arrays", LabelledArrays.of(bare))
     found = forces_of(view)
     assert found is not None
     np.testing.assert_array_equal(found.normal, NORMAL)
@@ -74,7 +75,7 @@ def test_a_law_averaged_over_noise_shows_the_mean_multiplier() -> None:
     one = view.run.data.drop_vars(["normal_impulse", "friction_impulse"])
     branches = np.concatenate([NORMAL, 3 * NORMAL], axis=1)[None]
     data = one.drop_dims("contact").assign(lam=(("scenario", "interval", "branch"), branches))
-    object.__setattr__(view.run, "data", data.assign_coords(contact=["heel", "toe"]))
+    object.__setattr__(view.run, "arrays", LabelledArrays.of(data.assign_coords(contact=["heel", "toe"])))
     found = forces_of(view)
     assert found is not None
     np.testing.assert_allclose(found.normal, 2 * NORMAL)
