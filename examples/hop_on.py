@@ -36,7 +36,7 @@ def build(params: Params) -> Problem:
     system = machine.system(name, p, h=p["h"], friction=p["friction"] * robot.coefficients)
     lower, upper = robot.controls.T  # limits of the inputs: units of gear, or positions of servos
     size = np.where(np.isfinite(upper - lower), (upper - lower) / 2, 1.0)
-    share = (system.u - robot.held(start)) / size
+    share = (system.u - robot.holding_inputs(start)) / size
     q, v = system.x[:nq], system.x[nq:]
     running = p["w_u"] * ca.sumsqr(share) + p["w_v"] * ca.sumsqr(v)
     return Problem(

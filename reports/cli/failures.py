@@ -36,7 +36,7 @@ def explain(error: BaseException) -> tuple[str, int]:
         streams.discard_buffers()
         destination = f" to {_shortened(str(error.filename))}" if error.filename is not None else ""
         return f"cannot write{destination}: {error.strerror}; free some space or write elsewhere", 1
-    if isinstance(error, ImportError) and (hidden := _hidden_package()):
+    if isinstance(error, ImportError) and (hidden := hidden_package()):
         return hidden, 2
     if isinstance(error, OSError) and error.filename is not None:
         reason = f"{error.strerror}; name another file or directory"
@@ -55,7 +55,7 @@ def explain(error: BaseException) -> tuple[str, int]:
     )
 
 
-def _hidden_package() -> str:
+def hidden_package() -> str:
     """Return a sentence on the file or folder that hides one of our packages; "" if none does."""
     try:
         from ocp.distribution import shadowing

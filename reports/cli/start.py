@@ -16,9 +16,7 @@ def main() -> None:
     """
     _signal.signal(_signal.SIGINT, end)
     _open_closed()
-    from reports.cli.app import main as run
-
-    code = run()
+    code = _run()
     # Python runs no signal handlers while it shuts down, so exit functions run here, and os._exit ends the process.
     __import__("atexit")._run_exitfuncs()
     try:
@@ -26,6 +24,20 @@ def main() -> None:
         sys.stderr.flush()
     finally:
         os._exit(code)
+
+
+def _run() -> int:
+    """Run the command and return its exit code: 2, with one sentence, if a file hides a package that options need."""
+    try:
+        from reports.cli.app import main as run
+    except ImportError:
+        from reports.cli.failures import hidden_package
+
+        if not (message := hidden_package()):
+            raise
+        sys.stderr.write(f"error: {message}\n")
+        return 2
+    return run()
 
 
 def _open_closed() -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-MODULES, FILES = 220, 140
+MODULES, FILES = 220, 141
 """Maximum numbers of loaded modules, and of files with called functions, in ``ocp solve --pdf``."""
 
 MEASURE = """

@@ -97,7 +97,7 @@ def test_doctor_says_what_a_script_in_this_folder_would_find(tmp_path, name, kin
 def test_the_program_started_by_a_script_there_ends_with_one_sentence(tmp_path: Path) -> None:
     place = put(tmp_path, "dynamics", "file")
     place.write_text("")
-    code = "import sys; from reports.cli.app import main; sys.exit(main(['settings']))"
+    code = "import sys; from reports.cli.start import main; sys.argv = ['ocp', 'settings']; main()"
     done = python(tmp_path, "-c", code)
     assert done.returncode == 2 and done.stderr.count("\n") == 1
     assert f"{place} has the name of the package dynamics" in done.stderr

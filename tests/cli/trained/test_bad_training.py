@@ -47,9 +47,9 @@ REFUSED = {
     "ball-throw -s psi=m -s psi.n_env=2": "no setting 'psi.n_env' (did you mean 'n_envs'?)",
     "ball-throw -s psi=m -s psi.width=-1": "psi.width must be a number > 0, got -1",
     "ball-throw -s psi=m -s psi.m=-1": "m is learned by its logarithm, so it must start positive",
-    "ball-throw --seeds 0": "greater than or equal to 1",
-    "ball-throw --iterations 0": "greater than or equal to 1",
-    "ball-throw --jobs 0": "greater than or equal to 1",
+    "ball-throw --seeds 0": "--seeds must be a whole number >= 1 and <= 1000",
+    "ball-throw --iterations 0": "--iterations must be a whole number >= 1",
+    "ball-throw --jobs 0": "--jobs must be a whole number >= 1 and <= 1024",
     "ball-throw -p mass=2": "ball-throw: unknown parameter 'mass'",
     "ball-throw -p m=-1": "parameter m (mass) must be a number > 0 [kg]",
     "ball-throw --contact soft": "unknown contact law 'soft'",
@@ -106,11 +106,11 @@ def test_only_a_policy_is_judged(ocp: Ocp, root: Path) -> None:
     assert done.code == 2 and "holds no policy; give one of ocp train" in done.err
 
 
-@pytest.mark.costly_cases("given0-greater than or equal to 1")
+@pytest.mark.costly_cases("given0---episodes must be a whole number >= 1")
 @pytest.mark.parametrize(
     ("given", "told"),
     [
-        (["--episodes", "0"], "greater than or equal to 1"),
+        (["--episodes", "0"], "--episodes must be a whole number >= 1"),
         (["--contact", "soft"], "unknown contact law 'soft'"),
         (["-c", "mu=1"], "has no setting 'mu'"),
     ],
