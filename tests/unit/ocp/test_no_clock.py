@@ -25,6 +25,7 @@ HOUSE = Path(ocp.__file__).parent
 AROUND = {
     "store/checkpoint.py": "how often the work is saved",
     "jobs/processes.py": "how long a worker that was told to end is waited for",
+    "mpc/controller.py": "a user's deadline of a sample",
     "programs/options.py": "a user's own limits, checked",
 }
 """Mapping from file to what a clock decides in it, outside of the solution."""

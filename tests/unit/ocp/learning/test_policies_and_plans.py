@@ -39,7 +39,7 @@ def test_a_policy_is_measured_over_the_first_steps_of_its_episode():
     n_o, nu = len(task.observations), task.system.nu
     theta = 0.1 * np.random.default_rng(3).standard_normal(nu * (n_o + 1))
     policy = Policy("hopper", TrainedPolicy(theta, Normaliser.identity(n_o)), ())
-    whole = evaluate_from(policy.over(task.horizon), policy.trained, EXACT, initial_states("hopper", 2))
+    whole = evaluate_from(policy.experiment(task.horizon), policy.trained, EXACT, initial_states("hopper", 2))
     counted = [min(int(lived), STEPS) for lived in whole.lengths]
     rewards = BatchFunction(task.rewards, "numpy", 1)
     expected = [

@@ -47,7 +47,7 @@ KILLED_WHILE_WRITING = textwrap.dedent(
     def hang(*_):
         print("writing", flush=True)
         time.sleep(60)
-    store.flush = hang
+    store.sync_to_disk = hang
     store.write_run(Path(sys.argv[1]), "toy", xr.Dataset({"a": ("n", [1.0])}), {"kind": "continue"})
     """
 )
