@@ -29,8 +29,10 @@ MAX_FAILURES = 20
 """Number of failed neighbours in a row, in order of promise, after which a search ends."""
 LEAST_FAILURES = 2
 """Number of failed neighbours in a row up to which neighbours are tried that are predicted to cost more."""
-VAIN_SHARE = 0.25
-"""Iterations of such neighbours in a row, as a fraction of all iterations before them, after which a search ends."""
+VAIN_SHARE = 2.0
+"""Iterations of such neighbours in a row, relative to all iterations before them, after which a search ends.
+
+At 1 a drawn cart-transport ends at 6.94 instead of 5.60."""
 PREDICTED = 64
 """Maximum number of neighbours whose costs are predicted, those with the steepest descent."""
 
