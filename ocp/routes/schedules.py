@@ -72,8 +72,9 @@ def improve_schedule(branches: Branches, best: Result, max_failures: int = MAX_F
     are far from (0, 0), so that first-order descent cannot shift a contact for any trust region. Therefore
     single pairs change sides, or runs of active pairs are moved by a step, and the branch is solved again.
     The first move tried is twice the last successful one; others follow in the order of the costs that
-    :class:`~ocp.routes.branch_model.BranchModel` predicts, until ``max_failures`` in a row do not reduce the cost; a
-    neighbour that is predicted to cost more counts as :data:`UNLIKELY_FAILURES` failures.
+    :class:`~ocp.routes.branch_model.BranchModel` predicts. The search ends after ``max_failures`` in a row that do not
+    reduce the cost. It ends earlier if the next neighbour is predicted to cost more, and the failures since the last
+    success took more than :data:`VAIN_SHARE` times all iterations before them.
     """
     program, trace = branches.program, branches.follower.trace
     iteration_limit = trace.iterations + min(SEARCH_ITERATIONS, SEARCH_WORK // max(program.pairs.shape[1], 1))

@@ -128,13 +128,12 @@ def test_inputs_keep_their_bounds_and_states_theirs_by_a_penalty() -> None:
     problem = wall()
     speed = np.abs(solve(problem, contact="exact").data["x"].values[0, :, 1]).max()
     limit = 0.6 * speed
-    sampler = InputSampler(
-        evaluation(replace(problem, x_lower=ca.DM([-np.inf, -limit]), x_upper=ca.DM([np.inf, limit])))
-    )
-    unlimited = InputSampler(evaluation(problem))
+    limited = replace(problem, x_lower=ca.DM([-np.inf, -limit]), x_upper=ca.DM([np.inf, limit]))
+    # Plans of other laws keep the limit under these laws, and may exceed it in an exact replay.
+    sampler, unlimited = (InputSampler(evaluation(posed), laws=(Exact(),)) for posed in (limited, problem))
     for plan in list(sampler.stages())[-1]:
         assert np.all(plan.inputs >= sampler.lower) and np.all(plan.inputs <= sampler.upper)
-        assert fastest(problem, plan.inputs) < 1.02 * limit
+        assert fastest(problem, plan.inputs) < 1.001 * limit
     assert max(fastest(problem, plan.inputs) for plan in list(unlimited.stages())[-1]) > 1.2 * limit
 
 
