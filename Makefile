@@ -122,11 +122,12 @@ bench-robots: setup
 	PEERS="$(PEERS)" EXTRA_ROBOTS="$(EXTRA_ROBOTS)" $(BIN)/python -m tests.benchmarks.robots.bench $(PARTS)
 	EXTRA_ROBOTS="$(EXTRA_ROBOTS)" $(BIN)/python -m tests.benchmarks.robots.plans
 
-# Public tasks by the default command and by their published formulations, one judge for both; writes
-# the site's table and figure, and what `ocp arena compare` knows of ocp solve. TASKS="pushbot waiter"
-# some tasks, COUNT=100 so many instances (3 without it).
+# Public tasks by the default command, by quick effort and by their published formulations, one judge for
+# all; writes the site's table and figure, and what `ocp arena compare` knows of ocp solve. JOBS=16 answers
+# at a time; stopped, it goes on where it was. ARENA="waiter --out build/waiter.json" has some tasks alone.
+JOBS ?= 1
 arena: setup
-	$(BIN)/python -m tests.benchmarks.arena $(TASKS) --count $(if $(filter command line,$(origin COUNT)),$(COUNT),3)
+	$(BIN)/python -m tests.benchmarks.arena --jobs $(JOBS) $(ARENA)
 
 # The site, from docs/ and docstrings into build/site; warnings are errors, and nothing is fetched.
 docs: setup

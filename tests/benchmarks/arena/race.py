@@ -5,15 +5,13 @@ from __future__ import annotations
 import resource
 import time
 import warnings
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import asdict, dataclass
-from functools import partial
-from multiprocessing import get_context
+from multiprocessing.connection import Connection
 from typing import Any
 
 from ocp import solve
 from ocp.problem.problem import Problem
+from ocp.routes.session import Effort
 from problems import get
 from tests.benchmarks.arena.judge import judged
 from tests.benchmarks.arena.peers import Answer
@@ -38,10 +36,16 @@ class Row:
     seconds: float
 
 
-def solve_default(problem: Problem) -> Answer:
+EFFORTS: dict[str, Effort] = {"default": "normal", "quick": "quick"}
+"""Mapping from ways of the workbench to their effort."""
+NO_ANSWER = "no answer"
+"""Stationarity in the row of a process that reached its limit, or ended in an error."""
+
+
+def solve_default(problem: Problem, effort: Effort = "normal") -> Answer:
     """Return the answer of the default command, with its processor time."""
     began = time.process_time()
-    solution = solve(problem, contact="exact")
+    solution = solve(problem, contact="exact", effort=effort)
     seconds = time.process_time() - began
     x, u, lam = (solution.data[name].values[0] for name in ("x", "u", "lam"))
     return Answer(x, u, lam, solution.cost, solution.success, solution.iterations, seconds)
@@ -51,7 +55,7 @@ def measured(task: str, instance: int, way: str) -> dict[str, Any]:
     """Return the row of one answer, as a dict."""
     warnings.simplefilter("ignore")
     problem = get(task, **({"instance": instance} if instance else {}))
-    answer = solve_default(problem) if way == "default" else solve_published(task, problem)
+    answer = solve_default(problem, EFFORTS[way]) if way in EFFORTS else solve_published(task, problem)
     verdict = judged(problem, answer)
     row = Row(
         task,
@@ -70,11 +74,12 @@ def measured(task: str, instance: int, way: str) -> dict[str, Any]:
     return asdict(row)
 
 
-def limited(task: str, instance: int, way: str, seconds: int) -> dict[str, Any]:
-    """Return the row of an answer from a process of its own, or a row without answer after so many CPU seconds."""
-    limit = partial(resource.setrlimit, resource.RLIMIT_CPU, (seconds, seconds))
-    with ProcessPoolExecutor(1, mp_context=get_context("spawn"), initializer=limit) as pool:
-        try:
-            return pool.submit(measured, task, instance, way).result()
-        except BrokenProcessPool:
-            return asdict(Row(task, instance, way, False, False, False, None, None, None, "no answer", 0, seconds))
+def unanswered(task: str, instance: int, way: str, seconds: float) -> dict[str, Any]:
+    """Return the row of a process that ended without an answer after so many seconds of processor time."""
+    return asdict(Row(task, instance, way, False, False, False, None, None, None, NO_ANSWER, 0, seconds))
+
+
+def send_row(sender: Connection, task: str, instance: int, way: str, limit: int) -> None:
+    """Send the row of one answer, from a process that ends after ``limit`` seconds of processor time."""
+    resource.setrlimit(resource.RLIMIT_CPU, (limit, limit))
+    sender.send(measured(task, instance, way))

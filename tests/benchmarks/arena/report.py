@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from docs.generator.measured import save_picture, write_table
+from docs.generator.measured import save_picture, write_data
 from ocp.store.atomic import write_file
 from problems.arena.published import DATA as PUBLISHED
 from problems.arena.published import published_results
@@ -26,7 +26,7 @@ COLUMNS = (
     "quartiles of s",
     "iterations",
 )
-WORDS = {"default": "ocp solve", "published": "published formulation"}
+WORDS = {"default": "ocp solve", "quick": "ocp solve --effort quick", "published": "published formulation"}
 """Mapping from a way of solving to its words."""
 NOTE = (
     "Feasible: residuals and products of pairs of at most 1e-6. Certified: feasible, and B-stationary by our"
@@ -97,7 +97,7 @@ def draw_profile(answers: Sequence[Entry]) -> None:
         x = np.concatenate([[1.0], finite, [PROFILE_END]])
         y = np.concatenate([[0.0], shares, [shares[-1] if shares.size else 0.0]])
         axes.step(x, y, where="post", label=WORDS[way])
-    axes.set(xscale="log", xlim=(1, PROFILE_END), ylim=(0, 1.02), xlabel="processor time over the least of both")
+    axes.set(xscale="log", xlim=(1, PROFILE_END), ylim=(0, 1.02), xlabel="processor time over the least of all")
     axes.set_ylabel("share of instances certified")
     axes.legend(loc="lower right")
     axes.grid(alpha=0.3)
@@ -115,9 +115,14 @@ def write_workbench(answers: Sequence[Entry]) -> None:
     write_file(PUBLISHED / "workbench.csv", "".join(f"{line}\n" for line in lines).encode())
 
 
-def write_report(answers: Sequence[Entry]) -> None:
-    """Write the table and the figure of the site, and the results that ``ocp arena compare`` reads."""
+def write_report(content: Mapping[str, Any]) -> None:
+    """Write the table and the figure of the site, and the results that ``ocp arena compare`` reads.
+
+    ``content`` is that of a file of answers, whose commit, date and computer the table names.
+    """
+    answers = content["answers"]
     write_workbench(answers)
     rows = [row for task in arena_names() for row in task_rows(task, answers)]
-    write_table("arena", title="The arena", command="make arena", columns=COLUMNS, rows=rows, note=NOTE)
+    measured = {name: text for name, text in content.items() if name != "answers"}
+    write_data("arena", {"title": "The arena", **measured, "columns": COLUMNS, "rows": rows, "note": NOTE})
     draw_profile(answers)

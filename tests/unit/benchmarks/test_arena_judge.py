@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from problems import get
+from problems.registry import arena_names
+from tests.benchmarks.arena.__main__ import keys_of, stored_answers
 from tests.benchmarks.arena.judge import judged
 from tests.benchmarks.arena.peers import Answer, penalised
+from tests.benchmarks.arena.pool import rows_of
 from tests.benchmarks.arena.race import solve_default
 from tests.benchmarks.arena.report import profile, summary
 
@@ -64,3 +69,25 @@ def test_a_plain_script_and_the_default_solve_the_same_problem() -> None:
     assert all(verdict.solved for verdict in verdicts)
     assert verdicts[0].cost == pytest.approx(default.cost, rel=1e-9)
     assert verdicts[1].cost == pytest.approx(verdicts[0].cost, rel=1e-3)
+
+
+def test_all_instances_of_the_three_drawn_families_are_asked_for_once_each_way() -> None:
+    keys = keys_of(arena_names(), 100, ["default", "published"])
+    assert len(keys) == len(set(keys)) == 2 * (300 + len(arena_names()) - 3)
+    assert keys[0][1] == 0 and {instance for task, instance, _ in keys if task == "acrobot-stops"} == {*range(1, 101)}
+
+
+def test_stored_answers_of_another_commit_or_computer_are_measured_again(tmp_path: Path) -> None:
+    row = {"task": "waiter", "instance": 0, "way": "quick"}
+    file, now = tmp_path / "answers.json", {"commit": "a", "machine": "b"}
+    assert stored_answers(file, now) == {}
+    file.write_text(json.dumps({**now, "answers": [row]}))
+    assert stored_answers(file, now) == {("waiter", 0, "quick"): row}
+    assert stored_answers(file, {**now, "commit": "c"}) == stored_answers(file, {**now, "machine": "c"}) == {}
+
+
+@pytest.mark.costly
+def test_an_answer_over_its_processor_time_has_a_row_and_one_at_the_deadline_has_none() -> None:
+    (row,) = rows_of([("push-recovery", 0, "published")], jobs=2, limit=3, wall=300)
+    assert row["stationarity"] == "no answer" and not row["solved"] and row["seconds"] == 3
+    assert list(rows_of([("push-recovery", 0, "published")], jobs=1, limit=100, wall=0)) == []
