@@ -22,8 +22,8 @@ from ocp.transcription import Direct, MultipleShooting, SingleShooting
 if TYPE_CHECKING:
     from ocp.continuation.curve import Continuation
     from ocp.continuation.walk import continue_over
-    from ocp.gradients.worlds.public import gradient_report
     from ocp.jobs.estimate import estimate
+    from ocp.jobs.gradients import gradient_report
     from ocp.jobs.sweep import sweep
     from ocp.mpc.controller import Controller
     from ocp.mpc.plants import Disturbance
@@ -86,7 +86,7 @@ _LOADED_ON_USE = {
     "complements": "ocp.mpcc.complements",
     "continue_over": "ocp.continuation.walk",
     "estimate": "ocp.jobs.estimate",
-    "gradient_report": "ocp.gradients.worlds.public",
+    "gradient_report": "ocp.jobs.gradients",
     "mpcc_solver": "ocp.mpcc.nlpsol",
     "opti": "ocp.mpcc.opti",
     "simulate": "ocp.mpc.simulate",

@@ -37,7 +37,12 @@ def source(name: str) -> ProblemSpec:
 
 
 def gradient_case(
-    source: str | Solution, worlds: Sequence[str] = (), settings: Mapping[str, float] | None = None, seed: int = 0
+    source: str | Solution,
+    worlds: Sequence[str] = (),
+    settings: Mapping[str, float] | None = None,
+    parameter: int = 0,
+    output: int = 0,
+    seed: int = 0,
 ) -> GradientCase:
     """Return the derivatives to be judged and the simulators of a scene, a file or a plan.
 
@@ -45,7 +50,7 @@ def gradient_case(
     """
     from problems.gradient_scenes.cases import gradient_case
 
-    return gradient_case(source, worlds, settings, seed=seed)
+    return gradient_case(source, worlds, settings, parameter, output, seed)
 
 
 def named_file(source: Path | str | None, runs: Sequence[StoredRun]) -> ProblemSpec | None:

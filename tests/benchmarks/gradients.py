@@ -10,7 +10,7 @@ import sys
 from typing import Any
 
 from docs.generator.measured import DATA, read, write_table
-from ocp.gradients.worlds import measure_worlds
+from ocp.jobs.gradients import measure_worlds
 from problems.gradient_scenes import SCENES
 from problems.gradient_scenes.worlds import scene_world
 

@@ -147,3 +147,38 @@ def test_an_interrupt_that_compiled_code_swallowed_is_raised_again() -> None:
         with pytest.raises(KeyboardInterrupt):
             interrupt.raise_if_interrupted()
     assert signal.getsignal(signal.SIGINT) is before
+
+
+WAVE = """import os, time
+import numpy as np
+theta = 0.7
+def rollout(theta):
+    if len(theta) > 10 and NAME == "slow" and "FAST" not in os.environ:
+        time.sleep(60)
+    return np.sin(theta)
+"""
+
+
+@pytest.mark.costly
+@pytest.mark.parametrize("jobs", ["1", "2"])
+def test_ctrl_c_keeps_measured_simulators_and_the_same_command_resumes(
+    tmp_path: Path, jobs: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("wave", "slow"):
+        (tmp_path / f"{name}.py").write_text(f"NAME = {name!r}\n{WAVE}")
+    command = ["gradients", "wave.py", "--world", "slow.py", "--jobs", jobs, "-n", "50"]
+    process = start(command, tmp_path)
+    read_until(process, "2 of 2: slow")
+    for _ in range(600):
+        if [*tmp_path.glob("runs/wave/.unfinished-*/point-00000.json")]:
+            break
+        time.sleep(0.1)
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=60)
+    assert process.returncode == 130 and "1 of 2 measurements are kept" in out and "Traceback" not in err
+    assert store.list_runs(tmp_path / "runs") == []
+    monkeypatch.setenv("FAST", "1")
+    out, err = start([*command, "--json"], tmp_path).communicate(timeout=120)
+    assert "resumed; 1 of 2 measurements already complete" in err
+    assert [row["verdict"] for row in json.loads(out)["worlds"]] == ["consistent", "consistent"]
+    assert not [*tmp_path.glob("runs/wave/.unfinished-*")]

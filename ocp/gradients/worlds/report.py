@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import TYPE_CHECKING, Any
 
@@ -25,7 +25,6 @@ from ocp.gradients.worlds.measures import (
 )
 from ocp.gradients.worlds.world import World, WorldObjective, check_world
 from ocp.judge.findings import Finding
-from ocp.store.checkpoint import UNSAVED, SavedWork
 from ocp.store.json_values import to_json
 
 if TYPE_CHECKING:
@@ -139,42 +138,41 @@ class GradientReport:
         return data
 
 
-def measure_worlds(
-    worlds: Sequence[World],
-    questions: Question | Sequence[Question],
-    settings: ReportSettings | None = None,
-    files: SavedWork = UNSAVED,
-    progress: Callable[[int, str], None] | None = None,
-) -> GradientReport:
-    """Measure the gradient of each simulator; judge whether it is its output's derivative, and the exact derivative.
+class Measurements:
+    """Measurements of simulators for one or more questions of equal size, numbered question after question.
 
-    With several ``questions`` of equal size, each simulator is measured for each of them. Finished measurements are
-    saved to ``files``, from which the same call resumes. A simulator that raises :class:`~ocp.errors.InputError` gets
-    a row with the status ``failed``, and the others are measured. ``progress`` is called with the number of finished
-    measurements and the name of the next one.
-
-    Raises :class:`~ocp.errors.InputError` if all simulators fail, or if the exact output cannot be computed.
+    Measurement ``index`` does not depend on the others, so that they can be made in any order and process.
     """
-    settings, rows, failures = settings or ReportSettings(), [], []
-    questions = [questions] if isinstance(questions, Question) else questions
-    truths = [None if question.truth is None else _Truth(question, question.truth) for question in questions]
-    for index, ((question, truth), world) in enumerate(product(zip(questions, truths, strict=True), worlds)):
-        name = world.name if len(questions) == 1 else f"{world.name} along {question.signals[0].name}"
-        if progress is not None:
-            progress(index, name)
-        saved = files.rows(index)
-        if saved is None:
-            try:
-                saved = [to_json({"world": name} | _measure_world(world, question, truth, settings))]
-            except InputError as error:
-                failures.append(error)
-                rows.append({"world": name, "status": "failed", "verdict": "failed", "sentence": str(error)})
-                continue
-            files.save_rows(index, saved)
-        rows += saved
-    if len(failures) == len(rows):
-        raise failures[0]
-    return GradientReport(questions[0], rows)
+
+    def __init__(
+        self, worlds: Sequence[World], questions: Question | Sequence[Question], settings: ReportSettings | None = None
+    ) -> None:
+        self.questions = [questions] if isinstance(questions, Question) else questions
+        self._pairs, self._settings = [*product(range(len(self.questions)), worlds)], settings or ReportSettings()
+        self._truths: dict[int, _Truth | None] = {}
+        self.names = [
+            world.name + f" along {self.questions[number].signals[0].name}" * (len(self.questions) > 1)
+            for number, world in self._pairs
+        ]
+        """Name of the simulator of each measurement and, of several questions, of the parameter."""
+
+    def row(self, index: int, note: Callable[[str], None]) -> dict[str, Any]:
+        """Return a measurement with its verdict, as a JSON object; ``note`` is called with texts on the progress.
+
+        Raises :class:`~ocp.errors.InputError` if the simulator or the exact output cannot be computed.
+        """
+        number, world = self._pairs[index]
+        question, name = self.questions[number], self.names[index]
+        note(name)
+        if number not in self._truths:
+            self._truths[number] = None if question.truth is None else _Truth(question, question.truth)
+        noted = replace(world, note=lambda text: note(f"{name}: {text}"))
+        return to_json({"world": name} | _measure_world(noted, question, self._truths[number], self._settings))
+
+    def failed_row(self, index: int, error: Exception) -> dict[str, Any]:
+        """Return the row of a measurement that raised ``error``."""
+        sentence = str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
+        return {"world": self.names[index], "status": "failed", "verdict": "failed", "sentence": sentence}
 
 
 def _measure_world(world: World, question: Question, truth: _Truth | None, settings: ReportSettings) -> dict[str, Any]:

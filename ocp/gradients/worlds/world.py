@@ -29,6 +29,8 @@ class World:
     ``{"h": 0.5, "stiffness": 4.0}``, and ``longer`` those that extend its horizon to the factors of one extension, such
     as ``{"steps": 2.0}``. ``method`` says how the gradient is computed, and ``versions`` are those of
     the packages that simulate. ``samples_gradient`` is false where gradients are too slow to be sampled.
+    ``compile(note, **settings)`` compiles a simulator, which may take minutes; it is None where nothing is compiled.
+    ``note`` is called with texts on the progress.
     """
 
     name: str
@@ -40,6 +42,8 @@ class World:
     method: str = "AD"
     versions: Mapping[str, str] = field(default_factory=dict)
     samples_gradient: bool = True
+    compile: Callable[..., None] | None = None
+    note: Callable[[str], None] = lambda text: None
 
     def rollout(self, theta: np.ndarray) -> np.ndarray:
         """Return the outputs (n, m) at theta (n, d).
@@ -66,6 +70,11 @@ class World:
                 f" expected ({n}, m, {d}), the derivative of each of the m outputs by each parameter"
             )
         return gradients
+
+    def prepare(self) -> None:
+        """Compile the simulator at its settings, unless it is compiled."""
+        if self.compile is not None:
+            self.compile(self.note, **self.settings)
 
     def at(self, settings: Mapping[str, float]) -> World:
         """Return the simulator with changed values of its settings; raise InputError for an unknown setting."""
@@ -94,6 +103,7 @@ def check_world(world: World, theta: np.ndarray) -> tuple[int, int]:
     Raises :class:`~ocp.errors.InputError` for a wrong shape, for results that differ between two calls with the same
     argument, for outputs of which none is finite at ``theta``, and for rows that depend on other rows.
     """
+    world.prepare()
     rows = theta + 1e-3 * np.maximum(np.abs(theta), 1e-3) * np.arange(-1, 3)[:, None]
     first, second = world.rollout(rows), world.rollout(rows)
     if not np.array_equal(first, second, equal_nan=True):
@@ -127,6 +137,7 @@ class WorldObjective(SampledObjective):
     def __init__(
         self, world: World, theta: np.ndarray, parameter: int = 0, output: int = 0, signal: Signal | None = None
     ) -> None:
+        world.prepare()
         self.name, self.world, self.n_noise, self.parameters = world.name, world, 1, {}
         self.decision = (signal or Signal("theta", "1"),)
         self.theta = np.array([theta[parameter]], dtype=float)

@@ -8,9 +8,11 @@ from typing import Any
 from dynamics.settings import read_value, settings_of
 from ocp import store
 from ocp.errors import interruptible
-from ocp.gradients.worlds import GradientReport, ReportSettings, measure_worlds
-from ocp.solution import Solution
+from ocp.gradients.worlds import GradientReport, ReportSettings
+from ocp.jobs.gradients import WorldJob, count_saved, measure_worlds
+from ocp.jobs.scheduling import Workers
 from ocp.store.checkpoint import Checkpoint
+from ocp.store.stored_run import StoredRun
 from problems.gradient_scenes.cases import GradientCase, gradient_case
 from problems.plugin import problem_of
 from reports.cli import interrupt
@@ -20,50 +22,65 @@ from reports.tables.gradients import gradients_table
 
 PLAN_SAMPLES = "200"
 """Default number of samples of each smoothed gradient of a plan, which is slow to simulate."""
-Request = tuple[GradientCase, ReportSettings, Checkpoint]
-"""Derivative and simulators, settings, and the storage of finished simulators."""
+Request = tuple[GradientCase, WorldJob, Checkpoint]
+"""Derivative and simulators, the job of every measurement, and the storage of finished ones."""
 
 
 def check(options: GradientsOptions) -> Request:
-    """Return the checked request: simulators that were tried near the nominal parameter, settings, and storage."""
+    """Return the checked request: simulators that were tried near the nominal parameter, settings, and storage.
+
+    Simulators that are compiled first are tried later.
+    """
     texts = parse_assignments("-s", options.settings)
     values = {name: read_value(f"-s {name}", text, float) for name, text in texts.items()}
     source = _source(options)
-    is_default_of_plan = isinstance(source, Solution) and "samples" not in options.explicit
+    is_plan = isinstance(source, StoredRun)
     requested = {name: getattr(options, name) for name in ("tolerance", "samples", "refinements", "seed")}
-    requested |= {"samples": PLAN_SAMPLES} if is_default_of_plan else {}
+    requested |= {"samples": PLAN_SAMPLES} if is_plan and "samples" not in options.explicit else {}
     declared = settings_of(ReportSettings)
     settings = ReportSettings(**{name: declared[name].read(value, "--") for name, value in requested.items()})
-    case = gradient_case(source, options.worlds or (), values, options.parameter, options.component, options.seed)
+    worlds, entries = tuple(options.worlds or ()), (options.parameter, options.component)
+    judged = source.solution(problem_of(source, options.problem_from_source([source]))[2]) if is_plan else source
+    case = gradient_case(judged, worlds, values, *entries, options.seed)
     for world in case.worlds:
-        case.questions[0].check(world)
+        if world.compile is None:
+            case.questions[0].check(world)
     check_outputs(options.out, options.pdf)
-    return case, settings, Checkpoint(options.out, case.name, _record(options, case, settings), case.content)
+    request = source.path if is_plan else source, worlds, values, *entries, options.source, settings, case.content
+    record = _record(options, case, settings)
+    return case, WorldJob(*request), Checkpoint(options.out, case.name, record, case.content)
 
 
-def _source(options: GradientsOptions) -> str | Solution:
-    """Return the name of a scene or a file, or the solution of the run that the user names."""
+def _source(options: GradientsOptions) -> str | StoredRun:
+    """Return the name of a scene or a file, or the run of a solve that the user names."""
     if not options.scene.startswith("@") and not Path(options.scene).is_dir():
         return options.scene
     run = options.stored(options.scene)
     run.check_solve()
-    return run.solution(problem_of(run, options.problem_from_source([run]))[2])
+    return run
 
 
 def run(options: GradientsOptions, request: Request) -> int:
     """Measure all simulators, store the report, and print the table and the verdicts."""
-    case, settings, checkpoint = request
-    output = options.output
+    case, job, checkpoint = request
+    output, count = options.output, len(case.questions) * len(case.worlds)
 
-    def announce(index: int, name: str) -> None:
+    def announce(index: int, text: str) -> None:
         interrupt.raise_if_interrupted()
-        output.note(f"{index + 1} of {len(case.questions) * len(case.worlds)}: {name}")
+        output.note(f"{index + 1} of {count}: {text}")
 
     with checkpoint, interruptible():
         for line in checkpoint.notes:
             output.say(line)
-        report = measure_worlds(case.worlds, case.questions, settings, checkpoint, announce)
-        meta = _meta(options, case, settings, report)
+        if saved := count_saved(checkpoint, count):
+            output.say(f"resumed; {saved} of {count} measurements already complete")
+        workers = Workers(options.jobs, options.scheduler)
+        try:
+            report = measure_worlds(case.worlds, case.questions, job.settings, checkpoint, announce, workers, job)
+        except KeyboardInterrupt:
+            output.say(f"{count_saved(checkpoint, count)} of {count} measurements are kept; the same command resumes")
+            raise
+        meta = _meta(options, case, job.settings, report)
         stored = store.write_run(options.out, case.name, report.dataset(), meta)
         checkpoint.discard()
     output.note(gradients_table(meta["worlds"]))

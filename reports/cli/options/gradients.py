@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import ClassVar
 
 from dynamics.limits import INDEX
-from reports.cli.options.shared import SourceOptions, TagOptions, argument, assignment, option
+from reports.cli.options.shared import JobsOptions, SourceOptions, TagOptions, argument, assignment, option
 
 
-class GradientsOptions(TagOptions, SourceOptions):
+class GradientsOptions(JobsOptions, TagOptions, SourceOptions):
     """Judge whether a simulator's gradient through contact is right, and say what to use instead.
 
     A world is a simulator: exact, barrier, adaptive, randomized, penalty, mujoco, closed-form, or path/to/file.py.
@@ -21,7 +21,7 @@ class GradientsOptions(TagOptions, SourceOptions):
 
     code: ClassVar = "reports.cli.gradients.command"
     examples: ClassVar = (
-        "gradients oblique-drop --world exact --world mujoco --pdf drop.pdf",
+        "gradients oblique-drop --world exact --world mujoco --jobs 2 --pdf drop.pdf",
         "gradients two-balls --world penalty -s stiffness=1e5",
         "gradients my_simulator.py",
         "gradients stick-slip --world my_simulator.py",

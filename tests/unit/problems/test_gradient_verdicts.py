@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ocp.gradients.worlds import World, measure_worlds
+from ocp.gradients.worlds import World
+from ocp.jobs.gradients import measure_worlds
 from problems.gradient_scenes import SCENES, Scene
 from problems.gradient_scenes.worlds import scene_world
 

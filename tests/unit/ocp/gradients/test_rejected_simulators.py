@@ -9,7 +9,8 @@ import pytest
 
 from ocp import gradient_report
 from ocp.errors import InputError
-from ocp.gradients.worlds import Question, ReportSettings, World, check_world, measure_worlds
+from ocp.gradients.worlds import Question, ReportSettings, World, check_world
+from ocp.jobs.gradients import measure_worlds
 from ocp.store.checkpoint import SavedWork
 from tests.unit.ocp.gradients.test_worlds import NOMINAL, SINE, judged, saw
 

@@ -8,9 +8,10 @@ import pytest
 from dynamics.batch import Gaussian
 from ocp.gradients.estimators import SAMPLED
 from ocp.gradients.sampling import quadrature, run_estimator
-from ocp.gradients.worlds import Question, ReportSettings, World, measure_worlds
+from ocp.gradients.worlds import Question, ReportSettings, World
 from ocp.gradients.worlds.measures import measure_secants, rounding_noise
 from ocp.gradients.worlds.world import WorldObjective
+from ocp.jobs.gradients import measure_worlds
 
 NOMINAL = np.array([1.0003])
 TOOTH = 1e-3
