@@ -17,7 +17,7 @@ from dynamics.batch.engines import c_source, c_steps
 from dynamics.batch.engines.c_prelude import scalar_prelude
 from dynamics.batch.graphs.objective import free_of_cost
 from dynamics.batch.graphs.policy import open_loop
-from dynamics.batch.graphs.rollout_tapes import build_tapes
+from dynamics.batch.graphs.rollout_tapes import ClosedStep
 from dynamics.batch.graphs.tape import tape_of
 from dynamics.contact import Step
 from dynamics.systems import Signal
@@ -141,8 +141,9 @@ def export_step(
     Raises `ValueError` if sizes do not fit.
     """
     system, name = step.system, c_identifier(name)
-    tapes = build_tapes(step, free_of_cost(step), open_loop(system.nx, system.nu))
-    functions = {**c_steps.forward_graphs(tapes), "adjoint": tapes.adjoint}
+    tapes = ClosedStep(step, free_of_cost(step), open_loop(system.nx, system.nu)).tapes_with_adjoint
+    assert tapes.adjoint is not None
+    functions = {**c_steps.forward_graphs(tapes), "adjoint": tapes.adjoint.step}
     body = "".join(
         (
             c_steps.step_constants(tapes, 1, {}),

@@ -32,13 +32,14 @@ from dynamics.batch.engines.kernels import (
     ChunkedEngine,
     Kernel,
     NumpyKernel,
+    ParameterKernel,
     choose_backend,
     chunk_length,
 )
 from dynamics.batch.engines.parallel import checked_threads
 from dynamics.batch.graphs.objective import free_of_cost
 from dynamics.batch.graphs.policy import open_loop
-from dynamics.batch.graphs.rollout_tapes import build_tapes
+from dynamics.batch.graphs.rollout_tapes import ClosedStep
 from dynamics.batch.graphs.tape import Tape, UnsupportedOperation, tape_of
 from dynamics.contact import Step
 from dynamics.settings import read_count
@@ -170,8 +171,9 @@ class StepFunction:
         system = step.system
         self.threads, self.block = checked_threads(threads), read_count("block", block)
         self.default_p = step.p.values
-        self.tapes = build_tapes(step, free_of_cost(step), open_loop(system.nx, system.nu))
-        self._derive = NumpyKernel(tape_of(self.tapes.derived))
+        self._closed_step = ClosedStep(step, free_of_cost(step), open_loop(system.nx, system.nu))
+        self.tapes = self._closed_step.tapes
+        self._derive = ParameterKernel(self.tapes.derived)
         self.backend, self._engine = choose_backend(backend, self._makers(), "the step")
 
     def _makers(self) -> dict[str, Any]:
@@ -194,30 +196,34 @@ class StepFunction:
 
     def __call__(self, x: Any, u: Any, p: Any | None = None) -> Steps:
         """Return the steps from `x` (n, nx) under `u` (n, nu) with `p` (n, np); arrays of one row are shared."""
-        return self._evaluate(*self._rows(x, u, p))
+        return self._evaluate(*self._rows(self._derive, x, u, p))
 
     def derivatives(self, x: Any, u: Any, p: Any | None = None) -> tuple[Steps, np.ndarray, np.ndarray]:
         """Return the steps and the derivatives of x_next with respect to x (n, nx, nx) and u (n, nx, nu)."""
-        arguments, n = self._rows(x, u, p)
-        steps, nx = self._evaluate(arguments, n), self.tapes.nx
+        steps, nx = self(x, u, p), self.tapes.nx
+        arguments, n = self._rows(self._derive_for_adjoint, x, u, p)
         rows = [np.repeat(a, nx, axis=0) if len(a) > 1 else a for a in (*arguments, steps.lam)]
         by_x, by_u = self._adjoint(*rows, np.tile(np.eye(nx), (n, 1)))
         return steps, by_x.reshape(n, nx, nx), by_u.reshape(n, nx, -1)
 
     @cached_property
-    def _adjoint(self) -> BatchFunction:
-        return BatchFunction(self.tapes.adjoint, self.backend, self.threads, self.block)
+    def _derive_for_adjoint(self) -> ParameterKernel:
+        return ParameterKernel(self._closed_step.tapes_with_adjoint.derived)
 
-    def _rows(self, x: Any, u: Any, p: Any | None) -> tuple[list[np.ndarray], int]:
-        """Return the arguments (x, u, noise, derived parameters) of the step's graphs, and the number of samples."""
+    @cached_property
+    def _adjoint(self) -> BatchFunction:
+        adjoint = self._closed_step.tapes_with_adjoint.adjoint
+        assert adjoint is not None
+        return BatchFunction(adjoint.step, self.backend, self.threads, self.block)
+
+    def _rows(self, derive: ParameterKernel, x: Any, u: Any, p: Any | None) -> tuple[list[np.ndarray], int]:
+        """Return the arguments (x, u, noise, derived parameters) of graphs, and the number of samples."""
         tapes, owner = self.tapes, "the step"
         p = self.default_p if p is None else p
         inputs = {"x": (x, tapes.nx), "u": (u, tapes.nu), "p": (p, len(self.default_p))}
         rows = {name: as_rows(value, size, name, owner) for name, (value, size) in inputs.items()}
-        derived = np.empty((tapes.np, len(rows["p"])))
-        self._derive.run([np.ascontiguousarray(rows["p"].T)], [derived])
         no_noise = np.zeros((1, tapes.nu))
-        arguments = [rows["x"], rows["u"], no_noise, np.ascontiguousarray(derived.T)]
+        arguments = [rows["x"], rows["u"], no_noise, derive(rows["p"])]
         return arguments, common_length(rows, owner)
 
     def _evaluate(self, arguments: list[np.ndarray], n: int) -> Steps:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from abc import ABC, abstractmethod
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Self, TypedDict, Unpack
 
@@ -19,7 +19,7 @@ from dynamics.batch.arguments import (
     as_rows,
     common_length,
 )
-from dynamics.batch.engines.kernels import KERNEL_MAKERS, NumpyKernel, choose_backend
+from dynamics.batch.engines.kernels import KERNEL_MAKERS, ParameterKernel, choose_backend
 from dynamics.batch.engines.parallel import checked_threads
 from dynamics.batch.engines.rollout_engines import (
     ChunkEngine,
@@ -29,9 +29,8 @@ from dynamics.batch.engines.rollout_engines import (
 )
 from dynamics.batch.graphs.objective import Objective
 from dynamics.batch.graphs.policy import RolloutPolicy
-from dynamics.batch.graphs.rollout_tapes import build_tapes, parameters_of
-from dynamics.batch.graphs.step_graphs import ModelStepGraphs
-from dynamics.batch.graphs.tape import tape_of
+from dynamics.batch.graphs.rollout_tapes import ClosedStep, parameters_of, with_carried_values
+from dynamics.batch.graphs.step_graphs import ModelStepGraphs, RolloutTapes
 from dynamics.batch.random import Gaussian
 from dynamics.contact import Step
 from dynamics.settings import read_count, read_value
@@ -123,9 +122,19 @@ class SampleOptions(TypedDict, total=False):
     terminal_gradient: np.ndarray | None
 
 
+@dataclass(frozen=True)
+class _Program:
+    """The code of a rollout: its ``engine``, and the function that maps parameters to those of the engine."""
+
+    derive: ParameterKernel
+    engine: Any
+
+
 class BatchedRollouts(ABC):
     """Base of rollouts of a step under a policy over `horizon` steps, for many samples.
 
+    Code is compiled at the first call that needs it: code for costs and states alone, or code that also computes
+    gradients, scores and moments, and draws noise, which takes twice as long to compile.
     `parameters` are the parameters of the step, then of the objective, then of the policy.
     """
 
@@ -146,9 +155,10 @@ class BatchedRollouts(ABC):
         self.threads, self.block = checked_threads(threads), read_count("block", block)
         self.parameters = parameters_of(step, objective, policy)
         self.default_p = self.parameters.values
-        self.tapes = build_tapes(step, objective, policy)
-        self._derive = NumpyKernel(tape_of(self.tapes.derived))
-        self.backend, self._engine = choose_backend(backend, self._makers(), "the rollout")
+        self._closed_step, self._backend = ClosedStep(step, objective, policy), backend
+        self.tapes = self._closed_step.tapes
+        # Copies with another horizon share the programs.
+        self._programs: dict[bool, _Program] = {}
 
     def with_horizon(self, horizon: int) -> Self:
         """Return a copy with another horizon, which shares the compiled code."""
@@ -159,7 +169,7 @@ class BatchedRollouts(ABC):
     @property
     def acting(self) -> tuple[np.ndarray, np.ndarray]:
         """Masks of the entries of the noise w_t (horizon, nu) and of theta (in its shape) that can affect the cost."""
-        noise = self.tapes.cost_dependence.masks(self.horizon)[0]
+        noise = self._closed_step.cost_dependence.masks(self.horizon)[0]
         return noise, self.policy.acting_parameters(noise)
 
     def moments(
@@ -188,8 +198,17 @@ class BatchedRollouts(ABC):
     def _make_request(self, x0: Any, samples: Samples, **options: Any) -> RolloutRequest:
         """Return the checked request for the engine, made from the arguments of a call."""
 
-    def _makers(self) -> dict[str, Any]:
-        tapes, threads = self.tapes, self.threads
+    def _program(self, *, with_adjoint: bool) -> _Program:
+        """Return code for costs and states, and for everything else with ``with_adjoint``."""
+        with_adjoint = with_adjoint or True in self._programs
+        if with_adjoint not in self._programs:
+            tapes = with_carried_values(self._closed_step.tapes_with_adjoint) if with_adjoint else self.tapes
+            engine = choose_backend(self._backend, self._makers(tapes), "the rollout")[1]
+            self._programs[with_adjoint] = _Program(ParameterKernel(tapes.derived), engine)
+        return self._programs[with_adjoint]
+
+    def _makers(self, tapes: RolloutTapes) -> dict[str, Any]:
+        threads = self.threads
         makers: dict[str, Any] = {
             name: partial(ChunkEngine, tapes, threads, make) for name, make in KERNEL_MAKERS.items()
         }
@@ -199,7 +218,8 @@ class BatchedRollouts(ABC):
 
     def _fill_samples(self, q: RolloutRequest, results: RolloutArrays) -> NonFinite:
         """Fill `results`, warn of samples that are not finite, and return these samples."""
-        n_bad = self._engine.samples(q, results) if q.n else 0
+        program = self._program(with_adjoint=q.gradient or q.score or q.gaussian is not None)
+        n_bad = program.engine.samples(replace(q, p=program.derive(q.p)), results) if q.n else 0
         nonfinite = results.non_finite() if n_bad else NonFinite()
         if nonfinite:
             warnings.warn(f"rollout: {nonfinite}", BatchWarning, stacklevel=3)
@@ -231,24 +251,14 @@ class BatchedRollouts(ABC):
         return RolloutMoments(block(0, 1, ()), gradient, zeroth, nonfinite)
 
     def _stride_moments(self, q: RolloutRequest) -> tuple[Moments, np.ndarray]:
-        chunk = self._engine.chunk
+        program = self._program(with_adjoint=True)
+        engine, q = program.engine, replace(q, p=program.derive(q.p))
+        chunk = engine.chunk
         table = np.zeros((-(-q.n // chunk), 1 + 2 * q.n_values))
-        n_bad = self._engine.moments(q, table)
-        indices = self._find_bad(q, table[:, 0], chunk) if n_bad else np.empty(0, dtype=np.int64)
+        n_bad = engine.moments(q, table)
+        indices = _find_bad(engine, q, table[:, 0]) if n_bad else np.empty(0, dtype=np.int64)
         split = 1 + q.n_values
         return merge_chunks(table[:, 0], table[:, 1:split], table[:, split:]), indices
-
-    def _find_bad(self, q: RolloutRequest, counts: np.ndarray, chunk: int) -> np.ndarray:
-        """Return the indices of samples that are not finite: repeat the rollout for chunks whose count is too small."""
-        bad_indices = []
-        for i, count in enumerate(counts):
-            begin, end = i * chunk, min((i + 1) * chunk, q.n)
-            if count < end - begin:
-                chunk_call = q.slice_samples(begin, end)
-                results = RolloutArrays.allocate(chunk_call)
-                self._engine.samples(chunk_call, results)
-                bad_indices.append(begin + results.non_finite().indices)
-        return np.concatenate(bad_indices)
 
     def _request(
         self,
@@ -264,8 +274,6 @@ class BatchedRollouts(ABC):
         owner, tapes, (theta, p, noise, n_samples) = "the rollout", self.tapes, samples
         theta_rows = self._theta_rows(theta)
         parameters = as_rows(self.default_p if p is None else p, len(self.default_p), "p", owner)
-        derived = np.empty((tapes.np, len(parameters)))
-        self._derive.run([np.ascontiguousarray(parameters.T)], [derived])
         w = None
         gaussian = noise if isinstance(noise, Gaussian) else None
         if score and gaussian is None:
@@ -285,7 +293,7 @@ class BatchedRollouts(ABC):
             parts=self.horizon if self.policy.per_step else 1,
             x0=start,
             theta=theta_rows,
-            p=np.ascontiguousarray(derived.T),
+            p=parameters,
             w=w,
             gaussian=gaussian,
             linearise_along=linearise_along,
@@ -314,6 +322,19 @@ class BatchedRollouts(ABC):
                 f"noise has shape {array.shape}; expected (n_samples, {shape[0]}, {shape[1]}): samples, steps, inputs"
             )
         return np.ascontiguousarray(array.reshape(len(array), -1))
+
+
+def _find_bad(engine: Any, q: RolloutRequest, counts: np.ndarray) -> np.ndarray:
+    """Return the indices of samples that are not finite: repeat the rollout for chunks whose count is too small."""
+    bad_indices = []
+    for i, count in enumerate(counts):
+        begin, end = i * engine.chunk, min((i + 1) * engine.chunk, q.n)
+        if count < end - begin:
+            chunk_call = q.slice_samples(begin, end)
+            results = RolloutArrays.allocate(chunk_call)
+            engine.samples(chunk_call, results)
+            bad_indices.append(begin + results.non_finite().indices)
+    return np.concatenate(bad_indices)
 
 
 def _checked_horizon(horizon: int) -> int:

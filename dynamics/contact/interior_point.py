@@ -36,9 +36,21 @@ def scalar_solution(z: ca.SX, F: ca.SX, mu: ca.SX) -> ca.SX:
     ``lam = 2 mu / (z + r)`` for z > 0 and ``(r - z) / (2 F)`` otherwise, r = sqrt(z² + 4 F mu); either form
     cancels for the other sign of z (adaptive barrier smoothing, eq. 3.1; Suh et al. on pathologies, eq. 5).
     """
-    r = ca.sqrt(z * z + 4 * F * mu)
+    r = scalar_root(z, F, mu)
     is_open = z > 0
     return ca.if_else(is_open, 2 * mu / (ca.if_else(is_open, z, 1) + r), (r - z) / (2 * F))
+
+
+def one_division_solution(z: ca.SX, F: ca.SX, mu: ca.SX) -> ca.SX:
+    """Return :func:`scalar_solution`, computed with one division for both signs of z."""
+    is_open = z > 0
+    larger_root = ca.fabs(z) + scalar_root(z, F, mu)
+    return ca.if_else(is_open, 2 * mu, larger_root) / ca.if_else(is_open, larger_root, 2 * F)
+
+
+def scalar_root(z: ca.SX, F: ca.SX, mu: ca.SX) -> ca.SX:
+    """Return ``sqrt(z² + 4 F mu)``, which is z + 2 F lam at the :func:`scalar_solution` lam."""
+    return ca.sqrt(z * z + 4 * F * mu)
 
 
 def exact_scalar_solution(z: ca.SX, F: ca.SX) -> ca.SX:

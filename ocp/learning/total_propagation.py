@@ -176,7 +176,7 @@ def acting_entries(experiment: Experiment, steps: int) -> np.ndarray:
     model, task = experiment.cached(_ModelStep), experiment.task
     if steps not in model.acting:
         closed = ClosedStep(model.closed_step, episode_rewards(task, steps), experiment.policy)
-        later, arguments = closed.cost_dependence().masks(steps)[1], task.rewards.sx_in()
+        later, arguments = closed.cost_dependence.masks(steps)[1], task.rewards.sx_in()
         acts_at_once = dependence_table(task.rewards(*arguments), arguments[2])
         model.acting[steps] = later[:, : task.system.nx] | acts_at_once
     return model.acting[steps]

@@ -14,8 +14,10 @@ from dynamics.batch.graphs.step_graphs import Layers
 # Number of outputs of a layer that are summed side by side, to hide the latency of an operation.
 _ABREAST = 4
 
-_HOOKS_OF_TAPES = """\
+_NO_LAYERS = """\
 INLINE void choose_actions(const memory *a, i64 t) { (void)a; (void)t; }
+"""
+_NO_ADJOINT = """\
 INLINE void backpropagate(const memory *a, i64 t, const V *action_bar, V *bars, V *total) {
   (void)a; (void)t; (void)action_bar; (void)bars; (void)total;
 }
@@ -49,6 +51,31 @@ static NOINLINE void layer(const weight *w, i64 n, i64 m, const V *x, V *y) {
     some_rows(w + o * n * S, b + o * S, n, x, y + o * U, %(abreast)d);
   for (; o < m; o++) some_rows(w + o * n * S, b + o * S, n, x, y + o * U, 1);
 }
+static void layers_up(const weight *w, V *values, V *action) {
+  for (int k = 0; k < LAYERS; k++) {
+    i64 n = layer_sizes[k], m = layer_sizes[k + 1];
+    V *next = k + 1 < LAYERS ? values + n * U : action;
+    layer(w, n, m, values, next);
+    if (k + 1 < LAYERS) for (i64 i = 0; i < m * U; i++) next[i] = vtanh(next[i]);
+    values = next;
+    w += (n + 1) * m * (PER_SAMPLE ? U : 1);
+  }
+}
+INLINE void look(const memory *a, i64 t, V *values, V *action) {
+  for (int j = 0; j < U; j += A) {
+    const V *in[] = {a->x + t * NX * U + j, a->p + (PS > 1) * j};
+    V *out[] = {values + j};
+    observe(in, out);
+  }
+  layers_up(a->weights, values, action);
+}
+static void choose_actions(const memory *a, i64 t) {
+  V values[(NOBS + HIDDEN) * U];
+  look(a, t, values, a->theta + t * NU * U);
+}
+"""
+
+_ADJOINT_LOOPS = """\
 static NOINLINE void layer_back(const weight *w, i64 n, i64 m, const V *x, const V *ybar, V *wbar,
                                 V *xbar) {
   V *bbar = wbar + n * m * U;
@@ -62,16 +89,6 @@ static NOINLINE void layer_back(const weight *w, i64 n, i64 m, const V *x, const
         wbar[k] = fused(bar[j], x[i * U + j], wbar[k]);
         xbar[i * U + j] = fused(AT(w, o * n + i, j), bar[j], xbar[i * U + j]);
       }
-  }
-}
-static void layers_up(const weight *w, V *values, V *action) {
-  for (int k = 0; k < LAYERS; k++) {
-    i64 n = layer_sizes[k], m = layer_sizes[k + 1];
-    V *next = k + 1 < LAYERS ? values + n * U : action;
-    layer(w, n, m, values, next);
-    if (k + 1 < LAYERS) for (i64 i = 0; i < m * U; i++) next[i] = vtanh(next[i]);
-    values = next;
-    w += (n + 1) * m * (PER_SAMPLE ? U : 1);
   }
 }
 /* Adds D_theta a' bar to wbar; bar, of WIDEST entries, becomes that of the observation. */
@@ -88,18 +105,6 @@ static void layers_down(const weight *w, const V *values, V *bar, V *wbar) {
     }
   }
 }
-INLINE void look(const memory *a, i64 t, V *values, V *action) {
-  for (int j = 0; j < U; j += A) {
-    const V *in[] = {a->x + t * NX * U + j, a->p + (PS > 1) * j};
-    V *out[] = {values + j};
-    observe(in, out);
-  }
-  layers_up(a->weights, values, action);
-}
-static void choose_actions(const memory *a, i64 t) {
-  V values[(NOBS + HIDDEN) * U];
-  look(a, t, values, a->theta + t * NU * U);
-}
 /* Backpropagates the adjoint of the action to the weights, and to the state in `bars`. */
 static void backpropagate(const memory *a, i64 t, const V *action_bar, V *bars, V *total) {
   V values[(NOBS + HIDDEN) * U], action[NU * U], bar[WIDEST * U];
@@ -112,7 +117,7 @@ static void backpropagate(const memory *a, i64 t, const V *action_bar, V *bars, 
       const V *in[] = {a->x + t * NX * U + j, a->p + (PS > 1) * j, bar + j};
       V *out[] = {more};
       observe_adjoint(in, out);
-      for (int k = 0; k < NX * A; k++) bars[k / A * U + j + k %% A] += more[k];
+      for (int k = 0; k < NX * A; k++) bars[k / A * U + j + k % A] += more[k];
     }
 }
 """
@@ -130,13 +135,14 @@ def layer_constants(layers: Layers | None, per_sample: bool) -> dict[str, object
     }
 
 
-def layer_source(layers: Layers | None) -> str:
-    """Return the C text of `choose_actions` and `backpropagate`, which do nothing without layers."""
+def layer_source(layers: Layers | None, with_adjoint: bool) -> str:
+    """Return the C text of `choose_actions` and, with adjoint, `backpropagate`, which do nothing without layers."""
     if layers is None:
-        return _HOOKS_OF_TAPES
-    return _LOOPS % {
+        return _NO_LAYERS + _NO_ADJOINT * with_adjoint
+    loops = _LOOPS % {
         "layers": len(list(pairwise(layers.sizes))),
         "hidden": sum(layers.sizes[1:-1]),
         "sizes": ", ".join(map(str, layers.sizes)),
         "abreast": _ABREAST,
     }
+    return loops + _ADJOINT_LOOPS * with_adjoint

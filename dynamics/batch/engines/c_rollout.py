@@ -32,9 +32,9 @@ typedef struct {
 } memory;
 """
 
-# C code of the forward and adjoint sweeps. Entry k of an array for register j of a block is at index k U + j.
+# C code of the forward sweep. Entry k of an array for register j of a block is at index k U + j.
 # The stride ts of theta's entries is U, or 1 where all samples share theta; PS is the same for p.
-_SWEEPS = """\
+_FORWARD = """\
 typedef struct { const char *at, *stop; i64 each; } lines;
 INLINE lines lines_of(const double *a, i64 size, i64 row, i64 end, i64 turns) {
   const char *at = (const char *)(a + row * size), *stop = (const char *)(a + end * size);
@@ -87,6 +87,10 @@ static i64 forward(const job *q, const memory *a, i64 live, i64 next, i64 end) {
   for (i64 k = NX * U; k < (n - t + 1) * NX * U; k++) x[k] = x[k - NX * U];
   return t;
 }
+"""
+
+# C code of the adjoint sweep and of the scores.
+_ADJOINT = """\
 static void backward(const job *q, const memory *a, i64 n, i64 live, i64 row, i64 end) {
   (void)live;
   i64 last = row + U * W < end ? row + U * W : end, ts = a->ts;
@@ -169,8 +173,10 @@ _ROLLOUT_STRIDES = {
 _LOAD = """\
 static void load_block(const job *q, const memory *a, i64 row, i64 end) {
   i64 nw = q->horizon * NU, nt = q->parts * GT, nx = (q->horizon + 1) * NX;
+#if DERIVATIVES
   Q keys[2 * ROUNDS];
   if (q->noise == 2) schedule(q->key0, q->key1, keys);
+#endif
   for (int j = 0; j < U; j++, row += W) {
     if (!q->shared_x0) load_rows(q->x0, NX, row, end, a->x + j, U);
     else for (int k = 0; k < NX; k++) a->x[k * U + j] = SPLAT(q->x0[k]);
@@ -179,6 +185,7 @@ static void load_block(const job *q, const memory *a, i64 row, i64 end) {
       load_rows(q->theta, nt, row, end, (DENSE ? (V *)a->weights : a->theta) + j, U);
     if (PS > 1) load_rows(q->p, NP, row, end, a->p + j, U);
     if (q->noise == 1) load_rows(q->w, nw, row, end, a->w + j, U);
+#if DERIVATIVES
     if (q->noise == 2)
       for (i64 m = 0; m < nw; m += 4) {
         V z[4];
@@ -186,16 +193,18 @@ static void load_block(const job *q, const memory *a, i64 row, i64 end) {
         for (i64 k = 0; k < 4 && m + k < nw; k++)
           a->w[(m + k) * U + j] = z[k] * q->sigma[(m + k) % NU];
       }
+#endif
   }
 }
 """
 
 _RUN = """\
+#if DERIVATIVES
 INLINE M inside(i64 row, i64 end) { M m; LANES m[l] = -(i64)(row + l < end); return m; }
+#endif
 static i64 roll_out(i64 begin, i64 end, i64 chunk, const job *q) {
   i64 N = q->horizon, nt = q->parts * GT;
-  int gradient = (q->want & WANT_GRADIENT) != 0, score = (q->want & WANT_SCORE) != 0;
-  int moments = (q->want & WANT_MOMENTS) != 0;
+  int gradient = DERIVATIVES && q->want & WANT_GRADIENT, score = DERIVATIVES && q->want & WANT_SCORE;
   int in_place = !DENSE && !q->shared_theta && q->parts > 1;
   i64 values = 1 + nt * (gradient + score), w_step = q->noise ? NU * U : 0;
   i64 sizes[] = {(N + 1) * NX * U, N * NL * U, w_step ? N * w_step : NU * U,
@@ -222,27 +231,35 @@ static i64 roll_out(i64 begin, i64 end, i64 chunk, const job *q) {
   if (DENSE && PER_SAMPLE && q->shared_theta) load_shared(q->theta, nt, (V *)a.weights, U);
   if (PS == 1) load_shared(q->p, NP, a.p, 1);
   if (!q->noise) for (i64 k = 0; k < NU * U; k++) a.w[k] = (V){};
+#if DERIVATIVES
+  int moments = (q->want & WANT_MOMENTS) != 0, starting = 1;
   accumulator sums = {top, top + values, top + 2 * values, {}};
   for (i64 k = 0; k < 3 * values; k++) top[k] = (V){};
+#endif
+  (void)chunk, (void)top;
   i64 bad = 0;
-  int starting = 1;
   for (i64 block = begin; block < end; block += U * W) {
     load_block(q, &a, block, end);
     i64 live = end - block < U * W ? (end - block + A * W - 1) / (A * W) * A : U;
     i64 steps = forward(q, &a, live, block + U * W, end);
-    if (score) scores(q, &a, steps, live);
-    if (gradient) backward(q, &a, steps, live, block, end);
+    (void)steps;
     V total[U];
     for (int j = 0; j < U; j++) total[j] = a.cost[j];
+#if DERIVATIVES
+    if (score) scores(q, &a, steps, live);
+    if (gradient) backward(q, &a, steps, live, block, end);
     if (gradient) add_up(a.gradient, nt, total);
     if (score) add_up(a.score, nt, total);
+#endif
     for (int j = 0; j < U && block + j * W < end; j++) {
       i64 row = block + j * W;
-      V *g = a.gradient + j, *s = a.score + j, *cost = a.cost + j;
+      V *cost = a.cost + j;
       M ok = total[j] - total[j] == 0.0;
       bad += count_rows(~ok, row, end);
       if (q->last) store_rows(q->last, NX, row, end, a.x + N * NX * U + j, U);
       if (q->trail) store_rows(q->trail, (N + 1) * NX, row, end, a.x + j, U);
+#if DERIVATIVES
+      V *g = a.gradient + j, *s = a.score + j;
       if (!moments) {
         store_rows(q->cost, 1, row, end, cost, U);
         if (gradient) store_rows(q->gradient, nt, row, end, g, U);
@@ -257,9 +274,14 @@ static i64 roll_out(i64 begin, i64 end, i64 chunk, const job *q) {
       if (gradient) accumulate(&sums, 1, g, nt, ok, starting);
       if (score) accumulate(&sums, 1 + gradient * nt, s, nt, ok, starting);
       starting = 0;
+#else
+      store_rows(q->cost, 1, row, end, cost, U);
+#endif
     }
   }
+#if DERIVATIVES
   if (moments) finish(&sums, values, q->moments + begin / chunk * (2 * values + 1));
+#endif
   free(all);
   return bad;
 }
@@ -286,16 +308,21 @@ def rollout_source(
 ) -> str:
     """Return the C text of a rollout on this computer, for blocks of about `block` samples.
 
+    Tapes without adjoint give costs and states alone, without noise that the kernel draws, and without moments.
     With `per_sample_p` the parameters p differ between samples; otherwise all samples share them, so that the
     compiler can keep them in registers. `per_sample_theta` does the same for the weights of dense layers.
     """
-    functions, layers = c_steps.forward_graphs(tapes, warm=True), tapes.layers
-    for name in ("adjoint", "score", "terminal", "terminal_adjoint"):
-        functions[name] = getattr(tapes, name)
+    layers, adjoint = tapes.layers, tapes.adjoint
+    functions = c_steps.forward_graphs(tapes, warm=True) | {"terminal": tapes.terminal}
     if layers is not None:
-        functions |= {"observe": layers.observe, "observe_adjoint": layers.observe_adjoint}
+        functions["observe"] = layers.observe
+    if adjoint is not None:
+        functions |= {"adjoint": adjoint.step, "score": adjoint.score, "terminal_adjoint": adjoint.terminal}
+    if adjoint is not None and adjoint.observe is not None:
+        functions["observe_adjoint"] = adjoint.observe
     length, abreast, registers = c_steps.side_by_side(functions, block, machine)
     constants = {
+        "DERIVATIVES": int(adjoint is not None),
         "EACH": "UNROLL" if length <= c_steps.MAX_UNROLLED_OPERATIONS else "",
         # For long graphs the unused registers of the last block are skipped.
         "LIVE": "U" if length <= c_steps.MAX_UNROLLED_OPERATIONS else "live",
@@ -312,12 +339,11 @@ def rollout_source(
             c_steps.step_constants(tapes, abreast, constants),
             *c_steps.step_kernels(tapes, functions, abreast, _ROLLOUT_STRIDES),
             c_steps.one_step(tapes, with_ts=True, warm=True),
-            c_random.normals_source(),
             _JOB,
-            c_dense.layer_source(layers),
-            _SWEEPS,
+            c_dense.layer_source(layers, adjoint is not None),
+            _FORWARD,
+            *([] if adjoint is None else [_ADJOINT, c_random.normals_source(), c_moments.MOMENTS_SOURCE]),
             _LOAD,
-            c_moments.MOMENTS_SOURCE,
             _RUN,
         )
     )

@@ -99,9 +99,12 @@ class ChunkNetwork:
     theta is (n_weights, m), or (n_weights, 1) if all samples share it.
     """
 
-    def __init__(self, layers: Layers, make: Callable[[ca.Function], Kernel]) -> None:
+    def __init__(
+        self, layers: Layers, observe_adjoint: ca.Function | None, make: Callable[[ca.Function], Kernel]
+    ) -> None:
         self._layers, self._slices = layers, layer_slices(layers.sizes)
-        self._observe, self._back = make(layers.observe), make(layers.observe_adjoint)
+        self._observe = make(layers.observe)
+        self._back = None if observe_adjoint is None else make(observe_adjoint)
 
     def mean_actions(self, theta: Array, x: Array, p: Array) -> Array:
         """Return the mean actions (n_a, m) at states x (nx, m)."""
@@ -118,6 +121,7 @@ class ChunkNetwork:
             if k:
                 adjoint *= 1.0 - values[k] ** 2
         xbar = np.empty_like(x)
+        assert self._back is not None
         self._back.run([x, p, adjoint], [xbar])
         return xbar
 
@@ -146,16 +150,20 @@ def _weighted_sums(weights: Array, values: Array, axes: tuple[int, int]) -> Arra
 class ChunkRollout:
     """Forward and adjoint sweeps for one chunk of samples; samples are the last axis.
 
-    `make` turns a CasADi function into a `Kernel`; each graph of `tapes` is one kernel. The length of the noise
+    `make` turns a CasADi function into a `Kernel`; each graph of `tapes` is one kernel. Tapes without adjoint allow
+    only the forward sweep. The length of the noise
     is the horizon N; theta has one row for every step, or a single row that all steps share.
     """
 
     def __init__(self, tapes: RolloutTapes, make: Callable[[ca.Function], Kernel]) -> None:
         self.tapes, self.scratch = tapes, Scratch()
-        self.adjoint, self.score = make(tapes.adjoint), make(tapes.score)
-        self.terminal, self.terminal_adjoint = make(tapes.terminal), make(tapes.terminal_adjoint)
-        self.network = None if tapes.layers is None else ChunkNetwork(tapes.layers, make)
-        loop = tapes.forward
+        self.terminal = make(tapes.terminal)
+        adjoint, loop = tapes.adjoint, tapes.forward
+        observe_adjoint = None
+        if adjoint is not None:
+            self.adjoint, self.score, self.terminal_adjoint = map(make, (adjoint.step, adjoint.score, adjoint.terminal))
+            observe_adjoint = adjoint.observe
+        self.network = None if tapes.layers is None else ChunkNetwork(tapes.layers, observe_adjoint, make)
         if isinstance(loop, ModelStepGraphs):
             self.queries, self.closing = make(loop.queries), make(loop.closing)
         elif isinstance(loop, InnerLoop):

@@ -33,10 +33,7 @@ _LOG = logging.getLogger(__name__)
 CANDIDATES = ("cc", "gcc", "clang")
 # Compiler flags. None of them permits the compiler to assume that NaN or infinity do not occur, reorder a sum, or
 # choose where to contract a*b+c; the emitted source uses explicit fused operations.
-FLAGS = (
-    *("-std=c11", "-O2", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math"),
-    *("-fPIC", "-shared"),
-)
+FLAGS = ("-std=c11", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math", "-fPIC", "-shared")
 # Flags that enable this CPU's instructions; the first that the compiler accepts are used.
 NATIVE_FLAGS = (("-march=native",), ("-mcpu=native",), ())
 # Text in a line of a compiler's error output that does not state a cause.
@@ -182,13 +179,14 @@ _MIN_FREE_BYTES = 1 << 24
 """Free disk space [bytes] below which a failed compilation is repeated in a private folder."""
 
 
-def load_library(source: str, symbols: Sequence[str] = ()) -> ctypes.CDLL:
+def load_library(source: str, symbols: Sequence[str] = (), level: int = 2) -> ctypes.CDLL:
     """Compile C source to a shared object with the functions ``symbols``, or find it in the cache, and load it.
 
+    The optimisation ``level`` affects the time of the compilation and the code's speed, but not results.
     If the compiler or the loader fails, raises `CompilerError` with the last line of its output.
     """
     compiler = find_compiler()
-    flags = (*FLAGS, *compiler.native)
+    flags = (*FLAGS, f"-O{level}", *compiler.native)
     key = hashlib.sha256("\n".join((compiler.identity, *flags, source)).encode()).hexdigest()[:32]
     with _lock:
         if key not in _loaded:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from functools import cached_property, partial
 from typing import Any, Protocol, TypeVar
 
 import casadi as ca
@@ -197,6 +197,28 @@ class CasadiKernel:
         rows = self._flat.map(m, "thread", threads) if threads > 1 else self._flat.map(m)
         for array, result in zip(outputs, rows.call(columns), strict=True):
             array[...] = np.asarray(result)
+
+
+class ParameterKernel:
+    """Function of parameters that is evaluated once per call: for one row by CasADi, for several rows by NumPy.
+
+    A NumPy program of many operations takes a thousand times as long for one row, and a second to compile.
+    """
+
+    def __init__(self, fn: ca.Function) -> None:
+        self._fn = fn
+
+    def __call__(self, parameters: np.ndarray) -> np.ndarray:
+        """Return the values (n, n_out) at parameters (n, n_in)."""
+        if len(parameters) == 1:
+            return np.array(self._fn.call([ca.DM(parameters[0])])[0]).T
+        values = np.empty((self._fn.numel_out(0), len(parameters)))
+        self._columns.run([np.ascontiguousarray(parameters.T)], [values])
+        return np.ascontiguousarray(values.T)
+
+    @cached_property
+    def _columns(self) -> NumpyKernel:
+        return NumpyKernel(tape_of(self._fn))
 
 
 KERNEL_MAKERS: dict[str, Callable[[ca.Function], Kernel]] = {

@@ -22,29 +22,35 @@ from dynamics.batch.graphs.tape import (
 )
 
 
-def hoist_parameters(
-    functions: Mapping[str, tuple[ca.Function, int]], n_parameters: int
-) -> tuple[ca.Function, dict[str, ca.Function]]:
-    """Split functions into expressions that depend only on parameters, and the remaining functions.
+class HoistedFunctions:
+    """Functions split into expressions that depend only on parameters p (n_parameters), and the remaining functions."""
 
-    `functions` maps a name to an SX function and the position of its argument p, (n_parameters).
-    Returns `derived: p -> q`, and the functions with q in place of p.
-    """
-    pool = _Pool(n_parameters)
-    split_functions = {
-        name: _Split(tape_of(fn), position, pool).split_columns() for name, (fn, position) in functions.items()
-    }
-    q = ca.vertcat(ca.SX(0, 1), *pool.symbols.values())
-    derived_values = ca.vertcat(ca.SX(0, 1), *(pool.expressions[i] for i in pool.symbols))
-    remaining = {}
-    for name, (arguments, results) in split_functions.items():
-        fn, position = functions[name]
-        shaped = [
-            ca.reshape(result, fn.size_out(k)) if result.numel() else ca.SX(*fn.size_out(k))
-            for k, result in enumerate(results)
-        ]
-        remaining[name] = ca.Function(fn.name(), [q if k == position else a for k, a in enumerate(arguments)], shaped)
-    return ca.Function("derived", [pool.p], [ca.densify(derived_values)]), remaining
+    def __init__(self, n_parameters: int) -> None:
+        self._pool = _Pool(n_parameters)
+        self._split: dict[str, tuple[ca.Function, int, list[ca.SX], list[ca.SX]]] = {}
+
+    def add(self, functions: Mapping[str, tuple[ca.Function, int]]) -> None:
+        """Split more functions; `functions` maps a name to an SX function and the position of its argument p."""
+        for name, (fn, position) in functions.items():
+            self._split[name] = fn, position, *_Split(tape_of(fn), position, self._pool).split_columns()
+
+    def derived(self) -> ca.Function:
+        """Return `derived: p -> q`, the expressions that all functions so far take instead of p."""
+        values = ca.vertcat(ca.SX(0, 1), *(self._pool.expressions[i] for i in self._pool.symbols))
+        return ca.Function("derived", [self._pool.p], [ca.densify(values)])
+
+    def remaining(self) -> dict[str, ca.Function]:
+        """Return all functions so far by name, with q in place of p."""
+        q = ca.vertcat(ca.SX(0, 1), *self._pool.symbols.values())
+        functions = {}
+        for name, (fn, position, arguments, results) in self._split.items():
+            shaped = [
+                ca.reshape(result, fn.size_out(k)) if result.numel() else ca.SX(*fn.size_out(k))
+                for k, result in enumerate(results)
+            ]
+            with_q = [q if k == position else argument for k, argument in enumerate(arguments)]
+            functions[name] = ca.Function(fn.name(), with_q, shaped)
+        return functions
 
 
 class _Pool:

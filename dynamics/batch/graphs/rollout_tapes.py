@@ -16,15 +16,17 @@ indicator. Where the contact is not an LCP, the adjoint goes through the relatio
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
 
-from dynamics.batch.graphs.hoisting import carry_costly_values, hoist_parameters
+from dynamics.batch.graphs.hoisting import HoistedFunctions, carry_costly_values
 from dynamics.batch.graphs.inner import InnerLoop, dense_function, newton_guess, solver_fields
 from dynamics.batch.graphs.objective import Objective, call_with_first, expand_function, require_sizes
 from dynamics.batch.graphs.policy import DensePolicy, RolloutPolicy
 from dynamics.batch.graphs.step_graphs import (
+    AdjointTapes,
     CostDependence,
     Layers,
     ModelStepGraphs,
@@ -38,18 +40,6 @@ from dynamics.contact.path import Path
 from dynamics.contact.reduced_path import path_of
 from dynamics.systems import ParameterTable
 from dynamics.systems.elimination import solve_without_pivoting
-
-
-def build_tapes(step: Step, objective: Objective, policy: RolloutPolicy) -> RolloutTapes:
-    """Build the graphs of the step closed by the policy, and of its first derivatives.
-
-    In place of the parameters of the step, the objective and the policy, the graphs take the values
-    that `RolloutTapes.derived` computes from them. Raises `ValueError` if the dimensions of objective, policy and
-    step do not fit.
-    """
-    objective.check(step)
-    _check(step, policy)
-    return ClosedStep(step, objective, policy).build_tapes()
 
 
 def parameters_of(step: Step, objective: Objective, policy: RolloutPolicy) -> ParameterTable:
@@ -72,13 +62,19 @@ def _check(step: Step, policy: RolloutPolicy) -> None:
 
 
 class ClosedStep:
-    """One step of a rollout, closed by a policy, as expressions in (x, theta, w, p)."""
+    """One step of a rollout, closed by a policy, as expressions in (x, theta, w, p).
+
+    Its tapes take, in place of the parameters of the step, the objective and the policy, the values that
+    `RolloutTapes.derived` computes from them. Raises `ValueError` if the dimensions of objective, policy and step do
+    not fit.
+    """
 
     def __init__(self, step: Step, objective: Objective, policy: RolloutPolicy) -> None:
+        objective.check(step)
+        _check(step, policy)
         system = step.system
         self.step, self.objective, self.policy = step, objective, policy
         self.law = expand_function(policy.law)
-        self.n_parameters = len(parameters_of(step, objective, policy))
         self.p = parameters_of(step, objective, policy).vector
         self.theta = ca.SX.sym("theta", policy.law.nnz_in(1))
         self.w = ca.SX.sym("w", system.nu)
@@ -87,51 +83,70 @@ class ClosedStep:
         self.terminal_cost = objective.terminal(step)
         self.arguments = [self.x, self.theta, self.w, self.p]
 
-    def build_tapes(self) -> RolloutTapes:
-        """Return the graphs, with expressions that depend only on parameters moved to `derived`."""
-        law, at_end = self.law(self.step.system.x, self.theta), [self.x, self.p]
-        dependence = self.cost_dependence()
-        score = self.objective.mask_finished(ca.jtimes(law, self.theta, self._effective_noise(dependence), True))
-        terminal_bar = ca.gradient(self.terminal_cost, self.x)
-        loop = self._contact_graphs()
-        with_p = {
-            "adjoint": (self._adjoint(), 3),
-            "terminal": (dense_function("terminal", at_end, [self.terminal_cost]), 1),
-            "terminal_adjoint": (dense_function("terminal_adjoint", at_end, [terminal_bar]), 1),
-            **self._observation_graphs(),
-        }
+    @cached_property
+    def tapes(self) -> RolloutTapes:
+        """Graphs of costs and states alone."""
+        return self._forward_tapes(self._hoisted.remaining())
+
+    @cached_property
+    def tapes_with_adjoint(self) -> RolloutTapes:
+        """Graphs of costs, states and derivatives."""
+        terminal_bar, functions = ca.gradient(self.terminal_cost, self.x), self._hoisted
+        functions.add({"adjoint": (self._adjoint(), 3), **self._observe_graph(adjoint=True)})
+        functions.add({"terminal_adjoint": (dense_function("terminal_adjoint", [self.x, self.p], [terminal_bar]), 1)})
+        remaining = functions.remaining()
+        adjoint = AdjointTapes(
+            step=remaining["adjoint"],
+            score=self._score(),
+            terminal=remaining["terminal_adjoint"],
+            observe=remaining.get("observe_adjoint"),
+        )
+        return replace(self._forward_tapes(remaining), adjoint=adjoint)
+
+    @cached_property
+    def _hoisted(self) -> HoistedFunctions:
+        """Graphs of costs and states, to which the graphs of derivatives are added when they are needed."""
+        at_end = dense_function("terminal", [self.x, self.p], [self.terminal_cost])
+        functions = {"terminal": (at_end, 1), **self._observe_graph(adjoint=False)}
+        loop = self._loop
+        graphs = {"forward": self._forward()} if loop is None else {name: getattr(loop, name) for name in loop.with_p}
+        hoisted = HoistedFunctions(self.p.numel())
+        hoisted.add(functions | {name: (graph, 3) for name, graph in graphs.items()})
+        return hoisted
+
+    def _forward_tapes(self, remaining: dict[str, ca.Function]) -> RolloutTapes:
+        """Return the graphs of costs and states, with expressions that depend only on parameters in `derived`."""
+        derived, loop = self._hoisted.derived(), self._loop
         if loop is None:
-            with_p["forward"] = (self._forward(), 3)
+            forward = last_graph = remaining["forward"]
         else:
-            with_p |= {name: (getattr(loop, name), 3) for name in loop.with_p}
-        derived, remaining = hoist_parameters(with_p, self.n_parameters)
-        if loop is None:
-            remaining["forward"], remaining["adjoint"] = carry_costly_values(remaining["forward"], remaining["adjoint"])
-        else:
-            loop = replace(loop, **{name: remaining[name] for name in loop.with_p})
+            forward = replace(loop, **{name: remaining[name] for name in loop.with_p})
+            last_graph = forward.closing
         layers, end_entry = None, self.objective.end_entry
         if isinstance(self.policy, DensePolicy):
-            layers = Layers(self.policy.sizes, self.policy.n_theta, remaining["observe"], remaining["observe_adjoint"])
+            layers = Layers(self.policy.sizes, self.policy.n_theta, remaining["observe"])
         return RolloutTapes(
             nx=self.x.numel(),
             n_carried=self.objective.carried.numel(),
             nu=self.step.system.nu,
             np=derived.numel_out(0),
-            nlam=remaining["adjoint"].numel_in(4),
+            nlam=last_graph.numel_out(1),
             n_theta=self.theta.numel(),
-            forward=loop or remaining["forward"],
-            adjoint=remaining["adjoint"],
-            score=dense_function("score", [self.x, self.theta, self.w], [score]),
-            cost_dependence=dependence,
+            forward=forward,
             terminal=remaining["terminal"],
-            terminal_adjoint=remaining["terminal_adjoint"],
             derived=derived,
             layers=layers,
             end_entry=None if end_entry is None else self.step.system.nx + end_entry,
         )
 
+    def _score(self) -> ca.Function:
+        law, noise = self.law(self.step.system.x, self.theta), self._effective_noise(self.cost_dependence)
+        score = self.objective.mask_finished(ca.jtimes(law, self.theta, noise, True))
+        return dense_function("score", [self.x, self.theta, self.w], [score])
+
+    @cached_property
     def cost_dependence(self) -> CostDependence:
-        """Return which entries of x and w affect x_next and the costs, through contact and policy."""
+        """Entries of x and w that affect x_next and the costs, through contact and policy."""
         step, policy = self.step, self.policy
         if isinstance(step, LearnedStep):
             mixed_queries = _dependent_scalar(step.queries)
@@ -152,20 +167,19 @@ class ClosedStep:
             noise[j] = ca.if_else(self.x[s] != 0, noise[j], 0)
         return ca.vertcat(*noise)
 
-    def _observation_graphs(self) -> dict[str, tuple[ca.Function, int]]:
-        """Return the graphs of normalised observations and the position of p in each; empty without dense layers."""
+    def _observe_graph(self, *, adjoint: bool) -> dict[str, tuple[ca.Function, int]]:
+        """Return the graph of normalised observations or its adjoint, and the position of p; empty without layers."""
         policy = self.policy
         if not isinstance(policy, DensePolicy):
             return {}
         table, n = policy.parameters, policy.sizes[0]
         mean, scale = table.vector[:n], table.vector[n:]
         observation = (call_with_first(policy.observe, self.step.system.x, p=self.step.p.vector) - mean) / scale
+        if not adjoint:
+            return {"observe": (dense_function("observe", [self.x, self.p], [observation]), 1)}
         obar = ca.SX.sym("obar", n)
         state_bar = self.objective.mask_finished(ca.gradient(ca.dot(obar, observation), self.x))
-        return {
-            "observe": (dense_function("observe", [self.x, self.p], [observation]), 1),
-            "observe_adjoint": (dense_function("observe_adjoint", [self.x, self.p, obar], [state_bar]), 1),
-        }
+        return {"observe_adjoint": (dense_function("observe_adjoint", [self.x, self.p, obar], [state_bar]), 1)}
 
     def _substitute_policy(self, *expressions: ca.SX) -> list[ca.SX]:
         """Return expressions in the step's (x, u, p), with the input of the policy substituted for u."""
@@ -189,13 +203,14 @@ class ClosedStep:
         step = self.step
         contacts = self._contacts(step) if step.n and isinstance(step, AffineStep) else []
         solved = [
-            interior_point.exact_scalar_solution(z, F) if step.exact else _scalar_solution(z, F, mu)
+            interior_point.exact_scalar_solution(z, F) if step.exact else interior_point.one_division_solution(z, F, mu)
             for z, F, mu in contacts
         ]
         return dense_function("forward", self.arguments, self._effects(ca.vertcat(ca.SX(0, 1), *solved)))
 
-    def _contact_graphs(self) -> InnerLoop | ModelStepGraphs | None:
-        """Return the graphs of a step that needs a contact solver or a model; None if one graph is enough."""
+    @cached_property
+    def _loop(self) -> InnerLoop | ModelStepGraphs | None:
+        """Graphs of a step that needs a contact solver or a model; None if one graph is enough."""
         if isinstance(self.step, LearnedStep):
             return self._model_graphs(self.step)
         explicit = self.step.system.nlam <= isinstance(self.step, AffineStep)
@@ -312,7 +327,7 @@ class ClosedStep:
             weights, diagonal = lam, gap
         if step.system.nlam == 1 and not step.exact:
             # At the solution diagonal + F lam is the square root of the forward step.
-            v = lambar / _root(step.z, ca.diag(step.F), step.mu)
+            v = lambar / interior_point.scalar_root(step.z, ca.diag(step.F), step.mu)
         else:
             v = solve_without_pivoting(ca.diag(diagonal) + step.F.T @ ca.diag(weights), lambar)
         held_v, held_weights = held_symbols = [ca.SX.sym(name, step.n) for name in ("v", "weights")]
@@ -322,15 +337,12 @@ class ClosedStep:
         return held_symbols, [v, weights], function
 
 
-def _scalar_solution(z: ca.SX, F: ca.SX, mu: ca.SX) -> ca.SX:
-    """Return `interior_point.scalar_solution(z, F, mu)`, computed with one division for both signs of z."""
-    is_open = z > 0
-    larger_root = ca.fabs(z) + _root(z, F, mu)
-    return ca.if_else(is_open, 2 * mu, larger_root) / ca.if_else(is_open, larger_root, 2 * F)
-
-
-def _root(z: ca.SX, F: ca.SX, mu: ca.SX) -> ca.SX:
-    return ca.sqrt(z * z + 4 * F * mu)
+def with_carried_values(tapes: RolloutTapes) -> RolloutTapes:
+    """Return tapes whose forward step stores in `lam` costly values for the adjoint, unless an iteration finds lam."""
+    if tapes.adjoint is None or not isinstance(tapes.forward, ca.Function):
+        return tapes
+    forward, step = carry_costly_values(tapes.forward, tapes.adjoint.step)
+    return replace(tapes, forward=forward, nlam=step.numel_in(4), adjoint=replace(tapes.adjoint, step=step))
 
 
 def _dependent_scalar(expressions: ca.SX) -> ca.SX:

@@ -89,13 +89,12 @@ class Layers:
 
     `n_weights` counts the weights and offsets of all layers.
 
-    - `observe: (x, p) -> o`, and `observe_adjoint: (x, p, obar) -> xbar`
+    - `observe: (x, p) -> o`
     """
 
     sizes: tuple[int, ...]
     n_weights: int
     observe: ca.Function
-    observe_adjoint: ca.Function
 
 
 def layer_slices(sizes: Sequence[int]) -> list[tuple[slice, slice, tuple[int, int]]]:
@@ -109,6 +108,23 @@ def layer_slices(sizes: Sequence[int]) -> list[tuple[slice, slice, tuple[int, in
 
 
 @dataclass(frozen=True)
+class AdjointTapes:
+    """CasADi functions of the derivatives of one step of a rollout, with arguments as in :class:`RolloutTapes`.
+
+    - `step: (x, theta, w, p, lam, xbar) -> (xbar_before, thetabar)`
+    - `score: (x, theta, w) -> thetabar`, the product D_theta law(x, theta)' w, without the components of w that
+      do not affect the cost in state x, see `cost_dependence`
+    - `terminal: (x, p) -> xbar`
+    - `observe: (x, p, obar) -> xbar`, None without layers
+    """
+
+    step: ca.Function
+    score: ca.Function
+    terminal: ca.Function
+    observe: ca.Function | None
+
+
+@dataclass(frozen=True)
 class RolloutTapes:
     """CasADi functions of one step of a rollout; all are SX, and their arguments are dense columns.
 
@@ -116,10 +132,8 @@ class RolloutTapes:
     `nx` counts both.
 
     - `forward: (x, theta, w, p) -> (x_next, lam, cost)`, or an `InnerLoop` if lam has no closed form
-    - `adjoint: (x, theta, w, p, lam, xbar) -> (xbar_before, thetabar)`
-    - `score: (x, theta, w) -> thetabar`, the product D_theta law(x, theta)' w, without the components of w that
-      do not affect the cost in state x, see `cost_dependence`
-    - `terminal: (x, p) -> cost` and `terminal_adjoint: (x, p) -> xbar`
+    - `terminal: (x, p) -> cost`
+    - `adjoint`, the derivatives, None for rollouts of which only costs and states are needed
 
     Where entry `end_entry` of x is zero the rollout has ended, and x does not change any more.
 
@@ -136,12 +150,9 @@ class RolloutTapes:
     nlam: int
     n_theta: int
     forward: ca.Function | InnerLoop | ModelStepGraphs
-    adjoint: ca.Function
-    score: ca.Function
-    cost_dependence: CostDependence
     terminal: ca.Function
-    terminal_adjoint: ca.Function
     derived: ca.Function
+    adjoint: AdjointTapes | None = None
     layers: Layers | None = None
     end_entry: int | None = None
 

@@ -19,7 +19,7 @@ from dynamics.batch import open_loop
 from dynamics.batch.engines.compiler import find_compiler
 from dynamics.batch.graphs.inner import InnerLoop
 from dynamics.batch.graphs.objective import Costs
-from dynamics.batch.graphs.rollout_tapes import build_tapes
+from dynamics.batch.graphs.rollout_tapes import ClosedStep
 from dynamics.contact import AffineStep, Step, interior_point
 from dynamics.contact.interior_point import scalar_solution
 
@@ -104,7 +104,7 @@ def _by_adjoint(
 ) -> ca.Function:
     """Return the rollout with its gradient from the steps' adjoints, in reverse order."""
     system = step.system
-    tapes = build_tapes(step, Costs(stage, terminal), open_loop(system.nx, system.nu))
+    tapes = ClosedStep(step, Costs(stage, terminal), open_loop(system.nx, system.nu)).tapes_with_adjoint
     p, still, loop = tapes.derived(step.p.values), ca.DM.zeros(system.nu), tapes.forward
     x0, before = kind.sym("x0", system.nx), kind.sym("before", system.nu)
     U = kind.sym("U", system.nu, horizon)
@@ -118,9 +118,9 @@ def _by_adjoint(
         passed.append((*given, lam))
         x, cost = moved, cost + local
     cost += tapes.terminal(x, p)
-    bar, gradient = tapes.terminal_adjoint(x, p), []
+    bar, gradient = tapes.adjoint.terminal(x, p), []
     for arguments in reversed(passed):
-        bar, part = tapes.adjoint(*arguments, bar)
+        bar, part = tapes.adjoint.step(*arguments, bar)
         gradient.append(part)
     outputs = [cost, ca.horzcat(*reversed(gradient))]
     return ca.Function("rollout", [x0, U, before], outputs)

@@ -116,7 +116,7 @@ def test_random_numbers_are_the_same_everywhere(strict):
 def texts(machine: compiler.Compiler) -> dict[str, Callable[[], str]]:
     """Return a mapping from name to a function that emits one kind of source for a machine."""
     from dynamics.batch.graphs.objective import Costs
-    from dynamics.batch.graphs.rollout_tapes import build_tapes
+    from dynamics.batch.graphs.rollout_tapes import ClosedStep
 
     made: dict[str, Callable[[], str]] = {
         "function": lambda: c_flat.batch_source(tape_of(every_operation()), 32, machine),
@@ -124,13 +124,15 @@ def texts(machine: compiler.Compiler) -> dict[str, Callable[[], str]]:
     }
     for name, parts in systems().items():
         for per_sample_p in (False, True):
-            made[f"{name}, own p: {per_sample_p}"] = functools.partial(
-                lambda parts, per_sample_p: c_rollout.rollout_source(
-                    build_tapes(parts[0], Costs(*parts[1:3]), parts[3]), 32, machine, per_sample_p
-                ),
-                parts,
-                per_sample_p,
-            )
+            for tapes in ("tapes", "tapes_with_adjoint"):
+                made[f"{name}, {tapes}, own p: {per_sample_p}"] = functools.partial(
+                    lambda parts, tapes, per_sample_p: c_rollout.rollout_source(
+                        getattr(ClosedStep(parts[0], Costs(*parts[1:3]), parts[3]), tapes), 32, machine, per_sample_p
+                    ),
+                    parts,
+                    tapes,
+                    per_sample_p,
+                )
     return made
 
 

@@ -5,8 +5,10 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from dynamics.batch import RolloutFunction, open_loop
+from dynamics.batch import open_loop
 from dynamics.batch.graphs.hoisting import carry_costly_values
+from dynamics.batch.graphs.objective import Costs
+from dynamics.batch.graphs.rollout_tapes import ClosedStep, with_carried_values
 from dynamics.batch.graphs.tape import tape_of
 from dynamics.contact import Barrier
 from tests.unit.dynamics.batch.rollout_cases import closed, wall
@@ -48,7 +50,7 @@ def test_values_are_the_same_and_roots_are_gone():
 
 def test_a_contacts_root_is_taken_once_a_step():
     step, stage, terminal = closed(wall(), Barrier(mu=1e-3))
-    tapes = RolloutFunction(step, stage, terminal, 3, open_loop(2, 1), backend="numpy").tapes
+    tapes = with_carried_values(ClosedStep(step, Costs(stage, terminal), open_loop(2, 1)).tapes_with_adjoint)
     assert isinstance(tapes.forward, ca.Function)
     assert count(tapes.forward, ca.OP_SQRT) == 1
-    assert count(tapes.adjoint, ca.OP_SQRT) == 0
+    assert count(tapes.adjoint.step, ca.OP_SQRT) == 0

@@ -5,15 +5,16 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from dynamics.batch.graphs.hoisting import hoist_parameters
+from dynamics.batch.graphs.hoisting import HoistedFunctions
 
 X, P = ca.SX.sym("x", 2), ca.SX.sym("p", 3)
 
 
 def split(*results: ca.SX) -> tuple[ca.Function, ca.Function, ca.Function]:
     fn = ca.Function("f", [X, P], list(results))
-    derived, rest = hoist_parameters({"f": (fn, 1)}, 3)
-    return fn, derived, rest["f"]
+    hoisted = HoistedFunctions(3)
+    hoisted.add({"f": (fn, 1)})
+    return fn, hoisted.derived(), hoisted.remaining()["f"]
 
 
 def operations(fn: ca.Function) -> list[int]:
@@ -46,3 +47,16 @@ def test_what_lies_within_a_chain_is_there_where_others_need_it():
     made = split(inner * P[1] + X[1], ca.sin(inner), inner + inner)
     agree(*made)
     assert operations(made[2]).count(ca.OP_MUL) <= 3
+
+
+def test_functions_added_later_take_more_values_and_change_no_earlier_function():
+    hoisted = HoistedFunctions(3)
+    first, second = (ca.Function("f", [X, P], [y]) for y in (X[0] * ca.exp(P[0]), X[1] * ca.cos(P[1])))
+    hoisted.add({"first": (first, 1)})
+    sizes = [hoisted.derived().numel_out(0)]
+    agree(first, hoisted.derived(), hoisted.remaining()["first"])
+    hoisted.add({"second": (second, 1)})
+    sizes.append(hoisted.derived().numel_out(0))
+    assert sizes == [1, 2]
+    agree(first, hoisted.derived(), hoisted.remaining()["first"])
+    agree(second, hoisted.derived(), hoisted.remaining()["second"])

@@ -249,16 +249,48 @@ def test_wrong_definitions_are_explained():
         RolloutPolicy(stage, per_step=False)
 
 
-def test_compiled_text_does_not_depend_on_the_horizon(monkeypatch):
+def compiled_texts(monkeypatch) -> list[str]:
+    """Return a list to which all C texts are added that are compiled, or read from the cache, from now on."""
     from dynamics.batch.engines import compiler
 
-    texts = []
-    load = compiler.load_library
-    monkeypatch.setattr(compiler, "load_library", lambda text, has: texts.append(text) or load(text, has))
+    texts, load = [], compiler.load_library
+    monkeypatch.setattr(compiler, "load_library", lambda text, *rest: texts.append(text) or load(text, *rest))
+    return texts
+
+
+def test_compiled_text_does_not_depend_on_the_horizon(monkeypatch):
+    texts = compiled_texts(monkeypatch)
     step, *costs = case("wall", "barrier")
     for horizon in (2, 400):
-        RolloutFunction(step, *costs, horizon, open_loop(2, 1), backend="c")
+        RolloutFunction(step, *costs, horizon, open_loop(2, 1), backend="c")(np.zeros(2), np.zeros((horizon, 1)))
     assert texts[0] == texts[1]
+
+
+def test_the_adjoint_is_compiled_only_if_a_gradient_is_needed(monkeypatch):
+    texts = compiled_texts(monkeypatch)
+    step, *costs = case("wall", "barrier")
+    f = RolloutFunction(step, *costs, HORIZON, open_loop(2, 1), backend="c")
+    assert not texts
+    calls = {"gradient": False}, {"gradient": True}, {"gradient": False}
+    results = [f(np.array([0.1, -1.0]), np.ones((HORIZON, 1)), **call).cost for call in calls]
+    assert ["static void backward(" in text for text in texts] == [False, True]
+    np.testing.assert_array_equal(results, [results[0]] * 3)
+
+
+@pytest.mark.one_case_in(4)
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("policy", list(POLICIES))
+@pytest.mark.parametrize("law", ["barrier", "exact", "adaptive"])
+@pytest.mark.parametrize("system", list(SYSTEMS))
+def test_costs_and_states_alone_have_the_same_bits(system, law, policy, backend):
+    step, *costs = case(system, law)
+    f = RolloutFunction(step, *costs, HORIZON, POLICIES[policy](step.system.nx, step.system.nu), backend=backend)
+    values = np.tile(step.p.values, (35, 1)) * np.linspace(0.5, 2.0, 35)[:, None]
+    for p in (None, values):
+        given = inputs(f, 35) | {"p": p, "states": True}
+        alone, full = f(**given, gradient=False), rollout(system, law, policy, backend)(**given)
+        np.testing.assert_array_equal(alone.cost, full.cost)
+        np.testing.assert_array_equal(alone.states, full.states)
 
 
 def test_no_samples_are_no_answer():
