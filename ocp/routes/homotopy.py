@@ -38,6 +38,8 @@ IPOPT_PRIMAL_WARM_START = {
 """IPOPT options for a warm start without multipliers: IPOPT estimates these and does not move the variables."""
 STEP_BACKS = 4
 """Maximum number of retries of a stage that fails, each nearer to the last stage that converged."""
+GIVEN_UP_GAIN = 1e-3
+"""Relative reduction of a cost limit below which a path with this limit is given up."""
 MAX_STAGES = 10_000
 """Maximum number of stages of a path, ten times as many as were ever useful."""
 
@@ -65,13 +67,15 @@ class HomotopyPath:
     """Values of a parameter, from an easy value to the target, and the stage at each value.
 
     The path ends early if ``complete(program, result)`` is true. A ``strict`` path must reach its last
-    value; a path that only prepares the next path need not.
+    value; a path that only prepares the next path need not. The path is given up, without reaching its end, once
+    its costs, extrapolated to the value 0, are not below ``cost_limit`` by a thousandth.
     """
 
     values: Sequence[float]
     stage_at: Callable[[float], HomotopyStage]
     strict: bool = True
     complete: Callable[[Program, Result], object] | None = None
+    cost_limit: float = math.inf
 
     @property
     def reformulation(self) -> str:
@@ -151,6 +155,7 @@ class Homotopy:
         """
         pending, last_good, attempts = list(path.values), None, 0
         point, best = start, None
+        costs: list[tuple[float, float]] = []
         while pending:
             value = pending.pop(0)
             stage = path.stage_at(value)
@@ -161,6 +166,9 @@ class Homotopy:
                 point, source, last_good = result.point, nlp, value
                 attempts = 0 if value in path.values else attempts
                 best = (result, nlp)
+                costs += [(value, result.f)] if result.ok else []
+                if costs and extrapolate(costs) + GIVEN_UP_GAIN * abs(result.f) >= path.cost_limit:
+                    return RouteResult(result, nlp, False, self.trace)
                 if path.complete is not None and path.complete(nlp, result):
                     break
                 continue
@@ -250,6 +258,16 @@ def translate(point: Point, source: Program, target: Program) -> Point:
         copy_blocks(point.lam_x, source.variables, target.variables),
         copy_blocks(point.lam_g, source.constraints, target.constraints),
     )
+
+
+def extrapolate(costs: Sequence[tuple[float, float]]) -> float:
+    """Return the cost at the value 0, linear through the last two of pairs of value and cost.
+
+    The optimal cost of a relaxation ``lam gap <= t`` is differentiable in t, with the multipliers of the products.
+    """
+    (value, cost), (earlier_value, earlier_cost) = costs[-1], costs[max(len(costs) - 2, 0)]
+    slope = (earlier_cost - cost) / (earlier_value - value) if earlier_value > value else 0.0
+    return cost - slope * value
 
 
 def geometric(start: float, end: float, factor: float) -> list[float]:

@@ -22,6 +22,8 @@ T_SHARP = 1e-8
 """Relaxation t, in natural units, at which the textbook paths end."""
 _RELAXATION_ITERATIONS = 300
 """Iteration limit of a stage, after which the stage is retried at a larger t."""
+_COLD_ITERATIONS = 128
+"""Iteration limit of a stage of a cold path, whose last point starts the next stage."""
 LOOSE_OPTIONS = {"bound_relax_factor": 1e-8, "constr_viol_tol": 1e-8, "max_iter": _RELAXATION_ITERATIONS}
 """IPOPT options of a stage that is not the last."""
 _SHORT_HORIZON = 60
@@ -146,6 +148,33 @@ def _quick(t: float, first: bool) -> HomotopyStage:
     tolerance = max(T_SHARP, min(1e-4, 1e-2 * t))
     barrier = {} if first else {"mu_init": min(1e-3, t / 10)}
     return relaxed(t, {**LOOSE_OPTIONS, **barrier, "tol": tolerance, "compl_inf_tol": tolerance, "dual_inf_tol": 1.0})
+
+
+@dataclass(frozen=True)
+class ColdScholtes:
+    """Strategy ``lam gap <= t`` with t falling from ``start``, whose stages start without multipliers.
+
+    Every stage starts with IPOPT's high barrier, which keeps pairs away from zero again, so that contacts still
+    change late on the path. Costs rise as t falls, since smaller t leave fewer plans: the path is given up once its
+    costs promise none below ``cost_limit``. A stage may end at its iteration limit. Paths of different ``factor`` and
+    ``start``, in natural units (None: the product of characteristic sizes), often end in different minima.
+    """
+
+    factor: float = 0.1
+    start: float | None = None
+    cost_limit: float = np.inf
+
+    def paths(self, mu: float) -> list[HomotopyPath]:
+        """Return one path of t, from ``start`` or ``mu`` to at most ``1e-4 * mu``."""
+        values = geometric(self.start or mu, T_LOOSE * min(mu, 1.0), self.factor)
+        return [HomotopyPath(values, self._stage, cost_limit=self.cost_limit)]
+
+    @staticmethod
+    def _stage(t: float) -> HomotopyStage:
+        tolerance = max(T_SHARP, min(1e-4, 1e-2 * t))
+        tolerances = {"tol": tolerance, "compl_inf_tol": tolerance, "dual_inf_tol": 1.0}
+        options = {**tolerances, "warm_start_init_point": "no", "max_iter": _COLD_ITERATIONS}
+        return replace(relaxed(t, options), partial=True)
 
 
 def _fischer_burmeister(t: float, first: bool) -> HomotopyStage:
