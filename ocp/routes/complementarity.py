@@ -12,7 +12,7 @@ from ocp.programs.program import Program
 from ocp.programs.solver import Point, Result
 from ocp.routes.branches import Branches, polish
 from ocp.routes.homotopy import STEP_BACKS, Homotopy, HomotopyPath, RouteResult, lower
-from ocp.routes.relaxations import CentralPath, ColdScholtes, ScholtesAdaptive, Strategy
+from ocp.routes.relaxations import STRATEGIES, CentralPath, ColdScholtes, ScholtesAdaptive, Strategy
 from ocp.routes.rollouts import RolloutStarts
 from ocp.routes.schedules import MAX_FAILURES, distant_schedules, improve
 
@@ -24,7 +24,7 @@ class RelaxationPlan:
     ``fallback`` is the strategy to use if no branch is solved. ``rolls`` makes rollouts of inputs, whose branches are
     also solved (:mod:`~ocp.routes.schedules`): a few after a path that was easy to follow, many after a hard path,
     for which ``alternatives`` are also followed from the same start. If only few inputs act, rollouts cover their
-    whole range instead. Then the ``cold_paths`` are followed, each given up once it
+    whole range instead. Then the ``further_paths`` are followed, each given up once it
     promises no lower cost than the results before it. The cheapest of all results is returned.
     """
 
@@ -33,17 +33,17 @@ class RelaxationPlan:
     start: Callable[[Any], Point]
     fallback: Strategy | None = None
     alternatives: Sequence[Strategy] = ()
-    cold_paths: Sequence[ColdScholtes] = ()
+    further_paths: Sequence[Strategy] = ()
     rolls: RolloutStarts | None = None
 
 
 def solve_pairs(follower: Homotopy, plan: RelaxationPlan) -> RouteResult:
-    """Relax the pairs, solve branches, and then follow the cold paths of the plan as long as they promise less cost."""
+    """Relax the pairs, solve branches, and then follow the plan's further paths as long as they promise less cost."""
     branches = Branches(follower)
     outcome = _relax(branches, plan)
-    for cold_path in plan.cold_paths:
+    for further_path in plan.further_paths:
         cost_limit = outcome.result.f if outcome.finished else np.inf
-        followed = by_strategy(follower, plan, replace(cold_path, cost_limit=cost_limit))
+        followed = by_strategy(follower, plan, further_path, cost_limit)
         if followed.finished and (not outcome.finished or lower(followed.result, outcome.result)):
             outcome = _best(branches, [followed.result])
     return outcome
@@ -93,16 +93,21 @@ def _best(branches: Branches, results: list[Result], max_failures: int = MAX_FAI
     return RouteResult(best, branches.program, True, branches.follower.trace)
 
 
-def by_strategy(follower: Homotopy, plan: RelaxationPlan, strategy: Strategy) -> RouteResult:
-    """Follow one strategy and solve the branch at its end, without further improvement."""
+def by_strategy(
+    follower: Homotopy, plan: RelaxationPlan, strategy: Strategy, cost_limit: float | None = None
+) -> RouteResult:
+    """Follow one strategy and solve the branch at its end, without further improvement.
+
+    With a ``cost_limit`` its paths are given up if they promise no lower cost, and have no step-backs.
+    """
     hurried = bool(plan.alternatives) and strategy not in plan.alternatives
-    step_backs = 0 if hurried or isinstance(strategy, ColdScholtes) else STEP_BACKS
+    step_backs = 0 if hurried or cost_limit is not None else STEP_BACKS
     if isinstance(strategy, CentralPath):
         strategy = strategy.for_horizon(follower.nlp_of("none").chains.shape[-1])
-    paths = strategy.paths(plan.mu)
+    paths = [replace(path, cost_limit=np.inf if cost_limit is None else cost_limit) for path in strategy.paths(plan.mu)]
     source = follower.nlp_of(paths[0].reformulation)
     followed = follow_paths(follower, paths, plan.start(source), source, step_backs=step_backs)
-    if isinstance(strategy, ColdScholtes) and not followed.finished:
+    if cost_limit is not None and not followed.finished:
         return followed
     polished = polish(follower, followed.nlp, followed.result, improving=False)
     if not polished.finished and followed.result.ok and isinstance(strategy, CentralPath):
@@ -161,8 +166,8 @@ WIDE = CentralPath(factor=0.1, start_factor=10.0, start_below=False)
 """Central path from a large t, at which distant contacts also have forces."""
 ALTERNATIVES = tuple(replace(strategy, max_iterations=SMALL_ITERATIONS) for strategy in (WIDE, ScholtesAdaptive()))
 """Additional strategies, with step-backs, if the path of a small problem was hard to follow."""
-COLD_PATHS = (ColdScholtes(), ColdScholtes(factor=0.01), ColdScholtes(start=1.0))
-"""Cold paths of every problem; the first alone at quick effort."""
+FURTHER_PATHS = (ColdScholtes(), ColdScholtes(factor=0.01), ColdScholtes(start=1.0), STRATEGIES["scholtes"])
+"""Paths after the usual one, which often end in other minima; the first alone at quick effort."""
 RELAXATIONS = (CentralPath(), WIDE, CentralPath(factor=0.3), ScholtesAdaptive())
 """Strategies of successive starts: fast, from the product of characteristic sizes; from ten times this
 product; slow; and not on the central path."""

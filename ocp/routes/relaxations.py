@@ -155,19 +155,17 @@ class ColdScholtes:
     """Strategy ``lam gap <= t`` with t falling from ``start``, whose stages start without multipliers.
 
     Every stage starts with IPOPT's high barrier, which keeps pairs away from zero again, so that contacts still
-    change late on the path. Costs rise as t falls, since smaller t leave fewer plans: the path is given up once its
-    costs promise none below ``cost_limit``. A stage may end at its iteration limit. Paths of different ``factor`` and
-    ``start``, in natural units (None: the product of characteristic sizes), often end in different minima.
+    change late on the path. A stage may end at its iteration limit. Paths of different ``factor`` and ``start``, in
+    natural units (None: the product of characteristic sizes), often end in different minima.
     """
 
     factor: float = 0.1
     start: float | None = None
-    cost_limit: float = np.inf
 
     def paths(self, mu: float) -> list[HomotopyPath]:
         """Return one path of t, from ``start`` or ``mu`` to at most ``1e-4 * mu``."""
         values = geometric(self.start or mu, T_LOOSE * min(mu, 1.0), self.factor)
-        return [HomotopyPath(values, self._stage, cost_limit=self.cost_limit)]
+        return [HomotopyPath(values, self._stage)]
 
     @staticmethod
     def _stage(t: float) -> HomotopyStage:

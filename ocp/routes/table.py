@@ -16,9 +16,9 @@ from ocp.programs.solver import Point
 from ocp.routes.branches import polish
 from ocp.routes.complementarity import (
     ALTERNATIVES,
-    COLD_PATHS,
     FALLBACK,
     FALLBACK_SMALL,
+    FURTHER_PATHS,
     RELAXATIONS,
     SMALL_ITERATIONS,
     SMALL_PAIRS,
@@ -132,8 +132,8 @@ class Complementarity(Route):
         plan = RelaxationPlan(strategy, problem.natural_scales.mu, partial(session.first_point, guess=guess))
         if session.strategy != DEFAULT_STRATEGY:
             return plan
-        n_cold_paths = 0 if start.number else 1 if session.effort == "quick" else len(COLD_PATHS)
-        plan = replace(plan, cold_paths=COLD_PATHS[:n_cold_paths])
+        n_further = 0 if start.number else 1 if session.effort == "quick" else len(FURTHER_PATHS)
+        plan = replace(plan, further_paths=FURTHER_PATHS[:n_further])
         evaluation = session.evaluation
         rollout_starts = RolloutStarts(evaluation, session.step, guess or evaluation.initial_guess)
         rollout_starts = None if isinstance(session.policy, Feedback) else rollout_starts
