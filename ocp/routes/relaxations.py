@@ -172,7 +172,7 @@ class ColdScholtes:
         tolerance = max(T_SHARP, min(1e-4, 1e-2 * t))
         tolerances = {"tol": tolerance, "compl_inf_tol": tolerance, "dual_inf_tol": 1.0}
         options = {**tolerances, "warm_start_init_point": "no", "max_iter": _COLD_ITERATIONS}
-        return replace(relaxed(t, options), partial=True)
+        return replace(relaxed(t, options), label="cold t", partial=True)
 
 
 def _fischer_burmeister(t: float, first: bool) -> HomotopyStage:

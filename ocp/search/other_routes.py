@@ -72,7 +72,7 @@ class GuessSearch(Search):
 
 @dataclass
 class RouteSearch(Search):
-    """Search by Scholtes's relaxation, and by solving the exact law from the barrier law's plan."""
+    """Search by solving the exact law from the barrier law's plan, and on the branches of that plan's rollout."""
 
     thorough: bool = True
 
@@ -95,17 +95,11 @@ class RouteSearch(Search):
         smoothed = barrier.solve(progress=self.progress)
         nlp = session.nlp_of("product")
         x = translate(smoothed.result.point, smoothed.nlp, nlp).x
-        scholtes = session.with_changes(strategy="scholtes")
-        attempts = (
-            ("scholtes", lambda: scholtes.solve(progress=self.progress)),
-            ("barrier start", lambda: session.resume(Point(x), self.progress)),
-        )
-        for name, follow in attempts:
-            outcome = follow()
-            if outcome.finished and self._is_better(outcome, best):
-                solution = self.judge(session, replace(outcome, route=name), self.seed)
-                best = min(best, solution, key=replay_cost)
-                yield solution
+        outcome = session.resume(Point(x), self.progress)
+        if outcome.finished and self._is_better(outcome, best):
+            solution = self.judge(session, replace(outcome, route="barrier start"), self.seed)
+            best = min(best, solution, key=replay_cost)
+            yield solution
         if smoothed.finished and can_roll_out(session):
             inputs = smoothed.nlp.variables.unpack(smoothed.result.point.x)["u"][0]
             yield from _solutions_near_rollouts(self, "barrier contacts", best, [inputs])

@@ -48,7 +48,7 @@ def test_costs_linear_in_t_are_extrapolated_exactly(slope: float) -> None:
 
 def test_the_extrapolation_predicts_the_cost_at_the_end_of_a_path() -> None:
     follower, outcome = followed("push-box")
-    costs = [(line.value, line.cost) for line in follower.trace.records if line.label == "t"]
+    costs = [(line.value, line.cost) for line in follower.trace.records if line.label == "cold t"]
     predicted = [extrapolate(costs[: n + 1]) for n in range(len(costs))]
     assert outcome.finished
     assert np.all(np.diff([cost for _, cost in costs][:4]) > 0)
@@ -61,7 +61,7 @@ def test_a_path_is_given_up_if_it_promises_no_lower_cost(share: float, finished:
     limited, outcome = followed("push-box", share * reference.result.f)
     assert outcome.finished == finished
     if not finished:
-        assert all(line.label == "t" for line in limited.trace.records)
+        assert all(line.label == "cold t" for line in limited.trace.records)
         assert len(limited.trace.records) < 7
 
 
