@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
+from typing import Literal
 
 import casadi as ca
 import numpy as np
@@ -24,6 +26,8 @@ _TRAVEL_FACTOR = 10.0
 """Maximum size of a state for judging, as a multiple of the state's range of motion."""
 _LEAST_SIZE = 1e-3
 """Minimum size of a state for judging, as a fraction of its characteristic size."""
+ConstraintKind = Literal["path", "terminal"]
+"""Kind of the constraints that a problem states as expressions."""
 CONSTRAINT_KINDS = {
     "bound on x": "bound on",
     "bound on u": "bound on",
@@ -107,12 +111,13 @@ def broken_constraints(evaluation: Evaluation, rollout: Rollout, sizes: np.ndarr
         *_worst_entries("bound on x", states, _off(x_next, x_low, x_high), x_sizes, 1),
         *_worst_entries("bound on u", inputs, _off(u, u_low, u_high), problem.scales.u),
     ]
-    for kind, constraints in (("path", problem.path), ("terminal", problem.terminal)):
-        if constraints:
+    kinds: tuple[ConstraintKind, ...] = ("path", "terminal")
+    for kind in kinds:
+        if constraints := getattr(problem, kind):
             arrays = (x[:, :-1], u, x[:, 1:], impulses)
             if kind == "terminal":
                 arrays = (x[:, -1:], u[:, -1:], x[:, -1:], impulses[:, -1:])
-            violations, row_changes = _constraints_off(evaluation, constraints, *arrays, x_sizes)
+            violations, row_changes = _constraints_off(evaluation, kind, *arrays, x_sizes)
             first_step = 0 if kind == "path" else problem.N
             names = constraint_names(constraints)
             broken += _worst_entries(kind, names, violations, row_changes, first_step)
@@ -167,7 +172,7 @@ def _worst_entries(
 
 def _constraints_off(
     evaluation: Evaluation,
-    constraints: Sequence[Constraint],
+    kind: ConstraintKind,
     x: np.ndarray,
     u: np.ndarray,
     x_next: np.ndarray,
@@ -175,16 +180,22 @@ def _constraints_off(
     x_sizes: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return violations of constraints, and first-order changes of their expressions, (S, steps, n) each."""
-    problem = evaluation.problem
-    expressions = ca.vertcat(*(c.expression for c in constraints))
-    lower = ca.vertcat(*(c.lower for c in constraints))
-    upper = ca.vertcat(*(c.upper for c in constraints))
-    changes = row_sizes(problem, expressions, x_sizes)
-    outputs = [ca.densify(ca.fmax(lower - expressions, expressions - upper)), ca.densify(changes)]
-    function = ca.Function("constraints", problem.step_symbols, outputs)
+    function = _constraint_function(evaluation.problem, kind, tuple(np.broadcast_to(x_sizes, x.shape[2]).tolist()))
     violations, changes = at_steps(function, x, u, x_next, lam, p=evaluation.p)
     # If no signal changes a constraint to first order, any violation of the constraint counts as large.
     return violations, np.fmax(changes, 1e-12)
+
+
+@lru_cache(maxsize=16)
+def _constraint_function(problem: Problem, kind: ConstraintKind, x_sizes: tuple[float, ...]) -> ca.Function:
+    """Return the function from a step to violations of constraints, and first-order changes of their expressions."""
+    constraints: Sequence[Constraint] = getattr(problem, kind)
+    expressions = ca.vertcat(*(c.expression for c in constraints))
+    lower = ca.vertcat(*(c.lower for c in constraints))
+    upper = ca.vertcat(*(c.upper for c in constraints))
+    changes = row_sizes(problem, expressions, np.array(x_sizes))
+    outputs = [ca.densify(ca.fmax(lower - expressions, expressions - upper)), ca.densify(changes)]
+    return ca.Function("constraints", problem.step_symbols, outputs)
 
 
 def row_sizes(problem: Problem, expressions: ca.SX, x_sizes: np.ndarray) -> ca.SX:

@@ -6,7 +6,7 @@ import numpy as np
 
 from ocp.judge.lpec import LinearModel
 from ocp.programs.solver import Result
-from ocp.routes.branches import MIN_MULTIPLIER, Branches
+from ocp.routes.branches import Branches
 
 _SHIFT = 1e-9
 """Regularisation of curvature and rows, as a fraction of the largest curvature and of the largest row entries."""
@@ -38,7 +38,11 @@ class BranchModel:
         hessian = program.scaled_hessian(x, branches.p, lam_g, model.sizes)
         self.pairs, (first, second) = pairs, program.pairs
         released, zeroed = np.where(active, (second, first), (first, second))[:, pairs]
-        reduced, rows, least = model.reduced(lam_g), lam_g / model.row_scale, MIN_MULTIPLIER * program.natural.f
+        reduced, rows, least = (
+            model.reduced(lam_g),
+            lam_g / model.row_scale,
+            branches.min_multiplier * program.natural.f,
+        )
         held = ((model.lower == 0) & (reduced > least)) | ((model.upper == 0) & (reduced < -least))
         held[np.where(active, second, first)] = True
         lower, upper = model.row_lower == 0, model.row_upper == 0

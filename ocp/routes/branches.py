@@ -30,10 +30,14 @@ MAX_SIDE_CHANGES = 8
 """Maximum number of rounds in which pairs at (0, 0) change sides, while each branch costs less than the last."""
 MAX_EXCHANGES = 12
 """Maximum number of exchanges of a branch for a neighbour of lower cost."""
+LOW_COST = 2.0**-12
+"""Typical change of the cost, in its unit, below which the solver's tolerance is too coarse for it."""
+MAX_COST_FACTOR = 2.0**30
+"""Maximum factor of a cost; beyond it, the rounding errors of the first cost are larger than the rest."""
 DEGENERATE_SIZE = 1e-6
 """Size of both members of a pair, in natural units, below which the pair is at (0, 0)."""
 MIN_MULTIPLIER = 1e-6
-"""Multiplier of a held member, in natural units, above which an increase of the member lowers the cost."""
+"""Smallest multiplier that counts, in natural units, of a cost that is as large as its unit."""
 FIRST_RADIUS = 0.1
 """Trust-region radius of the first exchange, in characteristic sizes."""
 GUESS_RADII = (1e-3, 1e-2, 1e-1, 1.0)
@@ -54,6 +58,7 @@ class Branches:
         self.p = self.program.parameter_vector({**follower.values, PENALTY: 0.0})
         self.limits = self.program.bounds(follower.values)
         self.solved: dict[bytes, Result] = {}
+        self.cost_factor = 1.0
 
     def schedule(self, x: np.ndarray) -> np.ndarray:
         """Return a mask (m,) of the pairs whose second member is held at zero on the branch nearest to x."""
@@ -69,7 +74,8 @@ class Branches:
     ) -> Result:
         """Solve the branch with ``H = 0`` for pairs in ``active`` and ``G = 0`` for the others.
 
-        ``max_iterations`` is the iteration limit, ``label`` the name of the stage in the table.
+        ``max_iterations`` is the iteration limit, ``label`` the name of the stage in the table. If the cost falls so
+        far below its unit that the solver's tolerance is coarse, the branch is solved again with a larger cost factor.
         """
         first, second = self.program.pairs
         bounds = {key: value.copy() for key, value in self.limits.items()}
@@ -79,9 +85,24 @@ class Branches:
         if self.follower.solver.name == "ipopt":
             warm = IPOPT_WARM_START if start.lam_g is not None else {}
             options = {**warm, "mu_init": mu_init, "max_iter": max_iterations}
+            options |= {"obj_scaling_factor": self.cost_factor} if self.cost_factor > 1 else {}
         inside = Point(np.clip(start.x, bounds["lbx"], bounds["ubx"]), start.lam_x, start.lam_g)
         result = self.follower.solver.run(self.program, inside, self.p, bounds, **options)
-        return self.follower.record(label, float(active.sum()), self.program, result, self.p, bounds)
+        result = self.follower.record(label, float(active.sum()), self.program, result, self.p, bounds)
+        if options and result.ok and self._raise_cost_factor(result):
+            return self.solve(result.point, active, max_iterations, mu_init, label)
+        return result
+
+    def _raise_cost_factor(self, result: Result) -> bool:
+        """Raise the cost's factor if its typical change is far below its unit; return whether this was so."""
+        unit = self.cost_unit
+        if abs(result.f) > LOW_COST * unit:
+            return False
+        change = self.program.typical_change(result.point.x, self.p, self.limits)
+        if not 0 < change < LOW_COST * unit:
+            return False
+        self.cost_factor = min(2.0 ** round(math.log2(self.program.natural.f / change)), MAX_COST_FACTOR)
+        return self.cost_unit < unit
 
     def solve_branch(self, start: Point, iteration_limit: int = MAX_BRANCH_ITERATIONS) -> Result | None:
         """Solve the branch nearest to a point, then neighbouring branches while they cost less.
@@ -109,10 +130,10 @@ class Branches:
 
         Pairs are exchanged as long as the cost decreases. Returns None if the first branch is not solved.
         """
-        best, point, cost_unit = None, start, self.program.natural.f
+        best, point = None, start
         for _ in range(MAX_SIDE_CHANGES):
             result = self.solved.get(active.tobytes()) or self.solve(point, active, max_iterations)
-            if not result.ok or (best is not None and result.f > best.f - 1e-9 * (cost_unit + abs(best.f))):
+            if not result.ok or (best is not None and result.f > best.f - 1e-9 * (self.cost_unit + abs(best.f))):
                 break
             self.solved[active.tobytes()] = result
             best, point = result, result.point
@@ -190,7 +211,9 @@ class Branches:
 
     def _direction(self, model: LinearModel, radius: float) -> Descent:
         """Return a descent direction across branches; its decrease is NaN if the program is too large to solve."""
-        if not 0 < model.effort(radius) <= _EXCHANGE_EFFORT:
+        # Within a certificate's radii, the certificate solves the same program.
+        limit = _EXCHANGE_EFFORT if radius > RADII[0] else _EFFORT
+        if not 0 < model.effort(radius) <= limit:
             return Descent(np.nan)
         return model.descend(radius, True, tolerance_of(model), first=True)
 
@@ -219,11 +242,21 @@ class Branches:
         lam_x = result.point.lam_x * units.x / units.f
         return np.where(active, lam_x[second], lam_x[first])
 
+    @property
+    def cost_unit(self) -> float:
+        """Unit of the cost: the program's, divided by the factor that raises a low cost."""
+        return self.program.natural.f / self.cost_factor
+
+    @property
+    def min_multiplier(self) -> float:
+        """Multiplier of a held member above which an increase of the member lowers the cost, in natural units."""
+        return MIN_MULTIPLIER / self.cost_factor
+
     def _other_side(self, result: Result, active: np.ndarray) -> np.ndarray:
         """Return a mask (m,) of the pairs at (0, 0) for which an increase of the held member would lower the cost."""
         x = result.point.x / self.program.natural.x
         degenerate = np.all(x[self.program.pairs] < DEGENERATE_SIZE, axis=0)
-        return degenerate & (self.bound_multipliers(result, active) > MIN_MULTIPLIER)
+        return degenerate & (self.bound_multipliers(result, active) > self.min_multiplier)
 
 
 def second_limit(iterations: int) -> int:

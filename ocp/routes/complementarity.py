@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -12,7 +13,7 @@ from ocp.programs.program import Program
 from ocp.programs.solver import Point, Result
 from ocp.routes.branches import Branches, polish
 from ocp.routes.homotopy import STEP_BACKS, Homotopy, HomotopyPath, RouteResult, lower
-from ocp.routes.relaxations import STRATEGIES, CentralPath, ColdScholtes, ScholtesAdaptive, Strategy
+from ocp.routes.relaxations import STRATEGIES, CentralPath, ColdScholtes, L1Penalty, ScholtesAdaptive, Strategy
 from ocp.routes.rollouts import RolloutStarts
 from ocp.routes.schedules import MAX_FAILURES, distant_schedules, improve
 
@@ -21,20 +22,24 @@ from ocp.routes.schedules import MAX_FAILURES, distant_schedules, improve
 class RelaxationPlan:
     """Plan of a relaxation: its strategy, the first ``mu`` in natural units, the start, and further attempts.
 
-    ``fallback`` is the strategy to use if no branch is solved. ``rolls`` makes rollouts of inputs, whose branches are
-    also solved (:mod:`~ocp.routes.schedules`): a few after a path that was easy to follow, many after a hard path,
-    for which ``alternatives`` are also followed from the same start. If only few inputs act, rollouts cover their
-    whole range instead. Then the ``further_paths`` are followed, each given up once it
-    promises no lower cost than the results before it. The cheapest of all results is returned.
+    ``after_failure`` is the strategy to follow if the first one fails, before rollouts, which are slow in large
+    problems. ``fallback`` is the strategy to use if no branch is solved. ``rolls`` makes rollouts of inputs, whose
+    branches are also solved (:mod:`~ocp.routes.schedules`): a few after a path that was easy to follow, many after a
+    hard path, for which ``alternatives`` are also followed from the same start. If only few inputs act, rollouts cover
+    their whole range instead. Then the ``further_paths`` are followed, each given up once it promises no lower cost
+    than the results before it. The cheapest of all results is returned. ``patience`` limits the search for neighbours,
+    see :func:`~ocp.routes.schedules.improve_schedule`.
     """
 
     strategy: Strategy
     mu: float
     start: Callable[[Any], Point]
+    after_failure: Strategy | None = None
     fallback: Strategy | None = None
     alternatives: Sequence[Strategy] = ()
     further_paths: Sequence[Strategy] = ()
     rolls: RolloutStarts | None = None
+    patience: float = math.inf
 
 
 def solve_pairs(follower: Homotopy, plan: RelaxationPlan) -> RouteResult:
@@ -45,7 +50,7 @@ def solve_pairs(follower: Homotopy, plan: RelaxationPlan) -> RouteResult:
         cost_limit = outcome.result.f if outcome.finished else np.inf
         followed = by_strategy(follower, plan, further_path, cost_limit)
         if followed.finished and (not outcome.finished or lower(followed.result, outcome.result)):
-            outcome = _best(branches, [followed.result])
+            outcome = _best(branches, [followed.result], plan.patience)
     return outcome
 
 
@@ -58,7 +63,7 @@ def _relax(branches: Branches, plan: RelaxationPlan) -> RouteResult:
     if plan.rolls is not None and plan.alternatives:
         covering_results = cover_inputs(branches, plan.rolls)
         if covering_results:
-            return _best(branches, covering_results, COVERED_FAILURES)
+            return _best(branches, covering_results, plan.patience, COVERED_FAILURES)
     first = by_strategy(follower, plan, plan.strategy)
     easy = first.finished and all(record.accepted for record in follower.trace.records)
     polished = [first.result] if first.finished else []
@@ -66,7 +71,8 @@ def _relax(branches: Branches, plan: RelaxationPlan) -> RouteResult:
         count, cost_limit = (ROLLOUTS_AFTER_EASY_PATH, first.result.f) if easy else (ROLLOUTS_AFTER_HARD_PATH, np.inf)
         points = plan.rolls.around(branches.program, [candidate.point for candidate in polished], count)
         polished += distant_schedules(branches, points, cost_limit)
-    for strategy in () if easy else plan.alternatives:
+    detours = [plan.after_failure] if plan.after_failure is not None and not first.finished else []
+    for strategy in () if easy else (*detours, *plan.alternatives):
         retried = by_strategy(follower, plan, strategy)
         polished += [retried.result] if retried.finished else []
     no_gain = not easy and not any(lower(candidate, first.result) or not first.finished for candidate in polished)
@@ -77,7 +83,7 @@ def _relax(branches: Branches, plan: RelaxationPlan) -> RouteResult:
     if not polished and plan.fallback is not None:
         retried = by_strategy(follower, plan, plan.fallback)
         polished = [retried.result] if retried.finished else []
-    return _best(branches, polished) if polished else first
+    return _best(branches, polished, plan.patience) if polished else first
 
 
 def cover_inputs(branches: Branches, rolls: RolloutStarts) -> list[Result]:
@@ -88,8 +94,8 @@ def cover_inputs(branches: Branches, rolls: RolloutStarts) -> list[Result]:
     return distant_schedules(branches, points, np.inf, COVERED_BRANCHES)
 
 
-def _best(branches: Branches, results: list[Result], max_failures: int = MAX_FAILURES) -> RouteResult:
-    best = improve(branches, min(results, key=lambda candidate: candidate.f), max_failures)
+def _best(branches: Branches, results: list[Result], patience: float, max_failures: int = MAX_FAILURES) -> RouteResult:
+    best = improve(branches, min(results, key=lambda candidate: candidate.f), max_failures, patience)
     return RouteResult(best, branches.program, True, branches.follower.trace)
 
 
@@ -136,10 +142,14 @@ def follow_paths(
     return followed
 
 
+AFTER_FAILURE = L1Penalty()
+"""Strategy after a path of a large problem that failed; it stays near the guess, where the central path need not go."""
 FALLBACK = ScholtesAdaptive()
 """Fallback strategy of large problems, slower than the default but more robust with many pairs."""
 FALLBACK_SMALL = CentralPath(start_below=False)
 """Fallback strategy of small problems, on the central path from the first stage."""
+QUICK_PATIENCE = 0.25
+"""Patience of a search for neighbours with quick effort: a quarter of the iterations before it."""
 SMALL_ITERATIONS = 128
 """Iteration limit of a stage of a small problem; its last point is then polished."""
 SMALL_PAIRS = 128

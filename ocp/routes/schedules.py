@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -10,7 +11,7 @@ import numpy as np
 from ocp.problem.parts import Scales
 from ocp.programs.solver import Point, Result
 from ocp.routes.branch_model import BranchModel
-from ocp.routes.branches import MIN_MULTIPLIER, NEIGHBOUR, Branches
+from ocp.routes.branches import NEIGHBOUR, Branches
 from ocp.routes.homotopy import COST_GAIN, lower
 
 _ITERATIONS = 40
@@ -33,6 +34,8 @@ VAIN_SHARE = 2.0
 """Iterations of such neighbours in a row, relative to all iterations before them, after which a search ends.
 
 At 1 a drawn cart-transport ends at 6.94 instead of 5.60."""
+WORTHWHILE_GAIN = 1e-3
+"""Relative reduction of the cost that extends a search of limited patience."""
 PREDICTED = 64
 """Maximum number of neighbours whose costs are predicted, those with the steepest descent."""
 
@@ -52,11 +55,16 @@ class ScheduleMove:
         return replace(self, begins=2 * self.begins, ends=2 * self.ends)
 
 
-def improve(branches: Branches, neighbour: Result, max_failures: int = MAX_FAILURES) -> Result:
-    """Return the best result of alternating first-order exchanges of branches and neighbouring schedules."""
+def improve(
+    branches: Branches, neighbour: Result, max_failures: int = MAX_FAILURES, patience: float = math.inf
+) -> Result:
+    """Return the best result of alternating first-order exchanges of branches and neighbouring schedules.
+
+    ``max_failures`` and ``patience`` limit the search for neighbours, see :func:`improve_schedule`.
+    """
     best = branches.improve(neighbour)
     for _ in range(_TURNS):
-        neighbour = improve_schedule(branches, best, max_failures)
+        neighbour = improve_schedule(branches, best, max_failures, patience)
         if not lower(neighbour, best):
             return best
         best = branches.improve(neighbour)
@@ -65,7 +73,9 @@ def improve(branches: Branches, neighbour: Result, max_failures: int = MAX_FAILU
     return best
 
 
-def improve_schedule(branches: Branches, best: Result, max_failures: int = MAX_FAILURES) -> Result:
+def improve_schedule(
+    branches: Branches, best: Result, max_failures: int = MAX_FAILURES, patience: float = math.inf
+) -> Result:
     """Exchange a schedule for a cheaper neighbour until there is none, and return the best result.
 
     On a time grid every time of a contact event is a separate local minimum: the pairs of adjacent steps
@@ -74,12 +84,15 @@ def improve_schedule(branches: Branches, best: Result, max_failures: int = MAX_F
     The first move tried is twice the last successful one; others follow in the order of the costs that
     :class:`~ocp.routes.branch_model.BranchModel` predicts. The search ends after ``max_failures`` in a row that do not
     reduce the cost. It ends earlier if the next neighbour is predicted to cost more, and the failures since the last
-    success took more than :data:`VAIN_SHARE` times all iterations before them.
+    success took more than :data:`VAIN_SHARE` times all iterations before them, or if neighbours that reduced the cost
+    by less than :data:`WORTHWHILE_GAIN` in sum took more than ``patience`` times the iterations before the search.
     """
     program, trace = branches.program, branches.follower.trace
     iteration_limit = trace.iterations + min(SEARCH_ITERATIONS, SEARCH_WORK // max(program.pairs.shape[1], 1))
     active = program.active_sets(best.point.x)[-1]
     tried_sets, promising_move = {active.tobytes()}, None
+    patience_iterations = patience * max(trace.iterations, 1)
+    gained_at, start = trace.iterations, best
     while True:
         failed, iterations_before = 0, trace.iterations
         for change, move, changed in _neighbours(branches, best, active, promising_move):
@@ -88,12 +101,15 @@ def improve_schedule(branches: Branches, best: Result, max_failures: int = MAX_F
             spent = trace.iterations - iterations_before
             is_unlikely = change >= -COST_GAIN * abs(best.f)
             in_vain = is_unlikely and failed >= LEAST_FAILURES and spent > VAIN_SHARE * iterations_before
-            if trace.iterations > iteration_limit or failed == max_failures or in_vain:
+            out_of_patience = trace.iterations - gained_at > patience_iterations
+            if trace.iterations > iteration_limit or failed == max_failures or in_vain or out_of_patience:
                 return best
             tried_sets.add(changed.tobytes())
             result = branches.solve(best.point, changed, _ITERATIONS, label=NEIGHBOUR)
             if result.ok and lower(result, best):
                 best, active = result, changed
+                if lower(best, start, WORTHWHILE_GAIN):
+                    gained_at, start = trace.iterations, best
                 promising_move = move.doubled if isinstance(move, ScheduleMove) else None
                 break
             failed += 1
@@ -142,7 +158,7 @@ def predicted_gains(branches: Branches, result: Result, active: np.ndarray) -> t
     (first, second), sizes = program.pairs, program.sizes(x)
     held_members, free_members = np.where(active, (second, first), (first, second))
     multiplier = branches.bound_multipliers(result, active)
-    fall = np.where(multiplier > MIN_MULTIPLIER, multiplier * (sizes / program.natural.x)[held_members], 0.0)
+    fall = np.where(multiplier > branches.min_multiplier, multiplier * (sizes / program.natural.x)[held_members], 0.0)
     return fall, np.maximum(x[free_members] / sizes[free_members], _NEAREST)
 
 

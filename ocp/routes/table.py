@@ -15,10 +15,12 @@ from ocp.problem.rollout import Gains, InitialGuess, Rollout
 from ocp.programs.solver import Point
 from ocp.routes.branches import polish
 from ocp.routes.complementarity import (
+    AFTER_FAILURE,
     ALTERNATIVES,
     FALLBACK,
     FALLBACK_SMALL,
     FURTHER_PATHS,
+    QUICK_PATIENCE,
     RELAXATIONS,
     SMALL_ITERATIONS,
     SMALL_PAIRS,
@@ -130,6 +132,7 @@ class Complementarity(Route):
         problem, guess = session.problem, start.guess
         strategy = choose("strategy", session.strategy, STRATEGIES)
         plan = RelaxationPlan(strategy, problem.natural_scales.mu, partial(session.first_point, guess=guess))
+        plan = replace(plan, patience=QUICK_PATIENCE) if session.effort == "quick" else plan
         if session.strategy != DEFAULT_STRATEGY:
             return plan
         n_further = 0 if start.number else 1 if session.effort == "quick" else len(FURTHER_PATHS)
@@ -138,7 +141,7 @@ class Complementarity(Route):
         rollout_starts = RolloutStarts(evaluation, session.step, guess or evaluation.initial_guess)
         rollout_starts = None if isinstance(session.policy, Feedback) else rollout_starts
         if session.nlp_of("product").pairs.shape[1] > SMALL_PAIRS:
-            return replace(plan, fallback=FALLBACK, rolls=rollout_starts)
+            return replace(plan, after_failure=AFTER_FAILURE, fallback=FALLBACK, rolls=rollout_starts)
         strategy = RELAXATIONS[-start.number % len(RELAXATIONS)]
         return replace(
             plan,

@@ -87,6 +87,17 @@ def test_stored_answers_of_another_commit_or_computer_are_measured_again(tmp_pat
 
 
 @pytest.mark.costly
+def test_a_payload_on_a_cart_costs_what_a_plain_script_finds_and_a_hopper_in_stance_and_flight_is_certified() -> None:
+    problem = get("transport")
+    plain = judged(problem, penalised(problem))
+    quick = judged(problem, solve_default(problem, "quick"))
+    assert plain.solved and quick.solved and quick.cost <= plain.cost * (1 + 1e-5)
+    hopper = get("stance-hopper")
+    verdict = judged(hopper, solve_default(hopper, "quick"))
+    assert verdict.solved and verdict.cost < 7
+
+
+@pytest.mark.costly
 def test_an_answer_over_its_processor_time_has_a_row_and_one_at_the_deadline_has_none() -> None:
     (row,) = rows_of([("push-recovery", 0, "published")], jobs=2, limit=3, wall=300)
     assert row["stationarity"] == "no answer" and not row["solved"] and row["seconds"] == 3

@@ -16,7 +16,7 @@ from ocp.programs.solver import Point, Solver
 from ocp.routes.branch_model import BranchModel
 from ocp.routes.branches import NEIGHBOUR, Branches
 from ocp.routes.homotopy import Homotopy
-from ocp.routes.schedules import LEAST_FAILURES, MAX_FAILURES, VAIN_SHARE, improve_schedule
+from ocp.routes.schedules import LEAST_FAILURES, MAX_FAILURES, VAIN_SHARE, WORTHWHILE_GAIN, improve_schedule
 
 PAIRS, FREE, ROWS = 5, 4, 6
 N = 2 * PAIRS + FREE
@@ -51,11 +51,13 @@ class QuadraticProgram:
         v = np.linalg.solve(K, np.concatenate([-self.c, self.b, np.zeros(len(zeros))]))[:N]
         return float(v @ self.Q @ v / 2 + self.c @ v), v
 
-    def branches(self) -> Branches:
-        v = ca.SX.sym("v", N)
-        cost = ca.bilin(ca.DM(self.Q), v, v) / 2 + ca.dot(ca.DM(self.c), v)
-        mpcc = MPCC(v, cost, v[:PAIRS], v[PAIRS : 2 * PAIRS], g=ca.mtimes(ca.DM(self.A), v) - self.b)
-        programs = programs_of(mpcc, np.zeros(0), np.zeros(N))
+    def branches(self, steep: float = 0.0) -> Branches:
+        """Return the branches of the program, with one more variable of cost ``steep w²/2`` that starts at 1."""
+        v, w = ca.SX.sym("v", N), ca.SX.sym("w")
+        cost = ca.bilin(ca.DM(self.Q), v, v) / 2 + ca.dot(ca.DM(self.c), v) + steep * w**2 / 2
+        g = ca.mtimes(ca.DM(self.A), v) - self.b
+        mpcc = MPCC(ca.vertcat(v, w) if steep else v, cost, v[:PAIRS], v[PAIRS : 2 * PAIRS], g=g)
+        programs = programs_of(mpcc, np.zeros(0), np.append(np.zeros(N), 1.0)[: N + bool(steep)])
         return Branches(Homotopy(programs, Solver("ipopt"), {PENALTY: 0.0, RELAXATION: 0.0}))
 
 
@@ -79,6 +81,38 @@ def test_predicted_costs_are_those_of_the_neighbours() -> None:
             assert model.change(flips) == pytest.approx(after - cost, rel=1e-5, abs=1e-6)
             compared += 1
     assert compared > 20 and kept_closed > 3
+
+
+@pytest.mark.parametrize("steep", [1e6, 1e8])
+def test_a_cost_that_falls_far_below_its_unit_is_minimised_as_well_as_one_near_it(steep: float) -> None:
+    for seed in range(4):
+        problem = QuadraticProgram(seed)
+        branches, near = problem.branches(steep), problem.branches()
+        assert branches.program.natural.f > 1e3
+        result = branches.solve(Point(np.append(np.full(N, 0.1), 1.0)), problem.active)
+        cost, v = problem.solved(held_of(problem.active))
+        assert result.f == pytest.approx(cost, rel=1e-5)
+        np.testing.assert_allclose(result.point.x, np.append(v, 0.0), atol=1e-4)
+        # Multipliers are in the unit of the cost, and still tell which pairs should change sides.
+        reference = near.bound_multipliers(near.solve(Point(v), problem.active), problem.active)
+        changes = branches.bound_multipliers(result, problem.active) > branches.min_multiplier
+        np.testing.assert_array_equal(changes, reference > 1e-3)
+
+
+def test_a_search_of_limited_patience_ends_that_soon_after_its_last_worthwhile_gain() -> None:
+    for seed in range(6):
+        problem = QuadraticProgram(seed)
+        branches = problem.branches()
+        start, trace = branches.solve(Point(problem.v), problem.active), branches.follower.trace
+        before, limit = trace.iterations, 0.5 * trace.iterations
+        best = improve_schedule(branches, start, patience=0.5)
+        records = [record for record in trace.records if record.label == NEIGHBOUR]
+        spent, cost = 0, start.f
+        for record in records:
+            assert spent <= limit
+            gains = record.accepted and record.cost < cost - WORTHWHILE_GAIN * abs(record.cost)
+            spent, cost = (0, record.cost) if gains else (spent + record.iterations, cost)
+        assert best.f <= start.f and trace.iterations - before == sum(record.iterations for record in records)
 
 
 def test_a_search_in_vain_ends_after_a_share_of_the_iterations_and_one_that_gains_finds_the_best_flip() -> None:
@@ -121,7 +155,8 @@ def test_exchanges_end_where_no_choice_of_the_pairs_at_zero_costs_less(monkeypat
         start = branches.solve(Point(np.zeros(2 * PAIRS)), active, mu_init=1e-2)
         assert np.abs(start.point.x).max() < 1e-3
         # A program too large to solve is no proof: the start remains, and its certificate says that it is not optimal.
-        monkeypatch.setattr("ocp.routes.branches._EXCHANGE_EFFORT", 0)
+        for limit in ("_EFFORT", "_EXCHANGE_EFFORT"):
+            monkeypatch.setattr(f"ocp.routes.branches.{limit}", 0)
         assert branches.improve(start) is start
         p, bounds = np.zeros(branches.program.n_parameters), branches.limits
         assert certify(branches.program, start.point.x, p, bounds).stationarity == "not"
