@@ -18,6 +18,8 @@ from ocp.programs.program import PENALTY, Program
 from ocp.programs.solver import Point, Result
 from ocp.routes.homotopy import IPOPT_WARM_START, Homotopy, RouteResult, lower, translate
 
+ACTIVE_SET = "active set"
+"""Label of a stage that solves a branch."""
 NEIGHBOUR = "neighbour"
 """Label of a stage that tries a neighbouring contact schedule."""
 MAX_BRANCH_ITERATIONS = 300
@@ -70,7 +72,7 @@ class Branches:
         active: np.ndarray,
         max_iterations: int = MAX_BRANCH_ITERATIONS,
         mu_init: float = 1e-6,
-        label: str = "active set",
+        label: str = ACTIVE_SET,
     ) -> Result:
         """Solve the branch with ``H = 0`` for pairs in ``active`` and ``G = 0`` for the others.
 

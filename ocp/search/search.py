@@ -12,6 +12,7 @@ from ocp.judge.referee import PENETRATION_SHARE
 from ocp.judge.route_report import SearchReport
 from ocp.problem.evaluation import Evaluation
 from ocp.problem.policy import Feedback
+from ocp.routes.branches import ACTIVE_SET
 from ocp.routes.homotopy import Progress, RouteResult
 from ocp.routes.session import Session
 from ocp.search.sampling import can_sample
@@ -19,6 +20,8 @@ from ocp.solution import Solution
 
 FEW_PAIRS = 20
 """Number of contact pairs up to which searches go on after one of them found a better answer."""
+DIVERGED_SHARE = 0.5
+"""Relative difference of costs above which a replay diverges from its plan, or two minima differ much."""
 IDLE_SHARE = 0.9
 """Share of the cost of standing still above which an answer idles."""
 SAMPLED = "sampling"
@@ -69,6 +72,23 @@ def idles(solution: Solution) -> bool:
     return bool(idling > 0 and solution.cost - constant > IDLE_SHARE * idling)
 
 
+def diverges(solution: Solution) -> bool:
+    """Return whether an answer's exact replay costs much more than planned, as in an unstable motion."""
+    if solution.record["contact"] != "exact":
+        return False
+    excess = replay_cost(solution) - solution.cost
+    return bool(solution.cost_share(excess, solution.cost) > DIVERGED_SHARE)
+
+
+def has_many_minima(solution: Solution) -> bool:
+    """Return whether an answer costs much less than the first branch that its route solved.
+
+    Samples then often find a still cheaper minimum.
+    """
+    branches = [stage.cost for stage in solution.stages if stage.label == ACTIVE_SET and stage.accepted]
+    return bool(branches) and solution.cost_share(branches[0] - solution.cost, solution.cost) > DIVERGED_SHARE
+
+
 def replay_cost(solution: Solution) -> float:
     """Return the cost of an answer's exact replay, or infinity if the replay failed."""
     cost = solution.audit.exact_cost
@@ -81,9 +101,9 @@ def cost_to_beat(solution: Solution) -> float:
 
 
 def is_poor(solution: Solution) -> bool:
-    """Return whether an answer has no certificate, idles or, in a scene, does not survive the referee at its step."""
+    """Return whether an answer has no certificate, idles, diverges or, in a scene, fails the referee at its step."""
     fails = bool(solution.problem.system.scene) and solution.referee.survives_at_h is False
-    return fails or idles(solution) or not solution.certificate.certified
+    return fails or idles(solution) or diverges(solution) or not solution.certificate.certified
 
 
 def falls_short(solution: Solution) -> bool:

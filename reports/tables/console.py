@@ -18,7 +18,7 @@ from ocp.judge.audit import Audit
 from ocp.judge.certificate import Certificate
 from ocp.judge.referee import RefereeReport
 from ocp.judge.route_report import Attempt
-from ocp.routes.branches import NEIGHBOUR
+from ocp.routes.branches import ACTIVE_SET, NEIGHBOUR
 from ocp.routes.homotopy import StageRecord
 from ocp.solution import Solution
 
@@ -143,7 +143,7 @@ class StageFilter:
     def take(self, stage: StageRecord) -> bool:
         """Return whether the next stage is shown; if so, increase ``number``, the count of shown stages."""
         lowers_cost = stage.accepted and stage.cost < self.lowest
-        if lowers_cost and stage.label in ("active set", NEIGHBOUR):
+        if lowers_cost and stage.label in (ACTIVE_SET, NEIGHBOUR):
             self.lowest = stage.cost
         is_shown = stage.label != NEIGHBOUR or lowers_cost
         self.number += is_shown

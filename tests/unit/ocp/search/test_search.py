@@ -20,10 +20,11 @@ from ocp.judge.referee import RefereeReport
 from ocp.problem.evaluation import Evaluation
 from ocp.problem.problem import SWEPT, Constraint, Problem, Scaling
 from ocp.problem.rollout import roll_on
+from ocp.routes.branches import ACTIVE_SET
 from ocp.search.near_steps import NearSteps, linear_complementarity
 from ocp.search.push_search import PushSearch, penetrates_between_nodes
 from ocp.search.push_tree import TouchSearch
-from ocp.search.search import is_poor
+from ocp.search.search import has_many_minima, is_poor
 from ocp.solve.judging import judge_outcome
 from ocp.solve.solve import new_session
 from problems import get
@@ -126,15 +127,26 @@ def test_an_answer_that_stands_still_or_is_lost_falls_short() -> None:
     pushes = PushSearch(session, judge_outcome)
     found = solve(behind(2), contact="exact", search=False)
     assert pushes.is_needed(replace(found, cost=0.95 * found.idle_cost))
-    good = replace(found, cost=0.5 * found.idle_cost, certificate=Certificate("B"))
+    half = 0.5 * found.idle_cost
+    good = replace(found, cost=half, audit=replace(found.audit, exact_cost=half), certificate=Certificate("B"))
     assert not pushes.is_needed(replace(good, referee=RefereeReport(note="exact")))
     assert pushes.is_needed(
         replace(good, referee=RefereeReport(note="exact", findings=[make_finding("states-not-finite")]))
     )
     failing = RefereeReport(note="exact", findings=[make_finding("states-not-finite")])
     assert is_poor(replace(good, referee=failing)) and not is_poor(replace(good, referee=RefereeReport(note="exact")))
+    diverging = replace(good, audit=replace(good.audit, exact_cost=2.0 * found.idle_cost))
+    assert is_poor(replace(diverging, referee=RefereeReport(note="exact")))
     session.search = False
     assert not pushes.is_needed(replace(found, cost=found.idle_cost))
+
+
+def test_an_answer_far_below_the_first_branch_shows_many_minima() -> None:
+    pushed = solve("push-box", contact="exact", search=False, effort="quick")
+    branches = [stage.cost for stage in pushed.stages if stage.label == ACTIVE_SET and stage.accepted]
+    assert branches[0] > pushed.cost + 1.0
+    far = replace(pushed, cost=branches[0] / 2)
+    assert has_many_minima(far) and not has_many_minima(replace(pushed, cost=branches[0]))
 
 
 def test_search_and_warm_start_exclude_each_other() -> None:
