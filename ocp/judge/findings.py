@@ -124,7 +124,10 @@ SENTENCES = {
         "right for the discrete map but not for the exact output: the slope is {slope:.4g}, {factor} ({truth:.4g}), and"
         " {low:.3g} to {high:.3g} nearby; {vanishes}"
     ),
-    "gradient-wrong-sign": "wrong sign: the slope is {slope:.4g}, the exact slope {truth:.4g}; {vanishes}",
+    "gradient-wrong-sign": (
+        "wrong sign: the slope is {slope:.4g}, and {low:.3g} to {high:.3g} nearby, the exact slope {truth:.4g};"
+        " {vanishes}"
+    ),
     "gradient-zero": "zero: the slope vanishes, the exact slope is {truth:.4g} here, {wide:.4g} over a finite change",
     "gradient-exploding": (
         "exploding: the slope is {slope:.4g}, and {low:.3g} to {high:.3g} nearby, the exact slope {truth:.4g}; {growth}"

@@ -109,8 +109,9 @@ def _finding(curve: KKTCurve, cost: float, replayed: float, refined: float) -> s
     slopes += [f"{slope:.4g} {replay_name}" for slope, replay_name in replayed_slopes if np.isfinite(slope)]
     tolerance = AGREEMENT * abs(cost) + _COST_ROUNDING * curve.program.natural.f / curve.unit
     differs = np.abs([replayed - cost, refined - cost]) > tolerance
-    reason = "the law" if differs[0] else "the step size" if differs[1] else ""
-    return ", ".join(slopes) + (f": it depends on {reason}" if reason else "")
+    by_step = "right for the discrete map but not for the physics, since it depends on the step size"
+    reason = "it depends on the law" if differs[0] else by_step if differs[1] else ""
+    return ", ".join(slopes) + (f": {reason}" if reason else "")
 
 
 def check_strict(curve: KKTCurve, v: np.ndarray, t: np.ndarray) -> None:

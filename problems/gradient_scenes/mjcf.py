@@ -30,8 +30,8 @@ def _ball_on_plane(coordinates: Sequence[Coordinate]) -> str:
     return ball("ball", coordinates, normal.replace("1", str(RADIUS_M))) + plane
 
 
-def scene_mjcf(scene: Scene) -> str:
-    """Return the MJCF of a scene with its bodies and geoms, and a motor on every joint.
+def scene_mjcf(scene: Scene, cone: str = "elliptic") -> str:
+    """Return the MJCF of a scene with its bodies and geoms, and a motor on every joint; ``cone`` is that of friction.
 
     Contacts are critically damped, or have a restitution; their stiffness, here 1, is then set with the time step.
     """
@@ -42,7 +42,7 @@ def scene_mjcf(scene: Scene) -> str:
     motors = "".join(f'<motor joint="{name}"/>' for name in re.findall('joint name="([^"]+)"', bodies))
     return f"""
 <mujoco>
-  <option timestep="0.002" gravity="0 0 {-mechanics.gravity}" cone="elliptic" impratio="10"/>
+  <option timestep="0.002" gravity="0 0 {-mechanics.gravity}" cone="{cone}" impratio="10"/>
   <default>
     <geom solref="{solref}" solimp="0.95 0.99 0.001" friction="{friction} 0 0" condim="{dimensions}"/>
   </default>

@@ -42,9 +42,14 @@ def gradients_page(run: StoredRun) -> Page:
         "heads": list(HEADS),
         "rows": [gradient_cells(row) for row in rows],
         "world_settings": [
-            [row["world"], ", ".join(f"{name} = {number(value, 4)}" for name, value in row["settings"].items())]
+            [
+                row["world"],
+                ", ".join(f"{name} = {number(value, 4)}" for name, value in row["settings"].items()),
+                versions,
+            ]
             for row in rows
             if row["status"] == "done" and row["settings"]
+            for versions in [", ".join(f"{name} {version}" for name, version in row["versions"].items())]
         ],
     }
     return content, {"gradients": gradients_figure(run)}

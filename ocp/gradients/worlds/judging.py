@@ -133,7 +133,7 @@ def _wrong(measures: Measures, allowed: float) -> Finding:
     if measures.truth_secants is None:
         return make_finding("gradient-differs-from-secant", **nearby, **numbers)
     if max(slope * side for side in measures.sides) < 0 and abs(slope) > allowed and not measures.is_flat:
-        return make_finding("gradient-wrong-sign", vanishes=clause, **numbers)
+        return make_finding("gradient-wrong-sign", vanishes=clause, **nearby, **numbers)
     factor = f"off by {slope - truth:.3g}" if measures.is_flat else f"{slope / truth:.3g} times the exact slope"
     return make_finding("gradient-of-the-discrete-map", factor=factor, vanishes=clause, **nearby, **numbers)
 
@@ -195,8 +195,8 @@ def _vanishing_clause(measures: Measures) -> str:
         return "no refinement of the simulator was tried"
     names = " and ".join(measures.refinements[0]["settings"])
     if _decreases(measures):
-        return f"finer {names} lowers the error from {errors[0]:.2g} to {errors[-1]:.2g}"
-    return f"finer {names} does not lower the error: {errors[0]:.2g}, then {errors[-1]:.2g}"
+        return f"finer {names} lowers the median error nearby from {errors[0]:.2g} to {errors[-1]:.2g}"
+    return f"finer {names} does not lower the median error nearby: {errors[0]:.2g}, then {errors[-1]:.2g}"
 
 
 def _is_biased(row: dict[str, Any], tolerance: float, scale: float) -> bool:

@@ -12,7 +12,8 @@ from reports.cli.options.shared import JobsOptions, SourceOptions, TagOptions, a
 class GradientsOptions(JobsOptions, TagOptions, SourceOptions):
     """Judge whether a simulator's gradient through contact is right, and say what to use instead.
 
-    A world is a simulator: exact, barrier, adaptive, randomized, penalty, mujoco, closed-form, or path/to/file.py.
+    A world is a simulator: exact, barrier, adaptive, randomized, penalty, mujoco, mjx, mjx-reverse, closed-form, or
+    path/to/file.py.
     Its derivative, its secants over many amplitudes and its smoothed gradients are compared with the exact slope. This
     is the derivative of the rigid limit, which every scene of ocp list has in closed form; a file may define
     truth(theta) or slope; for a plan it is the derivative of its cost by its inputs under the exact law. Finished
