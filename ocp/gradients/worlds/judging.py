@@ -90,12 +90,16 @@ def judge_world(measures: Measures, tolerance: float) -> list[Finding]:
     biased = [row for row in measures.smoothed if _is_biased(row, tolerance, measures.scale)]
     low, high = measures.sides
     kink = [make_finding("truth-has-a-kink", low=low, high=high)] if high - low > tolerance * measures.scale else []
+    # Without samples that are not finite the mean would be that of another function.
+    incomplete = [row for row in measures.smoothed if row["nonfinite"]][-1:]
+    lost = [make_finding("use-finite-outputs", count=row["nonfinite"], **row) for row in incomplete]
     is_right = verdict.code in ("gradient-right", "gradient-consistent")
     if is_right and not biased:
-        return [verdict, *kink]
+        return [verdict, *kink, *lost]
     if is_right:
         verdict = make_finding("gradient-biased-at-sigma", slope=measures.slope, **biased[0])
-    return [verdict, *kink, _advice(measures, tolerance)]
+    advice = _advice(measures, tolerance)
+    return [verdict, *kink, *([advice] if advice is not None else []), *lost]
 
 
 def _verdict(measures: Measures, allowed: float) -> Finding:
@@ -232,8 +236,11 @@ def agreeing_amplitudes(measures: Measures, tolerance: float) -> tuple[float, fl
     return float(secants.amplitudes[first]), float(secants.amplitudes[last])
 
 
-def _advice(measures: Measures, tolerance: float) -> Finding:
-    """Return the advice on what to use instead: a secant, finer settings, a smoothed gradient, or another law."""
+def _advice(measures: Measures, tolerance: float) -> Finding | None:
+    """Return the advice on what to use instead: a secant, finer settings, a smoothed gradient, or another law.
+
+    It is None if the exact output is unknown, and samples are not finite.
+    """
     agreement = "one another" if measures.truth_secants is None else "the exact slope"
     if (amplitudes := agreeing_amplitudes(measures, tolerance)) is not None:
         return make_finding("use-secant", low=amplitudes[0], high=amplitudes[1], agreement=agreement)
@@ -242,8 +249,7 @@ def _advice(measures: Measures, tolerance: float) -> Finding:
     widest = max(row["sigma"] for row in measures.smoothed)
     if measures.truth_secants is None:
         row = next(row for row in measures.smoothed if row["sigma"] == widest)
-        code = "use-estimate" if np.isfinite(row["mean"]) else "use-finite-outputs"
-        return make_finding(code, **row, count=row["nonfinite"])
+        return make_finding("use-estimate", **row) if np.isfinite(row["mean"]) else None
     # A gradient smoothed with less noise than the distance of a jump does not depend on the jump.
     smoothed = [row for row in measures.smoothed if measures.jump is None or row["sigma"] == widest]
     reliable = [row for row in smoothed if _is_reliable(row, tolerance)]

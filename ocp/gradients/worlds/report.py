@@ -205,11 +205,12 @@ def _measures(world: World, question: Question, truth: _Truth | None, settings: 
     objective, size = question.objective(world), question.size
     secants, slopes = measure_slopes(objective, size)
     if truth is None:
-        # If the exact output is unknown, slopes are those of the parabola through the largest amplitude.
-        amplitude, curvature = secants.amplitudes[-1], secants.ahead[-1] - secants.behind[-1]
+        # If the exact output is unknown, slopes are those of the parabola through the largest finite secant.
+        widest = max(np.flatnonzero(np.isfinite(secants.ahead - secants.behind)), default=-1)
+        amplitude, curvature = secants.amplitudes[widest], secants.ahead[widest] - secants.behind[widest]
         offsets = nearby_points(objective.theta[0], size) - objective.theta[0]
         true_slopes, jump = (
-            secants.slopes[-1] + curvature / amplitude * offsets,
+            secants.slopes[widest] + curvature / amplitude * offsets,
             dominant_jump(objective, size, OWN_JUMP_SHARE),
         )
     else:

@@ -65,7 +65,12 @@ def test_non_finite_rollouts_are_counted() -> None:
     assert row["nonfinite"] == 2 and all(each["nonfinite"] > 0 for each in row["smoothed"])
     # Half of the samples are missing, so that the others' mean is no gradient of the sine.
     assert all(each["mean"] is None for each in row["smoothed"])
-    assert judged(world, None)["findings"][-1]["code"] == "use-finite-outputs"
+    assert row["verdict"] == judged(world, None)["verdict"] == "not-finite"
+    farther = World("farther", lambda theta: np.where(theta > 1.05, np.nan, np.sin(theta)))
+    alone = judged(farther, None)
+    assert alone["verdict"] == "consistent" and alone["truth"] == pytest.approx(np.cos(NOMINAL[0]), abs=1e-3)
+    for findings in (row["findings"], alone["findings"], judged(farther, SINE)["findings"]):
+        assert [each["code"] for each in findings].count("use-finite-outputs") == 1
 
 
 def test_a_function_is_reported_from_python_and_needs_its_parameters() -> None:
