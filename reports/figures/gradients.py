@@ -18,6 +18,8 @@ PANEL_HEIGHT = 2.3
 """Largest height of a panel [inch]."""
 PAGE_HEIGHT = 9.0
 """Largest height of all panels [inch]."""
+MAX_TICKS = 7
+"""Largest number of ticks of a symmetric logarithmic axis."""
 _ESTIMATOR_STYLES = {"zobg-antithetic": ("s", GREEN, "zeroth order"), "fobg": ("^", ORANGE, "first order")}
 """Mapping from estimators to their marker, colour and text in the legend."""
 _INTERVAL = 1.96
@@ -78,7 +80,11 @@ def _scale_slopes(panel: Axes, truth: float, values: Sequence[np.ndarray]) -> No
     sizes = np.abs(np.concatenate(values))
     sizes = sizes[np.isfinite(sizes)]
     if sizes.size and truth and sizes.max() > 20 * abs(truth):
-        panel.set_yscale("symlog", linthresh=10.0 ** np.ceil(np.log10(2 * abs(truth))))
+        exponent = np.ceil(np.log10(2 * abs(truth)))
+        # The ticks next to zero need room beside those of many decades.
+        linear_decades = max(1.0, (np.log10(sizes.max()) - exponent) / 4)
+        panel.set_yscale("symlog", linthresh=10.0**exponent, linscale=linear_decades)
+        panel.yaxis.get_major_locator().set_params(numticks=MAX_TICKS)  # pyright: ignore[reportCallIssue]
     panel.axhline(0, color=GREY, linewidth=0.5)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 
 import casadi as ca
@@ -129,6 +130,13 @@ def test_names_are_checked() -> None:
     ):
         with pytest.raises(InputError, match=message):
             gradient_case(*arguments)
+
+
+@pytest.mark.parametrize("world", ["mjx", "mjx-reverse"])
+def test_a_world_that_is_not_installed_says_what_to_install(monkeypatch: pytest.MonkeyPatch, world: str) -> None:
+    monkeypatch.setitem(sys.modules, "mujoco.mjx", None)
+    with pytest.raises(InputError, match=r"needs the package mujoco-mjx; install 'centralpath\[mjx\]'"):
+        scene_world(SCENES["two-balls"], world)
 
 
 def test_mujoco_falls_as_the_closed_form_and_differentiates_free_flight() -> None:
