@@ -134,7 +134,7 @@ static NOINLINE void solve_branch(V *lam, const V *data, const V *before) {
   V pair[NW * A], *first[] = {pair}, *out[] = {lam};
   const V *from[] = {pair, data};
   %(warm)s
-  follow_path(data, pair, before ? %(max_warm_iterations)d : %(max_iterations)d);
+  follow_path(data, pair, %(max_iterations)d);
   path_solution(from, out);
   for (int r = 0; r < A; r++) {
     V phase = pair[(NW - 1) * A + r], sum = phase - %(arrived)s;
@@ -260,11 +260,7 @@ def one_step(tapes: RolloutTapes, with_ts: bool, warm: bool = False) -> str:
     solve = _NEWTON if loop.newton else _STARTS
     return (_FOLLOW + solve + _STEP) % {
         **{"newton_iterations": loop.newton_iterations, "starts": loop.starts},
-        **{
-            "max_iterations": loop.max_iterations,
-            "max_warm_iterations": loop.max_warm_iterations,
-            "max_other_iterations": loop.max_other_iterations,
-        },
+        **{"max_iterations": loop.max_iterations, "max_other_iterations": loop.max_other_iterations},
         **{"branches": loop.branches, "ts": ", ts" * with_ts, "ts_parameter": ", i64 ts" * with_ts},
         **{"arrived": ARRIVED, "warm": _WARM if warm else _COLD},
         **{"before": "in[4]" if warm else "0", "apart": "U" if warm else "1"},

@@ -64,10 +64,10 @@ class ChunkSolver:
     def _from_starts(self, data: Array, lam_before: Array | None) -> Array:
         loop = self.loop
         if lam_before is None:
-            pair = self._follow(np.ones((loop.n_pair, data.shape[-1])), data, loop.max_iterations)
+            pair = np.ones((loop.n_pair, data.shape[-1]))
         else:
             pair = self._run("warm", loop.n_pair, lam_before, data)
-            pair = self._follow(pair, data, loop.max_warm_iterations)
+        pair = self._follow(pair, data, loop.max_iterations)
         solution = self._run("path_solution", loop.n, pair, data)
         solution[:, pair[-1] != ARRIVED] = np.inf
         has_finite_data = np.isfinite(data.sum(axis=0))

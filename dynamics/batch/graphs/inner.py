@@ -32,11 +32,9 @@ NEWTON_ITERATIONS = 12
 # Step size relative to lam at which Newton's method ends: the error after a step is of the order of
 # its square over sqrt(mu), and mu is at least 1e-14.
 _NEWTON_TOLERANCE = 1e-11
-# Maximum number of iterations of a path that starts from the solution of the previous step; ten mostly suffice,
-# and longer paths mostly fail.
-_WARM_ITERATIONS = 16
-# Maximum number of iterations of a path that starts with all unknowns equal to 1.
-_COLD_ITERATIONS = 24
+# Maximum number of iterations of a path from the solution of the previous step, or with all unknowns equal to 1 at
+# first; ten mostly suffice. With sixteen more samples of a quadruped need other starts, which takes a fifth longer.
+_PATH_ITERATIONS = 24
 # Maximum number of iterations of a path from each of the other starts.
 _SEARCH_ITERATIONS = 40
 
@@ -59,9 +57,9 @@ class InnerLoop:
     - `newton: (lam, data) -> (lam, open)`, one iteration, with open 1 until it has converged
     - `newton_solution: (lam, data) -> lam` [N s], the unscaled multipliers at the end of Newton's method
 
-    or the path is tried from several starts: at most `max_warm_iterations` iterations from `warm`, or
-    `max_iterations` from `pair` equal to 1; if these do not converge, at most `max_other_iterations` from each of
-    `starts` other starts, until a solution is found.
+    or the path is tried from several starts: at most `max_iterations` iterations from `warm`, or from `pair` equal to
+    1 at first; if these do not converge, at most `max_other_iterations` from each of `starts` other starts, until a
+    solution is found.
 
     - `warm: (lam_before, data) -> pair`, the start at the multipliers [N s] of the previous step
     - `other_start: (k, data) -> pair`, the other start number k
@@ -83,7 +81,6 @@ class InnerLoop:
     other_start: ca.Function | None = None
     newton_iterations: int = 0
     max_iterations: int = interior_point.ITERATIONS
-    max_warm_iterations: int = 0
     max_other_iterations: int = 0
     starts: int = 0
 
@@ -123,11 +120,7 @@ def solver_fields(path: Path) -> dict[str, Any]:
 
 def _from_starts(path: Path) -> dict[str, Any]:
     """Return the fields of an `InnerLoop` without Newton's method, since multipliers may not be unique."""
-    iteration_limits = {
-        "max_iterations": _COLD_ITERATIONS,
-        "max_warm_iterations": _WARM_ITERATIONS,
-        "max_other_iterations": _SEARCH_ITERATIONS,
-    }
+    iteration_limits = {"max_iterations": _PATH_ITERATIONS, "max_other_iterations": _SEARCH_ITERATIONS}
     graphs = {"warm": starts.warm_start(path), "other_start": starts.other_start(path)}
     return {**iteration_limits, **graphs, "starts": starts.COUNT}
 

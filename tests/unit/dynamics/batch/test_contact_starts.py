@@ -105,8 +105,7 @@ def test_what_does_not_arrive_is_found_from_other_starts(law, backend, monkeypat
         return f(START, THETA, noise=noise).cost
 
     wanted = costs()
-    monkeypatch.setattr(inner, "_WARM_ITERATIONS", 0)
-    monkeypatch.setattr(inner, "_COLD_ITERATIONS", 0)
+    monkeypatch.setattr(inner, "_PATH_ITERATIONS", 0)
     np.testing.assert_allclose(costs(), wanted, rtol=1e-10)
     monkeypatch.setattr(inner, "_SEARCH_ITERATIONS", 0)
     with pytest.warns(match="19 non-finite samples"):
