@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from math import cos, sin
+from math import cos, sin, sqrt
 from typing import Any, NamedTuple
 from xml.etree.ElementTree import Element, SubElement, tostring
 
@@ -20,6 +20,8 @@ from ocp.errors import InputError
 
 GROUND = "z = 0"
 """Name of the ground's geom."""
+SERVO_RADIUS_M = 0.01
+"""Radius of gyration [m] of a servo's mass, which slides do not rotate."""
 MIN_RADIUS_M = 1e-10
 """Radius of a sphere that represents a point [m], since MuJoCo does not allow a zero radius."""
 _Number = Callable[[Any], float]
@@ -27,19 +29,25 @@ _Number = Callable[[Any], float]
 
 
 class Mjcf(NamedTuple):
-    """MJCF text of a machine, its joints in the order of q, and the two geoms of every contact."""
+    """MJCF text of a machine, its joints in the order of q, and the two geoms of every contact.
+
+    ``servo_masses`` maps slides to the mass [kg] of their servos, which the machine does not have.
+    """
 
     text: str
     joints: list[str]
     pairs: dict[str, tuple[str, str]]
+    servo_masses: dict[str, float]
 
 
-def write_mjcf(mechanism: Mechanism, number: _Number, friction: Mapping[str, float]) -> Mjcf:
+def write_mjcf(mechanism: Mechanism, number: _Number, friction: Mapping[str, float], servo_time: float) -> Mjcf:
     """Return a machine as MJCF; ``friction`` maps contacts to coefficients, and other contacts are frictionless.
 
     ``number`` evaluates the machine's entries. Links of the plane rotate about +y, as in the machine;
     their discs become spheres, their boxes get a depth, and a ``free`` link has two slides and a hinge.
-    A massless body with a single child is merged into the child, which then has the joints of both.
+    A massless body with a single child is merged into the child, which then has the joints of both. A massless
+    body on slides with servos of stiffness K gets their mass, the least ``K servo_time^2``, which has no weight, and
+    its servos are damped critically.
     Only pairs that may touch in the machine collide; parts that occur in no pair are left out.
 
     Raises :class:`~ocp.errors.InputError` for a shape that MuJoCo lacks, and for couplings, which
@@ -61,6 +69,7 @@ def write_mjcf(mechanism: Mechanism, number: _Number, friction: Mapping[str, flo
     frames = {member.name: _body_frame(member, number) for member in members}
     order = [joint.name for member in machine.members for joint in frames[member.name].moves]
     _merge_massless(frames, {shapes[part_name].owner for part_name in part_names}, number)
+    servo_masses = _add_servo_masses(frames, number, servo_time)
     for name, frame in frames.items():
         bodies[name] = write.body(bodies[frame.parent], name, frame)
     for member in members:
@@ -78,7 +87,7 @@ def write_mjcf(mechanism: Mechanism, number: _Number, friction: Mapping[str, flo
         f = friction.get(label, friction.get(f"{label} 1", 0.0))
         pair_friction = (f, f, 0.005, 1e-4, 1e-4) if f else None
         write(contact, "pair", geom1=geom1, geom2=geom2, condim="3" if f else "1", friction=pair_friction)
-    return Mjcf(tostring(root, encoding="unicode"), order, pairs)
+    return Mjcf(tostring(root, encoding="unicode"), order, pairs, servo_masses)
 
 
 @dataclass(frozen=True)
@@ -105,8 +114,13 @@ class _Writer:
             if joint.kind in ("hinge", "slide"):
                 attributes |= {"axis": joint.axis, "stiffness": carrier.spring}
                 attributes |= {"armature": carrier.armature, "springref": getattr(carrier, "rest", None)}
+                attributes |= {"damping": joint.servo_damping or carrier.damping}
             self(body, "joint", name=joint.name, type=joint.kind, **attributes)
-        if self.number(owner.mass):
+        if frame.servo_mass:
+            body.set("gravcomp", "1")
+            moments = (frame.servo_mass * SERVO_RADIUS_M**2,) * 3
+            self(body, "inertial", mass=frame.servo_mass, pos=(0.0,) * 3, diaginertia=moments)
+        elif self.number(owner.mass):
             moments = (owner.inertia,) * 3 if isinstance(owner, Link) else owner.inertia
             kind = "diaginertia" if len(moments) == 3 else "fullinertia"
             self(body, "inertial", mass=owner.mass, pos=_to_space(owner.com), **{kind: moments})
@@ -114,13 +128,17 @@ class _Writer:
 
 
 class _Joint(NamedTuple):
-    """A joint of a link or body: its ``axis``, and a ``point`` on the axis, in the owner's frame."""
+    """A joint of a link or body: its ``axis``, and a ``point`` on the axis, in the owner's frame.
+
+    ``servo_damping`` [N s/m] is that of a servo that moves nothing but its own mass.
+    """
 
     owner: Any
     name: str
     kind: str
     axis: Any
     point: Any = None
+    servo_damping: float | None = None
 
 
 class _BodyFrame(NamedTuple):
@@ -131,6 +149,7 @@ class _BodyFrame(NamedTuple):
     position: Any
     quaternion: Any
     moves: list[_Joint]
+    servo_mass: float = 0.0
 
 
 def _body_frame(body: Link | space.Body, number: _Number) -> _BodyFrame:
@@ -190,6 +209,22 @@ def _merge_massless(frames: dict[str, _BodyFrame], touching_names: set[str], num
             moves=[*joints, *lower.moves],
         )
         del frames[name]
+
+
+def _add_servo_masses(frames: dict[str, _BodyFrame], number: _Number, servo_time: float) -> dict[str, float]:
+    """Give mass and critical damping to massless bodies on slides with servos, and return the mass of each slide."""
+    servo_masses, parents = dict[str, float](), {frame.parent for frame in frames.values()}
+    for name, frame in frames.items():
+        servos = [getattr(joint.owner, "servo", None) for joint in frame.moves if joint.kind == "slide"]
+        stiffnesses = [number(servo) for servo in servos if servo is not None]
+        if name in parents or number(frame.owner.mass) or not 0 < len(frame.moves) == len(stiffnesses):
+            continue
+        mass = min(stiffnesses) * servo_time**2
+        dampings = [2 * sqrt(K * mass) for K in stiffnesses]
+        moves = [joint._replace(servo_damping=d) for joint, d in zip(frame.moves, dampings, strict=True)]
+        frames[name] = frame._replace(moves=moves, servo_mass=mass)
+        servo_masses |= {joint.name: mass for joint in moves}
+    return servo_masses
 
 
 def _to_space(point: Any) -> tuple[Any, ...]:

@@ -19,6 +19,8 @@ SOLREF_S = 0.02
 """Time constant of contacts and joint limits [s], MuJoCo's default."""
 STEP_S = 1e-3
 """Longest step of MuJoCo [s]."""
+SERVO_SHARE = 0.25
+"""Time constant of servos of massless bodies, over the step: they lag by half a step, as tips that move evenly."""
 RELATIVE_TOLERANCE = 1e-9
 """Largest relative difference between MuJoCo's values and the problem's."""
 ITERATED_TOLERANCE = 1e-5
@@ -39,7 +41,8 @@ class MujocoWorld:
     """A problem's machine in MuJoCo, at ``values``, a mapping from parameters to numbers.
 
     The input is held over the problem's step; states other than (q, v) follow the problem's
-    equations. MuJoCo's M, forces and distances are compared with the problem's at construction.
+    equations. A massless body on slides with servos, as a fingertip, gets the mass of servos that lag by half
+    of the problem's first step. MuJoCo's M, forces and distances are compared with the problem's at construction.
 
     Raises :class:`~ocp.errors.InputError` if MuJoCo is not installed, for a system that was not built from a machine,
     a cost on contact impulses or a shape that MuJoCo does not have, and if MuJoCo's values differ from the problem's.
@@ -58,7 +61,9 @@ class MujocoWorld:
 
         forces = system.forces
         frictions = () if forces is None else zip(forces.names, forces.friction.elements(), strict=True)
-        self.mjcf = write_mjcf(system.machine, number, {name: number(f) for name, f in frictions})
+        self._h = ca.Function("h", [system.x, p], [ca.SX(system.h)])
+        servo_time = SERVO_SHARE * float(self._h(problem.initial_states(self._p)[0], self._p))
+        self.mjcf = write_mjcf(system.machine, number, {name: number(f) for name, f in frictions}, servo_time)
         self._mujoco, self.model = load_model(self.mjcf.text, problem.name)
         self.data, self.version = self._mujoco.MjData(self.model), self._mujoco.__version__
         self._q: list[int] = []
@@ -72,7 +77,6 @@ class MujocoWorld:
         solution = -ca.solve(ca.jacobian(equations, further_states), remainder) if further_states.numel() else remainder
         arguments = [system.x, system.u, system.x_next[:n], p]
         self._further_states = ca.Function("extra", arguments, [ca.densify(solution)])
-        self._h = ca.Function("h", [system.x, p], [ca.SX(system.h)])
         self.check()
 
     def step(self, x: np.ndarray, u: np.ndarray, solref: float = SOLREF_S, step: float = STEP_S) -> np.ndarray:
@@ -113,6 +117,9 @@ class MujocoWorld:
             [tree.mass(q), tree.bias(q, v), ca.densify(phis), forces],
         )
         rng, full = np.random.default_rng(0), np.zeros((self.model.nv, self.model.nv))
+        servo_mass = np.zeros(self.model.nv)
+        for name, m in self.mjcf.servo_masses.items():
+            servo_mass[self.model.joint(name).dofadr[0]] = m
         for _ in range(N_COMPARED_STATES):
             x, u = rng.normal(size=system.nx), rng.normal(size=system.nu)
             self._set_state(x, u)
@@ -120,8 +127,8 @@ class MujocoWorld:
             self._mujoco.mj_forward(self.model, data)
             self._mujoco.mj_fullM(self.model, data, full)
             M, bias, phi, _ = (np.array(matrix) for matrix in ours(x, u, self._p))
-            self._check_equal("the mass matrix", full[np.ix_(self._v, self._v)], M)
-            self._check_equal("the bias force", data.qfrc_bias[self._v], bias.ravel())
+            self._check_equal("the mass matrix", full[np.ix_(self._v, self._v)], M + np.diag(servo_mass[self._v]))
+            self._check_equal("the bias force", (data.qfrc_bias - data.qfrc_gravcomp)[self._v], bias.ravel())
             self._check_distances(dict(zip(contacts, phi.ravel(), strict=True)))
             x[nq:n] = 0.0
             self._set_state(x, u)

@@ -93,15 +93,25 @@ def simulated_costs(
     step: float = STEP_S,
 ) -> np.ndarray:
     """Return the costs (S,) of ``inputs`` (S, N, nu), or a policy, from x0 (S, nx) in MuJoCo; NaN after divergence."""
+    x, u = simulated_motion(simulator, evaluation, inputs, x0, solref, step)
+    return evaluation.trajectory_costs(x, u, np.zeros((*u.shape[:2], simulator.problem.system.nlam)))
+
+
+def simulated_motion(
+    simulator: MujocoWorld,
+    evaluation: Evaluation,
+    inputs: np.ndarray | StateFeedback,
+    x0: np.ndarray,
+    solref: float = SOLREF_S,
+    step: float = STEP_S,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the states (S, N+1, nx) and the inputs (S, N, nu) of :func:`simulated_costs`."""
     lower, upper = evaluation.limits[2:4]
     S, problem = len(x0), simulator.problem
     N, system = problem.N, problem.system
     x, u = np.empty((S, N + 1, system.nx)), np.empty((S, N, system.nu))
     x[:, 0] = x0
     for s, k in np.ndindex(S, N):
-        if isinstance(inputs, np.ndarray):
-            u[s, k] = inputs[s, k]
-        else:
-            u[s, k] = np.clip(inputs.input(k, x[s, k]), lower, upper)
+        u[s, k] = inputs[s, k] if isinstance(inputs, np.ndarray) else np.clip(inputs.input(k, x[s, k]), lower, upper)
         x[s, k + 1] = simulator.step(x[s, k], u[s, k], solref, step)
-    return evaluation.trajectory_costs(x, u, np.zeros((S, N, system.nlam)))
+    return x, u

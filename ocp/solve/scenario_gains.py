@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from typing import Protocol
+
 import numpy as np
 
 from ocp.judge.disturbances import NOISE_SHARE, measured_sizes
 from ocp.judge.referee import Referee, referee_replay
 from ocp.mpc.plan_policies import PlanRegulator
 from ocp.problem.evaluation import Evaluation
+from ocp.problem.problem import Problem
 from ocp.problem.rollout import Gains, Rollout
 from ocp.solve.best_gains import WEIGHTS
 from ocp.solve.scenario_outcomes import ScenarioOutcomes
-from ocp.solve.shared_gains import Deviations, shared_gains
+from ocp.solve.shared_gains import Deviations, Expansion, shared_gains
 
 PASSES = 12
 """Maximum number of passes of dynamic programming."""
@@ -21,6 +24,22 @@ DAMPINGS = (1e-3, 1e-2, 0.1, 1.0)
 """Weights of changes of inputs by their sizes, relative to the cost of a step; one that is too small gives the next."""
 LEAST_DECREASE = 1e-4
 """Relative decrease of the mean cost below which a pass is the last."""
+
+
+class PolicyOutcomes(Protocol):
+    """Interface of motions under gains along a plan: how good they are, and their expansions."""
+
+    problem: Problem
+    evaluation: Evaluation
+    plan: Rollout
+
+    def merit(self, gains: Gains) -> tuple[int, int, float]:
+        """Return two numbers of failures and a cost; smaller is better, in this order."""
+        ...
+
+    def expansions(self, gains: Gains) -> list[Expansion]:
+        """Return the expansions of the motions that end."""
+        ...
 
 
 def gains_over_scenarios(
@@ -38,11 +57,11 @@ def gains_over_scenarios(
     candidates += [] if present_gains is None else [present_gains]
     merits = [outcomes.merit(gains) for gains in candidates]
     first = min(range(len(candidates)), key=merits.__getitem__)
-    gains = _improve(outcomes, candidates[first], merits[first])
+    gains = improved_gains(outcomes, candidates[first], merits[first])
     return gains, referee_replay(evaluation, gains, plan.x[:, 0])
 
 
-def _improve(outcomes: ScenarioOutcomes, gains: Gains, merit: tuple[int, int, float]) -> Gains:
+def improved_gains(outcomes: PolicyOutcomes, gains: Gains, merit: tuple[int, int, float]) -> Gains:
     """Return gains after passes with growing damping, each shortened until the merit decreases."""
     problem, evaluation, plan = outcomes.problem, outcomes.evaluation, outcomes.plan
     noise = np.diag((NOISE_SHARE * measured_sizes(problem)) ** 2)

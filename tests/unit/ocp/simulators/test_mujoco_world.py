@@ -309,3 +309,17 @@ def test_a_plant_is_the_same_world() -> None:
     after, lam = plant.step(x, u)
     assert np.array_equal(after, there.step(x, u)) and np.isnan(lam).all()
     assert not np.allclose(after, world(problem).step(x, u), atol=1e-4)
+
+
+def test_a_fingertip_without_mass_gets_that_of_servos_that_lag_half_a_step() -> None:
+    """Critically damped servos with the time constant T move a tip by 1 - (1 + t/T) exp(-t/T) of a command."""
+    problem = get("push-cube")
+    there = world(problem)
+    K, h = problem.parameters.defaults["K"], problem.parameters.defaults["h"]
+    T = h / 4
+    assert list(there.mjcf.servo_masses.values()) == pytest.approx([K * T**2] * 3)
+    x = problem.initial_states(problem.parameters.values)[0]
+    held = there.step(x, x[7:10])
+    assert held[7:10] == pytest.approx(x[7:10], abs=1e-9)  # Its weight is carried.
+    moved = there.step(x, x[7:10] + 0.01, step=1e-5)
+    assert moved[7:10] - x[7:10] == pytest.approx(0.01 * (1 - 5 * np.exp(-4)), rel=1e-3)
