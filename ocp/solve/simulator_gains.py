@@ -14,7 +14,7 @@ from ocp.mpc.linearised import project_psd
 from ocp.mpc.plan_policies import PlanRegulator
 from ocp.mpc.stages import Plan, StageModel
 from ocp.problem.evaluation import Evaluation
-from ocp.problem.rollout import Gains, Rollout
+from ocp.problem.rollout import Gains, Rollout, StateFeedback
 from ocp.simulators import SIMULATORS
 from ocp.simulators.mujoco_world import MujocoWorld
 from ocp.simulators.replay import simulated_motion
@@ -25,6 +25,9 @@ from ocp.solve.shared_gains import Expansion
 
 DIFFERENCE = 1e-3
 """Change of states and inputs in finite differences, in characteristic sizes; it averages over contacts close by."""
+
+END_WEIGHT = 10.0
+"""Weight of the last state's deviation from the plan, over the plan's cost, where the end is constrained."""
 
 
 def with_gains_in(solution: Solution, simulator: str = "mujoco") -> Solution:
@@ -64,8 +67,8 @@ class SimulatorOutcomes:
         self._model = StageModel(self.problem, self.problem.exact_step)
         self._step_state = step_state(self.problem.system)
 
-    def merit(self, gains: Gains) -> tuple[int, int, float]:
-        """Return the number of constraints that the motion violates, twice, and its cost."""
+    def merit(self, gains: np.ndarray | StateFeedback) -> tuple[int, int, float]:
+        """Return the number of constraints that the motion under inputs or a policy violates, twice, and its cost."""
         x, u = simulated_motion(self.simulator, self.evaluation, gains, self.plan.x[:, 0])
         if not np.isfinite(x).all():
             return sys.maxsize, sys.maxsize, np.inf
@@ -93,9 +96,16 @@ class SimulatorOutcomes:
         x[:, self._step_state] = 0.0
         for matrix in (hessian, costs.end_hessian):
             matrix[..., self._step_state, :] = matrix[..., self._step_state] = 0.0
+        end_gradient, end_hessian = costs.end_gradient, project_psd(costs.end_hessian)
+        if self.problem.terminal or self.problem.start is not None:
+            weight = END_WEIGHT * abs(self.plan.cost - self.evaluation.least_cost) / self.problem.scales.x**2
+            weight[self._step_state] = 0.0
+            end_gradient, end_hessian = (
+                end_gradient + weight * (x[-1] - self.plan.x[0, -1]),
+                end_hessian + np.diag(weight),
+            )
         free = (u > limits.u_lower) & (u < limits.u_upper)
-        ends = costs.end_gradient, project_psd(costs.end_hessian)
-        return [Expansion(x, u, free, dynamics, gradient, project_psd(hessian), *ends)]
+        return [Expansion(x, u, free, dynamics, gradient, project_psd(hessian), end_gradient, end_hessian)]
 
     def _derivative(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
         """Return the derivative (nx, nx + nu) of the next state with respect to (x, u)."""

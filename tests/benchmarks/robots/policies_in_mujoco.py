@@ -25,7 +25,7 @@ from ocp.store.runs import load
 from problems.tasks.training import rebuilt
 
 TABLE = "policies-in-mujoco"
-COLUMNS = ("task", "algorithm", "iterations", "return", "return in MuJoCo", "steps", "steps in MuJoCo")
+COLUMNS = ("task", "h [s]", "algorithm", "iterations", "return", "return in MuJoCo", "steps", "steps in MuJoCo")
 EPISODES, SEED = 20, 0
 KEPT_SHARE = 0.2
 BOUNCE_STIFFNESS = 1e5
@@ -90,7 +90,7 @@ def row(path: str) -> list[str]:
     kept = abs(there - here) <= KEPT_SHARE * abs(here - float(run.data["evaluation_return"][0]))
     text = f"**{there:.4g}**" if kept else f"{there:.4g}"
     iterations = str(run.record["iterations"])
-    cells = [experiment.task.name, str(run.record["algorithm"]), iterations, f"{here:.4g}", text]
+    cells = [experiment.task.name, f"{experiment.params['h']:g}", str(run.record["algorithm"]), iterations, f"{here:.4g}", text]
     cells += [f"{steps:.3g}", f"{steps_there:.3g}"]
     print(*cells, flush=True)
     return cells
@@ -106,9 +106,9 @@ def main() -> None:
             title="Trained policies in MuJoCo",
             command="python -m tests.benchmarks.robots.policies_in_mujoco RUN...",
             columns=COLUMNS,
-            rows=sorted([cells for cells in old if cells[0] != fresh[0]] + [fresh]),
+            rows=sorted([cells for cells in old if cells[:2] != fresh[:2]] + [fresh]),
             note=f"Means over {EPISODES} first states that training did not see; bold within 20 % of what training"
-            " gained under the exact law. The ball bounces in MuJoCo on a spring and a damper that give its restitution.",
+            " gained under the exact law. The ball bounces in MuJoCo on a spring and damper that give its restitution.",
         )
 
 
