@@ -90,7 +90,14 @@ def row(path: str) -> list[str]:
     kept = abs(there - here) <= KEPT_SHARE * abs(here - float(run.data["evaluation_return"][0]))
     text = f"**{there:.4g}**" if kept else f"{there:.4g}"
     iterations = str(run.record["iterations"])
-    cells = [experiment.task.name, f"{experiment.params['h']:g}", str(run.record["algorithm"]), iterations, f"{here:.4g}", text]
+    cells = [
+        experiment.task.name,
+        f"{experiment.params['h']:g}",
+        str(run.record["algorithm"]),
+        iterations,
+        f"{here:.4g}",
+        text,
+    ]
     cells += [f"{steps:.3g}", f"{steps_there:.3g}"]
     print(*cells, flush=True)
     return cells
