@@ -51,7 +51,7 @@ def problem_of(machine: Any, h: float = H, N: int = 1, **given: Any) -> Problem:
     p = ParameterTable([Parameter("h", h, "s"), Parameter("friction", 0.5, "1")])
     given = {"friction": p["friction"], **given}
     system = machine.system("own", p, h=p["h"], **given)
-    start = np.zeros(system.nx)
+    start = ca.SX.zeros(system.nx)
     return Problem("own", system, N, ca.SX(0), ca.SX(0), start, p)
 
 
