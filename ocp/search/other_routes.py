@@ -12,12 +12,12 @@ import numpy as np
 from dynamics.contact import Barrier
 from ocp.errors import NotConverged
 from ocp.problem.sketch import UserGuess
-from ocp.programs.solver import Point, Status
+from ocp.programs.solver import Point
 from ocp.routes.branches import polish
 from ocp.routes.homotopy import Homotopy, RouteResult, translate
 from ocp.routes.relaxations import MU_LAST
 from ocp.search.plan_solver import PlanSolver, exact_rollout, is_less
-from ocp.search.search import FEW_PAIRS, SAMPLED, Search, can_roll_out, cost_to_beat, is_poor, replay_cost
+from ocp.search.search import FEW_PAIRS, SAMPLED, Search, can_roll_out, cost_to_beat, is_doubtful, replay_cost
 from ocp.solution import Solution
 from ocp.transcription import Direct
 
@@ -79,13 +79,13 @@ class RouteSearch(Search):
     def is_needed(self, solution: Solution) -> bool:
         """Return whether to follow other routes.
 
-        Other routes are followed at thorough effort, if the solution of the usual route is poor, or if samples gave a
-        better solution and the problem has few contact pairs.
+        Other routes are followed at thorough effort, if a solution cheaper than that of the usual route is likely, or
+        if samples gave a better solution and the problem has few contact pairs.
         """
         if solution.route.name in SEARCHED:
             led_nowhere = solution.route.name == SAMPLED and self.session.problem.system.nlam <= FEW_PAIRS
         else:
-            led_nowhere = is_poor(solution) or solution.status is Status.NO_PROGRESS
+            led_nowhere = is_doubtful(solution)
         return self.session.complementary and (self.thorough or led_nowhere)
 
     def solutions(self, answer: Solution) -> Iterator[Solution]:

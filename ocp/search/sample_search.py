@@ -17,7 +17,7 @@ from ocp.routes.session import Session
 from ocp.search.perturbed_plans import perturbed_plans
 from ocp.search.plan_solver import PlanSolver, exact_rollout, is_less
 from ocp.search.sampling import MAX_SAMPLES, InputSampler, SampledPlan
-from ocp.search.search import FEW_PAIRS, SAMPLED, Search, can_roll_out, has_many_minima, is_poor, replay_cost
+from ocp.search.search import FEW_PAIRS, SAMPLED, Search, can_roll_out, is_doubtful, is_poor, replay_cost
 from ocp.solution import Solution
 
 NORMAL_FAILING_SHARE = 0.4
@@ -147,7 +147,7 @@ class SampleSearch(Search):
 
     def _is_patient(self, answer: Solution) -> bool:
         """Return whether to sample with the whole budget, also where samples bring nothing."""
-        return self.thorough or is_poor(answer) or has_many_minima(answer)
+        return self.thorough or is_doubtful(answer)
 
     def _is_fruitless(self, excess: float, excess_before: float, cost: float) -> bool:
         """Return whether to end sampling, by the excess of the samples over ``cost`` after and before a stage."""

@@ -12,6 +12,7 @@ from ocp.judge.referee import PENETRATION_SHARE
 from ocp.judge.route_report import SearchReport
 from ocp.problem.evaluation import Evaluation
 from ocp.problem.policy import Feedback
+from ocp.programs.solver import Status
 from ocp.routes.branches import ACTIVE_SET
 from ocp.routes.homotopy import Progress, RouteResult
 from ocp.routes.session import Session
@@ -104,6 +105,11 @@ def is_poor(solution: Solution) -> bool:
     """Return whether an answer has no certificate, idles, diverges or, in a scene, fails the referee at its step."""
     fails = bool(solution.problem.system.scene) and solution.referee.survives_at_h is False
     return fails or idles(solution) or diverges(solution) or not solution.certificate.certified
+
+
+def is_doubtful(solution: Solution) -> bool:
+    """Return whether a cheaper answer is likely: the answer is poor, stands still, or has many minima above it."""
+    return is_poor(solution) or solution.status is Status.NO_PROGRESS or has_many_minima(solution)
 
 
 def falls_short(solution: Solution) -> bool:
