@@ -9,11 +9,11 @@ import casadi as ca
 import numpy as np
 
 from dynamics.systems import ContactSystem, ParameterTable, RefereeModel, signals
-from ocp.problem.problem import Constraint, Problem, Scaling
-from problems.arena.midpoint import Midpoint
+from ocp.problem.problem import Problem
+from problems.arena.midpoint import Midpoint, pose_swing_up, semi_implicit
 from problems.arena.published import InstanceParameters, instance_parameters
 from problems.drawing import Mark, Segment, Shape
-from problems.parameters import pose_problem, quantity, structure, table
+from problems.parameters import quantity, structure, table
 from problems.spec import Citation
 
 name = "acrobot-stops"
@@ -73,7 +73,7 @@ def build(params: Params) -> Problem:
         u=u,
         x_next=x_next,
         lam=lam,
-        residual=x_next - ca.vertcat(q + h * v_next, v_next),
+        residual=semi_implicit(x, x_next, v_next, h),
         gap=p["stop"] + ca.vertcat(-elbow, elbow),
         states=signals("q1 [rad] shoulder; q2 [rad] elbow; v1 [rad/s]; v2 [rad/s]"),
         inputs=signals("tau [N m] torque at the elbow; w1 [rad/s] next velocity; q2_cmd [rad] commanded elbow"),
@@ -83,17 +83,8 @@ def build(params: Params) -> Problem:
         gap_unit="rad",
         referee_model=RefereeModel(),
     )
-    return pose_problem(
-        params,
-        system,
-        stage_cost=p["w_u"] * h * u[0] ** 2,
-        terminal_cost=p["w_end"] * ca.sumsqr(q - ca.DM([math.pi, 0])) + p["w_v"] * ca.sumsqr(v),
-        x0=ca.SX.zeros(4),
-        u_lower=ca.vertcat(-p["tau_max"], -ca.inf, -ca.inf),
-        u_upper=ca.vertcat(p["tau_max"], ca.inf, ca.inf),
-        path=[Constraint("momentum", balance - ca.vertcat(0, h * u[0] + lam[1] - lam[0]), 0.0, 0.0)],
-        scaling=Scaling(impulse=1.0, gap=0.5, x=1.0, u=1.0),
-    )
+    balance -= ca.vertcat(0, h * u[0] + lam[1] - lam[0])
+    return pose_swing_up(params, system, balance, ca.DM([math.pi, 0]), p["tau_max"])
 
 
 def midpoint(p: ParameterTable) -> Midpoint:

@@ -9,11 +9,11 @@ import casadi as ca
 import numpy as np
 
 from dynamics.systems import ContactSystem, ParameterTable, RefereeModel, signals
-from ocp.problem.problem import Constraint, Problem, Scaling
-from problems.arena.midpoint import Midpoint
+from ocp.problem.problem import Problem
+from problems.arena.midpoint import Midpoint, pose_swing_up, semi_implicit
 from problems.arena.published import InstanceParameters, instance_parameters
 from problems.drawing import Mark, Rectangle, Segment, Shape
-from problems.parameters import pose_problem, quantity, structure, table
+from problems.parameters import quantity, structure, table
 from problems.spec import Citation
 
 name = "cartpole-friction"
@@ -69,7 +69,7 @@ def build(params: Params) -> Problem:
         u=u,
         x_next=x_next,
         lam=lam,
-        residual=x_next - ca.vertcat(q + h * v_next, v_next),
+        residual=semi_implicit(x, x_next, v_next, h),
         gap=ca.vertcat(limit - friction, limit + friction),
         states=signals("p [m] cart; theta [rad] pole, anticlockwise; dp [m/s]; dtheta [rad/s]"),
         inputs=signals("F [N] force on the cart; y1 [N] friction without limit; y2 [N m] friction without limit"),
@@ -79,17 +79,7 @@ def build(params: Params) -> Problem:
         gap_unit="N",
         referee_model=RefereeModel(),
     )
-    return pose_problem(
-        params,
-        system,
-        stage_cost=p["w_u"] * h * u[0] ** 2,
-        terminal_cost=p["w_end"] * ca.sumsqr(q - ca.DM([0, math.pi])) + p["w_v"] * ca.sumsqr(v),
-        x0=ca.SX.zeros(4),
-        u_lower=ca.vertcat(-p["F_max"], -ca.inf, -ca.inf),
-        u_upper=ca.vertcat(p["F_max"], ca.inf, ca.inf),
-        path=[Constraint("momentum", balance, 0.0, 0.0)],
-        scaling=Scaling(impulse=1.0, gap=0.5, x=1.0, u=1.0),
-    )
+    return pose_swing_up(params, system, balance, ca.DM([0, math.pi]), p["F_max"])
 
 
 def midpoint(p: ParameterTable) -> Midpoint:

@@ -9,6 +9,7 @@ import numpy as np
 
 from dynamics.systems import ContactSystem, RefereeModel, signals
 from ocp.problem.problem import Problem, Scaling
+from problems.arena.midpoint import semi_implicit
 from problems.drawing import Mark, Rectangle, Segment, Shape, Spring
 from problems.parameters import Parameters, pose_problem, quantity, structure, table
 from problems.spec import Citation
@@ -67,7 +68,7 @@ def build(params: Params) -> Problem:
         u=u,
         x_next=x_next,
         lam=lam,
-        residual=x_next - ca.vertcat(x[:2] + h * v_next, v_next),
+        residual=semi_implicit(x, x_next, v_next, h),
         gap=p["wall"] + lam / p["k"] + ca.vertcat(-tip, tip),
         states=signals("p [m] cart; theta [rad] pole from upright; dp [m/s]; dtheta [rad/s]"),
         inputs=signals("u [N] force on the cart"),

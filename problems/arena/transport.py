@@ -6,6 +6,7 @@ import casadi as ca
 
 from dynamics.systems import ContactSystem, RefereeModel, signals
 from ocp.problem.problem import Constraint, Problem, Scaling
+from problems.arena.midpoint import semi_implicit
 from problems.parameters import Parameters, pose_problem, quantity, structure, table
 from problems.spec import Citation
 
@@ -58,7 +59,7 @@ def build(params: Params) -> Problem:
         u=u,
         x_next=x_next,
         lam=lam,
-        residual=x_next - ca.vertcat(x[:2] + h * v_next, v_next),
+        residual=semi_implicit(x, x_next, v_next, h),
         gap=ca.vertcat(limit + friction, limit - friction),
         states=signals("x1 [m] cargo; x2 [m] cart; v1 [m/s] cargo; v2 [m/s] cart"),
         inputs=signals("u [N] force on the cart; y [N] friction without its limit"),

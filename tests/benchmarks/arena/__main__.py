@@ -17,7 +17,7 @@ from docs.generator.measured import DATA, origin, write_data
 from problems.arena.published import INSTANCE_COUNT, published_results
 from problems.registry import arena_names
 from tests.benchmarks.arena.pool import Key, rows_of
-from tests.benchmarks.arena.report import WORDS, write_report
+from tests.benchmarks.arena.report import PEERS, WORDS, short_rows, write_answers, write_report
 
 ANSWERS = DATA / "arena" / "answers.json"
 """File of the stored answers that make the site's table."""
@@ -42,16 +42,22 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m tests.benchmarks.arena", description=__doc__)
     parser.add_argument("tasks", nargs="*", metavar="TASK", help="tasks of ocp list arena; all if none is named")
     parser.add_argument("--count", type=int, default=INSTANCE_COUNT, help="instances of each task that has some")
-    parser.add_argument("--ways", nargs="+", default=list(WORDS), choices=list(WORDS), help="ways of solving")
+    parser.add_argument("--ways", nargs="+", default=list(WORDS), choices=[*WORDS, *PEERS], help="ways of solving")
     parser.add_argument("--jobs", type=int, default=1, help="processes at a time")
     parser.add_argument("--limit", type=int, default=120, help="largest processor time of an answer [s]")
     parser.add_argument("--wall", type=float, default=1e6, help="wall-clock time after which all stops [s]")
     parser.add_argument("--out", type=Path, default=ANSWERS, help="file of the answers")
     parser.add_argument("--commit", help="revision of the source where git does not know it")
     parser.add_argument("--report", type=Path, metavar="FILE", help="write table and figure of the answers of a file")
+    parser.add_argument("--peers", type=Path, metavar="FILE", help="write the table of peers of the answers of a file")
     options = parser.parse_args()
+    if options.peers:
+        write_answers("arena-peers", json.loads(options.peers.read_text()))
     if options.report:
-        write_report(json.loads(options.report.read_text()))
+        content = json.loads(options.report.read_text())
+        write_report(content)
+        print(*short_rows(content["answers"]), sep="\n")
+    if options.peers or options.report:
         return
     now = origin("make arena") | ({"commit": options.commit[:10]} if options.commit else {})
     answers = stored_answers(options.out, now)

@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
+import os
 import resource
+import subprocess
 import time
 import warnings
 from dataclasses import asdict, dataclass
 from multiprocessing.connection import Connection
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
+
+import numpy as np
 
 from ocp import solve
 from ocp.problem.problem import Problem
+from ocp.programs.program import PENALTY
 from ocp.routes.session import Effort
+from ocp.solve.solve import new_session
 from problems import get
 from tests.benchmarks.arena.judge import judged
 from tests.benchmarks.arena.peers import Answer
@@ -38,6 +46,8 @@ class Row:
 
 EFFORTS: dict[str, Effort] = {"default": "normal", "quick": "quick"}
 """Mapping from ways of the workbench to their effort."""
+PYMPCC_SCRIPT = str(Path(__file__).with_name("pympcc_peer.py"))
+"""Script that solves a stored program by pympcc, in an environment of its own."""
 NO_ANSWER = "no answer"
 """Stationarity in the row of a process that reached its limit, or ended in an error."""
 
@@ -51,11 +61,36 @@ def solve_default(problem: Problem, effort: Effort = "normal") -> Answer:
     return Answer(x, u, lam, solution.cost, solution.success, solution.iterations, seconds)
 
 
+def solve_pympcc(problem: Problem) -> Answer:
+    """Return pympcc's answer to the same program from the same start, by the Python named in ``PYMPCC``."""
+    session = new_session(problem, contact="exact")
+    nlp, values = session.nlp_of("none"), {**session.values, PENALTY: 0.0}
+    arrays: dict[str, Any] = nlp.bounds(values) | {"p": nlp.parameter_vector(values), "pairs": nlp.pairs}
+    with TemporaryDirectory() as folder:
+        for name in ("f_g", "gradient", "jacobian", "hessian"):
+            getattr(nlp, name).save(f"{folder}/{name}.casadi")
+        np.savez(f"{folder}/program.npz", x0=session.first_point(nlp).x, **arrays)
+        subprocess.run([os.environ["PYMPCC"], PYMPCC_SCRIPT, folder], check=True, stdout=subprocess.DEVNULL)
+        answer = dict(np.load(f"{folder}/answer.npz"))
+    blocks = nlp.variables.unpack(answer["x"])
+    x0 = problem.initial_states(problem.parameters.values)[:1]
+    cost = float(nlp.values(answer["x"], arrays["p"])[0])
+    effort = bool(answer["converged"]), int(answer["iterations"]), float(answer["seconds"])
+    return Answer(np.vstack([x0, blocks["x"][0]]), blocks["u"][0], blocks["lam"][0], cost, *effort)
+
+
+def answer_of(task: str, problem: Problem, way: str) -> Answer:
+    """Return the answer of one way of solving."""
+    if way in EFFORTS:
+        return solve_default(problem, EFFORTS[way])
+    return solve_pympcc(problem) if way == "pympcc" else solve_published(task, problem)
+
+
 def measured(task: str, instance: int, way: str) -> dict[str, Any]:
     """Return the row of one answer, as a dict."""
     warnings.simplefilter("ignore")
     problem = get(task, **({"instance": instance} if instance else {}))
-    answer = solve_default(problem, EFFORTS[way]) if way in EFFORTS else solve_published(task, problem)
+    answer = answer_of(task, problem, way)
     verdict = judged(problem, answer)
     row = Row(
         task,

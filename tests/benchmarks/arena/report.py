@@ -28,6 +28,8 @@ COLUMNS = (
 )
 WORDS = {"default": "ocp solve", "quick": "ocp solve --effort quick", "published": "published formulation"}
 """Mapping from a way of solving to its words."""
+PEERS = {"pympcc": "pympcc 1.0.0"}
+"""Mapping from peers that solve a stored program to their words; they need an environment of their own."""
 NOTE = (
     "Feasible: residuals and products of pairs of at most 1e-6. Certified: feasible, and B-stationary by our"
     " certificate, the same judge for all rows but those of sources, whose points are not published. Costs are the"
@@ -50,7 +52,7 @@ def summary(values: Sequence[float], digits: int = 4) -> tuple[str, str]:
 def task_rows(task: str, answers: Sequence[Entry]) -> list[list[str]]:
     """Return the table's rows of a task: one for each way, and one for each source's solver on the same instances."""
     rows = []
-    for way, words in WORDS.items():
+    for way, words in {**WORDS, **PEERS}.items():
         entries = [entry for entry in answers if entry["task"] == task and entry["way"] == way]
         if entries:
             costs = [entry["cost"] for entry in entries if entry["feasible"]]
@@ -115,14 +117,29 @@ def write_workbench(answers: Sequence[Entry]) -> None:
     write_file(PUBLISHED / "workbench.csv", "".join(f"{line}\n" for line in lines).encode())
 
 
-def write_report(content: Mapping[str, Any]) -> None:
-    """Write the table and the figure of the site, and the results that ``ocp arena compare`` reads.
+def short_rows(answers: Sequence[Entry]) -> list[str]:
+    """Return the rows of the README: certified answers, median cost and median seconds of each family of instances."""
+    rows = []
+    for task in (task for task in arena_names() if published_results(task)):
+        cells = []
+        for way in WORDS:
+            entries = [entry for entry in answers if entry["task"] == task and entry["way"] == way]
+            cost = summary([entry["cost"] for entry in entries if entry["feasible"]], 3)[0]
+            seconds = summary([entry["seconds"] for entry in entries], 2)[0]
+            cells.append(f"{sum(entry['solved'] for entry in entries)} · {cost} · {seconds} s")
+        rows.append(f"| {task} | {' | '.join(cells)} |")
+    return rows
 
-    ``content`` is that of a file of answers, whose commit, date and computer the table names.
-    """
-    answers = content["answers"]
-    write_workbench(answers)
-    rows = [row for task in arena_names() for row in task_rows(task, answers)]
-    measured = {name: text for name, text in content.items() if name != "answers"}
-    write_data("arena", {"title": "The arena", **measured, "columns": COLUMNS, "rows": rows, "note": NOTE})
-    draw_profile(answers)
+
+def write_answers(name: str, content: Mapping[str, Any]) -> None:
+    """Write the table ``name`` of a file of answers, whose commit, date and computer it names."""
+    rows = [row for task in arena_names() for row in task_rows(task, content["answers"])]
+    measured = {key: text for key, text in content.items() if key != "answers"}
+    write_data(name, {"title": f"The {name}", **measured, "columns": COLUMNS, "rows": rows, "note": NOTE})
+
+
+def write_report(content: Mapping[str, Any]) -> None:
+    """Write the table and the figure of the site, and the results that ``ocp arena compare`` reads."""
+    write_workbench(content["answers"])
+    write_answers("arena", content)
+    draw_profile(content["answers"])

@@ -16,7 +16,7 @@ from tests.benchmarks.arena.judge import judged
 from tests.benchmarks.arena.peers import Answer, penalised
 from tests.benchmarks.arena.pool import rows_of
 from tests.benchmarks.arena.race import solve_default
-from tests.benchmarks.arena.report import profile, summary
+from tests.benchmarks.arena.report import profile, short_rows, summary
 
 
 def entry(task: str, way: str, seconds: float, solved: bool) -> dict:
@@ -36,6 +36,16 @@ def test_profile_has_ratios_to_the_fastest_certified_answer() -> None:
     assert ratios["default"].tolist() == [1, 4, np.inf]
     assert ratios["published"].tolist() == [1, np.inf, np.inf]
     assert summary([1.0, 2.0, 3.0, 4.0, 5.0]) == ("3", "2 to 4") and summary([]) == ("–", "–")
+
+
+def test_short_rows_have_certified_answers_and_medians_of_the_drawn_families() -> None:
+    answers = [
+        {"task": "acrobot-stops", "way": way, "solved": k > 1, "feasible": k > 0, "cost": cost * k, "seconds": 1.0 + k}
+        for way, cost in (("default", 1.0), ("quick", 2.0), ("published", 3.0))
+        for k in range(4)
+    ]
+    row = next(row for row in short_rows(answers) if "acrobot" in row)
+    assert row == "| acrobot-stops | 2 · 2 · 2.5 s | 2 · 4 · 2.5 s | 2 · 6 · 2.5 s |"
 
 
 def hanging(pairs: float = 0.0) -> tuple:
