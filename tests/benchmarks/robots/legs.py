@@ -33,7 +33,7 @@ PUSH_N_S, PUSH_S = 5.0, 0.01
 DIRECTIONS = 8
 DISTANCE_M, LIMIT_S, STAND_S = 2.0, 15.0, 10.0
 FILM = Path("docs/pictures/trot-in-mujoco.gif")
-FPS = 12
+FPS = 10
 
 
 @dataclass(frozen=True)
