@@ -17,7 +17,7 @@ from ocp.routes.branches import polish
 from ocp.routes.homotopy import Homotopy, RouteResult, translate
 from ocp.routes.relaxations import MU_LAST
 from ocp.search.plan_solver import PlanSolver, exact_rollout, is_less
-from ocp.search.search import FEW_PAIRS, SAMPLED, Search, can_roll_out, cost_to_beat, is_doubtful, replay_cost
+from ocp.search.search import FEW_PAIRS, SAMPLED, Search, can_roll_out, cost_to_beat, is_doubtful, is_poor, replay_cost
 from ocp.solution import Solution
 from ocp.transcription import Direct
 
@@ -72,7 +72,7 @@ class GuessSearch(Search):
 
 @dataclass
 class RouteSearch(Search):
-    """Search by solving the exact law from the barrier law's plan, and on the branches of that plan's rollout."""
+    """Search by Scholtes's relaxation, by solving the exact law from the barrier law's plan, and near its rollout."""
 
     thorough: bool = True
 
@@ -95,11 +95,18 @@ class RouteSearch(Search):
         smoothed = barrier.solve(progress=self.progress)
         nlp = session.nlp_of("product")
         x = translate(smoothed.result.point, smoothed.nlp, nlp).x
-        outcome = session.resume(Point(x), self.progress)
-        if outcome.finished and self._is_better(outcome, best):
-            solution = self.judge(session, replace(outcome, route="barrier start"), self.seed)
-            best = min(best, solution, key=replay_cost)
-            yield solution
+        # Followed to its end, unlike the further paths of every solve: a dearer plan may be cheaper in its replay.
+        scholtes = session.with_changes(strategy="scholtes")
+        attempts = (
+            ("scholtes", lambda: scholtes.solve(progress=self.progress)),
+            ("barrier start", lambda: session.resume(Point(x), self.progress)),
+        )
+        for name, follow in attempts:
+            outcome = follow()
+            if outcome.finished and self._is_better(outcome, best):
+                solution = self.judge(session, replace(outcome, route=name), self.seed)
+                best = min(best, solution, key=replay_cost)
+                yield solution
         if smoothed.finished and can_roll_out(session):
             inputs = smoothed.nlp.variables.unpack(smoothed.result.point.x)["u"][0]
             yield from _solutions_near_rollouts(self, "barrier contacts", best, [inputs])
@@ -107,7 +114,7 @@ class RouteSearch(Search):
     @staticmethod
     def _is_better(outcome: RouteResult, best: Solution) -> bool:
         p = outcome.nlp.parameter_vector(best.values)
-        return not best.certificate.certified or is_less(outcome.result.f + outcome.nlp.constant(p), best.cost)
+        return is_poor(best) or is_less(outcome.result.f + outcome.nlp.constant(p), best.cost)
 
 
 def _solutions_near_rollouts(
