@@ -80,7 +80,7 @@ def test_mujoco_is_not_asked_about_joints_that_follow(tmp_path: Path) -> None:
     system = robot.machine.system("r", ParameterTable(()), h=0.01, friction=None)
     assert system.machine is not None
     with pytest.raises(InputError, match="joints that follow others"):
-        mjcf_of(system.machine, float, {})
+        mjcf_of(system.machine, float, {}, servo_time=0.01)
 
 
 @pytest.mark.parametrize(
