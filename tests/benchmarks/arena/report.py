@@ -82,11 +82,12 @@ def profile(answers: Sequence[Entry]) -> dict[str, np.ndarray]:
         (entry["task"], entry["instance"], entry["way"]): entry["seconds"] if entry["solved"] else np.inf
         for entry in answers
     }
-    table = np.array([[times.get((*key, way), np.inf) for way in WORDS] for key in keys])
+    ways = [way for way in WORDS if any(entry["way"] == way for entry in answers)]
+    table = np.array([[times.get((*key, way), np.inf) for way in ways] for key in keys])
     least = table.min(axis=1, keepdims=True)
     with np.errstate(invalid="ignore"):
         ratios = np.where(np.isfinite(table), table / least, np.inf)
-    return {way: np.sort(ratios[:, column]) for column, way in enumerate(WORDS)}
+    return {way: np.sort(ratios[:, column]) for column, way in enumerate(ways)}
 
 
 def draw_profile(answers: Sequence[Entry]) -> None:
