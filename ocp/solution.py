@@ -209,15 +209,17 @@ class Solution(Judgement):
         settings = {**(contact_settings or {}), **parameters}
         return replay_plan(self, make_law(contact, settings, self.problem.system))
 
-    def replay_in(self, simulator: str = "mujoco") -> ExternalReplay:
+    def replay_in(self, simulator: str = "mujoco", **settings: float | str) -> ExternalReplay:
         """Return the replay of the plan's inputs, or its policy, in another simulator.
+
+        ``settings`` are the contact's time constant ``solref`` [s] and the longest step ``h`` [s].
 
         Raises :class:`~ocp.errors.InputError` as :func:`ocp.simulators.replay.replay_in_simulator` does.
         """
         from ocp.simulators.replay import replay_in_simulator
 
         start = self.arrays["x"][:, 0]
-        return replay_in_simulator(simulator, self.problem, self.inputs, self.values, start, self.cost)
+        return replay_in_simulator(simulator, self.problem, self.inputs, self.values, start, self.cost, settings)
 
     def plot(self) -> Figure:
         """Return the figure that ``ocp solve --plot`` writes: a strobe picture above states, inputs and forces."""

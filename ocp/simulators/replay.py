@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from dynamics.settings import read_value
 from ocp.errors import choose
 from ocp.problem.evaluation import Evaluation
 from ocp.problem.problem import Problem
@@ -23,10 +24,15 @@ SOLREF_BAND_S = (0.005, 0.04)
 STEP_BAND_S = (5e-4, 2e-3)
 """Short and long step sizes [s]."""
 
+REPLAY_SETTINGS = {"solref": SOLREF_S, "h": STEP_S}
+"""Mapping from settings of a replay in MuJoCo to their defaults: time constant of contacts [s] and longest step [s].
+
+``ocp gradients @last --world mujoco -s solref=0.005`` says at which of them gradients through contact are right."""
+
 
 @dataclass(frozen=True)
 class ExternalReplay:
-    """Replay of a plan or policy in another simulator.
+    """Replay of a plan or policy in another simulator, at the time constant ``solref`` [s] and the step ``h`` [s].
 
     ``cost`` is the mean over scenarios in the simulator, NaN if the motion diverges, and
     ``planned_cost`` the plan's cost; ``keeps`` is true if the two agree within 20 %. ``band`` is the
@@ -38,6 +44,8 @@ class ExternalReplay:
     planned_cost: float
     keeps: bool
     band: tuple[float, float]
+    solref: float = SOLREF_S
+    h: float = STEP_S
 
     @property
     def sentence(self) -> str:
@@ -56,8 +64,9 @@ class ExternalReplay:
     @property
     def document(self) -> dict[str, Any]:
         """Result and settings as a dict of plain data."""
-        settings = {"solref": SOLREF_S, "step": STEP_S, "solrefs": SOLREF_BAND_S, "steps": STEP_BAND_S}
-        return {**asdict(self), "settings": settings}
+        fields = asdict(self)
+        settings = {"solref": fields.pop("solref"), "step": fields.pop("h")}
+        return {**fields, "settings": {**settings, "solrefs": SOLREF_BAND_S, "steps": STEP_BAND_S}}
 
 
 def replay_in_simulator(
@@ -67,21 +76,30 @@ def replay_in_simulator(
     values: Mapping[str, float],
     x0: np.ndarray,
     planned_cost: float,
+    settings: Mapping[str, Any] | None = None,
 ) -> ExternalReplay:
     """Return the replay of ``inputs`` (S, N, nu), or a policy, from x0 (S, nx) in the simulator ``name``.
 
-    Raises :class:`~ocp.errors.InputError` for an unknown simulator, and as
-    :class:`~ocp.simulators.mujoco_world.MujocoWorld` does.
+    ``settings`` are those of :data:`REPLAY_SETTINGS` that differ from their defaults.
+
+    Raises :class:`~ocp.errors.InputError` for an unknown simulator or setting, for a setting that is not positive, and
+    as :class:`~ocp.simulators.mujoco_world.MujocoWorld` does.
     """
     choose("world", name, SIMULATORS)
+    for key in settings or {}:
+        choose("setting of mujoco", key, REPLAY_SETTINGS)
+    contact = {
+        key: read_value(key, value, float, above=0.0) for key, value in {**REPLAY_SETTINGS, **(settings or {})}.items()
+    }
+    solref, h = contact["solref"], contact["h"]
     simulator, evaluation = MujocoWorld(problem, values), Evaluation(problem, dict(values))
 
     def cost(solref: float, step: float) -> float:
         return float(simulated_costs(simulator, evaluation, inputs, x0, solref, step).mean())
 
-    costs = [cost(SOLREF_S, STEP_S), *(cost(*pair) for pair in product(SOLREF_BAND_S, STEP_BAND_S))]
+    costs = [cost(solref, h), *(cost(*pair) for pair in product(SOLREF_BAND_S, STEP_BAND_S))]
     keeps = evaluation.cost_share(abs(costs[0] - planned_cost), planned_cost) <= KEPT_COST_SHARE
-    return ExternalReplay(name, costs[0], planned_cost, keeps, (float(np.min(costs)), float(np.max(costs))))
+    return ExternalReplay(name, costs[0], planned_cost, keeps, (float(np.min(costs)), float(np.max(costs))), solref, h)
 
 
 def simulated_costs(

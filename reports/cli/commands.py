@@ -23,6 +23,7 @@ from reports.cli.options.shared import (
     SourceOptions,
     StartsOptions,
     argument,
+    assignment,
     option,
 )
 from reports.cli.options.store import RmOptions, RunsExportOptions, RunsOptions
@@ -153,6 +154,9 @@ class ReplayOptions(RunOptions, LawOptions, SourceOptions):
     examples: ClassVar = ("replay @last", "replay @last --contact barrier -c mu=1e-2", "replay @last --world mujoco")
     contact: str = option("exact", help=LAW_HELP)
     world: str | None = option(None, help="Simulate in mujoco instead of under a law.")
+    settings: list[str] | None = assignment(
+        "--setting", "-s", help="Setting of mujoco: solref, time constant of contact [s], or h, longest step [s]."
+    )
 
 
 class ContinueOptions(SolverOptions):

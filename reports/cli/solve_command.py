@@ -256,6 +256,8 @@ def check_replay(options: ReplayOptions) -> ReplayRequest:
     """Return the run, its solution, and the contact law or the simulator of the replay."""
     if options.world is not None and options.explicit & {"contact", "law_settings"}:
         raise InputError("--world excludes a contact law; drop --contact and -c, or --world")
+    if options.world is None and options.settings:
+        raise InputError("-s sets the contact of another simulator; add --world mujoco, or set a law with -c")
     stored_run = options.stored(options.run)
     stored_run.check_solve()
     problem = problem_of(stored_run, options.problem_from_source([stored_run]))[2]
@@ -273,7 +275,7 @@ def run_replay(options: ReplayOptions, request: ReplayRequest) -> int:
     """Simulate the inputs, or the feedback policy, of a stored run under a law, or in another simulator."""
     (stored, solution, law), output = request, options.output
     if isinstance(law, str):
-        external = solution.replay_in(law)
+        external = solution.replay_in(law, **parse_assignments("-s", options.settings))
         output.say(external.sentence)
         output.document({"run": str(stored.path), "problem": stored.meta["problem"], **external.document})
         return 0 if math.isfinite(external.cost) else NOT_CONVERGED

@@ -14,7 +14,7 @@ from dynamics.systems import Link, Machine, Parameter, ParameterTable, Part, Sph
 from ocp import InputError, Problem
 from ocp.mpc.plants import Plant
 from ocp.simulators.mujoco_world import MujocoWorld
-from ocp.simulators.replay import replay_in_simulator
+from ocp.simulators.replay import SOLREF_BAND_S, STEP_BAND_S, replay_in_simulator
 from problems import get
 
 H = 0.01
@@ -275,6 +275,24 @@ def test_a_plan_that_stands_keeps_its_cost() -> None:
     assert found.sentence.startswith("In MuJoCo: cost 0.79")
     dearer = replay_in_simulator("mujoco", problem, *given, 1.5 * 20 * 0.2**2)
     assert not dearer.keeps and "does not keep its cost" in dearer.sentence
+    # At the settings of the band's corners the cost is one of the band's.
+    corners = [
+        replay_in_simulator("mujoco", problem, *given, 0.8, {"solref": solref, "h": str(h)})
+        for solref in SOLREF_BAND_S
+        for h in STEP_BAND_S
+    ]
+    costs = [corner.cost for corner in corners]
+    assert min(*costs, found.cost) == found.band[0] and max(*costs, found.cost) == found.band[1]
+    assert corners[0].document["settings"]["solref"] == SOLREF_BAND_S[0] and len(set(costs)) > 1
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"), [({"stiffness": 1.0}, "unknown setting of mujoco 'stiffness'"), ({"h": "0"}, "h must be")]
+)
+def test_a_setting_of_a_replay_that_cannot_be_is_refused(settings: dict[str, float | str], words: str) -> None:
+    given = np.zeros((1, 1, 0)), {}, np.zeros((1, 6)), 0.0
+    with pytest.raises(InputError, match=words):
+        replay_in_simulator("mujoco", problem_of(BALL), *given, settings)
 
 
 def test_a_motion_that_diverges_is_told() -> None:
