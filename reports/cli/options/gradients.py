@@ -22,7 +22,7 @@ class GradientsOptions(JobsOptions, TagOptions, SourceOptions):
 
     code: ClassVar = "reports.cli.gradients.command"
     examples: ClassVar = (
-        "gradients oblique-drop --world exact --world mujoco --jobs 2 --pdf drop.pdf",
+        "gradients oblique-drop --world exact --world mujoco -j 2 --pdf drop.pdf",
         "gradients two-balls --world penalty -s stiffness=1e5",
         "gradients my_simulator.py",
         "gradients stick-slip --world my_simulator.py",
