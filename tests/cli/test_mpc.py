@@ -68,6 +68,7 @@ def test_the_document_is_what_the_run_stores(ocp: Ocp) -> None:
     assert (data["certificate"].values != "").sum() == 3 and told["certified"] is not None
 
 
+@pytest.mark.costly
 def test_a_loop_is_read_back_as_it_was_simulated(tmp_path: Path) -> None:
     problem = get("soft-walls", N=5)
     loop = simulate(Controller(problem), 12, "noise", seeds=2)
@@ -125,6 +126,7 @@ def test_bad_input_is_one_sentence(ocp: Ocp, options: tuple[str, ...], sentence:
     assert len(done.err.splitlines()) == 1 and not Path("runs").exists()
 
 
+@pytest.mark.costly
 def test_a_rate_faster_than_a_solve_is_told_and_goes_on(ocp: Ocp) -> None:
     done = ocp(*SMALL, "--steps", "25", "--rate", "1e6", "--deadline", "1e-6")
     assert done.code == 0

@@ -171,6 +171,7 @@ def test_rows_that_contradict_each_other_are_infeasible_in_any_unit(unit: float)
     assert "ot converged" in found.verdict or "ot solved" in found.verdict
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize(("goal", "reached"), [(0.8, True), (1.0, True), (1.15, False)])
 def test_a_goal_behind_a_wall_is_not_reached(goal: float, reached: bool) -> None:
     system = time_stepping(

@@ -72,6 +72,7 @@ def test_the_corners_of_the_t_are_about_its_centre_of_mass() -> None:
     assert centre == pytest.approx(2.6429, abs=1e-4)
 
 
+@pytest.mark.costly
 @pytest.mark.cheap_cases("0.0")
 @pytest.mark.parametrize("heading", [0.0, 1.2, math.pi, 5.0])
 def test_a_heading_is_reached_from_an_all_zero_guess(heading: float) -> None:

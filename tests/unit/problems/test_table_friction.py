@@ -90,6 +90,7 @@ def test_an_eccentric_push_turns_about_lynchs_centre(offset: float) -> None:
     assert lam[0] / H == pytest.approx(F / math.hypot(1, offset / REACH), rel=1e-6)
 
 
+@pytest.mark.costly
 @settings(max_examples=25, deadline=None)
 @given(st.floats(-0.14, 0.14), st.floats(0.01, 0.05), st.booleans())
 def test_the_table_takes_as_much_as_it_can(offset: float, way: float, inertial: bool) -> None:
@@ -113,6 +114,7 @@ def test_inertia_only_delays() -> None:
     assert more[0] - 2.0 * slow[0] / H == pytest.approx(lam[0], abs=1e-7)
 
 
+@pytest.mark.costly
 @pytest.mark.cheap_cases("False")
 @pytest.mark.parametrize("inertial", [False, True])
 def test_batches_and_the_search_step_as_one_step_does(inertial: bool) -> None:

@@ -105,7 +105,7 @@ BOUNDED = {
 }
 
 
-@pytest.mark.costly_cases("linear", "square", "logarithm", "two together")
+@pytest.mark.costly_cases("linear", "square", "logarithm", "two together", "exponential", "a state", "one side")
 @pytest.mark.parametrize("kind", UNBOUNDED)
 def test_a_cost_without_a_minimum_is_not_solved(kind):
     problem, told = UNBOUNDED[kind]

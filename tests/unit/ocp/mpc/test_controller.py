@@ -30,6 +30,7 @@ def disc() -> Controller:
     return Controller(get("push-disc"))
 
 
+@pytest.mark.costly
 def test_the_loop_costs_what_the_best_of_all_contact_windows_does(walls: Controller) -> None:
     """The terminal cost is the value of continuing without contact, so that the receding horizon changes nothing."""
     loop = simulate(walls, 60, certify=6)
@@ -38,6 +39,7 @@ def test_the_loop_costs_what_the_best_of_all_contact_windows_does(walls: Control
     assert loop.certified == 1.0
 
 
+@pytest.mark.costly
 @pytest.mark.cheap_cases("qp")
 @pytest.mark.parametrize("phase", ["qp", "policy"])
 def test_other_phases_agree_where_the_plan_is_followed(phase: str) -> None:

@@ -39,6 +39,7 @@ class Horizon:
         return closed, linearise(self.model, plan, at, LinearClosure.from_active_set(plan, closed))
 
 
+@pytest.mark.one_case_in(4)
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("name", ["soft-walls", "finger-disc"])
 def test_linearised_steps_are_those_of_the_implicit_function(name: str, seed: int) -> None:
@@ -102,6 +103,7 @@ def regular(nx: int, nu: int, N: int, seed: int) -> Linearised:
     )
 
 
+@pytest.mark.one_case_in(3)
 @pytest.mark.parametrize("seed", range(3))
 def test_the_regulator_is_the_quadratic_program_without_constraints(seed: int) -> None:
     """The solution of the quadratic program satisfies ``du_k = K_k dx_k``."""

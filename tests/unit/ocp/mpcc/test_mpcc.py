@@ -320,6 +320,7 @@ def test_rows_may_be_more_than_variables() -> None:
     assert found.success and found.x == pytest.approx([0, 1, 1], abs=1e-6)
 
 
+@pytest.mark.one_case_in(3)
 @pytest.mark.parametrize("name", ["tank-1 radau 10x3x2 fine", "hopper radau 10x3x2 fine"])
 def test_switches_and_jumps_by_finite_elements(name: str) -> None:
     """The solution is certified and costs no more than that of a plain Scholtes loop."""

@@ -65,6 +65,7 @@ def test_a_path_is_given_up_if_it_promises_no_lower_cost(share: float, finished:
         assert len(limited.trace.records) < 7
 
 
+@pytest.mark.costly
 def test_a_push_is_found_that_the_central_path_misses() -> None:
     # A plain Scholtes loop ends at 5.599, the central path at 6.790.
     assert solved("push-box").result.f == pytest.approx(6.7897, rel=1e-4)

@@ -154,6 +154,7 @@ def test_search_and_warm_start_exclude_each_other() -> None:
         solve(get("push-disc"), search=True, warm_start=object())  # type: ignore[arg-type]
 
 
+@pytest.mark.costly
 def test_a_scene_that_passes_through_is_solved_as_swept_and_resumed_so() -> None:
     problem = behind(10)
     assert penetrates_between_nodes(solve(problem, contact="exact", search=False))
