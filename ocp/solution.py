@@ -209,7 +209,7 @@ class Solution(Judgement):
         settings = {**(contact_settings or {}), **parameters}
         return replay_plan(self, make_law(contact, settings, self.problem.system))
 
-    def replay_in(self, simulator: str = "mujoco", **settings: float | str) -> ExternalReplay:
+    def replay_in(self, simulator: str = "mujoco", /, **settings: float | str) -> ExternalReplay:
         """Return the replay of the plan's inputs, or its policy, in another simulator.
 
         ``settings`` are the contact's time constant ``solref`` [s] and the longest step ``h`` [s].

@@ -135,12 +135,13 @@ class Complementarity(Route):
         plan = replace(plan, patience=QUICK_PATIENCE) if session.effort == "quick" else plan
         if session.strategy != DEFAULT_STRATEGY:
             return plan
-        n_further = 0 if start.number else 1 if session.effort == "quick" else len(FURTHER_PATHS)
+        n_pairs = session.nlp_of("product").pairs.shape[1]
+        n_further = 0 if start.number or not n_pairs else 1 if session.effort == "quick" else len(FURTHER_PATHS)
         plan = replace(plan, further_paths=FURTHER_PATHS[:n_further])
         evaluation = session.evaluation
         rollout_starts = RolloutStarts(evaluation, session.step, guess or evaluation.initial_guess)
         rollout_starts = None if isinstance(session.policy, Feedback) else rollout_starts
-        if session.nlp_of("product").pairs.shape[1] > SMALL_PAIRS:
+        if n_pairs > SMALL_PAIRS:
             return replace(plan, after_failure=AFTER_FAILURE, fallback=FALLBACK, rolls=rollout_starts)
         strategy = RELAXATIONS[-start.number % len(RELAXATIONS)]
         return replace(

@@ -24,6 +24,8 @@ SOLREF_BAND_S = (0.005, 0.04)
 STEP_BAND_S = (5e-4, 2e-3)
 """Short and long step sizes [s]."""
 
+SHORTEST_S = 1e-6
+"""Smallest time constant of contacts and step [s]; a shorter step takes minutes for each step of a plan."""
 REPLAY_SETTINGS = {"solref": SOLREF_S, "h": STEP_S}
 """Mapping from settings of a replay in MuJoCo to their defaults: time constant of contacts [s] and longest step [s].
 
@@ -55,8 +57,10 @@ class ExternalReplay:
         verb, (low, high) = "keeps" if self.keeps else "does not keep", self.band
         band = f"the cost is {low:.6g} to {high:.6g}"
         band = band if np.isfinite(low + high) else "the motion diverges at times"
+        is_usual = {"solref": self.solref, "h": self.h} == REPLAY_SETTINGS
+        contact = "" if is_usual else f" at solref {self.solref:g} s and steps of {1e3 * self.h:g} ms"
         return (
-            f"In MuJoCo: cost {self.cost:.6g} (plan {self.planned_cost:.6g}), {verb} its cost"
+            f"In MuJoCo{contact}: cost {self.cost:.6g} (plan {self.planned_cost:.6g}), {verb} its cost"
             f" within {100 * KEPT_COST_SHARE:g} %; over solref {SOLREF_BAND_S[0]:g} to {SOLREF_BAND_S[1]:g} s and steps"
             f" {1e3 * STEP_BAND_S[0]:g} to {1e3 * STEP_BAND_S[1]:g} ms {band}."
         )
@@ -82,14 +86,15 @@ def replay_in_simulator(
 
     ``settings`` are those of :data:`REPLAY_SETTINGS` that differ from their defaults.
 
-    Raises :class:`~ocp.errors.InputError` for an unknown simulator or setting, for a setting that is not positive, and
-    as :class:`~ocp.simulators.mujoco_world.MujocoWorld` does.
+    Raises :class:`~ocp.errors.InputError` for an unknown simulator or setting, for a setting below :data:`SHORTEST_S`,
+    and as :class:`~ocp.simulators.mujoco_world.MujocoWorld` does.
     """
     choose("world", name, SIMULATORS)
     for key in settings or {}:
         choose("setting of mujoco", key, REPLAY_SETTINGS)
     contact = {
-        key: read_value(key, value, float, above=0.0) for key, value in {**REPLAY_SETTINGS, **(settings or {})}.items()
+        key: read_value(key, value, float, least=SHORTEST_S)
+        for key, value in {**REPLAY_SETTINGS, **(settings or {})}.items()
     }
     solref, h = contact["solref"], contact["h"]
     simulator, evaluation = MujocoWorld(problem, values), Evaluation(problem, dict(values))

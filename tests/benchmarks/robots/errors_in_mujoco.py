@@ -1,4 +1,4 @@
-"""Whose error is it that a plan costs more in MuJoCo: the plan's, the model's, or that of MuJoCo's discrete map?
+"""Table of the cause of a plan's higher cost in MuJoCo: the plan, the model, or MuJoCo's discrete map.
 
 ``python -m tests.benchmarks.robots.errors_in_mujoco`` measures all machines and rewrites the site's table.
 """

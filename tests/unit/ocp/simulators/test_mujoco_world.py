@@ -282,12 +282,18 @@ def test_a_plan_that_stands_keeps_its_cost() -> None:
         for h in STEP_BAND_S
     ]
     costs = [corner.cost for corner in corners]
+    assert corners[0].sentence.startswith("In MuJoCo at solref 0.005 s and steps of 0.5 ms: cost 0.")
     assert min(*costs, found.cost) == found.band[0] and max(*costs, found.cost) == found.band[1]
     assert corners[0].document["settings"]["solref"] == SOLREF_BAND_S[0] and len(set(costs)) > 1
 
 
 @pytest.mark.parametrize(
-    ("settings", "words"), [({"stiffness": 1.0}, "unknown setting of mujoco 'stiffness'"), ({"h": "0"}, "h must be")]
+    ("settings", "words"),
+    [
+        ({"stiffness": 1.0}, "unknown setting of mujoco 'stiffness'"),
+        ({"h": "0"}, "h must be"),
+        ({"h": 1e-12}, "h must be"),
+    ],
 )
 def test_a_setting_of_a_replay_that_cannot_be_is_refused(settings: dict[str, float | str], words: str) -> None:
     given = np.zeros((1, 1, 0)), {}, np.zeros((1, 6)), 0.0
