@@ -34,7 +34,7 @@ test: setup
 	$(MAKE) --no-print-directory --jobs=2 lint tests
 
 tests: setup
-	$(BIN)/pytest -n auto --dist worksteal
+	$(BIN)/pytest -n auto --dist worksteal --ignore tests/attack --ignore tests/benchmarks
 
 # Golden, docs and property tests as on other processors, all that this computer can act;
 # CPU="nehalem haswell" some of them. .ci/run acts one a day for all tests.

@@ -41,13 +41,13 @@ def ocp(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureF
     return call
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def store_of_runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a store with four solves and one continuation, which tests only read."""
     root = tmp_path_factory.mktemp("store")
     calls = [
         ["solve", "wall-1d", "--contact", "barrier", "-c", "mu=1e-3"],
-        ["solve", "push-1d", "--contact", "exact"],
+        ["solve", "push-1d", "--contact", "exact", "--effort", "quick"],
         ["solve", "push-1d", "--contact", "adaptive", "--method", "multiple-shooting"],
         ["solve", "push-disc", "--contact", "barrier", "-p", "scenarios=3", "--policy", "feedback"],
         [

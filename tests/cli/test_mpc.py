@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import signal
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,14 @@ from tests.cli.conftest import Ocp
 from tests.cli.test_interruption import read_until, start
 
 SMALL = ("mpc", "soft-walls", "-p", "N=5")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _without_compiler(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Hide the compiler, since loops of a few samples do not pay for the text of generated code."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PATH", str(tmp_path_factory.mktemp("no-compiler")))
+        yield
 
 
 @pytest.fixture(scope="module")

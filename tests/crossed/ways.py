@@ -30,7 +30,7 @@ COSTLY = {
     *("two_bodies", "joint_limit", "clashing_names"),
 }
 """Names of the problems on which the median time of a case is above a quarter of a second."""
-SMALLEST = dict.fromkeys(("least_time.py", "periodic.py", "ball-throw", "half-cheetah", "hopper-1d"), 2)
+SMALLEST: dict[str, int] = dict.fromkeys(("least_time.py", "periodic.py", "ball-throw", "half-cheetah", "hopper-1d"), 2)
 """Mapping from problem to its smallest horizon, where one step is too short."""
 _LIMITS = {"ipopt": "max_iter", "uno": "max_iterations"}
 """Mapping from solver to the name of its iteration limit."""
@@ -45,6 +45,10 @@ class Way:
     solve: dict[str, Any] = field(default_factory=dict)
     world: str = ""
     loop: dict[str, str] = field(default_factory=dict)
+
+
+EFFORTS = ("normal", "thorough")
+"""Efforts beyond the quick one of all other ways, which follows the route of the options that are crossed."""
 
 
 def _settings(solver: str = "ipopt", **more: Any) -> dict[str, Any]:
@@ -70,6 +74,8 @@ def ways() -> Iterator[Way]:
         yield Way(f"two-starts-{rank}", {"n_starts": 2, "rank_by": rank})
     for search in (True, False):
         yield Way(f"search-{search}", {"search": search})
+    for effort in EFFORTS:
+        yield Way(f"effort-{effort}", {"effort": effort})
     yield Way("refine", {"refine": True})
     yield Way("until-survives", {"until": "survives"})
     for world in SIMULATORS:
@@ -110,7 +116,7 @@ class Crossing:
     @property
     def arguments(self) -> dict[str, Any]:
         """Arguments of :func:`ocp.solve` besides the problem."""
-        return {"settings": _settings(), **self.way.solve}
+        return {"settings": _settings(), "effort": "quick", **self.way.solve}
 
     @property
     def words(self) -> list[str]:

@@ -14,7 +14,6 @@ EXEMPT_AT_MOST = 6
 QUICK = [
     "README.md",
     "docs/tutorials/first-solve.md",
-    "docs/tutorials/close-the-loop.md",
     "docs/reference/problem-file.md",
     "docs/reference/python/index.md",
     "docs/theory/verdicts.md",

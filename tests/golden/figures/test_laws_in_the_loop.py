@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterator
+from functools import cache
 
 import numpy as np
 import pytest
@@ -39,7 +41,7 @@ class Made(FinishedParts):
         super().__init__()
         self.costs, self.keys = {name.replace("_", "-"): c for name, c in costs.items()}, []
 
-    def get(self, key: str, make: object) -> dict[str, np.ndarray]:
+    def get(self, key: str, compute: object) -> dict[str, np.ndarray]:
         self.keys.append(key)
         cost = next((c for part, c in self.costs.items() if part in key), usual(key))
         seeds = cost * np.array([1.0, 1.01, 1.02])
@@ -58,6 +60,14 @@ def made(**costs: float) -> xr.Dataset:
 
 def verdicts(data: xr.Dataset) -> dict[str, bool]:
     return {claim.claim: bool(claim.holds) for claim in studies.get("C1").claims(data)}
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _built_once() -> Iterator[None]:
+    """Build each task's problem once, since synthetic costs do not depend on it."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("problems.studies.laws_in_the_loop.data.TaskLoops", cache(TaskLoops))
+        yield
 
 
 @pytest.fixture(scope="module")

@@ -14,6 +14,7 @@ from ocp.judge.jumps import Domain, jump_findings, jumping_operations
 from ocp.problem.problem import Constraint, Problem
 from problems import get, names
 from tests.findings import codes, numbers
+from tests.named import named
 
 X = ca.SX.sym("x", 2)
 A, B = X[0], X[1]
@@ -85,7 +86,7 @@ def test_what_bounds_keep_away_does_not_jump(operation):
 
 @pytest.mark.parametrize("name", names())
 def test_no_named_problem_jumps(name):
-    assert jump_findings(get(name)) == ()
+    assert jump_findings(named(name)) == ()
 
 
 def sentences(problem: Problem) -> str:

@@ -12,6 +12,7 @@ import problems
 from dynamics.contact import Barrier, Exact, Randomized
 from ocp import InputError, Settings, Solution, solve
 from problems.library import push_1d
+from tests.named import named
 
 
 @pytest.fixture(scope="module")
@@ -77,9 +78,10 @@ def test_a_start_and_a_guess_are_one_too_many(solved: Solution) -> None:
 
 @pytest.mark.parametrize("name", problems.names())
 def test_a_problem_prints_in_ten_lines_with_units(name: str) -> None:
-    lines = repr(problems.get(name)).splitlines()
+    problem = named(name)
+    lines = repr(problem).splitlines()
     assert len(lines) == 10 and max(map(len, lines)) < 100
-    state = problems.get(name).system.states[0]
+    state = problem.system.states[0]
     assert f"{state.name} [{state.unit}]" in lines[2]
 
 
