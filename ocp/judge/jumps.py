@@ -127,16 +127,26 @@ def _domain(problem: Problem, moving: ca.SX, most_lam: np.ndarray) -> Domain:
 def jump_findings_of(expressions: Mapping[str, ca.SX], moving: ca.SX, domain: Domain) -> tuple[Finding, ...]:
     """Return the names of the operations at which ``expression`` (k, 1) jumps as ``moving`` (n, 1) changes."""
 
-    def located(find: Callable[[ca.SX], Iterable[str]]) -> list[str]:
-        return [f"{node} in {name}" for name, expression in expressions.items() for node in find(expression)]
+    operations = {name: _operations(expression) for name, expression in expressions.items()}
 
-    names, calls = located(lambda expression: jumping_operations(expression, moving, domain)), located(_calls)
+    def located(find: Callable[[ca.SX], Iterable[str]], codes: Iterable[int]) -> list[str]:
+        examined = [name for name in expressions if not operations[name].isdisjoint(codes)]
+        return [f"{node} in {name}" for name in examined for node in find(expressions[name])]
+
+    names = located(lambda expression: jumping_operations(expression, moving, domain), _SWITCHES)
+    calls = located(_calls, _CALLS)
     findings = []
     if names:
         findings.append(make_finding("problem-jumps", operations=", ".join(names)))
     if calls:
         findings.append(make_finding("functions-not-inspected", functions=", ".join(calls)))
     return tuple(findings)
+
+
+def _operations(expression: ca.SX) -> set[int]:
+    """Return the codes of a graph's operations; most graphs have none that may jump, and need no walk."""
+    function = ca.Function("graph", ca.symvar(expression), [expression])
+    return {function.instruction_id(k) for k in range(function.n_instructions())}
 
 
 def jumping_operations(expression: ca.SX, moving: ca.SX, domain: Domain) -> list[str]:
@@ -147,14 +157,21 @@ def jumping_operations(expression: ca.SX, moving: ca.SX, domain: Domain) -> list
     values on the two sides are compared. A continuous ``if_else``, such as Huber's loss, is no jump,
     nor are ``sqrt(x**2)`` and poles. Switches that no line crosses are not detected.
     """
+    switches = [
+        (_SWITCHES[node.op()], node, side)
+        for node in _nodes(expression)
+        if node.op() in _SWITCHES
+        for side in _sides(node)
+    ]
+    sides = ca.Function("sides", [moving], [ca.densify(ca.vertcat(ca.SX(0, 1), *(side for *_, side in switches)))])
+    low, high = (_at(sides, points) for points in domain.ends)
+    crossed = np.isfinite(low + high) & (low != high)
     values = ca.Function("values", [moving], [ca.densify(expression)])
     names: list[str] = []
-    for node in _nodes(expression):
-        name = _SWITCHES.get(node.op())
-        if name is None or name in names or not ca.depends_on(node, moving):
-            continue
-        side_functions = (ca.Function("side", [moving], [side, node]) for side in _sides(node))
-        names += [name] if any(_jumps_at(side, values, domain) for side in side_functions) else []
+    for (name, node, side), is_crossed in zip(switches, crossed, strict=True):
+        if name not in names and is_crossed.any():
+            side_function = ca.Function("side", [moving], [side, node])
+            names += [name] if _jumps_at(side_function, values, domain, is_crossed) else []
     return names
 
 
@@ -195,14 +212,12 @@ def _at(function: ca.Function, points: np.ndarray, output: int = 0) -> np.ndarra
     return np.array(function(points) if function.n_out() == 1 else function(points)[output])
 
 
-def _jumps_at(side: ca.Function, values: ca.Function, domain: Domain) -> bool:
-    """Return whether ``values`` jump at a switch: between its sides, or on the switch itself."""
-    low, high = domain.ends
-    side_low, side_high = _at(side, low), _at(side, high)
-    crossing = np.flatnonzero(np.isfinite(side_low + side_high) & (side_low != side_high))[:_LINES_PER_SWITCH]
-    if not crossing.size:
-        return False
-    low, high, side_low = low[:, crossing], high[:, crossing], side_low[:, crossing]
+@np.errstate(invalid="ignore")
+def _jumps_at(side: ca.Function, values: ca.Function, domain: Domain, is_crossed: np.ndarray) -> bool:
+    """Return whether ``values`` jump at a switch that lines (L,) cross: between its sides, or on the switch itself."""
+    crossing = np.flatnonzero(is_crossed)[:_LINES_PER_SWITCH]
+    low, high = (points[:, crossing] for points in domain.ends)
+    side_low = _at(side, low)
     ends, scale = (low, high), np.abs(_at(values, low)) + np.abs(_at(values, high))
     for _ in range(_BISECTIONS):
         middle = (low + high) / 2

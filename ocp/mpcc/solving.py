@@ -22,7 +22,7 @@ from ocp.programs.program import PENALTY, RELAXATION, Program
 from ocp.programs.solver import Point, Result, Solver, Status
 from ocp.routes.branches import Branches, polish
 from ocp.routes.complementarity import RelaxationPlan, by_strategy
-from ocp.routes.homotopy import Homotopy
+from ocp.routes.homotopy import Homotopy, lower
 from ocp.routes.relaxations import STRATEGIES
 from ocp.routes.schedules import improve
 
@@ -215,15 +215,27 @@ def _followed(
     large = branches.program.n >= _LARGE
     names = strategies or (DEFAULTS_LARGE if large else DEFAULTS)
     solutions: list[MPCCSolution] = []
+    improved: list[Result] = []
     for batch in (names[:2], names[2:]) if large else (names,):
         plans = [(name, RelaxationPlan(STRATEGIES[name], 1.0, start_point)) for name in batch]
         legs = [(name, by_strategy(follower, plan, plan.strategy)) for name, plan in plans]
         for name, leg in sorted(legs, key=lambda leg: (not leg[1].finished, leg[1].result.f)):
+            if leg.finished and _is_solved(branches, leg.result, improved):
+                continue
             result = improve(branches, leg.result) if leg.finished else leg.result
+            improved += [leg.result] if leg.finished else []
             solutions.append(_judged(programs("none"), leg.nlp, result, start, name))
             if large and solutions[-1].success:
                 return solutions[-1], follower
     return min(solutions, key=_rank), follower
+
+
+def _is_solved(branches: Branches, result: Result, others: list[Result]) -> bool:
+    """Return whether one of ``others`` is on the same branch as ``result`` and costs no more."""
+    active = branches.schedule(result.point.x)
+    return any(
+        np.array_equal(active, branches.schedule(other.point.x)) and not lower(result, other) for other in others
+    )
 
 
 def softened(mpcc: MPCC, cost: float, weight: float) -> MPCC:

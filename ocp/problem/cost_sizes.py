@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 _GROWING = {ca.OP_SQ: np.square, ca.OP_FABS: np.abs, ca.OP_SQRT: np.sqrt, ca.OP_COSH: np.cosh}
 """Mapping from CasADi operations that are nonnegative and increase above zero to NumPy functions."""
+_LINEAR = (ca.OP_ADD, ca.OP_SUB, ca.OP_NEG, ca.OP_TWICE, ca.OP_MUL, ca.OP_DIV)
+"""CasADi operations that are searched for constant terms."""
 _DEPTH = 200
 """Maximum depth of nested sums and factors that are searched for constants."""
 
@@ -26,32 +28,31 @@ def split_constant(cost: ca.SX, moving: ca.SX, depth: int = _DEPTH) -> tuple[ca.
     A constant term does not depend on the symbols ``moving``. Sums, differences and products with
     constant factors are searched. A cost without constant terms is returned unchanged, with 0.
     """
-    if not ca.depends_on(cost, moving):
-        return ca.SX(0), ca.SX(cost)
-    if depth == 0 or cost.is_leaf():
-        return cost, ca.SX(0)
+    operation = cost.op()
+    if depth == 0 or operation not in _LINEAR:
+        return (cost, ca.SX(0)) if ca.depends_on(cost, moving) else (ca.SX(0), ca.SX(cost))
     first_operand, second_operand = cost.dep(0), cost.dep(cost.n_dep() - 1)
-    first_moves, second_moves = (ca.depends_on(term, moving) for term in (first_operand, second_operand))
 
     def scaled(term: ca.SX, factor: ca.SX | float) -> tuple[ca.SX, ca.SX]:
         varying, constant = split_constant(term, moving, depth - 1)
         return factor * varying, factor * constant
 
     varying, constant = cost, ca.SX(0)
-    if cost.op() in (ca.OP_ADD, ca.OP_SUB):
-        sign = 1 if cost.op() == ca.OP_ADD else -1
+    if operation in (ca.OP_ADD, ca.OP_SUB):
+        sign = 1 if operation == ca.OP_ADD else -1
         first, second = scaled(first_operand, 1), scaled(second_operand, sign)
         varying, constant = first[0] + second[0], first[1] + second[1]
-    elif cost.op() == ca.OP_NEG:
+    elif operation == ca.OP_NEG:
         varying, constant = scaled(first_operand, -1)
-    elif cost.op() == ca.OP_TWICE:
+    elif operation == ca.OP_TWICE:
         varying, constant = scaled(first_operand, 2)
-    elif cost.op() == ca.OP_MUL and not (first_moves and second_moves):
-        varying, constant = (
-            scaled(first_operand, second_operand) if first_moves else scaled(second_operand, first_operand)
-        )
-    elif cost.op() == ca.OP_DIV and not second_moves:
-        varying, constant = scaled(first_operand, 1 / second_operand)
+    elif not ca.depends_on(second_operand, moving):
+        factor = second_operand if operation == ca.OP_MUL else 1 / second_operand
+        varying, constant = scaled(first_operand, factor)
+    elif operation == ca.OP_MUL and not ca.depends_on(first_operand, moving):
+        varying, constant = scaled(second_operand, first_operand)
+    if varying.is_zero():
+        return ca.SX(0), ca.SX(cost)
     return (cost, ca.SX(0)) if constant.is_zero() else (varying, constant)
 
 

@@ -125,18 +125,19 @@ class ScholtesAdaptive(CentralPath):
 class Falling:
     """Strategy with one path of t, from ``mu**power`` down to ``1e-8**power`` by ``factor``.
 
-    ``stage`` maps t, and whether t is the first value, to a stage.
+    ``stage`` maps t, and whether t is the first value, to a stage. The path ends early if ``complete``.
     """
 
     stage: Callable[[float, bool], HomotopyStage]
     factor: float = 0.1
     power: float = 1.0
+    complete: Callable[[Program, Result], bool] | None = None
 
     def paths(self, mu: float) -> list[HomotopyPath]:
         """Return a list with one path of t, which starts at ``mu**power``."""
         start = mu**self.power
         values = geometric(start, T_SHARP**self.power, self.factor)
-        return [HomotopyPath(values, lambda t: self.stage(t, t >= start))]
+        return [HomotopyPath(values, lambda t: self.stage(t, t >= start), complete=self.complete)]
 
 
 def _quick(t: float, first: bool) -> HomotopyStage:
@@ -186,15 +187,23 @@ def _lin_fukushima(t: float, first: bool) -> HomotopyStage:
     return HomotopyStage("t", t, "lin-fukushima", parameters, (-np.inf, 0.0), {"mu_init": 1e-4})
 
 
-def _complementary(nlp: Program, result: Result) -> bool:
-    """Return whether all products ``lam gap`` are at most 1e-7 in natural units."""
+def _largest_product(nlp: Program, result: Result) -> float:
+    """Return the largest product ``lam gap`` in natural units."""
     lam, gap = (result.point.x / nlp.natural.x)[nlp.pairs]
-    return bool(np.abs(lam * gap).max(initial=0.0) <= 1e-7)
+    return float(np.abs(lam * gap).max(initial=0.0))
+
+
+def _at_last(nlp: Program, result: Result) -> bool:
+    """Return whether a point satisfies the last relaxation; it minimises that if it minimises a wider one."""
+    return _largest_product(nlp, result) <= T_SHARP
 
 
 @dataclass(frozen=True)
 class L1Penalty:
-    """Strategy of an exact penalty, ``cost + rho sum lam gap``, with rho growing tenfold until the products vanish."""
+    """Strategy of an exact penalty, ``cost + rho sum lam gap``, with rho growing tenfold until the products vanish.
+
+    They vanish up to 1e-7 in natural units, or the tolerance of the stages, which limits their accuracy.
+    """
 
     first: float = 10.0
     steps: int = 6
@@ -208,8 +217,9 @@ class L1Penalty:
             barrier = {} if rho == self.first else {"mu_init": self.barrier}
             return HomotopyStage("rho", rho, "none", {PENALTY: rho}, options={**self.options, **barrier})
 
+        limit = max(1e-7, self.options.get("tol", 0.0))
         values = [self.first * 10.0**i for i in range(self.steps)]
-        return [HomotopyPath(values, stage, strict=False, complete=_complementary)]
+        return [HomotopyPath(values, stage, False, lambda nlp, result: _largest_product(nlp, result) <= limit)]
 
 
 _SCHOLTES = Falling(lambda t, first: relaxed(t, _inexact(t)))
@@ -230,7 +240,7 @@ STRATEGIES: dict[str, Strategy] = {
     "central-path": CentralPath(),
     "scholtes-adaptive": ScholtesAdaptive(),
     "scholtes": _SCHOLTES,
-    "scholtes-exact": Falling(lambda t, first: relaxed(t, {"max_iter": _RELAXATION_ITERATIONS})),
+    "scholtes-exact": Falling(lambda t, _: relaxed(t, {"max_iter": _RELAXATION_ITERATIONS}), complete=_at_last),
     "scholtes-cold": Falling(lambda t, first: relaxed(t, {"warm_start_init_point": "no"})),
     "scholtes-quick": Falling(_quick, factor=0.01),
     "l1": L1Penalty(),

@@ -102,6 +102,7 @@ def test_a_market_of_pyomo_has_the_stackelberg_equilibrium(ocp, tmp_path: Path) 
 
 
 @pytest.mark.costly
+@pytest.mark.costly
 def test_friction_of_pyomo_slides_with_its_limit(ocp, tmp_path: Path) -> None:
     """A force u moves a body at v = u - f against the friction |f| <= 1, which is 1 at v > 0, -1 at v < 0.
 

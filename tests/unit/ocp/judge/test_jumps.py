@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+from collections.abc import Iterator
 from dataclasses import replace
 
 import casadi as ca
@@ -10,6 +12,7 @@ import pytest
 
 from dynamics.systems import ParameterTable, signals, time_stepping
 from ocp import mpcc, solve
+from ocp.judge import jumps
 from ocp.judge.jumps import Domain, jump_findings, jumping_operations
 from ocp.problem.problem import Constraint, Problem
 from problems import get, names
@@ -59,6 +62,29 @@ KINKS = {
     "point": ca.if_else(A == 0, 1, ca.sin(A) / A),
     "quotient": ca.sin(A - 0.4) / (A - 0.4),
 }
+
+
+def test_values_that_are_infinite_at_a_pole_raise_no_warning() -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert jumping_operations(ca.exp((1 / A) ** 2), X, Domain(SIZES)) == []
+
+
+def test_only_expressions_with_such_operations_are_searched(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of three expressions one divides and one calls a function; the graph of the third is not walked."""
+    walked: list[str] = []
+
+    def counted(expression: ca.SX) -> Iterator[ca.SX]:
+        walked.append(str(expression))
+        return nodes(expression)
+
+    nodes, p = jumps._nodes, ca.MX.sym("p")
+    monkeypatch.setattr(jumps, "_nodes", counted)
+    table = ca.interpolant("table", "linear", [[-1.0, 0.0, 1.0]], [1.0, 0.0, 1.0])
+    called = ca.Function("called", [p], [table(p)], {"never_inline": True})(A)
+    findings = jumps.jump_findings_of({"f": A * B, "g": ca.fabs(A) / A, "h": called}, X, Domain(SIZES))
+    assert walked == [str(ca.fabs(A) / A), str(called)]
+    assert [finding.code for finding in findings] == ["problem-jumps", "functions-not-inspected"]
 
 
 @pytest.mark.parametrize("operation", JUMPS)

@@ -13,13 +13,14 @@ import pytest
 
 import ocp.mpcc
 from ocp.errors import InputError
-from ocp.mpcc import MPCC, solve
+from ocp.mpcc import MPCC, solve, solving
 from ocp.mpcc.programs import programs_of
-from ocp.mpcc.solving import softened
 from ocp.programs.program import PENALTY, RELAXATION
 from ocp.programs.solver import Point, Result, Solver, Status
 from ocp.routes.branches import Branches, polish
 from ocp.routes.homotopy import Homotopy
+from ocp.routes.relaxations import STRATEGIES
+from ocp.routes.schedules import improve
 from tests.benchmarks.mpcc import scholtes_peer
 from tests.benchmarks.mpcc.switching import instances
 
@@ -179,6 +180,57 @@ def test_the_cheaper_of_two_minima_that_strategies_find() -> None:
     assert solve(mpcc, x0=[0.6, 0.1]).f == pytest.approx(min(alone))
 
 
+def test_a_branch_to_which_two_strategies_lead_is_improved_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    v, (x, y) = symbols(2)
+    improved: list[float] = []
+
+    def counted(branches: Branches, result: Result) -> Result:
+        improved.append(result.f)
+        return improve(branches, result)
+
+    monkeypatch.setattr(solving, "improve", counted)
+    assert solve(MPCC(v, (x - 1) ** 2 + (y - 1.1) ** 2, x, y), x0=[0.6, 0.1]).success
+    assert improved == pytest.approx([1.0])
+
+
+@pytest.mark.parametrize(("point", "solved"), [([1, 0], True), ([2, 0], True), ([0.9, 0], False), ([0, 2], False)])
+def test_a_result_needs_no_improvement_beside_one_on_its_branch_that_costs_no_more(
+    point: list[float], solved: bool
+) -> None:
+    """The cost ``x + y`` of (1, 0) is 1; (0, 2) is on the other branch."""
+    v, (x, y) = symbols(2)
+    branches = Branches(follower_of(MPCC(v, x + y, x, y)))
+
+    def result_at(values: list[float]) -> Result:
+        return Result.at(branches.program, Point(np.array(values, dtype=float)), branches.p, Status.SOLVED, "")
+
+    assert solving._is_solved(branches, result_at(point), [result_at([1, 0])]) is solved
+
+
+@pytest.mark.parametrize(("name", "stages"), [("scholtes-exact", 1), ("scholtes-cold", 9)])
+def test_a_relaxation_ends_once_its_solution_is_that_of_the_last(name: str, stages: int) -> None:
+    """``(x - 1)² + (y + 1)²`` has its minimum (1, 0) for every bound on the product."""
+    v, (x, y) = symbols(2)
+    follower = follower_of(MPCC(v, (x - 1) ** 2 + (y + 1) ** 2, x, y))
+    (path,) = STRATEGIES[name].paths(1.0)
+    program = follower.nlp_of(path.reformulation)
+    outcome = follower.follow(path, Point(np.array([0.5, 0.5])), source=program)
+    assert outcome.finished and len(follower.trace.records) == stages
+    assert outcome.result.point.x == pytest.approx([1, 0], abs=1e-6)
+
+
+@pytest.mark.parametrize(("name", "products"), [("l1", 1e-7), ("l1-quick", 1e-6)])
+def test_a_penalty_grows_until_products_are_below_the_tolerance_of_its_stages(name: str, products: float) -> None:
+    v, (x, y) = symbols(2)
+    program = follower_of(MPCC(v, x + y, x, y)).nlp_of("none")
+    (path,) = STRATEGIES[name].paths(1.0)
+    assert path.complete is not None
+    for share, complete in ((0.5, True), (2.0, False)):
+        point = Point(np.array([1.0, share * products]))
+        result = Result.at(program, point, program.parameter_vector({PENALTY: 0.0, RELAXATION: 0.0}), Status.SOLVED, "")
+        assert path.complete(program, result) is complete
+
+
 @pytest.mark.parametrize(
     ("mpcc", "named"),
     [
@@ -292,7 +344,7 @@ def test_the_softened_problem_without_cost_leaves_the_least_violation() -> None:
     """``x = 1`` and ``y = 2`` contradict the pair: violating the first costs 1, the second 2."""
     v, (x, y) = symbols(2)
     mpcc = MPCC(v, x, x, y, g=ca.vertcat(x - 1, y - 2))
-    found = solve(softened(mpcc, 0.0, 1.0))
+    found = solve(solving.softened(mpcc, 0.0, 1.0))
     assert found.success and found.f == pytest.approx(1, abs=1e-8)
     assert found.x == pytest.approx([0, 2, 0, 0, 1, 0], abs=1e-8)
     assert solve(mpcc, [0.1, 0.3]).status is Status.INFEASIBLE
@@ -303,8 +355,8 @@ def test_the_softened_problem_is_the_problem_above_a_weight(weight: float) -> No
     """For min (x - 3)² with x = 2 the row's multiplier is 2, so that a larger weight gives the exact solution."""
     v, (x, y) = symbols(2)
     mpcc = MPCC(v, (x - 3) ** 2, x, y, g=x - 2)
-    assert solve(softened(mpcc, 1.0, weight)).x[0] == pytest.approx(2, abs=1e-6)
-    below = solve(softened(mpcc, 1.0, 1.0)).x[0]
+    assert solve(solving.softened(mpcc, 1.0, weight)).x[0] == pytest.approx(2, abs=1e-6)
+    below = solve(solving.softened(mpcc, 1.0, 1.0)).x[0]
     assert below == pytest.approx(2.5, abs=1e-6), "a weight of 1 buys 1/2 of violation"
 
 
