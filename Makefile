@@ -81,9 +81,10 @@ bench-survives: setup
 	$(BIN)/python -m tests.benchmarks.ocp.survives --limit $(LIMIT) $(PROBLEMS)
 
 # Solves the AMPL .nl files of complementarity problems under DIR, with reference.csv beside them,
-# against a plain Scholtes loop; CHECK=--cross-check tries to disprove the certificates.
+# against a plain Scholtes loop, in processor time, and rewrites the table of the site; stopped, it
+# goes on where it was. CHECK=--cross-check tries to disprove the certificates.
 bench-mpcc: setup
-	$(BIN)/python -m tests.benchmarks.mpcc.bench $(DIR) $(CHECK)
+	OMP_NUM_THREADS=1 $(BIN)/python -m tests.benchmarks.mpcc.bench $(DIR) $(CHECK)
 
 # Solves instances of ten problems with drawn parameters by the default route and by all our other
 # ways, which it compares; COUNT=5 draws five a problem, PROBLEMS="push-1d" of some of them,

@@ -6,8 +6,12 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-AUDITED, AT_REFERENCE, CERTIFIED = 147 / 150, 0.97, 0.98
+import numpy as np
+
+AUDITED, AT_REFERENCE, CERTIFIED = 190 / 193, 0.97, 1.0
 """Floors: shares of all, of those audited that have a reference, of those audited."""
+TIME_RATIO = 2.0
+"""Maximum processor time in sum, relative to the loop's, of the problems that the loop finishes."""
 
 
 @dataclass(frozen=True)
@@ -29,6 +33,7 @@ class Row:
     peer_audited: bool = False
     peer_hit: bool = False
     peer_seconds: float = float("nan")
+    peer_note: str = ""
     note: str = ""
     disproved: str = ""
 
@@ -61,35 +66,53 @@ def _failures(rows: Sequence[Row]) -> list[str]:
     return said
 
 
+def counts(rows: Sequence[Row]) -> list[tuple[str, str, str]]:
+    """Return lines of a table: what is counted, the count here, and that of the loop."""
+    known = [row for row in rows if not math.isnan(row.reference)]
+    finished = [row for row in rows if not row.peer_note]
+    seconds, peer_s = _seconds(rows)
+    both, peer_both = _seconds(finished)
+    certified = sum(row.audited and row.stationarity in ("B", "KKT") for row in rows)
+    hits = sum(row.hit for row in known)
+    return [
+        (f"audited, of {len(rows)}", str(sum(row.audited for row in rows)), str(sum(row.peer_audited for row in rows))),
+        ("certified, of those", str(certified), ""),
+        (
+            f"at or below the reference, of {len(known)} that have one",
+            str(hits),
+            str(sum(row.peer_hit for row in known)),
+        ),
+        ("processor seconds in all", f"{seconds:.0f}", f"{peer_s:.0f}"),
+        (f"of the {len(finished)} that the loop finishes", f"{both:.0f}", f"{peer_both:.0f}"),
+    ]
+
+
+def _seconds(rows: Sequence[Row]) -> tuple[float, float]:
+    """Return the processor times of solver and loop in sum [s]."""
+    times = [[row.seconds, row.peer_seconds] for row in rows]
+    first, second = np.nansum(times, axis=0) if times else (0.0, 0.0)
+    return float(first), float(second)
+
+
 def summary(rows: Sequence[Row], checked: bool) -> tuple[str, list[str]]:
     """Return counts, floors and failures by name in Markdown, and the floors that are missed."""
     audited = [row for row in rows if row.audited]
-    known = [row for row in rows if not math.isnan(row.reference)]
-    judged = [row for row in known if row.audited]
-    hits, certified = sum(row.hit for row in judged), [row for row in audited if row.stationarity in ("B", "KKT")]
-    seconds, peer_s = (
-        sum(getattr(row, what) for row in rows if not math.isnan(getattr(row, what)))
-        for what in ("seconds", "peer_seconds")
-    )
+    judged = [row for row in audited if not math.isnan(row.reference)]
+    certified = [row for row in audited if row.stationarity in ("B", "KKT")]
+    both, peer_both = _seconds([row for row in rows if not row.peer_note])
     missed = [
         name
         for name, good in (
             ("audited", _share(len(audited), len(rows)) >= AUDITED),
-            ("at the reference", _share(hits, len(judged)) >= AT_REFERENCE),
+            ("at the reference", _share(sum(row.hit for row in judged), len(judged)) >= AT_REFERENCE),
             ("certified", _share(len(certified), len(audited)) >= CERTIFIED),
-            ("time", seconds < peer_s),
+            ("time", both <= TIME_RATIO * peer_both),
             ("certificates that hold", not any(row.disproved for row in rows)),
         )
         if not good
     ]
-    lines = [
-        "| | ocp.mpcc.solve | Scholtes loop |",
-        "|---|---|---|",
-        f"| audited, of {len(rows)} | {len(audited)} | {sum(row.peer_audited for row in rows)} |",
-        f"| at or below the reference, of {len(known)} | {hits} | {sum(row.peer_hit for row in known)} |",
-        f"| certified B-stationary, of those audited | {len(certified)} | |",
-        f"| time, sum | {seconds:.1f} s | {peer_s:.1f} s |",
-    ]
+    lines = ["| | ocp.mpcc.solve | Scholtes loop |", "|---|---|---|"]
+    lines += [f"| {' | '.join(line)} |" for line in counts(rows)]
     if checked:
         lines.append(f"| certificates disproved | {sum(bool(row.disproved) for row in rows)} | |")
     lines += ["", f"Floors missed: {', '.join(missed) or 'none'}.", "", *_failures(rows)]
