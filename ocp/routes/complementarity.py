@@ -43,12 +43,20 @@ class RelaxationPlan:
 
 
 def solve_pairs(follower: Homotopy, plan: RelaxationPlan) -> RouteResult:
-    """Relax the pairs, solve branches, and then follow the plan's further paths as long as they promise less cost."""
-    branches = Branches(follower)
+    """Relax the pairs, solve branches, and then follow the plan's further paths as long as they promise less cost.
+
+    Together these may take :data:`FURTHER_SHARE` times the iterations before them, if there is an answer already.
+    """
+    branches, trace = Branches(follower), follower.trace
     outcome = _relax(branches, plan)
+    iterations_left = FURTHER_SHARE * trace.iterations
     for further_path in plan.further_paths:
-        cost_limit = outcome.result.f if outcome.finished else np.inf
-        followed = by_strategy(follower, plan, further_path, cost_limit)
+        if outcome.finished and iterations_left <= 0:
+            break
+        cost_limit, iterations_before = outcome.result.f if outcome.finished else np.inf, trace.iterations
+        last_iteration = iterations_before + iterations_left if outcome.finished else np.inf
+        followed = by_strategy(follower, plan, further_path, cost_limit, last_iteration)
+        iterations_left -= trace.iterations - iterations_before
         if followed.finished and (not outcome.finished or lower(followed.result, outcome.result)):
             outcome = _best(branches, [followed.result], plan.patience)
     return outcome
@@ -100,21 +108,27 @@ def _best(branches: Branches, results: list[Result], patience: float, max_failur
 
 
 def by_strategy(
-    follower: Homotopy, plan: RelaxationPlan, strategy: Strategy, cost_limit: float | None = None
+    follower: Homotopy,
+    plan: RelaxationPlan,
+    strategy: Strategy,
+    cost_limit: float | None = None,
+    last_iteration: float = math.inf,
 ) -> RouteResult:
     """Follow one strategy and solve the branch at its end, without further improvement.
 
-    With a ``cost_limit`` its paths are given up if they promise no lower cost, and have no step-backs.
+    With a ``cost_limit`` its paths are given up if they promise no lower cost, and have no step-backs; also once the
+    follower has taken ``last_iteration`` iterations.
     """
     hurried = bool(plan.alternatives) and strategy not in plan.alternatives
     step_backs = 0 if hurried or cost_limit is not None else STEP_BACKS
     if isinstance(strategy, CentralPath):
         strategy = strategy.for_horizon(follower.nlp_of("none").chains.shape[-1])
-    paths = [replace(path, cost_limit=np.inf if cost_limit is None else cost_limit) for path in strategy.paths(plan.mu)]
+    limits = {"cost_limit": np.inf if cost_limit is None else cost_limit, "last_iteration": last_iteration}
+    paths = [replace(path, **limits) for path in strategy.paths(plan.mu)]
     source = follower.nlp_of(paths[0].reformulation)
     followed = follow_paths(follower, paths, plan.start(source), source, step_backs=step_backs)
-    if cost_limit is not None and not followed.finished:
-        return followed
+    if cost_limit is not None and not (followed.finished and followed.result.f < cost_limit):
+        return replace(followed, finished=False)
     polished = polish(follower, followed.nlp, followed.result, improving=False)
     if not polished.finished and followed.result.ok and isinstance(strategy, CentralPath):
         extended_paths = strategy.extend(plan.mu)
@@ -178,6 +192,10 @@ ALTERNATIVES = tuple(replace(strategy, max_iterations=SMALL_ITERATIONS) for stra
 """Additional strategies, with step-backs, if the path of a small problem was hard to follow."""
 FURTHER_PATHS = (ColdScholtes(), ColdScholtes(factor=0.01), ColdScholtes(start=1.0), STRATEGIES["scholtes"])
 """Paths after the usual one, which often end in other minima; the first alone at quick effort."""
+FURTHER_SHARE = 2.0
+"""Maximum ratio of the iterations on these paths to all iterations before them.
+
+Cheaper plans of ``push-box``, ``pushbot`` and ``waiter`` are reached at ratios of 1.4, 0.7 and 0.5."""
 RELAXATIONS = (CentralPath(), WIDE, CentralPath(factor=0.3), ScholtesAdaptive())
 """Strategies of successive starts: fast, from the product of characteristic sizes; from ten times this
 product; slow; and not on the central path."""

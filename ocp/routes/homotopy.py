@@ -68,7 +68,8 @@ class HomotopyPath:
 
     The path ends early if ``complete(program, result)`` is true. A ``strict`` path must reach its last
     value; a path that only prepares the next path need not. The path is given up, without reaching its end, once
-    its costs, extrapolated to the value 0, are not below ``cost_limit`` by a thousandth.
+    its costs, extrapolated to the value 0, are not below ``cost_limit`` by a thousandth, or, before its last value,
+    the follower has taken ``last_iteration`` iterations.
     """
 
     values: Sequence[float]
@@ -76,6 +77,7 @@ class HomotopyPath:
     strict: bool = True
     complete: Callable[[Program, Result], object] | None = None
     cost_limit: float = math.inf
+    last_iteration: float = math.inf
 
     @property
     def reformulation(self) -> str:
@@ -167,7 +169,8 @@ class Homotopy:
                 attempts = 0 if value in path.values else attempts
                 best = (result, nlp)
                 costs += [(value, result.f)] if result.ok else []
-                if costs and extrapolate(costs) + GIVEN_UP_GAIN * abs(result.f) >= path.cost_limit:
+                is_dear = costs and extrapolate(costs) + GIVEN_UP_GAIN * abs(result.f) >= path.cost_limit
+                if is_dear or (pending and self.trace.iterations >= path.last_iteration):
                     return RouteResult(result, nlp, False, self.trace)
                 if path.complete is not None and path.complete(nlp, result):
                     break

@@ -20,14 +20,14 @@ _SOLVED, _DEEP = 1e-9, 1e-6
 """Error below which a step is solved, and largest penetration of an ignored contact, in characteristic units."""
 _LOOSE = 1e-6
 """Friction impulse, in characteristic impulses, up to which a contact counts as frictionless."""
-_NEAR = 8
-"""Number of nearest contacts that a step includes."""
+_NEAR = 0, 1, 3, 8
+"""Numbers of nearest contacts that a step includes, the next one where it penetrates a contact that was left out."""
 
 
 class NearSteps:
     """Solver of steps ``x_next = step(x, u)`` under the exact law, from states (S, nx) and inputs (S, nu).
 
-    Impulses act only at the :data:`_NEAR` nearest contacts of each state, and between bodies and
+    Impulses act only at the nearest contacts of each state, as many as :data:`_NEAR` says, and between bodies and
     tables. Their pairs ``0 <= lam ⟂ gap(x_next, lam) >= 0`` are linearised at the last x_next and
     lam and solved, until neither changes (the Josephy-Newton method). The next state is NaN if this does
     not converge, or if the state penetrates a contact that was left out.
@@ -63,18 +63,33 @@ class NearSteps:
 
     def solved(self, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return the next states (S, nx), and the multipliers and gaps (S, nlam) of all pairs."""
+        S = len(x)
+        x_next, (lam, gap), unsolved = np.empty_like(x), np.empty((2, S, self.n)), np.arange(S)
+        for n_near in _NEAR:
+            x_next[unsolved], lam[unsolved], gap[unsolved] = self._solved(x[unsolved], u[unsolved], n_near)
+            unsolved = unsolved[~np.isfinite(x_next[unsolved]).all(axis=1)]
+            if not len(unsolved) or n_near >= len(self.owners):
+                break
+        return x_next, lam, gap
+
+    def _solved(self, x: np.ndarray, u: np.ndarray, n_near: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return the solution of steps with the ``n_near`` nearest contacts of each state."""
         S, zeros = len(x), np.zeros((len(x), self.n))
         residual, by_state, by_lam = self._once(x, u, np.zeros_like(x), zeros, self.p)
         inverse = np.linalg.inv(by_state)
         a = -(inverse @ residual)[:, :, 0]
         B = -inverse @ by_lam
         phi = np.asarray(self._distance(x, self.p))[:, : len(self.owners)]
-        near_contacts = np.argsort(phi, axis=1, kind="stable")[:, :_NEAR]
+        near_contacts = np.argsort(phi, axis=1, kind="stable")[:, :n_near]
         always = np.arange(phi.shape[1], len(self.owners))
         near_contacts = np.column_stack([near_contacts, np.tile(always, (S, 1))])
         rows, is_real = self.rows[near_contacts].reshape(S, -1), self.real[near_contacts].reshape(S, -1)
         x_next, unsolved, near_lam = x.copy(), np.arange(S), np.zeros(rows.shape)
+        if not rows.shape[1]:
+            x_next, unsolved = a, unsolved[:0]
         for _ in range(_LINEARISATIONS):
+            if not len(unsolved):
+                break
             iterate = x[unsolved], u[unsolved], x_next[unsolved], near_lam[unsolved]
             linearised_next, lam = self._linearised(
                 *iterate, a[unsolved], B[unsolved], rows[unsolved], is_real[unsolved]
@@ -84,8 +99,6 @@ class NearSteps:
                 change = np.maximum(change, np.abs(lam - near_lam[unsolved]).max(axis=1))
             x_next[unsolved], near_lam[unsolved] = linearised_next, np.where(np.isfinite(lam), lam, 0.0)
             unsolved = unsolved[~(change < _SOLVED) & np.isfinite(change)]
-            if not len(unsolved):
-                break
         lam, (s, k) = zeros, np.nonzero(is_real)
         lam[s, rows[s, k]] = near_lam[s, k] * self.of_lam[rows[s, k]]
         gap = self._along(x, u, x_next, lam, self.p)[0][:, :, 0]

@@ -24,6 +24,8 @@ _ROUNDS, _BEAM = 4, 8
 """Maximum number of successive pushes, and of plans that each round extends."""
 _TOUCHES, _PUSHES = 12, 4
 """Maximum number of touched points for each contact from one state, and of pushes at each point."""
+_ALL_TOUCHES = 48
+"""Maximum number of touched points for all contacts from one state, which limits the work in a scene of many bodies."""
 _STOPS, _ALONG = 40, 12
 """Number of random waypoints of paths, and of collision checks along the line between two waypoints."""
 _REACH = 3.0
@@ -143,9 +145,9 @@ class TouchSearch:
 
     def _push_paths(self, x: np.ndarray, before: np.ndarray) -> list[np.ndarray]:
         """Return polylines (n, nu) of commanded positions that lead to a point on a body and then push it."""
-        polylines = []
+        polylines, most = [], min(_TOUCHES, max(_ALL_TOUCHES // max(len(self._pressed), 1), 1))
         for contact, coordinates in self._pressed:
-            points = self._contact_positions(x, contact, coordinates)
+            points = self._contact_positions(x, contact, coordinates)[:most]
             if not len(points):
                 continue
             paths = self._paths(x, coordinates, points)

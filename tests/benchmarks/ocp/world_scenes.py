@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 
 import casadi as ca
 
@@ -72,6 +73,12 @@ def _block(name: str, x: float, y: float, half: tuple[float, float] = (0.1, 0.1)
     return Obstacle(name, Box(half), at=(x, y))
 
 
+def row_of_discs(m: int, N: int = 40) -> Problem:
+    """Return the problem of pushing the last of ``m`` discs, which lie in a row in front of the finger."""
+    discs = [Body.uniform(f"disc{k}", Disc(0.1), at=(0.25 * k, 0), mass=1.0) for k in range(m)]
+    return scene_problem(f"row-{m}", [*discs, Goal(f"disc{m - 1}", at=(0.25 * m + 0.05, 0))], N)
+
+
 SCENES: dict[str, Callable[[], Problem]] = {
     "box past a block": lambda: scene_problem(
         "past-block", [_box((0, 0)), _block("block", 0.5, -0.25), Goal("box", at=(0.9, 0.1))]
@@ -134,4 +141,5 @@ SCENES: dict[str, Callable[[], Problem]] = {
         ],
         50,
     ),
+    **{f"{m} discs in a row": partial(row_of_discs, m) for m in (2, 4, 8)},
 }

@@ -10,6 +10,7 @@ import pytest
 from dynamics.contact import Exact
 from ocp import Direct, OpenLoop
 from ocp.programs.solver import Solver
+from ocp.routes import complementarity
 from ocp.routes.complementarity import FURTHER_PATHS, RelaxationPlan, by_strategy, solve_pairs
 from ocp.routes.homotopy import Homotopy, RouteResult, extrapolate
 from ocp.routes.relaxations import DEFAULT_STRATEGY, STRATEGIES, ColdScholtes, Strategy
@@ -77,3 +78,14 @@ def test_no_answer_is_dearer_than_without_cold_paths(name: str) -> None:
     without, outcome = solved(name), solved(name, *FURTHER_PATHS)
     assert outcome.finished
     assert outcome.result.f <= without.result.f + 1e-7 * abs(without.result.f)
+
+
+def test_further_paths_take_a_share_of_the_iterations_before_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without a share none is followed; a path ends at the stage in which its share is used up."""
+    usual = solved("finger-disc").trace.iterations
+    for share, paths in ((0.0, 0), (0.5, 1)):
+        monkeypatch.setattr(complementarity, "FURTHER_SHARE", share)
+        records = solved("finger-disc", *FURTHER_PATHS).trace.records[len(solved("finger-disc").trace.records) :]
+        iterations = [line.iterations for line in records]
+        assert len([line for line in records if line.value == records[0].value]) == paths
+        assert sum(iterations[:-1]) < max(share * usual, 1)

@@ -21,6 +21,7 @@ from ocp.problem.evaluation import Evaluation
 from ocp.problem.problem import SWEPT, Constraint, Problem, Scaling
 from ocp.problem.rollout import roll_on
 from ocp.routes.branches import ACTIVE_SET
+from ocp.search import near_steps
 from ocp.search.near_steps import NearSteps, linear_complementarity
 from ocp.search.push_search import PushSearch, penetrates_between_nodes
 from ocp.search.push_tree import TouchSearch
@@ -29,6 +30,7 @@ from ocp.solve.judging import judge_outcome
 from ocp.solve.solve import new_session
 from problems import get
 from problems.scenes import Body, Box, Disc, Obstacle, Pusher, Scene
+from tests.benchmarks.ocp.world_scenes import row_of_discs
 
 REACH = 0.15
 
@@ -98,7 +100,7 @@ def test_a_plan_is_found_from_behind_and_has_the_same_bits_again() -> None:
     found = solve(problem, contact="exact", search=True)
     assert found.certificate.certified and found.referee.survives
     assert found.cost < 0.3 * found.idle_cost and not penetrates_between_nodes(found)
-    assert found.problem.swept and found.route.search.motions > 100
+    assert found.problem.swept and found.route.search is not None and found.route.search.motions > 100
     seen = [
         [(node.x.tobytes(), node.cost) for node in nodes]
         for _ in range(2)
@@ -181,6 +183,33 @@ def test_steps_of_a_system_whose_gaps_do_not_see_their_impulses() -> None:
         np.testing.assert_allclose(x[0], x_exact, atol=1e-6)
 
 
+def test_many_discs_are_pushed_no_more_often_than_four() -> None:
+    """The number of pushes from a state does not grow with the number of bodies beyond four."""
+    counts = {}
+    for m in (1, 4, 8):
+        problem = row_of_discs(m, N=2)
+        tree = TouchSearch(problem, problem.parameters.defaults)
+        start = tree.first()
+        counts[m] = len(tree._push_paths(start.x[-1], start.x[-1][-problem.system.nu :]))
+    assert 0 < counts[1] <= 48 and max(counts[4], counts[8]) <= 192 and counts[4] > 2 * counts[1]
+
+
+def test_a_step_has_the_same_solution_whatever_contacts_it_leaves_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A finger in a row of four discs, which touches none, one, or moves them all."""
+    problem = row_of_discs(4, N=2)
+    steps = NearSteps(Evaluation(problem, {}), problem.system)
+    x = np.zeros((3, 14))
+    x[:, [0, 3, 6, 9]] = np.cumsum([[0.0, 0.25, 0.25, 0.25], [0.0, 0.25, 0.25, 0.25], [0.0, 0.2, 0.2, 0.2]], axis=1)
+    x[:, 12] = -0.5, -0.15, -0.15
+    u = x[:, 12:] + [[0.1, 0.02]]
+    few = steps.solved(x, u)
+    monkeypatch.setattr(near_steps, "_NEAR", (10,))
+    every = steps.solved(x, u)
+    moved = np.abs(every[0] - x)[:, [0, 3, 6, 9]].max(axis=0) > 1e-3, (every[0] - x)[:, 0] > 1e-3
+    assert moved[0].all() and moved[1].tolist() == [False, True, True]
+    np.testing.assert_allclose(few[0], every[0], atol=1e-7)
+
+
 def test_motions_that_all_fail_leave_no_plan(monkeypatch: pytest.MonkeyPatch) -> None:
     tree = TouchSearch(behind(4), behind(4).parameters.defaults)
     monkeypatch.setattr(tree, "_step", lambda x, u: np.full_like(x, np.nan))
@@ -191,7 +220,7 @@ def test_motions_that_all_fail_leave_no_plan(monkeypatch: pytest.MonkeyPatch) ->
 @pytest.mark.parametrize("N", [1, 2])
 def test_a_horizon_of_one_step_is_searched_too(N: int) -> None:
     found = solve(behind(N), search=True, settings={"max_iter": 5})
-    assert found.route.search.motions > 0
+    assert found.route.search is not None and found.route.search.motions > 0
     assert np.isfinite(found.cost)
 
 
