@@ -47,7 +47,8 @@ class Audit:
     ``constraint_violation`` of the violations of bounds, path and terminal constraints, ``penetration`` of max(0,
     -phi) with the true signed distance phi, and ``state_gap`` of |x - x_replay|. ``exact_cost`` and
     ``exact_penetration`` are those of the replay. ``active_steps`` counts the pairs, including friction pairs, whose
-    lam exceeds their gap, over all steps; ``task_gradient`` is computed by :func:`task_gradient`.
+    lam exceeds their gap, over all steps; ``task_gradient`` is computed by :func:`task_gradient` if there are none, and
+    NaN otherwise, since derivatives of a step with many pairs take minutes.
 
     With friction, ``cone_violation`` is the largest max(0, |tangential| - friction normal) [N s], and
     ``dissipation_residual`` [J] the largest energy by which friction dissipates less than it could.
@@ -100,6 +101,7 @@ def audit_result(
     # A learned law has no pairs: its complementarity is NaN, not zero.
     pairs = nlp.step.n >= nlp.problem.system.nlam
     report = contact_report(evaluation, nlp.step, plan)
+    active_steps = int(np.sum(plan.lam > np.maximum(plan.gap, _LEAST_IMPULSE)))
     audit = Audit(
         complementarity=largest_entry(product_sizes) if pairs else float("nan"),
         complementarity_min=largest_entry(np.abs(smallest)) if pairs else float("nan"),
@@ -110,8 +112,8 @@ def audit_result(
         exact_penetration=_penetration(evaluation, replay.x, replay.gap),
         exact_cost=replay.cost,
         state_gap=largest_entry(np.abs(plan.x - replay.x)),
-        active_steps=int(np.sum(plan.lam > np.maximum(plan.gap, _LEAST_IMPULSE))),
-        task_gradient=task_gradient(evaluation, replay),
+        active_steps=active_steps,
+        task_gradient=task_gradient(evaluation, replay) if active_steps == 0 else float("nan"),
         worst=worst_constraints(nlp, result.point.x, g, bounds),
         **{name: getattr(report, name) for name in _CONTACT_FIELDS},
         replay_failed="" if unsolved is None else unsolved.brief,
