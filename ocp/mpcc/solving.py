@@ -22,7 +22,7 @@ from ocp.programs.program import PENALTY, RELAXATION, Program
 from ocp.programs.solver import Point, Result, Solver, Status
 from ocp.routes.branches import Branches, polish
 from ocp.routes.complementarity import RelaxationPlan, by_strategy
-from ocp.routes.homotopy import Homotopy, lower
+from ocp.routes.homotopy import COST_GAIN, Homotopy, lower
 from ocp.routes.relaxations import STRATEGIES
 from ocp.routes.schedules import improve
 
@@ -51,6 +51,8 @@ DEFAULTS_LARGE = ("l1-quick", "scholtes-exact", "scholtes-quick")
 only if no solution of the others is certified."""
 _LARGE = 300
 """Number of variables from which a problem is large; its solutions are improved only until one is certified."""
+_MAX_FAILURES = 6
+"""Number of failed neighbours in a row that ends a search. With 20, no cost of MacMPEC is lower."""
 _NEAR_BOUND = 1e-8
 """Distance from a bound, in characteristic sizes, up to which a variable is moved onto it."""
 _COARSE = 2.0**7
@@ -148,7 +150,9 @@ def solve(
     if _feasible(best) and _coarse(follower, best.x):
         second_answer, second_follower = _followed(mpcc, best.x, parameter_values, strategies, nlp_solver)
         second_follower.trace.absorb(follower.trace)
-        if _feasible(second_answer) and second_answer.f <= best.f:
+        # A second solution that costs no less may have drifted to where rows lose their digits.
+        gain = COST_GAIN * abs(best.f) if best.success else 0.0
+        if _feasible(second_answer) and second_answer.f <= best.f - gain:
             best, follower = second_answer, second_follower
     if not best.success:
         best = _softened(best, follower, inside, strategies)
@@ -222,7 +226,7 @@ def _followed(
         for name, leg in sorted(legs, key=lambda leg: (not leg[1].finished, leg[1].result.f)):
             if leg.finished and _is_solved(branches, leg.result, improved):
                 continue
-            result = improve(branches, leg.result) if leg.finished else leg.result
+            result = improve(branches, leg.result, _MAX_FAILURES) if leg.finished else leg.result
             improved += [leg.result] if leg.finished else []
             solutions.append(_judged(programs("none"), leg.nlp, result, start, name))
             if large and solutions[-1].success:

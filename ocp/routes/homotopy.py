@@ -66,7 +66,8 @@ class HomotopyStage:
 class HomotopyPath:
     """Values of a parameter, from an easy value to the target, and the stage at each value.
 
-    The path ends early if ``complete(program, result)`` is true. A ``strict`` path must reach its last
+    The path ends early if ``complete(program, result)`` is true; values from ``solved_to(program, result)`` on are
+    skipped. A ``strict`` path must reach its last
     value; a path that only prepares the next path need not. The path is given up, without reaching its end, once
     its costs, extrapolated to the value 0, are not below ``cost_limit`` by a thousandth, or, before its last value,
     the follower has taken ``last_iteration`` iterations.
@@ -76,6 +77,7 @@ class HomotopyPath:
     stage_at: Callable[[float], HomotopyStage]
     strict: bool = True
     complete: Callable[[Program, Result], object] | None = None
+    solved_to: Callable[[Program, Result], float] | None = None
     cost_limit: float = math.inf
     last_iteration: float = math.inf
 
@@ -174,6 +176,9 @@ class Homotopy:
                     return RouteResult(result, nlp, False, self.trace)
                 if path.complete is not None and path.complete(nlp, result):
                     break
+                if path.solved_to is not None:
+                    solved_to = path.solved_to(nlp, result)
+                    pending = [value for value in pending if value < solved_to]
                 continue
             if last_good is None or attempts >= step_backs or value == 0:
                 if path.strict or best is None:

@@ -125,19 +125,21 @@ class ScholtesAdaptive(CentralPath):
 class Falling:
     """Strategy with one path of t, from ``mu**power`` down to ``1e-8**power`` by ``factor``.
 
-    ``stage`` maps t, and whether t is the first value, to a stage. The path ends early if ``complete``.
+    ``stage`` maps t, and whether t is the first value, to a stage. If stages are solved tightly, values of t that the
+    last solution satisfies are skipped.
     """
 
     stage: Callable[[float, bool], HomotopyStage]
     factor: float = 0.1
     power: float = 1.0
-    complete: Callable[[Program, Result], bool] | None = None
+    tight: bool = False
 
     def paths(self, mu: float) -> list[HomotopyPath]:
         """Return a list with one path of t, which starts at ``mu**power``."""
         start = mu**self.power
         values = geometric(start, T_SHARP**self.power, self.factor)
-        return [HomotopyPath(values, lambda t: self.stage(t, t >= start), complete=self.complete)]
+        solved_to = smallest_relaxation if self.tight else None
+        return [HomotopyPath(values, lambda t: self.stage(t, t >= start), solved_to=solved_to)]
 
 
 def _quick(t: float, first: bool) -> HomotopyStage:
@@ -193,9 +195,13 @@ def _largest_product(nlp: Program, result: Result) -> float:
     return float(np.abs(lam * gap).max(initial=0.0))
 
 
-def _at_last(nlp: Program, result: Result) -> bool:
-    """Return whether a point satisfies the last relaxation; it minimises that if it minimises a wider one."""
-    return _largest_product(nlp, result) <= T_SHARP
+def smallest_relaxation(nlp: Program, result: Result) -> float:
+    """Return the least t of ``lam gap <= t``, in natural units, that a point satisfies.
+
+    A solution for a larger t is a solution for all values down to this one.
+    """
+    rows = nlp.constraints["contact"].index.ravel() if "contact" in nlp.constraints else []
+    return float((result.g / nlp.natural.g)[rows].max(initial=0.0))
 
 
 @dataclass(frozen=True)
@@ -240,7 +246,7 @@ STRATEGIES: dict[str, Strategy] = {
     "central-path": CentralPath(),
     "scholtes-adaptive": ScholtesAdaptive(),
     "scholtes": _SCHOLTES,
-    "scholtes-exact": Falling(lambda t, _: relaxed(t, {"max_iter": _RELAXATION_ITERATIONS}), complete=_at_last),
+    "scholtes-exact": Falling(lambda t, _: relaxed(t, {"max_iter": _RELAXATION_ITERATIONS}), tight=True),
     "scholtes-cold": Falling(lambda t, first: relaxed(t, {"warm_start_init_point": "no"})),
     "scholtes-quick": Falling(_quick, factor=0.01),
     "l1": L1Penalty(),

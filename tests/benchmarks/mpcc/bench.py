@@ -34,6 +34,7 @@ import scipy.sparse.linalg  # noqa: F401  a first solve imports it
 from docs.generator.measured import write_table
 from ocp.mpcc import MPCC, MPCCSolution, solve
 from ocp.mpcc.nl import read_nl
+from ocp.programs.solver import Status
 from ocp.store.atomic import write_file
 from ocp.store.provenance import git_revision
 from tests.benchmarks.mpcc import report, scholtes_peer
@@ -82,6 +83,7 @@ def measure(path: Path, reference: tuple[float, float], check: bool) -> dict[str
         "stationarity": found.certificate.stationarity,
         "kind": found.certificate.kind,
         "audited": audited,
+        "infeasible": math.isinf(reference[0]) and found.status is Status.INFEASIBLE,
         "hit": audited and at_reference(sense * found.f, reference, sense),
         "seconds": seconds,
         "strategy": found.strategy,
@@ -170,11 +172,14 @@ def measured(path: Path, reference: tuple[float, float], limit: int, check: bool
 
 
 def references(folder: Path) -> dict[str, tuple[float, float]]:
-    """Return best known costs by name, each with half a unit of its last digit; non-numbers are skipped."""
+    """Return best known costs by name, each with half a unit of its last digit; inf if infeasible, else skipped."""
     found: dict[str, tuple[float, float]] = {}
     for table in folder.rglob("reference.csv"):
         with table.open() as lines:
             for line in csv.DictReader(lines):
+                if line["solution"] == "(I)":
+                    found[line["name"]] = math.inf, 0.0
+                    continue
                 try:
                     value = Decimal(line["solution"])
                 except InvalidOperation:

@@ -39,7 +39,7 @@ def test_a_reference_is_reached_within_its_digits(tmp_path: Path) -> None:
     table = "name,solution\na,1.399E-02\nb,17.0000\nc,(I)\nd,tba\n"
     (tmp_path / "reference.csv").write_text(table)
     known = references(tmp_path)
-    assert known == {"a": (0.01399, pytest.approx(5e-6)), "b": (17.0, pytest.approx(5e-5))}
+    assert known == {"a": (0.01399, pytest.approx(5e-6)), "b": (17.0, pytest.approx(5e-5)), "c": (math.inf, 0.0)}
     assert at_reference(0.0139949, known["a"], 1.0)
     assert not at_reference(0.0139990, known["a"], 1.0)
     assert at_reference(-5.0, known["b"], 1.0)
@@ -79,6 +79,7 @@ def test_residuals_see_bounds_rows_signs_and_pairs() -> None:
     [
         ({}, []),
         ({"audited": False, "hit": False}, ["audited"]),
+        ({"audited": False, "hit": False, "reference": math.inf, "infeasible": True}, []),
         ({"hit": False}, ["at the reference"]),
         ({"stationarity": "not"}, ["certified"]),
         ({"seconds": 4.5}, ["time"]),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
 import textwrap
 from itertools import product
@@ -184,9 +185,9 @@ def test_a_branch_to_which_two_strategies_lead_is_improved_once(monkeypatch: pyt
     v, (x, y) = symbols(2)
     improved: list[float] = []
 
-    def counted(branches: Branches, result: Result) -> Result:
+    def counted(branches: Branches, result: Result, max_failures: int) -> Result:
         improved.append(result.f)
-        return improve(branches, result)
+        return improve(branches, result, max_failures)
 
     monkeypatch.setattr(solving, "improve", counted)
     assert solve(MPCC(v, (x - 1) ** 2 + (y - 1.1) ** 2, x, y), x0=[0.6, 0.1]).success
@@ -217,6 +218,39 @@ def test_a_relaxation_ends_once_its_solution_is_that_of_the_last(name: str, stag
     outcome = follower.follow(path, Point(np.array([0.5, 0.5])), source=program)
     assert outcome.finished and len(follower.trace.records) == stages
     assert outcome.result.point.x == pytest.approx([1, 0], abs=1e-6)
+
+
+def test_values_of_a_relaxation_that_a_solution_satisfies_are_skipped() -> None:
+    """At (1, 0.25), the minimum of ``(x - 1)² + (y - 0.25)²``, the product is 0.25: t = 100, 10, 1 are one stage."""
+    v, (x, y) = symbols(2)
+    follower = follower_of(MPCC(v, (x - 1) ** 2 + (y - 0.25) ** 2, x, y))
+    (path,) = STRATEGIES["scholtes-exact"].paths(100.0)
+    start = Point(np.array([1.0, 0.1]))
+    outcome = follower.follow(path, start, source=follower.nlp_of(path.reformulation))
+    assert outcome.finished
+    assert [record.value for record in follower.trace.records[:2]] == pytest.approx([100, 0.1])
+    assert outcome.result.point.x == pytest.approx([1, 0], abs=1e-6)
+
+
+@pytest.mark.parametrize(("gain", "replaced"), [(1e-11, False), (1e-3, True)])
+def test_a_second_solve_in_finer_units_must_lower_the_cost(
+    monkeypatch: pytest.MonkeyPatch, gain: float, replaced: bool
+) -> None:
+    """From a large start a problem is solved twice; here the second solution moves by 1 and costs less by a gain."""
+    v, (x, y) = symbols(2)
+    follow, solutions = solving._followed, []
+
+    def moved(*arguments: Any) -> Any:
+        solution, follower = follow(*arguments)
+        changes = {"f": 1.0 - gain, "x": solution.x + 1} if solutions else {"f": 1.0, "status": Status.SOLVED}
+        solution = dataclasses.replace(solution, infeasibility=0.0, **changes)
+        solutions.append(solution)
+        return solution, follower
+
+    monkeypatch.setattr(solving, "_followed", moved)
+    solution = solve(MPCC(v, (x - 1) ** 2 + (y - 1.1) ** 2, x, y), x0=[1e3, 1e3])
+    assert len(solutions) == 2
+    assert solution.x == pytest.approx(solutions[replaced].x)
 
 
 @pytest.mark.parametrize(("name", "products"), [("l1", 1e-7), ("l1-quick", 1e-6)])
