@@ -15,6 +15,7 @@ from ocp import store
 from ocp.mpc.controller import Controller
 from ocp.mpc.simulate import simulate
 from problems import get
+from reports.cli import mpc_command
 from reports.cli.app import main
 from reports.tables.closed_loop import counted_times, labelled_arrays, loop_summary
 from tests.cli.conftest import Ocp
@@ -33,14 +34,25 @@ def _without_compiler(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None
 
 @pytest.fixture(scope="module")
 def loops(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a store with three seeds under noise, one exact loop and one that diverges, which tests only read."""
+    """Return a store with three seeds under noise, one exact loop and one that diverges, which tests only read.
+
+    One controller serves all of them, as it serves all seeds of a loop.
+    """
     root = tmp_path_factory.mktemp("loops")
     calls = (
         ["--plant", "noise", "--seeds", "3", "--steps", "24", "--certify", "8"],
         ["--steps", "24"],
         ["--steps", "12", "--push", "5:dtheta=1e7"],
     )
-    codes = [main([*SMALL, *options, "--out", str(root), "-q"]) for options in calls]
+    built = list[Controller]()
+
+    def built_once(*arguments: object, **settings: object) -> Controller:
+        built.extend([] if built else [Controller(*arguments, **settings)])  # pyright: ignore[reportArgumentType]
+        return built[0]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(mpc_command, "Controller", built_once)
+        codes = [main([*SMALL, *options, "--out", str(root), "-q"]) for options in calls]
     assert codes == [0, 0, 3]
     return root
 

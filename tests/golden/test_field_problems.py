@@ -22,7 +22,7 @@ FOUR = ("box-slide", "ball-throw", "cart-transport", "hopper-1d")
 
 @functools.cache
 def exact(name: str) -> Solution:
-    return solve(get(name), Exact(), Direct(), settings={"tol": 1e-10})
+    return solve(get(name), Exact(), Direct(), settings={"tol": 1e-10}, effort="quick")
 
 
 def slid(found: Solution) -> np.ndarray:

@@ -98,13 +98,13 @@ def best_of_all_windows() -> float:
 
 @pytest.mark.slow
 def test_the_braked_mass_is_the_best_of_all_windows() -> None:
-    assert solve(braked()).cost == pytest.approx(best_of_all_windows(), rel=1e-4)
+    assert solve(braked(), effort="quick").cost == pytest.approx(best_of_all_windows(), rel=1e-4)
 
 
 @pytest.mark.cheap_cases("1e-06")
 @pytest.mark.parametrize("unit", [1e-9, 1e-6, 1e3])
 def test_a_gap_in_another_unit_is_the_same_gap(unit: float) -> None:
-    known, found = solve(braked()), solve(braked(unit))
+    known, found = (solve(problem, effort="quick") for problem in (braked(), braked(unit)))
     assert known.success and found.success
     assert found.cost == pytest.approx(known.cost, rel=1e-4, abs=1e-7)
     assert found.referee.survives == known.referee.survives
@@ -166,7 +166,7 @@ def test_rows_that_contradict_each_other_are_infeasible_in_any_unit(unit: float)
         Constraint("here", unit * x, unit * 0.2, unit * 0.2),
         Constraint("there", unit * x, unit * 0.3, unit * 0.3),
     ]
-    found = solve(replace(plain, terminal=rows))
+    found = solve(replace(plain, terminal=rows), effort="quick")
     assert not found.success
     assert "ot converged" in found.verdict or "ot solved" in found.verdict
 
@@ -192,7 +192,7 @@ def test_a_goal_behind_a_wall_is_not_reached(goal: float, reached: bool) -> None
             system,
             12,
             0.01 * system.u**2,
-            0,
+            ca.SX(0),
             ca.SX([0, 0]),
             TABLE,
             u_lower=-20,
@@ -229,7 +229,7 @@ def test_the_shortest_time_to_rest_at_a_wall_is_the_closed_form(N: int, way: flo
             "dash",
             system,
             N,
-            0,
+            ca.SX(0),
             N * TABLE["h"],
             ca.SX([0, 0]),
             TABLE,

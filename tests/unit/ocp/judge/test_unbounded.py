@@ -109,7 +109,7 @@ BOUNDED = {
 @pytest.mark.parametrize("kind", UNBOUNDED)
 def test_a_cost_without_a_minimum_is_not_solved(kind):
     problem, told = UNBOUNDED[kind]
-    found = solve(problem)
+    found = solve(problem, effort="quick")
     assert (found.status, found.grade) == (Status.UNBOUNDED, "failed")
     (finding,) = (finding for finding in found.findings if finding.code == "unbounded")
     assert told in finding.sentence and "stationary" not in found.verdict
@@ -118,7 +118,7 @@ def test_a_cost_without_a_minimum_is_not_solved(kind):
 @pytest.mark.costly_cases("huber", "saturating", "logarithm")
 @pytest.mark.parametrize("kind", BOUNDED)
 def test_a_cost_with_a_minimum_is_solved(kind):
-    assert solve(BOUNDED[kind]).success
+    assert solve(BOUNDED[kind], effort="quick").success
 
 
 @pytest.mark.costly
@@ -132,8 +132,8 @@ def test_a_cost_with_a_minimum_is_solved(kind):
 )
 def test_under_every_law_and_method(law, method):
     falling, resting = UNBOUNDED["witch"][0], BOUNDED["huber"]
-    assert solve(falling, contact=law, method=method).status is Status.UNBOUNDED
-    assert solve(resting, contact=law, method=method).success
+    assert solve(falling, contact=law, method=method, effort="quick").status is Status.UNBOUNDED
+    assert solve(resting, contact=law, method=method, effort="quick").success
 
 
 X = ca.SX.sym("x", 4)

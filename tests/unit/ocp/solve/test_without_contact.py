@@ -57,7 +57,7 @@ def quadratic_program() -> tuple[float, np.ndarray]:
 @pytest.mark.parametrize("law", LAWS, ids=lambda law: law.name)
 @pytest.mark.parametrize("method", METHODS, ids=lambda method: method.name)
 def test_a_free_mass_takes_the_optimum_of_its_quadratic_program(law, method) -> None:
-    found = solve(free_mass(), contact=law, method=method)
+    found = solve(free_mass(), contact=law, method=method, effort="quick")
     cost, u = quadratic_program()
     assert found.success
     assert found.cost == pytest.approx(cost, rel=1e-8)
@@ -149,7 +149,7 @@ def test_the_closed_loop_of_a_machine_without_contacts_swings_like_its_plan(phas
     x, u = system.x, system.u
     problem = Problem("rod", system, 4, u**2 + ca.sumsqr(x), ca.sumsqr(x), ca.SX([0, 0.5, 0, 0]), p)
     assert not system.is_lcp
-    plan = solve(problem)
+    plan = solve(problem, effort="quick")
     loop = simulate(Controller(problem, phase=phase), 1)
     assert loop.data["u"].values.ravel() == pytest.approx(plan.data["u"].values[0, 0], abs=1e-4)
     assert loop.data["x"].values[0, 1] == pytest.approx(plan.data["x"].values[0, 1], abs=1e-5)
