@@ -183,6 +183,11 @@ class Solution(Judgement):
         return replace(self, route=replace(self.route, **changes))
 
     @property
+    def fails_at_its_step(self) -> bool:
+        """Whether a plan in a scene fails the referee at its own step size, as by motion through a body."""
+        return bool(self.problem.system.scene) and self.referee.survives_at_h is False
+
+    @property
     def solver_s(self) -> float:
         """Time of the solve that was not spent on evaluating functions [s]."""
         return self.solve_s - self.evaluation_s

@@ -13,7 +13,7 @@ from dynamics.batch import StepFunction
 from dynamics.contact import Step
 from ocp.errors import InputError, did_you_mean
 from ocp.learning.explorer import Buffer
-from ocp.learning.random_search import RandomSearch, SearchDistribution
+from ocp.search.random_search import RandomSearch, SearchDistribution
 
 MAX_ROWS_AT_ONCE = 65536
 """Maximum number of simulated steps in one call, which limits memory."""

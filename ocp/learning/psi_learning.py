@@ -13,7 +13,7 @@ from ocp.learning.experiment import EXACT, Experiment
 from ocp.learning.explorer import Buffer, Explorer
 from ocp.learning.identify import OneStepLoss, search_iteration
 from ocp.learning.protocol import Algorithm, Row, State, TrainedPolicy, with_prefix, without_prefix
-from ocp.learning.random_search import RandomSearch, SearchDistribution
+from ocp.search.random_search import RandomSearch, SearchDistribution
 
 PSI_PREFIX = "psi_learning."
 """Prefix of the algorithm's entries in the state, as opposed to those of the wrapped algorithm."""

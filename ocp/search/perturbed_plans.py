@@ -12,7 +12,8 @@ from itertools import product
 
 import numpy as np
 
-from ocp.search.sampling import KNOTS, InputSampler, SampledPlan, input_basis
+from ocp.search.sampling import KNOTS, InputSampler
+from ocp.search.sampling_runs import SampledPlan, input_basis
 
 MAX_PLANS = 48
 """Maximum number of changed plans."""
@@ -36,7 +37,8 @@ def perturbed_plans(sampler: InputSampler, inputs: np.ndarray, generator: np.ran
     """Return plans near inputs (N, nu), cheapest first; each is improved under the exact law from a random change.
 
     Sizes of changes are drawn log-uniformly from :data:`SHARES`; changes are piecewise linear or constant between the
-    knots of :func:`~ocp.search.sampling.input_basis`. The number of plans follows from the sampler's ``step_budget``.
+    knots of :func:`~ocp.search.sampling_runs.input_basis`. The number of plans follows from the
+    sampler's ``step_budget``.
     """
     N = len(inputs)
     bases = [input_basis(basis, N, min(knots, N)) for basis, knots in product(("linear", "constant"), KNOTS[:2])]

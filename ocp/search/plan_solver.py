@@ -79,7 +79,9 @@ class PlanSolver:
                     yield plan, self._listed(plan, solution)
                     if solution.referee.survives is False and improved is not answer:
                         yield plan, self._listed(plan, self._judge(branches, answer))
-                    limit = min(limit, solution.audit.exact_cost)
+                    # Another answer need not cost less than one that is not chosen.
+                    if not solution.fails_at_its_step:
+                        limit = min(limit, solution.audit.exact_cost)
                 else:
                     self._list(plan, cost, NOT_BETTER)
             if is_less(plan.cost, limit) and not broken_constraints(session.evaluation, plan):

@@ -16,7 +16,8 @@ from ocp.routes.schedules import acting, are_distinct
 from ocp.routes.session import Session
 from ocp.search.perturbed_plans import perturbed_plans
 from ocp.search.plan_solver import PlanSolver, exact_rollout, is_less
-from ocp.search.sampling import MAX_SAMPLES, InputSampler, SampledPlan
+from ocp.search.sampling import MAX_SAMPLES, InputSampler
+from ocp.search.sampling_runs import SampledPlan
 from ocp.search.search import FEW_PAIRS, SAMPLED, Search, can_roll_out, is_doubtful, is_poor, replay_cost
 from ocp.solution import Solution
 
@@ -79,9 +80,10 @@ class SampleSearch(Search):
         """
         laws = BOTH_LAWS if self.thorough else (Exact(),)
         failing_share = 1.0 if self.thorough else NORMAL_FAILING_SHARE
-        most = MAX_SAMPLES if self._is_patient(answer) else CERTIFIED_SAMPLES
+        patient = self._is_patient(answer)
+        most = MAX_SAMPLES if patient else CERTIFIED_SAMPLES
         evaluation, steps = self.session.evaluation, self.session.rollout_steps
-        sampler = InputSampler(evaluation, self.seed, laws, failing_share, steps, most)
+        sampler = InputSampler(evaluation, self.seed, laws, failing_share, steps, most, patient)
         system, generator = self.session.problem.system, np.random.default_rng([self.seed, NEAR_STREAM])
         session = self.session.as_swept() if system.scene and system.phi is not None else self.session
         plans = self._distinct(self._rollouts(sampler, self._sampled(sampler, answer)), sampler, answer)

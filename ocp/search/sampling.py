@@ -1,22 +1,21 @@
-"""Sampled plans: the cross-entropy method over input sequences, rolled out by the batch engine.
+"""Sampled plans: distributions of input sequences, rolled out by the batch engine, round by round.
 
-A sequence of inputs is ``u = clip(B z, u_lower, u_upper)``, with B (N, K) a basis of K knots and z (K, nu) drawn
-from a normal distribution. Each round rolls all samples out and fits the distribution to the cheapest tenth.
-Runs differ in the law, the basis and the initial distribution, since no choice is best for all problems. The exact
-law has no gradient away from contact, but sampling does not need gradients; the barrier law starts with forces at a
-distance.
+A sequence of inputs is ``u = clip(B z, u_lower, u_upper)``, with B (N, K) a basis of K knots and samples z (K, nu).
+Runs differ in the method, the law, the basis and the initial distribution, since no choice is best for all problems
+(:mod:`ocp.search.sampling_runs`). The exact law has no gradient away from contact, but sampling does not need
+gradients; the barrier law starts with forces at a distance.
 """
 
 from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from itertools import product
-from typing import Literal, get_args
+from typing import get_args
 
 import numpy as np
 
@@ -26,6 +25,15 @@ from ocp.problem.batch_rollouts import batch_rollouts
 from ocp.problem.evaluation import Evaluation
 from ocp.problem.problem import Problem
 from ocp.search.penalties import TransitionPenalty, penalized
+from ocp.search.sampling_runs import (
+    AdaptedRun,
+    Basis,
+    CrossEntropyRun,
+    Narrowing,
+    SampledPlan,
+    SamplingRun,
+    input_basis,
+)
 
 MAX_SAMPLES = 1000
 """Maximum number of samples in each of :data:`FEW_ROUNDS`, unless the user states the number of steps."""
@@ -34,9 +42,13 @@ MIN_SAMPLES = 96
 STAGES = 4
 """Number of stages of equal length, after each of which the more expensive half of the runs ends."""
 PAIR_STEPS = 1e8
-"""Budget of all runs: number of steps times the squared number of contact pairs, a measure of a step's work."""
-ELITE_SHARE = 0.1
-"""Fraction of a round's samples to which the next distribution is fitted."""
+"""Budget of cross-entropy runs: number of steps times the squared number of contact pairs, a measure of their work."""
+ADAPTED_SHARE = 3.0
+"""Budget of runs with covariance adaptation, as a multiple of that of cross-entropy runs."""
+ADAPTED_SAMPLES = 40
+"""Minimum number of samples in a round with covariance adaptation."""
+MIN_ADAPTED_ROUNDS, MAX_ADAPTED_ROUNDS = 120, 400
+"""Least and largest number of rounds with covariance adaptation; a larger budget buys more samples in a round."""
 AROUND_SHARE = 0.1
 """Standard deviation of every input around an answer, as a share of half the width of its bounds."""
 KNOTS = (5, 8, 16)
@@ -46,31 +58,6 @@ UNBOUNDED_REACH = 3.0
 BARRIER_DECADES = 4
 """Decades by which a run under the barrier law reduces mu from the characteristic impulse times gap."""
 
-MU = "contact.mu"
-"""Name of the barrier law's parameter mu."""
-
-Basis = Literal["linear", "constant"]
-
-
-def input_basis(basis: Basis, N: int, knots: int) -> np.ndarray:
-    """Return the weights (N, knots) that interpolate N inputs between knots, piecewise constant or linear."""
-    if basis == "constant":
-        return np.eye(knots)[np.arange(N) * knots // N]
-    position = np.linspace(0, knots - 1, N)
-    return np.maximum(0.0, 1.0 - np.abs(position[:, None] - np.arange(knots)))
-
-
-@dataclass(frozen=True)
-class Narrowing:
-    """Number of ``rounds`` in which the distribution of a run becomes narrow.
-
-    ``smoothing`` is the weight of the previous mean and deviation in the new ones.
-    """
-
-    rounds: int
-    smoothing: float
-
-
 FEW_ROUNDS = Narrowing(40, 0.2)
 """Rounds for budgets of few samples."""
 MANY_ROUNDS = Narrowing(120, 0.6)
@@ -79,15 +66,11 @@ MANY_ROUNDS = Narrowing(120, 0.6)
 With the same number of samples in all, they end at plans of contact that cost less than those of :data:`FEW_ROUNDS`:
 0.10 for 0.16, 0.0327 for 0.0345 and 0.37 for 0.60 on the tongs, the hammer and the maze of ``tests/strangers``.
 """
+MU = "contact.mu"
+"""Name of the barrier law's parameter mu."""
 
 
-@dataclass(frozen=True)
-class SampledPlan:
-    """The cheapest inputs (N, nu) of a run, their cost with penalties, and the run's name."""
-
-    inputs: np.ndarray
-    cost: float
-    run: str
+_Choice = tuple[ContactLaw, Basis, int, str]
 
 
 def can_sample(problem: Problem) -> bool:
@@ -95,60 +78,14 @@ def can_sample(problem: Problem) -> bool:
     return problem.scenarios.n == 1 and problem.start is None and problem.system.nu > 0
 
 
-@dataclass(eq=False)
-class SamplingRun:
-    """One run of the cross-entropy method: its law, basis (N, K), and normal distribution (K, nu).
-
-    ``best`` (K, nu) is its cheapest sample, with the cost ``best_cost``, after ``rounds`` of the ``narrowing``.
-    """
-
-    law: ContactLaw
-    weights: np.ndarray
-    mean: np.ndarray
-    deviation: np.ndarray
-    generator: np.random.Generator
-    narrowing: Narrowing
-    name: str
-    best: np.ndarray
-    offset: np.ndarray | float = 0.0
-    best_cost: float = np.inf
-    rounds: int = 0
-
-    def inputs(self, z: np.ndarray) -> np.ndarray:
-        """Return the inputs (..., N, nu) of samples (..., K, nu) before clipping."""
-        return self.offset + self.weights @ z
-
-    @property
-    def narrows(self) -> bool:
-        """Whether mu decreases from round to round, so that costs of different rounds cannot be compared."""
-        return isinstance(self.law, Barrier)
-
-    def advance(self, costs_of: Callable[[np.ndarray, float], np.ndarray], samples: int, rounds: int) -> None:
-        """Fit the distribution to the cheapest samples, ``rounds`` times.
-
-        ``costs_of`` maps inputs (S, N, nu) and the progress from 0 to 1 of the whole run to costs (S,).
-        """
-        elites = max(4, int(ELITE_SHARE * samples))
-        smoothing, last = self.narrowing.smoothing, self.narrowing.rounds - 1
-        for _ in range(rounds):
-            z = self.mean + self.deviation * self.generator.standard_normal((samples, *self.mean.shape))
-            z[0], z[1] = self.best, self.mean
-            costs = costs_of(self.inputs(z), self.rounds / last)
-            order = np.argsort(costs, kind="stable")[:elites]
-            if costs[order[0]] < self.best_cost or self.narrows:
-                self.best, self.best_cost = z[order[0]], float(costs[order[0]])
-            self.mean = smoothing * self.mean + (1 - smoothing) * z[order].mean(axis=0)
-            self.deviation = smoothing * self.deviation + (1 - smoothing) * z[order].std(axis=0)
-            self.rounds += 1
-
-
 class InputSampler:
-    """Runs of the cross-entropy method on the inputs of a problem for which :func:`can_sample` is true.
+    """Runs that sample the inputs of a problem for which :func:`can_sample` is true.
 
-    All ``runs`` start; after every one of :data:`STAGES` stages the costlier half under each law ends. Violated bounds
-    and constraints cost as :mod:`ocp.search.penalties` says. The budget ``rollout_steps`` of steps, or
-    :data:`PAIR_STEPS` and at most ``max_samples`` in each of :data:`FEW_ROUNDS`, determines the ``narrowing`` and the
-    ``samples`` of a round; ``rolled_steps`` counts the steps rolled out so far.
+    All ``runs`` start: the cross-entropy method under every law, and, if ``adapts``, covariance adaptation under the
+    first law; after every one of :data:`STAGES` stages the costlier half of each method under each law ends. Violated
+    bounds and constraints cost as :mod:`ocp.search.penalties` says. The ``narrowing`` of each method follows from its
+    budget: half of ``rollout_steps``, or :data:`PAIR_STEPS`, of which covariance adaptation has :data:`ADAPTED_SHARE`,
+    with at most ``max_samples`` in each of :data:`FEW_ROUNDS`. ``rolled_steps`` counts the steps rolled out so far.
     Sampling ends if more than ``failing_share`` of the first run's samples have a step without solution, since such
     steps are slow. Plans depend on ``seed`` but not on the number of threads.
     """
@@ -161,6 +98,7 @@ class InputSampler:
         failing_share: float = 1.0,
         rollout_steps: int | None = None,
         max_samples: int = MAX_SAMPLES,
+        adapts: bool = True,
     ) -> None:
         problem, limits = evaluation.problem, evaluation.limits
         self.problem, self.evaluation, self.failing_share = penalized(problem), evaluation, failing_share
@@ -171,41 +109,61 @@ class InputSampler:
             centre = np.where(bounded, (self.lower + self.upper) / 2, guess)
             reach = np.where(bounded, (self.upper - self.lower) / 2, UNBOUNDED_REACH * size)
         self.reach = reach
-        beginnings = {"bounds": (centre, reach), "guess": (guess, np.minimum(size, reach))}
-        # With halving, all stages together run at most twice the rounds of the first.
+        self._beginnings = {"bounds": (centre, reach), "guess": (guess, np.minimum(size, reach))}
         self.step_budget = rollout_steps or PAIR_STEPS / max(problem.system.nlam, 2) ** 2
-        affordable = self.step_budget / (problem.N * 2 * FEW_ROUNDS.rounds / STAGES)
-        most = max_samples if rollout_steps is None else math.inf
+        stated, most = rollout_steps is not None, math.inf if rollout_steps is not None else max_samples
+        rollouts = self.step_budget / problem.N
+        if stated and adapts:
+            rollouts /= 2
         for knots in (KNOTS, KNOTS[:-1]):
-            n_knots = sorted({min(n, problem.N) for n in knots})
-            choices = [*product(laws, get_args(Basis), n_knots, beginnings)]
-            samples = int(np.clip(affordable / len(choices), MIN_SAMPLES, most))
+            choices = self._choices(laws, knots)
+            self.narrowing = _cross_entropy_rounds(rollouts / len(choices), most)
             # Where the budget does not allow all bases, more samples of fewer find more.
-            if samples > MIN_SAMPLES:
+            if self.narrowing.samples > MIN_SAMPLES:
                 break
-        in_many_rounds = samples * FEW_ROUNDS.rounds // MANY_ROUNDS.rounds
-        self.narrowing = MANY_ROUNDS if in_many_rounds >= MIN_SAMPLES else FEW_ROUNDS
-        self.samples = in_many_rounds if in_many_rounds >= MIN_SAMPLES else samples
-        self.runs: list[SamplingRun] = []
-        *streams, self._last_stream = np.random.SeedSequence(seed).spawn(len(choices) + 1)
-        for (law, basis, knots, beginning), stream in zip(choices, streams, strict=True):
-            mean, deviation = (np.tile(row, (knots, 1)) for row in beginnings[beginning])
-            name = f"{law.name} law, {knots} {basis} pieces from the {beginning}"
-            weights = input_basis(basis, problem.N, knots)
-            draws = np.random.default_rng(stream)
-            self.runs.append(SamplingRun(law, weights, mean, deviation, draws, self.narrowing, name, mean))
+        root = np.random.SeedSequence(seed)
+        *streams, self._last_stream = root.spawn(len(choices) + 1)
+        self.runs = self._create_runs(CrossEntropyRun, choices, streams, self.narrowing)
+        if adapts:
+            rollouts = max(self.step_budget / problem.N - self._rollouts(), 0.0) if stated else ADAPTED_SHARE * rollouts
+            choices = self._choices(laws[:1], KNOTS[:-1])
+            adapted = _adapted_rounds(rollouts / len(choices), 0 if stated else MIN_ADAPTED_ROUNDS, most)
+            self.runs += self._create_runs(AdaptedRun, choices, root.spawn(len(choices)), adapted)
         self.rolled_steps = self.failures = 0
         self._transitions = TransitionPenalty.of_problem(evaluation)
         self._functions: dict[str, tuple[Step, RolloutFunction]] = {}
+
+    def _choices(self, laws: Sequence[ContactLaw], knots: Sequence[int]) -> list[_Choice]:
+        """Return all choices of a law, a basis, its number of knots, and the initial distribution."""
+        n_knots = sorted({min(n, self.problem.N) for n in knots})
+        return [*product(laws, get_args(Basis), n_knots, self._beginnings)]
+
+    def _create_runs(
+        self,
+        method: type[SamplingRun],
+        choices: Sequence[_Choice],
+        streams: Sequence[np.random.SeedSequence],
+        narrowing: Narrowing,
+    ) -> list[SamplingRun]:
+        runs = list[SamplingRun]()
+        for (law, basis, knots, beginning), stream in zip(choices, streams, strict=True):
+            mean, deviation = (np.tile(row, (knots, 1)) for row in self._beginnings[beginning])
+            name = f"{law.name} law, {knots} {basis} pieces from the {beginning}, {method.label}"
+            weights, draws = input_basis(basis, self.problem.N, knots), np.random.default_rng(stream)
+            runs.append(method(law, weights, mean, deviation, draws, narrowing, name))
+        return runs
+
+    def _rollouts(self) -> float:
+        """Return the number of rollouts of all runs, of which half ends after every stage."""
+        return sum(run.narrowing.samples * run.narrowing.rounds for run in self.runs) * 2 / STAGES
 
     def stages(self) -> Iterator[list[SampledPlan]]:
         """Yield after every stage the cheapest plan of each run with a finite cost."""
         running = self.runs
         for _ in range(STAGES):
             for run in running:
-                costs_of = partial(self._costs, *self._function(run.law))
-                run.advance(costs_of, self.samples, self.narrowing.rounds // STAGES)
-                if run is self.runs[0] and self.failures > self.failing_share * self.samples * run.rounds:
+                run.advance(partial(self._costs, *self._function(run.law)), run.narrowing.rounds // STAGES)
+                if run is self.runs[0] and self.failures > self.failing_share * run.narrowing.samples * run.rounds:
                     return
             yield [self._plan(run) for run in self.runs if np.isfinite(run.best_cost)]
             running = _cheaper_half(running)
@@ -214,9 +172,10 @@ class InputSampler:
         """Return the cheapest plan of a run that changes every input of a plan (N, nu), by the exact law."""
         deviation = np.tile(AROUND_SHARE * self.reach, (len(inputs), 1))
         mean, name = np.zeros_like(deviation), "exact law, every input, around the answer"
-        draws = np.random.default_rng(self._last_stream)
-        run = SamplingRun(Exact(), np.eye(len(inputs)), mean, deviation, draws, self.narrowing, name, mean, inputs)
-        run.advance(partial(self._costs, *self._function(run.law)), 2 * self.samples, rounds)
+        narrowing = replace(self.narrowing, samples=2 * self.narrowing.samples)
+        draws, weights = np.random.default_rng(self._last_stream), np.eye(len(inputs))
+        run = CrossEntropyRun(Exact(), weights, mean, deviation, draws, narrowing, name, inputs)
+        run.advance(partial(self._costs, *self._function(run.law)), rounds)
         return self._plan(run)
 
     def _plan(self, run: SamplingRun) -> SampledPlan:
@@ -276,10 +235,27 @@ def _quietly() -> Iterator[None]:
         yield
 
 
+def _cross_entropy_rounds(rollouts: float, most: float) -> Narrowing:
+    """Return the narrowing of a run with a number of ``rollouts``, with at most ``most`` samples in a round."""
+    # With halving, all stages together run at most twice the rounds of the first.
+    samples = int(np.clip(rollouts * STAGES / 2 / FEW_ROUNDS.rounds, MIN_SAMPLES, most))
+    in_many_rounds = samples * FEW_ROUNDS.rounds // MANY_ROUNDS.rounds
+    if in_many_rounds >= MIN_SAMPLES:
+        return replace(MANY_ROUNDS, samples=in_many_rounds)
+    return replace(FEW_ROUNDS, samples=samples)
+
+
+def _adapted_rounds(rollouts: float, min_rounds: int, most: float) -> Narrowing:
+    """Return the narrowing of a run with covariance adaptation: few samples in a round, and many rounds."""
+    in_all = rollouts * STAGES / 2
+    rounds = int(np.clip(in_all / ADAPTED_SAMPLES, max(min_rounds, STAGES), MAX_ADAPTED_ROUNDS))
+    return Narrowing(rounds, samples=int(np.clip(in_all / rounds, ADAPTED_SAMPLES, max(most / 10, ADAPTED_SAMPLES))))
+
+
 def _cheaper_half(runs: list[SamplingRun]) -> list[SamplingRun]:
-    """Return the cheaper half of the runs under each law, since costs under different laws cannot be compared."""
+    """Return the cheaper half of the runs of each method under each law, whose costs cannot be compared."""
     chosen = set[int]()
-    for law in {run.law.name for run in runs}:
-        same = sorted((run for run in runs if run.law.name == law), key=lambda run: run.best_cost)
+    for kind in {(type(run), run.law.name) for run in runs}:
+        same = sorted((run for run in runs if (type(run), run.law.name) == kind), key=lambda run: run.best_cost)
         chosen |= {id(run) for run in same[: -(-len(same) // 2)]}
     return [run for run in runs if id(run) in chosen]

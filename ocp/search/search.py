@@ -103,8 +103,7 @@ def cost_to_beat(solution: Solution) -> float:
 
 def is_poor(solution: Solution) -> bool:
     """Return whether an answer has no certificate, idles, diverges or, in a scene, fails the referee at its step."""
-    fails = bool(solution.problem.system.scene) and solution.referee.survives_at_h is False
-    return fails or idles(solution) or diverges(solution) or not solution.certificate.certified
+    return solution.fails_at_its_step or idles(solution) or diverges(solution) or not solution.certificate.certified
 
 
 def is_doubtful(solution: Solution) -> bool:

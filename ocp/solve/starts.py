@@ -255,8 +255,7 @@ def best_solution(solutions: Sequence[Solution], by: Rank = "planned") -> Soluti
 
 def _order_of_end(solution: Solution) -> int:
     """Return the rank of a solution: 0 feasible, 1 standing still, 2 other; plus 3 in a scene if it fails at h."""
-    fails_referee = solution.referee.survives_at_h is False and bool(solution.problem.system.scene)
-    return _FEASIBLE.get(solution.status, 2) + 3 * fails_referee
+    return _FEASIBLE.get(solution.status, 2) + 3 * solution.fails_at_its_step
 
 
 def _cost_by(solution: Solution, by: Rank) -> float:

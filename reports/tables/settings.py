@@ -13,7 +13,7 @@ from ocp.errors import InputError, did_you_mean
 from ocp.gradients.estimators import RULES
 from ocp.learning.experiment import Experiment
 from ocp.learning.psi_learning import PsiLearning
-from ocp.learning.random_search import RandomSearch
+from ocp.search.random_search import RandomSearch
 from ocp.learning.training import ALGORITHMS
 from ocp.problem.policy import POLICIES
 from ocp.programs.options import documented

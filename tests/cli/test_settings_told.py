@@ -14,12 +14,12 @@ from dynamics.laws import LAWS
 from dynamics.settings import Configured, setting, settings_of
 from ocp.errors import InputError
 from ocp.learning.psi_learning import PsiLearning
-from ocp.learning.random_search import RandomSearch
 from ocp.learning.training import ALGORITHMS
 from ocp.problem.policy import POLICIES
 from ocp.programs.options import documented
 from ocp.programs.solver import IPOPT_DEFAULTS
 from ocp.routes.relaxations import STRATEGIES
+from ocp.search.random_search import RandomSearch
 from ocp.solve.request import SOLVE_SETTINGS, Settings
 from ocp.transcription import METHODS
 from reports.tables.settings import SettingRow, setting_rows, training_groups

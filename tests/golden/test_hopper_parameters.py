@@ -8,7 +8,7 @@ import pytest
 from dynamics.contact import Exact
 from ocp.learning.explorer import Explorer, random_transitions
 from ocp.learning.identify import OneStepLoss, bootstrap_intervals, identify
-from ocp.learning.random_search import RandomSearch
+from ocp.search.random_search import RandomSearch
 from problems.tasks.registry import get
 
 LINKS = ("torso", "thigh", "leg", "foot")

@@ -8,7 +8,7 @@ import pytest
 from ocp.errors import InputError
 from ocp.learning.explorer import Buffer
 from ocp.learning.identify import OneStepLoss, bootstrap_intervals, identify
-from ocp.learning.random_search import RandomSearch
+from ocp.search.random_search import RandomSearch
 from tests.unit.ocp.learning.spring_mass import (
     NAMES,
     D,

@@ -12,9 +12,9 @@ from dynamics.contact import Exact
 from ocp.errors import InputError
 from ocp.learning.experiment import Experiment
 from ocp.learning.psi_learning import PsiLearning
-from ocp.learning.random_search import RandomSearch
 from ocp.learning.training import train
 from ocp.learning.unroll_gradients import FOPG
+from ocp.search.random_search import RandomSearch
 from tests.unit.ocp.learning.spring_mass import D, K, M, following, spring_task
 
 WRONG = np.array([1.5 * M, 0.6 * K, D, 0.0])

@@ -112,11 +112,13 @@ def test_sampling_beside_a_certified_answer_ends_where_it_is_fruitless(limit: st
     for name, (never, at_once) in LIMITS.items():
         monkeypatch.setattr(sample_search, name, at_once if name == limit else never)
     sampled = solve(problem, contact="exact", effort=100_000)
-    sampler = InputSampler(Evaluation(problem, problem.parameters.defaults), laws=(Exact(),), rollout_steps=100_000)
+    sampler = InputSampler(
+        Evaluation(problem, problem.parameters.defaults), laws=(Exact(),), rollout_steps=100_000, adapts=False
+    )
     halves = [len(sampler.runs)]
     while limit == "none" and len(halves) < STAGES:
         halves.append(-(-halves[-1] // 2))
-    motions = sampler.samples * sum(halves) * sampler.narrowing.rounds // STAGES
+    motions = sampler.narrowing.samples * sum(halves) * sampler.narrowing.rounds // STAGES
     assert sampled.route.search is not None
     assert motions <= sampled.route.search.motions <= motions + 4 * len(sampler.runs)
     assert sampled.certificate.certified

@@ -12,7 +12,8 @@ from ocp.problem.evaluation import Evaluation
 from ocp.problem.problem import Problem
 from ocp.problem.rollout import roll_out
 from ocp.search.perturbed_plans import MAX_PLANS, MIN_PLANS, perturbed_plans
-from ocp.search.sampling import InputSampler, SampledPlan
+from ocp.search.sampling import InputSampler
+from ocp.search.sampling_runs import SampledPlan
 from problems import get
 
 VALLEYS = (1.5, 3.0)

@@ -16,24 +16,17 @@ from ocp.problem.evaluation import Evaluation
 from ocp.problem.problem import Problem
 from ocp.problem.rollout import roll_out
 from ocp.search import sampling
-from ocp.search.sampling import (
-    ELITE_SHARE,
-    FEW_ROUNDS,
-    MANY_ROUNDS,
-    MIN_SAMPLES,
-    STAGES,
-    InputSampler,
-    Narrowing,
-    SamplingRun,
-    input_basis,
-)
+from ocp.search.sampling import FEW_ROUNDS, MANY_ROUNDS, MIN_SAMPLES, STAGES, InputSampler
+from ocp.search.sampling_runs import ELITE_SHARE, AdaptedRun, CrossEntropyRun, Narrowing, SamplingRun, input_basis
 from problems import get
 
 
 @pytest.fixture(autouse=True)
 def few_runs(monkeypatch):
-    """Limit the sampler to two bases and twenty rounds, which suffice for few inputs."""
+    """Limit the sampler to two bases and forty rounds, which suffice for few inputs."""
     monkeypatch.setattr(sampling, "KNOTS", (4, 8))
+    monkeypatch.setattr(sampling, "MIN_ADAPTED_ROUNDS", 40)
+    monkeypatch.setattr(sampling, "MAX_ADAPTED_ROUNDS", 40)
     monkeypatch.setattr(sampling, "FEW_ROUNDS", Narrowing(20, 0.2))
     monkeypatch.setattr(sampling, "MANY_ROUNDS", Narrowing(60, 0.6))
 
@@ -59,33 +52,53 @@ def test_a_basis_interpolates_and_reproduces_constants(basis, N, knots) -> None:
         np.testing.assert_allclose(line, np.linspace(0, 1, N), atol=1e-12)
 
 
-def run_of(narrowing: Narrowing, mean: np.ndarray, seed: int) -> SamplingRun:
+def run_of(method: type[SamplingRun], narrowing: Narrowing, mean: np.ndarray, seed: int) -> SamplingRun:
     """Return a run whose inputs (K, 1) are its samples, from a normal distribution of deviation 1."""
     K, generator = len(mean), np.random.default_rng(seed)
-    return SamplingRun(Exact(), np.eye(K), mean, np.ones((K, 1)), generator, narrowing, "run", mean)
+    return method(Exact(), np.eye(K), mean, np.ones((K, 1)), generator, narrowing, "run")
 
 
 @pytest.mark.parametrize("narrowing", [FEW_ROUNDS, MANY_ROUNDS], ids=["few rounds", "many rounds"])
 def test_a_round_moves_the_distribution_to_the_tail_of_the_normal_one(narrowing: Narrowing) -> None:
-    run = run_of(narrowing, np.zeros((2, 1)), seed=0)
-    run.advance(lambda inputs, _: inputs[:, 0, 0], samples=200_000, rounds=1)
+    run = run_of(CrossEntropyRun, replace(narrowing, samples=200_000), np.zeros((2, 1)), seed=0)
+    run.advance(lambda inputs, _: inputs[:, 0, 0], rounds=1)
     tail = truncnorm(-np.inf, truncnorm(-np.inf, np.inf).ppf(ELITE_SHARE))
     weight = 1 - narrowing.smoothing
     np.testing.assert_allclose(run.mean[:, 0], [weight * tail.mean(), 0.0], atol=0.02)
     np.testing.assert_allclose(run.deviation[:, 0], [narrowing.smoothing + weight * tail.std(), 1.0], atol=0.02)
 
 
+@pytest.mark.parametrize("condition", [1e2, 1e4])
+def test_adapted_covariance_follows_a_valley_of_correlated_inputs(condition: float) -> None:
+    """A quadratic along turned axes is minimised to 1e-8; the cross-entropy method narrows before it arrives."""
+    axes = np.linalg.qr(np.random.default_rng(1).standard_normal((6, 6)))[0]
+    curvatures = np.geomspace(1, condition, 6)
+
+    def costs(inputs: np.ndarray, progress: float) -> np.ndarray:
+        return ((inputs[:, :, 0] - 0.5) @ axes) ** 2 @ curvatures
+
+    methods = ((AdaptedRun, Narrowing(300, samples=40)), (CrossEntropyRun, Narrowing(120, 0.6, samples=100)))
+    runs = [run_of(method, narrowing, np.zeros((6, 1)), seed=4) for method, narrowing in methods]
+    for run in runs:
+        run.advance(costs, run.narrowing.rounds)
+        assert run.best_cost == pytest.approx(costs(run.inputs(run.best)[None], 1.0)[0])
+    adapted, fitted = runs
+    assert adapted.best_cost < 1e-8 < fitted.best_cost
+    np.testing.assert_allclose(adapted.best, 0.5, atol=1e-4)
+
+
 def test_a_budget_buys_many_rounds_as_soon_as_they_have_enough_samples() -> None:
     at_values = evaluation(wall())
-    budgets = range(20_000, 500_000, 19_973)
+    budgets = range(40_000, 1_000_000, 39_946)
     samplers = [InputSampler(at_values, laws=(Exact(),), rollout_steps=budget) for budget in budgets]
     rounds = [sampler.narrowing.rounds for sampler in samplers]
     assert rounds == sorted(rounds) and len(set(rounds)) == 2
-    assert all(sampler.samples >= MIN_SAMPLES for sampler in samplers)
+    assert all(sampler.narrowing.samples >= MIN_SAMPLES for sampler in samplers)
     for sampler, budget in zip(samplers, budgets, strict=True):
-        steps = 10 * sampler.samples * 2 * len(sampler.runs) * sampler.narrowing.rounds / STAGES
-        assert steps <= budget or sampler.samples == MIN_SAMPLES
-        assert steps > 0.97 * budget
+        runs = [run for run in sampler.runs if isinstance(run, CrossEntropyRun)]
+        steps = 10 * sampler.narrowing.samples * 2 * len(runs) * sampler.narrowing.rounds / STAGES
+        assert steps <= budget / 2 or sampler.narrowing.samples == MIN_SAMPLES
+        assert steps > 0.97 * budget / 2
 
 
 @pytest.mark.parametrize("most", [120, 300, 600])
@@ -93,10 +106,10 @@ def test_samples_of_a_run_are_limited_unless_the_number_of_steps_is_stated(most:
     few, many = sampling.FEW_ROUNDS.rounds, sampling.MANY_ROUNDS.rounds
     limited, stated = (
         InputSampler(evaluation(wall()), laws=(Exact(),), rollout_steps=steps, max_samples=most)
-        for steps in (None, 10_000_000)
+        for steps in (None, 20_000_000)
     )
-    assert most * few - many < limited.samples * limited.narrowing.rounds <= most * few
-    assert stated.samples * stated.narrowing.rounds > 600 * few
+    assert most * few - many < limited.narrowing.samples * limited.narrowing.rounds <= most * few
+    assert stated.narrowing.samples * stated.narrowing.rounds > 600 * few
 
 
 @pytest.mark.costly

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ocp.learning.random_search import RandomSearch
+from ocp.search.random_search import RandomSearch
 
 
 def test_one_step_is_that_of_the_tutorial_by_hand():
