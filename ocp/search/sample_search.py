@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from dataclasses import dataclass
 from functools import partial
 
@@ -18,7 +18,7 @@ from ocp.search.perturbed_plans import perturbed_plans
 from ocp.search.plan_solver import PlanSolver, exact_rollout, is_less
 from ocp.search.sampling import MAX_SAMPLES, InputSampler
 from ocp.search.sampling_runs import SampledPlan
-from ocp.search.search import FEW_PAIRS, SAMPLED, Search, can_roll_out, is_doubtful, is_poor, replay_cost
+from ocp.search.search import FEW_PAIRS, SAMPLED, Search, can_roll_out, idles, is_doubtful, is_poor, replay_cost
 from ocp.solution import Solution
 
 NORMAL_FAILING_SHARE = 0.4
@@ -49,6 +49,8 @@ SAME_COST = 1e-3
 """Excess cost of the cheapest sample, relative to what a plan can change, below which it repeats the answer."""
 PROMISING = 0.5
 """Excess cost of a sampled plan, relative to what a plan can change, below which the plan is solved."""
+RESTARTS = 2
+"""Number of times that sampling begins again with other draws as long as the best answer idles, at few pairs."""
 HEAVY_PAIRS = 40
 """Number of contact pairs from which compiling rollouts takes longer than most solves."""
 
@@ -78,32 +80,48 @@ class SampleSearch(Search):
 
         In a scene, neither samples nor solutions may pass through bodies between two nodes.
         """
+        best, steps_before = answer, 0
+        for restart in range(1 + RESTARTS):
+            sampler = self._sampler(restart, best)
+            best = yield from self._solutions_near(sampler, best, steps_before)
+            steps_before += sampler.rolled_steps
+            if not idles(best) or self.session.rollout_steps or self.session.problem.system.nlam >= HEAVY_PAIRS:
+                return
+
+    def _sampler(self, restart: int, answer: Solution) -> InputSampler:
         laws = BOTH_LAWS if self.thorough else (Exact(),)
         failing_share = 1.0 if self.thorough else NORMAL_FAILING_SHARE
         patient = self._is_patient(answer)
         most = MAX_SAMPLES if patient else CERTIFIED_SAMPLES
         evaluation, steps = self.session.evaluation, self.session.rollout_steps
-        sampler = InputSampler(evaluation, self.seed, laws, failing_share, steps, most, patient)
+        seeds = (self.seed, restart) if restart else self.seed
+        return InputSampler(evaluation, seeds, laws, failing_share, steps, most, patient)
+
+    def _solutions_near(
+        self, sampler: InputSampler, answer: Solution, steps_before: int
+    ) -> Generator[Solution, None, Solution]:
+        """Yield solutions near the plans of a sampler, and return the cheapest of these and ``answer``."""
         system, generator = self.session.problem.system, np.random.default_rng([self.seed, NEAR_STREAM])
         session = self.session.as_swept() if system.scene and system.phi is not None else self.session
         plans = self._distinct(self._rollouts(sampler, self._sampled(sampler, answer)), sampler, answer)
         best, least_cost = answer, self._penalized_cost(sampler, answer)
         few = system.nlam <= FEW_PAIRS
-        solved, patience = list[SearchedPlan](), 1
+        patience = 1
         for _ in range(1 + PASSES_NEAR):
             before = best
-            for solution in self._solved(session, sampler, plans, best, least_cost, solved):
+            for solution in self._solved(session, sampler, plans, best, least_cost, steps_before):
                 yield solution
                 cost = self._penalized_cost(sampler, solution)
                 if cost < least_cost:
                     best, least_cost = solution, cost
             patience = patience - 1 if best is before else FRUITLESS_PASSES if few else 1
             if patience == 0 or np.isinf(least_cost):
-                return
+                return best
             nearby_plans = self._around(sampler, best)
             if few:
                 nearby_plans += perturbed_plans(sampler, best.arrays["u"][0], generator)
             plans = self._distinct(self._rollouts(sampler, nearby_plans[:CANDIDATES_NEAR]), sampler, best)
+        return best
 
     def _solved(
         self,
@@ -112,13 +130,14 @@ class SampleSearch(Search):
         plans: list[Rollout],
         best: Solution,
         least_cost: float,
-        solved: list[SearchedPlan],
+        steps_before: int,
     ) -> Iterator[Solution]:
-        """Yield answers near rollouts that cost less than the ``best`` one; list all plans in ``solved``."""
+        """Yield answers near rollouts that cost less than the ``best`` one; list all plans in the report."""
         limit = least_cost if best.certificate.certified else np.inf
         roll_out = partial(exact_rollout, session)
+        solved = self.report.plans if self.report is not None else list[SearchedPlan]()
         solver = PlanSolver(session, roll_out, self.judge, SAMPLED, self.seed, self.progress, limit, solved)
-        steps = sampler.rolled_steps
+        steps = steps_before + sampler.rolled_steps
         self.report = SearchReport(self.seed, steps // session.problem.N, steps, solved)
         for _, solution in solver.solve(plans):
             yield solution.with_route(swept=session.problem.swept)

@@ -93,7 +93,7 @@ class InputSampler:
     def __init__(
         self,
         evaluation: Evaluation,
-        seed: int = 0,
+        seed: int | Sequence[int] = 0,
         laws: Sequence[ContactLaw] = (Exact(), Barrier(mu=1.0)),
         failing_share: float = 1.0,
         rollout_steps: int | None = None,
