@@ -50,7 +50,9 @@ SAME_COST = 1e-3
 PROMISING = 0.5
 """Excess cost of a sampled plan, relative to what a plan can change, below which the plan is solved."""
 RESTARTS = 2
-"""Number of times that sampling begins again with other draws as long as the best answer idles, at few pairs."""
+"""Number of times that sampling beside an answer that idles begins again with other draws."""
+LITTLE_SHARE = 0.5
+"""Share of the cost of standing still above which sampling begins again."""
 HEAVY_PAIRS = 40
 """Number of contact pairs from which compiling rollouts takes longer than most solves."""
 
@@ -81,11 +83,13 @@ class SampleSearch(Search):
         In a scene, neither samples nor solutions may pass through bodies between two nodes.
         """
         best, steps_before = answer, 0
-        for restart in range(1 + RESTARTS):
+        few = self.session.problem.system.nlam < HEAVY_PAIRS
+        restarts = RESTARTS if few and idles(answer) and self.session.rollout_steps is None else 0
+        for restart in range(1 + restarts):
             sampler = self._sampler(restart, best)
             best = yield from self._solutions_near(sampler, best, steps_before)
             steps_before += sampler.rolled_steps
-            if not idles(best) or self.session.rollout_steps or self.session.problem.system.nlam >= HEAVY_PAIRS:
+            if not idles(best, LITTLE_SHARE):
                 return
 
     def _sampler(self, restart: int, answer: Solution) -> InputSampler:

@@ -63,14 +63,14 @@ def can_roll_out(session: Session) -> bool:
     return has_single_branch and not isinstance(session.policy, Feedback) and can_sample(session.problem)
 
 
-def idles(solution: Solution) -> bool:
-    """Return whether an answer idles: it costs more than :data:`IDLE_SHARE` times the cost of standing still.
+def idles(solution: Solution, share: float = IDLE_SHARE) -> bool:
+    """Return whether an answer idles: it costs more than ``share`` times the cost of standing still.
 
     Both costs exclude constant terms.
     """
     constant = Evaluation(solution.problem, solution.values).least_cost
     idling = solution.idle_cost - constant
-    return bool(idling > 0 and solution.cost - constant > IDLE_SHARE * idling)
+    return bool(idling > 0 and solution.cost - constant > share * idling)
 
 
 def diverges(solution: Solution) -> bool:

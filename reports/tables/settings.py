@@ -13,12 +13,12 @@ from ocp.errors import InputError, did_you_mean
 from ocp.gradients.estimators import RULES
 from ocp.learning.experiment import Experiment
 from ocp.learning.psi_learning import PsiLearning
-from ocp.search.random_search import RandomSearch
 from ocp.learning.training import ALGORITHMS
 from ocp.problem.policy import POLICIES
 from ocp.programs.options import documented
 from ocp.programs.solver import IPOPT_DEFAULTS, SOLVERS
 from ocp.routes.relaxations import STRATEGY_USES
+from ocp.search.random_search import RandomSearch
 from ocp.solve.request import Settings
 from ocp.transcription import METHODS
 from ocp.transcription.factories import law_class

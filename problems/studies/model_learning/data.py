@@ -13,8 +13,8 @@ from dynamics.learned.training import train_network
 from dynamics.learned.transitions import DataOrigin, Samples
 from ocp.learning.explorer import Buffer, Explorer, random_transitions
 from ocp.learning.identify import OneStepLoss, bootstrap_intervals, identify
-from ocp.search.random_search import RandomSearch
 from ocp.problem.task import Task
+from ocp.search.random_search import RandomSearch
 from problems.studies.progress import track_items
 from problems.studies.study import FinishedParts, StudyParams, dataset, setting
 from problems.tasks.registry import get

@@ -12,8 +12,8 @@ from ocp.errors import InputError, choose, did_you_mean
 from ocp.learning.experiment import Experiment
 from ocp.learning.protocol import Algorithm
 from ocp.learning.psi_learning import PsiLearning
-from ocp.search.random_search import RandomSearch
 from ocp.learning.training import ALGORITHMS
+from ocp.search.random_search import RandomSearch
 from problems.tasks import registry
 from problems.tasks.registry import TaskSpec, default_settings, make_algorithm
 from reports.tables.settings import default_text, setting_rows
