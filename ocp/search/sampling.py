@@ -47,8 +47,10 @@ ADAPTED_SHARE = 3.0
 """Budget of runs with covariance adaptation, as a multiple of that of cross-entropy runs."""
 ADAPTED_SAMPLES = 40
 """Minimum number of samples in a round with covariance adaptation."""
-MIN_ADAPTED_ROUNDS, MAX_ADAPTED_ROUNDS = 120, 400
-"""Least and largest number of rounds with covariance adaptation; a larger budget buys more samples in a round."""
+MIN_ADAPTED_ROUNDS = 120
+"""Minimum number of rounds with covariance adaptation."""
+MAX_ADAPTED_ROUNDS = 400
+"""Maximum number of rounds with covariance adaptation; a larger budget buys more samples in a round."""
 AROUND_SHARE = 0.1
 """Standard deviation of every input around an answer, as a share of half the width of its bounds."""
 KNOTS = (5, 8, 16)

@@ -18,8 +18,10 @@ from ocp.search.random_search import RandomSearch, SearchDistribution
 
 ELITE_SHARE = 0.1
 """Fraction of a round's samples to which the next distribution is fitted."""
-ADAPTED_WIDTH, ADAPTED_REACH = 0.3, 2.0
-"""Initial standard deviation and largest change of a run with covariance adaptation, as shares of its deviation."""
+ADAPTED_WIDTH = 0.3
+"""Initial standard deviation of a run with covariance adaptation, as a share of its deviation."""
+ADAPTED_REACH = 2.0
+"""Largest change by a run with covariance adaptation, as a share of its deviation."""
 
 Basis = Literal["linear", "constant"]
 
