@@ -47,7 +47,7 @@ class Strategy(Protocol):
         ...
 
 
-def _inexact(t: float) -> dict[str, float]:
+def inexact(t: float) -> dict[str, float]:
     """Return IPOPT options for a stage that is solved no more tightly than it is relaxed."""
     tolerance = min(1e-4, max(t, 1e-9))
     return {"tol": tolerance, "mu_target": t / 10, "compl_inf_tol": tolerance, "mu_init": max(t / 10, 1e-11)}
@@ -96,7 +96,7 @@ class CentralPath:
 
     def _stage(self, t: float, first: bool) -> HomotopyStage:
         options = {
-            **_inexact(t),
+            **inexact(t),
             "max_iter": self.max_iterations,
             **(_FLAT_VALLEY_OPTIONS if self.steps > _SHORT_HORIZON else {}),
         }
@@ -118,7 +118,7 @@ class ScholtesAdaptive(CentralPath):
 
     def _stage(self, t: float, first: bool) -> HomotopyStage:
         barrier = "monotone" if first else "adaptive"
-        return relaxed(t, {**_inexact(t), "mu_strategy": barrier, "max_iter": self.max_iterations})
+        return relaxed(t, {**inexact(t), "mu_strategy": barrier, "max_iter": self.max_iterations})
 
 
 @dataclass(frozen=True)
@@ -228,7 +228,7 @@ class L1Penalty:
         return [HomotopyPath(values, stage, False, lambda nlp, result: _largest_product(nlp, result) <= limit)]
 
 
-_SCHOLTES = Falling(lambda t, first: relaxed(t, _inexact(t)))
+_SCHOLTES = Falling(lambda t, first: relaxed(t, inexact(t)))
 """Scholtes' relaxation in inexact stages, with a tolerance of t and IPOPT's barrier held at t/10, since
 nothing is gained by solving a relaxation more tightly than it is relaxed."""
 

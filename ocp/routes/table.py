@@ -12,7 +12,7 @@ from dynamics.contact import Barrier, Exact
 from ocp.errors import NotConverged, choose
 from ocp.problem.policy import Feedback
 from ocp.problem.rollout import Gains, InitialGuess, Rollout
-from ocp.programs.solver import Point
+from ocp.programs.solver import Point, Result
 from ocp.routes.branches import polish
 from ocp.routes.complementarity import (
     AFTER_FAILURE,
@@ -28,7 +28,7 @@ from ocp.routes.complementarity import (
     solve_pairs,
 )
 from ocp.routes.homotopy import IPOPT_PRIMAL_WARM_START, Homotopy, HomotopyStage, RouteResult, better, lower, translate
-from ocp.routes.relaxations import DEFAULT_STRATEGY, MU_LAST, STAGE_ITERATIONS, STRATEGIES, from_exact, relaxed
+from ocp.routes.relaxations import DEFAULT_STRATEGY, MU_LAST, STAGE_ITERATIONS, STRATEGIES, from_exact, inexact, relaxed
 from ocp.routes.rollouts import RolloutPolish, RolloutStarts, pack_rollout
 from ocp.transcription import Direct
 from ocp.transcription.nlp import NLP
@@ -38,8 +38,8 @@ if TYPE_CHECKING:
 
 NEAR_RELAXATION = 1e-6
 """Relaxation of lam gap, in characteristic units, for a start that is near a solution."""
-FAR_RELAXATION = 1e-3
-"""Relaxation of lam gap, in characteristic units, for other starts."""
+FAR_RELAXATIONS = (1e-3, 3e-5)
+"""Relaxations of lam gap, in characteristic units, for other starts."""
 _DIVERGED = 1e-3
 """Relative increase of the cost above which a rollout has diverged from its plan."""
 
@@ -98,21 +98,45 @@ class WarmStart(Route):
         """Solve the stage with the first options for which the solver converges."""
         nlp, point = session.nlp_of("product"), start.point
         assert point is not None
+        attempts = self._pair_attempts(session, start) if session.complementary else self._attempts(session, start)
+        result = _solved_stages(follower, nlp, *attempts[0])
+        for stages, stage_point in attempts[1:]:
+            result = result if result.ok else _solved_stages(follower, nlp, stages, stage_point)
+        if not (session.complementary and result.ok):
+            return RouteResult(result, nlp, result.ok, follower.trace)
+        return polish(follower, nlp, result, improving=not start.near)
+
+    @staticmethod
+    def _attempts(session: Session, start: Start) -> list[tuple[list[HomotopyStage], Point]]:
+        point = start.point
+        assert point is not None
         warm_options: dict[str, Any] = {} if start.near or point.lam_g is not None else IPOPT_PRIMAL_WARM_START
         stage_options: list[dict[str, Any]] = [{"mu_init": 1e-7}]
         if not start.near:
             limited_options = {"max_iter": STAGE_ITERATIONS, **session.solver.options}
             stage_options = [{**warm_options, "mu_init": 1e-7, **limited_options}, {**warm_options, "mu_init": 1e-3}]
-        stages = [HomotopyStage(session.step.law.name, 0.0, options=options) for options in stage_options]
-        if session.complementary:
-            t = (NEAR_RELAXATION if start.near else FAR_RELAXATION) * session.problem.natural_scales.mu
-            stages = [relaxed(t, {**warm_options, "mu_init": max(t / 10, 1e-9)})]
-        result = follower.solve_stage(stages[0], nlp, point, True)
-        for stage in stages[1:]:
-            result = result if result.ok else follower.solve_stage(stage, nlp, point, True)
-        if not (session.complementary and result.ok):
-            return RouteResult(result, nlp, result.ok, follower.trace)
-        return polish(follower, nlp, result, improving=not start.near)
+        name = session.step.law.name
+        return [([HomotopyStage(name, 0.0, options=options)], point) for options in stage_options]
+
+    @staticmethod
+    def _pair_attempts(session: Session, start: Start) -> list[tuple[list[HomotopyStage], Point]]:
+        """Return relaxations of the pairs, one from a near point, and two for a far one.
+
+        The two are solved no more tightly than they are relaxed; the second identifies the branch.
+        """
+        point, mu = start.point, session.problem.natural_scales.mu
+        assert point is not None
+        if start.near:
+            t = NEAR_RELAXATION * mu
+            return [([relaxed(t, {"mu_init": max(t / 10, 1e-9)})], point)]
+        wide, narrow = (share * mu for share in FAR_RELAXATIONS)
+        last_stage = relaxed(narrow, inexact(narrow))
+        primal_options = {**IPOPT_PRIMAL_WARM_START, **inexact(wide), "mu_init": wide}
+        attempts = [([relaxed(wide, primal_options), last_stage], Point(point.x))]
+        if point.lam_g is not None:
+            limited_options = {"max_iter": STAGE_ITERATIONS, **session.solver.options}
+            attempts.insert(0, ([relaxed(wide, {**inexact(wide), **limited_options}), last_stage], point))
+        return attempts
 
 
 class Complementarity(Route):
@@ -233,6 +257,14 @@ class LawPath(Route):
                 if from_exact_result is not None and (not outcome.finished or lower(from_exact_result, outcome.result)):
                     outcome = replace(outcome, result=from_exact_result, finished=True)
         return outcome
+
+
+def _solved_stages(follower: Homotopy, nlp: NLP, stages: list[HomotopyStage], point: Point) -> Result:
+    """Return the result of the last of the stages, or of the first that fails; each starts where the last one ended."""
+    result = follower.solve_stage(stages[0], nlp, point, True)
+    for stage in stages[1:]:
+        result = follower.solve_stage(stage, nlp, result.point, True) if result.ok else result
+    return result
 
 
 def _by_helper(helper: Session, follower: Homotopy, guess: InitialGuess | None) -> RouteResult:

@@ -11,7 +11,7 @@ from ocp.errors import InputError, choose, input_errors
 from ocp.problem.policy import Policy
 from ocp.problem.problem import Problem
 from ocp.problem.resources import check_memory, solve_memory
-from ocp.programs.solver import Solver
+from ocp.programs.solver import Point, Solver
 from ocp.routes.homotopy import StageRecord
 from ocp.routes.session import DEFAULT_EFFORT, Effort, Session
 from ocp.solution import Solution
@@ -187,7 +187,11 @@ def solve_from(
     if start.route.swept:
         session = session.as_swept()
     with keep_best_on_interrupt(session, seed, progress) as watch:
-        outcome = session.resume(carry(start, session.nlp_of("product"), session.values), watch)
+        point = carry(start, session.nlp_of("product"), session.values)
+        if session.complementary and len(start.arrays["time"]) != session.problem.N + 1:
+            # Multipliers of pairs on another mesh mislead: those of a contact's events are at single nodes.
+            point = Point(point.x)
+        outcome = session.resume(point, watch)
         if not (resumed := outcome.finished):
             guess = carried_guess(start, session.problem, session.values)
             cold = session.solve(progress=watch, guess=guess)
