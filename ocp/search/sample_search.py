@@ -50,9 +50,9 @@ SAME_COST = 1e-3
 PROMISING = 0.5
 """Excess cost of a sampled plan, relative to what a plan can change, below which the plan is solved."""
 RESTARTS = 2
-"""Number of times that sampling beside an answer that idles begins again with other draws."""
+"""Number of times that sampling may begin again with other draws."""
 LITTLE_SHARE = 0.5
-"""Share of the cost of standing still above which sampling begins again."""
+"""Share of the cost of standing still above which sampling beside an answer that idles begins again."""
 HEAVY_PAIRS = 40
 """Number of contact pairs from which compiling rollouts takes longer than most solves."""
 
@@ -82,24 +82,26 @@ class SampleSearch(Search):
 
         In a scene, neither samples nor solutions may pass through bodies between two nodes.
         """
-        best, steps_before = answer, 0
-        few = self.session.problem.system.nlam < HEAVY_PAIRS
-        restarts = RESTARTS if few and idles(answer) and self.session.rollout_steps is None else 0
-        for restart in range(1 + restarts):
-            sampler = self._sampler(restart, best)
+        best, steps_before, adapts = answer, 0, self._is_patient(answer)
+        for restart in range(1 + RESTARTS):
+            before, sampler = best, self._sampler(restart, adapts)
             best = yield from self._solutions_near(sampler, best, steps_before)
             steps_before += sampler.rolled_steps
-            if not idles(best, LITTLE_SHARE):
+            # Samples that beat a certified answer show that it has cheaper minima beside it.
+            is_doubted = best is not before and not adapts
+            little = idles(answer) and idles(best, LITTLE_SHARE)
+            affordable = self.session.rollout_steps is None and self.session.problem.system.nlam < HEAVY_PAIRS
+            if not (affordable and (is_doubted or little)):
                 return
+            adapts = True
 
-    def _sampler(self, restart: int, answer: Solution) -> InputSampler:
+    def _sampler(self, restart: int, adapts: bool) -> InputSampler:
         laws = BOTH_LAWS if self.thorough else (Exact(),)
         failing_share = 1.0 if self.thorough else NORMAL_FAILING_SHARE
-        patient = self._is_patient(answer)
-        most = MAX_SAMPLES if patient else CERTIFIED_SAMPLES
+        most = MAX_SAMPLES if adapts else CERTIFIED_SAMPLES
         evaluation, steps = self.session.evaluation, self.session.rollout_steps
         seeds = (self.seed, restart) if restart else self.seed
-        return InputSampler(evaluation, seeds, laws, failing_share, steps, most, patient)
+        return InputSampler(evaluation, seeds, laws, failing_share, steps, most, adapts)
 
     def _solutions_near(
         self, sampler: InputSampler, answer: Solution, steps_before: int
@@ -157,7 +159,7 @@ class SampleSearch(Search):
         Near a certified solution that does not idle, small changes of inputs find nothing better.
         """
         plans: list[SampledPlan] = []
-        patient = self._is_patient(answer)
+        patient = sampler.adapts
         excess_before = answer.idle_cost - replay_cost(answer)
         for number, plans in enumerate(sampler.stages(), 1):
             best = min((plan.cost for plan in plans), default=np.inf)

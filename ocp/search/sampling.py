@@ -104,6 +104,7 @@ class InputSampler:
     ) -> None:
         problem, limits = evaluation.problem, evaluation.limits
         self.problem, self.evaluation, self.failing_share = penalized(problem), evaluation, failing_share
+        self.adapts = adapts
         self.lower, self.upper = limits.u_lower, limits.u_upper
         guess, size = evaluation.initial_guess[1].mean(axis=0), problem.scales.u
         bounded = np.isfinite(self.upper - self.lower)
