@@ -52,7 +52,7 @@ PROMISING = 0.5
 RESTARTS = 2
 """Number of times that sampling may begin again with other draws."""
 LITTLE_SHARE = 0.5
-"""Share of the cost of standing still above which sampling beside an answer that idles begins again."""
+"""Share of the cost of standing still above which, or relative gain below which, sampling begins again."""
 HEAVY_PAIRS = 40
 """Number of contact pairs from which compiling rollouts takes longer than most solves."""
 
@@ -87,8 +87,9 @@ class SampleSearch(Search):
             before, sampler = best, self._sampler(restart, adapts)
             best = yield from self._solutions_near(sampler, best, steps_before)
             steps_before += sampler.rolled_steps
-            # Samples that beat a certified answer show that it has cheaper minima beside it.
-            is_doubted = best is not before and not adapts
+            # Samples that beat a certified answer by little show that there are cheaper minima.
+            gain = before.cost_share(replay_cost(before) - replay_cost(best), replay_cost(before))
+            is_doubted = not adapts and 0 < gain < LITTLE_SHARE
             little = idles(answer) and idles(best, LITTLE_SHARE)
             affordable = self.session.rollout_steps is None and self.session.problem.system.nlam < HEAVY_PAIRS
             if not (affordable and (is_doubted or little)):
