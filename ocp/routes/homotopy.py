@@ -67,10 +67,9 @@ class HomotopyPath:
     """Values of a parameter, from an easy value to the target, and the stage at each value.
 
     The path ends early if ``complete(program, result)`` is true; values from ``solved_to(program, result)`` on are
-    skipped. A ``strict`` path must reach its last
-    value; a path that only prepares the next path need not. The path is given up, without reaching its end, once
-    its costs, extrapolated to the value 0, are not below ``cost_limit`` by a thousandth, or, before its last value,
-    the follower has taken ``last_iteration`` iterations.
+    skipped. A ``strict`` path must reach its last value; a path that only prepares the next path need not. The path is
+    given up, without reaching its end, once its costs, extrapolated to the value 0, are not below ``cost_limit`` by a
+    thousandth, or, before its last value, the follower has taken ``last_iteration`` iterations.
     """
 
     values: Sequence[float]

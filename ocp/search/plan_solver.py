@@ -16,7 +16,7 @@ from ocp.routes.branches import Branches
 from ocp.routes.homotopy import COST_GAIN, Homotopy, Progress, RouteResult, Trace
 from ocp.routes.rollouts import pack_rollout
 from ocp.routes.session import Session
-from ocp.search.search import Judge
+from ocp.search.search import Judge, replay_limit
 from ocp.solution import Solution
 
 ITERATIONS = 100
@@ -79,14 +79,13 @@ class PlanSolver:
                     yield plan, self._listed(plan, solution)
                     if solution.referee.survives is False and improved is not answer:
                         yield plan, self._listed(plan, self._judge(branches, answer))
-                    # Another answer need not cost less than one that is not chosen.
-                    if not solution.fails_at_its_step:
-                        limit = min(limit, solution.audit.exact_cost)
+                    limit = min(limit, replay_limit(solution))
                 else:
                     self._list(plan, cost, NOT_BETTER)
             if is_less(plan.cost, limit) and not broken_constraints(session.evaluation, plan):
-                yield plan, self._listed(plan, self._judge(branches, self._rolled_out(branches, plan)))
-                limit = plan.cost
+                solution = self._judge(branches, self._rolled_out(branches, plan))
+                yield plan, self._listed(plan, solution)
+                limit = min(limit, replay_limit(solution))
 
     def _listed(self, plan: Rollout, solution: Solution) -> Solution:
         self._list(plan, solution.cost, solution.status.label, solution.referee.survives)

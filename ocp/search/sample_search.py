@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Generator, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
@@ -64,10 +64,12 @@ class SampleSearch(Search):
     ``thorough`` effort samples under two laws in all rounds; normal effort samples under the exact law, and, if the
     answer is certified and does not idle, ends when samples no longer improve towards the answer, are far from it, or
     repeat it. The best answer's inputs are then changed at random (:mod:`ocp.search.perturbed_plans`), and plans with
-    other contact schedules are solved.
+    other contact schedules are solved. All of this begins again with other draws, up to :data:`RESTARTS` times, while
+    a plan beside an idling answer does little, or once if samples beat a certified answer by little.
     """
 
     thorough: bool = True
+    _samplers: list[InputSampler] = field(default_factory=list, init=False)
 
     def is_needed(self, solution: Solution) -> bool:
         """Return whether to sample: if the search was requested, or if inputs alone determine a plan."""
@@ -82,11 +84,12 @@ class SampleSearch(Search):
 
         In a scene, neither samples nor solutions may pass through bodies between two nodes.
         """
-        best, steps_before, adapts = answer, 0, self._is_patient(answer)
+        best, adapts = answer, self._is_patient(answer)
+        generator = np.random.default_rng([self.seed, NEAR_STREAM])
         for restart in range(1 + RESTARTS):
             before, sampler = best, self._sampler(restart, adapts)
-            best = yield from self._solutions_near(sampler, best, steps_before)
-            steps_before += sampler.rolled_steps
+            self._samplers.append(sampler)
+            best = yield from self._solutions_near(sampler, generator, best)
             # Samples that beat a certified answer by little show that there are cheaper minima.
             gain = before.cost_share(replay_cost(before) - replay_cost(best), replay_cost(before))
             is_doubted = not adapts and 0 < gain < LITTLE_SHARE
@@ -105,10 +108,10 @@ class SampleSearch(Search):
         return InputSampler(evaluation, seeds, laws, failing_share, steps, most, adapts)
 
     def _solutions_near(
-        self, sampler: InputSampler, answer: Solution, steps_before: int
+        self, sampler: InputSampler, generator: np.random.Generator, answer: Solution
     ) -> Generator[Solution, None, Solution]:
         """Yield solutions near the plans of a sampler, and return the cheapest of these and ``answer``."""
-        system, generator = self.session.problem.system, np.random.default_rng([self.seed, NEAR_STREAM])
+        system = self.session.problem.system
         session = self.session.as_swept() if system.scene and system.phi is not None else self.session
         plans = self._distinct(self._rollouts(sampler, self._sampled(sampler, answer)), sampler, answer)
         best, least_cost = answer, self._penalized_cost(sampler, answer)
@@ -116,7 +119,7 @@ class SampleSearch(Search):
         patience = 1
         for _ in range(1 + PASSES_NEAR):
             before = best
-            for solution in self._solved(session, sampler, plans, best, least_cost, steps_before):
+            for solution in self._solved(session, plans, best, least_cost):
                 yield solution
                 cost = self._penalized_cost(sampler, solution)
                 if cost < least_cost:
@@ -133,18 +136,16 @@ class SampleSearch(Search):
     def _solved(
         self,
         session: Session,
-        sampler: InputSampler,
         plans: list[Rollout],
         best: Solution,
         least_cost: float,
-        steps_before: int,
     ) -> Iterator[Solution]:
         """Yield answers near rollouts that cost less than the ``best`` one; list all plans in the report."""
         limit = least_cost if best.certificate.certified else np.inf
         roll_out = partial(exact_rollout, session)
         solved = self.report.plans if self.report is not None else list[SearchedPlan]()
         solver = PlanSolver(session, roll_out, self.judge, SAMPLED, self.seed, self.progress, limit, solved)
-        steps = steps_before + sampler.rolled_steps
+        steps = sum(sampler.rolled_steps for sampler in self._samplers)
         self.report = SearchReport(self.seed, steps // session.problem.N, steps, solved)
         for _, solution in solver.solve(plans):
             yield solution.with_route(swept=session.problem.swept)

@@ -96,9 +96,17 @@ def replay_cost(solution: Solution) -> float:
     return cost if np.isfinite(cost) else np.inf
 
 
+def replay_limit(solution: Solution) -> float:
+    """Return the cost below which another answer's replay is better.
+
+    It is infinite for a plan in a scene that fails the referee at its own step, since any other plan precedes it.
+    """
+    return np.inf if solution.fails_at_its_step else replay_cost(solution)
+
+
 def cost_to_beat(solution: Solution) -> float:
     """Return the cost below which another answer is better, or infinity if this answer has no certificate."""
-    return replay_cost(solution) if solution.certificate.certified else np.inf
+    return replay_limit(solution) if solution.certificate.certified else np.inf
 
 
 def is_poor(solution: Solution) -> bool:

@@ -71,7 +71,7 @@ def test_values_that_are_infinite_at_a_pole_raise_no_warning() -> None:
 
 
 def test_only_expressions_with_such_operations_are_searched(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of three expressions one divides and one calls a function; the graph of the third is not walked."""
+    """One expression divides and one calls a function; the graph of a third, which does neither, is not walked."""
     walked: list[str] = []
 
     def counted(expression: ca.SX) -> Iterator[ca.SX]:

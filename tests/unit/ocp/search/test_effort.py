@@ -124,6 +124,26 @@ def test_sampling_beside_a_certified_answer_ends_where_it_is_fruitless(limit: st
     assert sampled.certificate.certified
 
 
+@pytest.mark.parametrize(("idle", "restarts", "effort"), [(True, 2, "normal"), (False, 0, "normal"), (True, 0, 20_000)])
+def test_sampling_begins_again_with_other_draws_while_a_plan_does_little(
+    idle: bool, restarts: int, effort: float | str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The draws of each restart differ; a stated number of steps allows no restart."""
+    seeds: list[Any] = []
+
+    class Recorded(InputSampler):
+        def __init__(self, evaluation: Evaluation, seed: Any, *options: Any) -> None:
+            seeds.append(seed)
+            super().__init__(evaluation, seed, (Exact(),), 1.0, 2000, 100, *options[-1:])
+
+    monkeypatch.setattr(sample_search, "InputSampler", Recorded)
+    monkeypatch.setattr(sample_search, "idles", lambda *_: idle)
+    monkeypatch.setattr(sample_search.SampleSearch, "_is_patient", lambda *_: True)
+    answer = solve(get("wall-1d", N=5), contact="exact", seed=7, effort=effort)
+    assert seeds == [7, *((7, restart) for restart in range(1, restarts + 1))]
+    assert answer.route.search is not None and answer.route.search.seed == 7
+
+
 def test_a_seed_determines_the_answer_and_what_was_tried() -> None:
     first, again = (solve(get("wall-1d", N=10), contact="exact", seed=3) for _ in range(2))
     assert first.cost == again.cost
