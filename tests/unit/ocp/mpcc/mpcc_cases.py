@@ -7,9 +7,13 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
+from ocp.mpcc import MPCC
+from ocp.mpcc.programs import programs_of
 from ocp.programs.layout import Layout
-from ocp.programs.program import PairName, Program
+from ocp.programs.program import PENALTY, RELAXATION, PairName, Program
+from ocp.programs.solver import Solver
 from ocp.programs.units import Scale
+from ocp.routes.homotopy import Homotopy
 
 
 @dataclass
@@ -73,3 +77,15 @@ def scheel_scholtes() -> SmallMPCC:
     z = ca.SX.sym("z", 3)
     g = ca.vertcat(-4 * z[1] + z[0], -4 * z[2] + z[0])
     return SmallMPCC(z, z[1] + z[2] - z[0], g, [-np.inf] * 2, [0.0] * 2, [[1], [2]])
+
+
+def symbols(n: int) -> tuple[ca.SX, list[ca.SX]]:
+    """Return n symbols as a column and as a list."""
+    x = ca.SX.sym("x", n)
+    return x, ca.vertsplit(x)
+
+
+def follower_of(mpcc: MPCC) -> Homotopy:
+    """Return a follower of the programs of a problem without parameters."""
+    programs = programs_of(mpcc, np.zeros(0), np.zeros(mpcc.x.numel()))
+    return Homotopy(programs, Solver("ipopt"), {PENALTY: 0.0, RELAXATION: 0.0})
