@@ -11,7 +11,7 @@ import pytest
 import problems
 from dynamics.contact import Barrier, Exact
 from ocp import Direct, Solution, Status, solve
-from ocp.routes import complementarity
+from ocp.routes import complementarity, table
 from ocp.solve.judging import judge_outcome
 from ocp.transcription.nlp import NLP
 from problems.bodies.hopper.machine import hopper
@@ -144,7 +144,8 @@ def test_a_gait_settled_on_its_first_branch_is_not_optimal(monkeypatch: pytest.M
     """Seven pairs are biactive, and the certificate names those whose change lowers the cost."""
     guesses = NLP.active_sets
     monkeypatch.setattr(NLP, "active_sets", lambda nlp, x: guesses(nlp, x)[:1])
-    monkeypatch.setattr(complementarity, "improve", lambda _, found, max_failures: found)
+    monkeypatch.setattr(complementarity, "improve", lambda _, found, *limits: found)
+    monkeypatch.setattr(table, "FURTHER_PATHS", ())
     session = session_of("half-cheetah")
     found = judge_outcome(session, session.solve(), 0)
     check_gait(found, 1.0)
