@@ -138,6 +138,11 @@ def noticeable_violations(broken: Sequence[Broken], share: float = CONSTRAINT_SH
     return list(worst.values())
 
 
+def excess_violation(broken: Sequence[Broken], share: float = CONSTRAINT_SHARE) -> float:
+    """Return the sum of all violations above ``share``, in characteristic sizes."""
+    return float(sum(max(entry.share - share, 0.0) for entry in broken))
+
+
 def violation_findings(violations: Sequence[Violation]) -> list[Finding]:
     """Return a finding for every violation, with the constraint, the amount and the step."""
     return [

@@ -14,7 +14,7 @@ from ocp.problem.problem import Problem
 from ocp.problem.rollout import Gains, Rollout
 from ocp.solve.best_gains import WEIGHTS
 from ocp.solve.scenario_outcomes import ScenarioOutcomes
-from ocp.solve.shared_gains import Deviations, Expansion, shared_gains
+from ocp.solve.shared_gains import Deviations, Expansion, Merit, shared_gains
 
 PASSES = 12
 """Maximum number of passes of dynamic programming."""
@@ -22,6 +22,8 @@ STEP_LENGTHS = (1.0, 0.5, 0.25, 0.1)
 """Fractions of the change of the gains that are tried, in this order."""
 DAMPINGS = (1e-3, 1e-2, 0.1, 1.0)
 """Weights of changes of inputs by their sizes, relative to the cost of a step; one that is too small gives the next."""
+END_SHARES = (1.0, 10.0, 100.0)
+"""Penalties of deviations from a bound end (:func:`~ocp.solve.shared_gains.weighted_end`), each after the last."""
 LEAST_DECREASE = 1e-4
 """Relative decrease of the mean cost below which a pass is the last."""
 
@@ -33,12 +35,12 @@ class PolicyOutcomes(Protocol):
     evaluation: Evaluation
     plan: Rollout
 
-    def merit(self, gains: Gains) -> tuple[int, int, float]:
-        """Return two numbers of failures and a cost; smaller is better, in this order."""
+    def merit(self, gains: Gains) -> Merit:
+        """Return the failures and the cost of gains."""
         ...
 
-    def expansions(self, gains: Gains) -> list[Expansion]:
-        """Return the expansions of the motions that end."""
+    def expansions(self, gains: Gains, end_share: float) -> list[Expansion]:
+        """Return the expansions of the motions that end, with a penalty ``end_share`` of deviations at the end."""
         ...
 
 
@@ -61,13 +63,22 @@ def gains_over_scenarios(
     return gains, referee_replay(evaluation, gains, plan.x[:, 0])
 
 
-def improved_gains(outcomes: PolicyOutcomes, gains: Gains, merit: tuple[int, int, float]) -> Gains:
-    """Return gains after passes with growing damping, each shortened until the merit decreases."""
+def improved_gains(outcomes: PolicyOutcomes, gains: Gains, merit: Merit) -> Gains:
+    """Return gains after passes with growing penalties of a bound end, while constraints are violated."""
+    for end_share in END_SHARES:
+        gains, merit = _passes(outcomes, gains, merit, end_share)
+        if merit.excess == 0:
+            break
+    return gains
+
+
+def _passes(outcomes: PolicyOutcomes, gains: Gains, merit: Merit, end_share: float) -> tuple[Gains, Merit]:
+    """Return gains and their merit after passes with growing damping, each shortened until the merit decreases."""
     problem, evaluation, plan = outcomes.problem, outcomes.evaluation, outcomes.plan
     noise = np.diag((NOISE_SHARE * measured_sizes(problem)) ** 2)
     deviations = Deviations(noise, noise, noise / problem.N)
     unit = abs(plan.cost - evaluation.least_cost) / problem.N / problem.scales.u**2
-    dampings, expansions = list(DAMPINGS), outcomes.expansions(gains)
+    dampings, expansions = list(DAMPINGS), outcomes.expansions(gains, end_share)
     for _ in range(PASSES):
         if not (expansions and dampings):
             break
@@ -78,10 +89,10 @@ def improved_gains(outcomes: PolicyOutcomes, gains: Gains, merit: tuple[int, int
             dampings.pop(0)
             continue
         previous, (gains, merit) = merit, better
-        if merit[:2] == previous[:2] and previous[2] - merit[2] < LEAST_DECREASE * abs(merit[2]):
+        if merit[:3] == previous[:3] and previous.cost - merit.cost < LEAST_DECREASE * abs(merit.cost):
             break
-        expansions = outcomes.expansions(gains)
-    return gains
+        expansions = outcomes.expansions(gains, end_share)
+    return gains, merit
 
 
 def _between(gains: Gains, improved: Gains, share: float) -> Gains:

@@ -6,8 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from ocp.judge.constraints import broken_constraints, excess_violation
 from ocp.judge.disturbances import FRICTION_SPREAD, MASS_SPREAD, friction_parameters, mass_parameters
-from ocp.judge.referee import REFINEMENT, outcome_findings, refined_replay
+from ocp.judge.referee import REFINEMENT, STATE_SHARE, outcome_findings, refined_replay, tolerance_sizes
 from ocp.judge.step_size import step_size_kind, step_state
 from ocp.mpc.linearised import project_psd
 from ocp.mpc.plan_policies import linearised_plan
@@ -15,7 +16,7 @@ from ocp.mpc.stages import Plan, StageModel
 from ocp.problem.evaluation import Evaluation
 from ocp.problem.problem import Problem
 from ocp.problem.rollout import Gains, Rollout, roll_on
-from ocp.solve.shared_gains import Expansion
+from ocp.solve.shared_gains import Expansion, Merit, weighted_end
 
 
 class HeldInputs:
@@ -50,18 +51,22 @@ class ScenarioOutcomes:
         self._refined_problem = replace(problem, N=self.substeps * problem.N)
         self._model = StageModel(problem, problem.exact_step)
 
-    def merit(self, gains: Gains) -> tuple[int, int, float]:
-        """Return numbers of failed replays, at the problem's own parameters and in all, and the mean cost of others.
-
-        Smaller is better, in this order. Replays that do not end have no cost.
-        """
+    def merit(self, gains: Gains) -> Merit:
+        """Return the failed replays, at the problem's own parameters and in all, and the mean cost of the others."""
         replays = [self._replay(scenario, gains) for scenario in self.scenarios]
         if self.substeps > 1:
             replays.append(self._replay(self.evaluation, gains, substeps=1))
         failed = [bool(outcome_findings(self.evaluation, self.plan, replay)) for replay in replays]
-        own_failures = failed[0] + sum(failed[len(self.scenarios) :])
+        own = [0, *range(len(self.scenarios), len(replays))]
         costs = [replay.cost for replay in replays if np.isfinite(replay.cost)]
-        return own_failures, sum(failed), float(np.mean(costs)) if costs else np.inf
+        excess = sum(self._excess(replays[i]) for i in own if failed[i])
+        return Merit(sum(failed[i] for i in own), excess, sum(failed), float(np.mean(costs)) if costs else np.inf)
+
+    def _excess(self, replay: Rollout) -> float:
+        if not np.isfinite(replay.x).all():
+            return np.inf
+        sizes = tolerance_sizes(self.problem, self.plan.x)
+        return excess_violation(broken_constraints(self.evaluation, replay, sizes), STATE_SHARE)
 
     def _replay(self, scenario: Evaluation, gains: Gains, substeps: int | None = None) -> Rollout:
         x0, substeps = self.plan.x[:, 0], substeps or self.substeps
@@ -71,12 +76,12 @@ class ScenarioOutcomes:
         assert replay is not None
         return replay
 
-    def expansions(self, gains: Gains) -> list[Expansion]:
+    def expansions(self, gains: Gains, end_share: float = 0.0) -> list[Expansion]:
         """Return the expansions of all scenarios whose closed loop under the exact law can be followed to the end."""
-        expansions = (self._expansion(scenario, gains) for scenario in self.scenarios)
+        expansions = (self._expansion(scenario, gains, end_share) for scenario in self.scenarios)
         return [expansion for expansion in expansions if expansion is not None]
 
-    def _expansion(self, scenario: Evaluation, gains: Gains) -> Expansion | None:
+    def _expansion(self, scenario: Evaluation, gains: Gains, end_share: float) -> Expansion | None:
         """Return the expansion of a scenario's closed loop; the inputs of its steps are held over the substeps."""
         model, N, substeps = self._model, self.problem.N, self.substeps
         nx, nu, limits = model.nx, model.nu, scenario.limits
@@ -105,9 +110,11 @@ class ScenarioOutcomes:
         gradient, hessian = costs.gradient[:, xu], costs.hessian[:, xu[:, None], xu]
         gradient[:-1, nx:] += costs.gradient[1:, before]
         hessian[:-1, nx:, nx:] += costs.hessian[1:, before, before]
+        end = costs.end_gradient, project_psd(costs.end_hessian)
+        end_gradient, end_hessian = weighted_end(self.evaluation, self.plan, coarse.x[-1], end_share, *end)
         # Gains do not depend on the step size.
         coarse.x[:, self._step_state] = 0.0
-        for matrix in (hessian, costs.end_hessian):
+        for matrix in (hessian, end_hessian):
             matrix[..., self._step_state, :] = matrix[..., self._step_state] = 0.0
         return Expansion(
             x=coarse.x,
@@ -116,8 +123,8 @@ class ScenarioOutcomes:
             dynamics=AB,
             gradient=gradient,
             hessian=project_psd(hessian),
-            end_gradient=costs.end_gradient,
-            end_hessian=project_psd(costs.end_hessian),
+            end_gradient=end_gradient,
+            end_hessian=end_hessian,
         )
 
     def _rows(self, values: dict[str, float], N: int) -> np.ndarray:

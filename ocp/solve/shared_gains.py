@@ -7,10 +7,25 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ocp.problem.rollout import Gains
+from ocp.judge.step_size import step_state
+from ocp.problem.evaluation import Evaluation
+from ocp.problem.rollout import Gains, Rollout
 
 RIDGE = 1e-10
 """Multiple of the identity added to the equations of the gains at a step, relative to the mean of their diagonal."""
+
+
+class Merit(NamedTuple):
+    """Failures and cost of a policy; of two, the smaller is better, the first difference counts.
+
+    ``failures`` are those that matter most, ``excess`` is by how much their motions violate constraints, in
+    characteristic sizes above the limit, ``others`` are all failures, and ``cost`` is that of motions that end.
+    """
+
+    failures: int
+    excess: float
+    others: int
+    cost: float
 
 
 class Expansion(NamedTuple):
@@ -29,6 +44,23 @@ class Expansion(NamedTuple):
     hessian: np.ndarray
     end_gradient: np.ndarray
     end_hessian: np.ndarray
+
+
+def weighted_end(
+    evaluation: Evaluation, plan: Rollout, x: np.ndarray, share: float, gradient: np.ndarray, hessian: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the derivatives of the terminal cost, with a penalty of deviations from the plan's end if it is bound.
+
+    ``x`` (nx,) is the last state; a deviation of one size costs half of ``share`` times the plan's cost. The end is
+    bound if the problem has terminal constraints, or a free start, which may be periodic. Without the penalty, passes
+    would lower the cost by violating these constraints.
+    """
+    problem = evaluation.problem
+    if not (problem.terminal or problem.start is not None):
+        return gradient, hessian
+    weight = share * abs(plan.cost - evaluation.least_cost) / problem.scales.x**2
+    weight[step_state(problem.system)] = 0.0
+    return gradient + weight * (x - plan.x[0, -1]), hessian + np.diag(weight)
 
 
 @dataclass(frozen=True)

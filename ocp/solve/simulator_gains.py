@@ -7,7 +7,7 @@ import sys
 import numpy as np
 
 from ocp.errors import InputError, choose
-from ocp.judge.constraints import broken_constraints, noticeable_violations
+from ocp.judge.constraints import broken_constraints, excess_violation, noticeable_violations
 from ocp.judge.referee import STATE_SHARE, referee_replay, tolerance_sizes
 from ocp.judge.step_size import step_state
 from ocp.mpc.linearised import project_psd
@@ -21,13 +21,15 @@ from ocp.simulators.replay import simulated_motion
 from ocp.solution import Solution
 from ocp.solve.best_gains import SMOOTHING, WEIGHTS, plan_of, with_gains
 from ocp.solve.scenario_gains import improved_gains
-from ocp.solve.shared_gains import Expansion
+from ocp.solve.shared_gains import Expansion, Merit, weighted_end
 
 DIFFERENCE = 1e-3
 """Change of states and inputs in finite differences, in characteristic sizes; it averages over contacts close by."""
+MAX_STARTS = 6
+"""Maximum number of gains from which passes start while constraints are violated.
 
-END_WEIGHT = 10.0
-"""Weight of the last state's deviation from the plan, over the plan's cost, where the end is constrained."""
+On the half-cheetah the first four end at violations of a periodic state, the fifth at none.
+"""
 
 
 def with_gains_in(solution: Solution, simulator: str = "mujoco") -> Solution:
@@ -47,15 +49,23 @@ def with_gains_in(solution: Solution, simulator: str = "mujoco") -> Solution:
 def gains_in_simulator(evaluation: Evaluation, plan: Rollout, simulator: MujocoWorld) -> Gains:
     """Return gains of lower cost in a simulator than the plan's inputs and a regulator's gains.
 
-    The best of these start the passes of :func:`~ocp.solve.shared_gains.shared_gains` along the motion there. Raises
+    The best of these start the passes of :func:`~ocp.solve.shared_gains.shared_gains` along the motion there; while
+    the motion violates constraints, so do the next best, up to :data:`MAX_STARTS`. Raises
     ``numpy.linalg.LinAlgError`` if a step of the plan has no linearisation.
     """
     outcomes, regulator = SimulatorOutcomes(evaluation, plan, simulator), PlanRegulator(evaluation, plan)
     candidates = [Gains(np.zeros((*plan.u[0].shape, plan.x.shape[2])), plan.u[0])]
     candidates += [regulator.gains(weights, smoothing) for smoothing in SMOOTHING for weights in WEIGHTS]
     merits = [outcomes.merit(gains) for gains in candidates]
-    first = min(range(len(candidates)), key=merits.__getitem__)
-    return improved_gains(outcomes, candidates[first], merits[first])
+    order = sorted(range(len(candidates)), key=lambda i: (merits[i].excess, merits[i].cost))
+    best, least = candidates[order[0]], merits[order[0]]
+    for i in order[:MAX_STARTS]:
+        gains = improved_gains(outcomes, candidates[i], merits[i])
+        if (merit := outcomes.merit(gains)) < least:
+            best, least = gains, merit
+        if least.excess == 0:
+            break
+    return best
 
 
 class SimulatorOutcomes:
@@ -67,18 +77,19 @@ class SimulatorOutcomes:
         self._model = StageModel(self.problem, self.problem.exact_step)
         self._step_state = step_state(self.problem.system)
 
-    def merit(self, gains: np.ndarray | StateFeedback) -> tuple[int, int, float]:
-        """Return the number of constraints that the motion under inputs or a policy violates, twice, and its cost."""
+    def merit(self, gains: np.ndarray | StateFeedback) -> Merit:
+        """Return how many kinds of constraints the motion under inputs or a policy violates, and its cost."""
         x, u = simulated_motion(self.simulator, self.evaluation, gains, self.plan.x[:, 0])
         if not np.isfinite(x).all():
-            return sys.maxsize, sys.maxsize, np.inf
+            return Merit(sys.maxsize, np.inf, 0, np.inf)
         empty = np.zeros((*u.shape[:2], self.problem.system.nlam))
         motion = Rollout.from_trajectories(self.evaluation, self.problem.exact_step, x, u, empty, empty)
         sizes = tolerance_sizes(self.problem, self.plan.x)
-        violated = len(noticeable_violations(broken_constraints(self.evaluation, motion, sizes), STATE_SHARE))
-        return violated, violated, motion.cost
+        broken = broken_constraints(self.evaluation, motion, sizes)
+        violated = len(noticeable_violations(broken, STATE_SHARE))
+        return Merit(violated, excess_violation(broken, STATE_SHARE), 0, motion.cost)
 
-    def expansions(self, gains: Gains) -> list[Expansion]:
+    def expansions(self, gains: Gains, end_share: float = 0.0) -> list[Expansion]:
         """Return the expansion of the motion, with dynamics by central differences; none if it diverges."""
         model, limits = self._model, self.evaluation.limits
         x, u = (v[0] for v in simulated_motion(self.simulator, self.evaluation, gains, self.plan.x[:, 0]))
@@ -96,16 +107,10 @@ class SimulatorOutcomes:
         x[:, self._step_state] = 0.0
         for matrix in (hessian, costs.end_hessian):
             matrix[..., self._step_state, :] = matrix[..., self._step_state] = 0.0
-        end_gradient, end_hessian = costs.end_gradient, project_psd(costs.end_hessian)
-        if self.problem.terminal or self.problem.start is not None:
-            weight = END_WEIGHT * abs(self.plan.cost - self.evaluation.least_cost) / self.problem.scales.x**2
-            weight[self._step_state] = 0.0
-            end_gradient, end_hessian = (
-                end_gradient + weight * (x[-1] - self.plan.x[0, -1]),
-                end_hessian + np.diag(weight),
-            )
+        end = costs.end_gradient, project_psd(costs.end_hessian)
+        end = weighted_end(self.evaluation, self.plan, x[-1], end_share, *end)
         free = (u > limits.u_lower) & (u < limits.u_upper)
-        return [Expansion(x, u, free, dynamics, gradient, project_psd(hessian), end_gradient, end_hessian)]
+        return [Expansion(x, u, free, dynamics, gradient, project_psd(hessian), *end)]
 
     def _derivative(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
         """Return the derivative (nx, nx + nu) of the next state with respect to (x, u)."""

@@ -23,6 +23,7 @@ from ocp.problem.evaluation import Evaluation
 from ocp.simulators.mujoco_world import MujocoWorld
 from ocp.simulators.replay import KEPT_COST_SHARE
 from ocp.solve.best_gains import best_gains, plan_of
+from ocp.solve.shared_gains import Merit
 from ocp.solve.simulator_gains import SimulatorOutcomes, gains_in_simulator
 
 TABLE = "plans-in-mujoco"
@@ -38,7 +39,7 @@ MACHINES = (
     "ant",
     "quadruped",
 )
-LIMIT_S = 60
+LIMIT_S = 90
 """Seconds of processor time of one cell."""
 
 
@@ -50,7 +51,7 @@ def _stop(*_: object) -> None:
     raise _LimitError
 
 
-def limited(merit: Callable[[], tuple[int, int, float]], plan: float, kept: Callable[[float], bool]) -> str | None:
+def limited(merit: Callable[[], Merit], plan: float, kept: Callable[[float], bool]) -> str | None:
     """Return a cost in MuJoCo as text, bold where it is kept; None beyond the limit of time.
 
     It is kept if it is at most 20 % above the plan's and no constraint is violated.
@@ -58,7 +59,7 @@ def limited(merit: Callable[[], tuple[int, int, float]], plan: float, kept: Call
     signal.signal(signal.SIGPROF, _stop)
     signal.setitimer(signal.ITIMER_PROF, LIMIT_S)
     try:
-        violated, _, value = merit()
+        violated, _, _, value = merit()
     except _LimitError:
         return None
     except (InputError, np.linalg.LinAlgError) as reason:
@@ -72,9 +73,7 @@ def limited(merit: Callable[[], tuple[int, int, float]], plan: float, kept: Call
     return f"**{value:.4g}**" if value <= plan or kept(value - plan) else f"{value:.4g}"
 
 
-def _merit_of_controller(
-    merit: Callable[..., tuple[int, int, float]], evaluation: Evaluation
-) -> tuple[int, int, float]:
+def _merit_of_controller(merit: Callable[..., Merit], evaluation: Evaluation) -> Merit:
     policy = ControllerPolicy(evaluation)
     controlled = merit(policy)
     if policy.n_unplanned == policy.samples:
@@ -94,7 +93,7 @@ def row(machine: str) -> list[str | None]:
     def kept(excess: float) -> bool:
         return evaluation.cost_share(excess, solution.cost) <= KEPT_COST_SHARE
 
-    ways: tuple[Callable[[], tuple[int, int, float]], ...] = (
+    ways: tuple[Callable[[], Merit], ...] = (
         lambda: merit(plan.u),
         lambda: merit(best_gains(evaluation, plan)[0]),
         lambda: merit(gains_in_simulator(evaluation, plan, world)),

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from dynamics.systems import Link, Machine, Parameter, ParameterTable
-from ocp import InputError, Problem, solve
+from ocp import Constraint, InputError, Problem, Scaling, solve
+from ocp.judge.referee import STATE_SHARE
 from ocp.problem.evaluation import Evaluation
 from ocp.problem.rollout import Gains, roll_out
 from ocp.simulators.mujoco_world import STEP_S, MujocoWorld
@@ -63,7 +64,32 @@ def test_passes_end_at_the_optimum_of_a_linear_quadratic_problem() -> None:
         V = np.eye(2) + A.T @ V @ (A - B @ K)
     assert cost == pytest.approx(x @ V @ x, rel=1e-4)
     assert cost >= x @ V @ x * (1 - 1e-9)
-    assert outcomes.merit(gains) == (0, 0, pytest.approx(cost))
+    assert outcomes.merit(gains) == (0, 0, 0, pytest.approx(cost))
+
+
+def test_gains_meet_a_constraint_at_the_end_that_a_heavier_cart_misses() -> None:
+    """From rest the cart must end at 1; half as heavy again, it reaches less than 2/3 by the plan's forces."""
+    p = ParameterTable([Parameter("h", H, "s"), Parameter("mass", MASS, "kg")])
+    cart = Machine((Link("cart", None, p["mass"], 1.0, joint="slide", axis=(1.0, 0.0), gear=1.0),), ())
+    system = cart.system("cart", p, h=p["h"], friction=None)
+    there = Constraint("there", system.x[0], 1.0, 1.0)
+    cost = 1e-4 * ca.sumsqr(system.u)
+    problem = Problem(
+        "cart", system, N, cost, 0.0, ca.SX([0.0, 0.0]), p, terminal=(there,), scaling=Scaling(x=1.0, u=100.0)
+    )
+    values = problem.parameters.defaults
+    evaluation = Evaluation(problem, values)
+    plan = roll_out(problem, solve(problem).arrays["u"], values)
+    assert plan.x[0, -1, 0] == pytest.approx(1.0, abs=1e-6)
+    outcomes = SimulatorOutcomes(evaluation, plan, MujocoWorld(problem, values | {"mass": 1.5 * MASS}))
+    violated, excess, *_ = outcomes.merit(plan.u)
+    (A, B), state = linear_dynamics(), np.zeros(2)
+    for force in plan.u[0]:
+        state = A @ state + B @ force / 1.5
+    assert violated == 1
+    assert excess == pytest.approx(1 - state[0] - STATE_SHARE, abs=1e-6)
+    gains = gains_in_simulator(evaluation, plan, outcomes.simulator)
+    assert outcomes.merit(gains)[:2] == (0, 0)
 
 
 @pytest.mark.slow
