@@ -75,7 +75,7 @@ def test_gains_meet_a_constraint_at_the_end_that_a_heavier_cart_misses() -> None
     there = Constraint("there", system.x[0], 1.0, 1.0)
     cost = 1e-4 * ca.sumsqr(system.u)
     problem = Problem(
-        "cart", system, N, cost, 0.0, ca.SX([0.0, 0.0]), p, terminal=(there,), scaling=Scaling(x=1.0, u=100.0)
+        "cart", system, N, cost, ca.SX(0.0), ca.SX([0.0, 0.0]), p, terminal=(there,), scaling=Scaling(x=1.0, u=100.0)
     )
     values = problem.parameters.defaults
     evaluation = Evaluation(problem, values)
