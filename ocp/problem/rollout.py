@@ -16,6 +16,8 @@ from ocp.problem.problem import Problem
 
 STEP_TOLERANCE = 1e-7
 """Largest scaled error of the step solver for which a step counts as solved."""
+MAX_PAIRS = 60
+"""Maximum number of pairs for steps to be repeated in one graph; with 144, building that graph takes 10 s."""
 _GUESS_NOISE = 0.3
 """Standard deviation of the noise on guesses, in characteristic sizes."""
 InitialGuess = tuple[np.ndarray, np.ndarray]
@@ -214,13 +216,22 @@ def _roll_inputs(
     is NaN, since the closed-form solution of a single contact does not report an error.
     """
     S, K = u.shape[:2]
-    rolled = step.solve.map(S).mapaccum(K * count)
     columns = np.repeat(u, count, axis=1).swapaxes(0, 1).reshape(K * count * S, u.shape[2]).T
-    outputs = (np.array(v).T.reshape(K, count, S, v.shape[0]).transpose(2, 0, 1, 3) for v in rolled(x.T, columns, p))
+    solve = step.solve.map(S)
+    results = solve.mapaccum(K * count)(x.T, columns, p) if step.n <= MAX_PAIRS else _repeated(solve, x.T, columns, p)
+    outputs = (np.array(v).T.reshape(K, count, S, v.shape[0]).transpose(2, 0, 1, 3) for v in results)
     x_after, lam, gap, error = outputs
     is_solved = np.isfinite(error) & np.isfinite(x_after).all(axis=3, keepdims=True)
     largest = np.where(is_solved, error, np.inf).max(axis=2, initial=0.0)
     return x_after[:, :, -1], lam.sum(axis=2), gap[:, :, -1], largest
+
+
+def _repeated(solve: ca.Function, x: np.ndarray, u: np.ndarray, p: np.ndarray) -> list[np.ndarray]:
+    """Return what ``solve.mapaccum`` does, from states x (nx, S) and inputs u (nu, steps * S)."""
+    results: list[list[np.ndarray]] = []
+    for columns in np.hsplit(u, u.shape[1] // x.shape[1]):
+        results.append([np.array(part) for part in solve(results[-1][0] if results else x, columns, p)])
+    return [np.hstack(part) for part in zip(*results, strict=True)]
 
 
 def mean_multipliers(step: Step, lam: np.ndarray) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import product
 from typing import Protocol
 
 import numpy as np
@@ -14,7 +15,7 @@ from ocp.problem.problem import Problem
 from ocp.problem.rollout import Gains, Rollout
 from ocp.solve.best_gains import WEIGHTS
 from ocp.solve.scenario_outcomes import ScenarioOutcomes
-from ocp.solve.shared_gains import Deviations, Expansion, Merit, shared_gains
+from ocp.solve.shared_gains import Deviations, Expansion, Merit, is_end_bound, shared_gains
 
 PASSES = 12
 """Maximum number of passes of dynamic programming."""
@@ -22,6 +23,12 @@ STEP_LENGTHS = (1.0, 0.5, 0.25, 0.1)
 """Fractions of the change of the gains that are tried, in this order."""
 DAMPINGS = (1e-3, 1e-2, 0.1, 1.0)
 """Weights of changes of inputs by their sizes, relative to the cost of a step; one that is too small gives the next."""
+NOISE_SHARES = (1.0, 1e-6)
+"""Factors of the covariance of deviations; the second one if the motion at nominal parameters still fails.
+
+Large deviations say more of the motions around it than of the motion itself: along the quadruped's plan only steps of a
+thousandth of the change reduce the failure then, and of a tenth with the second factor. It still determines the gains.
+"""
 END_SHARES = (1.0, 10.0, 100.0)
 """Penalties of deviations from a bound end (:func:`~ocp.solve.shared_gains.weighted_end`), each after the last."""
 LEAST_DECREASE = 1e-4
@@ -39,8 +46,11 @@ class PolicyOutcomes(Protocol):
         """Return the failures and the cost of gains."""
         ...
 
-    def expansions(self, gains: Gains, end_share: float) -> list[Expansion]:
-        """Return the expansions of the motions that end, with a penalty ``end_share`` of deviations at the end."""
+    def expansions(self, gains: Gains, end_share: float, nominal: bool) -> list[Expansion]:
+        """Return the expansions of the motions that end, or of those at ``nominal`` parameters only.
+
+        ``end_share`` is a penalty of deviations at the end (:func:`~ocp.solve.shared_gains.weighted_end`).
+        """
         ...
 
 
@@ -64,21 +74,24 @@ def gains_over_scenarios(
 
 
 def improved_gains(outcomes: PolicyOutcomes, gains: Gains, merit: Merit) -> Gains:
-    """Return gains after passes with growing penalties of a bound end, while constraints are violated."""
-    for end_share in END_SHARES:
-        gains, merit = _passes(outcomes, gains, merit, end_share)
-        if merit.excess == 0:
+    """Return gains after passes; while the policy fails, a bound end is penalised more, and then noise is reduced."""
+    end_shares = END_SHARES if is_end_bound(outcomes.problem) else END_SHARES[:1]
+    for noise_share, end_share in product(NOISE_SHARES, end_shares):
+        gains, merit = _passes(outcomes, gains, merit, noise_share, end_share)
+        if not merit.failures:
             break
     return gains
 
 
-def _passes(outcomes: PolicyOutcomes, gains: Gains, merit: Merit, end_share: float) -> tuple[Gains, Merit]:
+def _passes(
+    outcomes: PolicyOutcomes, gains: Gains, merit: Merit, noise_share: float, end_share: float
+) -> tuple[Gains, Merit]:
     """Return gains and their merit after passes with growing damping, each shortened until the merit decreases."""
     problem, evaluation, plan = outcomes.problem, outcomes.evaluation, outcomes.plan
-    noise = np.diag((NOISE_SHARE * measured_sizes(problem)) ** 2)
+    noise = noise_share * np.diag((NOISE_SHARE * measured_sizes(problem)) ** 2)
     deviations = Deviations(noise, noise, noise / problem.N)
     unit = abs(plan.cost - evaluation.least_cost) / problem.N / problem.scales.u**2
-    dampings, expansions = list(DAMPINGS), outcomes.expansions(gains, end_share)
+    dampings, expansions = list(DAMPINGS), outcomes.expansions(gains, end_share, merit.failures > 0)
     for _ in range(PASSES):
         if not (expansions and dampings):
             break
@@ -91,7 +104,9 @@ def _passes(outcomes: PolicyOutcomes, gains: Gains, merit: Merit, end_share: flo
         previous, (gains, merit) = merit, better
         if merit[:3] == previous[:3] and previous.cost - merit.cost < LEAST_DECREASE * abs(merit.cost):
             break
-        expansions = outcomes.expansions(gains, end_share)
+        if previous.failures > merit.failures == 0:
+            dampings = list(DAMPINGS)
+        expansions = outcomes.expansions(gains, end_share, merit.failures > 0)
     return gains, merit
 
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from ocp.judge.constraints import broken_constraints, excess_violation
 from ocp.judge.disturbances import FRICTION_SPREAD, MASS_SPREAD, friction_parameters, mass_parameters
-from ocp.judge.referee import REFINEMENT, STATE_SHARE, outcome_findings, refined_replay, tolerance_sizes
+from ocp.judge.referee import COST_SHARE, REFINEMENT, STATE_SHARE, outcome_findings, refined_replay, tolerance_sizes
 from ocp.judge.step_size import step_size_kind, step_state
 from ocp.mpc.linearised import project_psd
 from ocp.mpc.plan_policies import linearised_plan
@@ -52,21 +53,29 @@ class ScenarioOutcomes:
         self._model = StageModel(problem, problem.exact_step)
 
     def merit(self, gains: Gains) -> Merit:
-        """Return the failed replays, at the problem's own parameters and in all, and the mean cost of the others."""
-        replays = [self._replay(scenario, gains) for scenario in self.scenarios]
+        """Return the failed replays at nominal parameters, by how much they fail, failures in all, and the mean cost.
+
+        Other scenarios are replayed only if no replay at nominal parameters, at h/4 or h, fails.
+        """
+        replays = [self._replay(self.scenarios[0], gains)]
         if self.substeps > 1:
             replays.append(self._replay(self.evaluation, gains, substeps=1))
-        failed = [bool(outcome_findings(self.evaluation, self.plan, replay)) for replay in replays]
-        own = [0, *range(len(self.scenarios), len(replays))]
+        failures, excess = self._failed(replays), sum(map(self._excess, replays))
+        if not failures:
+            replays += [self._replay(scenario, gains) for scenario in self.scenarios[1:]]
         costs = [replay.cost for replay in replays if np.isfinite(replay.cost)]
-        excess = sum(self._excess(replays[i]) for i in own if failed[i])
-        return Merit(sum(failed[i] for i in own), excess, sum(failed), float(np.mean(costs)) if costs else np.inf)
+        return Merit(failures, excess, self._failed(replays), float(np.mean(costs)) if costs else np.inf)
+
+    def _failed(self, replays: Sequence[Rollout]) -> int:
+        return sum(bool(outcome_findings(self.evaluation, self.plan, replay)) for replay in replays)
 
     def _excess(self, replay: Rollout) -> float:
-        if not np.isfinite(replay.x).all():
+        """Return by how much a replay exceeds the limits of its cost, as a share, and of constraints, in sizes."""
+        if not np.isfinite(replay.cost):
             return np.inf
-        sizes = tolerance_sizes(self.problem, self.plan.x)
-        return excess_violation(broken_constraints(self.evaluation, replay, sizes), STATE_SHARE)
+        broken = broken_constraints(self.evaluation, replay, tolerance_sizes(self.problem, self.plan.x))
+        share = self.evaluation.cost_share(replay.cost - self.plan.cost, self.plan.cost)
+        return max(share - COST_SHARE, 0.0) + excess_violation(broken, STATE_SHARE)
 
     def _replay(self, scenario: Evaluation, gains: Gains, substeps: int | None = None) -> Rollout:
         x0, substeps = self.plan.x[:, 0], substeps or self.substeps
@@ -76,9 +85,13 @@ class ScenarioOutcomes:
         assert replay is not None
         return replay
 
-    def expansions(self, gains: Gains, end_share: float = 0.0) -> list[Expansion]:
-        """Return the expansions of all scenarios whose closed loop under the exact law can be followed to the end."""
-        expansions = (self._expansion(scenario, gains, end_share) for scenario in self.scenarios)
+    def expansions(self, gains: Gains, end_share: float = 0.0, nominal: bool = False) -> list[Expansion]:
+        """Return the expansions of scenarios, or of ``nominal`` parameters only.
+
+        Closed loops that cannot be followed to the end under the exact law are left out.
+        """
+        scenarios = self.scenarios[:1] if nominal else self.scenarios
+        expansions = (self._expansion(scenario, gains, end_share) for scenario in scenarios)
         return [expansion for expansion in expansions if expansion is not None]
 
     def _expansion(self, scenario: Evaluation, gains: Gains, end_share: float) -> Expansion | None:

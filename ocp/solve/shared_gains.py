@@ -9,6 +9,7 @@ import numpy as np
 
 from ocp.judge.step_size import step_state
 from ocp.problem.evaluation import Evaluation
+from ocp.problem.problem import Problem
 from ocp.problem.rollout import Gains, Rollout
 
 RIDGE = 1e-10
@@ -46,17 +47,21 @@ class Expansion(NamedTuple):
     end_hessian: np.ndarray
 
 
+def is_end_bound(problem: Problem) -> bool:
+    """Return whether a problem has terminal constraints, or a free start, which may be periodic."""
+    return bool(problem.terminal) or problem.start is not None
+
+
 def weighted_end(
     evaluation: Evaluation, plan: Rollout, x: np.ndarray, share: float, gradient: np.ndarray, hessian: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the derivatives of the terminal cost, with a penalty of deviations from the plan's end if it is bound.
 
-    ``x`` (nx,) is the last state; a deviation of one size costs half of ``share`` times the plan's cost. The end is
-    bound if the problem has terminal constraints, or a free start, which may be periodic. Without the penalty, passes
-    would lower the cost by violating these constraints.
+    ``x`` (nx,) is the last state; a deviation of one size costs half of ``share`` times the plan's cost. Without the
+    penalty, passes would lower the cost by violating constraints at the end (:func:`is_end_bound`).
     """
     problem = evaluation.problem
-    if not (problem.terminal or problem.start is not None):
+    if not is_end_bound(problem):
         return gradient, hessian
     weight = share * abs(plan.cost - evaluation.least_cost) / problem.scales.x**2
     weight[step_state(problem.system)] = 0.0

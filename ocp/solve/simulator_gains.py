@@ -89,7 +89,7 @@ class SimulatorOutcomes:
         violated = len(noticeable_violations(broken, STATE_SHARE))
         return Merit(violated, excess_violation(broken, STATE_SHARE), 0, motion.cost)
 
-    def expansions(self, gains: Gains, end_share: float = 0.0) -> list[Expansion]:
+    def expansions(self, gains: Gains, end_share: float = 0.0, nominal: bool = True) -> list[Expansion]:
         """Return the expansion of the motion, with dynamics by central differences; none if it diverges."""
         model, limits = self._model, self.evaluation.limits
         x, u = (v[0] for v in simulated_motion(self.simulator, self.evaluation, gains, self.plan.x[:, 0]))

@@ -22,7 +22,7 @@ from problems import get
 from tests.cli.conftest import Done, ocp  # noqa: F401
 from tests.crossed.ways import CROSSINGS, LONG_BUILDS, PROBLEMS, STRANGERS, Crossing
 
-DRAWN, DRAWN_COSTLY = 15, 150
+DRAWN, DRAWN_COSTLY = 20, 200
 """Inverse shares of the cases that are in ``make test``: of all problems, and of costly ones."""
 LINES = 10
 """Inverse share of the cases that are also run from the command line."""

@@ -162,7 +162,7 @@ def ring(N: int = 5) -> Problem:
 
 
 def test_penetration_is_the_true_distance_not_the_linearised_gap() -> None:
-    found = solve(ring(), Exact(), Direct())
+    found = solve(ring(), Exact(), Direct(), effort="quick")
     assert found.success
     radius = np.linalg.norm(found.data["x"].values[0, :, :2], axis=1)
     assert found.data["gap"].min() > -1e-9, "the linearised gap is kept"

@@ -23,7 +23,7 @@ LAWS = {"exact": Exact(), "barrier": Barrier(mu=1e-3)}
 
 @functools.cache
 def solved(name: str, law: str) -> Solution:
-    return solve(get(name), LAWS[law], Direct())
+    return solve(get(name), LAWS[law], Direct(), effort="quick")
 
 
 def differences(name: str, law: ContactLaw, parameter: str, at: Solution) -> tuple[Any, ...]:
@@ -222,7 +222,7 @@ def falling(h: float = 0.1, N: int = 10) -> Problem:
 
 def test_a_slope_that_converges_with_the_step_is_confirmed() -> None:
     """``z_N = h² N (N + 1) / 2 (F - m g) / m`` has the slope 0.55 at h and 0.5125 at h/4."""
-    ours = solve(falling(), Exact(), Direct()).sensitivity("F")
+    ours = solve(falling(), Exact(), Direct(), effort="quick").sensitivity("F")
     assert ours["x"].values[0, -1, 0] == pytest.approx(0.55, rel=1e-4)
     assert ours["x_refined"].values[0, -1, 0] == pytest.approx(0.5125, rel=1e-4)
     assert float(ours["cost_refined"]) == pytest.approx(0.5125, rel=1e-3)

@@ -39,7 +39,7 @@ class Horizon:
         return closed, linearise(self.model, plan, at, LinearClosure.from_active_set(plan, closed))
 
 
-@pytest.mark.one_case_in(4)
+@pytest.mark.one_case_in(8)
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("name", ["soft-walls", "finger-disc"])
 def test_linearised_steps_are_those_of_the_implicit_function(name: str, seed: int) -> None:

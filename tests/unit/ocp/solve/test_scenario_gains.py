@@ -70,9 +70,12 @@ def test_a_merit_counts_replays_that_cost_too_much_and_has_their_mean_cost() -> 
         costs = np.array([closed_loop(gains, *world)[0] for world in worlds])
         assert np.isfinite(costs).all()
         failures.append(int((costs > limit).sum()))
-        merit = outcomes().merit(gains)
-        own = int((costs[[0, 3]] > limit).sum())
-        assert merit[:2] == (own, failures[-1]) and merit[2] == pytest.approx(costs.mean(), rel=1e-9)
+        merit, nominal = outcomes().merit(gains), costs[[0, 3]]
+        assert merit.failures == (nominal > limit).sum()
+        assert merit.excess == pytest.approx(np.maximum(nominal / limit - 1, 0).sum() * (1 + COST_SHARE), abs=1e-6)
+        replayed = nominal if merit.failures else costs
+        assert merit.others == (replayed > limit).sum()
+        assert merit.cost == pytest.approx(replayed.mean(), rel=1e-9)
     assert max(failures) > 0
 
 
@@ -117,7 +120,7 @@ def test_they_are_better_than_every_regulator_and_survive_more_draws() -> None:
     assert np.array_equal(gains.K, again.K) and np.array_equal(gains.k, again.k)
     best = min(outcomes().merit(candidate) for candidate in regulators())
     merit = outcomes().merit(gains)
-    assert merit[:2] <= best[:2] and merit[2] < (1 - 1e-3) * best[2]
+    assert merit[:3] <= best[:3] and merit.cost < (1 - 1e-3) * best.cost
     assert outcome.cost == pytest.approx(closed_loop(gains, 1, plan().values["m"])[0], rel=1e-9)
     counts = [parameter_draws(disturbed_survival(evaluation, rollout, policy))[0] for policy in (*regulators(), gains)]
     assert counts[-1] >= max(counts[:-1])
