@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import astuple
+
 import numpy as np
 import pytest
 
 from ocp import Gains, NotConverged, roll_out
 from ocp.judge.referee import referee_replay, survival_findings
-from ocp.problem.rollout import roll_on
+from ocp.problem import rollout
+from ocp.problem.rollout import Rollout, roll_on
 from problems import get
 from tests.unit.ocp.judge.test_referee import measured
 from tests.unit.ocp.user_problems import (
@@ -44,6 +47,22 @@ def test_other_scenarios_go_on_where_one_fails() -> None:
     assert unsolved is not None
     assert (unsolved.step, unsolved.scenario) == (4, 1)
     assert list(np.isnan(rolled.costs)) == [False, True, False]
+
+
+def test_steps_of_many_pairs_are_those_of_one_graph(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Scenarios and held inputs stay in order, to the last bit."""
+    problem = get("planar-push")
+    inputs = np.random.default_rng(0).standard_normal((3, problem.N, 2)) * problem.scales.u
+    x0 = np.repeat(problem.initial_states(physical(problem)), 3, axis=0)
+
+    def rolled() -> Rollout:
+        return roll_on(at_defaults(problem), inputs, x0=x0, substeps=2)[0]
+
+    in_one_graph = rolled()
+    monkeypatch.setattr(rollout, "MAX_PAIRS", 0)
+    assert np.isfinite(in_one_graph.costs).all() and np.ptp(in_one_graph.costs) > 0
+    for one, other in zip(astuple(in_one_graph), astuple(rolled()), strict=True):
+        assert np.array_equal(one, other, equal_nan=True)
 
 
 def test_the_refined_cost_is_that_of_a_quarter_of_the_step() -> None:
