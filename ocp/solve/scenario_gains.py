@@ -15,7 +15,7 @@ from ocp.problem.problem import Problem
 from ocp.problem.rollout import Gains, Rollout
 from ocp.solve.best_gains import WEIGHTS
 from ocp.solve.scenario_outcomes import ScenarioOutcomes
-from ocp.solve.shared_gains import Deviations, Expansion, Merit, is_end_bound, shared_gains
+from ocp.solve.shared_gains import Deviations, Expansion, Merit, is_end_bound, shared_gains, with_bound_end
 
 PASSES = 12
 """Maximum number of passes of dynamic programming."""
@@ -30,7 +30,7 @@ Large deviations say more of the motions around it than of the motion itself: al
 thousandth of the change reduce the failure then, and of a tenth with the second factor. It still determines the gains.
 """
 END_SHARES = (1.0, 10.0, 100.0)
-"""Penalties of deviations from a bound end (:func:`~ocp.solve.shared_gains.weighted_end`), each after the last."""
+"""Penalties of deviations from a bound end (:func:`~ocp.solve.shared_gains.with_bound_end`), each after the last."""
 LEAST_DECREASE = 1e-4
 """Relative decrease of the mean cost below which a pass is the last."""
 
@@ -46,11 +46,8 @@ class PolicyOutcomes(Protocol):
         """Return the failures and the cost of gains."""
         ...
 
-    def expansions(self, gains: Gains, end_share: float, nominal: bool) -> list[Expansion]:
-        """Return the expansions of the motions that end, or of those at ``nominal`` parameters only.
-
-        ``end_share`` is a penalty of deviations at the end (:func:`~ocp.solve.shared_gains.weighted_end`).
-        """
+    def expansions(self, gains: Gains, nominal: bool) -> list[Expansion]:
+        """Return the expansions of the motions that end, or of those at ``nominal`` parameters only."""
         ...
 
 
@@ -69,18 +66,21 @@ def gains_over_scenarios(
     candidates += [] if present_gains is None else [present_gains]
     merits = [outcomes.merit(gains) for gains in candidates]
     first = min(range(len(candidates)), key=merits.__getitem__)
-    gains = improved_gains(outcomes, candidates[first], merits[first])
+    gains, _ = improved_gains(outcomes, candidates[first], merits[first])
     return gains, referee_replay(evaluation, gains, plan.x[:, 0])
 
 
-def improved_gains(outcomes: PolicyOutcomes, gains: Gains, merit: Merit) -> Gains:
-    """Return gains after passes; while the policy fails, a bound end is penalised more, and then noise is reduced."""
+def improved_gains(outcomes: PolicyOutcomes, gains: Gains, merit: Merit) -> tuple[Gains, Merit]:
+    """Return gains and their merit after passes.
+
+    While the policy fails, a bound end is penalised more, and then noise is reduced.
+    """
     end_shares = END_SHARES if is_end_bound(outcomes.problem) else END_SHARES[:1]
     for noise_share, end_share in product(NOISE_SHARES, end_shares):
         gains, merit = _passes(outcomes, gains, merit, noise_share, end_share)
         if not merit.failures:
             break
-    return gains
+    return gains, merit
 
 
 def _passes(
@@ -91,11 +91,12 @@ def _passes(
     noise = noise_share * np.diag((NOISE_SHARE * measured_sizes(problem)) ** 2)
     deviations = Deviations(noise, noise, noise / problem.N)
     unit = abs(plan.cost - evaluation.least_cost) / problem.N / problem.scales.u**2
-    dampings, expansions = list(DAMPINGS), outcomes.expansions(gains, end_share, merit.failures > 0)
+    dampings, expansions = list(DAMPINGS), outcomes.expansions(gains, merit.failures > 0)
     for _ in range(PASSES):
         if not (expansions and dampings):
             break
-        improved = shared_gains(expansions, gains, deviations, np.diag(dampings[0] * unit), problem.scales.x)
+        bound = [with_bound_end(expansion, evaluation, plan, end_share) for expansion in expansions]
+        improved = shared_gains(bound, gains, deviations, np.diag(dampings[0] * unit), problem.scales.x)
         trials = (_between(gains, improved, length) for length in STEP_LENGTHS)
         better = next(((trial, new) for trial in trials if (new := outcomes.merit(trial)) < merit), None)
         if better is None:
@@ -106,7 +107,7 @@ def _passes(
             break
         if previous.failures > merit.failures == 0:
             dampings = list(DAMPINGS)
-        expansions = outcomes.expansions(gains, end_share, merit.failures > 0)
+        expansions = outcomes.expansions(gains, merit.failures > 0)
     return gains, merit
 
 

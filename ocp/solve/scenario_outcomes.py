@@ -17,7 +17,7 @@ from ocp.mpc.stages import Plan, StageModel
 from ocp.problem.evaluation import Evaluation
 from ocp.problem.problem import Problem
 from ocp.problem.rollout import Gains, Rollout, roll_on
-from ocp.solve.shared_gains import Expansion, Merit, weighted_end
+from ocp.solve.shared_gains import Expansion, Merit
 
 
 class HeldInputs:
@@ -85,16 +85,16 @@ class ScenarioOutcomes:
         assert replay is not None
         return replay
 
-    def expansions(self, gains: Gains, end_share: float = 0.0, nominal: bool = False) -> list[Expansion]:
+    def expansions(self, gains: Gains, nominal: bool = False) -> list[Expansion]:
         """Return the expansions of scenarios, or of ``nominal`` parameters only.
 
         Closed loops that cannot be followed to the end under the exact law are left out.
         """
         scenarios = self.scenarios[:1] if nominal else self.scenarios
-        expansions = (self._expansion(scenario, gains, end_share) for scenario in scenarios)
+        expansions = (self._expansion(scenario, gains) for scenario in scenarios)
         return [expansion for expansion in expansions if expansion is not None]
 
-    def _expansion(self, scenario: Evaluation, gains: Gains, end_share: float) -> Expansion | None:
+    def _expansion(self, scenario: Evaluation, gains: Gains) -> Expansion | None:
         """Return the expansion of a scenario's closed loop; the inputs of its steps are held over the substeps."""
         model, N, substeps = self._model, self.problem.N, self.substeps
         nx, nu, limits = model.nx, model.nu, scenario.limits
@@ -123,11 +123,9 @@ class ScenarioOutcomes:
         gradient, hessian = costs.gradient[:, xu], costs.hessian[:, xu[:, None], xu]
         gradient[:-1, nx:] += costs.gradient[1:, before]
         hessian[:-1, nx:, nx:] += costs.hessian[1:, before, before]
-        end = costs.end_gradient, project_psd(costs.end_hessian)
-        end_gradient, end_hessian = weighted_end(self.evaluation, self.plan, coarse.x[-1], end_share, *end)
         # Gains do not depend on the step size.
         coarse.x[:, self._step_state] = 0.0
-        for matrix in (hessian, end_hessian):
+        for matrix in (hessian, costs.end_hessian):
             matrix[..., self._step_state, :] = matrix[..., self._step_state] = 0.0
         return Expansion(
             x=coarse.x,
@@ -136,8 +134,8 @@ class ScenarioOutcomes:
             dynamics=AB,
             gradient=gradient,
             hessian=project_psd(hessian),
-            end_gradient=end_gradient,
-            end_hessian=end_hessian,
+            end_gradient=costs.end_gradient,
+            end_hessian=project_psd(costs.end_hessian),
         )
 
     def _rows(self, values: dict[str, float], N: int) -> np.ndarray:

@@ -19,8 +19,9 @@ RIDGE = 1e-10
 class Merit(NamedTuple):
     """Failures and cost of a policy; of two, the smaller is better, the first difference counts.
 
-    ``failures`` are those that matter most, ``excess`` is by how much their motions violate constraints, in
-    characteristic sizes above the limit, ``others`` are all failures, and ``cost`` is that of motions that end.
+    ``failures`` are those that matter most, ``excess`` is by how much these motions exceed limits, of constraints in
+    characteristic sizes and of the cost as a share, ``others`` are all failures, and ``cost`` is that of
+    motions that end.
     """
 
     failures: int
@@ -52,20 +53,20 @@ def is_end_bound(problem: Problem) -> bool:
     return bool(problem.terminal) or problem.start is not None
 
 
-def weighted_end(
-    evaluation: Evaluation, plan: Rollout, x: np.ndarray, share: float, gradient: np.ndarray, hessian: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the derivatives of the terminal cost, with a penalty of deviations from the plan's end if it is bound.
+def with_bound_end(expansion: Expansion, evaluation: Evaluation, plan: Rollout, share: float) -> Expansion:
+    """Return an expansion with a penalty of deviations from the plan's end, if this end is bound.
 
-    ``x`` (nx,) is the last state; a deviation of one size costs half of ``share`` times the plan's cost. Without the
-    penalty, passes would lower the cost by violating constraints at the end (:func:`is_end_bound`).
+    A deviation of one size costs half of ``share`` times the plan's cost, or of the characteristic cost if that is
+    zero. Without the penalty, passes would lower the cost by violating constraints at the end (:func:`is_end_bound`).
     """
     problem = evaluation.problem
     if not is_end_bound(problem):
-        return gradient, hessian
-    weight = share * abs(plan.cost - evaluation.least_cost) / problem.scales.x**2
+        return expansion
+    unit = abs(plan.cost - evaluation.least_cost) or problem.scales.cost
+    weight = share * unit / problem.scales.x**2
     weight[step_state(problem.system)] = 0.0
-    return gradient + weight * (x - plan.x[0, -1]), hessian + np.diag(weight)
+    gradient = expansion.end_gradient + weight * (expansion.x[-1] - plan.x[0, -1])
+    return expansion._replace(end_gradient=gradient, end_hessian=expansion.end_hessian + np.diag(weight))
 
 
 @dataclass(frozen=True)

@@ -21,14 +21,14 @@ from ocp.simulators.replay import simulated_motion
 from ocp.solution import Solution
 from ocp.solve.best_gains import SMOOTHING, WEIGHTS, plan_of, with_gains
 from ocp.solve.scenario_gains import improved_gains
-from ocp.solve.shared_gains import Expansion, Merit, weighted_end
+from ocp.solve.shared_gains import Expansion, Merit
 
 DIFFERENCE = 1e-3
 """Change of states and inputs in finite differences, in characteristic sizes; it averages over contacts close by."""
 MAX_STARTS = 6
 """Maximum number of gains from which passes start while constraints are violated.
 
-On the half-cheetah the first four end at violations of a periodic state, the fifth at none.
+On the half-cheetah the first three end at violations of periodic states, the fourth at none.
 """
 
 
@@ -60,8 +60,8 @@ def gains_in_simulator(evaluation: Evaluation, plan: Rollout, simulator: MujocoW
     order = sorted(range(len(candidates)), key=lambda i: (merits[i].excess, merits[i].cost))
     best, least = candidates[order[0]], merits[order[0]]
     for i in order[:MAX_STARTS]:
-        gains = improved_gains(outcomes, candidates[i], merits[i])
-        if (merit := outcomes.merit(gains)) < least:
+        gains, merit = improved_gains(outcomes, candidates[i], merits[i])
+        if merit < least:
             best, least = gains, merit
         if least.excess == 0:
             break
@@ -89,7 +89,7 @@ class SimulatorOutcomes:
         violated = len(noticeable_violations(broken, STATE_SHARE))
         return Merit(violated, excess_violation(broken, STATE_SHARE), 0, motion.cost)
 
-    def expansions(self, gains: Gains, end_share: float = 0.0, nominal: bool = True) -> list[Expansion]:
+    def expansions(self, gains: Gains, nominal: bool = True) -> list[Expansion]:
         """Return the expansion of the motion, with dynamics by central differences; none if it diverges."""
         model, limits = self._model, self.evaluation.limits
         x, u = (v[0] for v in simulated_motion(self.simulator, self.evaluation, gains, self.plan.x[:, 0]))
@@ -108,7 +108,6 @@ class SimulatorOutcomes:
         for matrix in (hessian, costs.end_hessian):
             matrix[..., self._step_state, :] = matrix[..., self._step_state] = 0.0
         end = costs.end_gradient, project_psd(costs.end_hessian)
-        end = weighted_end(self.evaluation, self.plan, x[-1], end_share, *end)
         free = (u > limits.u_lower) & (u < limits.u_upper)
         return [Expansion(x, u, free, dynamics, gradient, project_psd(hessian), *end)]
 
