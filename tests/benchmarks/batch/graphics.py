@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable
 
 import jax
 import numpy as np
@@ -17,28 +16,17 @@ import numpy as np
 from docs.generator.measured import write_table
 from tests.benchmarks.batch import jax_peer
 from tests.benchmarks.batch.race import race
-from tests.benchmarks.batch.test_batch_speed import CASES, MU
-from tests.unit.dynamics.batch.rollout_cases import four_contact_matrices
+from tests.benchmarks.batch.test_batch_speed import CASES, jax_cost
 
 COLUMNS = ("rollout", "samples", "C on all cores", "JAX on the graphics processor")
 BLOCKS = (1 << 14, 1 << 17, 1 << 20)
 """Numbers of samples of a block on the graphics processor."""
 NAMES = ("wall-1d", "four contacts")
-PARAMETERS = ("m", "h", "x0", "v0", "goal_x", "w_x", "w_v", "w_u", "w_end", "contact.mu")
-
-
-def cost_of(name: str) -> Callable:
-    """Return a case's cost in JAX as a function of the inputs (N, nu)."""
-    case = CASES[name]()
-    if name == "wall-1d":
-        values = {parameter.name: parameter.value for parameter in case.step.p}
-        return jax_peer.wall(np.array([values[key] for key in PARAMETERS]))
-    return jax_peer.four_contacts(four_contact_matrices(), MU, case.x0)
 
 
 def row(name: str, n: int) -> list[str | float]:
     """Return millions of rollouts with gradients a second of a case by each runner; costs agree to 1e-7."""
-    case, cost = CASES[name](), cost_of(name)
+    case, cost = CASES[name](), jax_cost(name)
     theta = case.inputs(n)
     f = case.rollout(backend="c", threads=os.cpu_count())
     runners = {"ours": case.runner(f, theta)}
@@ -51,8 +39,8 @@ def row(name: str, n: int) -> list[str | float]:
     seconds = race(runners, rounds=5)
     for key, value in seconds.items():
         print(name, n, key, f"{n / value.wall / 1e6:.3g} M/s", flush=True)
-    kinds = ("ours", "jax")
-    rates = [max(n / value.wall for key, value in seconds.items() if key.startswith(kind)) for kind in kinds]
+    ours = seconds.pop("ours").wall
+    rates = n / ours, n / min(value.wall for value in seconds.values())
     return [name, n, *(f"{rate / 1e6:.3g}" for rate in rates)]
 
 

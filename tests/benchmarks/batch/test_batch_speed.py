@@ -6,6 +6,7 @@ import functools
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -92,6 +93,23 @@ def four() -> Case:
     return Case(step, stage, terminal, 20, np.full(6, 0.5), None, 1 << 13, 1 << 8)
 
 
+def wall_parameters(case: Case) -> np.ndarray:
+    """Return the parameters of wall-1d in the order of its peers in C and JAX."""
+    values = {parameter.name: parameter.value for parameter in case.step.p}
+    names = ("m", "h", "x0", "v0", "goal_x", "w_x", "w_v", "w_u", "w_end", "contact.mu")
+    return np.array([values[name] for name in names])
+
+
+def jax_cost(name: str) -> Callable:
+    """Return the cost of a case in JAX as a function of the inputs (N, nu)."""
+    from tests.benchmarks.batch import jax_peer
+
+    case = CASES[name]()
+    if name == "wall-1d":
+        return jax_peer.wall(wall_parameters(case))
+    return jax_peer.four_contacts(four_contact_matrices(), MU, case.x0)
+
+
 CASES = {"wall-1d": wall, "four contacts": four, "push-disc": disc}
 
 
@@ -148,9 +166,7 @@ def test_against_casadi(name, tmp_path):
 def test_against_hand_written_c(tmp_path):
     case = wall()
     theta = case.inputs(case.n)
-    values = {parameter.name: parameter.value for parameter in case.step.p}
-    names = ("m", "h", "x0", "v0", "goal_x", "w_x", "w_v", "w_u", "w_end", "contact.mu")
-    p = np.array([values[name] for name in names])
+    p = wall_parameters(case)
     rows = []
     for threads in (1, 2):
         ours = case.runner(case.rollout(backend="c", threads=threads), theta)
@@ -172,12 +188,7 @@ def test_against_jax(name):
 
     case = CASES[name]()
     theta = case.inputs(case.n)
-    if name == "wall-1d":
-        values = {parameter.name: parameter.value for parameter in case.step.p}
-        names = ("m", "h", "x0", "v0", "goal_x", "w_x", "w_v", "w_u", "w_end", "contact.mu")
-        cost = jax_peer.wall(np.array([values[key] for key in names]))
-    else:
-        cost = jax_peer.four_contacts(four_contact_matrices(), MU, case.x0)
+    cost = jax_cost(name)
     runners = {f"jax {b}": jax_peer.blocked(cost, theta, b) for b in jax_peer.BLOCKS}
     costs = np.asarray(runners["jax 64"]()[0]).ravel()
     f = case.rollout(backend="c", threads=2)
