@@ -27,6 +27,7 @@ from ocp.routes.table import Start, route_for
 from ocp.transcription import Direct, Method
 from ocp.transcription.common import Graph
 from ocp.transcription.nlp import NLP, StageCompiler
+from ocp.transcription.pieces import PiecewiseNLP
 
 logger = logging.getLogger(__name__)
 
@@ -104,6 +105,13 @@ class Session:
                 seconds,
             )
         return self.nlps[reformulation]
+
+    @property
+    def pieces(self) -> PiecewiseNLP:
+        """The NLP of the exact law whose kinks have sides."""
+        nlp = self.nlp_of("pieces")
+        assert isinstance(nlp, PiecewiseNLP)
+        return nlp
 
     @property
     def complementary(self) -> bool:
