@@ -15,6 +15,7 @@ from ocp.programs.layout import Layout
 from ocp.programs.program import closure_rows
 from ocp.transcription.common import Graph, constraint_names
 from ocp.transcription.eliminated import Compile
+from ocp.transcription.kinks import round_kinks
 from ocp.transcription.nlp import NLP
 from ocp.transcription.pieces import PiecewiseNLP, fix_sides
 from ocp.transcription.stage import Stage, assemble
@@ -66,6 +67,8 @@ def build_nlp(
 ) -> NLP:
     """Build the NLP from its intervals, terminal stage, periodicity and gain penalty."""
     stages = _all_stages(graph, variables, constraints, interval)
+    if graph.step.exact and nlp_fields.get("reformulation", "none") != "none":
+        stages = _rounded(graph, variables, constraints, stages)
     functions = assemble(stages, variables.size, graph.data().size, constraints.size, len(graph.names), compiled)
     return NLP.of(graph, method, variables, constraints, functions, stages=stages, **nlp_fields)
 
@@ -86,6 +89,21 @@ def build_pieces(
     functions = assemble(fixed, variables.size, data + n_sides, constraints.size, len(graph.names), compiled)
     fields = {"reformulation": "none", "pairs": pairs, "stages": stages}
     return PiecewiseNLP.of(graph, method, variables, constraints, functions, **fields)
+
+
+def _rounded(graph: Graph, variables: Layout, constraints: Layout, stages: list[Stage]) -> list[Stage]:
+    """Return the stages of a relaxation with kinks of costs and constraints rounded; branches have the kinks."""
+    blocks = [constraints[name].index.ravel() for name in ("path", "terminal") if name in constraints]
+    rows = np.concatenate([np.zeros(0, dtype=int), *blocks])
+    scales, table = graph.problem.scales, graph.problem.parameters + graph.step.p
+    scale_of = {"x0": scales.x, "x": scales.x, "u": scales.u, "k": scales.u, "lam": scales.impulse, "gap": scales.gap}
+    sizes = variables.pack({name: size for name, size in scale_of.items() if name in variables})
+    p = np.array([table.defaults.get(name, 0.0) for name in graph.names])
+    source = np.concatenate([sizes, np.zeros(graph.data().size)])
+    return [
+        round_kinks(stage, np.flatnonzero(np.isin(stage.rows[0], rows)), source[stage.index].max(axis=0), p)
+        for stage in stages
+    ]
 
 
 def _all_stages(graph: Graph, variables: Layout, constraints: Layout, interval: Stage) -> list[Stage]:
