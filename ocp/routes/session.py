@@ -108,8 +108,8 @@ class Session:
 
     @property
     def pieces(self) -> PiecewiseNLP:
-        """The NLP of the exact law whose kinks have sides."""
-        nlp = self.nlp_of("pieces")
+        """The complementarity problem of the exact law by direct transcription, whose kinks have sides."""
+        nlp = self._direct.nlp_of("pieces")
         assert isinstance(nlp, PiecewiseNLP)
         return nlp
 
@@ -223,8 +223,11 @@ class Session:
         """
         if not self.step.exact:
             return self.nlp_of("product")
-        direct = self if isinstance(self.method, Direct) else self.sub_session(self.law, Direct())
-        return direct.nlp_of("none")
+        return self._direct.nlp_of("none")
+
+    @property
+    def _direct(self) -> Session:
+        return self if isinstance(self.method, Direct) else self.sub_session(self.law, Direct())
 
     @property
     def total_build_s(self) -> float:

@@ -195,12 +195,12 @@ class ExactShooting(Route):
     def apply(self, session: Session, start: Start, follower: Homotopy) -> RouteResult:
         """Try plans in turn until one is finished, its rollout does not diverge, and its path was easy to follow."""
         nlp, direct, best = session.nlp_of("product"), session.judging_nlp(), None
-        polisher = RolloutPolish(
-            nlp,
-            direct,
-            session.step,
-            Homotopy(lambda _: direct, session.solver, session.values, follower.progress, follower.trace),
-        )
+
+        def direct_program(reformulation: str) -> NLP:
+            return session.pieces if reformulation == "pieces" else direct
+
+        within = Homotopy(direct_program, session.solver, session.values, follower.progress, follower.trace)
+        polisher = RolloutPolish(nlp, direct, session.step, within)
         for plan in self._plans(session, start, follower, polisher):
             try:
                 polished, solved = polisher.polish(plan.nlp, plan.result)

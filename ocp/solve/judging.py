@@ -105,8 +105,8 @@ def judge_outcome(session: Session, outcome: RouteResult, seed: int) -> Solution
 
 
 def _certified_at_kinks(session: Session, x: np.ndarray, values: dict[str, float]) -> Certificate | None:
-    """Return the certificate of a point on kinks, None elsewhere and for programs without contacts on a branch."""
-    if session.complementary and is_near_kink(session.judging_nlp(), x, values, PRESSED_MARGIN):
+    """Return the certificate of a point on kinks under the exact law, None elsewhere and under other laws."""
+    if session.step.exact and is_near_kink(session.judging_nlp(), x, values, PRESSED_MARGIN):
         return certify_at_kinks(session.pieces, x, values)
     return None
 

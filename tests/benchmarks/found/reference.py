@@ -77,7 +77,7 @@ def find_best(name: str, patterns: Sequence[str] = ()) -> None:
             continue
         for answer in followed(name, route):
             cost = f"{answer.exact_cost:.6g}" if not math.isnan(answer.exact_cost) else answer.status
-            better = keep_better(name, [answer.plan()] if math.isfinite(answer.exact_cost) else [])
+            better = keep_better(name, [answer.plan()] if answer.survives_at_h else [])
             told = " best so far" if better else ""
             print(f"{name:<20}{route_name:<28}{cost:>12} {answer.seconds:>7.1f} s{told}", flush=True)
     if not can_sample(name):

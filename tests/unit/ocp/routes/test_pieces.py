@@ -9,7 +9,7 @@ import pytest
 
 from dynamics.contact import Exact
 from dynamics.systems import ParameterTable, signals, time_stepping
-from ocp import Problem, Scaling, roll_out, solve
+from ocp import Feedback, Problem, Scaling, roll_out, solve
 from ocp.judge.kinks import certify_at_kinks
 from ocp.problem.policy import OpenLoop
 from ocp.programs.solver import Point
@@ -74,6 +74,16 @@ def test_least_fuel_is_that_of_a_quadratic_program(weight, length):
     assert solution.success
     np.testing.assert_allclose(solution.cost, optimum, rtol=1e-6)
     np.testing.assert_allclose(solution.arrays["u"][0, :, 0] / length, u, atol=2e-3)
+
+
+@pytest.mark.costly
+@pytest.mark.parametrize(
+    "changes", [{"method": "single-shooting"}, {"method": "multiple-shooting"}, {"policy": Feedback()}]
+)
+def test_every_method_and_policy_ends_there(changes):
+    solution = solve(least_fuel(1.0), contact="exact", effort="quick", **changes)
+    assert solution.success
+    np.testing.assert_allclose(solution.cost, least_fuel_by_quadratic_program(1.0)[0], rtol=1e-6)
 
 
 @pytest.mark.costly_cases("0.3")
