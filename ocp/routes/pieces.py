@@ -13,7 +13,7 @@ from ocp.routes.branches import ACTIVE_SET, MAX_BRANCH_ITERATIONS, Branches
 from ocp.routes.homotopy import Homotopy, RouteResult, lower, translate
 from ocp.transcription.pieces import PRESSED_MARGIN, PiecewiseNLP, is_near_kink
 
-MAX_PIECES = 8
+MAX_PIECES = 20
 """Maximum number of pieces solved for one branch, while each costs less than the last."""
 
 

@@ -69,7 +69,8 @@ class PlanSolver:
         """Yield each plan with its judged solution, improved on neighbouring branches, the cheapest first.
 
         If the improved solution does not survive the referee, the unimproved solution is yielded too. The plan's
-        rollout is yielded as well if it costs less than all solutions so far. Under a law other than the exact one, or
+        rollout is yielded as well if it costs less than all solutions so far, and in its place the rollout of a
+        solution that fails the referee at its own step. Under a law other than the exact one, or
         another method, plans are guesses of the law's own route.
         """
         session = self.session
@@ -92,6 +93,9 @@ class PlanSolver:
                     if solution.referee.survives is False and improved is not answer:
                         yield plan, self._listed(plan, self._judge(solver, answer))
                     limit = min(limit, replay_limit(solution))
+                    if solution.referee.survives_at_h is False:
+                        # The replay of its inputs is another plan, which replays as it is.
+                        plan = self.roll_out(solution.arrays["u"][0]) or plan
                 else:
                     self._list(plan, cost, NOT_BETTER)
             if is_less(plan.cost, limit) and not broken_constraints(session.evaluation, plan):
