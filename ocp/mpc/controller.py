@@ -247,11 +247,8 @@ class Controller:
         if parameters or self._horizon[0]:
             self._horizon = (parameters or {}, *self._evaluate_parameters(parameters or {}))
         p, limits = self._horizon[1].copy(), self._horizon[2]
-        x, last_input = numbers("the state", np.ravel(x), (self.model.nx,)), self.u_before
-        if u_before is not None:
-            applied = numbers("the last input", np.ravel(u_before), (self.model.nu,))
-            last_input = np.where(np.isfinite(applied), applied, last_input)
-        self._inputs[-1] = last_input
+        x = numbers("the state", np.ravel(x), (self.model.nx,))
+        self._inputs[-1] = last_input = self._applied_input(u_before)
         starts = self._shifted_plans(p, limits)
         shifted = starts[0]
         p = p[: len(shifted.u) + 1]
@@ -278,6 +275,13 @@ class Controller:
         self._inputs.append(u)
         note = "; ".join(filter(None, [*notes, answer.note]))
         return Command(u, answer.plan, status, seconds, note, answer.merit)
+
+    def _applied_input(self, u_before: np.ndarray | None) -> np.ndarray:
+        """Return the input (nu,) that was applied last, with the commanded entries where it is not finite."""
+        if u_before is None:
+            return self.u_before
+        applied = numbers("the last input", np.ravel(u_before), (self.model.nu,))
+        return np.where(np.isfinite(applied), applied, self.u_before)
 
     def _shifted_plans(self, p: np.ndarray, limits: list[np.ndarray]) -> list[Plan]:
         """Return the plans from which a sample may start; at the first sample, the first plan.

@@ -257,6 +257,7 @@ def test_a_bound_that_the_plant_violates_is_exit_code_3_and_in_the_document(ocp:
     assert ocp("report", "@last", "-o", "a.pdf").code == 0
 
 
+@pytest.mark.costly
 def test_a_stored_plan_is_tracked_until_its_end(ocp: Ocp) -> None:
     """The loop has the parameters, the number of steps and the cost of the plan."""
     solved = ocp("solve", "wall-1d", "-p", "N=12", "--json").json
@@ -279,6 +280,7 @@ def test_a_stored_plan_is_tracked_until_its_end(ocp: Ocp) -> None:
         assert done.code == 2 and sentence in done.err, done.err
 
 
+@pytest.mark.costly
 def test_a_loop_at_twice_the_rate_has_half_the_time_between_samples(ocp: Ocp) -> None:
     done = ocp(*SMALL, "--rate", "200", "--steps", "6", "--push", "2:dp=0.1", "--json")
     assert done.code == 0, done.err

@@ -95,7 +95,7 @@ def test_after_a_push_the_rest_is_the_optimum_of_a_shorter_problem() -> None:
     assert command.u == pytest.approx(shorter.data["u"].values[0, 0], abs=1e-4)
 
 
-@pytest.mark.costly_cases("finger-disc")
+@pytest.mark.costly
 @pytest.mark.parametrize(("name", "n"), [("soft-walls", 12), ("finger-disc", 7)])
 def test_a_shorter_horizon_has_the_program_and_gains_of_a_shorter_problem(name: str, n: int) -> None:
     made, short = Horizon(name, 0), Horizon(name, 0, N=n)
