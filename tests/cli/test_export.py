@@ -198,7 +198,8 @@ def test_the_c_policy_of_a_closed_loop_repeats_its_inputs(ocp, rate: str) -> Non
     assert done.json["policy"] == "feedback" and done.json["functions"][-1] == "soft_walls_policy"
     flags = ["-std=c11", "-O2", "-Wall", "-Wextra", "-Werror", "-ffp-contract=off", "-shared", "-fPIC"]
     subprocess.run([str(CC), *flags, "loop.c", "-o", "loop.so", "-lm"], check=True)
-    library, data = ctypes.CDLL("./loop.so"), store.load(run).data
+    # A relative name that was loaded before would give the library of another test.
+    library, data = ctypes.CDLL(str(Path("loop.so").resolve())), store.load(run).data
     measured, x, u = (data[name].values[0] for name in ("measured", "x", "u"))
     for k in range(20):
         state, inputs, reached = measured[k].copy(), np.zeros(1), np.zeros(4)
