@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ import scipy.sparse as sp
 from ocp.mpc.constraint_rows import PENALTIES
 from ocp.mpc.linearised import Affine, Linearised
 from ocp.mpc.stages import StageModel
+from ocp.mpc.tracking import pad_horizon, pad_rows
 
 PENALTY_CURVATURE = 1e-2
 """Second derivative of the penalty of a slack, relative to the penalty's slope."""
@@ -40,6 +41,10 @@ class Direction:
     objective: float
     violation: float
     solved: bool
+
+    def first(self, n: int) -> Direction:
+        """Return the solution of the first n steps."""
+        return replace(self, dx=self.dx[: n + 1], du=self.du[:n], costates=self.costates[:n], rows=self.rows[:n])
 
 
 class HorizonQP:
@@ -103,9 +108,13 @@ class HorizonQP:
         """Return the step of a plan, given the measured state minus the plan's first state ``dx0`` (nx,).
 
         ``rows`` are constrained to 0 or above; ``bounds`` are the lower and upper bounds (N, nu) on du;
-        ``penalty`` is the penalty of a slack, in characteristic costs per characteristic size.
+        ``penalty`` is the penalty of a slack, in characteristic costs per characteristic size. The horizon may
+        have n < N steps.
         """
         model, N, nx = self.model, self.model.N, self.model.nx
+        if (n := len(rows.value)) < N:
+            lower, upper = (np.pad(bound, ((0, N - n), (0, 0)), "edge") for bound in bounds)
+            return self.solve(pad_horizon(lin, N), pad_rows(rows, N), dx0, (lower, upper), penalty).first(n)
         cost = model.problem.scales.cost
         H, end = lin.hessian / cost, lin.end[1] / cost
         curvature = np.full(self.s.size, PENALTY_CURVATURE * penalty)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
@@ -99,6 +99,19 @@ class NewtonPhase(Phase):
         closed = self.active_set(plan)
         with suppress(np.linalg.LinAlgError):
             self.prepared = Prepared(plan, evaluated, closed, self.linearise_plan(plan, evaluated, closed))
+
+    def prepare_best(self, plans: Sequence[Plan], sample: Sample) -> None:
+        """Prepare the plan whose rollout from the measured state, with or without feedback, has the lowest merit."""
+        merits: list[tuple[float, Prepared]] = []
+        for plan in plans:
+            self.prepare(plan, sample)
+            if self.prepared is not None and len(plans) > 1:
+                K, k = self._candidates(plan, [], self.prepared.lin)
+                rollout = self.rollouts.roll_out(sample.x, K, k, sample.u_before, sample.bounds, sample.p)
+                merits.append((rollout[1], self.prepared))
+        if merits:
+            self.prepared = min(merits, key=lambda entry: entry[0])[1]
+            self.plan = self.prepared.plan
 
     def linearise_plan(self, plan: Plan, evaluated: StageValues, closed: np.ndarray) -> Linearised:
         """Return the plan's linearisation with the contact eliminated by the active set ``closed``."""

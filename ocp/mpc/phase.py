@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -54,6 +54,10 @@ class Phase(ABC):
     @abstractmethod
     def prepare(self, plan: Plan, sample: Sample) -> None:
         """Evaluate, linearise and factorise at a plan, with the parameters of ``sample``."""
+
+    def prepare_best(self, plans: Sequence[Plan], sample: Sample) -> None:
+        """Prepare the best of several plans; by default the first one."""
+        self.prepare(plans[0], sample)
 
     @abstractmethod
     def feedback(self, sample: Sample) -> Answer:

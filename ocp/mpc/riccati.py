@@ -7,6 +7,7 @@ import numpy as np
 
 from dynamics.systems.elimination import solve_without_pivoting
 from ocp.mpc.linearised import Linearised
+from ocp.mpc.tracking import pad_horizon
 from ocp.transcription.nlp import StageCompiler
 
 INPUT_CURVATURE_SHARE = 1e-9
@@ -34,12 +35,13 @@ class Regulator:
         self._backwards = StageCompiler()(step).mapaccum(N)
 
     def gains(self, lin: Linearised) -> np.ndarray:
-        """Return the gains K (N, nu, nx), which are all set to zero if any entry is not finite."""
-        nx, nu, N = self.nx, self.nu, self.N
+        """Return the gains K (n, nu, nx) of a horizon of n <= N steps, all zero if any entry is not finite."""
+        nx, nu, N, n = self.nx, self.nu, self.N, len(lin.gradient)
+        lin = pad_horizon(lin, N)
         AB = np.concatenate([lin.x_next.by_x, lin.x_next.by_u], axis=2)
         xu = np.r_[:nx, nx + nu : nx + 2 * nu]
         H = lin.hessian[:, xu[:, None], xu]
         columns = (v[::-1].transpose(1, 0, 2).reshape(v.shape[1], -1) for v in (AB, H))
         _, K = self._backwards(lin.end[1], *columns)
-        gains = np.asarray(K).reshape(nu, N, nx).transpose(1, 0, 2)[::-1]
+        gains = np.asarray(K).reshape(nu, N, nx).transpose(1, 0, 2)[::-1][:n]
         return gains if np.isfinite(gains).all() else np.zeros_like(gains)
