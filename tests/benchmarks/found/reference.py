@@ -39,6 +39,8 @@ SAMPLED = "sampled"
 """Name of the way that samples for long, without the program's search."""
 AROUND = "around"
 """Name of the way that moves every input of the best known plan."""
+NEAR = "near"
+"""Name of the way that solves near the best known plan."""
 Route = list[tuple[str, ...]]
 """Arguments of commands, each of which, except the first, starts from the run before."""
 
@@ -86,6 +88,8 @@ def find_best(name: str, patterns: Sequence[str] = ()) -> None:
         keep_all(name, LongSampling(name).best_plans())
     if chosen(AROUND, patterns) and (plan := best_plan(name)) is not None:
         keep_all(name, LongSampling(name).around(plan))
+    if chosen(NEAR, patterns) and (plan := best_plan(name)) is not None:
+        keep_all(name, LongSampling(name).near(plan))
 
 
 def chosen(route_name: str, patterns: Sequence[str]) -> bool:

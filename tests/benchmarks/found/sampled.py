@@ -145,6 +145,17 @@ class LongSampling:
                 inputs, cost = moved, rollout.cost
                 yield Plan(cost, f"python -m tests.benchmarks.found --reference {self.name}: {words}", rounded(inputs))
 
+    def near(self, plan: Plan) -> Iterator[Plan]:
+        """Yield the replay of a solution near the best plan so far, on its branch or a smooth piece of it."""
+        rollout = self.rolled(np.array(plan.inputs))
+        if rollout is None:
+            return
+        solution = solve(self.problem, "exact", guess=(rollout.x[0], rollout.u[0]), effort="quick", search=False)
+        replay = self.rolled(solution.data["u"].values[0])
+        if replay is not None:
+            command = f"python -m tests.benchmarks.found --reference {self.name}: solved near the plan before"
+            yield Plan(replay.cost, command, rounded(replay.u[0]))
+
     def _solved(self, rollout: Rollout, strategy: str) -> Solution | None:
         """Return the solution of a strategy from a rollout, None if it fails."""
         try:
