@@ -18,13 +18,15 @@ from ocp.routes.homotopy import COST_GAIN, Homotopy, Progress, Trace
 from ocp.routes.pieces import NearbySolvers
 from ocp.routes.rollouts import pack_rollout
 from ocp.routes.session import Session
-from ocp.search.search import Judge, replay_limit
+from ocp.search.search import Judge, can_roll_out, replay_limit
 from ocp.solution import Solution
 
 ITERATIONS = 100
 """Maximum number of solver iterations on the branch of a plan."""
 REPLAYS = 3
 """Maximum number of branches solved for a plan; after the first, each is the branch of the previous replay."""
+REPLAY = "replay"
+"""Route of a solution that is the replay of another one."""
 SAME_STATES = 1e-3
 """Largest difference of states, in characteristic sizes, for which a replay agrees with its plan."""
 
@@ -44,6 +46,28 @@ class Settled(NamedTuple):
     answer: Result | None
     difference: float
     solver: Branches
+
+
+def replay_of_inputs(session: Session, solution: Solution, judge: Judge, seed: int) -> list[Solution]:
+    """Return the exact rollout of a solution's inputs as a judged solution, if the solution fails at its own step.
+
+    A plan in unstable contact differs from its replay, which costs the same and replays as it is. The list is empty if
+    inputs do not determine a plan, or the rollout violates a constraint.
+    """
+    if not (solution.fails_at_its_step and can_roll_out(session)):
+        return []
+    rollout = exact_rollout(session, solution.arrays["u"][0])
+    if rollout is None or broken_constraints(session.evaluation, rollout):
+        return []
+    branches = Branches(Homotopy(session.nlp_of, session.solver, session.values))
+    outcome = branches.result_of_problem(rolled_out(branches, rollout))
+    return [judge(session, replace(outcome, route=REPLAY), seed)]
+
+
+def rolled_out(branches: Branches, plan: Rollout) -> Result:
+    """Return a plan's rollout as a result, unsolved and without multipliers."""
+    point = Point(pack_rollout(branches.program, plan, None))
+    return Result.at(branches.program, point, branches.p, Status.SOLVED, "rolled out")
 
 
 @dataclass(frozen=True)
@@ -99,7 +123,7 @@ class PlanSolver:
                 else:
                     self._list(plan, cost, NOT_BETTER)
             if is_less(plan.cost, limit) and not broken_constraints(session.evaluation, plan):
-                solution = self._judge(branches, self._rolled_out(branches, plan))
+                solution = self._judge(branches, rolled_out(branches, plan))
                 yield plan, self._listed(plan, solution)
                 limit = min(limit, replay_limit(solution))
 
@@ -133,12 +157,6 @@ class PlanSolver:
             if difference < SAME_STATES:
                 break
         return settled or Settled(plan, None, np.inf, nearby.branches)
-
-    @staticmethod
-    def _rolled_out(branches: Branches, plan: Rollout) -> Result:
-        """Return a plan's rollout as a result, unsolved and without multipliers."""
-        point = Point(pack_rollout(branches.program, plan, None))
-        return Result.at(branches.program, point, branches.p, Status.SOLVED, "rolled out")
 
     def _judge(self, solver: Branches, answer: Result) -> Solution:
         """Return the judged solution of an outcome; it counts all solver work since the previous one."""

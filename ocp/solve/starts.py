@@ -113,6 +113,7 @@ def solve_session(
                 with collect_failures(failures), watching as watch:
                     outcome = session.solve(progress=watch, guess=guess, number=number)
                     solutions.append(judge_outcome(session, outcome, seed))
+                    solutions += _replays(session, solutions[-1], seed)
     except KeyboardInterrupt as stop:
         if not solutions:
             raise
@@ -141,6 +142,16 @@ def search_further(
     best = solutions[0] if len(solutions) == 1 else best_of(session, solutions, rank_by)
     reports = [search.report for search in searches if search.report is not None]
     return add_failures(best.with_route(search=reports[-1] if reports else None), failures)
+
+
+def _replays(session: Session, solution: Solution, seed: int) -> list[Solution]:
+    """Return the replay of a plan that fails the referee at its own step, :func:`~ocp.search.plan_solver.replay_of_inputs`."""
+    if not solution.fails_at_its_step:
+        return []
+    # Imported here, so that other problems do not load what only searches need.
+    from ocp.search.plan_solver import replay_of_inputs
+
+    return replay_of_inputs(session, solution, judge_outcome, seed)
 
 
 def can_exceed_route(session: Session) -> bool:
