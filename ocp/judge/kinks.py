@@ -121,8 +121,8 @@ class KinkModel(Program):
     def typical_change(self, x: np.ndarray, p: np.ndarray, bounds: dict[str, np.ndarray]) -> float:
         """Return the typical change of the program's cost."""
         n, m = self.piece.n, self.piece.m
-        own = {key: bound[: n if key.endswith("x") else m] for key, bound in bounds.items()}
-        return self.piece.typical_change(x[:n], p, own)
+        parts = {key: bound[: n if key.endswith("x") else m] for key, bound in bounds.items()}
+        return self.piece.typical_change(x[:n], p, parts)
 
     def first_derivatives(self, x: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray, sp.csr_matrix]:
         """Return gradient, constraints and Jacobian at the point, with the margins' parts as variables."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -68,9 +69,8 @@ class PieceBranches(Branches):
         program = self.follower.nlp_of("none")
         p = program.parameter_vector({**self.follower.values, PENALTY: 0.0})
         point = translate(result.point, self.program, program)
-        smooth = Result(
-            point, *program.values(point.x, p), result.status, result.word, result.iterations, result.seconds
-        )
+        cost, g = program.values(point.x, p)
+        smooth = replace(result, point=point, f=cost, g=g)
         return RouteResult(smooth, program, True, self.follower.trace)
 
     def _fix(self, piece: PiecewiseNLP) -> None:

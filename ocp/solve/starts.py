@@ -145,7 +145,7 @@ def search_further(
 
 
 def _replays(session: Session, solution: Solution, seed: int) -> list[Solution]:
-    """Return the replay of a plan that fails the referee at its own step, :func:`~ocp.search.plan_solver.replay_of_inputs`."""
+    """Return :func:`~ocp.search.plan_solver.replay_of_inputs` of a solution that fails at its own step."""
     if not solution.fails_at_its_step:
         return []
     # Imported here, so that other problems do not load what only searches need.

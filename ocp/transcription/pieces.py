@@ -47,9 +47,9 @@ def fix_sides(stages: list[Stage], constraints: Layout, data_start: int) -> tupl
     fixed_stages, first = list[Stage](), 0
     for stage, (cost, expressions), fixed in rewritten:
         count = len(fixed.sides)
-        own_rows = rows[first : first + stage.copies * count].reshape(stage.copies, count)
+        margin_rows = rows[first : first + stage.copies * count].reshape(stage.copies, count)
         first += stage.copies * count
-        index = np.concatenate([stage.index, data_start + own_rows - rows[0] if count else own_rows], axis=1)
+        index = np.concatenate([stage.index, data_start + margin_rows - rows[0] if count else margin_rows], axis=1)
         fixed_stages.append(
             replace(
                 stage,
@@ -57,7 +57,7 @@ def fix_sides(stages: list[Stage], constraints: Layout, data_start: int) -> tupl
                 cost=cost,
                 constraints=ca.vertcat(expressions, *fixed.margins),
                 index=index,
-                rows=np.concatenate([stage.rows, own_rows], axis=1),
+                rows=np.concatenate([stage.rows, margin_rows], axis=1),
                 weight=1.0,
             )
         )
@@ -92,9 +92,11 @@ class PiecewiseNLP(NLP):
 
     def with_sides(self, sides: np.ndarray) -> Self:
         """Return the program with other sides, which shares functions, scale and solver instances."""
-        assert self.scale is None or self.solvers is not None
+        scale = self.scale
         piece = copy.copy(self)
         piece.sides = sides
+        # The copy contains the scale, since it was measured before: instances of solvers depend on it.
+        assert piece.scale is scale
         return piece
 
     def near_sides(self, x: np.ndarray, values: dict[str, float]) -> np.ndarray:

@@ -40,9 +40,15 @@ def cart(stage_cost, end=lambda x: ca.SX(0), start=START, steps=N, length=1.0) -
     scaling = Scaling(impulse=length, gap=length, x=length, u=length)
     x0 = length * ca.SX(list(start))
     return Problem(
-        "cart", system, steps, stage_cost=stage_cost(u), terminal_cost=end(x), x0=x0, scaling=scaling,
+        "cart",
+        system,
+        steps,
+        stage_cost=stage_cost(u),
+        terminal_cost=end(x),
+        x0=x0,
+        scaling=scaling,
         parameters=system.parameters,
-    )  # fmt: skip
+    )
 
 
 def least_fuel(weight: float, **changes) -> Problem:
