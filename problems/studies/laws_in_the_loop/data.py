@@ -78,7 +78,7 @@ class TaskLoops:
     def _controller(self, name: str) -> Controller:
         kind, _, law = name.rpartition(", ")
         if kind == "inputs":
-            u = self.controller(f"gains, {law}").plan.u
+            u = self.controller(f"gains, {law}").current_plan.u
             return Controller(self.problem, phase="policy", policy=lambda _, k: u[min(k, len(u) - 1)])
         phase = "policy" if kind else "qpcc" if law == "exact" else "relaxed"
         return Controller(self.problem, contact=LAWS[law], phase=phase)
