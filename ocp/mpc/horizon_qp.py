@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import piqp
@@ -18,10 +18,41 @@ PENALTY_CURVATURE = 1e-2
 MAX_ROW_VALUE = 1e4
 """Value of a row, in characteristic sizes, above which the row is scaled down."""
 QP_TOLERANCE = 1e-6
-"""Absolute tolerance of PIQP, in characteristic sizes and costs: rollouts under the law follow every program, and the
-next sample is linearised at their states, which differ from the program's by far more."""
+"""Smallest tolerance of a program's residuals, in characteristic sizes."""
+RESIDUAL_SHARE = 1e-2
+"""Tolerance of a program's residuals relative to the linearisation error."""
+GAP_RATIO = 100.0
+"""Tolerance of the duality gap in characteristic costs, relative to that of the residuals in sizes."""
+MAX_LINEARISATION_ERROR = 0.1
+"""Linearisation error, in characteristic sizes, above which tolerances grow no further."""
 MAX_QP_ITERATIONS = 60
 """Maximum number of iterations of PIQP."""
+
+
+class Tolerance(NamedTuple):
+    """Absolute tolerances of a program: ``residual`` in characteristic sizes, duality ``gap`` in costs."""
+
+    residual: float = QP_TOLERANCE
+    gap: float = GAP_RATIO * QP_TOLERANCE
+
+    @classmethod
+    def of_error(cls, error: float) -> Tolerance:
+        """Return tolerances that the next linearisation can notice, for the ``error`` of the last one.
+
+        The error is the largest difference, in characteristic sizes, between the states that a program
+        predicts and those of its rollout under the law, from which the next program is built. A program
+        that is solved to a share of this error is an inexact Newton step with a forcing term by the
+        disagreement of model and function (Eisenstat and Walker 1996, choice 1), so that the tolerance
+        tightens as steps become small. The gap may equal the error, since the cost changes by one
+        characteristic cost per characteristic size.
+        """
+        bounded = min(error, MAX_LINEARISATION_ERROR) if np.isfinite(error) else MAX_LINEARISATION_ERROR
+        residual = max(QP_TOLERANCE, RESIDUAL_SHARE * bounded)
+        return cls(residual, GAP_RATIO * residual)
+
+
+TIGHT = Tolerance()
+"""Tolerances of a program whose linearisation error is unknown."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +61,8 @@ class Direction:
 
     ``costates`` (N, nx) are the multipliers of the dynamics, and ``rows`` (N, n_rows) the multipliers of the
     inequality rows, in cost per characteristic size. ``objective`` is the predicted change of the cost plus the
-    penalty of violated rows. ``violation`` is the sum of the slacks, in characteristic sizes.
+    penalty of violated rows. ``violation`` is the sum of the slacks, in characteristic sizes. ``iterations`` is
+    the number of iterations of the solver, which ended at ``tolerance``.
     """
 
     dx: np.ndarray
@@ -40,6 +72,8 @@ class Direction:
     objective: float
     violation: float
     solved: bool
+    iterations: int
+    tolerance: Tolerance
 
 
 class HorizonQP:
@@ -99,6 +133,7 @@ class HorizonQP:
         dx0: np.ndarray,
         bounds: tuple[np.ndarray, np.ndarray],
         penalty: float = PENALTIES[0],
+        tolerance: Tolerance = TIGHT,
     ) -> Direction:
         """Return the step of a plan, given the measured state minus the plan's first state ``dx0`` (nx,).
 
@@ -124,7 +159,7 @@ class HorizonQP:
         x_l[self.s] = 0.0
         x_l[self.u], x_u[self.u] = bounds
         c = self._gradient(lin, dx0, cost, penalty)
-        z, result = self._run_piqp(P, c, A, predicted.ravel(), G, row_bounds.ravel(), x_l, x_u)
+        z, result = self._run_piqp(tolerance, P, c, A, predicted.ravel(), G, row_bounds.ravel(), x_l, x_u)
         dx = np.concatenate([dx0[None], z[self.x_next]])
         return Direction(
             dx,
@@ -134,6 +169,8 @@ class HorizonQP:
             float(result.info.primal_obj) * cost,
             float(z[self.s].sum()),
             result.info.status == piqp.PIQP_SOLVED and bool(np.isfinite(z).all()),
+            int(result.info.iter),
+            tolerance,
         )
 
     def _gradient(self, lin: Linearised, dx0: np.ndarray, cost: float, penalty: float) -> np.ndarray:
@@ -145,21 +182,22 @@ class HorizonQP:
         c[self.s] += penalty
         return c
 
-    def _run_piqp(self, *program: Any) -> tuple[np.ndarray, piqp.Result]:
+    def _run_piqp(self, tolerance: Tolerance, *program: Any) -> tuple[np.ndarray, piqp.Result]:
         P, c, A, b, G, row_bounds, x_l, x_u = program
-        arguments = P, c, A, b, G, row_bounds, np.full(row_bounds.size, np.inf), x_l, x_u
-        if self._solver is None:
-            self._solver = piqp.SparseSolver()
-            settings = self._solver.settings
-            settings.kkt_solver = piqp.KKTSolver.sparse_multistage
-            settings.eps_abs, settings.eps_rel = QP_TOLERANCE, 0.0
-            settings.check_duality_gap = False
-            settings.max_iter = MAX_QP_ITERATIONS
-            self._solver.setup(*arguments)
+        solver = self._solver
+        if solver is None:
+            self._solver = solver = piqp.SparseSolver()
+            solver.settings.kkt_solver = piqp.KKTSolver.sparse_multistage
+            solver.settings.max_iter = MAX_QP_ITERATIONS
+            # Programs are in characteristic sizes, so that the scaling of the first fits all.
+            solver.settings.preconditioner_reuse_on_update = True
+            solver.settings.eps_rel = solver.settings.eps_duality_gap_rel = 0.0
+            solver.setup(P, c, A, b, G, row_bounds, np.full(row_bounds.size, np.inf), x_l, x_u)
         else:
-            self._solver.update(*arguments)
-        self._solver.solve()
-        return np.array(self._solver.result.x), self._solver.result
+            solver.update(P, c, A, b, G, row_bounds, None, x_l, x_u)
+        solver.settings.eps_abs, solver.settings.eps_duality_gap_abs = tolerance
+        solver.solve()
+        return np.array(solver.result.x), solver.result
 
 
 class _Pattern:

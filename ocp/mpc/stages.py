@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 
 from dynamics.batch import BatchFunction
+from dynamics.batch.engines.c_horizon import HorizonAlgebra, horizon_algebra
 from dynamics.contact import Step
 from ocp.mpc.constraint_rows import ConstraintRows
 from ocp.problem.policy import OpenLoop
@@ -140,6 +141,11 @@ class StageModel:
             end_gradient[0],
             end_hessian.reshape(self.nx, self.nx),
         )
+
+    @cached_property
+    def algebra(self) -> HorizonAlgebra | None:
+        """Compiled linear algebra of the horizon, None on a computer without a C compiler."""
+        return horizon_algebra()
 
     @cached_property
     def sizes(self) -> tuple[np.ndarray, np.ndarray]:
