@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import InstanceOf
 
 from dynamics.contact import ContactLaw, Exact
-from dynamics.limits import QP_ITERATIONS, TRUST
+from dynamics.limits import QP_BUDGET, QP_ITERATIONS, TRUST
 from dynamics.settings import read_value
 from ocp.errors import InputError, choose
 from ocp.mpc.measurement import Measurement
@@ -40,7 +40,8 @@ class Command:
     ``kept`` (no new plan could be computed, and the shifted plan is used); or ``late`` (the deadline was
     missed, and the input of the shifted plan is used). ``note`` describes anything unusual in sentences.
     ``seconds`` is the computing time [s] of preparation and feedback. ``merit`` is the plan's cost plus the
-    penalty of violated constraints.
+    penalty of violated constraints. ``programs`` is the number of quadratic programs that were solved, and
+    ``qp_iterations`` the number of their iterations.
     """
 
     u: np.ndarray
@@ -49,6 +50,8 @@ class Command:
     seconds: float
     note: str = ""
     merit: float = np.nan
+    programs: int = 0
+    qp_iterations: int = 0
 
 
 @dataclass
@@ -62,10 +65,13 @@ class Controller:
     ``relaxed``. ``phase`` is a name in :data:`~ocp.mpc.phases.PHASES`. ``policy`` is used only by the phase
     ``policy``: a function ``(x, k) -> u``, :class:`~ocp.problem.rollout.Gains`, or None for the gains of a
     linear-quadratic regulator along the first plan. ``iterations`` is the number of quadratic programs per
-    sample. ``trust`` in (0, 1] is the weight of a measurement relative to the state that the law predicts from
-    the previous sample; a value below 1 averages out noise, like an observer with constant gain. If the
-    optional ``deadline`` [s] is exceeded, the input of the shifted plan is applied instead, and ``misses`` is
-    increased. ``notes`` are sentences on how the problem was changed for the receding horizon.
+    sample. ``budget`` is the maximum number of iterations of these programs per sample (None: no limit): further
+    programs are omitted once it is spent, and the last iterate of an unfinished program is used only if its
+    rollout is better. So the worst case of a sample is bounded by a count. ``trust`` in (0, 1] is the weight of
+    a measurement relative to the state that the law predicts from the previous sample; a value below 1 averages
+    out noise, like an observer with constant gain. If the optional ``deadline`` [s] is exceeded, the input of
+    the shifted plan is applied instead, and ``misses`` is increased. ``notes`` are sentences on how the problem
+    was changed for the receding horizon.
 
     All symbolic work is done on construction, and functions are compiled once and cached. The measured state,
     the last input, the problem's parameters and the law's mu are parameters of a single program.
@@ -81,6 +87,7 @@ class Controller:
     iterations: int = 1
     trust: float = 1.0
     deadline: float | None = None
+    budget: int | None = None
     parameters: Values = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -104,7 +111,7 @@ class Controller:
         self.start, self._u_start = limits[:2]
         self.measurement = Measurement(planned)
         solved, self._first = self._first_plan(p)
-        parts = PhaseParts(self.session, self.model, self.rollouts, exact, self.iterations, solved)
+        parts = PhaseParts(self.session, self.model, self.rollouts, exact, self.iterations, self.budget, solved)
         law = self.policy
         if not self._entry.plans and law is None:
             law = self._regulator(p, exact)
@@ -118,6 +125,8 @@ class Controller:
         law = make_law(law, {}, self.problem.system) if isinstance(law, str) else law
         self.law: ContactLaw = self._entry.law(law)
         self.iterations = read_value("iterations", self.iterations, int, **QP_ITERATIONS)
+        if self.budget is not None:
+            self.budget = read_value("budget", self.budget, int, **QP_BUDGET)
         self.trust = read_value("trust", self.trust, float, **TRUST)
         self.deadline = validated("deadline", self.deadline, Positive | None)
         if self.policy is not None and self._entry.plans:
@@ -211,7 +220,8 @@ class Controller:
             self.plan = answer.plan
         self.u_before, self.samples = u, self.samples + 1
         note = "; ".join(filter(None, [*notes, answer.note]))
-        return Command(u, answer.plan, status, seconds, note, answer.merit)
+        counts = self._phase.programs, self._phase.qp_iterations
+        return Command(u, answer.plan, status, seconds, note, answer.merit, *counts)
 
     def _shifted_plan(self, p: np.ndarray, limits: list[np.ndarray]) -> Plan:
         """Return the plan shifted by one step and extended by the phase's gain; unshifted at the first sample."""

@@ -62,7 +62,8 @@ class Direction:
     ``costates`` (N, nx) are the multipliers of the dynamics, and ``rows`` (N, n_rows) the multipliers of the
     inequality rows, in cost per characteristic size. ``objective`` is the predicted change of the cost plus the
     penalty of violated rows. ``violation`` is the sum of the slacks, in characteristic sizes. ``iterations`` is
-    the number of iterations of the solver, which ended at ``tolerance``.
+    the number of iterations of the solver, which ended at ``tolerance``. ``usable`` is true for a solution,
+    and for the last iterate of a solver that was stopped at its maximum number of iterations.
     """
 
     dx: np.ndarray
@@ -72,6 +73,7 @@ class Direction:
     objective: float
     violation: float
     solved: bool
+    usable: bool
     iterations: int
     tolerance: Tolerance
 
@@ -133,12 +135,13 @@ class HorizonQP:
         dx0: np.ndarray,
         bounds: tuple[np.ndarray, np.ndarray],
         penalty: float = PENALTIES[0],
-        tolerance: Tolerance = TIGHT,
+        accuracy: tuple[Tolerance, int] = (TIGHT, MAX_QP_ITERATIONS),
     ) -> Direction:
         """Return the step of a plan, given the measured state minus the plan's first state ``dx0`` (nx,).
 
         ``rows`` are constrained to 0 or above; ``bounds`` are the lower and upper bounds (N, nu) on du;
-        ``penalty`` is the penalty of a slack, in characteristic costs per characteristic size.
+        ``penalty`` is the penalty of a slack, in characteristic costs per characteristic size; ``accuracy``
+        has the tolerances, and the maximum number of iterations.
         """
         model, N, nx = self.model, self.model.N, self.model.nx
         cost = model.problem.scales.cost
@@ -159,8 +162,9 @@ class HorizonQP:
         x_l[self.s] = 0.0
         x_l[self.u], x_u[self.u] = bounds
         c = self._gradient(lin, dx0, cost, penalty)
-        z, result = self._run_piqp(tolerance, P, c, A, predicted.ravel(), G, row_bounds.ravel(), x_l, x_u)
+        z, result = self._run_piqp(accuracy, P, c, A, predicted.ravel(), G, row_bounds.ravel(), x_l, x_u)
         dx = np.concatenate([dx0[None], z[self.x_next]])
+        is_solved, is_finite = result.info.status == piqp.PIQP_SOLVED, bool(np.isfinite(z).all())
         return Direction(
             dx,
             z[self.u],
@@ -168,9 +172,10 @@ class HorizonQP:
             np.array(result.z_l).reshape(N, self.n_rows) / row_scales * cost,
             float(result.info.primal_obj) * cost,
             float(z[self.s].sum()),
-            result.info.status == piqp.PIQP_SOLVED and bool(np.isfinite(z).all()),
+            is_solved and is_finite,
+            is_finite and (is_solved or result.info.status == piqp.PIQP_MAX_ITER_REACHED),
             int(result.info.iter),
-            tolerance,
+            accuracy[0],
         )
 
     def _gradient(self, lin: Linearised, dx0: np.ndarray, cost: float, penalty: float) -> np.ndarray:
@@ -182,19 +187,19 @@ class HorizonQP:
         c[self.s] += penalty
         return c
 
-    def _run_piqp(self, tolerance: Tolerance, *program: Any) -> tuple[np.ndarray, piqp.Result]:
+    def _run_piqp(self, accuracy: tuple[Tolerance, int], *program: Any) -> tuple[np.ndarray, piqp.Result]:
         P, c, A, b, G, row_bounds, x_l, x_u = program
         solver = self._solver
         if solver is None:
             self._solver = solver = piqp.SparseSolver()
             solver.settings.kkt_solver = piqp.KKTSolver.sparse_multistage
-            solver.settings.max_iter = MAX_QP_ITERATIONS
             # Programs are in characteristic sizes, so that the scaling of the first fits all.
             solver.settings.preconditioner_reuse_on_update = True
             solver.settings.eps_rel = solver.settings.eps_duality_gap_rel = 0.0
             solver.setup(P, c, A, b, G, row_bounds, np.full(row_bounds.size, np.inf), x_l, x_u)
         else:
             solver.update(P, c, A, b, G, row_bounds, None, x_l, x_u)
+        tolerance, solver.settings.max_iter = accuracy
         solver.settings.eps_abs, solver.settings.eps_duality_gap_abs = tolerance
         solver.solve()
         return np.array(solver.result.x), solver.result

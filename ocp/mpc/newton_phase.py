@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ocp.mpc.constraint_rows import MET_TOLERANCE, PENALTIES, PENALTY_FALL
-from ocp.mpc.horizon_qp import TIGHT, Direction, HorizonQP, Tolerance
+from ocp.mpc.horizon_qp import MAX_QP_ITERATIONS, TIGHT, Direction, HorizonQP, Tolerance
 from ocp.mpc.linearised import Affine, LinearClosure, Linearised, linearise
 from ocp.mpc.phase import Answer, Phase, Sample
 from ocp.mpc.riccati import Regulator
@@ -25,6 +25,8 @@ MAX_WARM_UP_PROGRAMS = 30
 """Maximum number of additional programs at the first sample, when the plan belongs to another law or state."""
 FULL_STEP = 2
 """Index of the candidate with step size 1, after the plan without and with the regulator's feedback."""
+UNFINISHED = "the quadratic program was stopped at the maximum number of iterations"
+"""Note on a sample whose quadratic program was not finished."""
 UNSOLVED = "the quadratic program was not solved"
 """Note on a sample whose quadratic program was not solved."""
 
@@ -46,9 +48,11 @@ class NewtonPhase(Phase):
     a rollout under the law, and no plan is worse than the shifted plan.
     """
 
-    def __init__(self, model: StageModel, rollouts: CandidateRollouts, iterations: int = 1) -> None:
-        self.model, self.rollouts, self.iterations = model, rollouts, iterations
-        self.qp, self.penalty = HorizonQP(model, self.n_rows), 0.0
+    def __init__(
+        self, model: StageModel, rollouts: CandidateRollouts, iterations: int = 1, budget: int | None = None
+    ) -> None:
+        self.model, self.rollouts, self.iterations, self.budget = model, rollouts, iterations, budget
+        self.qp = HorizonQP(model, self.n_rows)
         self.tolerance, self.violated = TIGHT, False
         self.note, self.has_exchange = "", False
         self.regulator = Regulator(model.nx, model.nu, model.N)
@@ -75,6 +79,7 @@ class NewtonPhase(Phase):
 
     def prepare(self, plan: Plan, sample: Sample) -> None:
         """Evaluate and linearise ``plan``, the last plan shifted by one step."""
+        self.programs = self.qp_iterations = 0
         self.linearise_plan(plan, sample)
 
     def linearise_plan(self, plan: Plan, sample: Sample) -> None:
@@ -99,12 +104,14 @@ class NewtonPhase(Phase):
         """
         best, smallest_violation = None, np.inf
         if not self.violated:
-            best = self.qp.solve(*self._program(prepared, sample), tolerance=self.tolerance)
+            best = self._run(self.qp, prepared, sample, PENALTIES[0], self.tolerance)
             is_met = best.violation < max(MET_TOLERANCE, self.tolerance.residual)
             if not self.model.m or (best.solved and is_met):
                 return best
         for penalty in PENALTIES:
-            direction = self.separate_slack_qp.solve(*self._program(prepared, sample), penalty)
+            if self.is_spent:
+                break
+            direction = self._run(self.separate_slack_qp, prepared, sample, penalty, TIGHT)
             best = best if best is not None else direction
             if not direction.solved or not direction.violation < PENALTY_FALL * smallest_violation:
                 break
@@ -115,12 +122,21 @@ class NewtonPhase(Phase):
         assert best is not None
         return best
 
-    def _program(
-        self, prepared: Prepared, sample: Sample
-    ) -> tuple[Linearised, Affine, np.ndarray, tuple[np.ndarray, np.ndarray]]:
-        """Return the linearisation, rows, first change of the state, and bounds on the change of inputs."""
+    @property
+    def is_spent(self) -> bool:
+        """Whether the sample's iterations have reached the budget."""
+        return self.budget is not None and self.qp_iterations >= self.budget
+
+    def _run(
+        self, qp: HorizonQP, prepared: Prepared, sample: Sample, penalty: float, tolerance: Tolerance
+    ) -> Direction:
+        """Solve a quadratic program within the iterations that are left, and count both."""
+        left = MAX_QP_ITERATIONS if self.budget is None else min(MAX_QP_ITERATIONS, self.budget - self.qp_iterations)
         step_bounds = (sample.bounds[0] - self.plan.u, sample.bounds[1] - self.plan.u)
-        return prepared.lin, prepared.rows, sample.x - self.plan.x[0], step_bounds
+        dx0 = sample.x - self.plan.x[0]
+        direction = qp.solve(prepared.lin, prepared.rows, dx0, step_bounds, penalty, (tolerance, left))
+        self.programs, self.qp_iterations = self.programs + 1, self.qp_iterations + direction.iterations
+        return direction
 
     def feedback(self, sample: Sample) -> Answer:
         """Solve the program from the measured state, and return the best candidate among the rollouts."""
@@ -139,7 +155,7 @@ class NewtonPhase(Phase):
         """
         answer = solve(sample)
         for _ in range(max_iterations):
-            if answer.plan is None or answer.status == "kept":
+            if answer.plan is None or answer.status == "kept" or self.is_spent:
                 break
             is_exchange = self.has_exchange
             self.linearise_plan(answer.plan, sample)
@@ -165,8 +181,9 @@ class NewtonPhase(Phase):
             change = rolled.states[FULL_STEP] - plan.x - step.dx
             self.tolerance = Tolerance.of_error(float(np.abs(change / self.model.problem.scales.x).max()))
             self.choose_exchange(prepared, step)
-        status = "kept" if not step.solved else "solved" if rolled.best >= FULL_STEP else "not improved"
-        notes = [self.note if step.solved else UNSOLVED, *(f"the plan violates {c.name}" for c in rolled.violated)]
+        status = "kept" if not step.usable else "solved" if rolled.best >= FULL_STEP else "not improved"
+        note = self.note if step.solved else UNFINISHED if step.usable else UNSOLVED
+        notes = [note, *(f"the plan violates {c.name}" for c in rolled.violated)]
         note = "; ".join(filter(None, notes))
         return Answer(rolled.plan.u[0], rolled.plan, status, note, rolled.merit, bool(rolled.violated))
 
@@ -176,7 +193,7 @@ class NewtonPhase(Phase):
     def _merit_penalty(self, step: Direction) -> float:
         """Return the penalty in the merit function: twice the largest multiplier of a constraint, but at least 100."""
         m, cost = self.model.m, self.model.problem.scales.cost
-        largest = abs(step.rows[:, -m:]).max() if m and step.solved else 0.0
+        largest = abs(step.rows[:, -m:]).max() if m and step.usable else 0.0
         return max(MIN_PENALTY, 2 * float(largest) / cost)
 
     def _keep_plan(self, sample: Sample, reason: str) -> Answer:
@@ -185,7 +202,7 @@ class NewtonPhase(Phase):
 
     def _candidates(self, plan: Plan, step: Direction, lin: Linearised) -> tuple[np.ndarray, np.ndarray]:
         """Return K (S, N, nu, nx) and k (S, N, nu) of S candidates; the first two are the plan without and with K."""
-        shares = np.array([0.0, 0.0, *(STEP_SHARES if step.solved else ())])[:, None, None]
+        shares = np.array([0.0, 0.0, *(STEP_SHARES if step.usable else ())])[:, None, None]
         K = np.tile(self.regulator.gains(lin), (len(shares), 1, 1, 1))
         K[0] = 0.0
         x, u = plan.x[:-1] + shares * step.dx[:-1], plan.u + shares * step.du

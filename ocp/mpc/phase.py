@@ -45,11 +45,14 @@ class Phase(ABC):
 
     ``prepare`` does the work at the shifted plan that does not need the measurement, and ``feedback`` does the
     rest. ``plans`` is true if the phase computes plans over a receding horizon. ``gain`` (nu, nx) is the
-    feedback gain for the step by which the shifted plan is extended.
+    feedback gain for the step by which the shifted plan is extended. ``programs`` and ``qp_iterations`` are the
+    numbers of quadratic programs of the last sample, and of their iterations.
     """
 
     plans: ClassVar[bool] = True
     gain: np.ndarray | None = None
+    programs: int = 0
+    qp_iterations: int = 0
 
     @abstractmethod
     def prepare(self, plan: Plan, sample: Sample) -> None:

@@ -34,8 +34,10 @@ class QPCC(NewtonPhase):
 
     exchanges = True
 
-    def __init__(self, model: StageModel, rollouts: CandidateRollouts, iterations: int = 1) -> None:
-        super().__init__(model, rollouts, iterations)
+    def __init__(
+        self, model: StageModel, rollouts: CandidateRollouts, iterations: int = 1, budget: int | None = None
+    ) -> None:
+        super().__init__(model, rollouts, iterations, budget)
         self.sets = ActiveSets(model)
         none = np.zeros((model.N, model.n), dtype=bool)
         self.exchange = none, none

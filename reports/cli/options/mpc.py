@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from dynamics.limits import INDEX, LOOP_SAMPLES, LOOP_SEEDS, QP_ITERATIONS, TRUST
+from dynamics.limits import INDEX, LOOP_SAMPLES, LOOP_SEEDS, QP_BUDGET, QP_ITERATIONS, TRUST
 from reports.cli.options.shared import ProblemOptions, assignment, option
 
 
@@ -32,6 +32,7 @@ class MpcOptions(ProblemOptions):
     steps: int | None = option(None, limits=LOOP_SAMPLES, help="Samples; default: the larger of 100 and the horizon.")
     rate: float | None = option(None, metavar="HZ", help="Rate that times are compared with; default: 1/h.")
     iterations: int = option(1, limits=QP_ITERATIONS, help="Quadratic programs per sample.")
+    budget: int | None = option(None, limits=QP_BUDGET, help="Iterations of these programs per sample at most.")
     trust: float = option(1.0, limits=TRUST, help="Weight of the measured state against the predicted one, in (0, 1].")
     deadline: float | None = option(
         None, metavar="S", help="Replace answers that take longer by the input of the previous plan."
