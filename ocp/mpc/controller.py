@@ -106,9 +106,13 @@ class Controller:
         dynamics = ca.vertcat(step.residual, step.gap, step.mu)
         self._dynamics = {n for n in step.p.names if ca.depends_on(dynamics, step.p[n])}
         self._measured_columns = np.array([self.model.names.index(name) for name in self.receding.added])
+        limits = planned.limits
+        sparsities = [limits.jac_sparsity(i, 0) for i in range(2, limits.n_out())]
+        self._limiting = np.unique([column for sparsity in sparsities for column in sparsity.get_col()]).astype(int)
+        self._limits: tuple[np.ndarray, list[np.ndarray]] | None = None
         self._horizon = ({}, *self._evaluate_parameters({}))
-        p, limits = self._horizon[1:]
-        self.start, self._u_start = limits[:2]
+        p, values = self._horizon[1:]
+        self.start, self._u_start = values[:2]
         self.measurement = Measurement(planned)
         solved, self._first = self._first_plan(p)
         parts = PhaseParts(self.session, self.model, self.rollouts, exact, self.iterations, self.budget, solved)
@@ -143,8 +147,10 @@ class Controller:
         """Return the parameters over the horizon (N+1, np), and the resulting start, last input and bounds."""
         values = {**self.parameters, **values}
         p = horizon_rows(self.receding, self.model.names, self._base, values, self._dynamics)
-        limits = self.receding.problem.limits(p[0, self.model.of_problem])
-        return p, [np.array(v).ravel() for v in limits]
+        physical = p[0, self.model.of_problem]
+        if self._limits is None or (physical != self._limits[0])[self._limiting].any():
+            self._limits = physical, [np.array(v).ravel() for v in self.receding.problem.limits(physical)]
+        return p, self._limits[1]
 
     def _first_plan(self, p: np.ndarray) -> tuple[RouteResult | None, Plan]:
         """Solve the problem once from its own start; with a user's policy, return the initial guess unsolved."""
@@ -220,8 +226,8 @@ class Controller:
             self.plan = answer.plan
         self.u_before, self.samples = u, self.samples + 1
         note = "; ".join(filter(None, [*notes, answer.note]))
-        counts = self._phase.programs, self._phase.qp_iterations
-        return Command(u, answer.plan, status, seconds, note, answer.merit, *counts)
+        phase = self._phase
+        return Command(u, answer.plan, status, seconds, note, answer.merit, phase.programs, phase.qp_iterations)
 
     def _shifted_plan(self, p: np.ndarray, limits: list[np.ndarray]) -> Plan:
         """Return the plan shifted by one step and extended by the phase's gain; unshifted at the first sample."""

@@ -143,32 +143,18 @@ class HorizonQP:
         ``penalty`` is the penalty of a slack, in characteristic costs per characteristic size; ``accuracy``
         has the tolerances, and the maximum number of iterations.
         """
-        model, N, nx = self.model, self.model.N, self.model.nx
-        cost = model.problem.scales.cost
-        H, end = lin.hessian / cost, lin.end[1] / cost
-        curvature = np.full(self.s.size, PENALTY_CURVATURE * penalty)
-        P = self._P(np.concatenate([H.ravel(), end.ravel(), curvature]))
-        dynamics = np.concatenate([lin.x_next.by_x, lin.x_next.by_u], axis=2)
-        A = self._A(np.concatenate([-dynamics.ravel(), np.ones(N * nx)]))
-        predicted = lin.x_next.value.copy()
-        predicted[0] += lin.x_next.by_x[0] @ dx0
-        row_bounds = -rows.value
-        row_bounds[0] -= rows.by_x[0] @ dx0
+        cost, N = self.model.problem.scales.cost, self.model.N
         # The solver does not reach its tolerance if entries of 1e9 and of 1 occur together.
-        row_scales = np.maximum(1.0, -row_bounds / MAX_ROW_VALUE)
-        entries = np.concatenate([rows.by_x, rows.by_u, np.ones((N, self.n_rows, 1))], axis=2)
-        G, row_bounds = self._G((entries / row_scales[:, :, None]).ravel()), row_bounds / row_scales
-        x_l, x_u = np.full(self.size, -np.inf), np.full(self.size, np.inf)
-        x_l[self.s] = 0.0
-        x_l[self.u], x_u[self.u] = bounds
-        c = self._gradient(lin, dx0, cost, penalty)
-        z, result = self._run_piqp(accuracy, P, c, A, predicted.ravel(), G, row_bounds.ravel(), x_l, x_u)
+        least = rows.value.copy()
+        least[0] += rows.by_x[0] @ dx0
+        row_scales = np.maximum(1.0, least / MAX_ROW_VALUE)
+        z, result = self._run_piqp(accuracy, *self._assemble(lin, rows, dx0, row_scales, penalty), *self._ends(*bounds))
         dx = np.concatenate([dx0[None], z[self.x_next]])
         is_solved, is_finite = result.info.status == piqp.PIQP_SOLVED, bool(np.isfinite(z).all())
         return Direction(
             dx,
             z[self.u],
-            np.array(result.y).reshape(N, nx) * cost,
+            np.array(result.y).reshape(N, -1) * cost,
             np.array(result.z_l).reshape(N, self.n_rows) / row_scales * cost,
             float(result.info.primal_obj) * cost,
             float(z[self.s].sum()),
@@ -177,6 +163,32 @@ class HorizonQP:
             int(result.info.iter),
             accuracy[0],
         )
+
+    def _ends(self, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the bounds on all variables, from those (N, nu) on du."""
+        x_l, x_u = np.full(self.size, -np.inf), np.full(self.size, np.inf)
+        x_l[self.s] = 0.0
+        x_l[self.u], x_u[self.u] = lower, upper
+        return x_l, x_u
+
+    def _assemble(
+        self, lin: Linearised, rows: Affine, dx0: np.ndarray, row_scales: np.ndarray, penalty: float
+    ) -> tuple[sp.csc_matrix, np.ndarray, sp.csc_matrix, np.ndarray, sp.csc_matrix, np.ndarray]:
+        """Return P, c, A, b, G, h of ``min 1/2 z' P z + c' z`` subject to ``A z = b`` and ``G z >= h``."""
+        N, nx, cost = self.model.N, self.model.nx, self.model.problem.scales.cost
+        H, end = lin.hessian / cost, lin.end[1] / cost
+        curvature = np.full(self.s.size, PENALTY_CURVATURE * penalty)
+        P = self._P(np.concatenate([H.ravel(), end.ravel(), curvature]))
+        dynamics = np.concatenate([lin.x_next.by_x, lin.x_next.by_u], axis=2)
+        A = self._A(np.concatenate([-dynamics.ravel(), np.ones(N * nx)]))
+        predicted, row_bounds = lin.x_next.value.copy(), -rows.value
+        predicted[0] += lin.x_next.by_x[0] @ dx0
+        row_bounds[0] -= rows.by_x[0] @ dx0
+        entries = np.concatenate([rows.by_x, rows.by_u, np.ones((N, self.n_rows, 1))], axis=2)
+        if (row_scales > 1.0).any():
+            entries, row_bounds = entries / row_scales[:, :, None], row_bounds / row_scales
+        c = self._gradient(lin, dx0, cost, penalty)
+        return P, c, A, predicted.ravel(), self._G(entries.ravel()), row_bounds.ravel()
 
     def _gradient(self, lin: Linearised, dx0: np.ndarray, cost: float, penalty: float) -> np.ndarray:
         g = lin.gradient / cost
@@ -193,8 +205,6 @@ class HorizonQP:
         if solver is None:
             self._solver = solver = piqp.SparseSolver()
             solver.settings.kkt_solver = piqp.KKTSolver.sparse_multistage
-            # Programs are in characteristic sizes, so that the scaling of the first fits all.
-            solver.settings.preconditioner_reuse_on_update = True
             solver.settings.eps_rel = solver.settings.eps_duality_gap_rel = 0.0
             solver.setup(P, c, A, b, G, row_bounds, np.full(row_bounds.size, np.inf), x_l, x_u)
         else:
@@ -212,10 +222,15 @@ class _Pattern:
         self.used = np.flatnonzero((rows >= 0) & (columns >= 0))
         key = columns[self.used] * shape[0] + rows[self.used]
         unique, self.positions = np.unique(key, return_inverse=True)
+        # Without repeated positions a copy in the matrix's order replaces the sum.
+        self.order = self.used[np.argsort(self.positions)] if unique.size == key.size else None
         starts = np.searchsorted(unique, np.arange(shape[1] + 1) * shape[0])
         self.matrix = sp.csc_matrix((np.zeros(unique.size), unique % shape[0], starts), shape=shape)
 
     def __call__(self, data: np.ndarray) -> sp.csc_matrix:
         """Return the matrix with the entries ``data``; entries at the same position are summed."""
-        self.matrix.data = np.bincount(self.positions, data[self.used], self.matrix.nnz)
+        if self.order is not None:
+            self.matrix.data = data[self.order]
+        else:
+            self.matrix.data = np.bincount(self.positions, data[self.used], self.matrix.nnz)
         return self.matrix

@@ -202,11 +202,15 @@ class NewtonPhase(Phase):
 
     def _candidates(self, plan: Plan, step: Direction, lin: Linearised) -> tuple[np.ndarray, np.ndarray]:
         """Return K (S, N, nu, nx) and k (S, N, nu) of S candidates; the first two are the plan without and with K."""
-        shares = np.array([0.0, 0.0, *(STEP_SHARES if step.usable else ())])[:, None, None]
-        K = np.tile(self.regulator.gains(lin), (len(shares), 1, 1, 1))
+        shares = np.array([0.0, 0.0, *(STEP_SHARES if step.usable else ())])
+        gains = self.regulator.gains(lin)
+        K = np.broadcast_to(gains, (len(shares), *gains.shape)).copy()
         K[0] = 0.0
-        x, u = plan.x[:-1] + shares * step.dx[:-1], plan.u + shares * step.du
-        return K, u - (K @ x[..., None])[..., 0]
+        fed_back = np.einsum("kij,kjs->ski", gains, np.stack([plan.x[:-1], step.dx[:-1]], axis=2))
+        change = step.du - fed_back[1] if step.usable else 0.0
+        k = plan.u - fed_back[0] + shares[:, None, None] * change
+        k[0] = plan.u
+        return K, k
 
 
 class Relaxed(NewtonPhase):

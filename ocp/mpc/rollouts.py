@@ -71,7 +71,7 @@ class CandidateRollouts:
         ends = np.broadcast_to(np.concatenate([lower, upper]), (S, N, 2 * model.nu))
         theta = np.concatenate([K.reshape(S, N, -1), k, ends], axis=2)
         step_parameters = p[0, model.of_step]
-        x = self._roll(np.tile(x0, (S, 1)), theta, np.append(step_parameters, 1.0), states=True).states
+        x = self._roll(x0, theta, np.append(step_parameters, 1.0), states=True).states
         u = np.clip(np.einsum("skij,skj->ski", K, x[:, :-1]) + k, lower, upper)
         flattened = x[:, :-1].reshape(S * N, -1), u.reshape(S * N, -1)
         lam = self._step(*flattened, step_parameters).lam[:, : model.n].reshape(S, N, -1)
