@@ -305,7 +305,7 @@ def _curvature(model: LinearModel, hessian: sp.csr_matrix) -> int:
 
 
 def _moves(nlp: Program, model: LinearModel, descent: Descent) -> list[ContactChange]:
-    """Return the contact changes along the direction; equal changes at successive steps are merged."""
+    """Return the contact changes along the direction, without kinks; equal ones at successive steps are merged."""
     if not descent.near.size:
         return []
     was_active = model.members[0, descent.near] > model.members[1, descent.near]
@@ -316,6 +316,8 @@ def _moves(nlp: Program, model: LinearModel, descent: Descent) -> list[ContactCh
     changed_steps: dict[tuple[int, str, str], list[int]] = {}
     for index in np.flatnonzero(changed):
         pair = nlp.pair_name(int(descent.near[index]))
+        if pair.kind not in PAIR_CHANGES:
+            continue
         change = PAIR_CHANGES[pair.kind][int(descent.active[index] > 0.5)]
         insort(changed_steps.setdefault((pair.scenario, pair.name, change), []), pair.step)
     return [

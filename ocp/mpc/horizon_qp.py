@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,6 +12,7 @@ import scipy.sparse as sp
 from ocp.mpc.constraint_rows import PENALTIES
 from ocp.mpc.linearised import Affine, Linearised
 from ocp.mpc.stages import StageModel
+from ocp.mpc.tracking import pad_horizon, pad_rows
 
 PENALTY_CURVATURE = 1e-2
 """Second derivative of the penalty of a slack, relative to the penalty's slope."""
@@ -77,6 +78,10 @@ class Direction:
     iterations: int
     tolerance: Tolerance
 
+    def first(self, n: int) -> Direction:
+        """Return the solution of the first n steps."""
+        return replace(self, dx=self.dx[: n + 1], du=self.du[:n], costates=self.costates[:n], rows=self.rows[:n])
+
 
 class HorizonQP:
     """Quadratic program ``min sum_k 1/2 w' H w + g' w + penalty`` for a plan's step, of fixed sparsity.
@@ -141,9 +146,13 @@ class HorizonQP:
 
         ``rows`` are constrained to 0 or above; ``bounds`` are the lower and upper bounds (N, nu) on du;
         ``penalty`` is the penalty of a slack, in characteristic costs per characteristic size; ``accuracy``
-        has the tolerances, and the maximum number of iterations.
+        has the tolerances, and the maximum number of iterations. The horizon may have n < N steps.
         """
         cost, N = self.model.problem.scales.cost, self.model.N
+        if (n := len(rows.value)) < N:
+            lower, upper = (np.pad(bound, ((0, N - n), (0, 0)), "edge") for bound in bounds)
+            padded = pad_horizon(lin, N), pad_rows(rows, N)
+            return self.solve(*padded, dx0, (lower, upper), penalty, accuracy).first(n)
         # The solver does not reach its tolerance if entries of 1e9 and of 1 occur together.
         least = rows.value.copy()
         least[0] += rows.by_x[0] @ dx0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import cached_property
 from typing import NamedTuple
@@ -25,6 +25,8 @@ MAX_WARM_UP_PROGRAMS = 30
 """Maximum number of additional programs at the first sample, when the plan belongs to another law or state."""
 FULL_STEP = 2
 """Index of the candidate with step size 1, after the plan without and with the regulator's feedback."""
+EXCHANGED = "contacts were exchanged"
+"""Note on a sample whose quadratic program has sides exchanged, as the last program asked."""
 UNFINISHED = "the quadratic program was stopped at the maximum number of iterations"
 """Note on a sample whose quadratic program was not finished."""
 UNSOLVED = "the quadratic program was not solved"
@@ -32,11 +34,31 @@ UNSOLVED = "the quadratic program was not solved"
 
 
 class Prepared(NamedTuple):
-    """An active set (N, n), a plan's linearisation with this set, and the rows of the program."""
+    """A plan of n steps, its active set (n, pairs), its linearisation with this set, and the rows of the program.
 
+    ``is_exchanged`` tells whether the set has sides exchanged, as the last program asked.
+    """
+
+    plan: Plan
     closed: np.ndarray
     lin: Linearised
     rows: Affine
+    is_exchanged: bool
+
+
+class PairExchange(NamedTuple):
+    """Pairs (n, pairs) whose sides the next program exchanges, and the active set ``closed`` of the last program."""
+
+    closed: np.ndarray
+    pairs: np.ndarray
+
+    def shifted(self, steps: int) -> PairExchange:
+        """Return the exchange of a plan that is shifted by 0 or 1 steps; a step that is appended has none."""
+        if not steps:
+            return self
+        closed, pairs = (np.concatenate([v[1:], v[-1:]]) for v in self)
+        pairs[-1] = False
+        return PairExchange(closed, pairs)
 
 
 class NewtonPhase(Phase):
@@ -54,7 +76,7 @@ class NewtonPhase(Phase):
         self.model, self.rollouts, self.iterations, self.budget = model, rollouts, iterations, budget
         self.qp = HorizonQP(model, self.n_rows)
         self.tolerance, self.violated = TIGHT, False
-        self.note, self.has_exchange = "", False
+        self.exchange: PairExchange | None = None
         self.regulator = Regulator(model.nx, model.nu, model.N)
         self.plan: Plan
         self.prepared: Prepared | None = None
@@ -65,9 +87,9 @@ class NewtonPhase(Phase):
     def n_rows(self) -> int:
         """Number of rows of the quadratic program at every step."""
 
-    def active_set(self, plan: Plan) -> np.ndarray:
-        """Return the active set (N, n) of a plan. By default no pair is closed, as needed for smoothed laws."""
-        return np.zeros(plan.lam.shape, dtype=bool)
+    def active_set(self, plan: Plan) -> tuple[np.ndarray, bool]:
+        """Return the active set (n, pairs) of a plan, and whether it is exchanged. Smoothed laws close no pair."""
+        return np.zeros(plan.lam.shape, dtype=bool), False
 
     @abstractmethod
     def closure(self, plan: Plan, evaluated: StageValues, closed: np.ndarray) -> LinearClosure:
@@ -78,19 +100,36 @@ class NewtonPhase(Phase):
         """Return the rows (N, n_rows) that the program constrains to 0 or above."""
 
     def prepare(self, plan: Plan, sample: Sample) -> None:
-        """Evaluate and linearise ``plan``, the last plan shifted by one step."""
-        self.programs = self.qp_iterations = 0
-        self.linearise_plan(plan, sample)
+        """Evaluate and linearise ``plan``, the last plan shifted to the time of the sample."""
+        self.prepare_best([plan], sample)
 
-    def linearise_plan(self, plan: Plan, sample: Sample) -> None:
-        """Evaluate and linearise ``plan``, the last plan or the last plan shifted by one step."""
-        self.plan, self.prepared = plan, None
+    def prepare_best(self, plans: Sequence[Plan], sample: Sample) -> None:
+        """Prepare the plan whose rollout from the measured state, with or without feedback, has the lowest merit."""
+        self.programs = self.qp_iterations = 0
+        if self.exchange is not None:
+            self.exchange = self.exchange.shifted(sample.shift)
+        starts = [one for one in (self._linearise(plan, sample) for plan in plans) if one is not None]
+        best = 0
+        if len(starts) > 1:
+            candidates = [self._candidates(one.plan, None, one.lin) for one in starts]
+            K, k = (np.concatenate(parts) for parts in zip(*candidates, strict=True))
+            best = self.rollouts.roll_out(sample.x, K, k, sample.u_before, sample.bounds, sample.p).best // FULL_STEP
+        self._start_from(starts[best] if starts else None, plans[0])
+
+    def _start_from(self, prepared: Prepared | None, plan: Plan) -> None:
+        """Store the start of the next program, or ``plan`` without linearisation; its exchange is tried only once."""
+        self.prepared, self.exchange = prepared, None
+        self.plan = plan if prepared is None else prepared.plan
+
+    def _linearise(self, plan: Plan, sample: Sample) -> Prepared | None:
+        """Return the linearisation of a plan of n <= N steps; None if one of its steps has none."""
         evaluated = self.model.evaluate(plan, sample.u_before, sample.p)
         plan.gap = evaluated.gap
-        closed = self.active_set(plan)
+        closed, is_exchanged = self.active_set(plan)
         with suppress(np.linalg.LinAlgError):
             lin = linearise(self.model, plan, evaluated, self.closure(plan, evaluated, closed))
-            self.prepared = Prepared(closed, lin, self.rows(lin, closed))
+            return Prepared(plan, closed, lin, self.rows(lin, closed), is_exchanged)
+        return None
 
     @cached_property
     def separate_slack_qp(self) -> HorizonQP:
@@ -157,12 +196,12 @@ class NewtonPhase(Phase):
         for _ in range(max_iterations):
             if answer.plan is None or answer.status == "kept" or self.is_spent:
                 break
-            is_exchange = self.has_exchange
-            self.linearise_plan(answer.plan, sample)
+            has_exchange = self.exchange is not None
+            self._start_from(self._linearise(answer.plan, sample), answer.plan)
             better = solve(sample)
             if better.merit < answer.merit - tolerance * abs(answer.merit):
                 answer = better
-            elif is_exchange or not self.has_exchange:
+            elif has_exchange or self.exchange is None:
                 break
         return answer
 
@@ -182,7 +221,8 @@ class NewtonPhase(Phase):
             self.tolerance = Tolerance.of_error(float(np.abs(change / self.model.problem.scales.x).max()))
             self.choose_exchange(prepared, step)
         status = "kept" if not step.usable else "solved" if rolled.best >= FULL_STEP else "not improved"
-        note = self.note if step.solved else UNFINISHED if step.usable else UNSOLVED
+        exchanged = EXCHANGED if prepared.is_exchanged else ""
+        note = exchanged if step.solved else UNFINISHED if step.usable else UNSOLVED
         notes = [note, *(f"the plan violates {c.name}" for c in rolled.violated)]
         note = "; ".join(filter(None, notes))
         return Answer(rolled.plan.u[0], rolled.plan, status, note, rolled.merit, bool(rolled.violated))
@@ -200,15 +240,17 @@ class NewtonPhase(Phase):
         u = np.clip(self.plan.u[0], *sample.bounds)
         return Answer(u, self.plan, "kept", f"{reason}; the previous plan is used")
 
-    def _candidates(self, plan: Plan, step: Direction, lin: Linearised) -> tuple[np.ndarray, np.ndarray]:
-        """Return K (S, N, nu, nx) and k (S, N, nu) of S candidates; the first two are the plan without and with K."""
-        shares = np.array([0.0, 0.0, *(STEP_SHARES if step.usable else ())])
+    def _candidates(self, plan: Plan, step: Direction | None, lin: Linearised) -> tuple[np.ndarray, np.ndarray]:
+        """Return K (S, n, nu, nx) and k (S, n, nu) of S candidates; the first two are the plan without and with K."""
+        dx, du, further = 0 * plan.x, 0 * plan.u, ()
+        if step is not None and step.usable:
+            dx, du, further = step.dx, step.du, STEP_SHARES
+        shares = np.array([0.0] * FULL_STEP + [*further])
         gains = self.regulator.gains(lin)
         K = np.broadcast_to(gains, (len(shares), *gains.shape)).copy()
         K[0] = 0.0
-        fed_back = np.einsum("kij,kjs->ski", gains, np.stack([plan.x[:-1], step.dx[:-1]], axis=2))
-        change = step.du - fed_back[1] if step.usable else 0.0
-        k = plan.u - fed_back[0] + shares[:, None, None] * change
+        fed_back = np.einsum("kij,kjs->ski", gains, np.stack([plan.x[:-1], dx[:-1]], axis=2))
+        k = plan.u - fed_back[0] + shares[:, None, None] * (du - fed_back[1])
         k[0] = plan.u
         return K, k
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -16,12 +16,17 @@ from ocp.problem.rollout import Gains
 
 @dataclass(frozen=True)
 class Sample:
-    """Data of one sample: measured state (nx,), last input (nu,), parameters (N+1, np), and bounds (nu,) on u."""
+    """Data of one sample: measured state (nx,), last input (nu,), parameters (N+1, np), and bounds (nu,) on u.
+
+    ``shift`` is the number of steps, 0 or 1, by which an exchange that the last sample chose is shifted: 1 at samples
+    on a whole step of the plan, so at every sample if there is one per step.
+    """
 
     x: np.ndarray
     u_before: np.ndarray
     p: np.ndarray
     bounds: tuple[np.ndarray, np.ndarray]
+    shift: int = 1
 
 
 @dataclass(frozen=True)
@@ -57,6 +62,10 @@ class Phase(ABC):
     @abstractmethod
     def prepare(self, plan: Plan, sample: Sample) -> None:
         """Evaluate, linearise and factorise at a plan, with the parameters of ``sample``."""
+
+    def prepare_best(self, plans: Sequence[Plan], sample: Sample) -> None:
+        """Prepare the best of several plans; by default the first one."""
+        self.prepare(plans[0], sample)
 
     @abstractmethod
     def feedback(self, sample: Sample) -> Answer:

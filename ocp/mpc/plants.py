@@ -50,13 +50,14 @@ class Plant:
     """Simulated plant, which is advanced from sample to sample and may have other parameters than the model.
 
     Velocity-dependent forces of a planar machine are integrated implicitly, so that they gain no
-    energy (:func:`~dynamics.systems.planar.machine.with_implicit_forces`).
+    energy (:func:`~dynamics.systems.planar.machine.with_implicit_forces`). There are ``samples_per_step`` samples
+    per step of the problem, whose step size must be a parameter unless this is 1.
 
     Raises :class:`~ocp.errors.InputError` for an unknown plant or parameter, and for ``h/4`` if the step size
     is not a parameter, and the errors of :class:`~ocp.simulators.mujoco_world.MujocoWorld`.
     """
 
-    def __init__(self, problem: Problem, name: str, mismatch: Mapping[str, float]) -> None:
+    def __init__(self, problem: Problem, name: str, mismatch: Mapping[str, float], samples_per_step: int = 1) -> None:
         choose("plant", name, PLANTS)
         names = problem.parameters.names
         mismatch = check_mismatch(problem, mismatch)
@@ -65,10 +66,12 @@ class Plant:
             problem = replace(problem, system=system)
         self.problem, self.substeps = problem, 1
         values = dict(zip(names, problem.parameters.values, strict=True)) | dict(mismatch)
+        step_size = step_size_kind(problem.system)
+        if samples_per_step > 1:
+            values[step_size.parameter] /= samples_per_step
         self._mujoco = MujocoWorld(problem, values) if name == "mujoco" else None
         step = problem.referee_step if name in ("referee", "h/4") else problem.exact_step
         if name == "h/4":
-            step_size = step_size_kind(problem.system)
             if step_size.kind != "parameter":
                 raise InputError(f"plant h/4: {step_size.reason or 'the step size is a state'}; take referee")
             values[step_size.parameter] /= REFINEMENT

@@ -7,8 +7,7 @@ import numpy as np
 from ocp.mpc.active_set import ActiveSets
 from ocp.mpc.horizon_qp import Direction
 from ocp.mpc.linearised import Affine, LinearClosure, Linearised
-from ocp.mpc.newton_phase import NewtonPhase, Prepared
-from ocp.mpc.phase import Sample
+from ocp.mpc.newton_phase import NewtonPhase, PairExchange, Prepared
 from ocp.mpc.rollouts import CandidateRollouts
 from ocp.mpc.stages import Plan, StageModel, StageValues
 
@@ -39,23 +38,19 @@ class QPCC(NewtonPhase):
     ) -> None:
         super().__init__(model, rollouts, iterations, budget)
         self.sets = ActiveSets(model)
-        none = np.zeros((model.N, model.n), dtype=bool)
-        self.exchange = none, none
 
-    def prepare(self, plan: Plan, sample: Sample) -> None:
-        """Evaluate and linearise ``plan``; the exchange that remains to be tried is shifted with the plan."""
-        closed, pairs = (np.concatenate([v[1:], v[-1:]]) for v in self.exchange)
-        pairs[-1] = False
-        self.exchange = closed, pairs
-        super().prepare(plan, sample)
+    def active_set(self, plan: Plan) -> tuple[np.ndarray, bool]:
+        """Return the active set (n, pairs) of a plan with the exchange that the last program chose, if it has one.
 
-    def active_set(self, plan: Plan) -> np.ndarray:
-        """Return the active set (N, n) of a plan, with the exchange that the last program chose."""
-        closed, (closed_before, pairs) = self.sets.of(plan), self.exchange
+        A plan that is tracked may have become shorter. A pair on whose side the plan and the last program differ is
+        not exchanged.
+        """
+        closed = self.sets.of(plan)
+        if self.exchange is None:
+            return closed, False
+        closed_before, pairs = (v[: len(closed)] for v in self.exchange)
         changed = pairs & (closed == closed_before)
-        self.exchange, self.has_exchange = (closed, np.zeros_like(closed)), False
-        self.note = "contacts were exchanged" if changed.any() else ""
-        return self.sets.exchange(closed, changed) if changed.any() else closed
+        return (self.sets.exchange(closed, changed), True) if changed.any() else (closed, False)
 
     @property
     def n_rows(self) -> int:
@@ -84,7 +79,7 @@ class QPCC(NewtonPhase):
         """Choose the pairs with a gain, whose sides the next program exchanges."""
         pays = self._gains(prepared, step) > MIN_EXCHANGE_GAIN
         if self.exchanges and pays.any():
-            self.exchange, self.has_exchange = (prepared.closed, pays), True
+            self.exchange = PairExchange(prepared.closed, pays)
 
     @property
     def cost(self) -> float:
@@ -93,7 +88,7 @@ class QPCC(NewtonPhase):
 
     def _gains(self, prepared: Prepared, direction: Direction) -> np.ndarray:
         """Return -sigma (N, n) in characteristic costs per size, 0 for pairs that may not be exchanged."""
-        closed, lin, rows = prepared
+        closed, lin, rows = prepared.closed, prepared.lin, prepared.rows
         model = self.model
         n, nx, sizes = model.n, model.nx, model.sizes
         row_values = rows.value[:, :n] + np.einsum("kij,kj->ki", rows.by_x[:, :n], direction.dx[:-1])

@@ -10,6 +10,7 @@ import numpy as np
 from dynamics.batch.engines.c_horizon import horizon_algebra
 from dynamics.systems.elimination import solve_without_pivoting
 from ocp.mpc.linearised import Linearised
+from ocp.mpc.tracking import pad_horizon
 
 INPUT_CURVATURE_SHARE = 1e-9
 """Multiple of the identity added to Quu, relative to the mean of Quu's diagonal."""
@@ -41,8 +42,10 @@ class Regulator:
         return step.mapaccum(self.N)
 
     def gains(self, lin: Linearised) -> np.ndarray:
-        """Return the gains K (N, nu, nx), which are all set to zero if any entry is not finite."""
-        nx, nu, N = self.nx, self.nu, self.N
+        """Return the gains K (n, nu, nx) of a horizon of n <= N steps, all zero if any entry is not finite."""
+        nx, nu, N, n = self.nx, self.nu, self.N, len(lin.gradient)
+        if self._algebra is None:
+            lin = pad_horizon(lin, N)
         AB = np.concatenate([lin.x_next.by_x, lin.x_next.by_u], axis=2)
         xu = np.r_[:nx, nx + nu : nx + 2 * nu]
         H = lin.hessian[:, xu[:, None], xu]
@@ -51,5 +54,5 @@ class Regulator:
         else:
             columns = (v[::-1].transpose(1, 0, 2).reshape(v.shape[1], -1) for v in (AB, H))
             _, K = self._backwards(lin.end[1], *columns)
-            gains = np.asarray(K).reshape(nu, N, nx).transpose(1, 0, 2)[::-1]
+            gains = np.asarray(K).reshape(nu, N, nx).transpose(1, 0, 2)[::-1][:n]
         return gains if np.isfinite(gains).all() else np.zeros_like(gains)

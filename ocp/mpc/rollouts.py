@@ -62,16 +62,17 @@ class CandidateRollouts:
     ) -> Rolled:
         """Return the rollouts of candidates and the one with the lowest merit.
 
-        K (S, N, nu, nx) and k (S, N, nu) are the gains of S candidates. A candidate with an unsolved step has
-        infinite merit.
+        K (S, N, nu, nx) and k (S, N, nu) are the gains of S candidates; N may be less than the model's. A
+        candidate with an unsolved step has infinite merit.
         """
         model, (S, N) = self.model, K.shape[:2]
         input_limit = MAX_INPUT * model.problem.scales.u
         lower, upper = np.maximum(bounds[0], -input_limit), np.minimum(bounds[1], input_limit)
         ends = np.broadcast_to(np.concatenate([lower, upper]), (S, N, 2 * model.nu))
         theta = np.concatenate([K.reshape(S, N, -1), k, ends], axis=2)
+        theta = np.pad(theta, ((0, 0), (0, model.N - N), (0, 0)), "edge")
         step_parameters = p[0, model.of_step]
-        x = self._roll(x0, theta, np.append(step_parameters, 1.0), states=True).states
+        x = self._roll(x0, theta, np.append(step_parameters, 1.0), states=True).states[:, : N + 1]
         u = np.clip(np.einsum("skij,skj->ski", K, x[:, :-1]) + k, lower, upper)
         flattened = x[:, :-1].reshape(S * N, -1), u.reshape(S * N, -1)
         lam = self._step(*flattened, step_parameters).lam[:, : model.n].reshape(S, N, -1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -14,6 +15,7 @@ from pydantic import InstanceOf
 
 from dynamics.limits import INDEX, LOOP_SAMPLES, LOOP_SEEDS
 from dynamics.settings import read_value
+from ocp.errors import InputError
 from ocp.judge.certificate import certify
 from ocp.judge.constraints import Broken
 from ocp.judge.step_size import step_size_kind
@@ -25,6 +27,7 @@ from ocp.mpc.receding import Values
 from ocp.mpc.stages import Plan
 from ocp.mpc.verdict import LoopVerdict
 from ocp.problem.problem import Problem
+from ocp.problem.rollout import Gains
 from ocp.routes.session import Session
 from ocp.validation import validated
 
@@ -59,6 +62,8 @@ class ClosedLoop:
     programs, qp_iterations, status and certificate (S, T), end_cost (S,), and ended (S,), the number of samples
     before the plant diverged. ``notes`` maps each note of the commands to its number of occurrences.
     ``violations`` are the plant's violations of path constraints and of bounds on states, largest first.
+    ``gains`` are those of the controller after the last sample, or None. There are ``samples_per_step`` samples
+    per step of a plan.
     """
 
     problem: Problem
@@ -67,6 +72,8 @@ class ClosedLoop:
     misses: int
     record: dict[str, Any] = field(default_factory=dict)
     violations: list[Broken] = field(default_factory=list)
+    gains: Gains | None = None
+    samples_per_step: int = 1
 
     @cached_property
     def verdict(self) -> LoopVerdict:
@@ -128,10 +135,12 @@ def simulate(
 
     Every ``certify``-th plan is judged by an independent certificate, outside the measured time; with 0, no
     plan is judged. The noise of run s is stream s of ``seed``. A run ends if the plant diverges. Ctrl-C ends
-    the simulation, and the samples until then are returned.
+    the simulation, and the samples until then are returned. With r samples per step of a plan, the plant takes
+    steps of h / r, and a sample costs 1 / r of the stage cost, for impulses and changes of the input per step.
 
-    Raises :class:`~ocp.errors.InputError` for counts below 1, starts of another shape or not finite, and pushes
-    after the last sample, and the errors of :class:`Plant`.
+    Raises :class:`~ocp.errors.InputError` for counts below 1, starts of another shape or not finite, pushes after
+    the last sample, samples after the end of a tracked plan and certificates of its shorter horizons, and the
+    errors of :class:`Plant`.
     """
     disturbance = disturbance or Disturbance()
     validated("disturbance", disturbance, InstanceOf[Disturbance])
@@ -141,7 +150,9 @@ def simulate(
     starts = controller.start if x0 is None else x0
     starts = np.broadcast_to(numbers("x0", starts, (nx,), (seeds, nx), finite=True), (seeds, nx))
     check_pushes(controller.problem, disturbance.pushes, steps)
-    loop = _Loop(controller, Plant(controller.problem, plant, disturbance.mismatch), disturbance, steps, seeds)
+    check_tracking(controller, steps, certify)
+    simulated = Plant(controller.problem, plant, disturbance.mismatch, controller.samples_per_step)
+    loop = _Loop(controller, simulated, disturbance, steps, seeds)
     loop.goals, loop.certify, loop.progress = goals, certify, progress
     if plant == "noise":
         loop.set_default_noise()
@@ -162,6 +173,16 @@ def simulate(
         "law": controller.law.name,
     }
     return loop.result(record)
+
+
+def check_tracking(controller: Controller, steps: int, certify: int) -> None:
+    """Raise :class:`~ocp.errors.InputError` for samples after a tracked plan's end, and for certificates."""
+    if controller.plan is None:
+        return
+    if steps > (most := controller.model.N * controller.samples_per_step):
+        raise InputError(f"the tracked plan ends after {most} samples; simulate at most that many, not {steps}")
+    if certify:
+        raise InputError("certificates are of plans over the whole horizon, and a tracked plan gets shorter; drop them")
 
 
 class _Loop:
@@ -185,7 +206,8 @@ class _Loop:
         self.certificate = np.full((seeds, steps), "", dtype="<U12")
         self.ended, self.end_cost = np.zeros(seeds, dtype=int), np.full(seeds, np.nan)
         self.notes: dict[str, int] = {}
-        self.misses, self.steps = 0, steps
+        self.misses, self.steps, self.r = 0, steps, controller.samples_per_step
+        self.impulses_per_step = np.array([self.r if " s" in signal.unit else 1 for signal in system.contacts])
         self.rows = ConstraintRows.of(problem)
         self.violation_amounts = np.zeros((seeds, steps, len(self.rows.names)))
         self._violation_function = ca.Function("off", problem.step_symbols, [-self.rows.expression])
@@ -203,10 +225,11 @@ class _Loop:
         """Simulate seed ``s`` from the state ``x`` (nx,) and store its samples."""
         controller, N = self.controller, self.controller.problem.N
         controller.reset()
-        plan = controller.plan.x
+        plan = controller.current_plan.x
         sizes = [controller.problem.scales.x, abs(x), *abs(plan[np.isfinite(plan).all(axis=1)])]
         max_state = DIVERGED_FACTOR * np.max(sizes, axis=0)
         last_input = waiting = controller.u_before
+        inputs = deque([last_input] * self.r, self.r)
         for k in range(self.steps):
             self.arrays["x"][s, k] = x = x + np.asarray(self.disturbance.pushes.get(k, 0.0))
             measured = x + self.sd_x * rng.standard_normal(x.size)
@@ -217,15 +240,17 @@ class _Loop:
             waiting = command.u
             u = commanded + self.sd_u * rng.standard_normal(commanded.size)
             x_next, lam = self.plant.step(x, u)
-            terms, cost_arguments = controller.problem.cost_terms, (u, u - last_input, lam, controller.physical)
+            lam = lam * self.impulses_per_step
+            terms, cost_arguments = controller.problem.cost_terms, (u, u - inputs[0], lam, controller.physical)
             self.arrays["u"][s, k] = u
-            self.arrays["cost"][s, k] = float(terms(x, *cost_arguments)[0])
+            self.arrays["cost"][s, k] = float(terms(x, *cost_arguments)[0]) / self.r
             self.end_cost[s] = float(terms(x_next, *cost_arguments)[1])
             self.violation_amounts[s, k] = (
                 ca.DM(self._violation_function(x, u, x_next, lam, controller.physical)).full().ravel()
             )
             x, last_input = x_next, u
-            if not np.isfinite(x).all() or (abs(x) > max_state * (1 + k / N)).any():
+            inputs.append(u)
+            if not np.isfinite(x).all() or (abs(x) > max_state * (1 + k / (N * self.r))).any():
                 return
             self.arrays["x"][s, k + 1] = x
             self.ended[s] = k + 1
@@ -237,7 +262,7 @@ class _Loop:
         arrays["programs"][s, k], arrays["qp_iterations"][s, k] = command.programs, command.qp_iterations
         self.misses += command.status == "late"
         if command.plan is not None:
-            arrays["plan"][s, k] = command.plan.x
+            arrays["plan"][s, k, : len(command.plan.x)] = command.plan.x
             if self.certify and k % self.certify == 0:
                 values = self.controller.values_of_sample
                 self.certificate[s, k] = certify_plan(self.controller.session, command.plan, values)
@@ -254,7 +279,8 @@ class _Loop:
         data = xr.Dataset(variables, coords={"state": self.states, "input": self.inputs})
         was_run = np.isfinite(self.arrays["u"]).any(axis=(1, 2))
         violations = self.rows.violations(self.violation_amounts)
-        return ClosedLoop(self.controller.problem, data.isel(seed=was_run), self.notes, self.misses, record, violations)
+        data, gains = data.isel(seed=was_run), self.controller.gains
+        return ClosedLoop(self.controller.problem, data, self.notes, self.misses, record, violations, gains, self.r)
 
 
 def certify_plan(session: Session, plan: Plan, values: dict[str, float]) -> str:

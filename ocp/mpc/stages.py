@@ -110,13 +110,13 @@ class StageModel:
         """Return the merits (S,) of S plans, the violations (S, N, m) of their rows, and their gaps (S, N, n).
 
         The merit is the cost plus ``penalty`` characteristic costs times the sum of the violations in
-        characteristic sizes. ``p`` are parameters (N+1, np).
+        characteristic sizes. ``p`` are parameters (N+1, np). N may be less than the problem's number of steps.
         """
-        S = len(x)
+        S, N = u.shape[:2]
         inputs_before = np.concatenate([np.broadcast_to(u_before, (S, 1, self.nu)), u[:, :-1]], axis=1)
         arguments = (x[:, :-1], inputs_before, u, x[:, 1:], lam, np.broadcast_to(p[:-1], (S, *p[:-1].shape)))
-        outputs = self._merit(*(v.reshape(S * self.N, -1) for v in arguments), p[-1])
-        cost, violations, gap, terminal_costs = (v.reshape(S, self.N, -1) for v in outputs)
+        outputs = self._merit(*(v.reshape(S * N, -1) for v in arguments), p[-1])
+        cost, violations, gap, terminal_costs = (v.reshape(S, N, -1) for v in outputs)
         stage_merits = cost + penalty * self.problem.scales.cost * violations.sum(axis=2, keepdims=True)
         return stage_merits.sum(axis=(1, 2)) + terminal_costs[:, -1, 0], violations, gap
 

@@ -14,9 +14,9 @@ import numpy as np
 
 from ocp.judge.certificate import RADII, tolerance_of
 from ocp.judge.lpec import Descent, LinearModel
-from ocp.programs.program import PENALTY, Program
+from ocp.programs.program import PENALTY
 from ocp.programs.solver import Point, Result
-from ocp.routes.homotopy import IPOPT_WARM_START, Homotopy, RouteResult, lower, translate
+from ocp.routes.homotopy import IPOPT_WARM_START, Homotopy, RouteResult, lower
 
 ACTIVE_SET = "active set"
 """Label of a stage that solves a branch."""
@@ -54,9 +54,9 @@ _EXCHANGE_EFFORT = 150_000
 class Branches:
     """Solver of branches of a homotopy's program, in reformulation "none", at the homotopy's parameter values."""
 
-    def __init__(self, follower: Homotopy) -> None:
+    def __init__(self, follower: Homotopy, reformulation: str = "none") -> None:
         self.follower = follower
-        self.program = follower.nlp_of("none")
+        self.program = follower.nlp_of(reformulation)
         self.p = self.program.parameter_vector({**follower.values, PENALTY: 0.0})
         self.limits = self.program.bounds(follower.values)
         self.solved: dict[bytes, Result] = {}
@@ -189,7 +189,7 @@ class Branches:
         for _ in range(MAX_EXCHANGES):
             if radius < RADII[-1] or not self.program.pairs.size:
                 break
-            model = LinearModel.at(self.program, best.point.x, self.p, self.limits)
+            model = self.linear_model(best)
             if self._no_descent_left(model, best, radius):
                 radius /= 10
                 continue
@@ -203,6 +203,18 @@ class Branches:
                 radius /= 10
         self.follower.trace.seconds = seconds_before + time.perf_counter() - start_time
         return best
+
+    def linear_model(self, result: Result) -> LinearModel:
+        """Return the linear model at a result."""
+        return LinearModel.at(self.program, result.point.x, self.p, self.limits)
+
+    def is_stationary(self, result: Result) -> bool:
+        """Return whether multipliers prove that a result is stationary, by weak duality."""
+        return self._no_descent_left(self.linear_model(result), result, RADII[0])
+
+    def result_of_problem(self, result: Result) -> RouteResult:
+        """Return a result as an outcome in the problem's own program, with the trace of the follower."""
+        return RouteResult(result, self.program, True, self.follower.trace)
 
     def _no_descent_left(self, model: LinearModel, best: Result, radius: float) -> bool:
         """Return whether the multipliers exclude descent by weak duality, without a linear program."""
@@ -264,19 +276,3 @@ class Branches:
 def second_limit(iterations: int) -> int:
     """Return the iteration limit of a second attempt, a power of two since each new limit needs a new solver."""
     return max(MIN_SECOND_GUESS, 2 ** math.ceil(math.log2(SECOND_GUESS_FACTOR * max(iterations, 1))))
-
-
-def polish(follower: Homotopy, source: Program, result: Result, improving: bool = True) -> RouteResult:
-    """Solve the branch nearest to a relaxation's result and, if ``improving``, exchange it for better ones.
-
-    If no branch could be solved, the given result is returned with ``finished`` False.
-    """
-    branches = Branches(follower)
-    branch_point = translate(result.point, source, branches.program)
-    branch_result = branches.solve_branch(branch_point)
-    if branch_result is None and result.ok:
-        branch_result = branches.propose(branch_point)
-    if branch_result is None:
-        return RouteResult(result, source, False, follower.trace)
-    branch_result = branches.improve(branch_result) if improving else branch_result
-    return RouteResult(branch_result, branches.program, True, follower.trace)

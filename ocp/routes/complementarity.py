@@ -11,8 +11,9 @@ import numpy as np
 
 from ocp.programs.program import Program
 from ocp.programs.solver import Point, Result
-from ocp.routes.branches import Branches, polish
+from ocp.routes.branches import Branches
 from ocp.routes.homotopy import STEP_BACKS, Homotopy, HomotopyPath, RouteResult, lower
+from ocp.routes.pieces import on_piece, polish
 from ocp.routes.relaxations import STRATEGIES, CentralPath, ColdScholtes, L1Penalty, ScholtesAdaptive, Strategy
 from ocp.routes.rollouts import RolloutStarts
 from ocp.routes.schedules import MAX_FAILURES, distant_schedules, improve
@@ -103,8 +104,8 @@ def cover_inputs(branches: Branches, rolls: RolloutStarts) -> list[Result]:
 
 
 def _best(branches: Branches, results: list[Result], patience: float, max_failures: int = MAX_FAILURES) -> RouteResult:
-    best = improve(branches, min(results, key=lambda candidate: candidate.f), max_failures, patience)
-    return RouteResult(best, branches.program, True, branches.follower.trace)
+    branches, start = on_piece(branches, min(results, key=lambda candidate: candidate.f))
+    return branches.result_of_problem(improve(branches, start, max_failures, patience))
 
 
 def by_strategy(

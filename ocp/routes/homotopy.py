@@ -131,6 +131,8 @@ class Homotopy:
 
     A stage that fails is retried at the geometric mean of its value and the last solved value, up to four
     times between two values of the path. If a value cannot be reached, the result has ``finished = False``.
+    ``prefers_pieces`` is whether solutions of the problem were found on its smooth pieces only, see
+    :class:`~ocp.routes.pieces.NearbySolvers`.
     """
 
     def __init__(
@@ -143,6 +145,7 @@ class Homotopy:
     ) -> None:
         self.nlp_of, self.solver, self.values = nlp_of, solver, values
         self.progress, self.trace = progress, trace or Trace()
+        self.prefers_pieces = False
 
     def follow(
         self,

@@ -27,6 +27,7 @@ from ocp.routes.table import Start, route_for
 from ocp.transcription import Direct, Method
 from ocp.transcription.common import Graph
 from ocp.transcription.nlp import NLP, StageCompiler
+from ocp.transcription.pieces import PiecewiseNLP
 
 logger = logging.getLogger(__name__)
 
@@ -104,6 +105,13 @@ class Session:
                 seconds,
             )
         return self.nlps[reformulation]
+
+    @property
+    def pieces(self) -> PiecewiseNLP:
+        """The complementarity problem of the exact law by direct transcription, whose kinks have sides."""
+        nlp = self._direct.nlp_of("pieces")
+        assert isinstance(nlp, PiecewiseNLP)
+        return nlp
 
     @property
     def complementary(self) -> bool:
@@ -215,8 +223,11 @@ class Session:
         """
         if not self.step.exact:
             return self.nlp_of("product")
-        direct = self if isinstance(self.method, Direct) else self.sub_session(self.law, Direct())
-        return direct.nlp_of("none")
+        return self._direct.nlp_of("none")
+
+    @property
+    def _direct(self) -> Session:
+        return self if isinstance(self.method, Direct) else self.sub_session(self.law, Direct())
 
     @property
     def total_build_s(self) -> float:

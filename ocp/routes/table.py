@@ -13,7 +13,6 @@ from ocp.errors import NotConverged, choose
 from ocp.problem.policy import Feedback
 from ocp.problem.rollout import Gains, InitialGuess, Rollout
 from ocp.programs.solver import Point, Result
-from ocp.routes.branches import polish
 from ocp.routes.complementarity import (
     AFTER_FAILURE,
     ALTERNATIVES,
@@ -28,6 +27,7 @@ from ocp.routes.complementarity import (
     solve_pairs,
 )
 from ocp.routes.homotopy import IPOPT_PRIMAL_WARM_START, Homotopy, HomotopyStage, RouteResult, better, lower, translate
+from ocp.routes.pieces import polish
 from ocp.routes.relaxations import DEFAULT_STRATEGY, MU_LAST, STAGE_ITERATIONS, STRATEGIES, from_exact, inexact, relaxed
 from ocp.routes.rollouts import RolloutPolish, RolloutStarts, pack_rollout
 from ocp.transcription import Direct
@@ -195,12 +195,12 @@ class ExactShooting(Route):
     def apply(self, session: Session, start: Start, follower: Homotopy) -> RouteResult:
         """Try plans in turn until one is finished, its rollout does not diverge, and its path was easy to follow."""
         nlp, direct, best = session.nlp_of("product"), session.judging_nlp(), None
-        polisher = RolloutPolish(
-            nlp,
-            direct,
-            session.step,
-            Homotopy(lambda _: direct, session.solver, session.values, follower.progress, follower.trace),
-        )
+
+        def direct_program(reformulation: str) -> NLP:
+            return session.pieces if reformulation == "pieces" else direct
+
+        within = Homotopy(direct_program, session.solver, session.values, follower.progress, follower.trace)
+        polisher = RolloutPolish(nlp, direct, session.step, within)
         for plan in self._plans(session, start, follower, polisher):
             try:
                 polished, solved = polisher.polish(plan.nlp, plan.result)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,7 +14,8 @@ from ocp.judge.route_report import NOT_BETTER, SearchedPlan
 from ocp.problem.rollout import Rollout, roll_out
 from ocp.programs.solver import Point, Result, Status
 from ocp.routes.branches import Branches
-from ocp.routes.homotopy import COST_GAIN, Homotopy, Progress, RouteResult, Trace
+from ocp.routes.homotopy import COST_GAIN, Homotopy, Progress, Trace
+from ocp.routes.pieces import NearbySolvers
 from ocp.routes.rollouts import pack_rollout
 from ocp.routes.session import Session
 from ocp.search.search import Judge, replay_limit
@@ -33,6 +35,15 @@ def exact_rollout(session: Session, inputs: np.ndarray) -> Rollout | None:
         return roll_out(session.problem, inputs[None], session.values)
     except NotConverged:
         return None
+
+
+class Settled(NamedTuple):
+    """Rollout, the solution near it or None, the largest difference of its replay's states, and its solver."""
+
+    plan: Rollout
+    answer: Result | None
+    difference: float
+    solver: Branches
 
 
 @dataclass(frozen=True)
@@ -58,7 +69,8 @@ class PlanSolver:
         """Yield each plan with its judged solution, improved on neighbouring branches, the cheapest first.
 
         If the improved solution does not survive the referee, the unimproved solution is yielded too. The plan's
-        rollout is yielded as well if it costs less than all solutions so far. Under a law other than the exact one, or
+        rollout is yielded as well if it costs less than all solutions so far, and in its place the rollout of a
+        solution that fails the referee at its own step. Under a law other than the exact one, or
         another method, plans are guesses of the law's own route.
         """
         session = self.session
@@ -67,19 +79,23 @@ class PlanSolver:
                 outcome = session.solve(guess=(plan.x[0], plan.u[0]), progress=self.progress)
                 yield plan, self._listed(plan, self.judge(session, outcome, self.seed))
             return
-        branches = Branches(Homotopy(session.nlp_of, session.solver, session.values, self.progress))
-        settled = [(plan, *self._settle(branches, plan)) for plan in plans]
+        nearby = NearbySolvers(Homotopy(session.nlp_of, session.solver, session.values, self.progress))
+        branches = nearby.branches
+        settled = [self._settle(nearby, plan) for plan in plans]
         limit = self.cost_limit
-        for plan, answer, _ in sorted(settled, key=lambda each: _order(*each)):
+        for plan, answer, _, solver in sorted(settled, key=_order):
             if answer is not None:
-                improved = branches.improve(answer)
+                improved = solver.improve(answer)
                 cost = improved.f + branches.program.constant(branches.p)
                 if is_less(cost, limit):
-                    solution = self._judge(branches, improved)
+                    solution = self._judge(solver, improved)
                     yield plan, self._listed(plan, solution)
                     if solution.referee.survives is False and improved is not answer:
-                        yield plan, self._listed(plan, self._judge(branches, answer))
+                        yield plan, self._listed(plan, self._judge(solver, answer))
                     limit = min(limit, replay_limit(solution))
+                    if solution.referee.survives_at_h is False:
+                        # The replay of its inputs is another plan, which replays as it is.
+                        plan = self.roll_out(solution.arrays["u"][0]) or plan
                 else:
                     self._list(plan, cost, NOT_BETTER)
             if is_less(plan.cost, limit) and not broken_constraints(session.evaluation, plan):
@@ -96,26 +112,27 @@ class PlanSolver:
         pushers = x[:, x.shape[1] - self.n_pushers :].tolist() if self.n_pushers else []
         self.tried.append(SearchedPlan(plan.cost, cost, status, survives, pushers))
 
-    def _settle(self, branches: Branches, plan: Rollout) -> tuple[Result | None, float]:
+    def _settle(self, nearby: NearbySolvers, plan: Rollout) -> Settled:
         """Return the solution on a plan's branch and the largest difference of its replay's states, in their sizes.
 
         If states differ, the branch of the replay is solved next. The solution is None if the first branch has none.
         """
-        settled, program = None, branches.program
+        settled, rollout = None, plan
         for _ in range(REPLAYS):
-            answer = branches.solve_branch(Point(pack_rollout(program, plan, None)), ITERATIONS)
+            point = Point(pack_rollout(nearby.branches.program, rollout, None))
+            solver, answer = nearby.solve(point, ITERATIONS)
             if answer is None:
                 break
-            blocks = program.variables.unpack(answer.point.x)
+            blocks = solver.program.variables.unpack(answer.point.x)
             replay = self.roll_out(blocks["u"][0])
             if replay is None:
-                settled = settled or (answer, np.inf)
+                settled = settled or Settled(plan, answer, np.inf, solver)
                 break
-            difference = np.abs(replay.x[0, 1:] - blocks["x"][0]) / self.session.problem.scales.x
-            settled, plan = (answer, float(difference.max())), replay
-            if difference.max() < SAME_STATES:
+            difference = float((np.abs(replay.x[0, 1:] - blocks["x"][0]) / self.session.problem.scales.x).max())
+            settled, rollout = Settled(plan, answer, difference, solver), replay
+            if difference < SAME_STATES:
                 break
-        return settled or (None, np.inf)
+        return settled or Settled(plan, None, np.inf, nearby.branches)
 
     @staticmethod
     def _rolled_out(branches: Branches, plan: Rollout) -> Result:
@@ -123,16 +140,17 @@ class PlanSolver:
         point = Point(pack_rollout(branches.program, plan, None))
         return Result.at(branches.program, point, branches.p, Status.SOLVED, "rolled out")
 
-    def _judge(self, branches: Branches, answer: Result) -> Solution:
+    def _judge(self, solver: Branches, answer: Result) -> Solution:
         """Return the judged solution of an outcome; it counts all solver work since the previous one."""
-        trace, branches.follower.trace = branches.follower.trace, Trace()
-        outcome = RouteResult(answer, branches.program, True, trace, route=self.route)
+        outcome = replace(solver.result_of_problem(answer), route=self.route)
+        solver.follower.trace = Trace()
         return self.judge(self.session, outcome, self.seed)
 
 
-def _order(plan: Rollout, answer: Result | None, difference: float) -> tuple[bool, float]:
+def _order(settled: Settled) -> tuple[bool, float]:
     """Return the sort key of a solution: solutions that agree with their replay come first, then lower costs."""
-    return difference > SAME_STATES, plan.cost if answer is None else answer.f
+    cost = settled.plan.cost if settled.answer is None else settled.answer.f
+    return settled.difference > SAME_STATES, cost
 
 
 def is_less(cost: float, limit: float) -> bool:

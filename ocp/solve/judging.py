@@ -18,6 +18,7 @@ from ocp.judge.audit import Audit, audit_result, is_feasible
 from ocp.judge.certificate import UNJUDGED, Certificate, certify
 from ocp.judge.findings import Finding
 from ocp.judge.idling import CONTENT, STILL, cost_span, idle_cost, undone_findings
+from ocp.judge.kinks import certify_at_kinks
 from ocp.judge.referee import Referee, referee_plan, referee_replay
 from ocp.judge.route_report import RouteReport
 from ocp.judge.sensitivity import sensitivity
@@ -35,6 +36,7 @@ from ocp.solve.labelling import label
 from ocp.store.provenance import versions
 from ocp.transcription.factories import law_record
 from ocp.transcription.nlp import Trajectories, trajectories
+from ocp.transcription.pieces import PRESSED_MARGIN, is_near_kink
 
 _NO_TASK_GRADIENT = 1e-7
 """Relative gradient of the task's cost below which no input changes it."""
@@ -63,6 +65,8 @@ def judge_outcome(session: Session, outcome: RouteResult, seed: int) -> Solution
         judged_values = {**values, PENALTY: 0.0}
         arguments = program.parameter_vector(judged_values), program.bounds(judged_values)
         certificate = certify(program, point.x, *arguments, point.lam_g)
+        if certificate.stationarity == "not":
+            certificate = _certified_at_kinks(session, point.x, judged_values) or certificate
         if certificate.stationarity == "not":
             certificate = replace(certificate, reason=outcome.trace.refused)
         replay_moved = partial(_replay, session.problem)
@@ -98,6 +102,13 @@ def judge_outcome(session: Session, outcome: RouteResult, seed: int) -> Solution
         evaluation_s=outcome.trace.evaluation_s,
         derivative=derivative,
     )
+
+
+def _certified_at_kinks(session: Session, x: np.ndarray, values: dict[str, float]) -> Certificate | None:
+    """Return the certificate of a point on kinks under the exact law, None elsewhere and under other laws."""
+    if session.step.exact and is_near_kink(session.judging_nlp(), x, values, PRESSED_MARGIN):
+        return certify_at_kinks(session.pieces, x, values)
+    return None
 
 
 def _replay(problem: Problem, plan: Trajectories, values: dict[str, float]) -> Referee:

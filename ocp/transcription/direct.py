@@ -15,7 +15,9 @@ from ocp.programs.layout import Layout
 from ocp.programs.program import closure_rows
 from ocp.transcription.common import Graph, constraint_names
 from ocp.transcription.eliminated import Compile
+from ocp.transcription.kinks import round_kinks
 from ocp.transcription.nlp import NLP
+from ocp.transcription.pieces import PiecewiseNLP, fix_sides
 from ocp.transcription.stage import Stage, assemble
 
 
@@ -25,7 +27,8 @@ class Direct:
 
     Per step and scenario: ``residual(x, u, x_next, lam) = 0``, ``gap(x, u, x_next, lam) = s``, and the
     complementarity of ``lam`` and ``s`` by ``reformulation`` (:class:`~ocp.programs.program.Program`).
-    A learned step has neither ``lam`` nor ``s``: ``x_next = g(x, u)``.
+    A learned step has neither ``lam`` nor ``s``: ``x_next = g(x, u)``. The reformulation "pieces" is "none" with the
+    sides of kinks as data (:mod:`ocp.transcription.pieces`).
     """
 
     name: ClassVar[str] = "direct"
@@ -46,6 +49,8 @@ class Direct:
         variables, constraints = trajectory_variables(graph, pairs=True), Layout()
         interval = _interval(graph, variables, constraints, reformulation)
         pairs = np.stack([variables["lam"].index.ravel(), variables["gap"].index.ravel()])
+        if reformulation == "pieces":
+            return build_pieces(self.name, graph, variables, constraints, interval, compiled, pairs)
         return build_nlp(
             self.name, graph, variables, constraints, interval, compiled, reformulation=reformulation, pairs=pairs
         )
@@ -61,12 +66,51 @@ def build_nlp(
     **nlp_fields: Any,
 ) -> NLP:
     """Build the NLP from its intervals, terminal stage, periodicity and gain penalty."""
+    stages = _all_stages(graph, variables, constraints, interval)
+    if graph.step.exact and nlp_fields.get("reformulation", "none") != "none":
+        stages = _rounded(graph, variables, constraints, stages)
+    functions = assemble(stages, variables.size, graph.data().size, constraints.size, len(graph.names), compiled)
+    return NLP.of(graph, method, variables, constraints, functions, stages=stages, **nlp_fields)
+
+
+def build_pieces(
+    method: str,
+    graph: Graph,
+    variables: Layout,
+    constraints: Layout,
+    interval: Stage,
+    compiled: Compile | None,
+    pairs: np.ndarray,
+) -> PiecewiseNLP:
+    """Build the NLP whose kinks have sides that may be fixed; its contacts are on a branch."""
+    data = graph.data().size
+    stages = _all_stages(graph, variables, constraints, interval)
+    fixed, n_sides = fix_sides(stages, constraints, variables.size + data)
+    functions = assemble(fixed, variables.size, data + n_sides, constraints.size, len(graph.names), compiled)
+    fields = {"reformulation": "none", "pairs": pairs, "stages": stages}
+    return PiecewiseNLP.of(graph, method, variables, constraints, functions, **fields)
+
+
+def _rounded(graph: Graph, variables: Layout, constraints: Layout, stages: list[Stage]) -> list[Stage]:
+    """Return the stages of a relaxation with kinks of costs and constraints rounded; branches have the kinks."""
+    blocks = [constraints[name].index.ravel() for name in ("path", "terminal") if name in constraints]
+    rows = np.concatenate([np.zeros(0, dtype=int), *blocks])
+    scales, table = graph.problem.scales, graph.problem.parameters + graph.step.p
+    scale_of = {"x0": scales.x, "x": scales.x, "u": scales.u, "k": scales.u, "lam": scales.impulse, "gap": scales.gap}
+    sizes = variables.pack({name: size for name, size in scale_of.items() if name in variables})
+    p = np.array([table.defaults.get(name, 0.0) for name in graph.names])
+    source = np.concatenate([sizes, np.zeros(graph.data().size)])
+    return [
+        round_kinks(stage, np.flatnonzero(np.isin(stage.rows[0], rows)), source[stage.index].max(axis=0), p)
+        for stage in stages
+    ]
+
+
+def _all_stages(graph: Graph, variables: Layout, constraints: Layout, interval: Stage) -> list[Stage]:
     last_states = state_index(graph, variables)[:, -1]
     last_stage = terminal_stage(graph, constraints, graph.problem.system.x, last_states)
     periodic_stages = periodicity(graph, variables, constraints)
-    stages = [interval, last_stage, *periodic_stages, *gain_penalty(graph, variables)]
-    functions = assemble(stages, variables.size, graph.data().size, constraints.size, len(graph.names), compiled)
-    return NLP.of(graph, method, variables, constraints, functions, **nlp_fields)
+    return [interval, last_stage, *periodic_stages, *gain_penalty(graph, variables)]
 
 
 def trajectory_variables(graph: Graph, pairs: bool) -> Layout:
@@ -146,7 +190,7 @@ def _interval(graph: Graph, variables: Layout, constraints: Layout, reformulatio
     ]
     expression, rows = add_rows(constraints, blocks, S, N)
     cost = graph.stage_cost()
-    if reformulation == "none":
+    if reformulation in ("none", "pieces"):
         cost += graph.penalty * ca.dot(step.lam, gap)
     index = np.concatenate([p.reshape(S * N, -1) for p in positions], axis=1)
     w = ca.vertcat(*symbols)

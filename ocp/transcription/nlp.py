@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 import casadi as ca
 import numpy as np
@@ -19,6 +19,8 @@ from ocp.programs.layout import Layout
 from ocp.programs.program import PENALTY, RELAXATION, Functions, PairName, Program
 from ocp.programs.solver import Result
 from ocp.programs.units import Scale, measure_scale, row_scaled
+from ocp.transcription.kinks import margin_function
+from ocp.transcription.stage import Stage
 
 if TYPE_CHECKING:
     import scipy.sparse as sp
@@ -40,7 +42,7 @@ class NLP(Program):
 
     ``trajectories`` maps (x, p) to states, inputs, lam and gap if states are not variables; ``contacts`` maps (x, p)
     to lam and gap if these are not variables. ``windows`` maps blocks of variables to narrower bounds, lower and
-    upper.
+    upper. ``stages`` are the parts of the program.
     """
 
     problem: Problem
@@ -61,11 +63,12 @@ class NLP(Program):
     contacts: ca.Function | None = None
     solvers: dict[str, ca.Function] = field(default_factory=dict)
     windows: dict[str, Window] = field(default_factory=dict)
+    stages: list[Stage] = field(default_factory=list)
 
     @classmethod
     def of(
         cls, graph: Graph, method: str, variables: Layout, constraints: Layout, functions: Functions, **fields: Any
-    ) -> NLP:
+    ) -> Self:
         """Build the program of a transcribed graph from its layouts and functions."""
         parts = (graph.problem, graph.step, graph.policy, method, variables, constraints, graph.names, graph.data())
         return cls(*parts, *functions, **fields)
@@ -91,6 +94,21 @@ class NLP(Program):
             return super().products(x, p)
         lam, gap = (np.array(v).ravel() for v in self.contacts(x, p))
         return lam * gap
+
+    def kink_margins(self, x: np.ndarray, values: dict[str, float]) -> tuple[np.ndarray, np.ndarray]:
+        """Return the margins of all kinks at a point, and their changes, see :mod:`ocp.transcription.kinks`."""
+        parameters, data = np.split(NLP.parameter_vector(self, values), [len(self.names)])
+        source, sizes = np.concatenate([x, data]), np.concatenate([self.sizes(x), np.zeros(data.size)])
+        margins = [np.zeros((0, 2))]
+        for stage, function in zip(self.stages, self._margin_functions, strict=True):
+            outputs = function.map(stage.copies)(source[stage.index].T, parameters, sizes[stage.index].T)
+            margins.append(np.stack([np.array(output).T.ravel() for output in outputs], axis=1))
+        values_and_changes = np.concatenate(margins)
+        return values_and_changes[:, 0], values_and_changes[:, 1]
+
+    @cached_property
+    def _margin_functions(self) -> list[ca.Function]:
+        return [margin_function(stage) for stage in self.stages]
 
     def bounds(self, values: dict[str, float]) -> dict[str, np.ndarray]:
         """Return the bounds ``lbx ubx lbg ubg`` at the given parameter values."""

@@ -84,6 +84,7 @@ _WORDS: dict[str, Callable[[dict[str, Any]], Words]] = {
     "run": _runs,
     "runs": _runs,
     "start": _runs,
+    "plan": _runs,
     "decision_run": _runs,
     "subject": lambda options: [*_problems(options), *_runs(options)],
 }

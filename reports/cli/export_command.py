@@ -12,11 +12,14 @@ from dynamics.batch import TabulatedPolicy, c_identifier, export_step
 from dynamics.contact import ContactLaw, Step
 from dynamics.contact.learned_step import LearnedStep
 from ocp.errors import InputError, did_you_mean
+from ocp.judge.step_size import step_size_kind
+from ocp.mpc.rates import samples_per_step
 from ocp.problem.evaluation import Evaluation
 from ocp.problem.problem import Problem
-from ocp.problem.rollout import policy_name
+from ocp.problem.rollout import Gains, policy_name
 from ocp.solution import Solution
 from ocp.store import atomic
+from ocp.store.stored_run import StoredRun
 from ocp.transcription.factories import DEFAULT_LAW, make_law
 from problems import names, spec
 from problems.plugin import law_of, problem_of
@@ -27,19 +30,20 @@ from reports.cli.request import check_output_file, parse_assignments
 
 @dataclass(frozen=True)
 class ExportRequest:
-    """Checked request of ``ocp export``: a problem under a law, and the solution of a run if one is given."""
+    """Checked request of ``ocp export``: a problem under a law, and the policy of a run if one is given.
+
+    ``policy_name`` is ``open-loop`` or ``feedback``. ``samples_per_step`` samples of a closed loop make one step of
+    the problem; the exported step is that of one sample.
+    """
 
     name: str
     title: str
     problem: Problem
     law: ContactLaw
-    solution: Solution | None = None
+    policy: TabulatedPolicy | None = None
+    policy_name: str | None = None
     run: str | None = None
-
-    @property
-    def policy_name(self) -> str | None:
-        """Kind of the run's policy, ``open-loop`` or ``feedback``; None without a run."""
-        return None if self.solution is None else policy_name(self.solution.inputs)
+    samples_per_step: int = 1
 
     @cached_property
     def step(self) -> Step:
@@ -48,21 +52,11 @@ class ExportRequest:
 
     @property
     def values(self) -> np.ndarray:
-        """Values of the step's parameters at the problem's defaults."""
-        defaults = self.problem.parameters.defaults
-        return Evaluation(self.problem, defaults).step_values(self.step, with_law_values=False)
-
-    @property
-    def policy(self) -> TabulatedPolicy | None:
-        """The inputs of the run, or its feedback gains with the bounds on u; None without a run."""
-        if self.solution is None:
-            return None
-        gains = self.solution.gains
-        if gains is None:
-            return TabulatedPolicy(self.solution.data["u"].values[0])
-        limits = self.problem.limits(self.problem.parameters.values)
-        lower, upper = (limit.full().ravel() for limit in limits[2:4])
-        return TabulatedPolicy(gains.k, gains.K, lower, upper)
+        """Values of the step's parameters at the problem's defaults, with the step size of one sample."""
+        values = dict(self.problem.parameters.defaults)
+        if self.samples_per_step > 1:
+            values[step_size_kind(self.problem.system).parameter] /= self.samples_per_step
+        return Evaluation(self.problem, values).step_values(self.step, with_law_values=False)
 
     @property
     def about(self) -> list[str]:
@@ -109,20 +103,48 @@ def _read_run(name: str, options: ExportOptions, law_settings: dict[str, str]) -
     except InputError as error:
         hint = f"; no problem has this name either{did_you_mean(name, names())}"
         raise InputError(f"{error}{'' if name.startswith('@') else hint}") from error
-    run.check_solve()
-    problem_spec, _, problem = problem_of(run, options.problem_from_source([run]))
-    solution = run.solution(problem)
-    if solution.controller is not None:
-        raise InputError(
-            f"{name}: the run's policy is a controller, which plans again at every step and cannot be written as C;"
-            f" export the step of the problem {problem_spec.name}, or run the controller with ocp mpc"
-        )
+    if run.kind != "closed-loop":
+        run.check_solve()
     if options.params:
-        raise InputError(f"-p: a run has fixed parameters; to choose them export the problem {problem_spec.name}")
+        raise InputError(f"-p: a run has fixed parameters; to choose them export the problem {run.meta['problem']}")
+    problem_spec, _, problem = problem_of(run, options.problem_from_source([run]))
+    if run.kind == "closed-loop":
+        policy, label, rate = _loop_policy(run, problem), "feedback", run.record.get("rate")
+    else:
+        (policy, label), rate = _solved_policy(name, run.solution(problem)), None
     law, warning = law_of(run, options.contact, law_settings, problem.system)
     if warning:
         options.output.say(warning)
-    return ExportRequest(problem_spec.name, problem_spec.title, problem, law, solution, run.path.name)
+    r = samples_per_step(problem, rate, {})
+    return ExportRequest(problem_spec.name, problem_spec.title, problem, law, policy, label, run.path.name, r)
+
+
+def _solved_policy(name: str, solution: Solution) -> tuple[TabulatedPolicy, str]:
+    """Return the inputs of the solution of the run ``name``, or its feedback gains, and the kind of policy."""
+    if solution.controller is not None:
+        raise InputError(
+            f"{name}: the run's policy is a controller, which plans again at every step and cannot be written as C;"
+            f" export the step of the problem {solution.problem.name}, or the gains of a run of ocp mpc"
+        )
+    if solution.gains is None:
+        return TabulatedPolicy(solution.data["u"].values[0]), policy_name(solution.inputs)
+    return _clipped_gains(solution.gains, solution.problem), policy_name(solution.inputs)
+
+
+def _loop_policy(run: StoredRun, problem: Problem) -> TabulatedPolicy:
+    """Return the gains of a closed loop: of the phase ``policy``, or of the regulator along the last plan.
+
+    Raises InputError for a closed loop without gains.
+    """
+    if "K" not in run.arrays:
+        raise InputError(f"{run.path}: the closed loop has no gains to export; run it again with --phase policy")
+    return _clipped_gains(Gains(run.arrays["K"], run.arrays["k"]), problem)
+
+
+def _clipped_gains(gains: Gains, problem: Problem) -> TabulatedPolicy:
+    """Return gains with the problem's bounds on u."""
+    lower, upper = (limit.full().ravel() for limit in problem.limits(problem.parameters.values)[2:4])
+    return TabulatedPolicy(gains.k, gains.K, lower, upper)
 
 
 def run(options: ExportOptions, request: ExportRequest) -> int:

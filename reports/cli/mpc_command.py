@@ -17,13 +17,14 @@ from ocp.errors import InputError, choose, did_you_mean
 from ocp.mpc.controller import Command, Controller
 from ocp.mpc.phases import PHASES
 from ocp.mpc.plants import Disturbance, Plant, check_mismatch, deviations
+from ocp.mpc.rates import samples_per_step
 from ocp.mpc.receding import Receding
 from ocp.mpc.simulate import ClosedLoop, simulate
 from ocp.problem.problem import Problem
 from ocp.problem.resources import check_memory
 from ocp.store.stored_run import StoredRun
 from ocp.transcription.factories import law_record, make_law
-from problems.plugin import source
+from problems.plugin import edited, known_parameters, problem_of, source
 from problems.spec import ProblemSpec
 from reports.cli import interrupt
 from reports.cli.options.mpc import MpcOptions
@@ -39,7 +40,7 @@ _DEFAULT_STEPS = 100
 
 @dataclass(frozen=True)
 class MpcRequest:
-    """Checked request of ``ocp mpc``: problem, law, disturbances of the plant, and number of samples."""
+    """Checked request of ``ocp mpc``: problem, law, disturbances, number of samples, and the run to be tracked."""
 
     spec: ProblemSpec
     params: dict[str, Any]
@@ -47,6 +48,7 @@ class MpcRequest:
     law: ContactLaw
     disturbance: Disturbance
     steps: int
+    plan: StoredRun | None
 
     def record(self, options: MpcOptions) -> dict[str, Any]:
         """Return the values that determine the result, as the run stores them."""
@@ -61,6 +63,7 @@ class MpcRequest:
             },
             "certify": options.certify,
             "samples": self.steps,
+            "plan": None if self.plan is None else self.plan.path.name,
             "delay": options.delay or None,
             **{
                 key: ", ".join(getattr(options, key) or ()) or None
@@ -70,31 +73,53 @@ class MpcRequest:
 
 
 def check(options: MpcOptions) -> MpcRequest:
-    """Build the problem, and check law, plant and disturbances."""
+    """Build the problem, and check law, rate, plant, disturbances and the plan to be tracked."""
     entry = choose("phase", options.phase, PHASES)
     for flag in ("rate", "deadline"):
         value = getattr(options, flag)
         if value is not None and not value > 0:
             raise InputError(f"--{flag} must be above 0, got {value:g}")
-    spec, values = source(options.problem), parse_assignments("-p", options.params)
-    problem = spec.problem(values)
+    spec = source(options.problem)
+    plan, values, problem = _planned_problem(options, spec)
     receding = Receding.of(problem)
     settings, name = parse_assignments("-c", options.law_settings), options.contact
     if name == "own":
         name = "barrier" if entry.exact is False else "exact"
     is_default_law = options.contact == "own" and not settings
     law = entry.law(None if is_default_law else make_law(name, settings, receding.problem.system))
-    steps = options.steps or max(_DEFAULT_STEPS, problem.N)
-    disturbance = _disturbance(options, spec, problem, steps)
-    Plant(problem, options.plant, disturbance.mismatch)
+    r = samples_per_step(problem, options.rate, {})
+    steps = options.steps or r * (problem.N if plan else max(_DEFAULT_STEPS, problem.N))
+    disturbance = _disturbance(options, problem, steps)
+    # The plant's parameters have the same ranges as the problem's parameters.
+    spec.params({**values, **disturbance.mismatch})
+    Plant(problem, options.plant, disturbance.mismatch, r)
     system = problem.system
     numbers = steps * ((problem.N + 4) * system.nx + 2 * system.nu + 2 * system.nlam + 30)
     check_memory(f"{options.seeds} seeds of {steps} samples", 16.0 * options.seeds * numbers)
     check_outputs(options.out, options.pdf)
-    return MpcRequest(spec, spec.params(values).model_dump(), problem, law, disturbance, steps)
+    return MpcRequest(spec, spec.params(values).model_dump(), problem, law, disturbance, steps, plan)
 
 
-def _disturbance(options: MpcOptions, spec: ProblemSpec, problem: Problem, steps: int) -> Disturbance:
+def _planned_problem(options: MpcOptions, spec: ProblemSpec) -> tuple[StoredRun | None, dict[str, Any], Problem]:
+    """Return the run of ``--plan`` (None without it), and the parameters and the problem, which are those of the run.
+
+    Raises InputError for a run of another problem, and for parameters besides those of the run.
+    """
+    values = parse_assignments("-p", options.params)
+    if options.plan is None:
+        return None, values, spec.problem(values)
+    plan = options.stored(options.plan)
+    plan.check_solve()
+    if plan.meta["problem"] != spec.name:
+        raise InputError(f"--plan {options.plan}: the run solves {plan.meta['problem']}, not {spec.name}")
+    if values:
+        raise InputError("-p: the parameters are those of the run of --plan; drop -p")
+    if warning := edited(plan, spec):
+        options.output.say(f"--plan {options.plan}: {warning}")
+    return plan, known_parameters(plan, spec), problem_of(plan, spec)[2]
+
+
+def _disturbance(options: MpcOptions, problem: Problem, steps: int) -> Disturbance:
     states, inputs = ([signal.name for signal in signals] for signals in (problem.system.states, problem.system.inputs))
     state_noise = _deviation("--noise-state", options.noise_state)
     input_noise = _deviation("--noise-input", options.noise_input)
@@ -105,8 +130,6 @@ def _disturbance(options: MpcOptions, spec: ProblemSpec, problem: Problem, steps
         for name, text in parse_assignments("--mismatch", options.mismatch).items()
     }
     check_mismatch(problem, mismatch)
-    # The plant's parameters have the same ranges as the problem's parameters.
-    spec.params({**parse_assignments("-p", options.params), **mismatch})
     pushes = _pushes(options.push or (), states, steps)
     return Disturbance(state_noise, input_noise, mismatch, options.delay, pushes)
 
@@ -145,8 +168,9 @@ def _pushes(words: Iterable[str], states: list[str], steps: int) -> dict[int, np
 def run(options: MpcOptions, request: MpcRequest) -> int:
     """Build the controller, simulate the closed loop, and store it."""
     with _progress(options, request.steps) as report:
-        settings = {key: getattr(options, key) for key in ("phase", "iterations", "trust", "deadline", "budget")}
-        controller = Controller(request.problem, request.law, **settings)
+        names = "phase", "iterations", "trust", "deadline", "budget", "rate"
+        settings = {name: getattr(options, name) for name in names}
+        controller = Controller(request.problem, request.law, plan=request.plan, **settings)
         interrupt.raise_if_interrupted()
         # A KeyboardInterrupt that is raised within a sample could become an error of compiled code.
         with interrupt.defer_interrupts():
@@ -186,7 +210,7 @@ def _store_loop(options: MpcOptions, request: MpcRequest, controller: Controller
         "seed": options.seed,
         "record": request.record(options),
         "source_digest": request.spec.digest,
-        **loop_summary(loop, data, controller.notes, options.rate),
+        **loop_summary(loop, data, controller.notes),
     }
     first_seed = data.isel(node=slice(0, int(data["ended"].values[0]) + 1))
     problem_part = store.problem_parts(request.problem, first_seed)

@@ -13,6 +13,7 @@ from rich.table import Table
 
 from dynamics.batch import StepFunction
 from ocp.judge.contact_report import least_slip
+from ocp.judge.step_size import step_size_kind
 from ocp.mpc.simulate import ClosedLoop
 from ocp.problem.evaluation import Evaluation, at_steps
 from ocp.problem.problem import Problem
@@ -31,15 +32,20 @@ def labelled_arrays(loop: ClosedLoop, mismatch: Mapping[str, float]) -> xr.Datas
     """Return the arrays of a closed loop, with ``time``, ``lam``, ``gap`` and units added.
 
     ``time`` (node) is in [s]; ``lam`` and ``gap`` (seed, sample, contact) are multipliers and gaps of the
-    exact law at the recorded states and inputs, for the plant's parameters ``mismatch``.
+    exact law at the recorded states and inputs, for the plant's parameters ``mismatch``. ``K`` (gain, input, state)
+    and ``k`` (gain, input) are the controller's gains ``u = K x + k`` after the last sample, one row per sample, if
+    it has gains.
     """
     problem, system = loop.problem, loop.problem.system
     values = dict(zip(problem.parameters.names, problem.parameters.values, strict=True))
     data = loop.data
     entries, attributes = units_of({"state": system.states, "input": system.inputs, "contact": system.contacts})
-    lam, gap = _contacts(problem, data, {**values, **mismatch})
     times = Evaluation(problem, values).node_times()
-    step = float(times[1] - times[0])
+    step = float(times[1] - times[0]) / loop.samples_per_step
+    plant_values = {**values, **mismatch}
+    if loop.samples_per_step > 1:
+        plant_values[step_size_kind(system).parameter] /= loop.samples_per_step
+    lam, gap = _contacts(problem, data, plant_values)
     dimensions = ("seed", "sample", "contact")
     data = data.assign(
         {
@@ -52,6 +58,8 @@ def labelled_arrays(loop: ClosedLoop, mismatch: Mapping[str, float]) -> xr.Datas
         contact=[signal.name for signal in system.contacts],
     )
     kind_of_array = {"x": "state", "measured": "state", "plan": "state", "u": "input"}
+    if loop.gains is not None:
+        data = data.assign(K=(("gain", "input", "state"), loop.gains.K), k=(("gain", "input"), loop.gains.k))
     units = {**{name: attributes[kind]["units"] for name, kind in kind_of_array.items()}, "seconds": "s"}
     for name, variable in data.data_vars.items():
         variable.attrs.setdefault("units", units.get(str(name), "1"))
@@ -75,10 +83,10 @@ def _contacts(problem: Problem, data: xr.Dataset, values: Mapping[str, float]) -
     return multipliers_and_gaps[0], multipliers_and_gaps[1]
 
 
-def loop_summary(loop: ClosedLoop, data: xr.Dataset, notes: Sequence[str], rate: float | None) -> dict[str, Any]:
+def loop_summary(loop: ClosedLoop, data: xr.Dataset, notes: Sequence[str]) -> dict[str, Any]:
     """Return the fields of :class:`~ocp.store.meta.ClosedLoopMeta`, such as ``status`` and ``verdict``.
 
-    Times per sample are compared with the period of ``rate`` [Hz], or with the model's step if it is None.
+    Times per sample are compared with the period between samples.
     """
     end_samples, costs, verdict = data["ended"].values, loop.costs, loop.verdict
     statuses, is_complete = data["status"].values, np.isfinite(costs)
@@ -95,7 +103,7 @@ def loop_summary(loop: ClosedLoop, data: xr.Dataset, notes: Sequence[str], rate:
         "diverged": verdict.diverged,
         "planned": verdict.planned,
         "violated": [{**asdict(violated.violation), "share": violated.share} for violated in verdict.violated],
-        "seconds": _times(data, rate),
+        "seconds": _times(data),
         "statuses": dict(Counter(map(str, statuses[statuses != ""]))),
         "misses": loop.misses,
         "counts": {name: _histogram(data[name].values) for name in ("programs", "qp_iterations")},
@@ -105,10 +113,10 @@ def loop_summary(loop: ClosedLoop, data: xr.Dataset, notes: Sequence[str], rate:
     }
 
 
-def _times(data: xr.Dataset, rate: float | None) -> dict[str, float]:
+def _times(data: xr.Dataset) -> dict[str, float]:
     """Return percentiles [s] of the time per sample, and the number of samples above the period."""
     seconds = counted_times(data["seconds"].values)
-    period = 1 / rate if rate is not None else float(data["time"].values[1])
+    period = float(data["time"].values[1])
     p50, p99, longest = (float(np.percentile(seconds, q)) if seconds.size else np.nan for q in (50, 99, 100))
     return {
         "p50": p50,

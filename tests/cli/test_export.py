@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import json
 import shutil
 import subprocess
@@ -16,6 +17,7 @@ from ocp import store
 from problems.plugin import problem_of
 
 CC = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
+NUMBERS = ctypes.POINTER(ctypes.c_double)
 needs_compiler = pytest.mark.skipif(CC is None, reason="no C compiler")
 # 20 lines: roll out NAME's policy from a start over some steps, and print the states.
 DRIVER = """\
@@ -182,3 +184,43 @@ def test_a_controller_is_replayed_and_not_written_as_c(ocp) -> None:
     assert replayed.json["cost"] == pytest.approx(solved.json["referee_cost"], rel=1e-9)
     done = ocp("export", "@last", "--source", file, "-o", "hill.c")
     assert done.code == 2 and "is a controller" in done.err and not Path("hill.c").exists()
+
+
+@pytest.mark.costly
+@needs_compiler
+@pytest.mark.parametrize("rate", ["100", "200"])
+def test_the_c_policy_of_a_closed_loop_repeats_its_inputs(ocp, rate: str) -> None:
+    """Inputs at the loop's own states are the stored ones, and the C step is that of the plant."""
+    loop = ("mpc", "soft-walls", "-p", "N=8", "--phase", "policy", "--steps", "20", "--rate", rate)
+    run = ocp(*loop, "--noise-state", "0.01", "--json").json["run"]
+    done = ocp("export", run, "-o", "loop.c", "--json")
+    assert done.code == 0, done.err
+    assert done.json["policy"] == "feedback" and done.json["functions"][-1] == "soft_walls_policy"
+    flags = ["-std=c11", "-O2", "-Wall", "-Wextra", "-Werror", "-ffp-contract=off", "-shared", "-fPIC"]
+    subprocess.run([str(CC), *flags, "loop.c", "-o", "loop.so", "-lm"], check=True)
+    # A relative name that was loaded before would give the library of another test.
+    library, data = ctypes.CDLL(str(Path("loop.so").resolve())), store.load(run).data
+    measured, x, u = (data[name].values[0] for name in ("measured", "x", "u"))
+    for k in range(20):
+        state, inputs, reached = measured[k].copy(), np.zeros(1), np.zeros(4)
+        library.soft_walls_policy(k, *(v.ctypes.data_as(NUMBERS) for v in (state, inputs)))
+        assert inputs == pytest.approx(u[k], rel=1e-9, abs=1e-9)
+        library.soft_walls_step(
+            *(v.ctypes.data_as(NUMBERS) for v in (x[k].copy(), u[k].copy())),
+            None,
+            reached.ctypes.data_as(NUMBERS),
+            None,
+        )
+        assert reached == pytest.approx(x[k + 1], rel=1e-9, abs=1e-9)
+
+
+@pytest.mark.costly
+def test_a_receding_loop_exports_the_gains_along_its_last_plan(ocp) -> None:
+    """The gains give the last plan's inputs at its states; u = K x + k of the stored arrays."""
+    run = ocp("mpc", "soft-walls", "-p", "N=5", "--steps", "3", "--json").json["run"]
+    assert ocp("export", run, "-o", "loop.c").code == 0
+    data = store.load(run).data
+    K, k, plan = (data[name].values for name in ("K", "k", "plan"))
+    assert K.shape == (5, 1, 4) and "soft_walls_policy" in Path("loop.c").read_text()
+    first = K[0] @ plan[0, -1, 0] + k[0]
+    assert first == pytest.approx(data["u"].values[0, -1], abs=1e-9)

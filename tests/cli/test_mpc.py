@@ -94,7 +94,7 @@ def test_a_loop_is_read_back_as_it_was_simulated(tmp_path: Path) -> None:
     problem = get("soft-walls", N=5)
     loop = simulate(Controller(problem), 12, "noise", seeds=2)
     data = labelled_arrays(loop, {})
-    meta = {"kind": "closed-loop", "argv": [], "record": {}, **loop_summary(loop, data, [], None)}
+    meta = {"kind": "closed-loop", "argv": [], "record": {}, **loop_summary(loop, data, [])}
     run = store.load(store.write_run(tmp_path, "soft-walls", data, meta).path)
     for name, array in loop.data.data_vars.items():
         assert run.data[name].dims == array.dims
@@ -126,6 +126,7 @@ def test_same_seed_same_bits(ocp: Ocp) -> None:
         (("--phase", "nope"), "unknown phase 'nope'"),
         (("--plant", "refere"), "unknown plant 'refere' (did you mean 'referee'?)"),
         (("--rate", "0"), "--rate must be above 0, got 0"),
+        (("--rate", "150"), "a rate of 150 Hz is 1.5 samples per step of 0.01 s; give a multiple of 100 Hz"),
         (("--rate", "nan"), "--rate must be a finite number, got 'nan'"),
         (("--noise-state", "nan"), "--noise-state must be a finite number, got 'nan'"),
         (("--noise-state", "-1"), "--noise-state must be 0 or more and finite, got -1.0"),
@@ -272,3 +273,36 @@ def test_a_bound_that_the_plant_violates_is_exit_code_3_and_in_the_document(ocp:
     (violation,) = (finding["numbers"] for finding in told["findings"] if finding["code"] == "plant-violates")
     assert (violation["constraint"], violation["sample"]) == ("bound on r", 3)
     assert ocp("report", "@last", "-o", "a.pdf").code == 0
+
+
+@pytest.mark.costly
+def test_a_stored_plan_is_tracked_until_its_end(ocp: Ocp) -> None:
+    """The loop has the parameters, the number of steps and the cost of the plan."""
+    solved = ocp("solve", "wall-1d", "-p", "N=12", "--json").json
+    done = ocp("mpc", "wall-1d", "--plan", solved["run"], "--json")
+    assert done.code == 0, done.err
+    told = done.json
+    assert told["cost"] == pytest.approx(solved["cost"], rel=1e-9)
+    assert told["record"]["plan"] == Path(solved["run"]).name and told["record"]["params"]["N"] == 12
+    data = store.load(told["run"]).data
+    assert data["u"].shape == (1, 12, 1) and np.isnan(data["plan"].values[0, 1, -1]).all()
+    for command in (("report", "@1", "-o", "a.pdf"), ("animate", "@1", "-o", "a.html")):
+        assert ocp(*command).code == 0
+    for options, sentence in (
+        (("wall-1d", "--plan", solved["run"], "-p", "N=12"), "-p: the parameters are those of the run of --plan"),
+        (("push-1d", "--plan", solved["run"]), "the run solves wall-1d, not push-1d"),
+        (("wall-1d", "--plan", told["run"]), "expected a run of ocp solve"),
+        (("wall-1d", "--plan", solved["run"], "--steps", "13"), "the tracked plan ends after 12 samples"),
+    ):
+        done = ocp("mpc", *options)
+        assert done.code == 2 and sentence in done.err, done.err
+
+
+@pytest.mark.costly
+def test_a_loop_at_twice_the_rate_has_half_the_time_between_samples(ocp: Ocp) -> None:
+    done = ocp(*SMALL, "--rate", "200", "--steps", "6", "--push", "2:dp=0.1", "--json")
+    assert done.code == 0, done.err
+    data = store.load(done.json["run"]).data
+    assert np.allclose(np.diff(data["time"].values), 0.005) and done.json["seconds"]["period"] == pytest.approx(0.005)
+    assert ocp("mpc", *SMALL[1:], "--rate", "200", "--json").json["record"]["samples"] == 200
+    assert float(abs(data["lam"] * data["gap"]).max()) < 1e-9

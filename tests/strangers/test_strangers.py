@@ -5,10 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from dynamics.contact import Exact
+from ocp.judge.referee import referee_plan
 from ocp.problem.evaluation import Evaluation
+from ocp.problem.policy import OpenLoop
 from ocp.problem.rollout import roll_out
+from ocp.routes.session import Session
+from ocp.transcription import Direct
 from problems import get
-from tests.benchmarks.found.problems import best_plan, module_of, problem_files, source_of
+from tests.benchmarks.found.problems import best_plan, module_of, problem_files, problem_names, source_of
+from tests.benchmarks.found.sampled import problem_of
 
 ROOT = problem_files()["hammer"].parents[3]
 
@@ -26,3 +32,16 @@ def test_the_best_known_plan_does_the_task_and_holding_still_does_not(name: str)
     reached = [module.reached(module.Params(), states[-1]) for states in rollout.x]
     assert reached == [True, False]
     assert rollout.costs[0] == pytest.approx(plan.cost, rel=0.01)
+
+
+@pytest.mark.cheap_cases("brake_mark", "gripper", "hammer", "lift_tongs", "push-box", "push-t", "two_blocks")
+@pytest.mark.parametrize("name", problem_names())
+def test_the_referee_accepts_the_best_known_plan(name: str) -> None:
+    """No constraint is violated, in impulses and between nodes either, and no body passes through another."""
+    problem, plan = problem_of(name), best_plan(name)
+    assert plan is not None
+    session = Session(problem, Exact(), Direct(), OpenLoop())
+    start = None if plan.start is None else np.array([plan.start])
+    rollout = roll_out(problem, np.array([plan.inputs]), session.values, x0=start)
+    report, _ = referee_plan(session.evaluation, session.step, rollout, None)
+    assert report.survives_at_h, report.findings

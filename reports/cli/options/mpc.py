@@ -19,7 +19,8 @@ class MpcOptions(ProblemOptions):
     examples: ClassVar = (
         "mpc soft-walls -p N=10 --steps 200 --pdf loop.pdf",
         "mpc soft-walls --plant h/4 --noise-state 0.01 --mismatch mp=0.5 --seeds 5",
-        "mpc soft-walls --phase relaxed -c mu=1e-3 --push 20:dp=0.5 --rate 100",
+        "mpc soft-walls --phase relaxed -c mu=1e-3 --push 20:dp=0.5 --rate 200",
+        "mpc soft-walls --plan @last --push 5:dp=0.5",
     )
     contact: str = option(
         "own",
@@ -30,7 +31,8 @@ class MpcOptions(ProblemOptions):
     phase: str = option("qpcc", help="qpcc, qp, relaxed, full or policy.")
     plant: str = option("exact", help="exact, referee, h/4, noise or mujoco.")
     steps: int | None = option(None, limits=LOOP_SAMPLES, help="Samples; default: the larger of 100 and the horizon.")
-    rate: float | None = option(None, metavar="HZ", help="Rate that times are compared with; default: 1/h.")
+    plan: str | None = option(None, metavar="RUN", help="Track the plan of this run until its end.")
+    rate: float | None = option(None, metavar="HZ", help="Rate of samples, a multiple of 1/h; default: 1/h.")
     iterations: int = option(1, limits=QP_ITERATIONS, help="Quadratic programs per sample.")
     budget: int | None = option(None, limits=QP_BUDGET, help="Iterations of these programs per sample at most.")
     trust: float = option(1.0, limits=TRUST, help="Weight of the measured state against the predicted one, in (0, 1].")

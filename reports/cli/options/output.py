@@ -68,7 +68,11 @@ class AnimateOptions(RunOptions, SourceOptions):
 
 
 class ExportOptions(SourceOptions):
-    """Write one step of a problem, its derivatives and a run's policy as one C11 file."""
+    """Write one step of a problem, its derivatives and a run's policy as one C11 file.
+
+    The policy of a closed loop of ocp mpc is its gains, one row per sample: those of phase policy, or of the
+    regulator along the last plan.
+    """
 
     code: ClassVar = "reports.cli.export_command"
     examples: ClassVar = ("export push-disc --contact barrier -c mu=1e-3 -o step.c", "export @last -o policy.c")

@@ -39,6 +39,8 @@ SAMPLED = "sampled"
 """Name of the way that samples for long, without the program's search."""
 AROUND = "around"
 """Name of the way that moves every input of the best known plan."""
+NEAR = "near"
+"""Name of the way that solves near the best known plan."""
 Route = list[tuple[str, ...]]
 """Arguments of commands, each of which, except the first, starts from the run before."""
 
@@ -77,7 +79,7 @@ def find_best(name: str, patterns: Sequence[str] = ()) -> None:
             continue
         for answer in followed(name, route):
             cost = f"{answer.exact_cost:.6g}" if not math.isnan(answer.exact_cost) else answer.status
-            better = keep_better(name, [answer.plan()] if math.isfinite(answer.exact_cost) else [])
+            better = keep_better(name, [answer.plan()] if answer.survives_at_h else [])
             told = " best so far" if better else ""
             print(f"{name:<20}{route_name:<28}{cost:>12} {answer.seconds:>7.1f} s{told}", flush=True)
     if not can_sample(name):
@@ -86,6 +88,8 @@ def find_best(name: str, patterns: Sequence[str] = ()) -> None:
         keep_all(name, LongSampling(name).best_plans())
     if chosen(AROUND, patterns) and (plan := best_plan(name)) is not None:
         keep_all(name, LongSampling(name).around(plan))
+    if chosen(NEAR, patterns) and (plan := best_plan(name)) is not None:
+        keep_all(name, LongSampling(name).near(plan))
 
 
 def chosen(route_name: str, patterns: Sequence[str]) -> bool:

@@ -14,6 +14,7 @@ from dynamics.batch import open_loop
 from dynamics.contact import Exact
 from ocp import Problem, Solution, roll_out, solve
 from ocp.errors import InputError, NotConverged
+from ocp.judge.referee import referee_plan
 from ocp.problem.batch_rollouts import batch_rollouts
 from ocp.problem.evaluation import Evaluation
 from ocp.problem.rollout import Rollout
@@ -103,12 +104,16 @@ class LongSampling:
         return sorted(found, key=lambda plan: plan[0])
 
     def rolled(self, inputs: np.ndarray) -> Rollout | None:
-        """Return the exact rollout of inputs, None if a step is not solved or a bound or constraint is violated."""
+        """Return the exact rollout of inputs, None if a step is not solved or the referee rejects the rollout.
+
+        Samples are penalised by constraints in states and inputs alone; the referee also checks those in impulses and
+        next states, and penetration between nodes.
+        """
         try:
             rollout = roll_out(self.problem, inputs, self.values)
         except NotConverged:
             return None
-        return rollout if self.costs(inputs[None])[0] < rollout.cost + 1e-3 * abs(rollout.cost) + 1e-6 else None
+        return rollout if referee_plan(self.evaluation, self.step, rollout, None)[0].survives_at_h else None
 
     def best_plans(self) -> Iterator[Plan]:
         """Yield sampled plans, and the exact replays of solves that start at the cheapest of them."""
@@ -139,6 +144,17 @@ class LongSampling:
             if rollout is not None and rollout.cost < cost:
                 inputs, cost = moved, rollout.cost
                 yield Plan(cost, f"python -m tests.benchmarks.found --reference {self.name}: {words}", rounded(inputs))
+
+    def near(self, plan: Plan) -> Iterator[Plan]:
+        """Yield the replay of a solution near the best plan so far, on its branch or a smooth piece of it."""
+        rollout = self.rolled(np.array(plan.inputs))
+        if rollout is None:
+            return
+        solution = solve(self.problem, "exact", guess=(rollout.x[0], rollout.u[0]), effort="quick", search=False)
+        replay = self.rolled(solution.data["u"].values[0])
+        if replay is not None:
+            command = f"python -m tests.benchmarks.found --reference {self.name}: solved near the plan before"
+            yield Plan(replay.cost, command, rounded(replay.u[0]))
 
     def _solved(self, rollout: Rollout, strategy: str) -> Solution | None:
         """Return the solution of a strategy from a rollout, None if it fails."""

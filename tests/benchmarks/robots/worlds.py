@@ -46,8 +46,9 @@ def kept(task: tuple[str, str, int]) -> tuple[bool, ...]:
         # Candidates of a step that diverge are ignored: the plan keeps another.
         warnings.simplefilter("ignore", BatchWarning)
         along = Controller(problem, contact=LAWS[law], phase="policy")
-        x, u = along.plan.x[None], along.plan.u[None]
-        cost = float(Evaluation(problem, values).trajectory_costs(x, u, along.plan.lam[None])[0])
+        plan = along.current_plan
+        x, u = plan.x[None], plan.u[None]
+        cost = float(Evaluation(problem, values).trajectory_costs(x, u, plan.lam[None])[0])
         found = [replay_in_simulator("mujoco", problem, u, values, x[:, 0], cost).keeps]
         again = Controller(problem, contact=LAWS[law], phase="qpcc" if law == "exact" else "relaxed")
         for controller in (along, again):

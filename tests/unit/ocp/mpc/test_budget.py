@@ -39,7 +39,7 @@ def test_an_unfinished_program_does_not_raise_the_merit() -> None:
     plan = controller.step(controller.start).plan
     assert plan is not None
     controller._p[:, controller._measured_columns] = np.concatenate([plan.x[1], plan.u[0]])
-    shifted = controller._shifted_plan(controller._p, controller._horizon[2])
+    [shifted] = controller._shifted_plans(controller._p, controller._horizon[2])
     arrays = (shifted.x[None], shifted.u[None], shifted.lam[None])
     before = controller.model.merits(*arrays, plan.u[0], controller._p)[0][0]
     command = controller.step(plan.x[1])
