@@ -26,6 +26,8 @@ LOOP_SEEDS: Range = {"least": 1, "most": 10_000}
 """Range of the number of seeds of a closed loop's noise."""
 QP_ITERATIONS: Range = {"least": 1, "most": 1000}
 """Range of the number of quadratic programs that a controller solves per sample."""
+QP_BUDGET: Range = {"least": 1, "most": 1_000_000}
+"""Range of the maximum number of iterations of quadratic programs per sample."""
 TRUST: Range = {"above": 0, "most": 1}
 """Range of the weight of a measured state relative to the predicted state."""
 EPISODES: Range = {"least": 1, "most": 1_000_000}

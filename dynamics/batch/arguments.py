@@ -42,6 +42,8 @@ def as_rows(value: Any, size: int, name: str, owner: str) -> np.ndarray:
 
     A scalar is accepted for size 1. Raises `ValueError`, with the wrong axis in its message.
     """
+    if isinstance(value, np.ndarray) and value.dtype == np.float64 and value.ndim == 2 and value.shape[1] == size:
+        return np.ascontiguousarray(value)
     array = as_doubles(value, name, owner)
     if array.ndim == 0 and size == 1:
         array = array.reshape(1)

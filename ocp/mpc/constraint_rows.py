@@ -63,7 +63,10 @@ class ConstraintRows:
 
     def violations(self, amounts: np.ndarray) -> list[Broken]:
         """Return each violated constraint at its worst step, largest first, from violations ``amounts`` (S, N, m)."""
-        amounts, worst = np.nan_to_num(amounts, nan=0.0), dict[tuple[str, str], Broken]()
+        worst = dict[tuple[str, str], Broken]()
+        if not (amounts > MET_TOLERANCE).any():
+            return []
+        amounts = np.nan_to_num(amounts, nan=0.0)
         for i in np.argsort(-amounts.max(axis=(0, 1), initial=0.0), kind="stable"):
             s, k = divmod(int(amounts[:, :, i].argmax()), amounts.shape[1])
             name, amount = (self.kinds[i], self.names[i]), float(amounts[s, k, i])

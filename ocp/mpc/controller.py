@@ -6,6 +6,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import casadi as ca
@@ -13,7 +14,7 @@ import numpy as np
 from pydantic import InstanceOf
 
 from dynamics.contact import ContactLaw, Exact
-from dynamics.limits import QP_ITERATIONS, TRUST
+from dynamics.limits import QP_BUDGET, QP_ITERATIONS, TRUST
 from dynamics.settings import read_value
 from ocp.errors import InputError, choose
 from ocp.judge.step_size import step_size_kind
@@ -45,7 +46,8 @@ class Command:
     ``kept`` (no new plan could be computed, and the shifted plan is used); or ``late`` (the deadline was
     missed, and the input of the shifted plan is used). ``note`` describes anything unusual in sentences.
     ``seconds`` is the computing time [s] of preparation and feedback. ``merit`` is the plan's cost plus the
-    penalty of violated constraints.
+    penalty of violated constraints. ``programs`` is the number of quadratic programs that were solved, and
+    ``qp_iterations`` the number of their iterations.
     """
 
     u: np.ndarray
@@ -54,6 +56,8 @@ class Command:
     seconds: float
     note: str = ""
     merit: float = np.nan
+    programs: int = 0
+    qp_iterations: int = 0
 
 
 @dataclass
@@ -67,10 +71,13 @@ class Controller:
     ``relaxed``. ``phase`` is a name in :data:`~ocp.mpc.phases.PHASES`. ``policy`` is used only by the phase
     ``policy``: a function ``(x, k) -> u``, :class:`~ocp.problem.rollout.Gains`, or None for the gains of a
     linear-quadratic regulator along the first plan. ``iterations`` is the number of quadratic programs per
-    sample. ``trust`` in (0, 1] is the weight of a measurement relative to the state that the law predicts from
-    the previous sample; a value below 1 averages out noise, like an observer with constant gain. If the
-    optional ``deadline`` [s] is exceeded, the input of the shifted plan is applied instead, and ``misses`` is
-    increased. ``notes`` are sentences on how the problem was changed for the receding horizon.
+    sample. ``budget`` is the maximum number of iterations of these programs per sample (None: no limit): further
+    programs are omitted once it is spent, and the last iterate of an unfinished program is used only if its
+    rollout is better. So the worst case of a sample is bounded by a count. ``trust`` in (0, 1] is the weight of
+    a measurement relative to the state that the law predicts from the previous sample; a value below 1 averages
+    out noise, like an observer with constant gain. If the optional ``deadline`` [s] is exceeded, the input of
+    the shifted plan is applied instead, and ``misses`` is increased. ``notes`` are sentences on how the problem
+    was changed for the receding horizon.
 
     ``plan`` is a solution or a stored run to be tracked: it is the first plan, and the horizon shrinks as samples
     pass, so that it ends where the stored plan ends. ``samples_left`` samples remain until then.
@@ -95,6 +102,7 @@ class Controller:
     iterations: int = 1
     trust: float = 1.0
     deadline: float | None = None
+    budget: int | None = None
     parameters: Values = field(default_factory=dict)
     plan: TrackedPlan | None = None
     rate: float | None = None
@@ -115,12 +123,16 @@ class Controller:
         dynamics = ca.vertcat(step.residual, step.gap, step.mu)
         self._dynamics = {n for n in step.p.names if ca.depends_on(dynamics, step.p[n])}
         self._measured_columns = np.array([self.model.names.index(name) for name in self.receding.added])
+        limits = planned.limits
+        sparsities = [limits.jac_sparsity(i, 0) for i in range(2, limits.n_out())]
+        self._limiting = np.unique([column for sparsity in sparsities for column in sparsity.get_col()]).astype(int)
+        self._limits: tuple[np.ndarray, list[np.ndarray]] | None = None
         self._horizon = ({}, *self._evaluate_parameters({}))
-        p, limits = self._horizon[1:]
-        self.start, self._u_start = limits[:2]
+        p, values = self._horizon[1:]
+        self.start, self._u_start = values[:2]
         self.measurement = Measurement(planned)
         solved, self._first = self._first_plan(p)
-        parts = PhaseParts(self.session, self.model, self.rollouts, exact, self.iterations, solved)
+        parts = PhaseParts(self.session, self.model, self.rollouts, exact, self.iterations, self.budget, solved)
         self._law = None if self._entry.plans else self._feedback_law(p)
         self._build_phase = lambda: self._entry.build(parts, self._law)
         self.reset()
@@ -132,6 +144,8 @@ class Controller:
         law = make_law(law, {}, self.problem.system) if isinstance(law, str) else law
         self.law: ContactLaw = self._entry.law(law)
         self.iterations = read_value("iterations", self.iterations, int, **QP_ITERATIONS)
+        if self.budget is not None:
+            self.budget = read_value("budget", self.budget, int, **QP_BUDGET)
         self.trust = read_value("trust", self.trust, float, **TRUST)
         self.deadline = validated("deadline", self.deadline, Positive | None)
         self.rate = validated("rate", self.rate, Positive | None)
@@ -156,8 +170,10 @@ class Controller:
         """Return the parameters over the horizon (N+1, np), and the resulting start, last input and bounds."""
         values = {**self.parameters, **values}
         p = horizon_rows(self.receding, self.model.names, self._base, values, self._dynamics)
-        limits = self.receding.problem.limits(p[0, self.model.of_problem])
-        return p, [np.array(v).ravel() for v in limits]
+        physical = p[0, self.model.of_problem]
+        if self._limits is None or (physical != self._limits[0])[self._limiting].any():
+            self._limits = physical, [np.array(v).ravel() for v in self.receding.problem.limits(physical)]
+        return p, self._limits[1]
 
     def _first_plan(self, p: np.ndarray) -> tuple[RouteResult | None, Plan]:
         """Return the stored plan, the unsolved guess with a user's policy, or solve from the problem's start."""
@@ -182,9 +198,7 @@ class Controller:
         policy, r = self.policy, self.samples_per_step
         if policy is None:
             limits = self._horizon[2]
-            sample = Sample(limits[0], limits[1], p, (limits[2], limits[3]))
-            phase = soft_phase(self.model, self.rollouts, isinstance(self.law, Exact))
-            gains = self._regulator(phase, self._first, sample)
+            gains = self._regulator(self._first, Sample(limits[0], limits[1], p, (limits[2], limits[3])))
             if gains is None:
                 raise InputError("a step of the plan has no linearisation, and so no regulator; choose another phase")
             return gains
@@ -192,8 +206,14 @@ class Controller:
             return Gains(np.repeat(policy.K, r, axis=0), np.repeat(policy.k, r, axis=0))
         return lambda x, k: policy(x, k // r)
 
-    def _regulator(self, phase: NewtonPhase, plan: Plan, sample: Sample) -> Gains | None:
+    @cached_property
+    def _regulating(self) -> NewtonPhase:
+        """Phase that linearises a plan for its regulator, apart from the phase whose next program has exchanges."""
+        return soft_phase(self.model, self.rollouts, isinstance(self.law, Exact))
+
+    def _regulator(self, plan: Plan, sample: Sample) -> Gains | None:
         """Return gains of the linear-quadratic regulator along a plan, with its active set fixed; None without one."""
+        phase = self._regulating
         phase.prepare(plan, sample)
         if phase.prepared is None:
             return None
@@ -207,12 +227,7 @@ class Controller:
         """
         if not self._phase.plans:
             return self._law if isinstance(self._law, Gains) else None
-        if not self.samples:
-            return None
-        phase = self._phase
-        if not isinstance(phase, NewtonPhase):
-            phase = soft_phase(self.model, self.rollouts, isinstance(self.law, Exact))
-        return self._regulator(phase, self.current_plan, self._sample)
+        return self._regulator(self.current_plan, self._sample) if self.samples else None
 
     @property
     def samples_left(self) -> int | None:
@@ -261,7 +276,8 @@ class Controller:
         self._state = state
         p[:, self._measured_columns] = np.concatenate([state, self._inputs[0]])
         self._p = p
-        self._sample = sample = Sample(state, self._inputs[0], p, (limits[2], limits[3]))
+        shift = int(self.samples % self.samples_per_step == 0)
+        self._sample = sample = Sample(state, self._inputs[0], p, (limits[2], limits[3]), shift)
         self._phase.prepare_best(starts, sample)
         answer = self._phase.warm_up(sample) if self.samples == 0 else self._phase.feedback(sample)
         u, status = answer.u, answer.status
@@ -274,7 +290,8 @@ class Controller:
         self.u_before, self.samples = u, self.samples + 1
         self._inputs.append(u)
         note = "; ".join(filter(None, [*notes, answer.note]))
-        return Command(u, answer.plan, status, seconds, note, answer.merit)
+        phase = self._phase
+        return Command(u, answer.plan, status, seconds, note, answer.merit, phase.programs, phase.qp_iterations)
 
     def _applied_input(self, u_before: np.ndarray | None) -> np.ndarray:
         """Return the input (nu,) that was applied last, with the commanded entries where it is not finite."""

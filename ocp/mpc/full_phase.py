@@ -32,7 +32,7 @@ class Full(Phase):
 
     def prepare(self, plan: Plan, sample: Sample) -> None:
         """Store the shifted plan, from which the phase ``softer`` starts if the solve fails."""
-        self.plan = plan
+        self.plan, self.programs, self.qp_iterations = plan, 0, 0
 
     def feedback(self, sample: Sample) -> Answer:
         """Solve from the shifted solution; if the solve fails, improve the shifted plan with the phase ``softer``."""
@@ -47,6 +47,7 @@ class Full(Phase):
     def _solve_softened(self, sample: Sample, reason: str = "") -> Answer:
         self.softer.prepare(self.plan, sample)
         result = self.softer.feedback(sample)
+        self.programs, self.qp_iterations = self.softer.programs, self.softer.qp_iterations
         return replace(result, note="; ".join(filter(None, (reason, result.note))))
 
     def _solve(self, sample: Sample) -> Answer | str:

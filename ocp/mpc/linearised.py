@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dynamics.batch.engines.c_horizon import HorizonAlgebra
 from ocp.mpc.stages import Plan, StageModel, StageValues
 
 
@@ -78,8 +79,39 @@ def linearise(model: StageModel, plan: Plan, evaluated: StageValues, closure: Li
 
     Raises ``numpy.linalg.LinAlgError`` if one of the systems is singular.
     """
+    nx, nu = model.nx, model.nu
+    solution, gap, rows = _eliminate(model, evaluated, closure)
+    by_u, by_closure = 1 + nx, 1 + nx + nu
+
+    def affine(block: np.ndarray) -> Affine:
+        return Affine(block[:, :, 0], block[:, :, 1:by_u], block[:, :, by_u:by_closure])
+
+    dlam = affine(solution[:, nx:])
+    gradient, hessian = _stage_costs(model, evaluated, dlam)
+    return Linearised(
+        affine(solution[:, :nx]),
+        dlam._replace(value=dlam.value + plan.lam),
+        affine(gap),
+        affine(rows),
+        gradient,
+        hessian,
+        (evaluated.end_gradient, project_psd(evaluated.end_hessian[None], model.algebra)[0]),
+        solution[:, :, by_closure:],
+        gap[:, :, by_closure:],
+        rows[:, :, by_closure:],
+    )
+
+
+def _eliminate(
+    model: StageModel, evaluated: StageValues, closure: LinearClosure
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return z = (x_next, lam), gaps and rows (N, k, 1 + nx + nu + n): value, by x and u, by the closures' c."""
     nx, nu, n = model.nx, model.nu, model.n
     xu, J = nx + nu, evaluated.jacobian
+    if model.algebra is not None:
+        values = evaluated.residual, evaluated.gap, evaluated.rows
+        arrays = (J.transpose(0, 2, 1), *values, *closure, model.compliance)
+        return model.algebra.eliminate((len(J), nx, nu, n, model.m), arrays)
     edges = np.cumsum([0, nx, n, n, model.m])
     R, G, M, P = (J[:, a:b] for a, b in pairwise(edges))
     a, b, m, c = closure
@@ -92,51 +124,36 @@ def linearise(model: StageModel, plan: Plan, evaluated: StageValues, closure: Li
     sides = np.zeros((len(J), nx + n, n))
     sides[:, nx + i, i] = 1.0
     solution = np.linalg.solve(matrix, np.concatenate([right_sides[:, :, None], sensitivities, sides], axis=2))
-    plan_change, by_closure = solution[:, :, : 1 + xu], solution[:, :, 1 + xu :]
-    x_next, dlam = (
-        Affine(block[:, :, 0], block[:, :, 1 : 1 + nx], block[:, :, 1 + nx :])
-        for block in (plan_change[:, :nx], plan_change[:, nx:])
-    )
-
-    def propagate(block: np.ndarray, value: np.ndarray) -> Affine:
-        by = block[:, :, xu:] @ plan_change
-        return Affine(
-            value + by[:, :, 0], block[:, :, :nx] + by[:, :, 1 : 1 + nx], block[:, :, nx:xu] + by[:, :, 1 + nx :]
-        )
-
-    gradient, hessian = _stage_costs(model, evaluated, dlam)
-    return Linearised(
-        x_next,
-        dlam._replace(value=dlam.value + plan.lam),
-        propagate(G, evaluated.gap),
-        propagate(P, evaluated.rows),
-        gradient,
-        hessian,
-        (evaluated.end_gradient, project_psd(evaluated.end_hessian)),
-        by_closure,
-        G[:, :, xu:] @ by_closure,
-        P[:, :, xu:] @ by_closure,
-    )
+    affine = [block[:, :, xu:] @ solution for block in (G, P)]
+    for product, block, value in zip(affine, (G, P), (evaluated.gap, evaluated.rows), strict=True):
+        product[:, :, 0] += value
+        product[:, :, 1 : 1 + xu] += block[:, :, :xu]
+    return solution, affine[0], affine[1]
 
 
 def _stage_costs(model: StageModel, evaluated: StageValues, dlam: Affine) -> tuple[np.ndarray, np.ndarray]:
     """Return the stage cost's gradient and Hessian in (x, u_before, u), with multipliers eliminated."""
     nw = model.nx + 2 * model.nu
     if not model.costs_impulses:
-        return evaluated.gradient[:, :nw], project_psd(evaluated.hessian[:, :nw, :nw])
+        return evaluated.gradient[:, :nw], project_psd(evaluated.hessian[:, :nw, :nw], model.algebra)
     T = np.zeros((len(dlam.value), nw + model.n, nw))
     T[:, :nw] = np.eye(nw)
     T[:, nw:, : model.nx], T[:, nw:, model.nx + model.nu :] = dlam.by_x, dlam.by_u
     gradient = evaluated.gradient + np.einsum("nij,nj->ni", evaluated.hessian[:, :, nw:], dlam.value)
     transposed = T.transpose(0, 2, 1)
-    return (transposed @ gradient[:, :, None])[:, :, 0], project_psd(transposed @ evaluated.hessian @ T)
+    hessian = project_psd(transposed @ evaluated.hessian @ T, model.algebra)
+    return (transposed @ gradient[:, :, None])[:, :, 0], hessian
 
 
-def project_psd(matrix: np.ndarray) -> np.ndarray:
+def project_psd(matrices: np.ndarray, algebra: HorizonAlgebra | None = None) -> np.ndarray:
     """Return symmetric matrices (..., n, n) with their negative eigenvalues set to zero."""
-    size = np.einsum("...ii->...", abs(matrix))[..., None, None]
-    with suppress(np.linalg.LinAlgError):
-        np.linalg.cholesky(matrix + (EIGENVALUE_ROUNDING * size + 1e-300) * np.eye(matrix.shape[-1]))
-        return matrix
-    values, vectors = np.linalg.eigh(matrix)
+    if algebra is not None:
+        if not algebra.indefinite(matrices, EIGENVALUE_ROUNDING):
+            return matrices
+    else:
+        size = np.einsum("...ii->...", abs(matrices))[..., None, None]
+        with suppress(np.linalg.LinAlgError):
+            np.linalg.cholesky(matrices + (EIGENVALUE_ROUNDING * size + 1e-300) * np.eye(matrices.shape[-1]))
+            return matrices
+    values, vectors = np.linalg.eigh(matrices)
     return (vectors * np.maximum(values, 0.0)[..., None, :]) @ np.swapaxes(vectors, -1, -2)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
+from dynamics.batch import BatchFunction
 from ocp.mpc.constraint_rows import MET_TOLERANCE
 from ocp.problem.problem import Problem
 
@@ -23,7 +24,8 @@ class Measurement:
         self._distances, self.names = None, [signal.name for signal in system.states]
         if phi is not None and phi.numel():
             arguments = [system.x, problem.parameters.vector]
-            self._distances = ca.Function("distances", arguments, [phi, ca.jacobian(phi, system.x)])
+            outputs = [ca.densify(v) for v in (phi, ca.jacobian(phi, system.x).T)]
+            self._distances = BatchFunction(ca.Function("mpc_distances", arguments, outputs), threads=1)
 
     def project(
         self, x: np.ndarray, expected: np.ndarray, bounds: list[np.ndarray], physical: np.ndarray
@@ -50,9 +52,10 @@ class Measurement:
             return x
         scales = self.problem.scales
         for _ in range(MAX_PROJECTIONS):
-            phi, J = (np.array(v) for v in self._distances(x, physical))
-            penetrating = phi.ravel() < -IGNORED_PENETRATION * scales.gap
+            phi, by_x = (v[0] for v in self._distances(x, physical))
+            penetrating = phi < -IGNORED_PENETRATION * scales.gap
             if not penetrating.any():
                 break
-            x = x - scales.x * (np.linalg.pinv(J[penetrating] * scales.x) @ phi.ravel()[penetrating])
+            J = by_x.reshape(phi.size, x.size)[penetrating]
+            x = x - scales.x * (np.linalg.pinv(J * scales.x) @ phi[penetrating])
         return x

@@ -5,14 +5,13 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
 from ocp.mpc.constraint_rows import MET_TOLERANCE, PENALTIES, PENALTY_FALL
-from ocp.mpc.horizon_qp import Direction, HorizonQP
+from ocp.mpc.horizon_qp import MAX_QP_ITERATIONS, TIGHT, Direction, HorizonQP, Tolerance
 from ocp.mpc.linearised import Affine, LinearClosure, Linearised, linearise
 from ocp.mpc.phase import Answer, Phase, Sample
 from ocp.mpc.riccati import Regulator
@@ -24,27 +23,42 @@ STEP_SHARES = (1.0, 0.5, 0.25, 0.06)
 
 MAX_WARM_UP_PROGRAMS = 30
 """Maximum number of additional programs at the first sample, when the plan belongs to another law or state."""
+FULL_STEP = 2
+"""Index of the candidate with step size 1, after the plan without and with the regulator's feedback."""
+EXCHANGED = "contacts were exchanged"
+"""Note on a sample whose quadratic program has sides exchanged, as the last program asked."""
+UNFINISHED = "the quadratic program was stopped at the maximum number of iterations"
+"""Note on a sample whose quadratic program was not finished."""
 UNSOLVED = "the quadratic program was not solved"
 """Note on a sample whose quadratic program was not solved."""
 
 
-class Proposal(NamedTuple):
-    """An active set (N, n), the horizon linearised with this set, the program's rows, and its solution."""
+class Prepared(NamedTuple):
+    """A plan of n steps, its active set (n, pairs), its linearisation with this set, and the rows of the program.
 
+    ``is_exchanged`` tells whether the set has sides exchanged, as the last program asked.
+    """
+
+    plan: Plan
     closed: np.ndarray
     lin: Linearised
     rows: Affine
-    step: Direction
+    is_exchanged: bool
 
 
-@dataclass
-class Prepared:
-    """A plan with the values and derivatives of its steps, its active set (N, n), and its linearisation."""
+class PairExchange(NamedTuple):
+    """Pairs (n, pairs) whose sides the next program exchanges, and the active set ``closed`` of the last program."""
 
-    plan: Plan
-    evaluated: StageValues
     closed: np.ndarray
-    lin: Linearised
+    pairs: np.ndarray
+
+    def shifted(self, steps: int) -> PairExchange:
+        """Return the exchange of a plan that is shifted by 0 or 1 steps; a step that is appended has none."""
+        if not steps:
+            return self
+        closed, pairs = (np.concatenate([v[1:], v[-1:]]) for v in self)
+        pairs[-1] = False
+        return PairExchange(closed, pairs)
 
 
 class NewtonPhase(Phase):
@@ -56,9 +70,13 @@ class NewtonPhase(Phase):
     a rollout under the law, and no plan is worse than the shifted plan.
     """
 
-    def __init__(self, model: StageModel, rollouts: CandidateRollouts, iterations: int = 1) -> None:
-        self.model, self.rollouts, self.iterations = model, rollouts, iterations
-        self.qp, self.penalty = HorizonQP(model, self.n_rows), 0.0
+    def __init__(
+        self, model: StageModel, rollouts: CandidateRollouts, iterations: int = 1, budget: int | None = None
+    ) -> None:
+        self.model, self.rollouts, self.iterations, self.budget = model, rollouts, iterations, budget
+        self.qp = HorizonQP(model, self.n_rows)
+        self.tolerance, self.violated = TIGHT, False
+        self.exchange: PairExchange | None = None
         self.regulator = Regulator(model.nx, model.nu, model.N)
         self.plan: Plan
         self.prepared: Prepared | None = None
@@ -69,9 +87,9 @@ class NewtonPhase(Phase):
     def n_rows(self) -> int:
         """Number of rows of the quadratic program at every step."""
 
-    def active_set(self, plan: Plan) -> np.ndarray:
-        """Return the active set (N, n) of a plan. By default no pair is closed, as needed for smoothed laws."""
-        return np.zeros(plan.lam.shape, dtype=bool)
+    def active_set(self, plan: Plan) -> tuple[np.ndarray, bool]:
+        """Return the active set (n, pairs) of a plan, and whether it is exchanged. Smoothed laws close no pair."""
+        return np.zeros(plan.lam.shape, dtype=bool), False
 
     @abstractmethod
     def closure(self, plan: Plan, evaluated: StageValues, closed: np.ndarray) -> LinearClosure:
@@ -81,67 +99,83 @@ class NewtonPhase(Phase):
     def rows(self, lin: Linearised, closed: np.ndarray) -> Affine:
         """Return the rows (N, n_rows) that the program constrains to 0 or above."""
 
-    def proposals(self, prepared: Prepared, sample: Sample) -> tuple[list[Proposal], str]:
-        """Return the proposals to simulate, the best last (none if no program was solved), and a note."""
-        proposal = self.propose(prepared.lin, prepared.closed, sample)
-        return ([proposal], "") if proposal.step.solved else ([], UNSOLVED)
-
-    def propose(self, lin: Linearised, closed: np.ndarray, sample: Sample) -> Proposal:
-        """Solve the quadratic program with the active set ``closed`` (N, n)."""
-        rows = self.rows(lin, closed)
-        return Proposal(closed, lin, rows, self.solve(lin, rows, sample))
-
     def prepare(self, plan: Plan, sample: Sample) -> None:
-        """Evaluate and linearise ``plan``."""
-        self.plan, self.prepared, self.penalty = plan, None, 0.0
-        evaluated = self.model.evaluate(plan, sample.u_before, sample.p)
-        plan.gap = evaluated.gap
-        closed = self.active_set(plan)
-        with suppress(np.linalg.LinAlgError):
-            self.prepared = Prepared(plan, evaluated, closed, self.linearise_plan(plan, evaluated, closed))
+        """Evaluate and linearise ``plan``, the last plan shifted to the time of the sample."""
+        self.prepare_best([plan], sample)
 
     def prepare_best(self, plans: Sequence[Plan], sample: Sample) -> None:
         """Prepare the plan whose rollout from the measured state, with or without feedback, has the lowest merit."""
-        merits: list[tuple[float, Prepared]] = []
-        for plan in plans:
-            self.prepare(plan, sample)
-            if self.prepared is not None and len(plans) > 1:
-                K, k = self._candidates(plan, [], self.prepared.lin)
-                rollout = self.rollouts.roll_out(sample.x, K, k, sample.u_before, sample.bounds, sample.p)
-                merits.append((rollout[1], self.prepared))
-        if merits:
-            self.prepared = min(merits, key=lambda entry: entry[0])[1]
-            self.plan = self.prepared.plan
+        self.programs = self.qp_iterations = 0
+        if self.exchange is not None:
+            self.exchange = self.exchange.shifted(sample.shift)
+        starts = [one for one in (self._linearise(plan, sample) for plan in plans) if one is not None]
+        best = 0
+        if len(starts) > 1:
+            candidates = [self._candidates(one.plan, None, one.lin) for one in starts]
+            K, k = (np.concatenate(parts) for parts in zip(*candidates, strict=True))
+            best = self.rollouts.roll_out(sample.x, K, k, sample.u_before, sample.bounds, sample.p).best // FULL_STEP
+        self._start_from(starts[best] if starts else None, plans[0])
 
-    def linearise_plan(self, plan: Plan, evaluated: StageValues, closed: np.ndarray) -> Linearised:
-        """Return the plan's linearisation with the contact eliminated by the active set ``closed``."""
-        return linearise(self.model, plan, evaluated, self.closure(plan, evaluated, closed))
+    def _start_from(self, prepared: Prepared | None, plan: Plan) -> None:
+        """Store the start of the next program, or ``plan`` without linearisation; its exchange is tried only once."""
+        self.prepared, self.exchange = prepared, None
+        self.plan = plan if prepared is None else prepared.plan
+
+    def _linearise(self, plan: Plan, sample: Sample) -> Prepared | None:
+        """Return the linearisation of a plan of n <= N steps; None if one of its steps has none."""
+        evaluated = self.model.evaluate(plan, sample.u_before, sample.p)
+        plan.gap = evaluated.gap
+        closed, is_exchanged = self.active_set(plan)
+        with suppress(np.linalg.LinAlgError):
+            lin = linearise(self.model, plan, evaluated, self.closure(plan, evaluated, closed))
+            return Prepared(plan, closed, lin, self.rows(lin, closed), is_exchanged)
+        return None
 
     @cached_property
     def separate_slack_qp(self) -> HorizonQP:
         """Quadratic program with a slack for each constraint, built on first use."""
         return HorizonQP(self.model, self.n_rows, separate=True)
 
-    def solve(self, lin: Linearised, rows: Affine, sample: Sample) -> Direction:
+    def solve(self, prepared: Prepared, sample: Sample) -> Direction:
         """Solve the quadratic program; if rows are violated, solve it with separate slacks and larger penalties.
 
-        The chosen penalty is then used for all further programs of the sample, so that their optima are
-        comparable.
+        After a violation the next sample begins with separate slacks, which have the same optimum without one.
         """
-        step_bounds = (sample.bounds[0] - self.plan.u, sample.bounds[1] - self.plan.u)
-        arguments = (lin, rows, sample.x - self.plan.x[0], step_bounds)
-        if self.penalty:
-            return self.separate_slack_qp.solve(*arguments, self.penalty)
-        best = self.qp.solve(*arguments)
-        if not self.model.m or (best.solved and best.violation < MET_TOLERANCE):
-            return best
-        smallest_violation = np.inf
+        best, smallest_violation = None, np.inf
+        if not self.violated:
+            best = self._run(self.qp, prepared, sample, PENALTIES[0], self.tolerance)
+            is_met = best.violation < max(MET_TOLERANCE, self.tolerance.residual)
+            if not self.model.m or (best.solved and is_met):
+                return best
         for penalty in PENALTIES:
-            direction = self.separate_slack_qp.solve(*arguments, penalty)
+            if self.is_spent:
+                break
+            direction = self._run(self.separate_slack_qp, prepared, sample, penalty, TIGHT)
+            best = best if best is not None else direction
             if not direction.solved or not direction.violation < PENALTY_FALL * smallest_violation:
                 break
-            best, smallest_violation, self.penalty = direction, direction.violation, penalty
+            best, smallest_violation = direction, direction.violation
+            if smallest_violation < MET_TOLERANCE:
+                break
+        self.violated = MET_TOLERANCE <= smallest_violation < np.inf
+        assert best is not None
         return best
+
+    @property
+    def is_spent(self) -> bool:
+        """Whether the sample's iterations have reached the budget."""
+        return self.budget is not None and self.qp_iterations >= self.budget
+
+    def _run(
+        self, qp: HorizonQP, prepared: Prepared, sample: Sample, penalty: float, tolerance: Tolerance
+    ) -> Direction:
+        """Solve a quadratic program within the iterations that are left, and count both."""
+        left = MAX_QP_ITERATIONS if self.budget is None else min(MAX_QP_ITERATIONS, self.budget - self.qp_iterations)
+        step_bounds = (sample.bounds[0] - self.plan.u, sample.bounds[1] - self.plan.u)
+        dx0 = sample.x - self.plan.x[0]
+        direction = qp.solve(prepared.lin, prepared.rows, dx0, step_bounds, penalty, (tolerance, left))
+        self.programs, self.qp_iterations = self.programs + 1, self.qp_iterations + direction.iterations
+        return direction
 
     def feedback(self, sample: Sample) -> Answer:
         """Solve the program from the measured state, and return the best candidate among the rollouts."""
@@ -154,60 +188,71 @@ class NewtonPhase(Phase):
     def _iterate(
         self, solve: Callable[[Sample], Answer], sample: Sample, max_iterations: int, tolerance: float
     ) -> Answer:
-        """Solve; repeat up to ``max_iterations`` times from the new plan while the merit decreases by ``tolerance``."""
+        """Solve; repeat up to ``max_iterations`` times from the new plan while the merit decreases by ``tolerance``.
+
+        A program without a decrease is repeated once if an exchange of contacts remains to be tried.
+        """
         answer = solve(sample)
         for _ in range(max_iterations):
-            if answer.plan is None or answer.status == "kept":
+            if answer.plan is None or answer.status == "kept" or self.is_spent:
                 break
-            self.prepare(answer.plan, sample)
+            has_exchange = self.exchange is not None
+            self._start_from(self._linearise(answer.plan, sample), answer.plan)
             better = solve(sample)
-            if not better.merit < answer.merit - tolerance * abs(answer.merit):
+            if better.merit < answer.merit - tolerance * abs(answer.merit):
+                answer = better
+            elif has_exchange or self.exchange is None:
                 break
-            answer = better
         return answer
 
     def _solve_program(self, sample: Sample) -> Answer:
         prepared, plan = self.prepared, self.plan
         if prepared is None:
             return self._keep_plan(sample, "a step of the plan has no linearisation")
-        try:
-            proposals, note = self.proposals(prepared, sample)
-        except np.linalg.LinAlgError:
-            proposals, note = [], "a step has no linearisation after an exchange of contacts"
-        K, k = self._candidates(plan, proposals, proposals[-1].lin if proposals else prepared.lin)
-        best_plan, merit, index, violated = self.rollouts.roll_out(
-            sample.x, K, k, sample.u_before, sample.bounds, sample.p, self._merit_penalty(proposals)
-        )
-        if not np.isfinite(merit):
+        step = self.solve(prepared, sample)
+        K, k = self._candidates(plan, step, prepared.lin)
+        penalty = self._merit_penalty(step)
+        rolled = self.rollouts.roll_out(sample.x, K, k, sample.u_before, sample.bounds, sample.p, penalty)
+        if not np.isfinite(rolled.merit):
             return self._keep_plan(sample, "no candidate could be rolled out under the law")
         self.gain = K[1, -1]
-        status = "kept" if not proposals else "solved" if index > 1 else "not improved"
-        notes = [*filter(None, [note]), *(f"the plan violates {constraint.name}" for constraint in violated)]
-        return Answer(best_plan.u[0], best_plan, status, "; ".join(notes), merit, bool(violated))
+        if step.solved:
+            change = rolled.states[FULL_STEP] - plan.x - step.dx
+            self.tolerance = Tolerance.of_error(float(np.abs(change / self.model.problem.scales.x).max()))
+            self.choose_exchange(prepared, step)
+        status = "kept" if not step.usable else "solved" if rolled.best >= FULL_STEP else "not improved"
+        exchanged = EXCHANGED if prepared.is_exchanged else ""
+        note = exchanged if step.solved else UNFINISHED if step.usable else UNSOLVED
+        notes = [note, *(f"the plan violates {c.name}" for c in rolled.violated)]
+        note = "; ".join(filter(None, notes))
+        return Answer(rolled.plan.u[0], rolled.plan, status, note, rolled.merit, bool(rolled.violated))
 
-    def _merit_penalty(self, proposals: list[Proposal]) -> float:
+    def choose_exchange(self, prepared: Prepared, step: Direction) -> None:
+        """Choose the pairs whose sides the next program exchanges; by default none."""
+
+    def _merit_penalty(self, step: Direction) -> float:
         """Return the penalty in the merit function: twice the largest multiplier of a constraint, but at least 100."""
         m, cost = self.model.m, self.model.problem.scales.cost
-        largest = max((abs(proposal.step.rows[:, -m:]).max() for proposal in proposals if m), default=0.0)
+        largest = abs(step.rows[:, -m:]).max() if m and step.usable else 0.0
         return max(MIN_PENALTY, 2 * float(largest) / cost)
 
     def _keep_plan(self, sample: Sample, reason: str) -> Answer:
         u = np.clip(self.plan.u[0], *sample.bounds)
         return Answer(u, self.plan, "kept", f"{reason}; the previous plan is used")
 
-    def _candidates(self, plan: Plan, proposals: list[Proposal], lin: Linearised) -> tuple[np.ndarray, np.ndarray]:
-        """Return K (S, N, nu, nx) and k (S, N, nu) of S candidates; the first two are the plan without and with K."""
-        x, u = plan.x[:-1], plan.u
-        regulator = self.regulator.gains(lin)
-        gains, centres, inputs = [0 * regulator, regulator], [x, x], [u, u]
-        for proposal in proposals:
-            gains_of_proposal = regulator if proposal.lin is lin else self.regulator.gains(proposal.lin)
-            for share in STEP_SHARES:
-                gains.append(gains_of_proposal)
-                centres.append(x + share * proposal.step.dx[:-1])
-                inputs.append(u + share * proposal.step.du)
-        K = np.array(gains)
-        return K, np.array(inputs) - np.einsum("skij,skj->ski", K, np.array(centres))
+    def _candidates(self, plan: Plan, step: Direction | None, lin: Linearised) -> tuple[np.ndarray, np.ndarray]:
+        """Return K (S, n, nu, nx) and k (S, n, nu) of S candidates; the first two are the plan without and with K."""
+        dx, du, further = 0 * plan.x, 0 * plan.u, ()
+        if step is not None and step.usable:
+            dx, du, further = step.dx, step.du, STEP_SHARES
+        shares = np.array([0.0] * FULL_STEP + [*further])
+        gains = self.regulator.gains(lin)
+        K = np.broadcast_to(gains, (len(shares), *gains.shape)).copy()
+        K[0] = 0.0
+        fed_back = np.einsum("kij,kjs->ski", gains, np.stack([plan.x[:-1], dx[:-1]], axis=2))
+        k = plan.u - fed_back[0] + shares[:, None, None] * (du - fed_back[1])
+        k[0] = plan.u
+        return K, k
 
 
 class Relaxed(NewtonPhase):

@@ -16,12 +16,17 @@ from ocp.problem.rollout import Gains
 
 @dataclass(frozen=True)
 class Sample:
-    """Data of one sample: measured state (nx,), last input (nu,), parameters (N+1, np), and bounds (nu,) on u."""
+    """Data of one sample: measured state (nx,), last input (nu,), parameters (N+1, np), and bounds (nu,) on u.
+
+    ``shift`` is the number of steps, 0 or 1, by which an exchange that the last sample chose is shifted: 1 at samples
+    on a whole step of the plan, so at every sample if there is one per step.
+    """
 
     x: np.ndarray
     u_before: np.ndarray
     p: np.ndarray
     bounds: tuple[np.ndarray, np.ndarray]
+    shift: int = 1
 
 
 @dataclass(frozen=True)
@@ -45,11 +50,14 @@ class Phase(ABC):
 
     ``prepare`` does the work at the shifted plan that does not need the measurement, and ``feedback`` does the
     rest. ``plans`` is true if the phase computes plans over a receding horizon. ``gain`` (nu, nx) is the
-    feedback gain for the step by which the shifted plan is extended.
+    feedback gain for the step by which the shifted plan is extended. ``programs`` and ``qp_iterations`` are the
+    numbers of quadratic programs of the last sample, and of their iterations.
     """
 
     plans: ClassVar[bool] = True
     gain: np.ndarray | None = None
+    programs: int = 0
+    qp_iterations: int = 0
 
     @abstractmethod
     def prepare(self, plan: Plan, sample: Sample) -> None:

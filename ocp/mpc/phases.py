@@ -28,20 +28,23 @@ class PhaseParts:
     rollouts: CandidateRollouts
     exact: bool
     iterations: int
+    budget: int | None
     solved: RouteResult | None
 
 
-def soft_phase(model: StageModel, rollouts: CandidateRollouts, exact: bool, iterations: int = 1) -> NewtonPhase:
+def soft_phase(
+    model: StageModel, rollouts: CandidateRollouts, exact: bool, iterations: int = 1, budget: int | None = None
+) -> NewtonPhase:
     """Return a phase with soft constraints: :class:`QPCC` for the exact law, :class:`Relaxed` for smoothed laws."""
-    return (QPCC if exact else Relaxed)(model, rollouts, iterations)
+    return (QPCC if exact else Relaxed)(model, rollouts, iterations, budget)
 
 
 def _newton(phase: type[NewtonPhase]) -> Callable[[PhaseParts, Any], Phase]:
-    return lambda parts, law: phase(parts.model, parts.rollouts, parts.iterations)
+    return lambda parts, law: phase(parts.model, parts.rollouts, parts.iterations, parts.budget)
 
 
 def _full(parts: PhaseParts, law: Any) -> Phase:
-    softer = soft_phase(parts.model, parts.rollouts, parts.exact, MAX_WARM_UP_PROGRAMS)
+    softer = soft_phase(parts.model, parts.rollouts, parts.exact, MAX_WARM_UP_PROGRAMS, parts.budget)
     assert parts.solved is not None
     return Full(parts.session, parts.model, parts.solved, softer)
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from ocp.mpc.active_set import ActiveSets
+from ocp.mpc.horizon_qp import Direction
 from ocp.mpc.linearised import Affine, LinearClosure, Linearised
-from ocp.mpc.newton_phase import NewtonPhase, Prepared, Proposal
-from ocp.mpc.phase import Sample
+from ocp.mpc.newton_phase import NewtonPhase, PairExchange, Prepared
 from ocp.mpc.rollouts import CandidateRollouts
 from ocp.mpc.stages import Plan, StageModel, StageValues
 
@@ -26,20 +26,31 @@ class QPCC(NewtonPhase):
 
         sigma_i = -y_k' (d x_{k+1} / d eps_i) - sum_j z_kj (d row_kj / d eps_i),
 
-    is negative. All pairs with ``sigma_i < 0`` are exchanged at once, and the exchange is kept if it lowers the
-    optimum. It takes one more program; further exchanges are left to the next sample. If no such pair is left and
-    multipliers are unique, the program's solution is strongly stationary.
+    is negative. All pairs with ``sigma_i < 0`` are exchanged at once, in the program of the next sample (or
+    iteration): that program is linearised at the new plan in any case, so that an exchange needs no program of
+    its own. If no such pair is left and multipliers are unique, the program's solution is strongly stationary.
     """
 
     exchanges = True
 
-    def __init__(self, model: StageModel, rollouts: CandidateRollouts, iterations: int = 1) -> None:
-        super().__init__(model, rollouts, iterations)
+    def __init__(
+        self, model: StageModel, rollouts: CandidateRollouts, iterations: int = 1, budget: int | None = None
+    ) -> None:
+        super().__init__(model, rollouts, iterations, budget)
         self.sets = ActiveSets(model)
 
-    def active_set(self, plan: Plan) -> np.ndarray:
-        """Return the active set (N, n) of a plan."""
-        return self.sets.of(plan)
+    def active_set(self, plan: Plan) -> tuple[np.ndarray, bool]:
+        """Return the active set (n, pairs) of a plan with the exchange that the last program chose, if it has one.
+
+        A plan that is tracked may have become shorter. A pair on whose side the plan and the last program differ is
+        not exchanged.
+        """
+        closed = self.sets.of(plan)
+        if self.exchange is None:
+            return closed, False
+        closed_before, pairs = (v[: len(closed)] for v in self.exchange)
+        changed = pairs & (closed == closed_before)
+        return (self.sets.exchange(closed, changed), True) if changed.any() else (closed, False)
 
     @property
     def n_rows(self) -> int:
@@ -64,35 +75,25 @@ class QPCC(NewtonPhase):
         stacked_blocks = zip(scaled, lin.rows, strict=True)
         return Affine(*(np.concatenate(parts, axis=1) for parts in stacked_blocks))
 
-    def proposals(self, prepared: Prepared, sample: Sample) -> tuple[list[Proposal], str]:
-        """Return the proposal for the plan's active set, the best proposal after exchanges, and a note."""
-        steps, note = super().proposals(prepared, sample)
-        better = self._exchange_pairs(prepared, steps[-1], sample) if steps and self.exchanges else None
-        return (steps, note) if better is None else ([steps[0], better], "contacts were exchanged")
-
-    def _exchange_pairs(self, prepared: Prepared, incumbent: Proposal, sample: Sample) -> Proposal | None:
-        """Return a proposal with exchanged pairs that lowers the program's optimum, or None."""
-        pays = self._gains(incumbent) > MIN_EXCHANGE_GAIN
-        if not pays.any():
-            return None
-        closed = self.sets.exchange(incumbent.closed, pays)
-        trial = self.propose(self.linearise_plan(prepared.plan, prepared.evaluated, closed), closed, sample)
-        improves = trial.step.objective < incumbent.step.objective - MIN_EXCHANGE_GAIN * self.cost
-        return trial if trial.step.solved and improves else None
+    def choose_exchange(self, prepared: Prepared, step: Direction) -> None:
+        """Choose the pairs with a gain, whose sides the next program exchanges."""
+        pays = self._gains(prepared, step) > MIN_EXCHANGE_GAIN
+        if self.exchanges and pays.any():
+            self.exchange = PairExchange(prepared.closed, pays)
 
     @property
     def cost(self) -> float:
         """Characteristic cost of the problem."""
         return self.model.problem.scales.cost
 
-    def _gains(self, tried: Proposal) -> np.ndarray:
+    def _gains(self, prepared: Prepared, direction: Direction) -> np.ndarray:
         """Return -sigma (N, n) in characteristic costs per size, 0 for pairs that may not be exchanged."""
-        closed, lin, rows, direction = tried
+        closed, lin, rows = prepared.closed, prepared.lin, prepared.rows
         model = self.model
         n, nx, sizes = model.n, model.nx, model.sizes
         row_values = rows.value[:, :n] + np.einsum("kij,kj->ki", rows.by_x[:, :n], direction.dx[:-1])
         row_values += np.einsum("kij,kj->ki", rows.by_u[:, :n], direction.du)
-        touching = (row_values <= ACTIVE_TOLERANCE) & self.sets.exchangeable(closed)
+        touching = (row_values <= max(ACTIVE_TOLERANCE, direction.tolerance.residual)) & self.sets.exchangeable(closed)
         if not touching.any():
             return np.zeros_like(row_values)
         held_sizes, free_sizes = np.where(closed, *sizes), np.where(closed, *sizes[::-1])

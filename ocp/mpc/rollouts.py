@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import casadi as ca
 import numpy as np
 
@@ -11,6 +13,19 @@ from ocp.mpc.stages import MIN_PENALTY, Plan, StageModel
 
 MAX_INPUT = 1e6
 """Bound on inputs without a finite bound, in characteristic inputs."""
+
+
+class Rolled(NamedTuple):
+    """Rollouts of candidates: plan and merit of the best one, its number, its violated constraints, and all states.
+
+    ``states`` is (S, N+1, nx).
+    """
+
+    plan: Plan
+    merit: float
+    best: int
+    violated: list[Broken]
+    states: np.ndarray
 
 
 class CandidateRollouts:
@@ -44,8 +59,8 @@ class CandidateRollouts:
         bounds: tuple[np.ndarray, np.ndarray],
         p: np.ndarray,
         penalty: float = MIN_PENALTY,
-    ) -> tuple[Plan, float, int, list[Broken]]:
-        """Return the plan of the candidate with the lowest merit, its merit, its index, and its violated constraints.
+    ) -> Rolled:
+        """Return the rollouts of candidates and the one with the lowest merit.
 
         K (S, N, nu, nx) and k (S, N, nu) are the gains of S candidates; N may be less than the model's. A
         candidate with an unsolved step has infinite merit.
@@ -57,7 +72,7 @@ class CandidateRollouts:
         theta = np.concatenate([K.reshape(S, N, -1), k, ends], axis=2)
         theta = np.pad(theta, ((0, 0), (0, model.N - N), (0, 0)), "edge")
         step_parameters = p[0, model.of_step]
-        x = self._roll(np.tile(x0, (S, 1)), theta, np.append(step_parameters, 1.0), states=True).states[:, : N + 1]
+        x = self._roll(x0, theta, np.append(step_parameters, 1.0), states=True).states[:, : N + 1]
         u = np.clip(np.einsum("skij,skj->ski", K, x[:, :-1]) + k, lower, upper)
         flattened = x[:, :-1].reshape(S * N, -1), u.reshape(S * N, -1)
         lam = self._step(*flattened, step_parameters).lam[:, : model.n].reshape(S, N, -1)
@@ -66,4 +81,4 @@ class CandidateRollouts:
         merit = np.where(finite, merit, np.inf)
         best = int(np.argmin(merit))
         plan = Plan(x[best], u[best], lam[best], gap[best])
-        return plan, float(merit[best]), best, model.violations(violations[[best]])
+        return Rolled(plan, float(merit[best]), best, model.violations(violations[[best]]), x)

@@ -46,6 +46,8 @@ DIMENSIONS = {
     "cost": ("sample",),
     "seconds": ("sample",),
     "merit": ("sample",),
+    "programs": ("sample",),
+    "qp_iterations": ("sample",),
 }
 """Mapping from names of a simulation's numeric arrays to their dimensions after ``seed``."""
 Goals = Callable[[int, np.ndarray], Values]
@@ -57,10 +59,11 @@ class ClosedLoop:
     """Result of a closed-loop simulation: trajectories of S seeds over T samples as labelled arrays, and counts.
 
     ``data`` has x (S, T+1, nx), u (S, T, nu), measured (S, T, nx), plan (S, T, N+1, nx), seconds, cost, merit,
-    status and certificate (S, T), end_cost (S,), and ended (S,), the number of samples before the plant
-    diverged. ``notes`` maps each note of the commands to its number of occurrences. ``violations`` are the
-    plant's violations of path constraints and of bounds on states, largest first. ``gains`` are those of the
-    controller after the last sample, or None. There are ``samples_per_step`` samples per step of a plan.
+    programs, qp_iterations, status and certificate (S, T), end_cost (S,), and ended (S,), the number of samples
+    before the plant diverged. ``notes`` maps each note of the commands to its number of occurrences.
+    ``violations`` are the plant's violations of path constraints and of bounds on states, largest first.
+    ``gains`` are those of the controller after the last sample, or None. There are ``samples_per_step`` samples
+    per step of a plan.
     """
 
     problem: Problem
@@ -256,6 +259,7 @@ class _Loop:
         arrays = self.arrays
         arrays["measured"][s, k], arrays["seconds"][s, k] = measured, command.seconds
         arrays["merit"][s, k], self.status[s, k] = command.merit, command.status
+        arrays["programs"][s, k], arrays["qp_iterations"][s, k] = command.programs, command.qp_iterations
         self.misses += command.status == "late"
         if command.plan is not None:
             arrays["plan"][s, k, : len(command.plan.x)] = command.plan.x

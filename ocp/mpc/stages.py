@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 
 from dynamics.batch import BatchFunction
+from dynamics.batch.engines.c_horizon import HorizonAlgebra, horizon_algebra
 from dynamics.contact import Step
 from ocp.mpc.constraint_rows import ConstraintRows
 from ocp.problem.policy import OpenLoop
@@ -82,15 +83,15 @@ class StageModel:
         values = ca.vertcat(step.residual, step.gap, step.mu, rows)
         variables = ca.vertcat(system.x, system.u, system.x_next, step.lam)
         hessian, gradient = ca.hessian(cost, w)
-        arguments = [system.x, graph.u_before, system.u, system.x_next, step.lam, graph.p]
-        self._merit = _batch_function("mpc_merit", arguments, [cost, ca.fmax(-rows, 0), step.gap])
-        self._stage = _batch_function(
-            "mpc_stage", arguments, [values, ca.jacobian(values, variables), gradient, hessian]
-        )
-        terminal_arguments, terminal_cost = [system.x, graph.p], problem.changeable_costs[1]
-        hessian, gradient = ca.hessian(terminal_cost, system.x)
-        self._end_cost = _batch_function("mpc_end_cost", terminal_arguments, [terminal_cost])
-        self._end_slopes = _batch_function("mpc_end", terminal_arguments, [gradient, hessian])
+        # Every step has the terminal cost of its next state, since one more call takes longer than these values.
+        p_end = ca.SX.sym("p_end", graph.p.shape)
+        terminal_cost = ca.substitute(problem.changeable_costs[1], system.x, system.x_next)
+        terminal_cost = ca.substitute(terminal_cost, graph.p, p_end)
+        end_hessian, end_gradient = ca.hessian(terminal_cost, system.x_next)
+        arguments = [system.x, graph.u_before, system.u, system.x_next, step.lam, graph.p, p_end]
+        self._merit = _batch_function("mpc_merit", arguments, [cost, ca.fmax(-rows, 0), step.gap, terminal_cost])
+        slopes = [ca.jacobian(values, variables), gradient, hessian, end_gradient, end_hessian]
+        self._stage = _batch_function("mpc_stage", arguments, [values, *slopes])
 
     @property
     def backend(self) -> str:
@@ -114,18 +115,17 @@ class StageModel:
         S, N = u.shape[:2]
         inputs_before = np.concatenate([np.broadcast_to(u_before, (S, 1, self.nu)), u[:, :-1]], axis=1)
         arguments = (x[:, :-1], inputs_before, u, x[:, 1:], lam, np.broadcast_to(p[:-1], (S, *p[:-1].shape)))
-        outputs = self._merit(*(v.reshape(S * N, -1) for v in arguments))
-        cost, violations, gap = (v.reshape(S, N, -1) for v in outputs)
-        terminal_costs = self._end_cost(x[:, -1], p[-1])[:, 0]
+        outputs = self._merit(*(v.reshape(S * N, -1) for v in arguments), p[-1])
+        cost, violations, gap, terminal_costs = (v.reshape(S, N, -1) for v in outputs)
         stage_merits = cost + penalty * self.problem.scales.cost * violations.sum(axis=2, keepdims=True)
-        return stage_merits.sum(axis=(1, 2)) + terminal_costs, violations, gap
+        return stage_merits.sum(axis=(1, 2)) + terminal_costs[:, -1, 0], violations, gap
 
     def evaluate(self, plan: Plan, u_before: np.ndarray, p: np.ndarray) -> StageValues:
         """Return values and derivatives of a plan's steps at parameters ``p`` (N+1, np)."""
         inputs_before = np.concatenate([u_before[None], plan.u[:-1]])
         x, N = plan.x, len(plan.u)
-        values, jacobian, gradient, hessian = self._stage(x[:-1], inputs_before, plan.u, x[1:], plan.lam, p[:-1])
-        end_gradient, end_hessian = self._end_slopes(x[-1:], p[-1])
+        outputs = self._stage(x[:-1], inputs_before, plan.u, x[1:], plan.lam, p[:-1], p[-1])
+        values, jacobian, gradient, hessian, end_gradient, end_hessian = outputs
         edges = np.cumsum([0, self.nx, self.n, self.n, self.m])
         residual, gap, mu, rows = (values[:, a:b] for a, b in pairwise(edges))
         nw = gradient.shape[1]
@@ -137,9 +137,14 @@ class StageModel:
             jacobian.reshape(N, -1, edges[-1]).transpose(0, 2, 1),
             gradient,
             hessian.reshape(N, nw, nw),
-            end_gradient[0],
-            end_hessian.reshape(self.nx, self.nx),
+            end_gradient[-1],
+            end_hessian[-1].reshape(self.nx, self.nx),
         )
+
+    @cached_property
+    def algebra(self) -> HorizonAlgebra | None:
+        """Compiled linear algebra of the horizon, None on a computer without a C compiler."""
+        return horizon_algebra()
 
     @cached_property
     def sizes(self) -> tuple[np.ndarray, np.ndarray]:

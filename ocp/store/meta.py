@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from contextlib import suppress
 from datetime import datetime
 from pathlib import Path
-from typing import Any, Literal, TypedDict
+from typing import Any, Literal, NotRequired, TypedDict
 
 from ocp.errors import DamagedRun, InputError
 from ocp.judge.audit import Audit
@@ -203,6 +203,7 @@ class ClosedLoopMeta(TypedDict):
     seconds: dict[str, float]
     statuses: dict[str, int]
     misses: int
+    counts: NotRequired[dict[str, dict[str, int]]]
     certified: float
     note_counts: dict[str, int]
     notes: list[str]

@@ -29,7 +29,7 @@ from problems.spec import ProblemSpec
 from reports.cli import interrupt
 from reports.cli.options.mpc import MpcOptions
 from reports.cli.request import check_outputs, parse_assignments
-from reports.tables.closed_loop import labelled_arrays, loop_notes, loop_summary, loop_table
+from reports.tables.closed_loop import count_table, labelled_arrays, loop_notes, loop_summary, loop_table
 from reports.tables.console import live
 
 NOT_SURVIVED = 3
@@ -59,8 +59,9 @@ class MpcRequest:
             **law_record(self.law),
             **{
                 key: getattr(options, key)
-                for key in ("phase", "plant", "iterations", "trust", "deadline", "seeds", "seed", "rate", "certify")
+                for key in ("phase", "plant", "iterations", "budget", "trust", "deadline", "seeds", "seed", "rate")
             },
+            "certify": options.certify,
             "samples": self.steps,
             "plan": None if self.plan is None else self.plan.path.name,
             "delay": options.delay or None,
@@ -167,16 +168,9 @@ def _pushes(words: Iterable[str], states: list[str], steps: int) -> dict[int, np
 def run(options: MpcOptions, request: MpcRequest) -> int:
     """Build the controller, simulate the closed loop, and store it."""
     with _progress(options, request.steps) as report:
-        controller = Controller(
-            request.problem,
-            request.law,
-            options.phase,
-            iterations=options.iterations,
-            trust=options.trust,
-            deadline=options.deadline,
-            plan=request.plan,
-            rate=options.rate,
-        )
+        names = "phase", "iterations", "trust", "deadline", "budget", "rate"
+        settings = {name: getattr(options, name) for name in names}
+        controller = Controller(request.problem, request.law, plan=request.plan, **settings)
         interrupt.raise_if_interrupted()
         # A KeyboardInterrupt that is raised within a sample could become an error of compiled code.
         with interrupt.defer_interrupts():
@@ -193,6 +187,7 @@ def run(options: MpcOptions, request: MpcRequest) -> int:
             stored = _store_loop(options, request, controller, loop)
     output = options.output
     output.note(loop_table(stored.meta))
+    output.note(count_table(stored.meta["counts"]))
     output.say(stored.meta["verdict"])
     for line in (*controller.notes, *loop_notes(stored.meta)):
         output.say(line)

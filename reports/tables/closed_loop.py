@@ -22,6 +22,10 @@ from reports.tables.console import number, percent, table_of
 
 _WARM = 10
 """Number of samples at the start of each seed that timings exclude, since the first plans start cold."""
+_BINS = 12
+"""Number of bins of a histogram, at most one more."""
+_BAR = 24
+"""Length of a histogram's longest bar, in characters."""
 
 
 def labelled_arrays(loop: ClosedLoop, mismatch: Mapping[str, float]) -> xr.Dataset:
@@ -102,6 +106,7 @@ def loop_summary(loop: ClosedLoop, data: xr.Dataset, notes: Sequence[str]) -> di
         "seconds": _times(data),
         "statuses": dict(Counter(map(str, statuses[statuses != ""]))),
         "misses": loop.misses,
+        "counts": {name: _histogram(data[name].values) for name in ("programs", "qp_iterations")},
         "certified": loop.certified,
         "note_counts": dict(loop.notes),
         "notes": list(notes),
@@ -121,6 +126,12 @@ def _times(data: xr.Dataset) -> dict[str, float]:
         "samples": seconds.size,
         "over": int((seconds > period).sum()),
     }
+
+
+def _histogram(counts: np.ndarray) -> dict[str, int]:
+    """Return a mapping from each count in ``counts`` (S, T), as text, to its number of samples, smallest first."""
+    values, samples = np.unique(counts[np.isfinite(counts)], return_counts=True)
+    return {f"{value:.0f}": int(number) for value, number in zip(values, samples, strict=True)}
 
 
 def counted_times(seconds: np.ndarray) -> np.ndarray:
@@ -172,6 +183,24 @@ def loop_rows(meta: Mapping[str, Any]) -> list[list[str]]:
 def loop_table(meta: Mapping[str, Any]) -> Table:
     """Return the rows of :func:`loop_rows` as a table."""
     return table_of("", ">", rows=loop_rows(meta), header=False)
+
+
+def count_table(counts: Mapping[str, Mapping[str, int]]) -> Table:
+    """Return a histogram of quadratic programs and of their iterations per sample."""
+    table = table_of("per sample", ">count", ">samples", "")
+    for name, title in (("programs", "quadratic programs"), ("qp_iterations", "their iterations")):
+        samples = {int(count): n_samples for count, n_samples in counts[name].items()}
+        width = 1 + (max(samples, default=0) - min(samples, default=0)) // _BINS
+        bins = Counter[int]()
+        for count, n_samples in samples.items():
+            bins[(count - min(samples)) // width] += n_samples
+        for i, n_samples in sorted(bins.items()):
+            first = min(samples) + i * width
+            label = f"{first}" if width == 1 else f"{first}–{first + width - 1}"
+            bar = "█" * round(_BAR * n_samples / max(bins.values()))
+            table.add_row(title, label, str(n_samples), bar)
+            title = ""
+    return table
 
 
 def _ms(seconds: float | None) -> str:

@@ -17,7 +17,7 @@ from ocp.mpc.simulate import simulate
 from problems import get
 from reports.cli import mpc_command
 from reports.cli.app import main
-from reports.tables.closed_loop import counted_times, labelled_arrays, loop_summary
+from reports.tables.closed_loop import count_table, counted_times, labelled_arrays, loop_summary
 from tests.cli.conftest import Ocp
 from tests.cli.test_interruption import read_until, start
 
@@ -166,6 +166,24 @@ def test_a_plant_that_diverges_ends_its_seed_and_is_kept(ocp: Ocp, loops: Path) 
     assert np.isnan(run.data["x"].values[0, 6:]).all() and run.meta["cost"] is None
     assert ocp("report", "@last", "-o", "a.pdf", "--out", str(loops)).code == 0
     assert ocp("animate", "@last", "-o", "a.html", "--out", str(loops)).code == 0
+
+
+def test_a_budget_bounds_the_counts_that_are_printed_and_stored(ocp: Ocp, tmp_path: Path) -> None:
+    done = ocp(*SMALL, "--steps", "8", "--budget", "4", "--json", "--out", str(tmp_path))
+    assert done.code == 0, done.err
+    counts, data = done.json["counts"], store.load(done.json["run"]).data
+    for name in ("programs", "qp_iterations"):
+        assert sum(counts[name].values()) == 8
+        assert max(map(int, counts[name])) == data[name].values.max() <= 4
+    assert "quadratic programs" in done.err and "their iterations" in done.err
+
+
+def test_a_histogram_has_every_sample_in_one_bin() -> None:
+    iterations = {str(count): 1 + count % 3 for count in range(3, 60)}
+    table = count_table({"programs": {"1": 7}, "qp_iterations": iterations})
+    samples = [int(text) for text in table.columns[2].cells]
+    assert samples[0] == 7 and sum(samples[1:]) == sum(iterations.values())
+    assert len(samples) <= 14
 
 
 @pytest.mark.costly

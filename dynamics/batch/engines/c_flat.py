@@ -97,13 +97,18 @@ class CompiledEngine:
     def evaluate(self, inputs: list[np.ndarray], outputs: list[np.ndarray], n: int) -> int:
         """Fill `outputs` for all n samples; return the number of samples that are not finite."""
         shared = np.array([a.shape[0] == 1 and n != 1 for a in inputs] + [False], dtype=np.int64)
-        arguments = data_addresses(inputs), shared.ctypes.data, data_addresses(outputs)
+        arguments = data_addresses(inputs), data_address(shared), data_addresses(outputs)
         return run_chunks(self._run, n, THREAD_CHUNK, self.threads, *arguments)
 
 
 def data_addresses(arrays: list[np.ndarray]) -> ctypes.Array[ctypes.c_void_p]:
     """Return a C array of the arrays' data pointers."""
-    return (ctypes.c_void_p * max(len(arrays), 1))(*[a.ctypes.data for a in arrays])
+    return (ctypes.c_void_p * max(len(arrays), 1))(*map(data_address, arrays))
+
+
+def data_address(array: np.ndarray) -> int:
+    """Return the address of an array's data, in a fifth of the time of ``array.ctypes.data``."""
+    return array.__array_interface__["data"][0]
 
 
 def batch_source(tape: Tape, block: int, machine: Compiler) -> str:

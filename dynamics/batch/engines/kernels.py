@@ -202,16 +202,21 @@ class CasadiKernel:
 class ParameterKernel:
     """Function of parameters that is evaluated once per call: for one row by CasADi, for several rows by NumPy.
 
-    A NumPy program of many operations takes a thousand times as long for one row, and a second to compile.
+    A NumPy program of many operations takes a thousand times as long for one row, and a second to compile. The
+    values of the last row are stored, since loops over time call with the same parameters.
     """
 
     def __init__(self, fn: ca.Function) -> None:
         self._fn = fn
+        self._last: tuple[bytes, np.ndarray] | None = None
 
     def __call__(self, parameters: np.ndarray) -> np.ndarray:
         """Return the values (n, n_out) at parameters (n, n_in)."""
         if len(parameters) == 1:
-            return np.array(self._fn.call([ca.DM(parameters[0])])[0]).T
+            row, last = parameters.tobytes(), self._last
+            if last is None or last[0] != row:
+                self._last = last = row, np.array(self._fn.call([ca.DM(parameters[0])])[0]).T
+            return last[1]
         values = np.empty((self._fn.numel_out(0), len(parameters)))
         self._columns.run([np.ascontiguousarray(parameters.T)], [values])
         return np.ascontiguousarray(values.T)

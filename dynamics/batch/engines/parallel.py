@@ -52,6 +52,8 @@ def on_threads(threads: int, work: Callable[[], ResultT]) -> list[ResultT]:
 
     The first exception is raised after all threads have ended.
     """
+    if threads == 1:
+        return [work()]
     pending = [_executor().submit(work) for _ in range(threads - 1)]
     try:
         results = [work()]

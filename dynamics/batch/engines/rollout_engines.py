@@ -12,6 +12,7 @@ import numpy as np
 
 from dynamics.batch.arguments import NonFinite, non_finite_rows
 from dynamics.batch.engines import c_rollout, compiler
+from dynamics.batch.engines.c_flat import data_address
 from dynamics.batch.engines.chunk_rollout import PYTHON_CHUNK, ChunkRollout
 from dynamics.batch.engines.kernels import Kernel
 from dynamics.batch.engines.parallel import copy_transposed, over_chunks, run_chunks
@@ -195,7 +196,7 @@ class CompiledRolloutEngine:
             key1=seed_key[1],
             first=0 if q.gaussian is None else q.gaussian.first,
             baseline=q.baseline,
-            **{name: a.ctypes.data for name, a in arrays.items() if a is not None},
+            **{name: data_address(a) for name, a in arrays.items() if a is not None},
         )
         return job, arrays
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from dynamics.limits import INDEX, LOOP_SAMPLES, LOOP_SEEDS, QP_ITERATIONS, TRUST
+from dynamics.limits import INDEX, LOOP_SAMPLES, LOOP_SEEDS, QP_BUDGET, QP_ITERATIONS, TRUST
 from reports.cli.options.shared import ProblemOptions, assignment, option
 
 
@@ -34,6 +34,7 @@ class MpcOptions(ProblemOptions):
     plan: str | None = option(None, metavar="RUN", help="Track the plan of this run until its end.")
     rate: float | None = option(None, metavar="HZ", help="Rate of samples, a multiple of 1/h; default: 1/h.")
     iterations: int = option(1, limits=QP_ITERATIONS, help="Quadratic programs per sample.")
+    budget: int | None = option(None, limits=QP_BUDGET, help="Iterations of these programs per sample at most.")
     trust: float = option(1.0, limits=TRUST, help="Weight of the measured state against the predicted one, in (0, 1].")
     deadline: float | None = option(
         None, metavar="S", help="Replace answers that take longer by the input of the previous plan."

@@ -61,9 +61,9 @@ def captured(name: str, N: int) -> Program:
     qp, seen = controller._phase.qp, []
     solve = qp._run_piqp
 
-    def keep(*program: Any) -> Any:
+    def keep(accuracy: Any, *program: Any) -> Any:
         seen.append([v.copy() for v in program])
-        return solve(*program)
+        return solve(accuracy, *program)
 
     plant, x = Plant(controller.problem, "exact", {}), controller.start
     for k in range(SAMPLE + 1):

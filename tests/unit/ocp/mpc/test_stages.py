@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
+
 import numpy as np
 import pytest
 from scipy.linalg import solve_discrete_are
 
 from dynamics.batch import StepFunction
+from dynamics.batch.engines.c_horizon import horizon_algebra
+from ocp.mpc import riccati, stages
 from ocp.mpc.active_set import ActiveSets
 from ocp.mpc.horizon_qp import HorizonQP
 from ocp.mpc.linearised import Affine, LinearClosure, Linearised, linearise, project_psd
@@ -78,6 +82,47 @@ def test_friction_has_one_closure_for_each_motion(seed: int) -> None:
         assert other[:, contact.slip].all()
         assert other[:, f].any(axis=1).all()
         assert not other[:, f][~other[:, contact.normal]].all(axis=1).any()
+
+
+@pytest.mark.one_case_in(6)
+@pytest.mark.parametrize("law", ["active set", "product"])
+@pytest.mark.parametrize("name", ["soft-walls", "finger-disc", "planar-push"])
+def test_compiled_algebra_equals_that_without_a_compiler(name: str, law: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Elimination, projection of Hessians and regulator gains agree up to rounding, which later steps amplify."""
+    made = Horizon(name, 1)
+    model, plan = made.model, made.plan
+    at = model.evaluate(plan, made.u_before, made.p)
+    closure = LinearClosure.from_product(plan, at.mu + 1e-3, model.sizes)
+    if law == "active set":
+        closure = LinearClosure.from_active_set(plan, ActiveSets(model).of(plan))
+    assert model.algebra is not None
+    compiled = linearise(model, plan, at, closure)
+    compiled_gains = Regulator(model.nx, model.nu, model.N).gains(compiled)
+    monkeypatch.setattr(riccati, "horizon_algebra", lambda: None)
+    monkeypatch.setattr(stages, "horizon_algebra", lambda: None)
+    del model.algebra
+    interpreted = linearise(model, plan, at, closure)
+    for field in fields(Linearised):
+        pair = [getattr(lin, field.name) for lin in (compiled, interpreted)]
+        for first, second in zip(*(v if isinstance(v, tuple) else (v,) for v in pair), strict=True):
+            assert abs(first - second).max(initial=0) <= 1e-11 * (1 + abs(second).max(initial=0))
+    gains = Regulator(model.nx, model.nu, model.N).gains(interpreted)
+    assert abs(compiled_gains - gains).max() <= 1e-9 * (1 + abs(gains).max())
+
+
+def test_compiled_algebra_reports_singular_and_indefinite_matrices() -> None:
+    algebra = horizon_algebra()
+    assert algebra is not None
+    convex, saddle = np.array([[2.0, 1.0], [1.0, 2.0]]), np.array([[1.0, 2.0], [2.0, 1.0]])
+    assert not algebra.indefinite(np.array([convex, convex]), 1e-12)
+    assert algebra.indefinite(np.array([convex, saddle]), 1e-12)
+    for entry in (0.0, np.nan):
+        # Two states without input and contact, whose equations do not determine the second next state.
+        jacobian = np.zeros((1, 4, 2))
+        jacobian[0, 2, 0], jacobian[0, 3, 1] = 1.0, entry
+        empty = np.zeros((1, 0))
+        with pytest.raises(np.linalg.LinAlgError):
+            algebra.eliminate((1, 2, 0, 0, 0), (jacobian, np.zeros((1, 2)), *[empty] * 6, np.zeros(0)))
 
 
 def regular(nx: int, nu: int, N: int, seed: int) -> Linearised:
