@@ -18,9 +18,9 @@ import numpy as np
 
 from ocp.judge.certificate import Certificate, certify
 from ocp.programs.layout import Layout
-from ocp.programs.program import PairName, Program
+from ocp.programs.program import ON_KINK, PairName, Program
 from ocp.programs.units import Scale
-from ocp.transcription.pieces import PRESSED_MARGIN, PiecewiseNLP
+from ocp.transcription.pieces import PiecewiseNLP
 
 if TYPE_CHECKING:
     import scipy.sparse as sp
@@ -44,7 +44,7 @@ class KinkModel(Program):
 
     def __init__(self, program: PiecewiseNLP, x: np.ndarray, values: dict[str, float]) -> None:
         margins, changes = program.kink_margins(x, values)
-        at_kink = np.flatnonzero(np.abs(margins) < PRESSED_MARGIN * changes)
+        at_kink = np.flatnonzero(np.abs(margins) < ON_KINK * changes)
         live = program.with_sides(np.zeros(margins.size))
         p, sizes = live.parameter_vector(values), live.sizes(x)
         slopes = live.first_derivatives(x, p)[2][program.kink_rows[at_kink]].multiply(sizes).toarray()

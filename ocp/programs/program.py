@@ -24,6 +24,10 @@ RELAXATION = "route.relaxation"
 """Name of the parameter ``t`` of every program, see :class:`Program`."""
 
 
+NEAR_KINK = 0.03
+"""Distance from a kink, in changes of its margin by a variable's size, within which its side is fixed."""
+ON_KINK = 1e-6
+"""Margin of a kink, in the same unit or in natural units, below which a plan lies on the kink."""
 _AT_BOUND = 1e-4
 """Distance from a bound, in characteristic sizes, below which a variable is at the bound."""
 
@@ -81,6 +85,10 @@ class Program(ABC):
     @abstractmethod
     def pair_name(self, index: int) -> PairName:
         """Return the name of the pair ``pairs[:, index]``."""
+
+    def is_near_kink(self, x: np.ndarray, values: dict[str, float], reach: float) -> bool:
+        """Return whether a point is within ``reach`` of a kink whose side may be fixed; by default there are none."""
+        return False
 
     def constant(self, p: np.ndarray) -> float:
         """Return the sum of the constant terms of the cost, which ``f`` does not contain."""

@@ -6,7 +6,7 @@ import logging
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -27,7 +27,9 @@ from ocp.routes.table import Start, route_for
 from ocp.transcription import Direct, Method
 from ocp.transcription.common import Graph
 from ocp.transcription.nlp import NLP, StageCompiler
-from ocp.transcription.pieces import PiecewiseNLP
+
+if TYPE_CHECKING:
+    from ocp.transcription.pieces import PiecewiseNLP
 
 logger = logging.getLogger(__name__)
 
@@ -109,6 +111,8 @@ class Session:
     @property
     def pieces(self) -> PiecewiseNLP:
         """The complementarity problem of the exact law by direct transcription, whose kinks have sides."""
+        from ocp.transcription.pieces import PiecewiseNLP
+
         nlp = self._direct.nlp_of("pieces")
         assert isinstance(nlp, PiecewiseNLP)
         return nlp

@@ -18,7 +18,6 @@ from ocp.judge.audit import Audit, audit_result, is_feasible
 from ocp.judge.certificate import UNJUDGED, Certificate, certify
 from ocp.judge.findings import Finding
 from ocp.judge.idling import CONTENT, STILL, cost_span, idle_cost, undone_findings
-from ocp.judge.kinks import certify_at_kinks
 from ocp.judge.referee import Referee, referee_plan, referee_replay
 from ocp.judge.route_report import RouteReport
 from ocp.judge.sensitivity import sensitivity
@@ -26,7 +25,7 @@ from ocp.judge.unbounded import runaway_inputs, unbounded_inputs, unbounded_vari
 from ocp.problem.evaluation import Evaluation
 from ocp.problem.problem import Problem
 from ocp.problem.rollout import Rollout
-from ocp.programs.program import PENALTY, Program
+from ocp.programs.program import ON_KINK, PENALTY, Program
 from ocp.programs.solver import Point, Result, Status
 from ocp.routes.homotopy import Progress, RouteResult, StageRecord, Trace, translate
 from ocp.routes.session import Session
@@ -36,7 +35,6 @@ from ocp.solve.labelling import label
 from ocp.store.provenance import versions
 from ocp.transcription.factories import law_record
 from ocp.transcription.nlp import Trajectories, trajectories
-from ocp.transcription.pieces import PRESSED_MARGIN, is_near_kink
 
 _NO_TASK_GRADIENT = 1e-7
 """Relative gradient of the task's cost below which no input changes it."""
@@ -106,7 +104,9 @@ def judge_outcome(session: Session, outcome: RouteResult, seed: int) -> Solution
 
 def _certified_at_kinks(session: Session, x: np.ndarray, values: dict[str, float]) -> Certificate | None:
     """Return the certificate of a point on kinks under the exact law, None elsewhere and under other laws."""
-    if session.step.exact and is_near_kink(session.judging_nlp(), x, values, PRESSED_MARGIN):
+    if session.step.exact and session.judging_nlp().is_near_kink(x, values, ON_KINK):
+        from ocp.judge.kinks import certify_at_kinks
+
         return certify_at_kinks(session.pieces, x, values)
     return None
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import casadi as ca
 import numpy as np
@@ -15,10 +15,11 @@ from ocp.programs.layout import Layout
 from ocp.programs.program import closure_rows
 from ocp.transcription.common import Graph, constraint_names
 from ocp.transcription.eliminated import Compile
-from ocp.transcription.kinks import round_kinks
 from ocp.transcription.nlp import NLP
-from ocp.transcription.pieces import PiecewiseNLP, fix_sides
-from ocp.transcription.stage import Stage, assemble
+from ocp.transcription.stage import ROUNDABLE, Stage, assemble
+
+if TYPE_CHECKING:
+    from ocp.transcription.pieces import PiecewiseNLP
 
 
 @dataclass(frozen=True)
@@ -83,6 +84,8 @@ def build_pieces(
     pairs: np.ndarray,
 ) -> PiecewiseNLP:
     """Build the NLP whose kinks have sides that may be fixed; its contacts are on a branch."""
+    from ocp.transcription.pieces import PiecewiseNLP, fix_sides
+
     data = graph.data().size
     stages = _all_stages(graph, variables, constraints, interval)
     fixed, n_sides = fix_sides(stages, constraints, variables.size + data)
@@ -93,6 +96,11 @@ def build_pieces(
 
 def _rounded(graph: Graph, variables: Layout, constraints: Layout, stages: list[Stage]) -> list[Stage]:
     """Return the stages of a relaxation with kinks of costs and constraints rounded; branches have the kinks."""
+    if not any(stage.operations & ROUNDABLE for stage in stages):
+        return stages
+    # Imported here, since most problems have no kinks.
+    from ocp.transcription.kinks import round_kinks
+
     blocks = [constraints[name].index.ravel() for name in ("path", "terminal") if name in constraints]
     rows = np.concatenate([np.zeros(0, dtype=int), *blocks])
     scales, table = graph.problem.scales, graph.problem.parameters + graph.step.p

@@ -8,12 +8,10 @@ from dataclasses import dataclass, field, replace
 import casadi as ca
 import numpy as np
 
-from ocp.transcription.stage import Stage
+from ocp.transcription.stage import COMPARISONS, ROUNDABLE, Stage
 
 WIDTH = 1e-2
 """Width of a rounded kink, in changes of its margin."""
-_COMPARISONS = (ca.OP_LT, ca.OP_LE)
-_KINKS = (ca.OP_FMAX, ca.OP_FMIN, ca.OP_FABS)
 
 
 class Rewriter(ABC):
@@ -58,9 +56,9 @@ class FixedSides(Rewriter):
 
     def operation(self, code: int, operands: list[ca.SX]) -> ca.SX:
         """Return an operation, with a symbol for the side of a comparison."""
-        if code in _COMPARISONS:
+        if code in COMPARISONS:
             return self._is_less(operands[0], operands[1], code)
-        if code not in _KINKS:
+        if code not in ROUNDABLE:
             return _plain(code, operands)
         first, second = _compared(operands)
         smaller = code == ca.OP_FMIN
@@ -88,7 +86,7 @@ class RoundedKinks(Rewriter):
 
     def operation(self, code: int, operands: list[ca.SX]) -> ca.SX:
         """Return an operation, rounded if it has a kink."""
-        if code not in _KINKS:
+        if code not in ROUNDABLE:
             return _plain(code, operands)
         first, second = _compared(operands)
         self.widths.append(ca.SX.sym(f"width_{len(self.widths)}"))

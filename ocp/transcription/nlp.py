@@ -19,8 +19,7 @@ from ocp.programs.layout import Layout
 from ocp.programs.program import PENALTY, RELAXATION, Functions, PairName, Program
 from ocp.programs.solver import Result
 from ocp.programs.units import Scale, measure_scale, row_scaled
-from ocp.transcription.kinks import margin_function
-from ocp.transcription.stage import Stage
+from ocp.transcription.stage import COMPARISONS, ROUNDABLE, Stage
 
 if TYPE_CHECKING:
     import scipy.sparse as sp
@@ -100,15 +99,26 @@ class NLP(Program):
         parameters, data = np.split(NLP.parameter_vector(self, values), [len(self.names)])
         source, sizes = np.concatenate([x, data]), np.concatenate([self.sizes(x), np.zeros(data.size)])
         margins = [np.zeros((0, 2))]
-        for stage, function in zip(self.stages, self._margin_functions, strict=True):
+        for stage, function in self._margin_functions:
             outputs = function.map(stage.copies)(source[stage.index].T, parameters, sizes[stage.index].T)
             margins.append(np.stack([np.array(output).T.ravel() for output in outputs], axis=1))
         values_and_changes = np.concatenate(margins)
         return values_and_changes[:, 0], values_and_changes[:, 1]
 
     @cached_property
-    def _margin_functions(self) -> list[ca.Function]:
-        return [margin_function(stage) for stage in self.stages]
+    def _margin_functions(self) -> list[tuple[Stage, ca.Function]]:
+        kinked = [stage for stage in self.stages if stage.operations & (COMPARISONS | ROUNDABLE)]
+        if not kinked:
+            return []
+        # Imported here, since most problems have no kinks.
+        from ocp.transcription.kinks import margin_function
+
+        return [(stage, margin_function(stage)) for stage in kinked]
+
+    def is_near_kink(self, x: np.ndarray, values: dict[str, float], reach: float) -> bool:
+        """Return whether a point is within ``reach`` of a kink, in changes of its margin."""
+        margins, changes = self.kink_margins(x, values)
+        return bool(np.any(np.abs(margins) < reach * changes))
 
     def bounds(self, values: dict[str, float]) -> dict[str, np.ndarray]:
         """Return the bounds ``lbx ubx lbg ubg`` at the given parameter values."""

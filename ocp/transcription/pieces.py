@@ -16,7 +16,7 @@ import casadi as ca
 import numpy as np
 
 from ocp.programs.layout import Layout
-from ocp.programs.program import Program
+from ocp.programs.program import NEAR_KINK, ON_KINK
 from ocp.programs.solver import Result
 from ocp.transcription.kinks import FixedSides
 from ocp.transcription.nlp import NLP
@@ -24,10 +24,6 @@ from ocp.transcription.stage import Stage
 
 SIDES = "sides"
 """Block of the sides among the data, and of their constraints."""
-REACH = 0.03
-"""Distance from a kink, in changes of its margin by a variable's size, within which its side is fixed."""
-PRESSED_MARGIN = 1e-6
-"""Margin of a kink, in natural units, below which a plan lies on the kink."""
 PRESSED_MULTIPLIER = 1e-6
 """Multiplier of a kink's constraint, in natural units, above which the cost would be lower beyond the kink."""
 
@@ -100,9 +96,9 @@ class PiecewiseNLP(NLP):
         return piece
 
     def near_sides(self, x: np.ndarray, values: dict[str, float]) -> np.ndarray:
-        """Return the sides at a point: 1 or -1 within :data:`REACH` of a kink, 0 elsewhere."""
+        """Return the sides at a point: 1 or -1 within ``NEAR_KINK`` changes of a kink, 0 elsewhere."""
         margins, changes = self.kink_margins(x, values)
-        return np.where(np.abs(margins) < REACH * changes, np.where(margins > 0, 1.0, -1.0), 0.0)
+        return np.where(np.abs(margins) < NEAR_KINK * changes, np.where(margins > 0, 1.0, -1.0), 0.0)
 
     def pressed(self, result: Result) -> np.ndarray:
         """Return a mask of the kinks on which a result lies, and beyond which the cost would be lower."""
@@ -111,15 +107,4 @@ class PiecewiseNLP(NLP):
             return np.zeros(self.kink_rows.size, dtype=bool)
         margins = result.g[self.kink_rows] / units.g[self.kink_rows]
         presses = np.abs(multipliers[self.kink_rows]) * units.g[self.kink_rows] / units.f
-        return (self.sides != 0) & (np.abs(margins) < PRESSED_MARGIN) & (presses > PRESSED_MULTIPLIER)
-
-
-def is_near_kink(program: Program, x: np.ndarray, values: dict[str, float], reach: float = REACH) -> bool:
-    """Return whether a point of a program by direct transcription is within ``reach`` of a kink.
-
-    The unit of ``reach`` is the change of a kink's margin as a variable changes by its size.
-    """
-    if not (isinstance(program, NLP) and program.stages):
-        return False
-    margins, changes = program.kink_margins(x, values)
-    return bool(np.any(np.abs(margins) < reach * changes))
+        return (self.sides != 0) & (np.abs(margins) < ON_KINK) & (presses > PRESSED_MULTIPLIER)

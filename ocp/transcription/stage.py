@@ -8,12 +8,18 @@ Hessian. The set-up cost is that of a single stage.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
 
 from ocp.programs.program import Functions
 from ocp.transcription.eliminated import Compile, EliminatedUnknowns
+
+COMPARISONS = frozenset({ca.OP_LT, ca.OP_LE})
+"""Codes of the operations that compare numbers."""
+ROUNDABLE = frozenset({ca.OP_FMAX, ca.OP_FMIN, ca.OP_FABS})
+"""Codes of the operations with a kink that may be rounded."""
 
 
 @dataclass(eq=False)
@@ -40,6 +46,12 @@ class Stage:
         self.cost = self.weight * ca.densify(ca.SX(self.cost))
         self.constraints = ca.densify(ca.vertcat(ca.SX(0, 1), self.constraints))
         self.arguments = [self.w, self.p, self.eliminated.symbols if self.eliminated else ca.SX(0, 1)]
+
+    @cached_property
+    def operations(self) -> set[int]:
+        """Codes of the operations in the cost and the constraints."""
+        graph = ca.Function("graph", self.arguments, [self.cost, self.constraints])
+        return {graph.instruction_id(k) for k in range(graph.n_instructions())}
 
     def values(self) -> ca.Function:
         """Return the function ``(w, p, eliminated) -> (cost, constraints)``."""
