@@ -20,9 +20,10 @@ from ocp.mpcc.multipliers import Multipliers, multipliers_at
 from ocp.mpcc.programs import MPCC, MPCCProgram, programs_of, sized
 from ocp.programs.program import PENALTY, RELAXATION, Program
 from ocp.programs.solver import Point, Result, Solver, Status
-from ocp.routes.branches import Branches, polish
+from ocp.routes.branches import Branches
 from ocp.routes.complementarity import RelaxationPlan, by_strategy
 from ocp.routes.homotopy import COST_GAIN, Homotopy, lower
+from ocp.routes.pieces import polish
 from ocp.routes.relaxations import STRATEGIES
 from ocp.routes.schedules import improve
 

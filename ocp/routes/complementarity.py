@@ -11,8 +11,9 @@ import numpy as np
 
 from ocp.programs.program import Program
 from ocp.programs.solver import Point, Result
-from ocp.routes.branches import Branches, on_piece, polish
+from ocp.routes.branches import Branches
 from ocp.routes.homotopy import STEP_BACKS, Homotopy, HomotopyPath, RouteResult, lower
+from ocp.routes.pieces import on_piece, polish
 from ocp.routes.relaxations import STRATEGIES, CentralPath, ColdScholtes, L1Penalty, ScholtesAdaptive, Strategy
 from ocp.routes.rollouts import RolloutStarts
 from ocp.routes.schedules import MAX_FAILURES, distant_schedules, improve

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ocp.judge.lpec import LinearModel
-from ocp.programs.program import PENALTY
+from ocp.programs.program import NEAR_KINK, ON_KINK, PENALTY, Program
 from ocp.programs.solver import Point, Result
 from ocp.routes.branches import ACTIVE_SET, MAX_BRANCH_ITERATIONS, Branches
 from ocp.routes.homotopy import Homotopy, RouteResult, lower, translate
-from ocp.transcription.pieces import PiecewiseNLP
+
+if TYPE_CHECKING:
+    from ocp.transcription.pieces import PiecewiseNLP
 
 MAX_PIECES = 20
 """Maximum number of pieces solved for one branch, while each costs less than the last."""
@@ -76,3 +80,55 @@ class PieceBranches(Branches):
         self.program = piece
         values = {**self.follower.values, PENALTY: 0.0}
         self.p, self.limits = piece.parameter_vector(values), piece.bounds(values)
+
+
+def on_piece(branches: Branches, result: Result) -> tuple[Branches, Result]:
+    """Return the solver of pieces, and the result on its piece, if a result lies on a kink; else the arguments."""
+    values = branches.follower.values
+    if not branches.program.is_near_kink(result.point.x, values, ON_KINK) or branches.is_stationary(result):
+        return branches, result
+    pieces = PieceBranches(branches.follower)
+    solved = pieces.solve(result.point, branches.schedule(result.point.x))
+    return (pieces, solved) if solved.ok and not lower(result, solved) else (branches, result)
+
+
+class NearbySolvers:
+    """Solvers of the branch nearest to a point: of the whole program, and of its smooth pieces near a kink.
+
+    Where a piece was solved before, pieces are solved first.
+    """
+
+    def __init__(self, follower: Homotopy) -> None:
+        self.follower, self.branches = follower, Branches(follower)
+
+    @cached_property
+    def pieces(self) -> PieceBranches:
+        """Solver of pieces, built at its first use."""
+        return PieceBranches(self.follower)
+
+    def solve(self, start: Point, max_iterations: int = MAX_BRANCH_ITERATIONS) -> tuple[Branches, Result | None]:
+        """Return the solver that converged near a point, and its result; or the first solver, and None."""
+        if not self.branches.program.is_near_kink(start.x, self.follower.values, NEAR_KINK):
+            return self.branches, self.branches.solve_branch(start, max_iterations)
+        solvers = [self.branches, self.pieces]
+        for solver in reversed(solvers) if self.follower.prefers_pieces else solvers:
+            result = solver.solve_branch(start, max_iterations)
+            if result is not None:
+                self.follower.prefers_pieces = solver is self.pieces
+                return solver, result
+        return self.branches, None
+
+
+def polish(follower: Homotopy, source: Program, result: Result, improving: bool = True) -> RouteResult:
+    """Solve the branch nearest to a relaxation's result and, if ``improving``, exchange it for better ones.
+
+    If no branch and no piece of it could be solved, the given result is returned with ``finished`` False.
+    """
+    start = translate(result.point, source, follower.nlp_of("none"))
+    branches, branch_result = NearbySolvers(follower).solve(start)
+    if branch_result is None and result.ok:
+        branch_result = branches.propose(start)
+    if branch_result is None:
+        return RouteResult(result, source, False, follower.trace)
+    branch_result = branches.improve(branch_result) if improving else branch_result
+    return branches.result_of_problem(branch_result)

@@ -16,8 +16,9 @@ from ocp.problem.problem import Problem
 from ocp.problem.rollout import Gains, InitialGuess, Rollout, initial_guesses, roll_on, roll_out
 from ocp.programs.program import Program
 from ocp.programs.solver import Point, Result, Status
-from ocp.routes.branches import Branches, polish
+from ocp.routes.branches import Branches
 from ocp.routes.homotopy import Homotopy, HomotopyPath, RouteResult, lower
+from ocp.routes.pieces import polish
 from ocp.routes.schedules import acting, are_distinct, improve
 from ocp.transcription.nlp import NLP
 

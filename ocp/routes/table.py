@@ -13,7 +13,6 @@ from ocp.errors import NotConverged, choose
 from ocp.problem.policy import Feedback
 from ocp.problem.rollout import Gains, InitialGuess, Rollout
 from ocp.programs.solver import Point, Result
-from ocp.routes.branches import polish
 from ocp.routes.complementarity import (
     AFTER_FAILURE,
     ALTERNATIVES,
@@ -28,6 +27,7 @@ from ocp.routes.complementarity import (
     solve_pairs,
 )
 from ocp.routes.homotopy import IPOPT_PRIMAL_WARM_START, Homotopy, HomotopyStage, RouteResult, better, lower, translate
+from ocp.routes.pieces import polish
 from ocp.routes.relaxations import DEFAULT_STRATEGY, MU_LAST, STAGE_ITERATIONS, STRATEGIES, from_exact, inexact, relaxed
 from ocp.routes.rollouts import RolloutPolish, RolloutStarts, pack_rollout
 from ocp.transcription import Direct

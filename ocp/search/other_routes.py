@@ -13,8 +13,8 @@ from dynamics.contact import Barrier
 from ocp.errors import NotConverged
 from ocp.problem.sketch import UserGuess
 from ocp.programs.solver import Point
-from ocp.routes.branches import polish
 from ocp.routes.homotopy import Homotopy, RouteResult, translate
+from ocp.routes.pieces import polish
 from ocp.routes.relaxations import MU_LAST
 from ocp.search.plan_solver import PlanSolver, exact_rollout, is_less
 from ocp.search.search import FEW_PAIRS, SAMPLED, Search, can_roll_out, cost_to_beat, is_doubtful, is_poor, replay_cost

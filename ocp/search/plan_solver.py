@@ -13,8 +13,9 @@ from ocp.judge.constraints import broken_constraints
 from ocp.judge.route_report import NOT_BETTER, SearchedPlan
 from ocp.problem.rollout import Rollout, roll_out
 from ocp.programs.solver import Point, Result, Status
-from ocp.routes.branches import Branches, NearbySolvers
+from ocp.routes.branches import Branches
 from ocp.routes.homotopy import COST_GAIN, Homotopy, Progress, Trace
+from ocp.routes.pieces import NearbySolvers
 from ocp.routes.rollouts import pack_rollout
 from ocp.routes.session import Session
 from ocp.search.search import Judge, can_roll_out, replay_limit

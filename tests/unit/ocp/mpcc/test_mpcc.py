@@ -16,7 +16,8 @@ from ocp.errors import InputError
 from ocp.mpcc import MPCC, solve, solving
 from ocp.mpcc.programs import programs_of
 from ocp.programs.solver import Point, Result, Status
-from ocp.routes.branches import Branches, polish
+from ocp.routes.branches import Branches
+from ocp.routes.pieces import polish
 from tests.benchmarks.mpcc import scholtes_peer
 from tests.benchmarks.mpcc.switching import instances
 from tests.unit.ocp.mpcc.mpcc_cases import follower_of, symbols

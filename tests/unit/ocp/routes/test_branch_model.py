@@ -13,10 +13,16 @@ from ocp.mpcc import MPCC
 from ocp.mpcc.programs import programs_of
 from ocp.programs.program import PENALTY, RELAXATION
 from ocp.programs.solver import Point, Solver
-from ocp.routes.branch_model import BranchModel
 from ocp.routes.branches import NEIGHBOUR, Branches
 from ocp.routes.homotopy import Homotopy
-from ocp.routes.schedules import LEAST_FAILURES, MAX_FAILURES, VAIN_SHARE, WORTHWHILE_GAIN, improve_schedule
+from ocp.routes.schedules import (
+    LEAST_FAILURES,
+    MAX_FAILURES,
+    VAIN_SHARE,
+    WORTHWHILE_GAIN,
+    BranchModel,
+    improve_schedule,
+)
 
 PAIRS, FREE, ROWS = 5, 4, 6
 N = 2 * PAIRS + FREE

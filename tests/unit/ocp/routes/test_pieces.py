@@ -13,9 +13,8 @@ from ocp import Feedback, Problem, Scaling, roll_out, solve
 from ocp.judge.kinks import certify_at_kinks
 from ocp.problem.policy import OpenLoop
 from ocp.programs.solver import Point
-from ocp.routes.branches import NearbySolvers
 from ocp.routes.homotopy import Homotopy
-from ocp.routes.pieces import PieceBranches
+from ocp.routes.pieces import NearbySolvers, PieceBranches
 from ocp.routes.rollouts import pack_rollout
 from ocp.routes.session import Session
 from ocp.transcription import Direct
