@@ -29,9 +29,11 @@ PARALLEL = 1e-6
 """Difference of 1 and the cosine between two margins' slopes below which two kinks are the same."""
 
 
-def certify_at_kinks(program: PiecewiseNLP, x: np.ndarray, values: dict[str, float]) -> Certificate:
-    """Return the certificate of a point that lies on kinks."""
+def certify_at_kinks(program: PiecewiseNLP, x: np.ndarray, values: dict[str, float]) -> Certificate | None:
+    """Return the certificate of a point that lies on kinks, None if their effects do not add up, as at two at once."""
     lifted = KinkModel(program, x, values)
+    if not lifted.is_additive(x, values):
+        return None
     return certify(lifted, lifted.extended(x), lifted.parameter_vector(values), lifted.bounds(values))
 
 
@@ -77,6 +79,18 @@ class KinkModel(Program):
         gradient, _, jacobian = beyond.first_derivatives(x, beyond.parameter_vector(values))
         direction = slope / (slope @ slope)
         return float((gradient - self.base[0]) @ direction), (jacobian - self.base[2]) @ direction
+
+    def is_additive(self, x: np.ndarray, values: dict[str, float]) -> bool:
+        """Return whether the piece with all margins positive has the derivatives that single kinks predict."""
+        import scipy.sparse as sp
+
+        opposite = self.piece.with_sides(-self.piece.sides)
+        gradient, _, jacobian = opposite.first_derivatives(x, opposite.parameter_vector(values))
+        costs, rows = np.array([cost for cost, _ in self.jumps]), np.array([row for _, row in self.jumps])
+        slopes, sizes = sp.csr_matrix(self.slopes), sp.diags(self.piece.sizes(x))
+        last, first = (sp.vstack([sp.csr_matrix(c), J]) @ sizes for c, J in ((gradient, jacobian), self.base[:3:2]))
+        predicted = sp.vstack([sp.csr_matrix(costs), sp.csr_matrix(rows.T)]) @ slopes @ sizes
+        return bool(abs(last - first - predicted).max() <= PARALLEL * max(abs(first).max(), abs(last).max()))
 
     def extended(self, x: np.ndarray) -> np.ndarray:
         """Return the point of the model: x with the margins' positive and negative parts."""
