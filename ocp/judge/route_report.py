@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 
@@ -73,6 +74,14 @@ class SearchReport:
     motions: int
     steps: int
     plans: list[SearchedPlan] = field(default_factory=list)
+
+    @classmethod
+    def joined(cls, reports: Sequence[SearchReport]) -> SearchReport | None:
+        """Return the work of several searches as one report, None without any."""
+        if not reports:
+            return None
+        motions, steps = (sum(getattr(report, name) for report in reports) for name in ("motions", "steps"))
+        return cls(reports[0].seed, motions, steps, [plan for report in reports for plan in report.plans])
 
     def __str__(self) -> str:
         """Return a sentence with the numbers of rollouts and solves."""

@@ -17,7 +17,17 @@ from ocp.routes.homotopy import Homotopy, RouteResult, translate
 from ocp.routes.pieces import polish
 from ocp.routes.relaxations import MU_LAST
 from ocp.search.plan_solver import PlanSolver, exact_rollout, is_less
-from ocp.search.search import FEW_PAIRS, SAMPLED, Search, can_roll_out, cost_to_beat, is_doubtful, is_poor, replay_cost
+from ocp.search.search import (
+    FEW_PAIRS,
+    OTHER_ROUTES,
+    SAMPLED,
+    Search,
+    can_roll_out,
+    cost_to_beat,
+    is_doubtful,
+    is_poor,
+    replay_cost,
+)
 from ocp.solution import Solution
 from ocp.transcription import Direct
 
@@ -97,11 +107,12 @@ class RouteSearch(Search):
         x = translate(smoothed.result.point, smoothed.nlp, nlp).x
         # Followed to its end, unlike the further paths of every solve: a dearer plan may be cheaper in its replay.
         scholtes = session.with_changes(strategy="scholtes")
+        *names, near_rollout = OTHER_ROUTES
         attempts = (
-            ("scholtes", lambda: scholtes.solve(progress=self.progress)),
-            ("barrier start", lambda: session.resume(Point(x), self.progress)),
+            lambda: scholtes.solve(progress=self.progress),
+            lambda: session.resume(Point(x), self.progress),
         )
-        for name, follow in attempts:
+        for name, follow in zip(names, attempts, strict=True):
             outcome = follow()
             if outcome.finished and self._is_better(outcome, best):
                 solution = self.judge(session, replace(outcome, route=name), self.seed)
@@ -109,7 +120,7 @@ class RouteSearch(Search):
                 yield solution
         if smoothed.finished and can_roll_out(session):
             inputs = smoothed.nlp.variables.unpack(smoothed.result.point.x)["u"][0]
-            yield from _solutions_near_rollouts(self, "barrier contacts", best, [inputs])
+            yield from _solutions_near_rollouts(self, near_rollout, best, [inputs])
 
     @staticmethod
     def _is_better(outcome: RouteResult, best: Solution) -> bool:

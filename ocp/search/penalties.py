@@ -10,12 +10,18 @@ import casadi as ca
 import numpy as np
 
 from dynamics.batch import BatchFunction
+from ocp.judge.constraints import CONSTRAINT_SHARE
 from ocp.problem.evaluation import Evaluation
 from ocp.problem.parts import Constraint
 from ocp.problem.problem import SWEPT, Problem
 
 PENALTY_WEIGHT = 100.0
 """Cost, in characteristic costs, of violating a state constraint by its characteristic size."""
+FREE_SHARE = CONSTRAINT_SHARE / 10
+"""Violation without penalty, as a share of the characteristic size: replays of solved plans leave their bounds by less.
+
+A tenth of what judging accepts. Without it a plan at its bounds costs more than its neighbours inside them.
+"""
 
 
 def penalized(problem: Problem) -> Problem:
@@ -82,7 +88,7 @@ def _symbols(expression: ca.SX) -> set[str]:
 def _violations(rows: Iterable[Constraint], problem: Problem) -> ca.SX:
     """Return the cost of all violations, each divided by its change when states and inputs change by their sizes.
 
-    Penetration between nodes is divided by the characteristic gap.
+    Penetration between nodes is divided by the characteristic gap. Shares up to :data:`FREE_SHARE` cost nothing.
     """
     system, total = problem.system, ca.SX(0)
     signals = ((system.x, problem.scales.x), (system.x_next, problem.scales.x), (system.u, problem.scales.u))
@@ -90,5 +96,5 @@ def _violations(rows: Iterable[Constraint], problem: Problem) -> ca.SX:
         changes = (ca.fabs(ca.jacobian(row.expression, symbol)) @ ca.DM(size) for symbol, size in signals)
         sizes = problem.scales.gap if row.name == SWEPT else sum(changes)
         excess = ca.fmax(row.lower - row.expression, 0) + ca.fmax(row.expression - row.upper, 0)
-        total += ca.sum1(excess / ca.fmax(sizes, 1e-12))
+        total += ca.sum1(ca.fmax(excess / ca.fmax(sizes, 1e-12) - FREE_SHARE, 0))
     return PENALTY_WEIGHT * problem.scales.cost * total

@@ -14,7 +14,7 @@ from ocp.judge.route_report import NOT_BETTER, SearchedPlan
 from ocp.problem.rollout import Rollout, roll_out
 from ocp.programs.solver import Point, Result, Status
 from ocp.routes.branches import Branches
-from ocp.routes.homotopy import COST_GAIN, Homotopy, Progress, Trace
+from ocp.routes.homotopy import Homotopy, Progress, Trace
 from ocp.routes.pieces import NearbySolvers
 from ocp.routes.rollouts import pack_rollout
 from ocp.routes.session import Session
@@ -27,6 +27,8 @@ REPLAYS = 3
 """Maximum number of branches solved for a plan; after the first, each is the branch of the previous replay."""
 REPLAY = "replay"
 """Route of a solution that is the replay of another one."""
+REPEATED_SHARE = 1e-4
+"""Relative gain up to which a plan repeats another one: replays cost up to so much more or less than their plans."""
 SAME_STATES = 1e-3
 """Largest difference of states, in characteristic sizes, for which a replay agrees with its plan."""
 
@@ -172,5 +174,5 @@ def _order(settled: Settled) -> tuple[bool, float]:
 
 
 def is_less(cost: float, limit: float) -> bool:
-    """Return whether a cost is below ``limit`` by more than the relative amount :data:`COST_GAIN`."""
-    return cost < limit and (np.isinf(limit) or limit - cost > COST_GAIN * abs(limit))
+    """Return whether a cost is below ``limit`` by more than the relative amount :data:`REPEATED_SHARE`."""
+    return cost < limit and (np.isinf(limit) or limit - cost > REPEATED_SHARE * abs(limit))

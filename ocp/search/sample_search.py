@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Generator, Iterator
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -18,7 +18,17 @@ from ocp.search.perturbed_plans import perturbed_plans
 from ocp.search.plan_solver import PlanSolver, exact_rollout, is_less
 from ocp.search.sampling import MAX_SAMPLES, InputSampler
 from ocp.search.sampling_runs import SampledPlan
-from ocp.search.search import FEW_PAIRS, SAMPLED, Search, can_roll_out, idles, is_doubtful, is_poor, replay_cost
+from ocp.search.search import (
+    FEW_PAIRS,
+    OTHER_ROUTES,
+    SAMPLED,
+    Search,
+    can_roll_out,
+    idles,
+    is_doubtful,
+    is_poor,
+    replay_cost,
+)
 from ocp.solution import Solution
 
 NORMAL_FAILING_SHARE = 0.4
@@ -31,10 +41,10 @@ BOTH_LAWS = (Exact(), Barrier(mu=1.0))
 """Laws of all samples at thorough effort."""
 THOROUGH_AROUND = 3
 """Number of times that the rounds of the sampling run around an answer are increased at thorough effort."""
-PASSES_NEAR = 4
+PASSES_NEAR = 12
 """Maximum number of passes that solve plans near the search's best answer."""
-FRUITLESS_PASSES = 2
-"""Number of passes in a row without a better solution that end the search, after a pass that gave one."""
+FRUITLESS_PASSES = 4
+"""Number of passes in a row that may not pay, after one that did, before the search near an answer ends."""
 CANDIDATES_NEAR = 20
 """Maximum number of plans near an answer whose contact schedules are compared."""
 NEAR_STREAM = 1
@@ -46,9 +56,9 @@ CERTIFIED_SAMPLES = 500
 UNPROMISING = 2.0
 """Excess cost of the cheapest sample, relative to what a plan can change, above which normal effort ends."""
 SAME_COST = 1e-3
-"""Excess cost of the cheapest sample, relative to what a plan can change, below which it repeats the answer."""
+"""Difference of costs, relative to what a plan can change, below which a sample or solution repeats the answer."""
 PROMISING = 0.5
-"""Excess cost of a sampled plan, relative to what a plan can change, below which the plan is solved."""
+"""Excess cost of a sampled plan beside a certified answer, relative to what a plan can change, to be solved."""
 RESTARTS = 2
 """Number of times that sampling may begin again with other draws."""
 LITTLE_SHARE = 0.5
@@ -87,15 +97,20 @@ class SampleSearch(Search):
         best, adapts = answer, self._is_patient(answer)
         generator = np.random.default_rng([self.seed, NEAR_STREAM])
         for restart in range(1 + RESTARTS):
-            before, sampler = best, self._sampler(restart, adapts)
+            sampler = self._sampler(restart, adapts)
             self._samplers.append(sampler)
-            best = yield from self._solutions_near(sampler, generator, best)
+            sampled = yield from self._solutions_near_samples(sampler, answer)
+            patience = self._patience(pays=sampled is not answer)
+            last = yield from self._passes(sampler, generator, sampled, patience)
+            costs = [self._penalized_cost(sampler, solution) for solution in (last, best)]
             # Samples that beat a certified answer by little show that there are cheaper minima.
-            gain = before.cost_share(replay_cost(before) - replay_cost(best), replay_cost(before))
+            gain = answer.cost_share(replay_cost(answer) - replay_cost(sampled), replay_cost(answer))
             is_doubted = not adapts and 0 < gain < LITTLE_SHARE
-            little = idles(answer) and idles(best, LITTLE_SHARE)
+            pays = restart == 0 or is_less(*costs)
+            best = last if is_less(*costs) else best
+            little = idles(best, LITTLE_SHARE)
             affordable = self.session.rollout_steps is None and self.session.problem.system.nlam < HEAVY_PAIRS
-            if not (affordable and (is_doubted or little)):
+            if not (affordable and (is_doubted or (idles(answer) and (little or pays)))):
                 return
             adapts = True
 
@@ -107,40 +122,55 @@ class SampleSearch(Search):
         seeds = (self.seed, restart) if restart else self.seed
         return InputSampler(evaluation, seeds, laws, failing_share, steps, most, adapts)
 
-    def _solutions_near(
-        self, sampler: InputSampler, generator: np.random.Generator, answer: Solution
-    ) -> Generator[Solution, None, Solution]:
+    def _solutions_near_samples(self, sampler: InputSampler, answer: Solution) -> Generator[Solution, None, Solution]:
         """Yield solutions near the plans of a sampler, and return the cheapest of these and ``answer``."""
-        system = self.session.problem.system
-        session = self.session.as_swept() if system.scene and system.phi is not None else self.session
-        plans = self._distinct(self._rollouts(sampler, self._sampled(sampler, answer)), sampler, answer)
-        best, least_cost = answer, self._penalized_cost(sampler, answer)
-        few = system.nlam <= FEW_PAIRS
-        patience = 1
-        for _ in range(1 + PASSES_NEAR):
-            before = best
-            for solution in self._solved(session, plans, best, least_cost):
-                yield solution
-                cost = self._penalized_cost(sampler, solution)
-                if cost < least_cost:
-                    best, least_cost = solution, cost
-            patience = patience - 1 if best is before else FRUITLESS_PASSES if few else 1
-            if patience == 0 or np.isinf(least_cost):
-                return best
-            nearby_plans = self._around(sampler, best)
-            if few:
-                nearby_plans += perturbed_plans(sampler, best.arrays["u"][0], generator)
-            plans = self._distinct(self._rollouts(sampler, nearby_plans[:CANDIDATES_NEAR]), sampler, best)
+        rollouts = self._rollouts(sampler, self._sampled(sampler, answer))
+        plans = self._distinct(self._promising(rollouts, sampler, answer), sampler, answer)
+        return (yield from self._solved(sampler, plans, answer))
+
+    def _passes(
+        self, sampler: InputSampler, generator: np.random.Generator, best: Solution, patience: int
+    ) -> Generator[Solution, None, Solution]:
+        """Yield solutions near the best one, pass by pass, and return the cheapest.
+
+        Passes end after ``patience`` of them in a row that do not pay; one that pays renews it.
+        """
+        cost, passes = self._penalized_cost(sampler, best), 0
+        while patience > 0 and passes < PASSES_NEAR and np.isfinite(cost):
+            cost_before, passes = cost, passes + 1
+            best = yield from self._solved(sampler, self._plans_near(sampler, generator, best), best)
+            cost = self._penalized_cost(sampler, best)
+            pays = best.cost_share(cost_before - cost, cost_before) > SAME_COST
+            patience = self._patience(pays=True) if pays else patience - 1
         return best
 
+    def _patience(self, pays: bool) -> int:
+        """Return how many passes near an answer may not pay, after samples or a pass paid or did not."""
+        if self.session.problem.system.nlam > FEW_PAIRS:
+            return int(pays)
+        return FRUITLESS_PASSES if pays else int(self.session.rollout_steps is None)
+
+    def _plans_near(self, sampler: InputSampler, generator: np.random.Generator, answer: Solution) -> list[Rollout]:
+        """Return rollouts near an answer with distinct contact schedules."""
+        plans = self._around(sampler, answer)
+        if self.session.problem.system.nlam <= FEW_PAIRS:
+            plans += perturbed_plans(sampler, answer.arrays["u"][0], generator)
+        return self._distinct(self._rollouts(sampler, plans[:CANDIDATES_NEAR]), sampler, answer)
+
+    @cached_property
+    def _swept_session(self) -> Session:
+        """Session in which plans are solved: bodies in a scene do not pass through each other between nodes."""
+        system = self.session.problem.system
+        return self.session.as_swept() if system.scene and system.phi is not None else self.session
+
     def _solved(
-        self,
-        session: Session,
-        plans: list[Rollout],
-        best: Solution,
-        least_cost: float,
-    ) -> Iterator[Solution]:
-        """Yield answers near rollouts that cost less than the ``best`` one; list all plans in the report."""
+        self, sampler: InputSampler, plans: list[Rollout], best: Solution
+    ) -> Generator[Solution, None, Solution]:
+        """Yield solutions near rollouts that cost less than the ``best`` one, and return the cheapest.
+
+        All plans are listed in the report.
+        """
+        session, least_cost = self._swept_session, self._penalized_cost(sampler, best)
         limit = least_cost if best.certificate.certified else np.inf
         roll_out = partial(exact_rollout, session)
         solved = self.report.plans if self.report is not None else list[SearchedPlan]()
@@ -149,11 +179,22 @@ class SampleSearch(Search):
         self.report = SearchReport(self.seed, steps // session.problem.N, steps, solved)
         for _, solution in solver.solve(plans):
             yield solution.with_route(swept=session.problem.swept)
+            cost = self._penalized_cost(sampler, solution)
+            if is_less(cost, least_cost):
+                best, least_cost = solution, cost
+        return best
 
     @staticmethod
     def _penalized_cost(sampler: InputSampler, solution: Solution) -> float:
-        """Return the cost of a solution's exact rollout with penalties, infinite if its replay failed."""
-        return sampler.exact_cost(solution.arrays["u"][0]) if np.isfinite(replay_cost(solution)) else np.inf
+        """Return the cost of a solution's exact replay, with the penalty of its transitions.
+
+        It is infinite if the replay failed or violates constraints. The rollout of the batch engine would not do: where
+        a step has several solutions, as behind a corner, it may end at another one than the replay.
+        """
+        if solution.audit.replay_broken:
+            return np.inf
+        states, inputs = solution.arrays["x"], solution.arrays["u"]
+        return replay_cost(solution) + float(np.sum(sampler.transition_penalties(states, inputs)))
 
     def _sampled(self, sampler: InputSampler, answer: Solution) -> list[SampledPlan]:
         """Return the cheapest plan of each run, and a better plan near a poor solution if sampling finds one.
@@ -195,26 +236,48 @@ class SampleSearch(Search):
         rollouts = ((costs[i], exact_rollout(self.session, plans[i].inputs)) for i in np.argsort(costs, kind="stable"))
         return [(cost, rollout) for cost, rollout in rollouts if rollout is not None]
 
+    def _promising(
+        self, rollouts: list[tuple[float, Rollout]], sampler: InputSampler, answer: Solution
+    ) -> list[tuple[float, Rollout]]:
+        """Return the rollouts that cost little more than a certified answer; all of them beside another answer."""
+        if self.thorough or not answer.certificate.certified:
+            return rollouts
+        cost, cost_share = self._penalized_cost(sampler, answer), self.session.evaluation.cost_share
+        return [item for item in rollouts if item[0] < cost or cost_share(item[0] - cost, cost) < PROMISING]
+
     def _distinct(
         self, rollouts: list[tuple[float, Rollout]], sampler: InputSampler, answer: Solution
     ) -> list[Rollout]:
-        """Return promising rollouts, in order, with schedules distinct from each other and from a cheaper answer's."""
-        session, certified = self.session, answer.certificate.certified
-        cost = self._penalized_cost(sampler, answer)
-        limit = THOROUGH_CANDIDATES if self.thorough else NORMAL_CANDIDATES
-        sizes = session.problem.scales
+        """Return rollouts with distinct contact schedules, in order.
+
+        Beside a certified answer, those that are dearer and have its schedule come last, and one of them at most.
+        """
+        cost, sizes = self._penalized_cost(sampler, answer), self.session.problem.scales
         answered = acting(answer.arrays["lam"][0], answer.arrays["gap"][0], sizes)
-        chosen, schedules = list[Rollout](), list[np.ndarray]()
+        chosen, schedules, repeated = list[Rollout](), list[np.ndarray](), list[Rollout]()
         for rollout_cost, rollout in rollouts:
-            excess, schedule = rollout_cost - cost, acting(rollout.lam[0], rollout.gap[0], sizes)
-            promising = not certified or self.thorough or excess < 0
-            promising = promising or session.evaluation.cost_share(excess, cost) < PROMISING
-            compared_schedules = [*schedules, answered] if certified and excess > 0 else schedules
-            if (
-                promising
-                and len(chosen) < limit
-                and all(are_distinct(schedule, compared) for compared in compared_schedules)
-            ):
+            schedule = acting(rollout.lam[0], rollout.gap[0], sizes)
+            if not all(are_distinct(schedule, compared) for compared in schedules):
+                continue
+            if answer.certificate.certified and rollout_cost > cost and not are_distinct(schedule, answered):
+                repeated.append(rollout)
+            else:
                 chosen.append(rollout)
                 schedules.append(schedule)
-        return chosen
+        return [*chosen, *repeated[:1]][: THOROUGH_CANDIDATES if self.thorough else NORMAL_CANDIDATES]
+
+
+@dataclass
+class NearSearch(SampleSearch):
+    """Search near an answer of other routes, by the passes that :class:`SampleSearch` ends with."""
+
+    def is_needed(self, solution: Solution) -> bool:
+        """Return whether the answer is of another route, and the problem has few contact pairs."""
+        few = self.session.problem.system.nlam <= FEW_PAIRS
+        return solution.route.name in OTHER_ROUTES and few and can_roll_out(self.session)
+
+    def solutions(self, answer: Solution) -> Iterator[Solution]:
+        """Yield solutions near ``answer`` that cost less."""
+        sampler, generator = self._sampler(0, adapts=False), np.random.default_rng([self.seed, NEAR_STREAM, 1])
+        self._samplers.append(sampler)
+        yield from self._passes(sampler, generator, answer, self._patience(pays=True))

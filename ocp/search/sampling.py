@@ -225,9 +225,13 @@ class InputSampler:
         finite = np.isfinite(rollouts.cost)
         self.failures += int(np.sum(~finite))
         costs = np.where(finite, rollouts.cost, np.inf)
-        if self._transitions is not None and rollouts.states is not None:
-            costs[finite] += self._transitions(rollouts.states[finite], clipped[finite])
+        if rollouts.states is not None:
+            costs[finite] += self.transition_penalties(rollouts.states[finite], clipped[finite])
         return costs
+
+    def transition_penalties(self, states: np.ndarray, inputs: np.ndarray) -> np.ndarray | float:
+        """Return the penalties (S,) of transitions of trajectories (S, N + 1, nx) and (S, N, nu); 0 if it has none."""
+        return 0.0 if self._transitions is None else self._transitions(states, inputs)
 
 
 @contextmanager

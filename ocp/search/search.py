@@ -27,6 +27,8 @@ IDLE_SHARE = 0.9
 """Share of the cost of standing still above which an answer idles."""
 SAMPLED = "sampling"
 """Route name of solutions near sampled plans."""
+OTHER_ROUTES = ("scholtes", "barrier start", "barrier contacts")
+"""Route names of solutions by Scholtes's relaxation, from the barrier law's plan, and near its rollout."""
 Judge = Callable[[Session, RouteResult, int], Solution]
 """Function from a session, the outcome of its solve and the seed to a judged solution."""
 

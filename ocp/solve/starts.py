@@ -13,7 +13,7 @@ import numpy as np
 from dynamics.limits import INDEX, STARTS
 from dynamics.settings import read_value
 from ocp.errors import InputError, choose, interruptible
-from ocp.judge.route_report import Attempt
+from ocp.judge.route_report import Attempt, SearchReport
 from ocp.problem.rollout import initial_guesses
 from ocp.programs.solver import Status
 from ocp.routes.homotopy import COST_GAIN, StageRecord
@@ -140,8 +140,8 @@ def search_further(
     except KeyboardInterrupt as stop:
         raise Interrupted(best_of(session, solutions, rank_by)) from stop
     best = solutions[0] if len(solutions) == 1 else best_of(session, solutions, rank_by)
-    reports = [search.report for search in searches if search.report is not None]
-    return add_failures(best.with_route(search=reports[-1] if reports else None), failures)
+    report = SearchReport.joined([search.report for search in searches if search.report is not None])
+    return add_failures(best.with_route(search=report), failures)
 
 
 def _replays(session: Session, solution: Solution, seed: int) -> list[Solution]:
@@ -167,7 +167,7 @@ def searches_of(session: Session, seed: int, progress: Callable[[StageRecord], N
         return []
     # Imported here, so that other problems do not load what only searches need.
     from ocp.search.other_routes import GuessSearch, RouteSearch
-    from ocp.search.sample_search import SampleSearch
+    from ocp.search.sample_search import NearSearch, SampleSearch
 
     searches: list[Search] = []
     thorough, sampled = session.effort == "thorough", bool(session.search)
@@ -184,6 +184,7 @@ def searches_of(session: Session, seed: int, progress: Callable[[StageRecord], N
         searches.append(SampleSearch(session, judge_outcome, seed, progress, thorough or sampled))
     if eager:
         searches.append(RouteSearch(session, judge_outcome, seed, progress, thorough))
+        searches.append(NearSearch(session, judge_outcome, seed, progress, thorough))
     return searches
 
 

@@ -14,7 +14,7 @@ from ocp.problem.evaluation import Evaluation
 from ocp.problem.parts import Constraint
 from ocp.problem.problem import DEPTH, SHARES, Problem
 from ocp.problem.rollout import roll_out
-from ocp.search.penalties import PENALTY_WEIGHT, TransitionPenalty, penalized
+from ocp.search.penalties import FREE_SHARE, PENALTY_WEIGHT, TransitionPenalty, penalized
 from ocp.search.sampling import InputSampler
 from problems import get
 from tests.benchmarks.found.problems import STRANGERS
@@ -54,7 +54,7 @@ def test_a_constraint_on_the_next_state_costs_its_violation() -> None:
     limited = replace(problem, path=(*problem.path, Constraint("near", position, -ca.inf, limit)))
     inputs = inputs_of(problem, 1)[0] + problem.scales.u
     x = roll_out(problem, inputs[None], problem.parameters.defaults).x[0]
-    excess = np.maximum(x[1:, 0] - limit, 0).sum() / problem.scales.x[0]
+    excess = np.maximum((x[1:, 0] - limit) / problem.scales.x[0] - FREE_SHARE, 0).sum()
     assert excess > 0
     plain, bounded = (InputSampler(evaluation(each)).exact_cost(inputs) for each in (problem, limited))
     assert bounded - plain == pytest.approx(PENALTY_WEIGHT * problem.scales.cost * excess, rel=1e-6)
@@ -79,7 +79,7 @@ def test_a_finger_that_jumps_through_a_body_pays_for_its_depth() -> None:
     states[1, 0, -2:] = (-1.0, -0.05)
     between = (states[0, 0] + share * (states[0, 1] - states[0, 0]) for share in SHARES)
     gaps = np.array([problem.signed_distance(state, at_values.p).full().ravel() for state in between])
-    excess = np.maximum(-DEPTH * problem.scales.gap - gaps, 0).sum() / problem.scales.gap
+    excess = np.maximum((-DEPTH * problem.scales.gap - gaps) / problem.scales.gap - FREE_SHARE, 0).sum()
     assert excess > 0
     expected = [PENALTY_WEIGHT * problem.scales.cost * excess, 0.0]
     np.testing.assert_allclose(penalty(states, np.zeros((2, 1, problem.system.nu))), expected, rtol=1e-9)
