@@ -8,7 +8,6 @@ entry. For a script in the same folder as such a file, the error of the first fa
 from __future__ import annotations
 
 import sys
-from importlib import metadata
 from importlib.machinery import PathFinder
 from importlib.util import find_spec
 from pathlib import Path
@@ -29,6 +28,8 @@ class ShadowedPackage(ImportError):
 
 def version() -> str:
     """Return the installed version; "unknown" in a checkout that is not installed."""
+    from importlib import metadata
+
     try:
         return metadata.version(DISTRIBUTION_NAME)
     except metadata.PackageNotFoundError:

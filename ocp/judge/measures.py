@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from dynamics.batch import BatchFunction, BatchWarning
 from dynamics.contact import Step
 from dynamics.systems import ContactSystem
 from ocp.problem.evaluation import Evaluation, at_steps
@@ -42,6 +41,8 @@ class DenseFunction:
     """Function that evaluates the nonzeros of expressions at many points at once, and returns dense matrices."""
 
     def __init__(self, symbols: list[ca.SX], expressions: list[ca.SX]) -> None:
+        from dynamics.batch import BatchFunction
+
         outputs = [ca.sparsify(expression) for expression in expressions]
         self._patterns = [(output.shape, *output.sparsity().get_triplet()) for output in outputs]
         nonzeros = [ca.densify(ca.vec(output.nz[:])) for output in outputs]
@@ -49,6 +50,8 @@ class DenseFunction:
 
     def __call__(self, *arguments: np.ndarray) -> list[np.ndarray]:
         """Return an array (n, rows, columns) per expression; arguments are (n, size), or (size,) for all points."""
+        from dynamics.batch import BatchWarning
+
         # Diverging states are expected; their values are NaN.
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", BatchWarning)

@@ -7,7 +7,6 @@ import platform
 import subprocess
 from collections.abc import Iterable, Mapping
 from functools import cache
-from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -25,6 +24,8 @@ _COMPUTING_PACKAGES = ("dynamics", "ocp", "problems")
 @cache
 def versions() -> dict[str, str]:
     """Return a mapping from ``python`` and the names of libraries that determine results to their versions."""
+    from importlib.metadata import PackageNotFoundError, version
+
     versions_by_name = {"python": platform.python_version()}
     for name in _DISTRIBUTIONS:
         try:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
@@ -11,27 +11,31 @@ from typing import TYPE_CHECKING, Any
 
 from dynamics.laws import LAWS
 from ocp.errors import choose
-from ocp.gradients.estimators import RULES, SAMPLED
-from ocp.learning.training import ALGORITHMS
 from ocp.problem.policy import POLICIES
 from ocp.programs.solver import SOLVERS
 from ocp.transcription import METHODS
-from problems import describe, names, spec, studies
-from problems.gradient_scenes import SCENES
-from problems.registry import ROBOT_FILES, ObjectiveSpec, arena_names, named, objective_names, objective_spec
+from problems import describe
+from problems.registry import (
+    ARENA_MODULES,
+    OBJECTIVE_MODULES,
+    PROBLEM_MODULES,
+    ROBOT_FILES,
+    ObjectiveSpec,
+    named,
+    titles,
+)
 from problems.spec import ProblemSpec, Spec
 from problems.tasks import registry
 from reports.cli.commands import ListOptions, SettingsOptions, ShowOptions
 from reports.documents.citations import full_citation
 from reports.drawing.notation import plain
-from reports.tables import settings
-from reports.tables.settings import SettingGroup
 
 if TYPE_CHECKING:
     from xarray import Dataset
 
     from dynamics.learned.transitions import Transitions
     from problems.robots import Robot
+    from reports.tables.settings import SettingGroup
 
 _MARGIN = 21
 """Column at which summaries begin."""
@@ -40,26 +44,54 @@ Catalogue = dict[str, list[dict[str, str]]]
 
 def check_list(options: ListOptions) -> Catalogue:
     """Return the JSON document of ``ocp list``: a mapping from kind to objects with name and summary."""
-    summaries = {
-        "problems": {name: spec(name).title for name in names()},
-        "arena": {name: spec(name).title for name in arena_names()},
-        "tasks": {name: registry.spec(name).title for name in registry.names()},
-        "algorithms": {name: cls.summary for name, cls in ALGORITHMS.items()},
-        "contacts": {name: cls.summary for name, cls in LAWS.items()},
-        "methods": {name: cls.summary for name, cls in METHODS.items()},
-        "policies": {name: cls.summary for name, cls in POLICIES.items()},
-        "solvers": SOLVERS,
-        "objectives": {name: objective_spec(name).title for name in objective_names()},
-        "estimators": {name: cls.summary for name, cls in {**SAMPLED, **RULES}.items()},
-        "scenes": {name: scene.title for name, scene in SCENES.items()},
-        "figures": {name: studies.get(name).title for name in studies.ids()},
+    summaries: dict[str, Callable[[], Mapping[str, str]]] = {
+        "problems": lambda: titles(PROBLEM_MODULES),
+        "arena": lambda: titles(ARENA_MODULES),
+        "tasks": lambda: titles(registry.TASK_MODULES),
+        "algorithms": _algorithms,
+        "contacts": lambda: _summaries(LAWS),
+        "methods": lambda: _summaries(METHODS),
+        "policies": lambda: _summaries(POLICIES),
+        "solvers": lambda: SOLVERS,
+        "objectives": lambda: titles(OBJECTIVE_MODULES),
+        "estimators": _estimators,
+        "scenes": _scenes,
+        "figures": _figures,
     }
     if options.kind is not None:
         summaries = {options.kind: choose("kind", options.kind, summaries)}
     return {
-        kind: [{"name": name, "summary": summary} for name, summary in summary_by_name.items()]
+        kind: [{"name": name, "summary": summary} for name, summary in summary_by_name().items()]
         for kind, summary_by_name in summaries.items()
     }
+
+
+def _summaries(table: Mapping[str, Any]) -> dict[str, str]:
+    return {name: entry.summary for name, entry in table.items()}
+
+
+def _algorithms() -> dict[str, str]:
+    from ocp.learning.training import ALGORITHMS
+
+    return _summaries(ALGORITHMS)
+
+
+def _estimators() -> dict[str, str]:
+    from ocp.gradients.estimators import RULES, SAMPLED
+
+    return _summaries({**SAMPLED, **RULES})
+
+
+def _scenes() -> dict[str, str]:
+    from problems.gradient_scenes import SCENES
+
+    return {name: scene.title for name, scene in SCENES.items()}
+
+
+def _figures() -> dict[str, str]:
+    from problems import studies
+
+    return {name: studies.get(name).title for name in studies.ids()}
 
 
 def run_list(options: ListOptions, content: Catalogue) -> int:
@@ -77,6 +109,8 @@ def run_list(options: ListOptions, content: Catalogue) -> int:
 
 def check_settings(options: SettingsOptions) -> list[SettingGroup]:
     """Return the groups of settings for a name, or all groups; of IPOPT's options only those that we change."""
+    from reports.tables import settings
+
     if options.word is not None:
         return settings.find_groups(options.word)
     return [*settings.declared_groups(), settings.changed_defaults(settings.solver_group("ipopt"))]
@@ -84,6 +118,8 @@ def check_settings(options: SettingsOptions) -> list[SettingGroup]:
 
 def run_settings(options: SettingsOptions, setting_groups: list[SettingGroup]) -> int:
     """Print groups of settings, with default, range and meaning of each."""
+    from reports.tables.settings import setting_line
+
     options.output.document({"settings": [group.row() for group in setting_groups]})
     for number, group in enumerate(() if options.as_json else setting_groups):
         if number:
@@ -91,7 +127,7 @@ def run_settings(options: SettingsOptions, setting_groups: list[SettingGroup]) -
         head = f"{group.name} ({group.syntax})" if group.settings else group.name
         print(fill(f"{head}: {group.summary}{'' if group.settings else '; no settings'}", 80))
         for setting in group.settings:
-            print(settings.setting_line(setting))
+            print(setting_line(setting))
     return 0
 
 

@@ -16,6 +16,8 @@ def main() -> None:
     """
     _signal.signal(_signal.SIGINT, end)
     _open_closed()
+    # Pydantic would read the entry points of all installed distributions; ours have no plugins of pydantic.
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     code = _run()
     # Python runs no signal handlers while it shuts down, so exit functions run here, and os._exit ends the process.
     __import__("atexit")._run_exitfuncs()

@@ -54,7 +54,7 @@ def decode_utf8(word: str) -> str:
     return word.encode("utf-8", "surrogateescape").decode("utf-8")
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 @dataclass_transform(kw_only_default=True, frozen_default=True, field_specifiers=(option, assignment, argument, field))
 class Options:
     """Base class of the options of a command; ``explicit`` contains the names of options on the command line.
@@ -74,7 +74,8 @@ class Options:
     explicit: frozenset[str] = frozenset()
 
     def __init_subclass__(cls) -> None:
-        dataclass(frozen=True, kw_only=True)(cls)
+        # Methods that nothing calls would take half the time: there are forty such classes.
+        dataclass(frozen=True, kw_only=True, eq=False, repr=False)(cls)
 
     @classmethod
     def epilog(cls) -> str:

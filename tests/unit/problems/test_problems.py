@@ -14,7 +14,9 @@ from dynamics.contact import Exact
 from dynamics.settings import settings_of
 from ocp.errors import InputError
 from ocp.problem.problem import Problem
+from problems import registry
 from problems.parameters import is_structural
+from problems.tasks import registry as tasks
 from reports.cli.request import parse_assignments
 
 NAMES = ["wall-1d", "push-1d", "push-disc", "ball-bounce", "cart-walls"]
@@ -40,6 +42,14 @@ def expressions(problem: Problem) -> ca.SX:
 
 def test_the_first_five_problems_are_registered_in_order():
     assert problems.names()[:5] == NAMES
+
+
+def test_titles_read_from_sources_are_those_of_the_modules():
+    modules = {**registry.PROBLEM_MODULES, **registry.ARENA_MODULES}
+    assert registry.titles(modules) == {name: problems.spec(name).title for name in modules}
+    objectives = {name: registry.objective_spec(name).title for name in registry.OBJECTIVE_MODULES}
+    assert registry.titles(registry.OBJECTIVE_MODULES) == objectives
+    assert registry.titles(tasks.TASK_MODULES) == {name: tasks.spec(name).title for name in tasks.TASK_MODULES}
 
 
 @pytest.mark.one_case_in(6)
