@@ -50,17 +50,33 @@ class DenseFunction:
 
     def __call__(self, *arguments: np.ndarray) -> list[np.ndarray]:
         """Return an array (n, rows, columns) per expression; arguments are (n, size), or (size,) for all points."""
+        matrices = []
+        for entries, (shape, rows, columns) in zip(self._entries(*arguments), self._patterns, strict=True):
+            matrices.append(np.zeros((len(entries), *shape)))
+            matrices[-1][:, rows, columns] = entries
+        return matrices
+
+    def entries(self, *arguments: np.ndarray) -> list[np.ndarray]:
+        """Return the nonzeros (n, count + 1) of each expression, and a zero last; see :attr:`positions`."""
+        return [np.column_stack([entries, np.zeros(len(entries))]) for entries in self._entries(*arguments)]
+
+    @property
+    def positions(self) -> list[np.ndarray]:
+        """Index of every entry (rows, columns) of each expression among its :meth:`entries`, -1 for zeros."""
+        positions = []
+        for shape, rows, columns in self._patterns:
+            positions.append(np.full(shape, -1))
+            positions[-1][rows, columns] = np.arange(len(rows))
+        return positions
+
+    def _entries(self, *arguments: np.ndarray) -> list[np.ndarray]:
         from dynamics.batch import BatchWarning
 
         # Diverging states are expected; their values are NaN.
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", BatchWarning)
             values = self._batch(*arguments)
-        matrices = []
-        for entries, (shape, rows, columns) in zip(values, self._patterns, strict=True):
-            matrices.append(np.zeros((len(entries), *shape)))
-            matrices[-1][:, rows, columns] = entries
-        return matrices
+        return [values] if isinstance(values, np.ndarray) else values
 
 
 ACTIVE = 1e-3

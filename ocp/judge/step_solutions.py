@@ -41,7 +41,10 @@ LINEAR_VIOLATION = {True: 1e-6, False: 1.0}
 """Violation after the first Newton step on a set of active pairs, in characteristic sizes, up to which Newton's method
 continues: for affine steps (True), and for others (False)."""
 _BATCH_STEPS = 32
-"""Number of steps whose sets are solved together."""
+"""Maximum number of steps whose sets are solved together."""
+_BATCH_PAIRS = 100_000
+"""Number of entries of derivatives of gaps by multipliers, over the steps of a batch, above which batches are smaller:
+every entry is stored for each of up to :data:`MODES` sets."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,8 +155,9 @@ class StepSolutions:
         """
         lam, gap = lam / self.of_lam, gap / self.of_gap
         solutions = [(np.zeros(0, dtype=int), x_next[:0], lam[:0])]
-        for first in range(0, len(x), _BATCH_STEPS):
-            batch = slice(first, first + _BATCH_STEPS)
+        count = min(_BATCH_STEPS, _BATCH_PAIRS // max(1, lam.shape[1]) ** 2 + 1)
+        for first in range(0, len(x), count):
+            batch = slice(first, first + count)
             sets = [self._active(*pairs) for pairs in zip(lam[batch], gap[batch], strict=True)]
             step_index = np.repeat(np.arange(len(sets)), [len(active) for active in sets])
             step_index, ends, forces = self._solve(step_index, np.concatenate(sets), x[batch], u[batch], x_next[batch])
@@ -181,8 +185,9 @@ class StepSolutions:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return solutions (m, .) among the sets (n, nlam) of active pairs of the steps ``step_index`` (n,)."""
         # All sets of a step start at one point, which is linearised once.
-        model = self._reduced(x, u, x_next, np.zeros((len(x), active.shape[1])))
-        dx, lam, gap = _newton(*model, step_index, active)
+        used = np.flatnonzero(active.any(axis=0))
+        model = self._reduced(used, x, u, x_next, np.zeros((len(x), active.shape[1])))
+        dx, lam, gap = _newton(*model, step_index, active, used)
         self._let_slide(slid_lam := lam.copy(), gap)
         remaining = (np.minimum(slid_lam, gap) > -self._reach).all(axis=1)
         step_index, active, lam = step_index[remaining], active[remaining], lam[remaining]
@@ -192,8 +197,9 @@ class StepSolutions:
             remaining = np.flatnonzero((last_change >= _SOLVED) & (last_change < _LOST))
             if not remaining.size:
                 break
-            model = self._reduced(x[remaining], u[remaining], x_next[remaining], lam[remaining])
-            dx, dl, _ = _newton(*model, np.arange(remaining.size), active[remaining])
+            used = np.flatnonzero(active[remaining].any(axis=0))
+            model = self._reduced(used, x[remaining], u[remaining], x_next[remaining], lam[remaining])
+            dx, dl, _ = _newton(*model, np.arange(remaining.size), active[remaining], used)
             x_next[remaining], lam[remaining] = x_next[remaining] + dx, lam[remaining] + dl
             last_change[remaining] = np.abs(np.column_stack([dx / self.x_sizes, dl])).max(axis=1)
         residual, gap, *_ = self._model(x, u, x_next, lam, self.p)
@@ -209,27 +215,30 @@ class StepSolutions:
             lam[:, slip] += extra_slip
             gap[:, sides] += extra_slip[:, None]
 
-    def _reduced(self, *point: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return motion, F and gap of linearised steps: ``dx = motion @ [1, dlam]``, scaled gaps ``gap + F @ dlam``."""
+    def _reduced(self, used: np.ndarray, *point: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return motion, F and gap of linearised steps for changes dl of the ``used`` multipliers (m,).
+
+        ``dx = motion @ [1, dl]`` (n, nx), scaled gaps ``gap + F @ dl``, with F (n, nlam, m) and gap (n, nlam).
+        """
         residual, gap, D, E, G, H = self._model(*point, self.p)
-        motion = -np.linalg.solve(D, np.concatenate([residual, E], axis=2))
-        return motion, H + G @ motion[:, :, 1:], (gap + G @ motion[:, :, :1])[:, :, 0]
+        motion = -np.linalg.solve(D, np.concatenate([residual, E[:, :, used]], axis=2))
+        return motion, H[:, :, used] + G @ motion[:, :, 1:], (gap + G @ motion[:, :, :1])[:, :, 0]
 
 
 def _newton(
-    motion: np.ndarray, F: np.ndarray, gap: np.ndarray, index: np.ndarray, active: np.ndarray
+    motion: np.ndarray, F: np.ndarray, gap: np.ndarray, index: np.ndarray, active: np.ndarray, used: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return Newton steps of x_next (n, nx) and lam (n, nlam), and new gaps, for the linear models ``index`` (n,).
 
-    A singular set, such as four corners on one floor, is regularised; repeated steps converge to a solution of it.
+    ``used`` (m,) are the multipliers that are active in any of the sets ``active`` (n, nlam). A singular set, such as
+    four corners on one floor, is regularised; repeated steps converge to a solution of it.
     """
-    used = np.flatnonzero(active.any(axis=0))
-    is_active, gap_columns = active[:, used], F[:, :, used][index]
+    is_active, gap_columns = active[:, used], F[index]
     system_matrix = np.where(is_active[:, :, None] & is_active[:, None], gap_columns[:, used], 0.0)
     system_matrix += np.where(is_active, _PAIR_REGULARISATION, 1.0)[:, :, None] * np.eye(used.size)
     dl = np.zeros(active.shape)
     dl[:, used] = -np.linalg.solve(system_matrix, np.where(is_active, gap[index][:, used], 0.0)[:, :, None])[:, :, 0]
-    dx = motion[index, :, 0] + (motion[:, :, used + 1][index] @ dl[:, used, None])[:, :, 0]
+    dx = motion[index, :, 0] + (motion[:, :, 1:][index] @ dl[:, used, None])[:, :, 0]
     return dx, dl, gap[index] + (gap_columns @ dl[:, used, None])[:, :, 0]
 
 

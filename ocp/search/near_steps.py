@@ -53,6 +53,7 @@ class NearSteps:
         gaps = [system.gap, jac(system.gap, x_next), jac(system.gap, lam)]
         motion = [system.residual, jac(system.residual, x_next), jac(system.residual, lam)]
         self._along, self._once = DenseFunction(symbols, gaps), DenseFunction(symbols, motion)
+        self._gap, (_, self._slopes, self._slopes_by_lam) = DenseFunction(symbols, gaps[:1]), self._along.positions
         phi = problem.signed_distance
         assert phi is not None
         self._distance = BatchFunction(phi, backend="numpy")
@@ -101,7 +102,7 @@ class NearSteps:
             unsolved = unsolved[~(change < _SOLVED) & np.isfinite(change)]
         lam, (s, k) = zeros, np.nonzero(is_real)
         lam[s, rows[s, k]] = near_lam[s, k] * self.of_lam[rows[s, k]]
-        gap = self._along(x, u, x_next, lam, self.p)[0][:, :, 0]
+        gap = self._gap(x, u, x_next, lam, self.p)[0][:, :, 0]
         for slip, sides in self.slips:
             # Without an impulse the motion only bounds a contact's slip from below. A larger slip
             # keeps its pairs of friction from being (0, 0).
@@ -132,12 +133,12 @@ class NearSteps:
         full_lam = np.zeros((len(x), self.n))
         s, k = np.nonzero(is_real)
         full_lam[s, rows[s, k]] = near[s, k] * self.of_lam[rows[s, k]]
-        gap, by_state, by_lam = self._along(x, u, at, full_lam, self.p)
+        gap, by_state, by_lam = self._along.entries(x, u, at, full_lam, self.p)
         units, sizes = self.of_gap[rows], self.of_lam[rows]
-        slope = by_state[sample_index, rows]
+        slope = by_state[sample_index[:, :, None], self._slopes[rows]]
         B_near = np.take_along_axis(B, rows[:, None, :], axis=2) * sizes[:, None, :]
-        z = gap[sample_index, rows, 0] + np.einsum("sij,sj->si", slope, a - at)
-        by_lam = by_lam[sample_index[:, :, None], rows[:, :, None], rows[:, None, :]]
+        z = gap[sample_index, rows] + np.einsum("sij,sj->si", slope, a - at)
+        by_lam = by_lam[sample_index[:, :, None], self._slopes_by_lam[rows[:, :, None], rows[:, None, :]]]
         by_lam = np.where(is_real[:, None, :], by_lam * sizes[:, None, :], 0.0)
         z -= np.einsum("sij,sj->si", by_lam, near)
         F = slope @ B_near + by_lam
