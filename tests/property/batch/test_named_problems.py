@@ -110,6 +110,8 @@ def rounding(
     return by_cost, by_gradient
 
 
+# The case of planar-hand takes about as long as all other drawn cases together; wall-1d has a barrier too.
+@pytest.mark.costly_cases("planar-hand-barrier")
 @pytest.mark.one_case_in(10)
 @pytest.mark.parametrize("law", list(LAWS))
 @pytest.mark.parametrize("name", NAMES)
