@@ -63,6 +63,10 @@ RESTARTS = 2
 """Number of times that sampling may begin again with other draws."""
 LITTLE_SHARE = 0.5
 """Share of the cost of standing still above which, or relative gain below which, sampling begins again."""
+LEAST_GAIN = 0.01
+"""Relative gain above which samples or a pass pay, so that the search near their answer goes on."""
+MANY_ITERATIONS = 1000
+"""Number of the solver's iterations for an answer above which one pass is made near it, even if no sample is better."""
 HEAVY_PAIRS = 40
 """Number of contact pairs from which compiling rollouts takes longer than most solves."""
 
@@ -75,7 +79,8 @@ class SampleSearch(Search):
     answer is certified and does not idle, ends when samples no longer improve towards the answer, are far from it, or
     repeat it. The best answer's inputs are then changed at random (:mod:`ocp.search.perturbed_plans`), and plans with
     other contact schedules are solved. All of this begins again with other draws, up to :data:`RESTARTS` times, while
-    a plan beside an idling answer does little, or once if samples beat a certified answer by little.
+    the plan beside an idling answer does little or became cheaper by that, or once if samples beat a certified answer
+    by little.
     """
 
     thorough: bool = True
@@ -100,12 +105,12 @@ class SampleSearch(Search):
             sampler = self._sampler(restart, adapts)
             self._samplers.append(sampler)
             sampled = yield from self._solutions_near_samples(sampler, answer)
-            patience = self._patience(pays=sampled is not answer)
+            gain = answer.cost_share(replay_cost(answer) - replay_cost(sampled), replay_cost(answer))
+            patience = self._patience(answer, pays=not gain <= LEAST_GAIN)
             last = yield from self._passes(sampler, generator, sampled, patience)
             costs = [self._penalized_cost(sampler, solution) for solution in (last, best)]
             # Samples that beat a certified answer by little show that there are cheaper minima.
-            gain = answer.cost_share(replay_cost(answer) - replay_cost(sampled), replay_cost(answer))
-            is_doubted = not adapts and 0 < gain < LITTLE_SHARE
+            is_doubted = not adapts and LEAST_GAIN < gain < LITTLE_SHARE
             pays = restart == 0 or is_less(*costs)
             best = last if is_less(*costs) else best
             little = idles(best, LITTLE_SHARE)
@@ -140,15 +145,16 @@ class SampleSearch(Search):
             cost_before, passes = cost, passes + 1
             best = yield from self._solved(sampler, self._plans_near(sampler, generator, best), best)
             cost = self._penalized_cost(sampler, best)
-            pays = best.cost_share(cost_before - cost, cost_before) > SAME_COST
-            patience = self._patience(pays=True) if pays else patience - 1
+            pays = best.cost_share(cost_before - cost, cost_before) > LEAST_GAIN
+            patience = self._patience(best, pays=True) if pays else patience - 1
         return best
 
-    def _patience(self, pays: bool) -> int:
+    def _patience(self, answer: Solution, pays: bool) -> int:
         """Return how many passes near an answer may not pay, after samples or a pass paid or did not."""
         if self.session.problem.system.nlam > FEW_PAIRS:
             return int(pays)
-        return FRUITLESS_PASSES if pays else int(self.session.rollout_steps is None)
+        is_hard = answer.iterations > MANY_ITERATIONS and self.session.rollout_steps is None
+        return FRUITLESS_PASSES if pays else int(is_hard)
 
     def _plans_near(self, sampler: InputSampler, generator: np.random.Generator, answer: Solution) -> list[Rollout]:
         """Return rollouts near an answer with distinct contact schedules."""
@@ -280,4 +286,4 @@ class NearSearch(SampleSearch):
         """Yield solutions near ``answer`` that cost less."""
         sampler, generator = self._sampler(0, adapts=False), np.random.default_rng([self.seed, NEAR_STREAM, 1])
         self._samplers.append(sampler)
-        yield from self._passes(sampler, generator, answer, self._patience(pays=True))
+        yield from self._passes(sampler, generator, answer, self._patience(answer, pays=True))
