@@ -5,7 +5,6 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -131,11 +130,6 @@ class NewtonPhase(Phase):
             return Prepared(plan, closed, lin, self.rows(lin, closed), is_exchanged)
         return None
 
-    @cached_property
-    def separate_slack_qp(self) -> HorizonQP:
-        """Quadratic program with a slack for each constraint, built on first use."""
-        return HorizonQP(self.model, self.n_rows, separate=True)
-
     def solve(self, prepared: Prepared, sample: Sample) -> Direction:
         """Solve the quadratic program; if rows are violated, solve it with separate slacks and larger penalties.
 
@@ -143,14 +137,14 @@ class NewtonPhase(Phase):
         """
         best, smallest_violation = None, np.inf
         if not self.violated:
-            best = self._run(self.qp, prepared, sample, PENALTIES[0], self.tolerance)
+            best = self._run(prepared, sample, PENALTIES[0], self.tolerance)
             is_met = best.violation < max(MET_TOLERANCE, self.tolerance.residual)
             if not self.model.m or (best.solved and is_met):
                 return best
         for penalty in PENALTIES:
             if self.is_spent:
                 break
-            direction = self._run(self.separate_slack_qp, prepared, sample, penalty, TIGHT)
+            direction = self._run(prepared, sample, penalty, TIGHT, separate=True)
             best = best if best is not None else direction
             if not direction.solved or not direction.violation < PENALTY_FALL * smallest_violation:
                 break
@@ -167,13 +161,14 @@ class NewtonPhase(Phase):
         return self.budget is not None and self.qp_iterations >= self.budget
 
     def _run(
-        self, qp: HorizonQP, prepared: Prepared, sample: Sample, penalty: float, tolerance: Tolerance
+        self, prepared: Prepared, sample: Sample, penalty: float, tolerance: Tolerance, *, separate: bool = False
     ) -> Direction:
         """Solve a quadratic program within the iterations that are left, and count both."""
         left = MAX_QP_ITERATIONS if self.budget is None else min(MAX_QP_ITERATIONS, self.budget - self.qp_iterations)
         step_bounds = (sample.bounds[0] - self.plan.u, sample.bounds[1] - self.plan.u)
         dx0 = sample.x - self.plan.x[0]
-        direction = qp.solve(prepared.lin, prepared.rows, dx0, step_bounds, penalty, (tolerance, left))
+        accuracy = tolerance, left
+        direction = self.qp.solve(prepared.lin, prepared.rows, dx0, step_bounds, penalty, accuracy, separate=separate)
         self.programs, self.qp_iterations = self.programs + 1, self.qp_iterations + direction.iterations
         return direction
 

@@ -110,7 +110,6 @@ def test_a_shorter_horizon_has_the_program_and_gains_of_a_shorter_problem(
     long, exact = programs
     sizes = made.problem.scales
     assert long.solved and exact.solved
-    assert long.objective == pytest.approx(exact.objective, rel=1e-5, abs=1e-5 * sizes.cost)
     assert abs((long.du - exact.du) / sizes.u).max() < 1e-4
     assert abs((long.dx - exact.dx) / sizes.x).max() < 1e-4
     assert (long.costates.shape, long.rows.shape) == (exact.costates.shape, exact.rows.shape)
