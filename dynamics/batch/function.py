@@ -104,6 +104,11 @@ class BatchFunction:
         is_too_long = backend == "auto" and _too_long(tape)
         return interpreted if is_too_long else {"c": compiled, **interpreted}
 
+    @property
+    def compiled(self) -> CompiledEngine | None:
+        """Compiled engine, or None for another backend."""
+        return self._engine if isinstance(self._engine, CompiledEngine) else None
+
     def __call__(self, *args: Any, out: Sequence[np.ndarray] | None = None, **named: Any) -> Any:
         """Evaluate the function; `out` may give arrays `(n_samples, nnz_out)` to write to, one for each output."""
         values = bind_arguments(args, named, self.input_names, f"'{self.name}'")

@@ -26,6 +26,7 @@ from dynamics.batch.engines.rollout_engines import (
     CompiledRolloutEngine,
     RolloutArrays,
     RolloutRequest,
+    find_bad_samples,
 )
 from dynamics.batch.graphs.objective import Objective
 from dynamics.batch.graphs.policy import RolloutPolicy
@@ -123,7 +124,7 @@ class SampleOptions(TypedDict, total=False):
 
 
 @dataclass(frozen=True)
-class _Program:
+class RolloutProgram:
     """The code of a rollout: its ``engine``, and the function that maps parameters to those of the engine."""
 
     derive: ParameterKernel
@@ -158,12 +159,18 @@ class BatchedRollouts(ABC):
         self._closed_step, self._backend = ClosedStep(step, objective, policy), backend
         self.tapes = self._closed_step.tapes
         # Copies with another horizon share the programs.
-        self._programs: dict[bool, _Program] = {}
+        self._programs: dict[bool, RolloutProgram] = {}
 
     def with_horizon(self, horizon: int) -> Self:
         """Return a copy with another horizon, which shares the compiled code."""
         copied = copy(self)
         copied.horizon = _checked_horizon(horizon)
+        return copied
+
+    def with_starts(self, starts: int) -> Self:
+        """Return a copy that tries at most ``starts`` other starts for a step whose path fails."""
+        copied = copy(self)
+        copied.tapes, copied._programs = self.tapes.with_starts(starts), {}
         return copied
 
     @property
@@ -194,17 +201,22 @@ class BatchedRollouts(ABC):
         request = self._make_request(x0, samples, gradient=gradient, score=score, baseline=cost_baseline, **options)
         return self._moments(request, self._value_sign)
 
+    def compiled(self) -> RolloutProgram | None:
+        """Return the compiled program of costs and states, or None with another backend."""
+        program = self._program(with_adjoint=False)
+        return program if isinstance(program.engine, CompiledRolloutEngine) else None
+
     @abstractmethod
     def _make_request(self, x0: Any, samples: Samples, **options: Any) -> RolloutRequest:
         """Return the checked request for the engine, made from the arguments of a call."""
 
-    def _program(self, *, with_adjoint: bool) -> _Program:
+    def _program(self, *, with_adjoint: bool) -> RolloutProgram:
         """Return code for costs and states, and for everything else with ``with_adjoint``."""
         with_adjoint = with_adjoint or True in self._programs
         if with_adjoint not in self._programs:
             tapes = with_carried_values(self._closed_step.tapes_with_adjoint) if with_adjoint else self.tapes
             engine = choose_backend(self._backend, self._makers(tapes), "the rollout")[1]
-            self._programs[with_adjoint] = _Program(ParameterKernel(tapes.derived), engine)
+            self._programs[with_adjoint] = RolloutProgram(ParameterKernel(tapes.derived), engine)
         return self._programs[with_adjoint]
 
     def _makers(self, tapes: RolloutTapes) -> dict[str, Any]:
@@ -256,7 +268,7 @@ class BatchedRollouts(ABC):
         chunk = engine.chunk
         table = np.zeros((-(-q.n // chunk), 1 + 2 * q.n_values))
         n_bad = engine.moments(q, table)
-        indices = _find_bad(engine, q, table[:, 0]) if n_bad else np.empty(0, dtype=np.int64)
+        indices = find_bad_samples(engine, q, table[:, 0]) if n_bad else np.empty(0, dtype=np.int64)
         split = 1 + q.n_values
         return merge_chunks(table[:, 0], table[:, 1:split], table[:, split:]), indices
 
@@ -322,19 +334,6 @@ class BatchedRollouts(ABC):
                 f"noise has shape {array.shape}; expected (n_samples, {shape[0]}, {shape[1]}): samples, steps, inputs"
             )
         return np.ascontiguousarray(array.reshape(len(array), -1))
-
-
-def _find_bad(engine: Any, q: RolloutRequest, counts: np.ndarray) -> np.ndarray:
-    """Return the indices of samples that are not finite: repeat the rollout for chunks whose count is too small."""
-    bad_indices = []
-    for i, count in enumerate(counts):
-        begin, end = i * engine.chunk, min((i + 1) * engine.chunk, q.n)
-        if count < end - begin:
-            chunk_call = q.slice_samples(begin, end)
-            results = RolloutArrays.allocate(chunk_call)
-            engine.samples(chunk_call, results)
-            bad_indices.append(begin + results.non_finite().indices)
-    return np.concatenate(bad_indices)
 
 
 def _checked_horizon(horizon: int) -> int:

@@ -24,6 +24,8 @@ MAX_WARM_UP_PROGRAMS = 30
 """Maximum number of additional programs at the first sample, when the plan belongs to another law or state."""
 FULL_STEP = 2
 """Index of the candidate with step size 1, after the plan without and with the regulator's feedback."""
+ALL_SHARES = np.array([0.0] * FULL_STEP + [*STEP_SHARES])
+"""Step sizes of all candidates."""
 EXCHANGED = "contacts were exchanged"
 """Note on a sample whose quadratic program has sides exchanged, as the last program asked."""
 UNFINISHED = "the quadratic program was stopped at the maximum number of iterations"
@@ -237,17 +239,10 @@ class NewtonPhase(Phase):
 
     def _candidates(self, plan: Plan, step: Direction | None, lin: Linearised) -> tuple[np.ndarray, np.ndarray]:
         """Return K (S, n, nu, nx) and k (S, n, nu) of S candidates; the first two are the plan without and with K."""
-        dx, du, further = 0 * plan.x, 0 * plan.u, ()
-        if step is not None and step.usable:
-            dx, du, further = step.dx, step.du, STEP_SHARES
-        shares = np.array([0.0] * FULL_STEP + [*further])
         gains = self.regulator.gains(lin)
-        K = np.broadcast_to(gains, (len(shares), *gains.shape)).copy()
-        K[0] = 0.0
-        fed_back = np.einsum("kij,kjs->ski", gains, np.stack([plan.x[:-1], dx[:-1]], axis=2))
-        k = plan.u - fed_back[0] + shares[:, None, None] * (du - fed_back[1])
-        k[0] = plan.u
-        return K, k
+        if step is not None and step.usable:
+            return self.rollouts.steer(gains, plan.x, plan.u, step.dx, step.du, ALL_SHARES)
+        return self.rollouts.steer(gains, plan.x, plan.u, 0 * plan.x, 0 * plan.u, ALL_SHARES[:FULL_STEP])
 
 
 class Relaxed(NewtonPhase):

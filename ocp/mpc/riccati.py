@@ -44,15 +44,16 @@ class Regulator:
     def gains(self, lin: Linearised) -> np.ndarray:
         """Return the gains K (n, nu, nx) of a horizon of n <= N steps, all zero if any entry is not finite."""
         nx, nu, N, n = self.nx, self.nu, self.N, len(lin.gradient)
-        if self._algebra is None:
-            lin = pad_horizon(lin, N)
-        AB = np.concatenate([lin.x_next.by_x, lin.x_next.by_u], axis=2)
-        xu = np.r_[:nx, nx + nu : nx + 2 * nu]
-        H = lin.hessian[:, xu[:, None], xu]
         if self._algebra is not None:
-            gains = self._algebra.riccati(AB, H, lin.end[1], INPUT_CURVATURE_SHARE / nu)
+            share = INPUT_CURVATURE_SHARE / nu
+            gains = self._algebra.riccati(lin.x_next.by_x, lin.x_next.by_u, lin.hessian, lin.end[1], share)
         else:
-            columns = (v[::-1].transpose(1, 0, 2).reshape(v.shape[1], -1) for v in (AB, H))
+            lin = pad_horizon(lin, N)
+            AB = np.concatenate([lin.x_next.by_x, lin.x_next.by_u], axis=2)
+            xu = np.r_[:nx, nx + nu : nx + 2 * nu]
+            columns = (
+                v[::-1].transpose(1, 0, 2).reshape(v.shape[1], -1) for v in (AB, lin.hessian[:, xu[:, None], xu])
+            )
             _, K = self._backwards(lin.end[1], *columns)
             gains = np.asarray(K).reshape(nu, N, nx).transpose(1, 0, 2)[::-1][:n]
         return gains if np.isfinite(gains).all() else np.zeros_like(gains)

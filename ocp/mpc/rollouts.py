@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
 
-from dynamics.batch import Episode, EpisodeFunction, RolloutPolicy, StepFunction
+from dynamics.batch import RolloutFunction, RolloutPolicy, StepFunction
+from dynamics.batch.engines.c_candidates import CandidateSizes, CompiledCandidates
+from dynamics.batch.rolling import RolloutProgram
 from ocp.judge.constraints import Broken
 from ocp.mpc.stages import MIN_PENALTY, Plan, StageModel
 
+OTHER_STARTS = 16
+"""Maximum number of other starts for a step of a candidate; a candidate without solution is dropped, others remain."""
 MAX_INPUT = 1e6
 """Bound on inputs without a finite bound, in characteristic inputs."""
 
@@ -29,7 +34,10 @@ class Rolled(NamedTuple):
 
 
 class CandidateRollouts:
-    """Compiled rollouts with feedback ``u_k = clip(K_k x_k + k_k)`` under the contact law of a stage model."""
+    """Rollouts with feedback ``u_k = clip(K_k x_k + k_k)`` under the contact law of a stage model.
+
+    With a C compiler one compiled function rolls out all candidates and evaluates their merits.
+    """
 
     def __init__(self, model: StageModel) -> None:
         self.model = model
@@ -38,17 +46,42 @@ class CandidateRollouts:
         K, k = ca.reshape(theta[: nu * nx], nx, nu).T, theta[nu * nx : nu * nx + nu]
         low, high = theta[nu * (nx + 1) : nu * (nx + 2)], theta[nu * (nx + 2) :]
         law = ca.Function("clipped", [x, theta], [ca.fmin(ca.fmax(K @ x + k, low), high)])
-        u, p = ca.SX.sym("u", nu), ca.SX.sym("p", 0)
-        none = ca.Function("none", [x, p], [ca.SX.zeros(1)])
-        reward = ca.Function("reward", [x, u, ca.SX.sym("x_next", nx), p], [ca.SX.zeros(1)])
-        objective = Episode(reward, none, none)
-        policy = RolloutPolicy(law, per_step=True)
-        self._roll = EpisodeFunction(step, objective, model.N, policy, threads=1)
+        u, p = ca.SX.sym("u", nu), ca.SX.sym("p", len(step.p.values))
+        free = [ca.Function("free", arguments, [ca.SX.zeros(1)]) for arguments in ([x, u, p], [x, p])]
+        rolled = RolloutFunction(step, *free, model.N, RolloutPolicy(law, per_step=True), threads=1)
+        self._roll = rolled.with_starts(OTHER_STARTS)
         self._step = StepFunction(step, threads=1)
+        input_limit = MAX_INPUT * model.problem.scales.u
+        self._input_bounds = -input_limit, input_limit
+
+    @cached_property
+    def _compiled(self) -> tuple[RolloutProgram, CompiledCandidates] | None:
+        """Compiled rollouts, and all of a call; None on a computer without a C compiler."""
+        model, program, stage = self.model, self._roll.compiled(), self.model.compiled_merit
+        if program is None or stage is None:
+            return None
+        sizes = CandidateSizes(model.nx, model.nu, model.n, model.m, len(model.names))
+        return program, CompiledCandidates(program.engine, stage, sizes)
 
     def step(self, x: np.ndarray, u: np.ndarray, p: np.ndarray) -> np.ndarray:
         """Return the next states (n, nx) from states x (n, nx) and inputs u (n, nu)."""
         return self._step(x, u, p[0, self.model.of_step]).x_next
+
+    def steer(self, *arrays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return K (S, N, nu, nx) and k (S, N, nu) of the candidates ``u + share du + K (x - x_plan - share dx)``.
+
+        ``arrays`` are K (N, nu, nx), x_plan (N+1, nx), u (N, nu), dx, du and the shares (S,). The first candidate has
+        no feedback.
+        """
+        if self._compiled is not None:
+            return self._compiled[1].steer(arrays)
+        gains, x, u, dx, du, shares = arrays
+        K = np.broadcast_to(gains, (len(shares), *gains.shape)).copy()
+        K[0] = 0.0
+        fed_back = np.einsum("kij,kjs->ski", gains, np.stack([x[:-1], dx[:-1]], axis=2))
+        k = u - fed_back[0] + shares[:, None, None] * (du - fed_back[1])
+        k[0] = u
+        return K, k
 
     def roll_out(
         self,
@@ -65,20 +98,31 @@ class CandidateRollouts:
         K (S, N, nu, nx) and k (S, N, nu) are the gains of S candidates; N may be less than the model's. A
         candidate with an unsolved step has infinite merit.
         """
-        model, (S, N) = self.model, K.shape[:2]
-        input_limit = MAX_INPUT * model.problem.scales.u
-        lower, upper = np.maximum(bounds[0], -input_limit), np.minimum(bounds[1], input_limit)
-        ends = np.broadcast_to(np.concatenate([lower, upper]), (S, N, 2 * model.nu))
-        theta = np.concatenate([K.reshape(S, N, -1), k, ends], axis=2)
-        theta = np.pad(theta, ((0, 0), (0, model.N - N), (0, 0)), "edge")
-        step_parameters = p[0, model.of_step]
-        x = self._roll(x0, theta, np.append(step_parameters, 1.0), states=True).states[:, : N + 1]
-        u = np.clip(np.einsum("skij,skj->ski", K, x[:, :-1]) + k, lower, upper)
-        flattened = x[:, :-1].reshape(S * N, -1), u.reshape(S * N, -1)
-        lam = self._step(*flattened, step_parameters).lam[:, : model.n].reshape(S, N, -1)
-        merit, violations, gap = model.merits(x, u, lam, u_before, p, penalty)
+        lower, upper = np.maximum(bounds[0], self._input_bounds[0]), np.minimum(bounds[1], self._input_bounds[1])
+        arguments, p_step = (x0, K, k, lower, upper, u_before, p), p[0, self.model.of_step]
+        if self._compiled is None:
+            x, merit, u, lam, violations, gap = self._roll_in_numpy(*arguments, p_step, penalty)
+        else:
+            program, roll_candidates = self._compiled
+            arguments = *arguments, program.derive(p_step[None])
+            scaled_penalty = penalty * float(self.model.problem.scales.cost)
+            x, merit, u, lam, violations, gap = roll_candidates(arguments, scaled_penalty)
         finite = np.isfinite(merit) & np.isfinite(x).all(axis=(1, 2)) & np.isfinite(lam).all(axis=(1, 2))
         merit = np.where(finite, merit, np.inf)
-        best = int(np.argmin(merit))
+        best = int(merit.argmin())
         plan = Plan(x[best], u[best], lam[best], gap[best])
-        return Rolled(plan, float(merit[best]), best, model.violations(violations[[best]]), x)
+        return Rolled(plan, float(merit[best]), best, self.model.violations(violations[[best]]), x)
+
+    def _roll_in_numpy(self, *arguments: np.ndarray | float) -> tuple[np.ndarray, ...]:
+        """Return states, merits, inputs, multipliers, violations and gaps of the candidates."""
+        x0, K, k, lower, upper, u_before, p, p_step, penalty = arguments
+        model, (S, N) = self.model, K.shape[:2]
+        ends = np.broadcast_to(np.concatenate([lower, upper]), (S, N, 2 * model.nu))
+        theta = np.concatenate([K.reshape(S, N, -1), k, ends], axis=2)
+        x = self._roll.with_horizon(N)(x0, theta, p_step, gradient=False, states=True).states
+        assert x is not None
+        u = np.clip(np.einsum("skij,skj->ski", K, x[:, :-1]) + k, lower, upper)
+        flattened = x[:, :-1].reshape(S * N, -1), u.reshape(S * N, -1)
+        lam = self._step(*flattened, p_step).lam[:, : model.n].reshape(S, N, -1)
+        merit, violations, gap = model.merits(x, u, lam, u_before, p, penalty)
+        return x, merit, u, lam, violations, gap

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
+from itertools import accumulate, pairwise
 from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
 
 from dynamics.batch import BatchFunction
+from dynamics.batch.engines.c_flat import CompiledEngine
 from dynamics.batch.engines.c_horizon import HorizonAlgebra, horizon_algebra
 from dynamics.contact import Step
 from ocp.mpc.constraint_rows import ConstraintRows
@@ -78,6 +79,7 @@ class StageModel:
         constraints = ConstraintRows.of(problem)
         rows, self.violations = graph.with_impulses(constraints.expression), constraints.violations
         self.m = rows.numel()
+        self._edges = [0, *accumulate((self.nx, self.n, self.n, self.m))]
         cost, w = graph.stage_cost(), ca.vertcat(system.x, graph.u_before, system.u, step.lam)
         self.costs_impulses = bool(ca.depends_on(cost, step.lam))
         values = ca.vertcat(step.residual, step.gap, step.mu, rows)
@@ -97,6 +99,11 @@ class StageModel:
     def backend(self) -> str:
         """Backend that evaluates the steps: ``c``, or ``numpy`` on a computer without a C compiler."""
         return self._stage.backend
+
+    @property
+    def compiled_merit(self) -> CompiledEngine | None:
+        """Compiled function of (cost, violations, gap, terminal cost) of steps, or None without a C compiler."""
+        return self._merit.compiled
 
     def merits(
         self,
@@ -124,9 +131,14 @@ class StageModel:
         """Return values and derivatives of a plan's steps at parameters ``p`` (N+1, np)."""
         inputs_before = np.concatenate([u_before[None], plan.u[:-1]])
         x, N = plan.x, len(plan.u)
-        outputs = self._stage(x[:-1], inputs_before, plan.u, x[1:], plan.lam, p[:-1], p[-1])
+        arguments = [x[:-1], inputs_before, plan.u, x[1:], plan.lam, p[:-1], p[-1:]]
+        outputs = [np.empty((N, size)) for size in self._stage.output_sizes]
+        if self._stage.compiled is None:
+            self._stage(*arguments, out=outputs)
+        else:
+            self._stage.compiled.evaluate([np.ascontiguousarray(v) for v in arguments], outputs, N)
         values, jacobian, gradient, hessian, end_gradient, end_hessian = outputs
-        edges = np.cumsum([0, self.nx, self.n, self.n, self.m])
+        edges = self._edges
         residual, gap, mu, rows = (values[:, a:b] for a, b in pairwise(edges))
         nw = gradient.shape[1]
         return StageValues(

@@ -109,17 +109,21 @@ i64 indefinite(i64 N, i64 n, double share, const double *H, double *L) {
 }
 i64 riccati(const i64 *size, double share, const double *const *in, double *const *out);
 i64 riccati(const i64 *size, double share, const double *const *in, double *const *out) {
-  i64 N = size[0], nx = size[1], nu = size[2], z = nx + nu;
-  double *V = out[1], *T = V + nx * nx, *Q = T + nx * z, *U = Q + z * z;
-  for (i64 i = 0; i < nx * nx; i++) V[i] = in[2][i];
+  i64 N = size[0], nx = size[1], nu = size[2], z = nx + nu, nw = z + nu;
+  double *V = out[1], *T = V + nx * nx, *Q = T + nx * z, *U = Q + z * z, *AB = U + z * z;
+  for (i64 i = 0; i < nx * nx; i++) V[i] = in[3][i];
   for (i64 t = N - 1; t >= 0; t--) {
-    const double *AB = in[0] + t * nx * z;
     double *K = out[0] + t * nu * nx, trace = 0.0;
+    for (i64 l = 0; l < nx; l++)
+      for (i64 j = 0; j < z; j++)
+        AB[l * z + j] = j < nx ? in[0][(t * nx + l) * nx + j] : in[1][(t * nx + l) * nu + j - nx];
     for (i64 i = 0; i < nx * z; i++) T[i] = 0.0;
     for (i64 i = 0; i < nx; i++)
       for (i64 l = 0; l < nx; l++)
         for (i64 j = 0; j < z; j++) T[i * z + j] += V[i * nx + l] * AB[l * z + j];
-    for (i64 i = 0; i < z * z; i++) Q[i] = in[1][t * z * z + i];
+    for (i64 i = 0; i < z; i++)
+      for (i64 j = 0; j < z; j++)
+        Q[i * z + j] = in[2][(t * nw + (i < nx ? i : i + nu)) * nw + (j < nx ? j : j + nu)];
     for (i64 l = 0; l < nx; l++)
       for (i64 i = 0; i < z; i++)
         for (i64 j = 0; j < z; j++) Q[i * z + j] += AB[l * z + i] * T[l * z + j];
@@ -182,14 +186,20 @@ class HorizonAlgebra:
         scratch = np.empty((n, n))
         return bool(self._library.indefinite(N, n, share, data_address(matrices), data_address(scratch)))
 
-    def riccati(self, AB: np.ndarray, H: np.ndarray, end: np.ndarray, share: float) -> np.ndarray:
-        """Return the gains K (N, nu, nx) for dynamics (N, nx, nx + nu), costs H and the ``end``'s Hessian.
+    def riccati(
+        self, by_x: np.ndarray, by_u: np.ndarray, hessian: np.ndarray, end: np.ndarray, share: float
+    ) -> np.ndarray:
+        """Return the gains K (N, nu, nx) for dynamics (N, nx, nx) and (N, nx, nu), and costs in (x, input before, u).
 
-        ``share`` of the trace of Quu is added to its diagonal. Gains are NaN if one Quu is singular.
+        ``hessian`` (N, nx + 2 nu, nx + 2 nu) is that of the stage cost, of which the input before is left out, and
+        ``end`` that of the terminal cost. ``share`` of the trace of Quu is added to its diagonal. Gains are NaN if one
+        Quu is singular.
         """
-        N, nx, z = AB.shape
-        K, scratch = np.empty((N, z - nx, nx)), np.empty(nx * nx + nx * z + 2 * z * z)
-        singular = self._call(self._library.riccati, (N, nx, z - nx), (AB, H, end), [K, scratch], share)
+        N, nx, nu = by_u.shape
+        z = nx + nu
+        K, scratch = np.empty((N, nu, nx)), np.empty(nx * nx + 2 * nx * z + 2 * z * z)
+        arrays = by_x, by_u, hessian, end
+        singular = self._call(self._library.riccati, (N, nx, nu), arrays, [K, scratch], share)
         return np.full_like(K, np.nan) if singular else K
 
     @staticmethod

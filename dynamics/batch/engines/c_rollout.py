@@ -12,14 +12,7 @@ from dynamics.batch.engines.c_prelude import vector_prelude
 from dynamics.batch.engines.compiler import Compiler
 from dynamics.batch.graphs.step_graphs import RolloutTapes
 
-_JOB = """\
-enum { WANT_GRADIENT = 1, WANT_SCORE = 2, WANT_MOMENTS = 4 };
-typedef struct {
-  i64 horizon, parts, want, shared_x0, shared_theta, shared_p, noise, key0, key1, first;
-  const double *x0, *theta, *p, *w, *linearise_along, *terminal_gradient, *sigma, *precision;
-  double *cost, *gradient, *score, *last, *trail, *moments;
-  double baseline;
-} job;
+_MEMORY = """\
 #if DENSE && !PER_SAMPLE
 typedef const double *weights_at;
 #else
@@ -258,6 +251,7 @@ static i64 roll_out(i64 begin, i64 end, i64 chunk, const job *q) {
       bad += count_rows(~ok, row, end);
       if (q->last) store_rows(q->last, NX, row, end, a.x + N * NX * U + j, U);
       if (q->trail) store_rows(q->trail, (N + 1) * NX, row, end, a.x + j, U);
+      if (q->lams) store_rows(q->lams, N * NL, row, end, a.lam + j, U);
 #if DERIVATIVES
       V *g = a.gradient + j, *s = a.score + j;
       if (!moments) {
@@ -339,7 +333,8 @@ def rollout_source(
             c_steps.step_constants(tapes, abreast, constants),
             *c_steps.step_kernels(tapes, functions, abreast, _ROLLOUT_STRIDES),
             c_steps.one_step(tapes, with_ts=True, warm=True),
-            _JOB,
+            c_steps.JOB,
+            _MEMORY,
             c_dense.layer_source(layers, adjoint is not None),
             _FORWARD,
             *([] if adjoint is None else [_ADJOINT, c_random.normals_source(), c_moments.MOMENTS_SOURCE]),

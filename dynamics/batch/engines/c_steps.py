@@ -38,6 +38,18 @@ _LOCAL_STRIDES = {
 }
 _CLOSED_FORM = "#define one_step step\n"
 
+# C structure of a call of rollouts, which :class:`dynamics.batch.engines.rollout_engines.Job` fills.
+JOB = """\
+enum { WANT_GRADIENT = 1, WANT_SCORE = 2, WANT_MOMENTS = 4 };
+typedef struct {
+  i64 horizon, parts, want, shared_x0, shared_theta, shared_p, noise, key0, key1, first;
+  const double *x0, *theta, *p, *w, *linearise_along, *terminal_gradient, *sigma, *precision;
+  double *cost, *gradient, *score, *last, *trail, *moments;
+  double baseline;
+  double *lams;
+} job;
+"""
+
 # C code of the iteration along the path. A lane that has converged keeps its value, so that a sample
 # does not depend on its neighbours. NaN does not count as open, so it ends the loop.
 _FOLLOW = """\

@@ -203,7 +203,8 @@ class ParameterKernel:
     """Function of parameters that is evaluated once per call: for one row by CasADi, for several rows by NumPy.
 
     A NumPy program of many operations takes a thousand times as long for one row, and a second to compile. The
-    values of the last row are stored, since loops over time call with the same parameters.
+    values of the last row are stored, since loops over time call with the same values of those parameters on which the
+    function depends.
     """
 
     def __init__(self, fn: ca.Function) -> None:
@@ -213,13 +214,19 @@ class ParameterKernel:
     def __call__(self, parameters: np.ndarray) -> np.ndarray:
         """Return the values (n, n_out) at parameters (n, n_in)."""
         if len(parameters) == 1:
-            row, last = parameters.tobytes(), self._last
+            row, last = parameters[0, self._read].tobytes(), self._last
             if last is None or last[0] != row:
                 self._last = last = row, np.array(self._fn.call([ca.DM(parameters[0])])[0]).T
             return last[1]
         values = np.empty((self._fn.numel_out(0), len(parameters)))
         self._columns.run([np.ascontiguousarray(parameters.T)], [values])
         return np.ascontiguousarray(values.T)
+
+    @cached_property
+    def _read(self) -> np.ndarray:
+        """Indices of the parameters on which the function depends."""
+        p = self._fn.sx_in(0) if self._fn.is_a("SXFunction") else self._fn.mx_in(0)
+        return np.flatnonzero(ca.which_depends(ca.vec(self._fn(p)), p, 1, False))
 
     @cached_property
     def _columns(self) -> NumpyKernel:

@@ -73,7 +73,8 @@ def run_chunks(run: Callable[..., int], n: int, chunk: int, threads: int, *argum
     def work() -> int:
         return run(ctypes.addressof(begin), n, chunk, *arguments)
 
-    results = on_threads(max(1, min(threads, -(-n // chunk))), work)
+    workers = min(threads, -(-n // chunk))
+    results = on_threads(workers, work) if workers > 1 else [work()]
     if min(results) < 0:
         raise MemoryError("no memory for the work arrays of a batched evaluation")
     return sum(results)

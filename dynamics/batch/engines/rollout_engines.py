@@ -108,6 +108,7 @@ class Job(ctypes.Structure):
             )
         ),
         ("baseline", ctypes.c_double),
+        ("lams", ctypes.c_void_p),
     ]
 
 
@@ -142,6 +143,16 @@ class CompiledRolloutEngine:
         run.restype = ctypes.c_int64
         run.argtypes = [ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64, ctypes.c_void_p]
         return run
+
+    @property
+    def address(self) -> int | None:
+        """Address of the C function for parameters and weights that all samples share."""
+        return ctypes.cast(self._runs[False, False], ctypes.c_void_p).value
+
+    @property
+    def nlam(self) -> int:
+        """Number of multipliers of a step."""
+        return self._tapes.nlam
 
     def samples(self, q: RolloutRequest, results: RolloutArrays) -> int:
         """Fill the arrays `results`; return the number of samples that are not finite."""
@@ -288,3 +299,16 @@ class ChunkEngine:
         if q.gaussian is not None:
             return q.gaussian.draw(q.n, q.horizon, self._tapes.nu).reshape(q.n, -1)
         return np.zeros((1, q.horizon * self._tapes.nu))
+
+
+def find_bad_samples(engine: Any, q: RolloutRequest, counts: Array) -> Array:
+    """Return the indices of samples that are not finite: repeat the rollout for chunks whose count is too small."""
+    bad_indices = []
+    for i, count in enumerate(counts):
+        begin, end = i * engine.chunk, min((i + 1) * engine.chunk, q.n)
+        if count < end - begin:
+            chunk_call = q.slice_samples(begin, end)
+            results = RolloutArrays.allocate(chunk_call)
+            engine.samples(chunk_call, results)
+            bad_indices.append(begin + results.non_finite().indices)
+    return np.concatenate(bad_indices)

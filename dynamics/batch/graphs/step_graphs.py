@@ -8,7 +8,7 @@ mean changes.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import ClassVar
 
@@ -155,6 +155,12 @@ class RolloutTapes:
     adjoint: AdjointTapes | None = None
     layers: Layers | None = None
     end_entry: int | None = None
+
+    def with_starts(self, starts: int) -> RolloutTapes:
+        """Return these graphs with at most ``starts`` other starts for a step whose path fails."""
+        if not isinstance(self.forward, InnerLoop):
+            return self
+        return replace(self, forward=replace(self.forward, starts=min(starts, self.forward.starts)))
 
 
 @dataclass(frozen=True)
