@@ -47,8 +47,8 @@ class CandidateRollouts:
         low, high = theta[nu * (nx + 1) : nu * (nx + 2)], theta[nu * (nx + 2) :]
         law = ca.Function("clipped", [x, theta], [ca.fmin(ca.fmax(K @ x + k, low), high)])
         u, p = ca.SX.sym("u", nu), ca.SX.sym("p", len(step.p.values))
-        free = [ca.Function("free", arguments, [ca.SX.zeros(1)]) for arguments in ([x, u, p], [x, p])]
-        rolled = RolloutFunction(step, *free, model.N, RolloutPolicy(law, per_step=True), threads=1)
+        free, end = (ca.Function("free", arguments, [ca.SX.zeros(1)]) for arguments in ([x, u, p], [x, p]))
+        rolled = RolloutFunction(step, free, end, model.N, RolloutPolicy(law, per_step=True), threads=1)
         self._roll = rolled.with_starts(OTHER_STARTS)
         self._step = StepFunction(step, threads=1)
         input_limit = MAX_INPUT * model.problem.scales.u
@@ -101,21 +101,19 @@ class CandidateRollouts:
         lower, upper = np.maximum(bounds[0], self._input_bounds[0]), np.minimum(bounds[1], self._input_bounds[1])
         arguments, p_step = (x0, K, k, lower, upper, u_before, p), p[0, self.model.of_step]
         if self._compiled is None:
-            x, merit, u, lam, violations, gap = self._roll_in_numpy(*arguments, p_step, penalty)
+            x, merit, u, lam, violations, gap = self._roll_in_numpy((*arguments, p_step), penalty)
         else:
             program, roll_candidates = self._compiled
             arguments = *arguments, program.derive(p_step[None])
             scaled_penalty = penalty * float(self.model.problem.scales.cost)
             x, merit, u, lam, violations, gap = roll_candidates(arguments, scaled_penalty)
-        finite = np.isfinite(merit) & np.isfinite(x).all(axis=(1, 2)) & np.isfinite(lam).all(axis=(1, 2))
-        merit = np.where(finite, merit, np.inf)
         best = int(merit.argmin())
         plan = Plan(x[best], u[best], lam[best], gap[best])
         return Rolled(plan, float(merit[best]), best, self.model.violations(violations[[best]]), x)
 
-    def _roll_in_numpy(self, *arguments: np.ndarray | float) -> tuple[np.ndarray, ...]:
-        """Return states, merits, inputs, multipliers, violations and gaps of the candidates."""
-        x0, K, k, lower, upper, u_before, p, p_step, penalty = arguments
+    def _roll_in_numpy(self, arguments: tuple[np.ndarray, ...], penalty: float) -> tuple[np.ndarray, ...]:
+        """Return the same as :class:`~dynamics.batch.engines.c_candidates.CompiledCandidates`."""
+        x0, K, k, lower, upper, u_before, p, p_step = arguments
         model, (S, N) = self.model, K.shape[:2]
         ends = np.broadcast_to(np.concatenate([lower, upper]), (S, N, 2 * model.nu))
         theta = np.concatenate([K.reshape(S, N, -1), k, ends], axis=2)
@@ -125,4 +123,5 @@ class CandidateRollouts:
         flattened = x[:, :-1].reshape(S * N, -1), u.reshape(S * N, -1)
         lam = self._step(*flattened, p_step).lam[:, : model.n].reshape(S, N, -1)
         merit, violations, gap = model.merits(x, u, lam, u_before, p, penalty)
-        return x, merit, u, lam, violations, gap
+        finite = np.isfinite(merit) & np.isfinite(x).all(axis=(1, 2)) & np.isfinite(lam).all(axis=(1, 2))
+        return x, np.where(finite, merit, np.inf), u, lam, violations, gap

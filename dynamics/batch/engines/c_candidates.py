@@ -76,10 +76,13 @@ i64 roll_candidates(const counts *z, void *const *functions, double penalty, con
   next = 0;
   if (((batch)functions[1])(&next, rows, rows, a, shared, b) < 0) return -1;
   for (i64 s = 0; s < z->S; s++) {
-    double violation = 0.0, sum = end[(s + 1) * z->N - 1];
+    double violation = 0.0, spoiled = 0.0, sum = end[(s + 1) * z->N - 1];
+    for (i64 i = s * (z->N + 1) * z->nx; i < (s + 1) * (z->N + 1) * z->nx; i++) spoiled += out[0][i] - out[0][i];
+    for (i64 i = s * z->N * z->n; i < (s + 1) * z->N * z->n; i++) spoiled += out[3][i] - out[3][i];
     for (i64 i = s * z->N * z->m; i < (s + 1) * z->N * z->m; i++) violation += out[4][i];
     for (i64 k = s * z->N; k < (s + 1) * z->N; k++) sum += cost[k];
-    out[1][s] = sum + penalty * violation;
+    sum += penalty * violation;
+    out[1][s] = spoiled == 0.0 && sum - sum == 0.0 ? sum : __builtin_inf();
   }
   return 0;
 }
@@ -131,6 +134,8 @@ class CompiledCandidates:
 
     def __call__(self, inputs: tuple[np.ndarray, ...], penalty: float) -> tuple[np.ndarray, ...]:
         """Return states (S, N+1, nx), merits (S,), inputs (S, N, nu), multipliers, violations and gaps (S, N, .).
+
+        The merit is infinite for a candidate with a value that is not finite.
 
         ``inputs`` are the state, K (S, N, nu, nx), k (S, N, nu), bounds on inputs, the input before, parameters of the
         stages (N+1, np) and of the step.

@@ -225,8 +225,8 @@ class ParameterKernel:
     @cached_property
     def _read(self) -> np.ndarray:
         """Indices of the parameters on which the function depends."""
-        p = self._fn.sx_in(0) if self._fn.is_a("SXFunction") else self._fn.mx_in(0)
-        return np.flatnonzero(ca.which_depends(ca.vec(self._fn(p)), p, 1, False))
+        p = ca.MX.sym("p", self._fn.numel_in(0))
+        return np.flatnonzero(ca.which_depends(ca.vec(self._fn.call([p])[0]), p, 1, False))
 
     @cached_property
     def _columns(self) -> NumpyKernel:

@@ -49,7 +49,7 @@ def test_candidates_without_change_and_with_feedback_roll_out_the_plan() -> None
     """The plan is a rollout of its own inputs from its own start, and feedback then adds nothing."""
     controller = Controller(get("soft-walls"))
     rollouts, plan, (gains, x, u, dx, du, _) = candidates_of(controller, controller.model.N)
-    limits, p = controller._horizon[2:0:-1]
+    _, p, limits = controller._horizon
     K, k = rollouts.steer(gains, x, u, 0 * dx, 0 * du, ALL_SHARES[:2])
     states = rollouts.roll_out(x[0], K, k, controller.u_before, (limits[2], limits[3]), p).states
     assert np.abs((states - plan.x) / controller.problem.scales.x).max() < 1e-6
