@@ -95,7 +95,7 @@ class PlanSolver:
         """Yield each plan with its judged solution, improved on neighbouring branches, the cheapest first.
 
         If the improved solution does not survive the referee, the unimproved solution is yielded too. The plan's
-        rollout is yielded as well if it costs less than all solutions so far, and in its place the rollout of a
+        rollout is yielded as well if it costs less than all solutions so far, and so is the rollout of a
         solution that fails the referee at its own step. Under a law other than the exact one, or
         another method, plans are guesses of the law's own route.
         """
@@ -110,6 +110,7 @@ class PlanSolver:
         settled = [self._settle(nearby, plan) for plan in plans]
         limit = self.cost_limit
         for plan, answer, _, solver in sorted(settled, key=_order):
+            rollouts = [plan]
             if answer is not None:
                 improved = solver.improve(answer)
                 cost = improved.f + branches.program.constant(branches.p)
@@ -121,13 +122,15 @@ class PlanSolver:
                     limit = min(limit, replay_limit(solution))
                     if solution.referee.survives_at_h is False:
                         # The replay of its inputs is another plan, which replays as it is.
-                        plan = self.roll_out(solution.arrays["u"][0]) or plan
+                        replay = self.roll_out(solution.arrays["u"][0])
+                        rollouts += [] if replay is None else [replay]
                 else:
                     self._list(plan, cost, NOT_BETTER)
-            if is_less(plan.cost, limit) and not broken_constraints(session.evaluation, plan):
-                solution = self._judge(branches, rolled_out(branches, plan))
-                yield plan, self._listed(plan, solution)
-                limit = min(limit, replay_limit(solution))
+            for rollout in sorted(rollouts, key=lambda rollout: rollout.cost):
+                if is_less(rollout.cost, limit) and not broken_constraints(session.evaluation, rollout):
+                    solution = self._judge(branches, rolled_out(branches, rollout))
+                    yield rollout, self._listed(rollout, solution)
+                    limit = min(limit, replay_limit(solution))
 
     def _listed(self, plan: Rollout, solution: Solution) -> Solution:
         self._list(plan, solution.cost, solution.status.label, solution.referee.survives)
