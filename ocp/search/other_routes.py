@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
@@ -99,28 +99,32 @@ class RouteSearch(Search):
         return self.session.complementary and (self.thorough or led_nowhere)
 
     def solutions(self, answer: Solution) -> Iterator[Solution]:
-        """Yield solutions of other routes that cost less than ``answer``, or all solutions if it has no certificate."""
+        """Yield solutions of other routes that cost less than ``answer``, or all solutions if it has no certificate.
+
+        Beside sampled plans, Scholtes's relaxation is followed alone, except at thorough effort.
+        """
         session, best = self.session, answer
-        barrier = session.sub_session(Barrier(mu=MU_LAST), Direct())
-        smoothed = barrier.solve(progress=self.progress)
+        scholtes, barrier_start, near_rollout = OTHER_ROUTES
+        # Followed to its end, unlike the further paths of every solve: a dearer plan may be cheaper in its replay.
+        outcome = session.with_changes(strategy="scholtes").solve(progress=self.progress)
+        best = yield from self._judged_if_better(outcome, scholtes, best)
+        if answer.route.name == SAMPLED and not self.thorough:
+            return
+        smoothed = session.sub_session(Barrier(mu=MU_LAST), Direct()).solve(progress=self.progress)
         nlp = session.nlp_of("product")
         x = translate(smoothed.result.point, smoothed.nlp, nlp).x
-        # Followed to its end, unlike the further paths of every solve: a dearer plan may be cheaper in its replay.
-        scholtes = session.with_changes(strategy="scholtes")
-        *names, near_rollout = OTHER_ROUTES
-        attempts = (
-            lambda: scholtes.solve(progress=self.progress),
-            lambda: session.resume(Point(x), self.progress),
-        )
-        for name, follow in zip(names, attempts, strict=True):
-            outcome = follow()
-            if outcome.finished and self._is_better(outcome, best):
-                solution = self.judge(session, replace(outcome, route=name), self.seed)
-                best = min(best, solution, key=replay_cost)
-                yield solution
+        best = yield from self._judged_if_better(session.resume(Point(x), self.progress), barrier_start, best)
         if smoothed.finished and can_roll_out(session):
             inputs = smoothed.nlp.variables.unpack(smoothed.result.point.x)["u"][0]
             yield from _solutions_near_rollouts(self, near_rollout, best, [inputs])
+
+    def _judged_if_better(self, outcome: RouteResult, name: str, best: Solution) -> Generator[Solution, None, Solution]:
+        """Yield the solution of an outcome that is better than ``best``, and return the better one by its replay."""
+        if not (outcome.finished and self._is_better(outcome, best)):
+            return best
+        solution = self.judge(self.session, replace(outcome, route=name), self.seed)
+        yield solution
+        return min(best, solution, key=replay_cost)
 
     @staticmethod
     def _is_better(outcome: RouteResult, best: Solution) -> bool:
