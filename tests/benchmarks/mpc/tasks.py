@@ -143,12 +143,12 @@ _PLACES = dict.fromkeys(("ox", "oy", "ax", "ay"), 0.01)
 TASKS = {
     task.name: task
     for task in (
-        _walls(5, 1e-3, "C3 100 Hz"),
-        _walls(20, 3e-3, ""),
+        _walls(5, 0.5e-3, "C3 100 Hz"),
+        _walls(20, 1e-3, ""),
         Task(
             "spinner",
             "spinner",
-            5e-3,
+            4e-3,
             100,
             12,
             (0.05, 0.05),
@@ -164,7 +164,7 @@ TASKS = {
         Task(
             "finger-disc",
             "finger-disc",
-            10e-3,
+            3e-3,
             100,
             12,
             (0, 0, 0, 0.2, 0.2),
@@ -178,7 +178,7 @@ TASKS = {
         Task(
             "idto-hopper",
             "idto-hopper",
-            10e-3,
+            5e-3,
             100,
             12,
             (0, 0, 0, 0, 0, 0.05),
@@ -191,7 +191,7 @@ TASKS = {
         Task(
             "push-disc",
             "push-disc",
-            2e-3,
+            1.5e-3,
             60,
             20,
             (0.1, 0.1, 0.1, 0.1),
@@ -206,7 +206,7 @@ TASKS = {
         Task(
             "planar-push",
             "planar-push",
-            5e-3,
+            2.5e-3,
             60,
             20,
             (0.03, 0.03, 0.1, 0.03, 0.03),
