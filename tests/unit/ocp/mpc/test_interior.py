@@ -9,9 +9,9 @@ import piqp
 import pytest
 
 from dynamics.batch.engines.c_program import CompiledProgram, ProgramSizes
+from dynamics.batch.engines.numpy_program import NumpyProgram
 from ocp.mpc.controller import Controller
 from ocp.mpc.horizon_qp import MAX_QP_ITERATIONS, Direction, HorizonQP, Tolerance
-from ocp.mpc.interior import NumpyProgram
 from problems import get
 from tests.benchmarks.mpc.programs import Program, by_piqp
 
