@@ -13,7 +13,7 @@ import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from functools import partial
+from functools import lru_cache, partial
 from itertools import product
 from typing import get_args
 
@@ -134,7 +134,7 @@ class InputSampler:
             self.runs += self._create_runs(AdaptedRun, choices, root.spawn(len(choices)), adapted)
         self.rolled_steps = self.failures = 0
         self._transitions = TransitionPenalty.of_problem(evaluation)
-        self._functions: dict[str, tuple[Step, RolloutFunction]] = {}
+        self._functions = _functions_of(problem)
 
     def _choices(self, laws: Sequence[ContactLaw], knots: Sequence[int]) -> list[_Choice]:
         """Return all choices of a law, a basis, its number of knots, and the initial distribution."""
@@ -193,7 +193,7 @@ class InputSampler:
         return self._costs(*self._function(Exact()), inputs, 1.0)
 
     def _function(self, law: ContactLaw) -> tuple[Step, RolloutFunction]:
-        """Return the step under a law, and its compiled rollout function from a cache."""
+        """Return the step under a law, and its compiled rollout function, which all samplers of a problem share."""
         if law.name not in self._functions:
             system = self.problem.system
             step = law.close(replace(system, parameters=self.problem.parameters))
@@ -240,6 +240,12 @@ def _quietly() -> Iterator[None]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", BatchWarning)
         yield
+
+
+@lru_cache(maxsize=4)
+def _functions_of(problem: Problem) -> dict[str, tuple[Step, RolloutFunction]]:
+    """Return the steps and rollout functions of a problem by the name of their law, empty at first."""
+    return {}
 
 
 def _cross_entropy_rounds(rollouts: float, most: float) -> Narrowing:
