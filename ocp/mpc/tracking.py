@@ -49,14 +49,9 @@ def read_plan(model: StageModel, stored: TrackedPlan) -> Plan:
     return plan
 
 
-def pad_steps(values: np.ndarray, N: int, padding: float = 0.0) -> np.ndarray:
-    """Return an array (n, ...) extended to (N, ...) by the number ``padding``."""
-    return np.concatenate([values, np.full((N - len(values), *values.shape[1:]), padding)])
-
-
-def pad_rows(rows: Affine, N: int) -> Affine:
-    """Return the rows of n steps extended to N steps, of which further ones are 1, and so satisfied."""
-    return Affine(pad_steps(rows.value, N, 1.0), pad_steps(rows.by_x, N), pad_steps(rows.by_u, N))
+def pad_steps(values: np.ndarray, N: int) -> np.ndarray:
+    """Return an array (n, ...) extended to (N, ...) by zeros."""
+    return np.concatenate([values, np.zeros((N - len(values), *values.shape[1:]))])
 
 
 def pad_horizon(lin: Linearised, N: int) -> Linearised:
@@ -64,7 +59,7 @@ def pad_horizon(lin: Linearised, N: int) -> Linearised:
 
     Steps n to N-1 keep the state, ``dx_{k+1} = dx_k``, and their cost is the square of du, so that du = 0. The
     terminal cost is part of the cost of step n, whose state is the last one of the horizon. Only arrays that the
-    quadratic program and the regulator read are extended.
+    regulator reads are extended.
     """
     n, nx, nu = len(lin.gradient), *lin.x_next.by_u.shape[1:]
     if n == N:
