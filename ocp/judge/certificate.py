@@ -242,7 +242,8 @@ def fit_multipliers(model: LinearModel) -> np.ndarray:
     """Return least-squares multipliers of the rows (in units of the rows), without multipliers of the wrong sign.
 
     The multipliers minimise ``|cost + rows' y|²`` over the variables that no bound or pair fixes, by the augmented
-    system; inequalities with the wrong sign are removed from the active set, in at most four rounds.
+    system, whose matrix is quasi-definite, so that pivots stay on the diagonal: other pivots fill the factors, for
+    seconds in large scenes. Inequalities with the wrong sign are removed from the active set, in at most four rounds.
     """
     import scipy.sparse as sp
     import scipy.sparse.linalg as sla
@@ -257,7 +258,11 @@ def fit_multipliers(model: LinearModel) -> np.ndarray:
         augmented = sp.csc_matrix(sp.bmat([[sp.identity(inside.size), A.T], [A, corner]]))
         right = np.concatenate([-model.cost[inside], np.zeros(acting.size)])
         y[:] = 0.0
-        y[acting] = np.asarray(sla.spsolve(augmented, right))[inside.size :]
+        try:
+            factors = sla.splu(augmented, "MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+        except RuntimeError:  # The matrix is singular.
+            break
+        y[acting] = factors.solve(right)[inside.size :]
         wrong = active & (((y > 0) & ~at_upper) | ((y < 0) & ~at_lower))
         if not wrong.any():
             break

@@ -1,7 +1,7 @@
-"""Steps of many states at once with only the nearest contacts, without a compiler.
+"""Steps of many states at once with only the nearest contacts.
 
 A scene with many corners has a hundred pairs; a step closes only a few of these. The other pairs are left out, and
-dense linear algebra over all states at once replaces a graph of the whole step.
+dense linear algebra over all states at once replaces a graph of the whole step, whose C code takes minutes to compile.
 """
 
 from __future__ import annotations
@@ -10,12 +10,13 @@ import casadi as ca
 import numpy as np
 
 from dynamics.batch import BatchFunction
+from dynamics.batch.complementarity import linear_complementarity
 from dynamics.systems import ContactSystem
 from ocp.judge.measures import DenseFunction, pair_sizes, slip_sides
 from ocp.problem.evaluation import Evaluation
 
-_ITERATIONS, _LINEARISATIONS, _TO_EDGE, _LEAST = 40, 10, 0.995, 1e-12
-"""Maximum iterations and linearisations, fraction of the longest step with positive variables, and regularisation."""
+_LINEARISATIONS = 10
+"""Maximum number of linearisations of a step."""
 _SOLVED, _DEEP = 1e-9, 1e-6
 """Error below which a step is solved, and largest penetration of an ignored contact, in characteristic units."""
 _LOOSE = 1e-6
@@ -145,64 +146,3 @@ class NearSteps:
         real_pairs = is_real[:, :, None] & is_real[:, None, :]
         lam = linear_complementarity(np.where(real_pairs, F / units[:, :, None], 0.0), z / units, is_real)
         return a + np.einsum("sij,sj->si", B_near, lam), lam
-
-
-def linear_complementarity(F: np.ndarray, z: np.ndarray, is_pair: np.ndarray) -> np.ndarray:
-    """Return lam (S, n) with ``0 <= lam ⟂ z + F lam >= 0``, F (S, n, n), z (S, n); NaN if that fails.
-
-    The method is Mehrotra's predictor-corrector; pairs for which ``real`` (S, n) is False are ignored.
-    """
-    lam = np.where(is_pair, 1.0, 0.0)
-    slack = np.maximum(z + (F @ lam[:, :, None])[:, :, 0], 1.0)
-    multipliers, unsolved = np.full(z.shape, np.nan), np.arange(len(z))
-    for _ in range(_ITERATIONS):
-        m, s, is_real, matrix = lam[unsolved], slack[unsolved], is_pair[unsolved], F[unsolved]
-        residual = np.where(is_real, z[unsolved] + (matrix @ m[:, :, None])[:, :, 0] - s, 0.0)
-        product = np.where(is_real, m * s, 0.0)
-        solved = (np.abs(residual).max(axis=1) < _SOLVED) & (product.max(axis=1) < 1e-8)
-        multipliers[unsolved[solved]] = m[solved]
-        if (solved | ~np.isfinite(m).all(axis=1)).all():
-            break
-        is_running = ~solved & np.isfinite(m).all(axis=1)
-        unsolved, m, s, is_real, matrix, residual, product = (
-            array[is_running] for array in (unsolved, m, s, is_real, matrix, residual, product)
-        )
-        count = np.maximum(is_real.sum(axis=1), 1)[:, None]
-        mean = product.sum(axis=1)[:, None] / count
-        dl, ds = _direction(m, s, matrix, residual, np.zeros_like(mean), is_real)
-        step = _to_edge(m, dl, s, ds, is_real)
-        predicted_mean = np.where(is_real, (m + step * dl) * (s + step * ds), 0).sum(axis=1)[:, None] / count
-        mu = mean * np.clip((predicted_mean / mean) ** 3, 1e-6, 1.0)
-        dl, ds = _direction(m, s, matrix, residual, mu - dl * ds, is_real)
-        step = _to_edge(m, dl, s, ds, is_real)
-        lam[unsolved], slack[unsolved] = m + step * dl, s + step * ds
-    return multipliers
-
-
-def _direction(
-    lam: np.ndarray,
-    slack: np.ndarray,
-    F: np.ndarray,
-    residual: np.ndarray,
-    mu: np.ndarray,
-    is_real: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the Newton direction of multipliers and gaps, (S, n) each."""
-    matrix, n = F.copy(), np.arange(lam.shape[1])
-    safe = np.where(is_real, lam, 1.0)
-    matrix[:, n, n] += np.where(is_real, slack / safe + _LEAST, 1.0)
-    right = np.where(is_real, mu / safe - slack - residual, 0.0)
-    try:
-        dl = np.linalg.solve(matrix, right[:, :, None])[:, :, 0]
-    except np.linalg.LinAlgError:
-        # NumPy solves no system if one matrix is singular: solve the others without this one.
-        regular = np.linalg.cond(matrix) < 1 / np.finfo(float).eps
-        dl = np.full(lam.shape, np.nan)
-        dl[regular] = np.linalg.solve(matrix[regular], right[regular][:, :, None])[:, :, 0]
-    return dl, np.where(is_real, (F @ dl[:, :, None])[:, :, 0] + residual, 0.0)
-
-
-def _to_edge(lam: np.ndarray, dl: np.ndarray, slack: np.ndarray, ds: np.ndarray, is_real: np.ndarray) -> np.ndarray:
-    """Return the longest step (S, 1), at most 1, that keeps multipliers and slacks positive."""
-    edge_steps = [np.where(is_real & (d < 0), -v / np.where(d < 0, d, -1), np.inf) for v, d in ((lam, dl), (slack, ds))]
-    return np.minimum(1.0, _TO_EDGE * np.minimum(*edge_steps).min(axis=1))[:, None]

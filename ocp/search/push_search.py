@@ -31,9 +31,7 @@ from ocp.search.search import Search, falls_short, penetrates_between_nodes
 from ocp.solution import Solution
 
 CANDIDATES = 4
-"""Maximum number of the tree's plans that are solved locally."""
-_FIRST = 2
-"""Number of candidates that are solved first; others are solved only if none of these survives the referee."""
+"""Maximum number of the tree's plans that are solved locally, each only if none before it survives the referee."""
 _MANY = 24
 """Number of contact pairs above which a scene is searched before the usual route."""
 
@@ -122,13 +120,8 @@ class PushSearch(Search):
             tried=self.report.plans,
             n_pushers=swept.problem.system.nu,
         )
-        # The others are solved only where none of the cheapest survives.
-        for batch in (slice(0, _FIRST), slice(_FIRST, None)):
-            is_good = False
-            for _, solution in solver.solve(plans[batch]):
+        for plan in plans:
+            for _, solution in solver.solve([plan]):
                 yield solution.with_route(swept=True)
-                is_good = bool(solution.certificate.certified and solution.referee.survives)
-                if is_good:
-                    break
-            if is_good:
-                break
+                if solution.certificate.certified and solution.referee.survives:
+                    return

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -22,7 +21,7 @@ from ocp.problem.problem import SWEPT, Constraint, Problem, Scaling
 from ocp.problem.rollout import roll_on
 from ocp.routes.branches import ACTIVE_SET
 from ocp.search import near_steps
-from ocp.search.near_steps import NearSteps, linear_complementarity
+from ocp.search.near_steps import NearSteps
 from ocp.search.push_search import PushSearch, penetrates_between_nodes
 from ocp.search.push_tree import TouchSearch
 from ocp.search.search import has_many_minima, is_poor
@@ -62,21 +61,6 @@ def behind(N: int = 20) -> Problem:
         path=[Constraint("reach", system.u - scene.coordinates_of("finger", system.x), -REACH, REACH)],
         scaling=Scaling(impulse=0.5, gap=0.1, x=0.5, u=0.5),
     )
-
-
-def test_linear_complementarity_problems_agree_with_enumeration() -> None:
-    rng, n = np.random.default_rng(0), 4
-    A = rng.normal(size=(50, n, n))
-    F, z = A @ A.transpose(0, 2, 1) + 0.1 * np.eye(n), rng.normal(size=(50, n))
-    found = linear_complementarity(F, z, np.ones((50, n), dtype=bool))
-    for matrix, vector, lam in zip(F, z, found, strict=True):
-        answers = []
-        for active in itertools.product((False, True), repeat=n):
-            own, on = np.zeros(n), np.array(active)
-            own[on] = np.linalg.solve(matrix[np.ix_(on, on)], -vector[on])
-            if own.min() >= 0 and (matrix @ own + vector).min() >= -1e-12:
-                answers.append(own)
-        np.testing.assert_allclose(lam, answers[0], atol=1e-6)
 
 
 def test_steps_with_near_contacts_are_the_exact_laws() -> None:
