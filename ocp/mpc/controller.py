@@ -130,7 +130,7 @@ class Controller:
         self._horizon = ({}, *self._evaluate_parameters({}))
         p, values = self._horizon[1:]
         self.start, self._u_start = values[:2]
-        self.measurement = Measurement(planned)
+        self.measurement = Measurement(self.model)
         solved, self._first = self._first_plan(p)
         parts = PhaseParts(self.session, self.model, self.rollouts, exact, self.iterations, self.budget, solved)
         self._law = None if self._entry.plans else self._feedback_law(p)
@@ -215,9 +215,7 @@ class Controller:
         """Return gains of the linear-quadratic regulator along a plan, with its active set fixed; None without one."""
         phase = self._regulating
         phase.prepare(plan, sample)
-        if phase.prepared is None:
-            return None
-        return gains_along(plan, phase.regulator.gains(phase.prepared.lin), self.samples_per_step)
+        return gains_along(plan, phase.gains, self.samples_per_step) if phase.is_prepared else None
 
     @property
     def gains(self) -> Gains | None:
@@ -270,7 +268,8 @@ class Controller:
         expected = self._expected_state(shifted, last_input, p)
         if self.trust < 1 and self.samples:
             x = expected + self.trust * (x - expected)
-        state, notes = self.measurement.project(x, expected, limits[4:], p[0, self.model.of_problem])
+        physical, compiled = p[0, self.model.of_problem], self._phase.compiled
+        state, notes = self.measurement.project(x, expected, limits[4:], physical, compiled)
         if u_before is not None and not np.isfinite(u_before).all():
             notes.append("the last input is not finite; the one commanded is used there")
         self._state = state
@@ -326,6 +325,8 @@ class Controller:
 
     def _extended_plan(self, plan: Plan, p: np.ndarray, limits: list[np.ndarray]) -> Plan:
         """Return the plan shifted by one step and extended by the phase's gain."""
+        if self._phase.compiled is not None:
+            return self._phase.compiled.extended(plan, p, (limits[2], limits[3]))
         u_last = plan.u[-1:]
         if self._phase.gain is not None:
             u_last = np.clip(u_last + self._phase.gain @ (plan.x[-1] - plan.x[-2]), limits[2], limits[3])
@@ -343,5 +344,7 @@ class Controller:
         if self.samples_per_step > 1:
             p = p.copy()
             p[:, self.model.names.index(step_size_kind(self.problem.system).parameter)] /= self.samples_per_step
+        if self._phase.compiled is not None:
+            return self._phase.compiled.step(self._state, u_before, p)
         predicted = self.rollouts.step(self._state[None], u_before[None], p)[0]
         return predicted if np.isfinite(predicted).all() else self._state

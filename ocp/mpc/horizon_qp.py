@@ -9,7 +9,7 @@ import numpy as np
 from dynamics.batch.engines.c_program import PROXIMAL, CompiledProgram, ProgramSizes
 from dynamics.batch.engines.compiler import CompilerError
 from dynamics.batch.engines.numpy_program import NumpyProgram
-from ocp.mpc.constraint_rows import PENALTIES
+from ocp.judge.constraint_rows import PENALTIES
 from ocp.mpc.linearised import Affine, Linearised
 from ocp.mpc.stages import StageModel
 

@@ -9,7 +9,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dynamics.batch.engines.c_horizon import HorizonAlgebra
 from ocp.mpc.stages import Plan, StageModel, StageValues
 
 
@@ -95,7 +94,7 @@ def linearise(model: StageModel, plan: Plan, evaluated: StageValues, closure: Li
         affine(rows),
         gradient,
         hessian,
-        (evaluated.end_gradient, project_psd(evaluated.end_hessian[None], model.algebra)[0]),
+        (evaluated.end_gradient, project_psd(evaluated.end_hessian)),
         solution[:, :, by_closure:],
         gap[:, :, by_closure:],
         rows[:, :, by_closure:],
@@ -108,10 +107,6 @@ def _eliminate(
     """Return z = (x_next, lam), gaps and rows (N, k, 1 + nx + nu + n): value, by x and u, by the closures' c."""
     nx, nu, n = model.nx, model.nu, model.n
     xu, J = nx + nu, evaluated.jacobian
-    if model.algebra is not None:
-        values = evaluated.residual, evaluated.gap, evaluated.rows
-        arrays = (J.transpose(0, 2, 1), *values, *closure, model.compliance)
-        return model.algebra.eliminate((len(J), nx, nu, n, model.m), arrays)
     edges = np.cumsum([0, nx, n, n, model.m])
     R, G, M, P = (J[:, a:b] for a, b in pairwise(edges))
     a, b, m, c = closure
@@ -135,25 +130,21 @@ def _stage_costs(model: StageModel, evaluated: StageValues, dlam: Affine) -> tup
     """Return the stage cost's gradient and Hessian in (x, u_before, u), with multipliers eliminated."""
     nw = model.nx + 2 * model.nu
     if not model.costs_impulses:
-        return evaluated.gradient[:, :nw], project_psd(evaluated.hessian[:, :nw, :nw], model.algebra)
+        return evaluated.gradient[:, :nw], project_psd(evaluated.hessian[:, :nw, :nw])
     T = np.zeros((len(dlam.value), nw + model.n, nw))
     T[:, :nw] = np.eye(nw)
     T[:, nw:, : model.nx], T[:, nw:, model.nx + model.nu :] = dlam.by_x, dlam.by_u
     gradient = evaluated.gradient + np.einsum("nij,nj->ni", evaluated.hessian[:, :, nw:], dlam.value)
     transposed = T.transpose(0, 2, 1)
-    hessian = project_psd(transposed @ evaluated.hessian @ T, model.algebra)
+    hessian = project_psd(transposed @ evaluated.hessian @ T)
     return (transposed @ gradient[:, :, None])[:, :, 0], hessian
 
 
-def project_psd(matrices: np.ndarray, algebra: HorizonAlgebra | None = None) -> np.ndarray:
+def project_psd(matrices: np.ndarray) -> np.ndarray:
     """Return symmetric matrices (..., n, n) with their negative eigenvalues set to zero."""
-    if algebra is not None:
-        if not algebra.indefinite(matrices, EIGENVALUE_ROUNDING):
-            return matrices
-    else:
-        size = np.einsum("...ii->...", abs(matrices))[..., None, None]
-        with suppress(np.linalg.LinAlgError):
-            np.linalg.cholesky(matrices + (EIGENVALUE_ROUNDING * size + 1e-300) * np.eye(matrices.shape[-1]))
-            return matrices
+    size = np.einsum("...ii->...", abs(matrices))[..., None, None]
+    with suppress(np.linalg.LinAlgError):
+        np.linalg.cholesky(matrices + (EIGENVALUE_ROUNDING * size + 1e-300) * np.eye(matrices.shape[-1]))
+        return matrices
     values, vectors = np.linalg.eigh(matrices)
     return (vectors * np.maximum(values, 0.0)[..., None, :]) @ np.swapaxes(vectors, -1, -2)

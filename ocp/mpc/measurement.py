@@ -2,33 +2,27 @@
 
 from __future__ import annotations
 
-import casadi as ca
 import numpy as np
 
-from dynamics.batch import BatchFunction
-from ocp.mpc.constraint_rows import MET_TOLERANCE
-from ocp.problem.problem import Problem
-
-IGNORED_PENETRATION = 1e-9
-"""Penetration, in characteristic gaps, up to which it is not corrected."""
-MAX_PROJECTIONS = 5
-"""Maximum number of Gauss-Newton projections of a penetrating state."""
+from ocp.judge.constraint_rows import MET_TOLERANCE
+from ocp.mpc.compiled_sample import IGNORED_PENETRATION, MAX_PROJECTIONS, PhaseSample
+from ocp.mpc.stages import StageModel
 
 
 class Measurement:
     """Projector of measured states onto states from which a plan may start."""
 
-    def __init__(self, problem: Problem) -> None:
-        self.problem, system = problem, problem.system
-        phi = system.phi
-        self._distances, self.names = None, [signal.name for signal in system.states]
-        if phi is not None and phi.numel():
-            arguments = [system.x, problem.parameters.vector]
-            outputs = [ca.densify(v) for v in (phi, ca.jacobian(phi, system.x).T)]
-            self._distances = BatchFunction(ca.Function("mpc_distances", arguments, outputs), threads=1)
+    def __init__(self, model: StageModel) -> None:
+        self.model, self.names = model, [signal.name for signal in model.problem.system.states]
+        self._tolerance = MET_TOLERANCE * model.problem.scales.x
 
     def project(
-        self, x: np.ndarray, expected: np.ndarray, bounds: list[np.ndarray], physical: np.ndarray
+        self,
+        x: np.ndarray,
+        expected: np.ndarray,
+        bounds: list[np.ndarray],
+        physical: np.ndarray,
+        compiled: PhaseSample | None = None,
     ) -> tuple[np.ndarray, list[str]]:
         """Return the state from which to plan, and notes on changes of the state and on violated bounds.
 
@@ -39,20 +33,21 @@ class Measurement:
         if not np.isfinite(finite_state).all():
             finite_state = np.where(np.isfinite(finite_state), finite_state, expected)
             notes.append("the measured state is not finite; the predicted one is used there")
-        moved_out = self._move_out(finite_state, physical)
+        moved_out = (self._move_out if compiled is None else compiled.move_out)(finite_state, physical)
         if not np.array_equal(moved_out, finite_state):
             notes.append("the measured state penetrates and was moved out of contact")
-        is_outside = np.maximum(bounds[0] - moved_out, moved_out - bounds[1]) > MET_TOLERANCE * self.problem.scales.x
-        if names := [self.names[i] for i in np.flatnonzero(is_outside)]:
+        is_outside = np.maximum(bounds[0] - moved_out, moved_out - bounds[1]) > self._tolerance
+        if is_outside.any():
+            names = [self.names[i] for i in np.flatnonzero(is_outside)]
             notes.append(f"the measured state is outside the bounds on {', '.join(names)}")
         return moved_out, notes
 
     def _move_out(self, x: np.ndarray, physical: np.ndarray) -> np.ndarray:
-        if self._distances is None:
+        distances, scales = self.model.distances, self.model.problem.scales
+        if distances is None:
             return x
-        scales = self.problem.scales
         for _ in range(MAX_PROJECTIONS):
-            phi, by_x = (v[0] for v in self._distances(x, physical))
+            phi, by_x = (v[0] for v in distances(x, physical))
             penetrating = phi < -IGNORED_PENETRATION * scales.gap
             if not penetrating.any():
                 break

@@ -5,27 +5,23 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from typing import NamedTuple
+from functools import cached_property
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from ocp.mpc.constraint_rows import MET_TOLERANCE, PENALTIES, PENALTY_FALL
+from dynamics.batch.engines.compiler import CompilerError
+from ocp.judge.constraint_rows import MET_TOLERANCE, PENALTIES, PENALTY_FALL
+from ocp.mpc.compiled_sample import Outcome, PhaseSample
 from ocp.mpc.horizon_qp import MAX_QP_ITERATIONS, TIGHT, Direction, HorizonQP, Tolerance
 from ocp.mpc.linearised import Affine, LinearClosure, Linearised, linearise
 from ocp.mpc.phase import Answer, Phase, Sample
-from ocp.mpc.riccati import Regulator
-from ocp.mpc.rollouts import CandidateRollouts
+from ocp.mpc.riccati import regulator_gains
+from ocp.mpc.rollouts import FULL_STEP, STEP_SHARES, CandidateRollouts, Rolled
 from ocp.mpc.stages import MIN_PENALTY, Plan, StageModel, StageValues
-
-STEP_SHARES = (1.0, 0.5, 0.25, 0.06)
-"""Step sizes of the candidates that are rolled out, each with the regulator's feedback."""
 
 MAX_WARM_UP_PROGRAMS = 30
 """Maximum number of additional programs at the first sample, when the plan belongs to another law or state."""
-FULL_STEP = 2
-"""Index of the candidate with step size 1, after the plan without and with the regulator's feedback."""
-ALL_SHARES = np.array([0.0] * FULL_STEP + [*STEP_SHARES])
-"""Step sizes of all candidates."""
 EXCHANGED = "contacts were exchanged"
 """Note on a sample whose quadratic program has sides exchanged, as the last program asked."""
 UNFINISHED = "the quadratic program was stopped at the maximum number of iterations"
@@ -53,10 +49,8 @@ class PairExchange(NamedTuple):
     closed: np.ndarray
     pairs: np.ndarray
 
-    def shifted(self, steps: int) -> PairExchange:
-        """Return the exchange of a plan that is shifted by 0 or 1 steps; a step that is appended has none."""
-        if not steps:
-            return self
+    def shifted(self) -> PairExchange:
+        """Return the exchange of a plan that is shifted by a step; a step that is appended has none."""
         closed, pairs = (np.concatenate([v[1:], v[-1:]]) for v in self)
         pairs[-1] = False
         return PairExchange(closed, pairs)
@@ -71,17 +65,28 @@ class NewtonPhase(Phase):
     a rollout under the law, and no plan is worse than the shifted plan.
     """
 
+    constants: ClassVar[dict[str, float]] = {"EXCHANGES": 0, "ACTIVE_TOLERANCE": 0.0, "MIN_EXCHANGE_GAIN": 0.0}
+    """Constants of the phase by their names in C."""
+    product: ClassVar[bool] = True
+    """Whether the law ``lam gap = mu`` is linearised."""
+
     def __init__(
         self, model: StageModel, rollouts: CandidateRollouts, iterations: int = 1, budget: int | None = None
     ) -> None:
         self.model, self.rollouts, self.iterations, self.budget = model, rollouts, iterations, budget
-        self.qp = HorizonQP(model, self.n_rows)
         self.tolerance, self.violated = TIGHT, False
         self.exchange: PairExchange | None = None
-        self.regulator = Regulator(model.nx, model.nu, model.N)
         self.plan: Plan
         self.prepared: Prepared | None = None
+        self.is_prepared = False
         self.gain = np.zeros((model.nu, model.nx))
+        with suppress(CompilerError):
+            self.compiled = PhaseSample(model, rollouts, self.constants, product=self.product)
+
+    @cached_property
+    def qp(self) -> HorizonQP:
+        """Quadratic program of the phase without a C compiler."""
+        return HorizonQP(self.model, self.n_rows)
 
     @property
     @abstractmethod
@@ -106,21 +111,38 @@ class NewtonPhase(Phase):
 
     def prepare_best(self, plans: Sequence[Plan], sample: Sample) -> None:
         """Prepare the plan whose rollout from the measured state, with or without feedback, has the lowest merit."""
-        self.programs = self.qp_iterations = 0
-        if self.exchange is not None:
-            self.exchange = self.exchange.shifted(sample.shift)
-        starts = [one for one in (self._linearise(plan, sample) for plan in plans) if one is not None]
-        best = 0
-        if len(starts) > 1:
-            candidates = [self._candidates(one.plan, None, one.lin) for one in starts]
-            K, k = (np.concatenate(parts) for parts in zip(*candidates, strict=True))
-            best = self.rollouts.roll_out(sample.x, K, k, sample.u_before, sample.bounds, sample.p).best // FULL_STEP
-        self._start_from(starts[best] if starts else None, plans[0])
+        self.programs = self.qp_iterations = best = 0
+        if sample.shift and self.compiled is not None:
+            self.compiled.shift_exchange()
+        elif sample.shift and self.exchange is not None:
+            self.exchange = self.exchange.shifted()
+        if len(plans) > 1:
+            best = int(np.argmin([self._start_merit(plan, sample) for plan in plans]))
+        self._start_from(plans[best], sample)
 
-    def _start_from(self, prepared: Prepared | None, plan: Plan) -> None:
-        """Store the start of the next program, or ``plan`` without linearisation; its exchange is tried only once."""
-        self.prepared, self.exchange = prepared, None
-        self.plan = plan if prepared is None else prepared.plan
+    def _start_from(self, plan: Plan, sample: Sample) -> None:
+        """Linearise the plan from which the next program starts; an exchange is tried only once."""
+        self.plan = plan
+        if self.compiled is not None:
+            self.is_prepared = self.compiled.prepare(plan, sample)
+        else:
+            self.prepared, self.exchange = self._linearise(plan, sample), None
+            self.is_prepared = self.prepared is not None
+
+    def _start_merit(self, plan: Plan, sample: Sample) -> float:
+        """Return the merit of a plan's rollout from the measured state, with or without feedback."""
+        if self.compiled is not None:
+            return self.compiled.start_merit() if self.compiled.prepare(plan, sample) else np.inf
+        prepared = self._linearise(plan, sample)
+        return np.inf if prepared is None else self._roll_out(prepared, None, sample).merit
+
+    @property
+    def gains(self) -> np.ndarray:
+        """Gains (n, nu, nx) of the regulator along the prepared plan."""
+        if self.compiled is not None:
+            return self.compiled.gains
+        assert self.prepared is not None
+        return regulator_gains(self.prepared.lin)
 
     def _linearise(self, plan: Plan, sample: Sample) -> Prepared | None:
         """Return the linearisation of a plan of n <= N steps; None if one of its steps has none."""
@@ -193,36 +215,54 @@ class NewtonPhase(Phase):
         for _ in range(max_iterations):
             if answer.plan is None or answer.status == "kept" or self.is_spent:
                 break
-            has_exchange = self.exchange is not None
-            self._start_from(self._linearise(answer.plan, sample), answer.plan)
+            has_exchange = self.has_exchange
+            self._start_from(answer.plan, sample)
             better = solve(sample)
             if better.merit < answer.merit - tolerance * abs(answer.merit):
                 answer = better
-            elif has_exchange or self.exchange is None:
+            elif has_exchange or not self.has_exchange:
                 break
         return answer
 
+    @property
+    def has_exchange(self) -> bool:
+        """Whether the next program exchanges sides of pairs."""
+        return self.exchange is not None if self.compiled is None else self.compiled.has_exchange
+
     def _solve_program(self, sample: Sample) -> Answer:
-        prepared, plan = self.prepared, self.plan
-        if prepared is None:
+        if not self.is_prepared:
             return self._keep_plan(sample, "a step of the plan has no linearisation")
-        step = self.solve(prepared, sample)
-        K, k = self._candidates(plan, step, prepared.lin)
-        penalty = self._merit_penalty(step)
-        rolled = self.rollouts.roll_out(sample.x, K, k, sample.u_before, sample.bounds, sample.p, penalty)
-        if not np.isfinite(rolled.merit):
+        outcome = self._outcome(sample) if self.compiled is None else self._compiled_outcome(self.compiled)
+        if outcome is None:
             return self._keep_plan(sample, "no candidate could be rolled out under the law")
-        self.gain = K[1, -1]
+        status = "kept" if not outcome.usable else "solved" if outcome.best >= FULL_STEP else "not improved"
+        exchanged = EXCHANGED if outcome.is_exchanged else ""
+        note = exchanged if outcome.solved else UNFINISHED if outcome.usable else UNSOLVED
+        notes = [note, *(f"the plan violates {c.name}" for c in outcome.violated)]
+        note = "; ".join(filter(None, notes))
+        return Answer(outcome.plan.u[0], outcome.plan, status, note, outcome.merit, bool(outcome.violated))
+
+    def _compiled_outcome(self, compiled: PhaseSample) -> Outcome | None:
+        """Return the outcome of the compiled sample, and count its programs and iterations."""
+        outcome = compiled.answer(None if self.budget is None else self.budget - self.qp_iterations)
+        programs, iterations = compiled.counts
+        self.programs, self.qp_iterations = self.programs + programs, self.qp_iterations + iterations
+        return outcome
+
+    def _outcome(self, sample: Sample) -> Outcome | None:
+        """Return the outcome of the programs at the prepared plan without a C compiler."""
+        prepared = self.prepared
+        assert prepared is not None
+        step = self.solve(prepared, sample)
+        rolled = self._roll_out(prepared, step, sample)
+        if not np.isfinite(rolled.merit):
+            return None
+        self.gain = self.gains[-1]
         if step.solved:
-            change = rolled.states[FULL_STEP] - plan.x - step.dx
+            change = rolled.states[FULL_STEP] - prepared.plan.x - step.dx
             self.tolerance = Tolerance.of_error(float(np.abs(change / self.model.problem.scales.x).max()))
             self.choose_exchange(prepared, step)
-        status = "kept" if not step.usable else "solved" if rolled.best >= FULL_STEP else "not improved"
-        exchanged = EXCHANGED if prepared.is_exchanged else ""
-        note = exchanged if step.solved else UNFINISHED if step.usable else UNSOLVED
-        notes = [note, *(f"the plan violates {c.name}" for c in rolled.violated)]
-        note = "; ".join(filter(None, notes))
-        return Answer(rolled.plan.u[0], rolled.plan, status, note, rolled.merit, bool(rolled.violated))
+        return Outcome(*rolled[:4], step.solved, step.usable, prepared.is_exchanged)
 
     def choose_exchange(self, prepared: Prepared, step: Direction) -> None:
         """Choose the pairs whose sides the next program exchanges; by default none."""
@@ -237,12 +277,15 @@ class NewtonPhase(Phase):
         u = np.clip(self.plan.u[0], *sample.bounds)
         return Answer(u, self.plan, "kept", f"{reason}; the previous plan is used")
 
-    def _candidates(self, plan: Plan, step: Direction | None, lin: Linearised) -> tuple[np.ndarray, np.ndarray]:
-        """Return K (S, n, nu, nx) and k (S, n, nu) of S candidates; the first two are the plan without and with K."""
-        gains = self.regulator.gains(lin)
+    def _roll_out(self, prepared: Prepared, step: Direction | None, sample: Sample) -> Rolled:
+        """Roll out the plan without and with feedback, and with shares of the step if there is one."""
+        plan, gains = prepared.plan, regulator_gains(prepared.lin)
+        penalty = MIN_PENALTY if step is None else self._merit_penalty(step)
         if step is not None and step.usable:
-            return self.rollouts.steer(gains, plan.x, plan.u, step.dx, step.du, ALL_SHARES)
-        return self.rollouts.steer(gains, plan.x, plan.u, 0 * plan.x, 0 * plan.u, ALL_SHARES[:FULL_STEP])
+            K, k = self.rollouts.steer(gains, plan.x, plan.u, step.dx, step.du, STEP_SHARES)
+        else:
+            K, k = self.rollouts.steer(gains, plan.x, plan.u, 0 * plan.x, 0 * plan.u, STEP_SHARES[:FULL_STEP])
+        return self.rollouts.roll_out(sample.x, K, k, sample.u_before, sample.bounds, sample.p, penalty)
 
 
 class Relaxed(NewtonPhase):

@@ -5,13 +5,16 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from ocp.errors import InputError, abbreviated
 from ocp.mpc.stages import Plan
 from ocp.problem.rollout import Gains
+
+if TYPE_CHECKING:
+    from ocp.mpc.compiled_sample import PhaseSample
 
 
 @dataclass(frozen=True)
@@ -51,13 +54,15 @@ class Phase(ABC):
     ``prepare`` does the work at the shifted plan that does not need the measurement, and ``feedback`` does the
     rest. ``plans`` is true if the phase computes plans over a receding horizon. ``gain`` (nu, nx) is the
     feedback gain for the step by which the shifted plan is extended. ``programs`` and ``qp_iterations`` are the
-    numbers of quadratic programs of the last sample, and of their iterations.
+    numbers of quadratic programs of the last sample, and of their iterations. ``compiled`` is the compiled code of a
+    sample, None without a C compiler and for phases without it.
     """
 
     plans: ClassVar[bool] = True
     gain: np.ndarray | None = None
     programs: int = 0
     qp_iterations: int = 0
+    compiled: PhaseSample | None = None
 
     @abstractmethod
     def prepare(self, plan: Plan, sample: Sample) -> None:

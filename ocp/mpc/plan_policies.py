@@ -12,7 +12,7 @@ from ocp.judge.step_size import step_state
 from ocp.mpc.active_set import ActiveSets
 from ocp.mpc.controller import Controller
 from ocp.mpc.linearised import LinearClosure, Linearised, linearise
-from ocp.mpc.riccati import Regulator
+from ocp.mpc.riccati import regulator_gains
 from ocp.mpc.stages import Plan, StageModel, StageValues
 from ocp.problem.evaluation import Evaluation
 from ocp.problem.rollout import Gains, Rollout
@@ -80,7 +80,6 @@ class PlanRegulator:
         self._step_state = step_state(problem.system)
         for hessian in (self._evaluated.hessian, self._evaluated.end_hessian):
             hessian[..., self._step_state, :] = hessian[..., self._step_state] = 0.0
-        self._regulator = Regulator(model.nx, model.nu, model.N)
         self._sizes = problem.scales
         self._unit = abs(plan.cost - evaluation.least_cost)
 
@@ -101,7 +100,7 @@ class PlanRegulator:
         hessian[:, states, states] += weights.states * of_states / N
         hessian[:, inputs, inputs] += weights.inputs * of_inputs / N
         end = end_gradient, end_hessian + np.diag(weights.end * of_states)
-        K = self._regulator.gains(replace(lin, hessian=hessian, end=end))
+        K = regulator_gains(replace(lin, hessian=hessian, end=end))
         K[:, :, self._step_state] = 0.0
         return Gains(K, plan.u - np.einsum("kij,kj->ki", K, plan.x[:-1]))
 

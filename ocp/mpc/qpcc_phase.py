@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import numpy as np
 
 from ocp.mpc.active_set import ActiveSets
@@ -32,6 +34,12 @@ class QPCC(NewtonPhase):
     """
 
     exchanges = True
+    product = False
+    constants: ClassVar[dict[str, float]] = {
+        "EXCHANGES": 1,
+        "ACTIVE_TOLERANCE": ACTIVE_TOLERANCE,
+        "MIN_EXCHANGE_GAIN": MIN_EXCHANGE_GAIN,
+    }
 
     def __init__(
         self, model: StageModel, rollouts: CandidateRollouts, iterations: int = 1, budget: int | None = None
@@ -110,3 +118,4 @@ class FixedActiveSet(QPCC):
     """Phase that solves the program of :class:`QPCC` without exchanges, with the active set of the last plan."""
 
     exchanges = False
+    constants: ClassVar[dict[str, float]] = {**QPCC.constants, "EXCHANGES": 0}

@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-from functools import cached_property
 from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
 
 from dynamics.batch import RolloutFunction, RolloutPolicy, StepFunction
-from dynamics.batch.engines.c_candidates import CandidateSizes, CompiledCandidates
 from dynamics.batch.rolling import RolloutProgram
 from ocp.judge.constraints import Broken
 from ocp.mpc.stages import MIN_PENALTY, Plan, StageModel
 
 OTHER_STARTS = 16
 """Maximum number of other starts for a step of a candidate; a candidate without solution is dropped, others remain."""
+FULL_STEP = 2
+"""Index of the candidate with step size 1, after the plan without and with the regulator's feedback."""
+STEP_SHARES = np.array([0.0] * FULL_STEP + [1.0, 0.5, 0.25, 0.06])
+"""Step sizes of the candidates that are rolled out, all but the first with the regulator's feedback."""
 MAX_INPUT = 1e6
 """Bound on inputs without a finite bound, in characteristic inputs."""
 
@@ -36,7 +38,7 @@ class Rolled(NamedTuple):
 class CandidateRollouts:
     """Rollouts with feedback ``u_k = clip(K_k x_k + k_k)`` under the contact law of a stage model.
 
-    With a C compiler one compiled function rolls out all candidates and evaluates their merits.
+    ``input_limit`` (nu,) bounds inputs without a finite bound.
     """
 
     def __init__(self, model: StageModel) -> None:
@@ -51,17 +53,12 @@ class CandidateRollouts:
         rolled = RolloutFunction(step, free, end, model.N, RolloutPolicy(law, per_step=True), threads=1)
         self._roll = rolled.with_starts(OTHER_STARTS)
         self._step = StepFunction(step, threads=1)
-        input_limit = MAX_INPUT * model.problem.scales.u
-        self._input_bounds = -input_limit, input_limit
+        self.input_limit = MAX_INPUT * model.problem.scales.u
 
-    @cached_property
-    def _compiled(self) -> tuple[RolloutProgram, CompiledCandidates] | None:
-        """Compiled rollouts, and all of a call; None on a computer without a C compiler."""
-        model, program, stage = self.model, self._roll.compiled(), self.model.compiled_merit
-        if program is None or stage is None:
-            return None
-        sizes = CandidateSizes(model.nx, model.nu, model.n, model.m, len(model.names))
-        return program, CompiledCandidates(program.engine, stage, sizes)
+    @property
+    def compiled(self) -> RolloutProgram | None:
+        """Compiled rollouts, or None on a computer without a C compiler."""
+        return self._roll.compiled()
 
     def step(self, x: np.ndarray, u: np.ndarray, p: np.ndarray) -> np.ndarray:
         """Return the next states (n, nx) from states x (n, nx) and inputs u (n, nu)."""
@@ -73,8 +70,6 @@ class CandidateRollouts:
         ``arrays`` are K (N, nu, nx), x_plan (N+1, nx), u (N, nu), dx, du and the shares (S,). The first candidate has
         no feedback.
         """
-        if self._compiled is not None:
-            return self._compiled[1].steer(arrays)
         gains, x, u, dx, du, shares = arrays
         K = np.broadcast_to(gains, (len(shares), *gains.shape)).copy()
         K[0] = 0.0
@@ -98,22 +93,8 @@ class CandidateRollouts:
         K (S, N, nu, nx) and k (S, N, nu) are the gains of S candidates; N may be less than the model's. A
         candidate with an unsolved step has infinite merit.
         """
-        lower, upper = np.maximum(bounds[0], self._input_bounds[0]), np.minimum(bounds[1], self._input_bounds[1])
-        arguments, p_step = (x0, K, k, lower, upper, u_before, p), p[0, self.model.of_step]
-        if self._compiled is None:
-            x, merit, u, lam, violations, gap = self._roll_in_numpy((*arguments, p_step), penalty)
-        else:
-            program, roll_candidates = self._compiled
-            arguments = *arguments, program.derive(p_step[None])
-            scaled_penalty = penalty * float(self.model.problem.scales.cost)
-            x, merit, u, lam, violations, gap = roll_candidates(arguments, scaled_penalty)
-        best = int(merit.argmin())
-        plan = Plan(x[best], u[best], lam[best], gap[best])
-        return Rolled(plan, float(merit[best]), best, self.model.violations(violations[[best]]), x)
-
-    def _roll_in_numpy(self, arguments: tuple[np.ndarray, ...], penalty: float) -> tuple[np.ndarray, ...]:
-        """Return the same as :class:`~dynamics.batch.engines.c_candidates.CompiledCandidates`."""
-        x0, K, k, lower, upper, u_before, p, p_step = arguments
+        lower, upper = np.maximum(bounds[0], -self.input_limit), np.minimum(bounds[1], self.input_limit)
+        p_step = p[0, self.model.of_step]
         model, (S, N) = self.model, K.shape[:2]
         ends = np.broadcast_to(np.concatenate([lower, upper]), (S, N, 2 * model.nu))
         theta = np.concatenate([K.reshape(S, N, -1), k, ends], axis=2)
@@ -124,4 +105,7 @@ class CandidateRollouts:
         lam = self._step(*flattened, p_step).lam[:, : model.n].reshape(S, N, -1)
         merit, violations, gap = model.merits(x, u, lam, u_before, p, penalty)
         finite = np.isfinite(merit) & np.isfinite(x).all(axis=(1, 2)) & np.isfinite(lam).all(axis=(1, 2))
-        return x, np.where(finite, merit, np.inf), u, lam, violations, gap
+        merit = np.where(finite, merit, np.inf)
+        best = int(merit.argmin())
+        plan = Plan(x[best], u[best], lam[best], gap[best])
+        return Rolled(plan, float(merit[best]), best, self.model.violations(violations[[best]]), x)

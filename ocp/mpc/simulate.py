@@ -17,9 +17,9 @@ from dynamics.limits import INDEX, LOOP_SAMPLES, LOOP_SEEDS
 from dynamics.settings import read_value
 from ocp.errors import InputError
 from ocp.judge.certificate import certify
+from ocp.judge.constraint_rows import ConstraintRows
 from ocp.judge.constraints import Broken
 from ocp.judge.step_size import step_size_kind
-from ocp.mpc.constraint_rows import ConstraintRows
 from ocp.mpc.controller import Command, Controller
 from ocp.mpc.phase import numbers
 from ocp.mpc.plants import Disturbance, Plant, check_pushes, deviations

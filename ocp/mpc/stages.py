@@ -12,9 +12,8 @@ import numpy as np
 
 from dynamics.batch import BatchFunction
 from dynamics.batch.engines.c_flat import CompiledEngine
-from dynamics.batch.engines.c_horizon import HorizonAlgebra, horizon_algebra
 from dynamics.contact import Step
-from ocp.mpc.constraint_rows import ConstraintRows
+from ocp.judge.constraint_rows import ConstraintRows
 from ocp.problem.policy import OpenLoop
 from ocp.problem.problem import Problem
 from ocp.transcription.common import Graph
@@ -63,7 +62,8 @@ class StageValues(NamedTuple):
 class StageModel:
     """Model of a problem's step under a contact law, which evaluates all steps of a plan at once.
 
-    Path constraints and bounds on x_next are inequality rows in characteristic sizes.
+    Path constraints and bounds on x_next are inequality rows in characteristic sizes. ``distances`` evaluates signed
+    distances and their derivatives by pair and state, None for a system without them.
 
     Raises the errors of :class:`~ocp.transcription.common.Graph`.
     """
@@ -91,6 +91,10 @@ class StageModel:
         terminal_cost = ca.substitute(terminal_cost, graph.p, p_end)
         end_hessian, end_gradient = ca.hessian(terminal_cost, system.x_next)
         arguments = [system.x, graph.u_before, system.u, system.x_next, step.lam, graph.p, p_end]
+        self.distances = None
+        if system.phi is not None and system.phi.numel():
+            outputs = [system.phi, ca.jacobian(system.phi, system.x).T]
+            self.distances = _batch_function("mpc_distances", [system.x, problem.parameters.vector], outputs)
         self._merit = _batch_function("mpc_merit", arguments, [cost, ca.fmax(-rows, 0), step.gap, terminal_cost])
         slopes = [ca.jacobian(values, variables), gradient, hessian, end_gradient, end_hessian]
         self._stage = _batch_function("mpc_stage", arguments, [values, *slopes])
@@ -104,6 +108,11 @@ class StageModel:
     def compiled_merit(self) -> CompiledEngine | None:
         """Compiled function of (cost, violations, gap, terminal cost) of steps, or None without a C compiler."""
         return self._merit.compiled
+
+    @property
+    def compiled_stage(self) -> CompiledEngine | None:
+        """Compiled function of a step's values and derivatives, or None without a C compiler."""
+        return self._stage.compiled
 
     def merits(
         self,
@@ -152,11 +161,6 @@ class StageModel:
             end_gradient[-1],
             end_hessian[-1].reshape(self.nx, self.nx),
         )
-
-    @cached_property
-    def algebra(self) -> HorizonAlgebra | None:
-        """Compiled linear algebra of the horizon, None on a computer without a C compiler."""
-        return horizon_algebra()
 
     @cached_property
     def sizes(self) -> tuple[np.ndarray, np.ndarray]:

@@ -1,14 +1,12 @@
-"""Tracking of a stored plan: its trajectory as the first plan, and horizons shorter than their program."""
+"""Tracking of a stored plan: its trajectory as the first plan."""
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from ocp.errors import InputError
-from ocp.mpc.linearised import Affine, Linearised
 from ocp.mpc.stages import Plan, StageModel
 
 if TYPE_CHECKING:
@@ -47,29 +45,3 @@ def read_plan(model: StageModel, stored: TrackedPlan) -> Plan:
     if not (plan.finite and np.isfinite(lam).all()):
         raise InputError("the plan has values that are not finite; track a run that converged")
     return plan
-
-
-def pad_steps(values: np.ndarray, N: int) -> np.ndarray:
-    """Return an array (n, ...) extended to (N, ...) by zeros."""
-    return np.concatenate([values, np.zeros((N - len(values), *values.shape[1:]))])
-
-
-def pad_horizon(lin: Linearised, N: int) -> Linearised:
-    """Return the model of a horizon of n steps as one of N steps with the same optimum, or unchanged if n = N.
-
-    Steps n to N-1 keep the state, ``dx_{k+1} = dx_k``, and their cost is the square of du, so that du = 0. The
-    terminal cost is part of the cost of step n, whose state is the last one of the horizon. Only arrays that the
-    regulator reads are extended.
-    """
-    n, nx, nu = len(lin.gradient), *lin.x_next.by_u.shape[1:]
-    if n == N:
-        return lin
-    x_next = Affine(*(pad_steps(block, N) for block in lin.x_next))
-    gradient, hessian = (pad_steps(block, N) for block in (lin.gradient, lin.hessian))
-    x_next.by_x[n:] = np.eye(nx)
-    gradient[n, :nx], hessian[n, :nx, :nx] = lin.end
-    inputs = np.arange(nx + nu, nx + 2 * nu)
-    curvature = hessian[n - 1, inputs, inputs]
-    hessian[n:, inputs, inputs] = np.where(curvature > 0, curvature, 1.0)
-    end = np.zeros(nx), np.zeros((nx, nx))
-    return replace(lin, x_next=x_next, gradient=gradient, hessian=hessian, end=end)

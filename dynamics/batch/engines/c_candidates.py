@@ -1,18 +1,6 @@
-"""Compiled rollouts of candidate plans with their merits, by the compiled rollout and the compiled stage costs."""
+"""C source that rolls out candidate plans with their merits, by compiled rollouts and stage costs."""
 
-from __future__ import annotations
-
-import ctypes
-from typing import NamedTuple
-
-import numpy as np
-
-from dynamics.batch.engines.c_flat import CompiledEngine, data_addresses
-from dynamics.batch.engines.c_steps import JOB
-from dynamics.batch.engines.compiler import load_library
-from dynamics.batch.engines.rollout_engines import CompiledRolloutEngine
-
-_SOURCE = """\
+CANDIDATES = """\
 typedef i64 (*rollout)(i64 *next, i64 n, i64 chunk, const job *q);
 typedef i64 (*batch)(i64 *next, i64 n, i64 chunk, const double *const *a, const i64 *shared, double *const *b);
 typedef struct { i64 S, N, nx, nu, n, nl, m, np; } counts;
@@ -87,65 +75,3 @@ i64 roll_candidates(const counts *z, void *const *functions, double penalty, con
   return 0;
 }
 """
-
-
-class CandidateSizes(NamedTuple):
-    """Numbers of states, inputs, multipliers, constraint rows and parameters of a stage."""
-
-    nx: int
-    nu: int
-    n: int
-    m: int
-    np: int
-
-
-class CompiledCandidates:
-    """Compiled function that rolls out candidates from one state and evaluates their merits.
-
-    ``rollout`` has the policy ``clip(K x + k, low, high)`` with parameters (K, k, low, high) of each step, and
-    ``stage`` evaluates cost, violations, gaps and terminal cost from (x, input before, u, x_next, lam, p, p at end).
-
-    The constructor raises :class:`~dynamics.batch.engines.compiler.CompilerError` without a C compiler.
-    """
-
-    def __init__(self, rollout: CompiledRolloutEngine, stage: CompiledEngine, sizes: CandidateSizes) -> None:
-        text, names = "typedef long long i64;\n" + JOB + _SOURCE, ["roll_candidates", "steer_candidates"]
-        library = load_library(text, names)
-        self._call, self._steer = library.roll_candidates, library.steer_candidates
-        self._steer.argtypes, self._steer.restype = 3 * [ctypes.c_void_p], None
-        self._call.argtypes = [*2 * [ctypes.c_void_p], ctypes.c_double, *2 * [ctypes.c_void_p]]
-        self._call.restype = ctypes.c_int64
-        self._engines, self.sizes, self._nl = (rollout, stage), sizes, rollout.nlam
-        self._functions = (ctypes.c_void_p * 2)(rollout.address, stage.address)
-
-    def steer(self, arrays: tuple[np.ndarray, ...]) -> tuple[np.ndarray, np.ndarray]:
-        """Return K (S, N, nu, nx) and k (S, N, nu) of the candidates ``u + share du + K (x - x_plan - share dx)``.
-
-        ``arrays`` are K (N, nu, nx), x_plan (N+1, nx), u (N, nu), dx, du and the shares (S,). The first candidate has
-        no feedback.
-        """
-        gains, shares = arrays[0], arrays[-1]
-        (N, nu, nx), S = gains.shape, len(shares)
-        K, k = np.empty((S, N, nu, nx)), np.empty((S, N, nu))
-        counts = (ctypes.c_int64 * 8)(S, N, nx, nu)
-        inputs = [np.ascontiguousarray(array) for array in arrays]
-        self._steer(counts, data_addresses(inputs), data_addresses([K, k]))
-        return K, k
-
-    def __call__(self, inputs: tuple[np.ndarray, ...], penalty: float) -> tuple[np.ndarray, ...]:
-        """Return states (S, N+1, nx), merits (S,), inputs (S, N, nu), multipliers, violations and gaps (S, N, .).
-
-        The merit is infinite for a candidate with a value that is not finite.
-
-        ``inputs`` are the state, K (S, N, nu, nx), k (S, N, nu), bounds on inputs, the input before, parameters of the
-        stages (N+1, np) and of the step.
-        """
-        (nx, nu, n, m, n_p), nl, (S, N) = self.sizes, self._nl, inputs[2].shape[:2]
-        work = S + S * N * (nu * (nx + 3) + nl + 2 * nx + nu + n_p + 2)
-        shapes = (S, N + 1, nx), (S,), (S, N, nu), (S, N, n), (S, N, m), (S, N, n), (work,)
-        outputs = [np.empty(shape) for shape in shapes]
-        arrays = [np.ascontiguousarray(array) for array in inputs]
-        counts = (ctypes.c_int64 * 8)(S, N, nx, nu, n, nl, m, n_p)
-        if self._call(counts, self._functions, penalty, data_addresses(arrays), data_addresses(outputs)) < 0:
-            raise MemoryError("no memory for the rollouts of candidates")
-        return tuple(outputs[:6])

@@ -1,16 +1,6 @@
-"""Compiled linear algebra of a horizon's steps: elimination, test of definiteness, Riccati recursion."""
+"""C source of a horizon's linear algebra: elimination of contact, test of definiteness, Riccati recursion."""
 
-from __future__ import annotations
-
-import ctypes
-from typing import Any
-
-import numpy as np
-
-from dynamics.batch.engines.c_flat import data_address, data_addresses
-from dynamics.batch.engines.compiler import CompilerError, load_library
-
-_SOURCE = """\
+ALGEBRA = """\
 typedef long long i64;
 /* Solves A y = B by Gaussian elimination with exchanges of rows; A (n, n) and B (n, k) are overwritten.
    A pivot that is NaN or below the rounding error of the largest entry makes the system singular. */
@@ -145,73 +135,3 @@ i64 riccati(const i64 *size, double share, const double *const *in, double *cons
   return 0;
 }
 """
-
-
-class HorizonAlgebra:
-    """Compiled functions on all steps of a horizon, whose results equal those of NumPy up to rounding.
-
-    The constructor raises :class:`~dynamics.batch.engines.compiler.CompilerError` without a C compiler.
-    """
-
-    def __init__(self) -> None:
-        self._library = load_library(_SOURCE, ["eliminate", "indefinite", "riccati"], level=3)
-        pointer, number = ctypes.c_void_p, ctypes.c_int64
-        self._library.eliminate.argtypes = [pointer, pointer, pointer]
-        self._library.indefinite.argtypes = [number, number, ctypes.c_double, pointer, pointer]
-        self._library.riccati.argtypes = [pointer, ctypes.c_double, pointer, pointer]
-
-    def eliminate(
-        self, sizes: tuple[int, int, int, int, int], arrays: tuple[np.ndarray, ...]
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Solve the linearised steps for z = (x_next, lam); return z, gaps and rows as affine functions.
-
-        ``sizes`` are (N, nx, nu, n, m). ``arrays`` are the transposed Jacobian (N, nx + nu + nx + n, nx + 2 n + m)
-        of (residual, gap, mu, rows), the values of residual, gap and rows, the coefficients a, b, m, c of a
-        closure ``a dgap + b dlam - m dmu = c`` of every pair, and the compliance (n,). The last axis of the
-        results has the value, the derivatives in x and u, and those in c.
-
-        Raises ``numpy.linalg.LinAlgError`` if one of the systems is singular.
-        """
-        N, nx, nu, n, m = sizes
-        columns = 1 + nx + nu + n
-        outputs = [np.empty((N, rows, columns)) for rows in (nx + n, n, m)]
-        if self._call(self._library.eliminate, sizes, arrays, [*outputs, np.empty((nx + n, nx + n))]):
-            raise np.linalg.LinAlgError("a step's linear system is singular")
-        return outputs[0], outputs[1], outputs[2]
-
-    def indefinite(self, matrices: np.ndarray, share: float) -> bool:
-        """Return whether one of the matrices (N, n, n), with ``share`` of its trace added, is not positive definite."""
-        matrices = np.ascontiguousarray(matrices)
-        N, n, _ = matrices.shape
-        scratch = np.empty((n, n))
-        return bool(self._library.indefinite(N, n, share, data_address(matrices), data_address(scratch)))
-
-    def riccati(
-        self, by_x: np.ndarray, by_u: np.ndarray, hessian: np.ndarray, end: np.ndarray, share: float
-    ) -> np.ndarray:
-        """Return the gains K (N, nu, nx) for dynamics (N, nx, nx) and (N, nx, nu), and costs in (x, input before, u).
-
-        ``hessian`` (N, nx + 2 nu, nx + 2 nu) is that of the stage cost, of which the input before is left out, and
-        ``end`` that of the terminal cost. ``share`` of the trace of Quu is added to its diagonal. Gains are NaN if one
-        Quu is singular.
-        """
-        N, nx, nu = by_u.shape
-        z = nx + nu
-        K, scratch = np.empty((N, nu, nx)), np.empty(nx * nx + 2 * nx * z + 2 * z * z)
-        arrays = by_x, by_u, hessian, end
-        singular = self._call(self._library.riccati, (N, nx, nu), arrays, [K, scratch], share)
-        return np.full_like(K, np.nan) if singular else K
-
-    @staticmethod
-    def _call(function: Any, sizes: tuple[int, ...], arrays: tuple[np.ndarray, ...], outputs: Any, *more: float) -> int:
-        inputs = [np.ascontiguousarray(array) for array in arrays]
-        lengths = (ctypes.c_int64 * len(sizes))(*sizes)
-        return function(lengths, *more, data_addresses(inputs), data_addresses(outputs))
-
-
-def horizon_algebra() -> HorizonAlgebra | None:
-    """Return the compiled functions, or None without a C compiler."""
-    try:
-        return HorizonAlgebra()
-    except CompilerError:
-        return None

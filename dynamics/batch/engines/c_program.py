@@ -187,6 +187,16 @@ class ProgramSolution(NamedTuple):
     status: int
 
 
+def program_source(nx: int, nu: int, rows: int, slacks: int, before: bool) -> str:
+    """Return the C text of the solver of programs with these :class:`ProgramSizes`."""
+    constants = {
+        **{"NX": nx, "NU": nu, "M": rows, "SLACKS": slacks, "BEFORE": int(before)},
+        **{"START_DISTANCE": START_DISTANCE, "START_PRODUCT": START_PRODUCT, "START_SHARE": START_SHARE},
+        **{"TO_BOUNDARY": TO_BOUNDARY, "LEAST_CENTRE": LEAST_CENTRE, "MAX_ROW_VALUE": MAX_ROW_VALUE},
+    }
+    return "".join((*(f"#define {name} {value}\n" for name, value in constants.items()), SWEEPS, _PROGRAM))
+
+
 class CompiledProgram:
     """Compiled solver of a horizon's quadratic program, by Mehrotra's method with a Riccati recursion.
 
@@ -194,17 +204,10 @@ class CompiledProgram:
     """
 
     def __init__(self, sizes: ProgramSizes, N: int) -> None:
-        nx, nu, rows, slacks, before, proximal = sizes
-        constants = {
-            **{"NX": nx, "NU": nu, "M": rows, "SLACKS": slacks, "BEFORE": int(before)},
-            **{"START_DISTANCE": START_DISTANCE, "START_PRODUCT": START_PRODUCT, "START_SHARE": START_SHARE},
-            **{"TO_BOUNDARY": TO_BOUNDARY, "LEAST_CENTRE": LEAST_CENTRE, "MAX_ROW_VALUE": MAX_ROW_VALUE},
-        }
-        text = "".join(f"#define {name} {value}\n" for name, value in constants.items())
-        library = load_library(text + SWEEPS + _PROGRAM, ["solve_program"], level=3)
+        library = load_library(program_source(*sizes[:5]), ["solve_program"], level=3)
         library.stage_bytes.restype = library.solve_program.restype = ctypes.c_int64
         library.solve_program.argtypes = 5 * [ctypes.c_void_p]
-        self.sizes, self._solve, self._proximal = sizes, library.solve_program, proximal
+        self.sizes, self._solve, self._proximal = sizes, library.solve_program, sizes.proximal
         self._work = np.empty((N + 1) * library.stage_bytes() // 8)
 
     def solve(

@@ -124,6 +124,7 @@ class Captured:
 def captured(name: str, N: int) -> Captured:
     """Return the first program of one sample of a closed loop."""
     controller = Controller(problems.get(name, N=N), phase="qp")
+    controller._phase.compiled = None
     qp, seen = controller._phase.qp, []
     solve = qp.solve
 

@@ -26,7 +26,8 @@ def test_an_exchange_is_tried_once_at_the_same_time_of_the_shifted_plan(shift: i
     n = len(plan.u) - shorter
     rest = Plan(held.x[: n + 1], held.u[:n], held.lam[:n], held.gap[:n])
     own, _ = phase.active_set(rest)
-    phase.exchange = PairExchange(phase.sets.of(plan), pairs).shifted(shift)
+    exchange = PairExchange(phase.sets.of(plan), pairs)
+    phase.exchange = exchange.shifted() if shift else exchange
     closed, is_exchanged = phase.active_set(rest)
     assert is_exchanged
     expected = np.concatenate([pairs[shift:], np.zeros_like(pairs[:shift])])[:n]

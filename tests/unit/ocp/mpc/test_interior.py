@@ -27,6 +27,7 @@ def programs_of(name: str, samples: int, monkeypatch: pytest.MonkeyPatch) -> tup
         return solve(self, *arguments, **separate)
 
     controller, rng = Controller(get(name)), np.random.default_rng(0)
+    controller._phase.compiled = None
     monkeypatch.setattr(HorizonQP, "solve", keep)
     x = controller.start
     for _ in range(samples):

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
-
 import numpy as np
 import pytest
 from scipy.linalg import solve_discrete_are
 
 from dynamics.batch import StepFunction
-from dynamics.batch.engines.c_horizon import horizon_algebra
-from ocp.mpc import riccati, stages
 from ocp.mpc.active_set import ActiveSets
 from ocp.mpc.horizon_qp import HorizonQP
 from ocp.mpc.linearised import Affine, LinearClosure, Linearised, linearise, project_psd
 from ocp.mpc.receding import Receding
-from ocp.mpc.riccati import Regulator
+from ocp.mpc.riccati import regulator_gains
 from ocp.mpc.rollouts import CandidateRollouts
 from ocp.mpc.stages import Plan, StageModel
 from problems import get
@@ -84,47 +80,6 @@ def test_friction_has_one_closure_for_each_motion(seed: int) -> None:
         assert not other[:, f][~other[:, contact.normal]].all(axis=1).any()
 
 
-@pytest.mark.one_case_in(6)
-@pytest.mark.parametrize("law", ["active set", "product"])
-@pytest.mark.parametrize("name", ["soft-walls", "finger-disc", "planar-push"])
-def test_compiled_algebra_equals_that_without_a_compiler(name: str, law: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Elimination, projection of Hessians and regulator gains agree up to rounding, which later steps amplify."""
-    made = Horizon(name, 1)
-    model, plan = made.model, made.plan
-    at = model.evaluate(plan, made.u_before, made.p)
-    closure = LinearClosure.from_product(plan, at.mu + 1e-3, model.sizes)
-    if law == "active set":
-        closure = LinearClosure.from_active_set(plan, ActiveSets(model).of(plan))
-    assert model.algebra is not None
-    compiled = linearise(model, plan, at, closure)
-    compiled_gains = Regulator(model.nx, model.nu, model.N).gains(compiled)
-    monkeypatch.setattr(riccati, "horizon_algebra", lambda: None)
-    monkeypatch.setattr(stages, "horizon_algebra", lambda: None)
-    del model.algebra
-    interpreted = linearise(model, plan, at, closure)
-    for field in fields(Linearised):
-        pair = [getattr(lin, field.name) for lin in (compiled, interpreted)]
-        for first, second in zip(*(v if isinstance(v, tuple) else (v,) for v in pair), strict=True):
-            assert abs(first - second).max(initial=0) <= 1e-11 * (1 + abs(second).max(initial=0))
-    gains = Regulator(model.nx, model.nu, model.N).gains(interpreted)
-    assert abs(compiled_gains - gains).max() <= 1e-9 * (1 + abs(gains).max())
-
-
-def test_compiled_algebra_reports_singular_and_indefinite_matrices() -> None:
-    algebra = horizon_algebra()
-    assert algebra is not None
-    convex, saddle = np.array([[2.0, 1.0], [1.0, 2.0]]), np.array([[1.0, 2.0], [2.0, 1.0]])
-    assert not algebra.indefinite(np.array([convex, convex]), 1e-12)
-    assert algebra.indefinite(np.array([convex, saddle]), 1e-12)
-    for entry in (0.0, np.nan):
-        # Two states without input and contact, whose equations do not determine the second next state.
-        jacobian = np.zeros((1, 4, 2))
-        jacobian[0, 2, 0], jacobian[0, 3, 1] = 1.0, entry
-        empty = np.zeros((1, 0))
-        with pytest.raises(np.linalg.LinAlgError):
-            algebra.eliminate((1, 2, 0, 0, 0), (jacobian, np.zeros((1, 2)), *[empty] * 6, np.zeros(0)))
-
-
 def regular(nx: int, nu: int, N: int, seed: int) -> Linearised:
     """Draw a linear-quadratic horizon with random matrices."""
     rng = np.random.default_rng(seed)
@@ -158,7 +113,7 @@ def test_the_regulator_is_the_quadratic_program_without_constraints(seed: int) -
     dx0 = np.random.default_rng(seed + 10).standard_normal(model.nx)
     free = np.full((model.N, model.nu), np.inf)
     found = HorizonQP(model, 0).solve(lin, lin.rows, dx0, (-free, free))
-    K = Regulator(model.nx, model.nu, model.N).gains(lin)
+    K = regulator_gains(lin)
     assert found.solved
     assert np.einsum("kij,kj->ki", K, found.dx[:-1]) == pytest.approx(found.du, rel=1e-5, abs=1e-6)
 
@@ -173,7 +128,7 @@ def test_the_regulator_converges_to_the_algebraic_riccati_equation() -> None:
     lin.hessian = np.tile(H, (N, 1, 1))
     V = solve_discrete_are(A, B, np.eye(3), np.eye(2))
     K = -np.linalg.solve(np.eye(2) + B.T @ V @ B, B.T @ V @ A)
-    assert Regulator(3, 2, N).gains(lin)[0] == pytest.approx(K, abs=1e-7)
+    assert regulator_gains(lin)[0] == pytest.approx(K, abs=1e-7)
 
 
 def test_negative_curvature_is_set_to_zero() -> None:
