@@ -78,7 +78,7 @@ class PhaseSample:
         sizes = SampleSizes(
             *(model.N, model.nx, model.nu, model.n, model.m, len(contacts)),
             *(sum(function.output_sizes[0] for function in distances), len(model.names), step_parameters),
-            *(len(model.of_problem), len(STEP_SHARES), model.problem.uses_du, product),
+            *(len(model.of_problem), len(STEP_SHARES), model.problem.uses_du, model.costs_impulses, product),
         )
         method = {
             **{"SHARES": ", ".join(map(repr, STEP_SHARES.tolist())), "PENALTIES": ", ".join(map(repr, PENALTIES))},
@@ -89,9 +89,8 @@ class PhaseSample:
             **{"MAX_PROJECTIONS": MAX_PROJECTIONS, "RANK_TOLERANCE": RANK_TOLERANCE, "MAX_SWEEPS": MAX_SWEEPS},
             **{"FULL_STEP": FULL_STEP, "INPUT_CURVATURE": INPUT_CURVATURE_SHARE / model.nu},
         }
-        method |= {**constants, "COSTS_IMPULSES": int(model.costs_impulses)}
         engines = merit, stage, *(function.compiled for function in distances if function.compiled)
-        self._compiled = CompiledSample(program.engine, engines, sizes, method)
+        self._compiled = CompiledSample(program.engine, engines, sizes, {**method, **constants})
         self.arrays, scales = self._compiled.arrays, model.problem.scales
         widths = {"x": model.nx, "u": model.nu, "lam": model.n, "gap": model.n, "p": len(model.names)}
         rows = {name: model.N + (name in "xp") for name in widths}

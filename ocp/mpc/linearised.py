@@ -130,7 +130,7 @@ def _stage_costs(model: StageModel, evaluated: StageValues, dlam: Affine) -> tup
     """Return the stage cost's gradient and Hessian in (x, u_before, u), with multipliers eliminated."""
     nw = model.nx + 2 * model.nu
     if not model.costs_impulses:
-        return evaluated.gradient[:, :nw], project_psd(evaluated.hessian[:, :nw, :nw])
+        return evaluated.gradient, project_psd(evaluated.hessian)
     T = np.zeros((len(dlam.value), nw + model.n, nw))
     T[:, :nw] = np.eye(nw)
     T[:, nw:, : model.nx], T[:, nw:, model.nx + model.nu :] = dlam.by_x, dlam.by_u

@@ -91,10 +91,11 @@ def horizon_rows(
     Raises :class:`~ocp.errors.InputError` for an unknown name, an array of another length, and a varying array
     for a parameter of the dynamics.
     """
-    N, allowed = receding.problem.N, [n for n in names if n not in receding.added]
-    rows = np.tile(base, (N + 1, 1))
+    N, rows = receding.problem.N, np.empty((receding.problem.N + 1, len(base)))
+    rows[:] = base
     for name, value in values.items():
-        if name not in allowed:
+        if name not in names or name in receding.added:
+            allowed = [n for n in names if n not in receding.added]
             raise InputError(f"{receding.problem.name} has no parameter {name!r}{did_you_mean(name, allowed)}")
         values_of_name, i = numbers(name, value, finite=True), names.index(name)
         if values_of_name.ndim == 0:

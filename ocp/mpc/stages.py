@@ -44,7 +44,7 @@ class StageValues(NamedTuple):
 
     The values are the ``residual`` (N, nx) of the step's equations, ``gap`` and ``mu`` (N, n), and the ``rows``
     (N, m) that constraints keep at 0 or above; the ``jacobian`` of all these in (x, u, x_next, lam); ``gradient``
-    (N, nw + n) and ``hessian`` of the stage cost in w = (x, u_before, u) and lam; and ``end_gradient`` and
+    (N, nw) and ``hessian`` of the stage cost in w = (x, u_before, u), and in lam if it has any; ``end_gradient`` and
     ``end_hessian`` of the terminal cost in x_N.
     """
 
@@ -80,8 +80,9 @@ class StageModel:
         rows, self.violations = graph.with_impulses(constraints.expression), constraints.violations
         self.m = rows.numel()
         self._edges = [0, *accumulate((self.nx, self.n, self.n, self.m))]
-        cost, w = graph.stage_cost(), ca.vertcat(system.x, graph.u_before, system.u, step.lam)
+        cost, w = graph.stage_cost(), ca.vertcat(system.x, graph.u_before, system.u)
         self.costs_impulses = bool(ca.depends_on(cost, step.lam))
+        w = ca.vertcat(w, step.lam) if self.costs_impulses else w
         values = ca.vertcat(step.residual, step.gap, step.mu, rows)
         variables = ca.vertcat(system.x, system.u, system.x_next, step.lam)
         hessian, gradient = ca.hessian(cost, w)

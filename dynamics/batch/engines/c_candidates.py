@@ -31,8 +31,7 @@ static void fill_stages(const counts *z, const double *const *in, const double *
   }
 }
 /* Candidates `u + share du + K (x - x_plan - share dx)`; the first one has K = 0. in: K, x, u, dx, du, shares. */
-void steer_candidates(const counts *z, const double *const *in, double *const *out);
-void steer_candidates(const counts *z, const double *const *in, double *const *out) {
+static void steer_candidates(const counts *z, const double *const *in, double *const *out) {
   i64 rows = z->N * z->nu;
   for (i64 s = 0; s < z->S; s++)
     for (i64 r = 0; r < rows; r++) {
@@ -44,10 +43,8 @@ void steer_candidates(const counts *z, const double *const *in, double *const *o
 }
 /* in: x0, K, k, lower, upper, input before, parameters of the stages (N+1), parameters of the step.
    out: states, merits, u, lam, violations, gaps, work. Returns -1 without memory. */
-i64 roll_candidates(const counts *z, void *const *functions, double penalty, const double *const *in,
-                    double *const *out);
-i64 roll_candidates(const counts *z, void *const *functions, double penalty, const double *const *in,
-                    double *const *out) {
+static i64 roll_candidates(const counts *z, void *const *functions, double penalty, const double *const *in,
+                           double *const *out) {
   i64 rows = z->S * z->N, next = 0;
   double *top = out[6], *theta = top, *lam = theta + rows * z->nu * (z->nx + 3), *total = lam + rows * z->nl;
   double *x = total + z->S, *before = x + rows * z->nx, *x_next = before + rows * z->nu;

@@ -50,8 +50,7 @@ static void propagate(i64 rows, i64 xu, i64 nz, i64 k, i64 height, const double 
     for (i64 l = 0; l < xu; l++) out[1 + l] += J[l * height];
   }
 }
-i64 eliminate(const i64 *size, const double *const *in, double *const *out);
-i64 eliminate(const i64 *size, const double *const *in, double *const *out) {
+static i64 eliminate(const i64 *size, const double *const *in, double *const *out) {
   i64 N = size[0], nx = size[1], xu = nx + size[2], n = size[3], m = size[4];
   i64 nz = nx + n, k = 1 + xu + n, height = nx + 2 * n + m;
   const double *J = in[0], *residual = in[1], *gap = in[2], *rows = in[3];
@@ -80,8 +79,7 @@ i64 eliminate(const i64 *size, const double *const *in, double *const *out) {
   return 0;
 }
 /* Whether one of the matrices H (N, n, n), with `share` of its diagonal's 1-norm added, is not positive definite. */
-i64 indefinite(i64 N, i64 n, double share, const double *H, double *L);
-i64 indefinite(i64 N, i64 n, double share, const double *H, double *L) {
+static i64 indefinite(i64 N, i64 n, double share, const double *H, double *L) {
   for (; N > 0; N--, H += n * n) {
     double shift = 0.0;
     for (i64 i = 0; i < n; i++) shift += __builtin_fabs(H[i * n + i]);
@@ -97,8 +95,7 @@ i64 indefinite(i64 N, i64 n, double share, const double *H, double *L) {
   }
   return 0;
 }
-i64 riccati(const i64 *size, double share, const double *const *in, double *const *out);
-i64 riccati(const i64 *size, double share, const double *const *in, double *const *out) {
+static i64 riccati(const i64 *size, double share, const double *const *in, double *const *out) {
   i64 N = size[0], nx = size[1], nu = size[2], z = nx + nu, nw = z + nu;
   double *V = out[1], *T = V + nx * nx, *Q = T + nx * z, *U = Q + z * z, *AB = U + z * z;
   for (i64 i = 0; i < nx * nx; i++) V[i] = in[3][i];

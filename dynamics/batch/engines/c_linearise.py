@@ -8,8 +8,8 @@ PRODUCT is 0, each pair has one side fixed at zero, else the law `lam gap = mu` 
 LINEARISE = """\
 #define COLUMNS (1 + NX + NU + PAIRS)
 #define VALUES (NX + 2 * PAIRS + LIMITS)
-#define NF (NX + 2 * NU + PAIRS)
 #define NG (NX + 2 * NU)
+#define NF (NG + COSTS_IMPULSES * PAIRS)
 static i64 evaluate_plan(sample *s) {
   i64 n = s->steps, next = 0;
   for (i64 i = 0; i < n * NU; i++) s->before[i] = i < NU ? s->u_before[i] : s->u[i - NU];
@@ -123,7 +123,7 @@ static void fill_cost(const sample *s, i64 k, double *g, double *H) {
   const double *z = s->by_step + k * (NX + PAIRS) * COLUMNS, *slope = s->gradient + k * NF;
   const double *curvature = s->hessian + k * NF * NF;
   double T[NF][NG], h[NF];
-  for (i64 i = 0; i < (COSTS_IMPULSES ? NF : NG); i++) {
+  for (i64 i = 0; i < NF; i++) {
     h[i] = slope[i];
     for (i64 j = 0; j < NG; j++) T[i][j] = curvature[i * NF + j];
     for (i64 l = 0; COSTS_IMPULSES && l < PAIRS; l++) {

@@ -165,7 +165,8 @@ class SampleSizes(NamedTuple):
     """Sizes of a sample: steps, states, inputs, pairs, constraint rows, contacts, distances, parameters, candidates.
 
     ``parameters``, ``step_parameters`` and ``physical`` are the numbers of parameters of a stage, of the rollouts and
-    of the distances. ``before`` is true if the cost has the input before, ``product`` for the law ``lam gap = mu``.
+    of the distances. ``before`` is true if the cost has the input before, ``costs_impulses`` if it has multipliers,
+    ``product`` for the law ``lam gap = mu``.
     """
 
     N: int
@@ -180,6 +181,7 @@ class SampleSizes(NamedTuple):
     physical: int
     candidates: int
     before: bool
+    costs_impulses: bool
     product: bool
 
     @property
@@ -275,8 +277,8 @@ def sample_source(
     """Return the C text of a sample with these fields; ``multipliers`` is their number in a step of the rollouts."""
     macros = {
         **{"HORIZON": sizes.N, "PAIRS": sizes.pairs, "LIMITS": sizes.limits, "CONTACTS": sizes.contacts},
-        **{"DISTANCES": sizes.distances},
         **{"PARAMETERS": sizes.parameters, "MULTIPLIERS": multipliers, "PRODUCT": int(sizes.product)},
+        **{"DISTANCES": sizes.distances, "COSTS_IMPULSES": int(sizes.costs_impulses)},
         **{"CANDIDATES": sizes.candidates, **constants},
     }
     entries = (
@@ -303,7 +305,7 @@ def sample_fields(sizes: SampleSizes, multipliers: int) -> dict[str, tuple[str, 
     """Return the C type and the number of entries of each field of a sample, before those of its programs."""
     N, nx, nu, pairs, limits, contacts, _, parameters, step_parameters, physical, S, *_ = sizes
     rows, columns, ng = sizes.rows, 1 + nx + nu + pairs, nx + 2 * nu
-    values, nf, z = nx + 2 * pairs + limits, ng + pairs, nx + nu
+    values, nf, z = nx + 2 * pairs + limits, ng + pairs * sizes.costs_impulses, nx + nu
     space = S + S * N * (nu * (nx + 3) + multipliers + 2 * nx + nu + parameters + 2)
     doubles = {
         **{"cost": 1, "lam_size": pairs, "gap_size": pairs, "compliance": pairs, "x_size": nx, "proximal": nu},
