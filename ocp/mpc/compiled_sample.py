@@ -97,15 +97,12 @@ class PhaseSample:
         self._rows = {
             name: self.arrays[name][: rows[name] * width].reshape(rows[name], width) for name, width in widths.items()
         }
+        # The plan in the memory, whose parameters and bounds are those of the present sample; None if others are there.
+        self._loaded: Plan | None = None
         self.load(
             **dict(zip(("lam_size", "gap_size"), model.sizes, strict=True)),
-            **{
-                "cost": scales.cost,
-                "compliance": model.compliance,
-                "ignored": IGNORED_PENETRATION * scales.gap,
-                "x_size": scales.x,
-                "tolerance": TIGHT,
-            },
+            **{"cost": scales.cost, "x_size": scales.x, "ignored": IGNORED_PENETRATION * scales.gap},
+            **{"tolerance": TIGHT, "compliance": model.compliance},
             **{"proximal": PROXIMAL / np.square(scales.u), "input_limit": rollouts.input_limit},
             contacts=np.ravel([(c.normal, *c.friction, c.slip) for c in contacts]),
         )
@@ -140,11 +137,13 @@ class PhaseSample:
         self._load_plan(plan, p, bounds)
         self._compiled.shift_plan()
         rows, n = self._rows, len(plan.u)
-        return Plan(*(rows[name][: n + (name == "x")].copy() for name in ("x", "u", "lam", "gap")))
+        self._loaded = Plan(*(rows[name][: n + (name == "x")].copy() for name in ("x", "u", "lam", "gap")))
+        return self._loaded
 
     def step(self, x: np.ndarray, u: np.ndarray, p: np.ndarray) -> np.ndarray:
         """Return the next state (nx,); the state itself if the step has no solution."""
         self._load_step_parameters(p)
+        self._loaded = None
         self.arrays["state"][:] = x
         return self._compiled.take_step(u)
 
@@ -157,7 +156,9 @@ class PhaseSample:
     def prepare(self, plan: Plan, sample: Sample) -> bool:
         """Linearise a plan and set its gaps; return False if a step has no linearisation."""
         n = len(plan.u)
-        self._load_plan(plan, sample.p, sample.bounds)
+        if plan is not self._loaded:
+            self._load_plan(plan, sample.p, sample.bounds)
+        self._loaded = None
         self._rows["p"][: n + 1] = sample.p
         self.arrays["state"][:], self.arrays["u_before"][:] = sample.x, sample.u_before
         is_prepared = self._compiled.prepare()

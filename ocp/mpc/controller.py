@@ -122,7 +122,8 @@ class Controller:
         step = self.model.step
         dynamics = ca.vertcat(step.residual, step.gap, step.mu)
         self._dynamics = {n for n in step.p.names if ca.depends_on(dynamics, step.p[n])}
-        self._measured_columns = np.array([self.model.names.index(name) for name in self.receding.added])
+        first = self.model.names.index(self.receding.added[0])
+        self._measured_columns = slice(first, first + len(self.receding.added))
         limits = planned.limits
         sparsities = [limits.jac_sparsity(i, 0) for i in range(2, limits.n_out())]
         self._limiting = np.unique([column for sparsity in sparsities for column in sparsity.get_col()]).astype(int)

@@ -6,9 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dynamics.batch.engines.c_program import PROXIMAL, CompiledProgram, ProgramSizes
-from dynamics.batch.engines.compiler import CompilerError
-from dynamics.batch.engines.numpy_program import NumpyProgram
+from dynamics.batch.engines.c_program import PROXIMAL
+from dynamics.batch.engines.numpy_program import NumpyProgram, ProgramSizes
 from ocp.judge.constraint_rows import PENALTIES
 from ocp.mpc.linearised import Affine, Linearised
 from ocp.mpc.stages import StageModel
@@ -91,10 +90,7 @@ class HorizonQP:
         sizes = ProgramSizes(
             model.nx, model.nu, rows, 1 + model.m, model.problem.uses_du, PROXIMAL / np.square(scales.u)
         )
-        try:
-            self._program = CompiledProgram(sizes, model.N)
-        except CompilerError:
-            self._program = NumpyProgram(sizes)
+        self._program = NumpyProgram(sizes)
 
     def solve(
         self,

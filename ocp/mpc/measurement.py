@@ -34,7 +34,7 @@ class Measurement:
             finite_state = np.where(np.isfinite(finite_state), finite_state, expected)
             notes.append("the measured state is not finite; the predicted one is used there")
         moved_out = (self._move_out if compiled is None else compiled.move_out)(finite_state, physical)
-        if not np.array_equal(moved_out, finite_state):
+        if (moved_out != finite_state).any():
             notes.append("the measured state penetrates and was moved out of contact")
         is_outside = np.maximum(bounds[0] - moved_out, moved_out - bounds[1]) > self._tolerance
         if is_outside.any():

@@ -1,16 +1,8 @@
-"""Compiled interior-point method for the quadratic program of a horizon, of fixed sizes."""
+"""C source of an interior-point method for the quadratic program of a horizon, of fixed sizes."""
 
 from __future__ import annotations
 
-import ctypes
-from collections.abc import Sequence
-from typing import NamedTuple
-
-import numpy as np
-
-from dynamics.batch.engines.c_flat import data_address, data_addresses
 from dynamics.batch.engines.c_interior import SWEEPS
-from dynamics.batch.engines.compiler import load_library
 
 START_DISTANCE = 0.1
 """Smallest distance of a constraint from its bound at the first iterate, in characteristic sizes."""
@@ -157,78 +149,11 @@ i64 solve_program(void *work, const i64 *sizes, const double *options, const dou
 """
 
 
-class ProgramSizes(NamedTuple):
-    """Sizes of a program: states, inputs, rows and at most ``slacks`` slacks of a stage, and inputs before in its cost.
-
-    ``proximal`` (nu,) are the curvatures of inputs that every iteration adds.
-    """
-
-    nx: int
-    nu: int
-    rows: int
-    slacks: int
-    before: bool
-    proximal: np.ndarray
-
-
-class ProgramSolution(NamedTuple):
-    """Solution of a program: dx (N+1, nx), du (N, nu), multipliers of dynamics and rows, and the sum of all slacks.
-
-    ``status`` is 1 for a solution, 0 for the iterate after the maximum number of iterations, and -1 if a value is not
-    finite.
-    """
-
-    dx: np.ndarray
-    du: np.ndarray
-    costates: np.ndarray
-    rows: np.ndarray
-    violation: float
-    iterations: int
-    status: int
-
-
 def program_source(nx: int, nu: int, rows: int, slacks: int, before: bool) -> str:
-    """Return the C text of the solver of programs with these :class:`ProgramSizes`."""
+    """Return the C text of the solver of programs with these sizes of a stage."""
     constants = {
         **{"NX": nx, "NU": nu, "M": rows, "SLACKS": slacks, "BEFORE": int(before)},
         **{"START_DISTANCE": START_DISTANCE, "START_PRODUCT": START_PRODUCT, "START_SHARE": START_SHARE},
         **{"TO_BOUNDARY": TO_BOUNDARY, "LEAST_CENTRE": LEAST_CENTRE, "MAX_ROW_VALUE": MAX_ROW_VALUE},
     }
     return "".join((*(f"#define {name} {value}\n" for name, value in constants.items()), SWEEPS, _PROGRAM))
-
-
-class CompiledProgram:
-    """Compiled solver of a horizon's quadratic program, by Mehrotra's method with a Riccati recursion.
-
-    The constructor raises :class:`~dynamics.batch.engines.compiler.CompilerError` without a C compiler.
-    """
-
-    def __init__(self, sizes: ProgramSizes, N: int) -> None:
-        library = load_library(program_source(*sizes[:5]), ["solve_program"], level=3)
-        library.stage_bytes.restype = library.solve_program.restype = ctypes.c_int64
-        library.solve_program.argtypes = 5 * [ctypes.c_void_p]
-        self.sizes, self._solve, self._proximal = sizes, library.solve_program, sizes.proximal
-        self._work = np.empty((N + 1) * library.stage_bytes() // 8)
-
-    def solve(
-        self, arrays: Sequence[np.ndarray], slack_of: np.ndarray, options: Sequence[float], max_iterations: int
-    ) -> ProgramSolution:
-        """Solve a program of any number of steps up to that of the constructor.
-
-        ``arrays`` are value, by_x and by_u of the next state, the same of the rows, gradient and Hessian of the stage
-        cost in (x, input before, u) and of the terminal cost, dx0, and the bounds on du. Row j is relaxed by slack
-        ``slack_of[j]``. ``options`` are the characteristic cost, penalty and curvature of a slack, and the tolerances
-        of residuals and gap.
-        """
-        nx, nu, rows = self.sizes[:3]
-        N = len(arrays[0])
-        dx, du, costates, multipliers, counted = (
-            np.empty(shape) for shape in ((N + 1, nx), (N, nu), (N, nx), (N, rows), 2)
-        )
-        outputs = [dx, du, costates, multipliers, counted]
-        inputs = [np.ascontiguousarray(array) for array in arrays]
-        counts = np.array([N, max_iterations, slack_of.max(initial=0) + 1, *slack_of])
-        settings = np.array([*options, *self._proximal])
-        pointers = data_address(counts), data_address(settings), data_addresses(inputs), data_addresses(outputs)
-        status = self._solve(data_address(self._work), *pointers)
-        return ProgramSolution(dx, du, costates, multipliers, float(counted[0]), int(counted[1]), status)

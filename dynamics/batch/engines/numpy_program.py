@@ -6,11 +6,41 @@ It takes the same iterations as :mod:`dynamics.batch.engines.c_program`.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from dynamics.batch.engines import c_program
-from dynamics.batch.engines.c_program import ProgramSizes, ProgramSolution
+
+
+class ProgramSizes(NamedTuple):
+    """Sizes of a program: states, inputs, rows and at most ``slacks`` slacks of a stage, and inputs before in its cost.
+
+    ``proximal`` (nu,) are the curvatures of inputs that every iteration adds.
+    """
+
+    nx: int
+    nu: int
+    rows: int
+    slacks: int
+    before: bool
+    proximal: np.ndarray
+
+
+class ProgramSolution(NamedTuple):
+    """Solution of a program: dx (N+1, nx), du (N, nu), multipliers of dynamics and rows, and the sum of all slacks.
+
+    ``status`` is 1 for a solution, 0 for the iterate after the maximum number of iterations, and -1 if a value is not
+    finite.
+    """
+
+    dx: np.ndarray
+    du: np.ndarray
+    costates: np.ndarray
+    rows: np.ndarray
+    violation: float
+    iterations: int
+    status: int
 
 
 class NumpyProgram:
@@ -30,7 +60,13 @@ class NumpyProgram:
     def solve(
         self, arrays: Sequence[np.ndarray], slack_of: np.ndarray, options: Sequence[float], max_iterations: int
     ) -> ProgramSolution:
-        """Solve a program; see :meth:`dynamics.batch.engines.c_program.CompiledProgram.solve`."""
+        """Solve a program of any number of steps.
+
+        ``arrays`` are value, by_x and by_u of the next state, the same of the rows, gradient and Hessian of the stage
+        cost in (x, input before, u) and of the terminal cost, dx0, and the bounds on du. Row j is relaxed by slack
+        ``slack_of[j]``. ``options`` are the characteristic cost, penalty and curvature of a slack, and the tolerances
+        of residuals and gap.
+        """
         cost, self.penalty, self.curvature, tolerance, gap_tolerance = options
         self._load(arrays, slack_of, cost)
         iteration = status = 0

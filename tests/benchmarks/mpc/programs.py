@@ -19,6 +19,7 @@ from ocp.mpc.controller import Controller
 from ocp.mpc.horizon_qp import MAX_QP_ITERATIONS, PENALTY_CURVATURE, HorizonQP, Tolerance
 from ocp.mpc.linearised import Affine, Linearised
 from ocp.mpc.plants import Plant
+from tests.benchmarks.mpc.compiled_program import compiled_qp
 
 CASES = (
     ("soft-walls", 5),
@@ -125,7 +126,8 @@ def captured(name: str, N: int) -> Captured:
     """Return the first program of one sample of a closed loop."""
     controller = Controller(problems.get(name, N=N), phase="qp")
     controller._phase.compiled = None
-    qp, seen = controller._phase.qp, []
+    phase, seen = controller._phase, []
+    qp = phase.qp = compiled_qp(controller.model, phase.n_rows)
     solve = qp.solve
 
     def keep(*arguments: Any, **separate: bool) -> Any:

@@ -8,11 +8,11 @@ import numpy as np
 import piqp
 import pytest
 
-from dynamics.batch.engines.c_program import CompiledProgram, ProgramSizes
-from dynamics.batch.engines.numpy_program import NumpyProgram
+from dynamics.batch.engines.numpy_program import NumpyProgram, ProgramSizes
 from ocp.mpc.controller import Controller
 from ocp.mpc.horizon_qp import MAX_QP_ITERATIONS, Direction, HorizonQP, Tolerance
 from problems import get
+from tests.benchmarks.mpc.compiled_program import CompiledProgram, compiled_qp
 from tests.benchmarks.mpc.programs import Program, by_piqp
 
 TIGHTER = Tolerance(1e-8, 1e-8)
@@ -44,10 +44,8 @@ def programs_of(name: str, samples: int, monkeypatch: pytest.MonkeyPatch) -> tup
 def test_compiled_iterations_equal_those_in_numpy(name: str, separate: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """Iterates agree up to rounding, which the curvature of constraints near their bounds amplifies."""
     controller, programs = programs_of(name, 3, monkeypatch)
-    compiled = HorizonQP(controller.model, len(programs[0][1].value[0]))
+    compiled = compiled_qp(controller.model, len(programs[0][1].value[0]))
     interpreted = HorizonQP(controller.model, len(programs[0][1].value[0]))
-    assert isinstance(compiled._program, CompiledProgram)
-    interpreted._program = NumpyProgram(compiled._program.sizes)
     for arguments in programs:
         found, expected = (
             qp.solve(*arguments, (Tolerance(), MAX_QP_ITERATIONS), separate=separate) for qp in (compiled, interpreted)
@@ -63,7 +61,7 @@ def test_solutions_are_those_of_another_solver(name: str, monkeypatch: pytest.Mo
     """Values differ by the gap, and inputs by its root over the curvature."""
     controller, programs = programs_of(name, 3, monkeypatch)
     sizes = controller.problem.scales
-    qp = HorizonQP(controller.model, len(programs[0][1].value[0]))
+    qp = compiled_qp(controller.model, len(programs[0][1].value[0]))
     for arguments in programs:
         program = Program.of(*arguments)
         z = by_piqp(program, piqp.KKTSolver.sparse_ldlt, 1e-10, True)()
