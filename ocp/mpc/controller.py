@@ -269,8 +269,8 @@ class Controller:
         expected = self._expected_state(shifted, last_input, p)
         if self.trust < 1 and self.samples:
             x = expected + self.trust * (x - expected)
-        physical, compiled = p[0, self.model.of_problem], self._phase.compiled
-        state, notes = self.measurement.project(x, expected, limits[4:], physical, compiled)
+        physical, phase = p[0, self.model.of_problem], self._phase
+        state, notes = self.measurement.project(x, expected, limits[4:], physical, phase.compiled)
         if u_before is not None and not np.isfinite(u_before).all():
             notes.append("the last input is not finite; the one commanded is used there")
         self._state = state
@@ -278,8 +278,8 @@ class Controller:
         self._p = p
         shift = int(self.samples % self.samples_per_step == 0)
         self._sample = sample = Sample(state, self._inputs[0], p, (limits[2], limits[3]), shift)
-        self._phase.prepare_best(starts, sample)
-        answer = self._phase.warm_up(sample) if self.samples == 0 else self._phase.feedback(sample)
+        phase.prepare_best(starts, sample)
+        answer = phase.warm_up(sample) if self.samples == 0 else phase.feedback(sample)
         u, status = answer.u, answer.status
         seconds = time.perf_counter() - start_time
         if self.deadline is not None and seconds > self.deadline and self.samples:
@@ -290,7 +290,6 @@ class Controller:
         self.u_before, self.samples = u, self.samples + 1
         self._inputs.append(u)
         note = "; ".join(filter(None, [*notes, answer.note]))
-        phase = self._phase
         return Command(u, answer.plan, status, seconds, note, answer.merit, phase.programs, phase.qp_iterations)
 
     def _applied_input(self, u_before: np.ndarray | None) -> np.ndarray:
