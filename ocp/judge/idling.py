@@ -18,8 +18,6 @@ from ocp.judge.findings import Finding, make_finding
 from ocp.problem.evaluation import Evaluation
 from ocp.problem.rollout import Rollout, roll_on
 
-IDLE_SHARE = 0.9
-"""Share of the cost of standing still above which a plan idles."""
 CONTENT = 1e-4
 """Gradient of the cost, as a fraction of the cost's span, up to which standing still counts as optimal."""
 STILL = 0.05
@@ -42,14 +40,6 @@ def cost_span(evaluation: Evaluation, plan: Rollout) -> float:
         evaluation.trajectory_costs(plan.x + s * sizes.x, plan.u + s * sizes.u, plan.impulses) for s in (-1.0, 1.0)
     ]
     return float(np.nan_to_num([np.abs(c - plan.costs).max() for c in costs]).max())
-
-
-def idles(cost: float, idling: float, constant: float, share: float = IDLE_SHARE) -> bool:
-    """Return whether a ``cost`` exceeds ``share`` times the cost ``idling`` of standing still.
-
-    Both are compared without the ``constant`` part of every cost. Nothing idles if standing still is impossible (NaN).
-    """
-    return bool(idling > constant and cost - constant > share * (idling - constant))
 
 
 def idle_cost(evaluation: Evaluation, step: Step, plan: Rollout) -> float:

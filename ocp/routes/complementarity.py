@@ -14,7 +14,7 @@ from ocp.programs.solver import Point, Result
 from ocp.routes.branches import Branches
 from ocp.routes.homotopy import STEP_BACKS, Homotopy, HomotopyPath, RouteResult, lower
 from ocp.routes.pieces import on_piece, polish
-from ocp.routes.relaxations import PATH, STRATEGIES, CentralPath, ColdScholtes, L1Penalty, ScholtesAdaptive, Strategy
+from ocp.routes.relaxations import STRATEGIES, CentralPath, ColdScholtes, L1Penalty, ScholtesAdaptive, Strategy
 from ocp.routes.rollouts import RolloutStarts
 from ocp.routes.schedules import MAX_FAILURES, distant_schedules, improve
 
@@ -28,8 +28,7 @@ class RelaxationPlan:
     branches are also solved (:mod:`~ocp.routes.schedules`): a few after a path that was easy to follow, many after a
     hard path, for which ``alternatives`` are also followed from the same start. If only few inputs act, rollouts cover
     their whole range instead. Then the ``further_paths`` are followed, each given up once it promises no lower cost
-    than the results before it. Only the first of them is followed if the first path was easy to follow and its result
-    does not idle (``idles``). The cheapest of all results is returned. ``patience`` limits the search for neighbours,
+    than the results before it. The cheapest of all results is returned. ``patience`` limits the search for neighbours,
     see :func:`~ocp.routes.schedules.improve_schedule`.
     """
 
@@ -40,7 +39,6 @@ class RelaxationPlan:
     fallback: Strategy | None = None
     alternatives: Sequence[Strategy] = ()
     further_paths: Sequence[Strategy] = ()
-    idles: Callable[[RouteResult], bool] = lambda outcome: True
     rolls: RolloutStarts | None = None
     patience: float = math.inf
 
@@ -52,11 +50,8 @@ def solve_pairs(follower: Homotopy, plan: RelaxationPlan) -> RouteResult:
     """
     branches, trace = Branches(follower), follower.trace
     outcome = _relax(branches, plan)
-    iterations_left, paths = FURTHER_SHARE * trace.iterations, plan.further_paths
-    easy = outcome.finished and all(record.accepted for record in trace.records if record.label == PATH)
-    if easy and len(paths) > 1 and not plan.idles(outcome):
-        paths = paths[:1]
-    for further_path in paths:
+    iterations_left = FURTHER_SHARE * trace.iterations
+    for further_path in plan.further_paths:
         if outcome.finished and iterations_left <= 0:
             break
         cost_limit, iterations_before = outcome.result.f if outcome.finished else np.inf, trace.iterations

@@ -35,8 +35,6 @@ _FLAT_VALLEY_OPTIONS = {
     "acceptable_iter": 10,
 }
 """IPOPT options that end a nearly feasible stage in a flat valley of the cost."""
-PATH = "t"
-"""Label of a stage of a relaxation's path."""
 T_LOOSE = 1e-4
 """Fraction of characteristic impulse times gap at which the active set is identified and polishing may begin."""
 
@@ -57,7 +55,7 @@ def inexact(t: float) -> dict[str, float]:
 
 def relaxed(t: float, options: dict[str, Any]) -> HomotopyStage:
     """Return the stage ``lam gap <= t`` (Scholtes 2001)."""
-    return HomotopyStage(PATH, t, contact=(-np.inf, t), options=options)
+    return HomotopyStage("t", t, contact=(-np.inf, t), options=options)
 
 
 @dataclass(frozen=True)
@@ -103,9 +101,9 @@ class CentralPath:
             **(_FLAT_VALLEY_OPTIONS if self.steps > _SHORT_HORIZON else {}),
         }
         if not (first and self.start_below):
-            return HomotopyStage(PATH, t, contact=(t, t), options=options)
+            return HomotopyStage("t", t, contact=(t, t), options=options)
         options["mu_target"] *= _SHORT_HORIZON / max(self.steps, _SHORT_HORIZON)
-        return HomotopyStage(PATH, t, contact=(-np.inf, t), options=options)
+        return HomotopyStage("t", t, contact=(-np.inf, t), options=options)
 
 
 @dataclass(frozen=True)
@@ -182,13 +180,13 @@ class ColdScholtes:
 
 def _fischer_burmeister(t: float, first: bool) -> HomotopyStage:
     """Return the stage ``lam + gap - sqrt(lam² + gap² + 2 t) = 0``."""
-    return HomotopyStage(PATH, t, "fischer-burmeister", {RELAXATION: t}, options={"mu_init": 1e-4})
+    return HomotopyStage("t", t, "fischer-burmeister", {RELAXATION: t}, options={"mu_init": 1e-4})
 
 
 def _lin_fukushima(t: float, first: bool) -> HomotopyStage:
     """Return the relaxation ``lam gap <= t²`` and ``(lam + t)(gap + t) >= t²`` (Lin and Fukushima 2005)."""
     parameters = {RELAXATION: t}
-    return HomotopyStage(PATH, t, "lin-fukushima", parameters, (-np.inf, 0.0), {"mu_init": 1e-4})
+    return HomotopyStage("t", t, "lin-fukushima", parameters, (-np.inf, 0.0), {"mu_init": 1e-4})
 
 
 def _largest_product(nlp: Program, result: Result) -> float:

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from dynamics.contact import Barrier, Exact
 from ocp.errors import NotConverged, choose
-from ocp.judge.idling import idle_cost, idles
 from ocp.problem.policy import Feedback
 from ocp.problem.rollout import Gains, InitialGuess, Rollout
 from ocp.programs.solver import Point, Result
@@ -29,19 +28,10 @@ from ocp.routes.complementarity import (
 )
 from ocp.routes.homotopy import IPOPT_PRIMAL_WARM_START, Homotopy, HomotopyStage, RouteResult, better, lower, translate
 from ocp.routes.pieces import polish
-from ocp.routes.relaxations import (
-    DEFAULT_STRATEGY,
-    MU_LAST,
-    PATH,
-    STAGE_ITERATIONS,
-    STRATEGIES,
-    from_exact,
-    inexact,
-    relaxed,
-)
+from ocp.routes.relaxations import DEFAULT_STRATEGY, MU_LAST, STAGE_ITERATIONS, STRATEGIES, from_exact, inexact, relaxed
 from ocp.routes.rollouts import RolloutPolish, RolloutStarts, pack_rollout
 from ocp.transcription import Direct
-from ocp.transcription.nlp import NLP, trajectories
+from ocp.transcription.nlp import NLP
 
 if TYPE_CHECKING:
     from ocp.routes.session import Session
@@ -171,7 +161,7 @@ class Complementarity(Route):
             return plan
         n_pairs = session.nlp_of("product").pairs.shape[1]
         n_further = 0 if start.number or not n_pairs else 1 if session.effort == "quick" else len(FURTHER_PATHS)
-        plan = replace(plan, further_paths=FURTHER_PATHS[:n_further], idles=partial(_idles, session))
+        plan = replace(plan, further_paths=FURTHER_PATHS[:n_further])
         evaluation = session.evaluation
         rollout_starts = RolloutStarts(evaluation, session.step, guess or evaluation.initial_guess)
         rollout_starts = None if isinstance(session.policy, Feedback) else rollout_starts
@@ -221,7 +211,7 @@ class ExactShooting(Route):
             stays_close = solved is not None and not lower(solved, polished, _DIVERGED)
             outcome = RouteResult(polished, nlp, stays_close, follower.trace, solved)
             best = better(best, outcome)
-            was_hard = any(line.label == PATH and not line.accepted for line in follower.trace.records)
+            was_hard = any(line.label == "t" and not line.accepted for line in follower.trace.records)
             if plan.finished and stays_close and not was_hard:
                 break
         assert best is not None
@@ -267,14 +257,6 @@ class LawPath(Route):
                 if from_exact_result is not None and (not outcome.finished or lower(from_exact_result, outcome.result)):
                     outcome = replace(outcome, result=from_exact_result, finished=True)
         return outcome
-
-
-def _idles(session: Session, outcome: RouteResult) -> bool:
-    """Return whether an outcome of a session's problem costs about as much as standing still."""
-    nlp, result, evaluation = outcome.nlp, outcome.result, session.evaluation
-    plan = trajectories(nlp, result, nlp.parameter_vector(session.values))
-    rollout = Rollout.from_trajectories(evaluation, nlp.step, plan.x, plan.u, plan.lam, plan.gap)
-    return idles(rollout.cost, idle_cost(evaluation, session.step, rollout), evaluation.least_cost)
 
 
 def _solved_stages(follower: Homotopy, nlp: NLP, stages: list[HomotopyStage], point: Point) -> Result:

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ocp.judge import idling
 from ocp.judge.referee import PENETRATION_SHARE
 from ocp.judge.route_report import SearchReport
 from ocp.problem.evaluation import Evaluation
@@ -24,6 +23,8 @@ FEW_PAIRS = 20
 """Number of contact pairs up to which searches go on after one of them found a better answer."""
 DIVERGED_SHARE = 0.5
 """Relative difference of costs above which a replay diverges from its plan, or two minima differ much."""
+IDLE_SHARE = 0.9
+"""Share of the cost of standing still above which an answer idles."""
 SAMPLED = "sampling"
 """Route name of solutions near sampled plans."""
 OTHER_ROUTES = ("scholtes", "barrier start", "barrier contacts")
@@ -64,13 +65,14 @@ def can_roll_out(session: Session) -> bool:
     return has_single_branch and not isinstance(session.policy, Feedback) and can_sample(session.problem)
 
 
-def idles(solution: Solution, share: float = idling.IDLE_SHARE) -> bool:
+def idles(solution: Solution, share: float = IDLE_SHARE) -> bool:
     """Return whether an answer idles: it costs more than ``share`` times the cost of standing still.
 
     Both costs exclude constant terms.
     """
     constant = Evaluation(solution.problem, solution.values).least_cost
-    return idling.idles(solution.cost, solution.idle_cost, constant, share)
+    idling = solution.idle_cost - constant
+    return bool(idling > 0 and solution.cost - constant > share * idling)
 
 
 def diverges(solution: Solution) -> bool:

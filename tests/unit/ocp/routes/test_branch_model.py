@@ -120,7 +120,7 @@ def test_a_search_in_vain_ends_after_few_unlikely_neighbours_and_one_that_gains_
         problem = QuadraticProgram(seed)
         branches = problem.branches()
         start, trace = branches.solve(Point(problem.v), problem.active), branches.follower.trace
-        best = improve_schedule(branches, start)
+        best = improve_schedule(branches, start, patience=10.0)
         tried = [record for record in trace.records if record.label == NEIGHBOUR]
         if best is start:
             vain += 1
