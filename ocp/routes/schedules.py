@@ -84,13 +84,12 @@ def improve_schedule(
     On a time grid every time of a contact event is a separate local minimum: the pairs of adjacent steps
     are far from (0, 0), so that first-order descent cannot shift a contact for any trust region. Therefore
     single pairs change sides, or runs of active pairs are moved by a step, and the branch is solved again.
-    The first move tried is twice the last successful one. Others follow in the order of the costs that
-    :class:`BranchModel` predicts, and last those that are predicted to cost more. The search ends after
-    ``max_failures`` in a row that do not reduce the cost. It ends earlier if the next neighbour is predicted to cost
-    more, and the failures since the last success took more than :data:`VAIN_SHARE` times all iterations before them.
-    With a finite ``patience`` at most :data:`MAX_UNLIKELY` of these are tried, and the search ends if neighbours that
-    reduced the cost by less than :data:`WORTHWHILE_GAIN` in sum took more than ``patience`` times the iterations
-    before it.
+    The first move tried is twice the last successful one; others follow in the order of the costs that
+    :class:`BranchModel` predicts. The search ends after ``max_failures`` in a row that do not reduce the cost. It ends
+    earlier if the next neighbour is predicted to cost more, and the failures since the last success took more than
+    :data:`VAIN_SHARE` times all iterations before them. With a finite ``patience`` at most :data:`MAX_UNLIKELY` of
+    these are tried, and the search ends if neighbours that reduced the cost by less than :data:`WORTHWHILE_GAIN` in sum
+    took more than ``patience`` times the iterations before it.
     """
     program, trace = branches.program, branches.follower.trace
     iteration_limit = trace.iterations + min(SEARCH_ITERATIONS, SEARCH_WORK // max(program.pairs.shape[1], 1))
@@ -104,8 +103,8 @@ def improve_schedule(
         for change, move, changed in _neighbours(branches, best, active, promising_move):
             if changed.tobytes() in tried_sets:
                 continue
-            is_unlikely = change >= -COST_GAIN * abs(best.f)
-            unlikely += is_unlikely
+            is_unlikely = change >= 0
+            unlikely += is_unlikely and move is not promising_move
             spent = trace.iterations - iterations_before
             in_vain = is_unlikely and failed >= LEAST_FAILURES and spent > VAIN_SHARE * iterations_before
             out_of_patience = trace.iterations - gained_at > patience_iterations or unlikely > most_unlikely
@@ -133,9 +132,7 @@ def _neighbours(
 ) -> list[Neighbour]:
     """Return the neighbours of a schedule: that of the promising move, then others by their predicted costs.
 
-    Those that are predicted to cost more come last, in the order of the cost's slope. The model holds all active
-    bounds, so that their costs may be lower than predicted. A neighbour of the same cost, whose pairs are at (0, 0),
-    is left out, since it has the same solution.
+    A neighbour of the same cost, whose pairs are at (0, 0), is left out, since it has the same solution.
     """
     fall, distances = predicted_gains(branches, best, active)
     chains = branches.program.chains
@@ -154,11 +151,10 @@ def _neighbours(
     except RuntimeError:
         return [(slope, move, changed) for _, slope, move, changed in neighbours]
     predicted = [(model.change(changed != active), move, changed) for _, _, move, changed in neighbours]
-    least = COST_GAIN * abs(best.f)
-    promising = [entry for entry in predicted if entry[1] is promising_move]
-    others = [entry for entry in predicted if entry[1] is not promising_move]
-    likely = sorted((entry for entry in others if entry[0] < -least), key=lambda entry: entry[0])
-    return [*promising, *likely, *(entry for entry in others if entry[0] > least)]
+    moving = [entry for entry in predicted if abs(entry[0]) > COST_GAIN * abs(best.f)]
+    # Both orders alternate, since costs are lower than predicted where bounds become inactive.
+    cheapest = sorted(moving, key=lambda entry: entry[0])
+    return [neighbour for two in zip(moving, cheapest, strict=True) for neighbour in two]
 
 
 def predicted_gains(branches: Branches, result: Result, active: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
