@@ -37,6 +37,8 @@ VAIN_SHARE = 2.0
 """Iterations of such neighbours in a row, relative to all iterations before them, after which a search ends.
 
 At 1 a drawn cart-transport ends at 6.94 instead of 5.60."""
+SMALL_GAIN = 1e-5
+"""Predicted relative change of the cost up to which a search of limited patience leaves a neighbour out."""
 WORTHWHILE_GAIN = 1e-3
 """Relative reduction of the cost that extends a search of limited patience."""
 PREDICTED = 64
@@ -96,11 +98,11 @@ def improve_schedule(
     active = program.active_sets(best.point.x)[-1]
     tried_sets, promising_move = {active.tobytes()}, None
     patience_iterations = patience * max(trace.iterations, 1)
-    most_unlikely = MAX_UNLIKELY if np.isfinite(patience) else np.inf
+    most_unlikely, least_gain = (MAX_UNLIKELY, SMALL_GAIN) if np.isfinite(patience) else (np.inf, COST_GAIN)
     gained_at, start = trace.iterations, best
     while True:
         failed, unlikely, iterations_before = 0, 0, trace.iterations
-        for change, move, changed in _neighbours(branches, best, active, promising_move):
+        for change, move, changed in _neighbours(branches, best, active, promising_move, least_gain):
             if changed.tobytes() in tried_sets:
                 continue
             is_unlikely = change >= 0
@@ -128,11 +130,12 @@ Neighbour = tuple[float, "ScheduleMove | int", np.ndarray]
 
 
 def _neighbours(
-    branches: Branches, best: Result, active: np.ndarray, promising_move: ScheduleMove | None
+    branches: Branches, best: Result, active: np.ndarray, promising_move: ScheduleMove | None, least_gain: float
 ) -> list[Neighbour]:
     """Return the neighbours of a schedule: that of the promising move, then others by their predicted costs.
 
-    A neighbour of the same cost, whose pairs are at (0, 0), is left out, since it has the same solution.
+    A neighbour whose cost differs relatively by at most ``least_gain`` is left out: where its pairs are at (0, 0), it
+    has the same solution.
     """
     fall, distances = predicted_gains(branches, best, active)
     chains = branches.program.chains
@@ -151,7 +154,7 @@ def _neighbours(
     except RuntimeError:
         return [(slope, move, changed) for _, slope, move, changed in neighbours]
     predicted = [(model.change(changed != active), move, changed) for _, _, move, changed in neighbours]
-    moving = [entry for entry in predicted if abs(entry[0]) > COST_GAIN * abs(best.f)]
+    moving = [entry for entry in predicted if abs(entry[0]) > least_gain * abs(best.f)]
     # Both orders alternate, since costs are lower than predicted where bounds become inactive.
     cheapest = sorted(moving, key=lambda entry: entry[0])
     return [neighbour for two in zip(moving, cheapest, strict=True) for neighbour in two]
