@@ -21,7 +21,6 @@ from pydantic import AfterValidator, BaseModel, Field
 
 from dynamics.contact import ContactLaw
 from ocp.errors import InputError, abbreviated
-from ocp.store.provenance import file_digest
 from ocp.transcription.factories import contact_law
 from ocp.validation import Line, Recorded, validated
 from problems.drawing import ContactFrame, Shape
@@ -86,6 +85,8 @@ _contents: dict[str, tuple[str, str]] = {}
 def _forget_others(path: Path) -> None:
     """Remove the user's modules that ``path`` imports from ``sys.modules`` if one of them has changed or moved."""
     modules = folder_modules(path)
+    from ocp.store.provenance import file_digest
+
     contents = {name: (str(file), file_digest(file)) for name, file in modules.items()}
     loaded = {name: file for name in contents if (file := _loaded_from(name))}
     if any(_contents.get(name, (file, contents[name][1])) != contents[name] for name, file in loaded.items()):

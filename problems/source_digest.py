@@ -18,7 +18,6 @@ from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
 
 from ocp.distribution import PACKAGES
-from ocp.store.provenance import file_digest
 
 
 def source_digest(path: Path) -> str:
@@ -31,6 +30,8 @@ def source_digest(path: Path) -> str:
 
     Raises :class:`~ocp.errors.InputError` if a file cannot be read.
     """
+    from ocp.store.provenance import file_digest
+
     files = dependency_files(path)
     digest = hashlib.sha256()
     for name in sorted(files):

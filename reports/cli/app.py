@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import MISSING, Field, fields
 from importlib import import_module
+from importlib.util import LazyLoader, find_spec, module_from_spec
 from inspect import Parameter
 from pathlib import Path
 from typing import Annotated, Any, get_type_hints
@@ -31,9 +32,24 @@ def execute(options: Options) -> int:
     module, _, name = options.code.partition(":")
     with streams.log_to_stderr(options.verbose), _damage_reported(options.named_runs):
         options.check()
+        if "numpy" in sys.modules and "scipy" not in sys.modules:
+            # SciPy copies the namespace of NumPy, and so would load its Fortran compiler and its test framework.
+            load_on_use("numpy.f2py", "numpy.testing")
         code = import_module(module)
         checked = getattr(code, f"check_{name}" if name else "check")(options)
         return run_checked(getattr(code, f"run_{name}" if name else "run"), options, checked)
+
+
+def load_on_use(*names: str) -> None:
+    """Put modules that their first use loads in the place of submodules that are not loaded."""
+    for name in names:
+        spec = None if name in sys.modules else find_spec(name)
+        if spec is not None and spec.loader is not None:
+            spec.loader = LazyLoader(spec.loader)
+            sys.modules[name] = module = module_from_spec(spec)
+            spec.loader.exec_module(module)
+            package, _, attribute = name.rpartition(".")
+            setattr(sys.modules[package], attribute, module)
 
 
 @contextmanager

@@ -71,10 +71,14 @@ print(json.dumps([name for name in {} if name in sys.modules]))
 HEAVY = ("xarray", "pandas", "matplotlib", "scipy.optimize", "scipy.stats", "dask", "typst")
 """Libraries of datasets, drawings and statistics, which no start-up loads."""
 UNUSED_BY_IMPORT = (
-    *(*HEAVY, "scipy", "netCDF4", "rich", "typer", "importlib.metadata"),
-    *("dynamics.batch", "dynamics.systems.planar.machine", "ocp.search", "ocp.mpc", "ocp.learning", "ocp.gradients"),
+    *(*HEAVY, "numpy", "casadi", "pydantic", "scipy", "netCDF4", "rich", "typer", "importlib.metadata"),
+    *("dynamics.contact", "dynamics.batch", "ocp.problem", "ocp.solve", "ocp.store", "ocp.mpc", "ocp.learning"),
 )
 """Modules that ``import ocp`` loads only when they are used."""
+UNUSED_BY_PROBLEMS = ("ocp.learning", "ocp.gradients", "ocp.store", "ocp.judge", "dynamics.batch")
+"""Modules that the list of problems does not need besides those of :data:`UNUSED_BY_LISTS`."""
+UNUSED_BY_SOLVE = ("dynamics.systems.planar.machine", "ocp.learning", "numpy.f2py.crackfortran", "unittest")
+"""Modules that one solve does not need; SciPy would load the last two, by copying NumPy's namespace."""
 UNUSED_BY_LISTS = (*HEAVY, "scipy", "netCDF4", "rich", "problems.library", "problems.bodies", "problems.arena")
 """Modules that ``ocp list`` does not need: it reads titles of problems from their source."""
 
@@ -87,13 +91,23 @@ def test_importing_ocp_loads_no_library_of_datasets_or_drawings(tmp_path: Path) 
     assert loaded("import ocp", UNUSED_BY_IMPORT, tmp_path) == []
 
 
+def test_public_names_are_those_of_their_modules_in_any_order_of_imports(tmp_path: Path) -> None:
+    program = "import ocp.solve.request, ocp.errors, ocp, json; from ocp import InputError, solve"
+    checks = {
+        "solve": "ocp.solve is solve is ocp.solve.__globals__['solve']",
+        "error": "InputError is ocp.errors.InputError",
+    }
+    values = ", ".join(f"'{name}': {check}" for name, check in checks.items())
+    assert printed(f"{program}; print(json.dumps({{{values}}}))", tmp_path) == dict.fromkeys(checks, True)
+
+
 @pytest.mark.costly
 @pytest.mark.parametrize(
     ("command", "unused"),
     [
         (["list", "-q"], UNUSED_BY_LISTS),
-        (["list", "problems", "-q"], (*UNUSED_BY_LISTS, "ocp.learning", "ocp.gradients", "dynamics.batch")),
-        (["solve", "wall-1d", "-q"], (*HEAVY, "dynamics.systems.planar.machine", "ocp.learning")),
+        (["list", "problems", "-q"], (*UNUSED_BY_LISTS, *UNUSED_BY_PROBLEMS)),
+        (["solve", "wall-1d", "-q", "--effort", "quick"], (*HEAVY, *UNUSED_BY_SOLVE)),
     ],
 )
 def test_a_command_loads_no_unused_modules(command: list[str], unused: tuple[str, ...], tmp_path: Path) -> None:
