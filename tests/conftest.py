@@ -2,16 +2,54 @@
 
 ``costly`` marks a whole test, ``costly_cases(id, ...)`` some of its cases, ``cheap_cases(id, ...)`` all others, and
 ``one_case_in(k)`` all but every k-th. These get the marker ``slow``, unless :data:`tests.times.ALL` is set.
+
+In a new checkout one process of ``pytest -n`` collects before the others, which read the bytecode that it wrote.
 """
 
 from __future__ import annotations
 
+import gc
 import os
+import tempfile
+import time
 from collections import Counter
+from pathlib import Path
 
 import pytest
 
 from tests import times
+
+FIRST, FIRST_S = "gw0", 300
+"""The process that collects first, and the time limit of the others for waiting [s]."""
+WAITS = "FIRST_COLLECTION"
+"""Environment variable that is set for the processes of ``pytest -n`` if there is no bytecode yet."""
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    if not hasattr(config, "workerinput"):
+        has_bytecode = Path(__file__).with_name("cli").joinpath("__pycache__").exists()
+        os.environ.update({} if has_bytecode else {WAITS: "1"})
+    if config.option.markexpr.startswith("not slow") and not times.as_users_compile():
+        from dynamics.batch.engines import compiler
+
+        # Optimisation takes longer than what it accelerates in quick tests, and changes no bit: test_c_text.py.
+        compiler.NATIVE_FLAGS = tuple((*flags, "-O0") for flags in compiler.NATIVE_FLAGS)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection(session: pytest.Session):
+    worker = getattr(session.config, "workerinput", {})
+    collected = Path(tempfile.gettempdir(), f"collected-{worker.get('testrunuid')}")
+    if worker.get("workerid", FIRST) != FIRST and os.environ.get(WAITS):
+        end_s = time.monotonic() + FIRST_S
+        while not collected.exists() and time.monotonic() < end_s:
+            time.sleep(0.1)
+    outcome = yield
+    if worker.get("workerid") == FIRST:
+        collected.touch()
+    # What collection made lives to the end; the search for unused cycles need not go through it again.
+    gc.freeze()
+    return outcome
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

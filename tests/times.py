@@ -40,6 +40,11 @@ TIMES, ALL = "TEST_TIMES", "ALL_TESTS"
 MARKERS = ("costly", "costly_cases", "cheap_cases", "one_case_in")
 
 
+def as_users_compile() -> bool:
+    """Return whether C is compiled as in the program: as other processors, but not where costs are measured."""
+    return bool(os.environ.get(ALL)) and not os.environ.get(TIMES)
+
+
 def processor_seconds() -> float:
     """Return the processor time [s] of this process and of its children that have ended."""
     usages = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]

@@ -154,6 +154,7 @@ def test_a_bare_figure_that_cannot_be_is_told_before_any_work(
     assert not list(tmp_path.rglob("*.nc"))
 
 
+@pytest.mark.costly_cases("words2-A6 has no result at g=1000000000.0")
 @pytest.mark.parametrize(
     ("words", "said"),
     [

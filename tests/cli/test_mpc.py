@@ -207,7 +207,7 @@ def test_report_of_one_and_of_several(ocp: Ocp, loops: Path) -> None:
         done = ocp("report", *runs, "-o", "loop.pdf", "--out", str(loops))
         assert done.code == 0, done.err
         assert Path("loop.pdf").read_bytes().startswith(b"%PDF")
-    solved = ocp("solve", "wall-1d", "-q", "--json").json["run"]
+    solved = ocp("solve", "wall-1d", "-p", "N=5", "--effort", "quick", "-q", "--json").json["run"]
     done = ocp("report", "@1", solved, "-o", "mixed.pdf", "--out", str(loops))
     assert done.code == 2 and "needs runs of ocp solve, of ocp train or of ocp mpc" in done.err
 

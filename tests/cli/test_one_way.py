@@ -28,7 +28,8 @@ def profile(frame, event, argument):
 
 sys.setprofile(profile)
 from reports.cli.app import main
-code = main(["solve", "push-disc", "-p", "N=10", "--contact", "exact", "--pdf", "x.pdf", "-q"])
+# As many samples as take the route of the usual effort, but no longer.
+code = main(["solve", "push-disc", "-p", "N=10", "--contact", "exact", "--effort", "3000", "--pdf", "x.pdf", "-q"])
 sys.setprofile(None)
 ours = [m for m in sys.modules if m.split(".")[0] in packages]
 print(json.dumps({"code": code, "files": sorted(called), "modules": sorted(ours)}))

@@ -46,6 +46,7 @@ BEGINS = {
 }
 
 
+@pytest.mark.costly_cases("a.pdf")
 @pytest.mark.one_case_in(5)
 @pytest.mark.parametrize("name", WRITERS)
 def test_a_fifo_gets_the_whole_file(

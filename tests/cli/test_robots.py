@@ -74,7 +74,7 @@ FILES = {
 }
 
 
-@pytest.mark.costly_cases("crane")
+@pytest.mark.cheap_cases("arm")
 @pytest.mark.parametrize("name", FILES)
 def test_a_problem_of_a_robot_loads_and_is_drawn(ocp, name: str) -> None:
     Path("files").mkdir()

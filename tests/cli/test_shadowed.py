@@ -85,6 +85,7 @@ def test_a_file_of_that_name_is_no_trouble_until_ours_is_needed(tmp_path: Path) 
     assert (done.returncode, done.stderr) == (0, "")
 
 
+@pytest.mark.costly_cases("dynamics-file")
 @pytest.mark.parametrize(("name", "kind"), [("problems", "package"), ("dynamics", "file")])
 def test_doctor_says_what_a_script_in_this_folder_would_find(tmp_path, name, kind) -> None:
     clean = python(tmp_path, "-m", "ocp", "doctor", "--json")

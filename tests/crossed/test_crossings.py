@@ -18,11 +18,11 @@ from ocp.problem.problem import Problem
 from ocp.programs.solver import Status
 from ocp.solution import Solution
 from ocp.transcription.factories import make_law
-from problems import get
+from problems import get, names
 from tests.cli.conftest import Done, ocp  # noqa: F401
 from tests.crossed.ways import CROSSINGS, LONG_BUILDS, PROBLEMS, STRANGERS, Crossing
 
-DRAWN, DRAWN_COSTLY = 20, 200
+DRAWN, DRAWN_COSTLY = 30, 400
 """Inverse shares of the cases that are in ``make test``: of all problems, and of costly ones."""
 LINES = 10
 """Inverse share of the cases that are also run from the command line."""
@@ -121,4 +121,4 @@ def test_a_way_on_a_problem_ends_with_its_exit_code(
 
 def test_the_strangers_are_problems() -> None:
     assert len(STRANGERS) >= 10
-    assert len({get(name, N=3).name for name in PROBLEMS}) == len(PROBLEMS)
+    assert len({get(str(file), N=3).name for file in STRANGERS} | {*names()}) == len(PROBLEMS)

@@ -38,6 +38,7 @@ def test_every_problem_states_its_exact_value() -> None:
     assert {name for name, key in STATED if key == "exact"} == set(problems.names())
 
 
+@pytest.mark.costly_cases("push-box-exact")
 @pytest.mark.one_case_in(11)
 @pytest.mark.parametrize(("name", "key"), stated())
 def test_the_stated_value_is_reached_as_stated(name: str, key: str) -> None:

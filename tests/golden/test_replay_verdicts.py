@@ -98,6 +98,7 @@ def dearer_is_told(name: str, law: ContactLaw) -> None:
     assert referee.survives is None or again.cost == pytest.approx(referee.cost, rel=1e-9)
 
 
+@pytest.mark.costly_cases("hopper-1d-exact")
 @pytest.mark.one_case_in(16)
 @pytest.mark.parametrize("law", [Exact(), Barrier(mu=1e-2)], ids=["exact", "barrier"])
 @pytest.mark.parametrize("name", EASY)

@@ -60,6 +60,7 @@ def test_a_plan_that_holds_at_a_quarter_survives(name: str) -> None:
     assert found.headline.endswith("; survives.")
 
 
+@pytest.mark.costly_cases("wall-1d")
 @pytest.mark.parametrize("name", ["push-1d", "wall-1d"])
 def test_a_step_that_is_part_of_the_model_is_judged_alone(name: str) -> None:
     found = solve(get(name), Exact())

@@ -130,7 +130,7 @@ def test_a_start_inside_a_wall_never_survives(law: ContactLaw) -> None:
         parameters=p,
     )
     end = ca.sumsqr(system.x[0] - 1)
-    found = solve(Problem("deep", system, 4, ca.sumsqr(system.u), end, ca.SX([-5.0, 0]), p), law)
+    found = solve(Problem("deep", system, 4, ca.sumsqr(system.u), end, ca.SX([-5.0, 0]), p), law, effort="quick")
     assert found.data["x"].values[0, 1, 0] > -1e-6
     assert found.referee.survives is False and found.grade == "certified"
     assert "; does not survive." in found.headline

@@ -120,6 +120,7 @@ def test_a_turn_about_a_fixed_axis_in_closed_form():
         assert step(np.array([0.4]), np.array([v]), h)[0][0] == pytest.approx(wanted, rel=1e-10)
 
 
+@pytest.mark.costly_cases("half-cheetah-machine1")
 @pytest.mark.parametrize(("name", "machine"), [("hopper", hopper()), ("half-cheetah", half_cheetah())])
 def test_a_machine_and_its_simulation_step_alike(name: str, machine: PublishedMachine):
     s, nq = simulation(name)[0].system, len(machine.pose)

@@ -61,7 +61,21 @@ def apart(name: str) -> tuple[np.ndarray, np.ndarray]:
     return x, np.array(u or [0.0] * problem.system.nu)
 
 
-@pytest.mark.costly_cases("hopper", "half-cheetah")
+@pytest.mark.cheap_cases(
+    "wall-1d",
+    "push-1d",
+    "push-disc",
+    "ball-bounce",
+    "ball-throw",
+    "box-slide",
+    "cart-walls",
+    "cart-transport",
+    "soft-walls",
+    "push-box",
+    "hopper-1d",
+    "push-t",
+    "planar-push",
+)
 @pytest.mark.parametrize("name", NAMES)
 def test_impulses_that_do_not_act_have_no_derivative(name):
     """It is zero by the state, the input and every parameter, though a machine's slip is undetermined."""
@@ -77,6 +91,7 @@ def test_impulses_that_do_not_act_have_no_derivative(name):
     assert np.all(by_all == 0.0) and np.all(np.isfinite(moved))
 
 
+@pytest.mark.costly_cases("cart-walls-c", "hopper-1d-c", "push-t-c")
 @pytest.mark.one_case_in(6)
 @pytest.mark.parametrize(("name", "backend"), ENGINES)
 def test_a_step_without_contact_has_the_derivative_of_free_motion(name, backend):

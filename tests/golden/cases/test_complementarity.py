@@ -18,6 +18,9 @@ a, b, c, d = (ca.SX.sym(name) for name in "abcd")
 FREE = np.inf
 
 
+@pytest.mark.cheap_cases(
+    "1000.0-start1", "1000000.0-start0", "1000000000.0-start2", "1000000000.0-start1", "10000000.0-start2"
+)
 @pytest.mark.parametrize("start", [[0, 0, 0], [-1, 0.5, 1.5], [1, 1, 0]])
 @pytest.mark.parametrize("ohms", [1e3, 1e5, 1e6, 1e7, 1e9])
 def test_a_diode_of_a_large_resistor(ohms: float, start: list[float]) -> None:
@@ -70,6 +73,7 @@ def test_a_steep_price_at_its_bound_loosens_no_certificate(price: float) -> None
     assert found.certificate.tolerance <= 10 * priced(1.0).certificate.tolerance
 
 
+@pytest.mark.cheap_cases("-1000000.0-start0", "10000000000.0-start1", "10000.0-start1")
 @pytest.mark.parametrize("start", [[0, 0, 0], [0.5, 0.5, 9]])
 @pytest.mark.parametrize("offset", [1e4, -1e6, 1e8, 1e10])
 def test_a_constant_changes_neither_the_answer_nor_the_certificate(offset: float, start: list[float]) -> None:
@@ -88,6 +92,7 @@ def test_a_constant_changes_neither_the_answer_nor_the_certificate(offset: float
     assert found.f - offset == pytest.approx(plain.f, abs=1e-6 + 1e-15 * abs(offset))
 
 
+@pytest.mark.cheap_cases("0-1000000.0", "1-1.0", "0-10000.0", "2-1.0", "2-10000.0", "1-10000.0", "1-1e-06")
 @pytest.mark.parametrize("factor", [1e-6, 1e-3, 1.0, 1e4, 1e6])
 @pytest.mark.parametrize("rows", [0, 1, 2])
 def test_one_row_or_none_or_two_at_any_size_of_the_cost(factor: float, rows: int) -> None:

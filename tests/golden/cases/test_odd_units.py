@@ -50,6 +50,7 @@ def mass_and_wall(length=1.0, mass=1.0, time=1.0, effort=None, **more) -> Proble
     )
 
 
+@pytest.mark.cheap_cases("units2-single-shooting", "units2-multiple-shooting")
 @pytest.mark.parametrize("method", ["multiple-shooting", "single-shooting"])
 @pytest.mark.parametrize(
     "units",
@@ -142,6 +143,7 @@ NOT_ATTAINED = {
 }
 
 
+@pytest.mark.cheap_cases("atan", "softplus")
 @pytest.mark.parametrize("kind", NOT_ATTAINED)
 def test_a_value_that_no_point_attains_beside_an_input_that_has_a_minimum(kind):
     assert solve(idle_input(NOT_ATTAINED[kind])).status is Status.UNBOUNDED

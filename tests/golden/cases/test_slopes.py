@@ -40,6 +40,7 @@ def lifted(thrust: float) -> Problem:
     )
 
 
+@pytest.mark.costly_cases("18.0-False")
 @pytest.mark.parametrize(("thrust", "lifts"), [(18.0, False), (23.0, True)])
 def test_the_slope_of_the_height_is_that_of_the_free_flight_or_none(thrust: float, lifts: bool) -> None:
     """``z_N = h² N (N + 1) / (2 m) (F - m g)`` above the weight."""

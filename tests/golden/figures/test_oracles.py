@@ -196,6 +196,7 @@ def test_drop_is_a_step_and_pivot_keeps_angular_momentum() -> None:
     assert expected[-1] == 0 < -expected[2]
 
 
+@pytest.mark.costly_cases("True")
 @pytest.mark.parametrize("dome", [False, True])
 def test_a_thrown_ball_is_mirrored_and_differentiated(dome: bool) -> None:
     ball = ThrownBall(Wall(1.5, 0.05, 0.5, dome), 5.0, 9.81, 0.005, 80).at({"theta": 0.7})

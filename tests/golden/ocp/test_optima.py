@@ -52,7 +52,7 @@ def test_a_thin_barrier_meets_the_exact_optimum(name: str) -> None:
     assert thin.cost == pytest.approx(exact(name).cost, rel=1e-4)
 
 
-@pytest.mark.cheap_cases("wall-1d", "push-1d")
+@pytest.mark.cheap_cases("wall-1d")
 @pytest.mark.parametrize("name", FIVE)
 def test_next_to_the_exact_optimum_lies_a_thin_barriers(name: str) -> None:
     found = exact(name)
@@ -63,7 +63,7 @@ def test_next_to_the_exact_optimum_lies_a_thin_barriers(name: str) -> None:
     assert thin.cost == pytest.approx(found.cost, rel=1e-4)
 
 
-@pytest.mark.costly_cases("push-disc", "cart-walls")
+@pytest.mark.cheap_cases("wall-1d", "push-1d")
 @pytest.mark.parametrize("name", FIVE)
 def test_the_exact_answer_is_exact(name: str) -> None:
     found = exact(name)
@@ -79,6 +79,7 @@ def test_the_exact_answer_is_exact(name: str) -> None:
     assert np.abs(found.data["u"]).max() <= bound
 
 
+@pytest.mark.costly_cases("cart-walls")
 @pytest.mark.parametrize("name", FIVE)
 def test_polish_makes_complementarity_hold_to_rounding(name: str) -> None:
     found = exact(name)
@@ -90,7 +91,7 @@ def test_polish_makes_complementarity_hold_to_rounding(name: str) -> None:
     assert np.minimum(found.data["lam"], found.data["gap"]).max() < 1e-11
 
 
-@pytest.mark.cheap_cases("push-1d-central-path", "push-1d-scholtes-adaptive", "push-1d-l1", "push-1d-l1-quick")
+@pytest.mark.cheap_cases("push-1d-l1-quick", "push-1d-central-path")
 @pytest.mark.parametrize("strategy", STRATEGIES)
 @pytest.mark.parametrize("name", ["push-1d", "cart-walls"])
 def test_every_strategy_ends_complementary_at_the_same_cost(name: str, strategy: str) -> None:

@@ -41,6 +41,7 @@ def sigma(name: str) -> np.ndarray:
     return 2.0 ** np.round(np.log2(0.1 * scale))
 
 
+@pytest.mark.costly_cases("push-t-c")
 @pytest.mark.one_case_in(9)
 @pytest.mark.parametrize(("name", "backend"), CASES)
 @settings(max_examples=5, deadline=None)

@@ -111,7 +111,7 @@ def rounding(
 
 
 # The case of planar-hand takes about as long as all other drawn cases together; wall-1d has a barrier too.
-@pytest.mark.costly_cases("planar-hand-barrier")
+@pytest.mark.costly_cases("planar-hand-barrier", "ball-bounce-adaptive", "push-box-adaptive", "spinner-exact")
 @pytest.mark.one_case_in(10)
 @pytest.mark.parametrize("law", list(LAWS))
 @pytest.mark.parametrize("name", NAMES)

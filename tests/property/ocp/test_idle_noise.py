@@ -120,6 +120,7 @@ def test_alpha_weighs_the_variances_of_what_acts() -> None:
     assert alphas[0].choice.alpha == pytest.approx(alphas[1].choice.alpha, rel=1e-12)
 
 
+@pytest.mark.cheap_cases("AoBG-None", "TotalPropagation-hidden4")
 @pytest.mark.parametrize(
     ("make", "hidden"),
     [(ZOPG, None), (ZOPG, (4,)), (AoBG, None), (FOPG, ()), (TotalPropagation, (4,))],

@@ -26,6 +26,7 @@ AFFINE = {
 }
 
 
+@pytest.mark.costly_cases("quadruped", "ant")
 @pytest.mark.parametrize("name", problems.names())
 def test_named_problems_find_their_step(name: str) -> None:
     kind = AffineStep if name in AFFINE else ImplicitStep

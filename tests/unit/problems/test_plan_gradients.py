@@ -55,6 +55,7 @@ def test_another_implementation_of_a_plan_is_right_and_that_of_a_softer_pusher_i
     assert numbers["length"] == pytest.approx(numbers["truth"], rel=0.05) != pytest.approx(other["length"], rel=0.2)
 
 
+@pytest.mark.costly_cases("law1")
 @pytest.mark.parametrize("law", [Exact(), Barrier(mu=1e-3)])
 def test_slopes_of_laws_are_those_of_differences(law) -> None:
     problem, rng = get("push-1d", N=6), np.random.default_rng(1)

@@ -190,6 +190,7 @@ def test_fingertips_that_reorient_start_outside_the_object(values: dict[str, flo
         params(values)
 
 
+@pytest.mark.costly_cases("idto-hopper--0.25")
 @pytest.mark.parametrize(("name", "rate"), [("spinner", 1.0), ("idto-hopper", -0.25)])
 def test_a_nominal_runs_at_its_rate_at_any_step_size(name: str, rate: float) -> None:
     for h in (0.05, 0.01):

@@ -22,6 +22,7 @@ from dynamics.batch.graphs.tape import tape_of
 from dynamics.batch.random import key_of, standard_normals
 from dynamics.contact import Barrier
 from problems import get
+from tests.unit.conftest import COMPILERS
 from tests.unit.dynamics.batch import c_draws
 from tests.unit.dynamics.batch.rollout_cases import closed, four_contacts, wall
 
@@ -70,6 +71,7 @@ def rolled(name: str, **options) -> list[np.ndarray]:
     return [single.cost, single.gradient, single.score, *[m.mean for m in moments], *[m.m2 for m in moments]]
 
 
+@pytest.mark.costly_cases("gcc -march=x86-64")
 def test_functions_are_the_same_everywhere(strict):
     f, rng = every_operation(), np.random.default_rng(1)
     x, p = rng.standard_normal((N, 3)), np.array([0.7, -1.2])
@@ -86,7 +88,10 @@ def test_functions_are_the_same_everywhere(strict):
 
 
 @pytest.mark.costly_cases(
-    "gcc -march=x86-64-inner loop", "gcc -march=x86-64-v3-inner loop", "gcc -march=x86-64-v3-path"
+    "gcc -march=x86-64-inner loop",
+    "gcc -march=x86-64-v3-inner loop",
+    "gcc -march=x86-64-path",
+    "gcc -march=x86-64-v3-path",
 )
 @pytest.mark.parametrize("name", ["closed form", "inner loop", "path"])
 def test_rollouts_are_the_same_everywhere(name, strict):
@@ -100,10 +105,27 @@ def test_rollouts_are_the_same_everywhere(name, strict):
             np.testing.assert_array_equal(one, other)
 
 
+@pytest.mark.costly_cases("gcc -march=x86-64")
 def test_moments_do_not_depend_on_threads(strict):
     one, other = (rolled("inner loop", backend="c", threads=threads) for threads in (1, 2))
     for a, b in zip(one, other, strict=True):
         np.testing.assert_array_equal(a, b)
+
+
+@pytest.mark.skipif(not COMPILERS, reason="no C compiler")
+@pytest.mark.cheap_cases("-O0")
+@pytest.mark.parametrize("level", ["-O0", "-O1", "-O3"])
+def test_optimisation_changes_no_bit(level, monkeypatch):
+    """Quick tests compile without optimisation (``tests/conftest.py``), the program with it."""
+    native, f, rng, values = compiler.NATIVE_FLAGS, every_operation(), np.random.default_rng(1), []
+    x, p = rng.standard_normal((N, 3)), np.array([0.7, -1.2])
+    for flag in (level, "-O2"):
+        monkeypatch.setattr(compiler, "NATIVE_FLAGS", tuple((*flags, flag) for flags in native))
+        compiler._probe.cache_clear()
+        values.append(BatchFunction(f, backend="c")(x, p))
+    compiler._probe.cache_clear()
+    for one, other in zip(*values, strict=True):
+        np.testing.assert_array_equal(one, other)
 
 
 def test_random_numbers_are_the_same_everywhere(strict):

@@ -70,7 +70,7 @@ def given(f: EpisodeFunction) -> dict[str, np.ndarray]:
     }
 
 
-@pytest.mark.costly_cases("inner loop-affine", "inner loop-network", "inner loop-constant", "path-affine")
+@pytest.mark.cheap_cases("closed form-constant", "closed form-network", "closed form-affine")
 @pytest.mark.parametrize("policy", list(POLICIES))
 @pytest.mark.parametrize("system", list(SYSTEMS))
 def test_returns_are_those_of_a_loop_over_single_steps(system, policy):
@@ -108,6 +108,7 @@ def test_returns_are_those_of_a_loop_over_single_steps(system, policy):
     np.testing.assert_allclose(found.states[:, -1], x, rtol=1e-9, atol=1e-9)
 
 
+@pytest.mark.cheap_cases("closed form-constant", "inner loop-affine", "path-network")
 @pytest.mark.parametrize("policy", list(POLICIES))
 @pytest.mark.parametrize("system", list(SYSTEMS))
 def test_gradients_are_the_differences(system, policy):
@@ -124,6 +125,7 @@ def test_gradients_are_the_differences(system, policy):
         np.testing.assert_allclose((found.gradient @ d)[same], slope[same], rtol=1e-5, atol=1e-6)
 
 
+@pytest.mark.costly_cases("inner loop-affine-numpy", "path-affine-casadi")
 @pytest.mark.one_case_in(10)
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("policy", list(POLICIES))
@@ -140,6 +142,7 @@ def test_backends_agree(system, policy, backend):
             np.testing.assert_allclose(getattr(b, name), getattr(a, name), rtol=1e-9, atol=1e-9)
 
 
+@pytest.mark.cheap_cases("closed form")
 @pytest.mark.parametrize("system", list(SYSTEMS))
 def test_threads_and_blocks_change_no_bit(system):
     call = given(rolled(system, "network")) | {"noise": Gaussian(0.3, seed=2), "gradient": True}
@@ -290,6 +293,7 @@ def test_another_horizon_is_that_horizon(backend):
         f.with_horizon(0)
 
 
+@pytest.mark.cheap_cases("c")
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_what_else_is_gained_at_the_end_pulls_on_the_gradient(backend):
     """A gradient added at the last state equals that of an episode with the same quadratic final reward."""

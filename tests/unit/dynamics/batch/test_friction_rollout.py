@@ -102,7 +102,7 @@ def test_the_foot_lands_and_slips():
     assert slipped > 1e-4
 
 
-@pytest.mark.costly_cases("0.001-numpy")
+@pytest.mark.cheap_cases("0.0-c", "0.0-numpy")
 @pytest.mark.parametrize("backend", [b for b in BACKENDS if b != "casadi"])
 @pytest.mark.parametrize("curved", [0.0, 1e-3])
 def test_a_contact_that_is_not_solved_is_reported(backend, curved):

@@ -55,6 +55,7 @@ def inputs_of(f: RolloutFunction, nx: int, n: int) -> dict[str, np.ndarray]:
     }
 
 
+@pytest.mark.costly_cases("wall-randomized-affine-c", "four-barrier-affine-numpy", "four-adaptive-affine-per-step-c")
 @pytest.mark.one_case_in(10)
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("policy", list(POLICIES))
@@ -131,7 +132,7 @@ def test_threads_and_blocks_do_not_change_a_bit(system, backend):
             np.testing.assert_array_equal(one, other)
 
 
-@pytest.mark.costly_cases("exact-c", "exact-numpy", "exact-casadi")
+@pytest.mark.cheap_cases("barrier-c")
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("law", ["barrier", "exact"])
 def test_path_takes_over_where_newton_does_not_come_to_rest(law, backend, monkeypatch):
@@ -161,7 +162,7 @@ def test_any_policy_function_serves():
         np.testing.assert_allclose(answer.gradient, answers[2].gradient, rtol=1e-12)
 
 
-@pytest.mark.costly_cases("affine-c")
+@pytest.mark.cheap_cases("open-c")
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("policy", ["open", "affine"])
 def test_cost_of_input_increments(policy, backend):
@@ -277,6 +278,14 @@ def test_the_adjoint_is_compiled_only_if_a_gradient_is_needed(monkeypatch):
     np.testing.assert_array_equal(results, [results[0]] * 3)
 
 
+@pytest.mark.costly_cases(
+    "wall-exact-affine-c",
+    "wall-adaptive-affine-per-step-c",
+    "four-exact-open-c",
+    "four-exact-affine-numpy",
+    "four-adaptive-affine-c",
+    "four-adaptive-affine-per-step-numpy",
+)
 @pytest.mark.one_case_in(4)
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("policy", list(POLICIES))

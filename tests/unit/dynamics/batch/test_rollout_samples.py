@@ -50,6 +50,7 @@ def test_score_is_the_gradient_of_the_log_density(backend):
     np.testing.assert_allclose(offsets, wanted.sum(axis=1), rtol=1e-10, atol=1e-10)
 
 
+@pytest.mark.costly_cases("affine-c")
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("policy", ["open", "affine"])
 def test_moments_are_those_of_the_samples(policy, backend):

@@ -26,7 +26,9 @@ def samples(name: str, n: int) -> tuple[np.ndarray, np.ndarray]:
     return x, 0.3 * rng.standard_normal((n, system.nu))
 
 
-@pytest.mark.costly_cases("planar-push-c", "planar-push-numpy")
+@pytest.mark.cheap_cases(
+    "push-1d-c", "push-1d-casadi", "push-1d-numpy", "box-slide-casadi", "box-slide-numpy", "planar-push-casadi"
+)
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("name", CASES)
 def test_a_step_of_many_is_the_step_of_each(name: str, backend: str) -> None:
@@ -72,7 +74,7 @@ def test_shapes_that_do_not_fit_are_told() -> None:
         StepFunction(get("push-1d").exact_step)(np.zeros(2), np.zeros(2))
 
 
-@pytest.mark.costly_cases("planar-push-casadi")
+@pytest.mark.cheap_cases("push-1d-c", "push-1d-numpy", "push-1d-casadi", "planar-push-numpy")
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("name", ["push-1d", "planar-push"])
 def test_slopes_are_those_of_differences(name: str, backend: str) -> None:

@@ -36,7 +36,7 @@ def data(name: str) -> Transitions:
     return collect_transitions(problem(name).exact_step, region(name), 601, seed=5)
 
 
-@pytest.mark.costly_cases("planar-hand")
+@pytest.mark.cheap_cases("box-slide", "push-1d", "push-disc", "planar-push")
 @pytest.mark.parametrize("name", [*DECLARED, *DEFAULT])
 def test_next_states_are_those_of_the_exact_step(name: str) -> None:
     found, step = data(name), problem(name).exact_step

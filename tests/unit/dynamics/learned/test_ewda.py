@@ -231,7 +231,7 @@ def test_one_point_is_a_constant_and_a_gaussian(engine, at):
 @settings(deadline=None, max_examples=25)
 @given(
     n=st.integers(2, 400),
-    nz=st.integers(1, 8),
+    nz=st.sampled_from([1, 2, 5, 8]),  # The kernel is compiled for each.
     sigma=st.floats(0.05, 2.0),
     far=st.floats(0.0, 5.0),
     seed=st.integers(0, 1 << 20),

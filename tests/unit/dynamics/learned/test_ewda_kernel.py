@@ -22,6 +22,7 @@ void weights_of(const double *x, double *w, i64 n) {
 """
 
 
+@pytest.mark.costly_cases("gcc -march=x86-64-shape0", "gcc -march=x86-64-v3-shape0", "gcc -march=x86-64-shape2")
 @pytest.mark.parametrize("shape", [(11, 7), (1, 1), (7, 5), (2, 6)])
 def test_compilers_take_the_source_and_agree_with_numpy(strict, shape):
     nz, ny = shape

@@ -74,6 +74,7 @@ def test_the_mean_of_the_others_is_left_out():
     np.testing.assert_allclose(found["zobg-mean"].variance, samples.var(ddof=1), rtol=1e-12)
 
 
+@pytest.mark.cheap_cases("policy2")
 @pytest.mark.parametrize("policy", [OpenLoop(), Feedback(), Feedback(stationary=True)])
 def test_mirrored_noise_is_the_noise_turned_round(policy):
     """Mirrored samples have the costs and scores of -w, also under feedback, which reacts to the noise."""
@@ -112,6 +113,7 @@ LARGE = ("hopper", "half-cheetah", "quadruped", "ant", "push-cube", "reorient")
 NAMES = [pytest.param(n, marks=[pytest.mark.slow] if n in LARGE else []) for n in names()]
 
 
+@pytest.mark.costly_cases("ball-bounce-c", "planar-push-c", "soft-walls-c", "idto-hopper-c")
 @pytest.mark.one_case_in(9)
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("name", NAMES)

@@ -19,6 +19,7 @@ from ocp.store.checkpoint import Checkpoint
 from reports.cli.app import main
 
 
+@pytest.mark.costly_cases("push-1d-params1-options1")
 @pytest.mark.parametrize(
     ("name", "params", "options"),
     [

@@ -110,6 +110,7 @@ def test_what_bounds_keep_away_does_not_jump(operation):
     assert jumping_operations(ca.SX(JUMPS[operation]), X, inside) == []
 
 
+@pytest.mark.costly_cases("push-cube", "reorient")
 @pytest.mark.parametrize("name", names())
 def test_no_named_problem_jumps(name):
     assert jump_findings(named(name)) == ()

@@ -79,6 +79,7 @@ def test_a_pair_of_contacts_that_lift_each_other_off_has_two_ends() -> None:
     np.testing.assert_allclose(distinct(back.x_next), [[0.0, 0.0]], atol=1e-9)
 
 
+@pytest.mark.costly_cases("1.0")
 @pytest.mark.parametrize("stiff", [1.0, 1e6])
 def test_all_solutions_of_random_matrices_are_found(stiff: float) -> None:
     """Each matrix couples five contacts, one of which may be stiff, and has 2^5 systems of equations."""

@@ -56,6 +56,7 @@ def test_targets_by_hand():
     assert ends >= {(steps, False), (steps, True), (1, True)}
 
 
+@pytest.mark.costly_cases("affine-rollout", "2 x 8-rollout")
 @pytest.mark.parametrize("smoothing", ["rollout", "gradient"])
 @pytest.mark.parametrize("hidden", [(), (8, 8)], ids=["affine", "2 x 8"])
 def test_the_step_is_along_the_gradient_of_return_and_value(hidden, smoothing):

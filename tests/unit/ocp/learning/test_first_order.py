@@ -60,6 +60,7 @@ def set_up(hidden: tuple[int, ...], law: ContactLaw, **settings: str) -> tuple[E
     return experiment, {**state, **seen, "normaliser.m2": np.array([0.5, 3.0, 2.0])}
 
 
+@pytest.mark.cheap_cases("affine-barrier", "2 x 64-gaussian")
 @pytest.mark.parametrize("law", LAWS, ids=["barrier", "quartic", "gaussian"])
 @pytest.mark.parametrize("hidden", [(), (64, 64)], ids=["affine", "2 x 64"])
 def test_the_step_is_along_the_gradient_of_the_mean_return(hidden, law):

@@ -281,6 +281,7 @@ def test_experiments_that_cannot_be_are_refused(given, words):
         experiment(FOPG(), **given)
 
 
+@pytest.mark.costly_cases("fopg", "ars")
 @pytest.mark.parametrize("name", ["fopg", "ars", "zopg", "aobg", "total-propagation"])
 def test_a_reward_that_is_no_number_is_named(name):
     """Without inputs x is 0.5, 0.45, ..., where the reward is NaN above 0.4."""

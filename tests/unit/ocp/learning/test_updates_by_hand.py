@@ -228,6 +228,7 @@ def test_total_propagation_is_first_order_where_the_likelihood_ratio_is_noise():
     assert after["theta"] - THETA == pytest.approx(np.mean(first, axis=0), rel=1e-6)
 
 
+@pytest.mark.costly_cases("hidden1")
 @pytest.mark.parametrize("hidden", [None, (3, 2)])
 def test_total_propagation_through_layers(hidden):
     """With little noise it equals the first-order gradient, for any policy."""

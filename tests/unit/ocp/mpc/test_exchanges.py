@@ -15,6 +15,7 @@ STEP, PAIR = 5, 0
 """Step and pair of the exchange."""
 
 
+@pytest.mark.cheap_cases("1-0")
 @pytest.mark.parametrize(("shift", "shorter"), [(1, 0), (0, 0), (1, 1), (0, 1)])
 def test_an_exchange_is_tried_once_at_the_same_time_of_the_shifted_plan(shift: int, shorter: int) -> None:
     made = Horizon("soft-walls", 0)

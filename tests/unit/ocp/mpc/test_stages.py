@@ -59,6 +59,7 @@ def test_linearised_steps_are_those_of_the_implicit_function(name: str, seed: in
     assert abs(lin.x_next.by_u - by_u)[strict].max() < 1e-5 * scale
 
 
+@pytest.mark.cheap_cases("0")
 @pytest.mark.parametrize("seed", range(3))
 def test_friction_has_one_closure_for_each_motion(seed: int) -> None:
     """Slip pairs are always closed; a contact without force slides, and one that sticks closes both friction pairs."""

@@ -70,6 +70,7 @@ def test_the_least_time_to_rest_is_that_of_bang_bang(method: Direct) -> None:
     assert found.certificate.stationarity == "B"
 
 
+@pytest.mark.costly_cases("law0-0.9")
 @pytest.mark.parametrize(("law", "wall"), [(Exact(), GOAL), (Exact(), 9.0), (Barrier(1e-7), 9.0)])
 def test_the_least_time_without_brakes(law: ContactLaw, wall: float) -> None:
     """Full force throughout, with or without a wall at the goal, gives ``a h² N (N + 1) / 2 = d``."""

@@ -91,6 +91,7 @@ def test_the_impulse_of_an_interval_is_the_sum_over_its_smaller_steps() -> None:
     assert rolled.cost == pytest.approx(N * ((1.0 / H - FORCE) ** 2 + 1e-3 / 16))
 
 
+@pytest.mark.cheap_cases("barrier")
 @pytest.mark.parametrize("law", [Exact(), Barrier(mu=0.02), Randomized(samples=4)], ids=lambda law: law.name)
 def test_the_gradient_of_rollouts_is_that_of_central_differences(law: ContactLaw) -> None:
     u = -0.5 + 0.1 * np.random.default_rng(2).standard_normal(N)

@@ -82,6 +82,7 @@ def test_predicted_costs_are_those_of_the_neighbours() -> None:
     assert compared > 20 and kept_closed > 3
 
 
+@pytest.mark.costly_cases("1000000.0")
 @pytest.mark.parametrize("steep", [1e6, 1e8])
 def test_a_cost_that_falls_far_below_its_unit_is_minimised_as_well_as_one_near_it(steep: float) -> None:
     for seed in range(4):

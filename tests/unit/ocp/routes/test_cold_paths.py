@@ -73,6 +73,7 @@ def test_a_push_is_found_that_the_central_path_misses() -> None:
     assert solved("push-box", FURTHER_PATHS[0]).result.f <= 5.599
 
 
+@pytest.mark.costly_cases("hopper-1d", "finger-disc")
 @pytest.mark.parametrize("name", ["wall-1d", "cart-walls", "hopper-1d", "finger-disc"])
 def test_no_answer_is_dearer_than_without_cold_paths(name: str) -> None:
     without, outcome = solved(name), solved(name, *FURTHER_PATHS)

@@ -81,6 +81,7 @@ def test_a_certificate_decides_before_survival(solution: Solution) -> None:
         assert best_solution(answers) is rough
 
 
+@pytest.mark.costly_cases("wall-1d")
 @pytest.mark.parametrize("name", ["wall-1d", "push-1d"])
 def test_the_answer_is_never_worse_than_the_rollout_of_the_guess(name: str) -> None:
     problem = get(name, N=10)
@@ -171,6 +172,7 @@ def test_an_effort_in_steps_is_the_number_of_steps_of_the_sampled_runs() -> None
         assert 0.8 * budget < sampler.rolled_steps < 1.1 * budget
 
 
+@pytest.mark.costly_cases("active set")
 @pytest.mark.parametrize("stage", ["samples", "active set"])
 def test_an_interrupt_of_a_search_keeps_the_best_answer(stage: str) -> None:
     problem = get("wall-1d", N=10)

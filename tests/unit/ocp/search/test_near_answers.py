@@ -26,6 +26,7 @@ def sampler_of(problem: Problem) -> InputSampler:
     return InputSampler(Evaluation(problem, problem.parameters.defaults))
 
 
+@pytest.mark.cheap_cases("barrier contacts")
 @pytest.mark.parametrize("route", OTHER_ROUTES)
 def test_the_better_of_two_minima_is_found_near_the_other_one(route: str) -> None:
     """Its cost is the least root's of the derivative, a cubic polynomial of the last position."""

@@ -53,7 +53,7 @@ def quadratic_program() -> tuple[float, np.ndarray]:
     return float(b @ y), G.T @ y
 
 
-@pytest.mark.costly_cases("direct-randomized")
+@pytest.mark.cheap_cases("direct-exact", "multiple-shooting-barrier", "single-shooting-adaptive")
 @pytest.mark.parametrize("law", LAWS, ids=lambda law: law.name)
 @pytest.mark.parametrize("method", METHODS, ids=lambda method: method.name)
 def test_a_free_mass_takes_the_optimum_of_its_quadratic_program(law, method) -> None:
@@ -139,6 +139,7 @@ def test_a_tip_straight_below_its_hinge_is_advanced() -> None:
     assert gap[0] == pytest.approx(0.05)
 
 
+@pytest.mark.costly_cases("qpcc", "policy")
 @pytest.mark.parametrize("phase", ["qpcc", "qp", "policy", "full"])
 def test_the_closed_loop_of_a_machine_without_contacts_swings_like_its_plan(phase: str) -> None:
     """The rod's inertia depends on its state, so that no step is linear in the next state."""

@@ -38,6 +38,7 @@ def test_compiled_and_plain_solves_agree(method) -> None:
     assert (plain.record["jit"], fast.record["jit"]) == (None, "compiled")
 
 
+@pytest.mark.cheap_cases("method0")
 @needs_compiler
 @pytest.mark.parametrize("method", METHODS)
 def test_every_function_of_an_nlp_is_the_same(method) -> None:

@@ -119,12 +119,13 @@ def check_dynamics(robot: Robot, model: Any, count: int = 100) -> None:
             np.testing.assert_allclose(theirs, fixed.setdefault(b, theirs), atol=1e-11)
 
 
-@pytest.mark.costly_cases("humanoid")
+@pytest.mark.cheap_cases("finger", "arm", "inverted_double_pendulum", "reacher", "leg", "swimmer")
 @pytest.mark.parametrize("name", FILES)
 def test_masses_forces_energies_and_frames_are_those_of_mujoco(name: str) -> None:
     check_dynamics(*loaded(name))
 
 
+@pytest.mark.costly_cases("humanoid")
 @pytest.mark.parametrize(
     "name", ["ant", "crane", "humanoid", "hopper", "half_cheetah", "walker2d", "our hopper", "arm"]
 )

@@ -20,7 +20,7 @@ def outline(shape) -> np.ndarray:
     return to_metres.transform(patch.get_path().vertices)
 
 
-@pytest.mark.costly_cases("half-cheetah")
+@pytest.mark.costly_cases("half-cheetah", "quadruped", "ant", "push-cube", "reorient")
 @pytest.mark.parametrize("name", names())
 def test_every_problem_is_drawn(name: str) -> None:
     """All shapes of every problem can be drawn, within finite limits."""
