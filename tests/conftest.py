@@ -34,6 +34,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
         # Optimisation takes longer than what it accelerates in quick tests, and changes no bit: test_c_text.py.
         compiler.NATIVE_FLAGS = tuple((*flags, "-O0") for flags in compiler.NATIVE_FLAGS)
+        compiler._probe.cache_clear()
 
 
 @pytest.hookimpl(wrapper=True)
