@@ -21,14 +21,15 @@ from tests import times
 
 FIRST, FIRST_S = "gw0", 300
 """The process that collects first, and the time limit of the others for waiting [s]."""
-WAITS = "FIRST_COLLECTION"
-"""Environment variable that is set for the processes of ``pytest -n`` if there is no bytecode yet."""
+FOLDER = "FIRST_COLLECTION"
+"""Environment variable of the processes of ``pytest -n``, if there is no bytecode: folder of the first one's mark."""
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    if not hasattr(config, "workerinput"):
-        has_bytecode = Path(__file__).with_name("cli").joinpath("__pycache__").exists()
-        os.environ.update({} if has_bytecode else {WAITS: "1"})
+    if not hasattr(config, "workerinput") and not Path(__file__).with_name("cli").joinpath("__pycache__").exists():
+        folder = tempfile.TemporaryDirectory()
+        config.add_cleanup(folder.cleanup)
+        os.environ[FOLDER] = folder.name
     if config.option.markexpr.startswith("not slow") and not times.as_users_compile():
         from dynamics.batch.engines import compiler
 
@@ -39,17 +40,19 @@ def pytest_configure(config: pytest.Config) -> None:
 
 @pytest.hookimpl(wrapper=True)
 def pytest_collection(session: pytest.Session):
-    worker = getattr(session.config, "workerinput", {})
-    collected = Path(tempfile.gettempdir(), f"collected-{worker.get('testrunuid')}")
-    if worker.get("workerid", FIRST) != FIRST and os.environ.get(WAITS):
+    worker = getattr(session.config, "workerinput", {}).get("workerid")
+    collected = Path(os.environ.get(FOLDER, ""), "collected")
+    if worker not in (None, FIRST) and FOLDER in os.environ:
         end_s = time.monotonic() + FIRST_S
         while not collected.exists() and time.monotonic() < end_s:
             time.sleep(0.1)
+    # What collection makes lives to the end: the search for unused cycles need not go through it.
+    gc.disable()
     outcome = yield
-    if worker.get("workerid") == FIRST:
-        collected.touch()
-    # What collection made lives to the end; the search for unused cycles need not go through it again.
+    gc.enable()
     gc.freeze()
+    if worker == FIRST and FOLDER in os.environ:
+        collected.touch()
     return outcome
 
 
