@@ -7,7 +7,6 @@ import pytest
 
 from ocp.mpc.newton_phase import PairExchange
 from ocp.mpc.qpcc_phase import QPCC
-from ocp.mpc.rollouts import CandidateRollouts
 from ocp.mpc.stages import Plan
 from tests.unit.ocp.mpc.test_stages import Horizon
 
@@ -15,11 +14,10 @@ STEP, PAIR = 5, 0
 """Step and pair of the exchange."""
 
 
-@pytest.mark.cheap_cases("1-0")
 @pytest.mark.parametrize(("shift", "shorter"), [(1, 0), (0, 0), (1, 1), (0, 1)])
 def test_an_exchange_is_tried_once_at_the_same_time_of_the_shifted_plan(shift: int, shorter: int) -> None:
     made = Horizon("soft-walls", 0)
-    phase = QPCC(made.model, CandidateRollouts(made.model))
+    phase = QPCC(made.model, made.rollouts)
     plan = made.plan
     pairs = np.zeros((len(plan.u), made.model.n), dtype=bool)
     pairs[[STEP, -1], PAIR] = True
@@ -37,7 +35,7 @@ def test_an_exchange_is_tried_once_at_the_same_time_of_the_shifted_plan(shift: i
 
 def test_a_pair_whose_side_has_changed_since_is_not_exchanged() -> None:
     made = Horizon("soft-walls", 0)
-    phase = QPCC(made.model, CandidateRollouts(made.model))
+    phase = QPCC(made.model, made.rollouts)
     own = phase.sets.of(made.plan)
     phase.exchange = PairExchange(~own, np.ones_like(own))
     closed, is_exchanged = phase.active_set(made.plan)

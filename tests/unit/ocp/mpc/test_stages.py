@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
 from scipy.linalg import solve_discrete_are
@@ -14,15 +16,23 @@ from ocp.mpc.receding import Receding
 from ocp.mpc.riccati import regulator_gains
 from ocp.mpc.rollouts import CandidateRollouts
 from ocp.mpc.stages import Plan, StageModel
+from ocp.problem.problem import Problem
 from problems import get
+
+
+@cache
+def model_of(name: str, **params: float) -> tuple[Problem, StageModel, CandidateRollouts]:
+    """Return a problem of receding horizons, its model, and rollouts, which take a second to build."""
+    problem = Receding.of(get(name, **params)).problem
+    model = StageModel(problem, problem.exact_step)
+    return problem, model, CandidateRollouts(model)
 
 
 class Horizon:
     """Rollout of a problem under the exact law with random inputs."""
 
     def __init__(self, name: str, seed: int, **params: float) -> None:
-        self.problem = Receding.of(get(name, **params)).problem
-        self.model = StageModel(self.problem, self.problem.exact_step)
+        self.problem, self.model, self.rollouts = model_of(name, **params)
         table = self.problem.parameters.values
         x0, self.u_before, low, high = (np.array(v).ravel() for v in self.problem.limits(table)[:4])
         self.p = np.zeros((self.model.N + 1, len(self.model.names)))
@@ -30,8 +40,7 @@ class Horizon:
         rng, scales = np.random.default_rng(seed), self.problem.scales
         k = scales.u * rng.standard_normal((1, self.model.N, self.model.nu))
         K = np.zeros((1, self.model.N, self.model.nu, self.model.nx))
-        rollouts = CandidateRollouts(self.model)
-        self.plan, self.merit, *_ = rollouts.roll_out(x0, K, k, self.u_before, (low, high), self.p)
+        self.plan, self.merit, *_ = self.rollouts.roll_out(x0, K, k, self.u_before, (low, high), self.p)
 
     def linearised(self, plan: Plan) -> tuple[np.ndarray, Linearised]:
         at = self.model.evaluate(plan, self.u_before, self.p)

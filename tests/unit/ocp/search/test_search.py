@@ -111,7 +111,7 @@ def test_what_is_swept_stays_apart_on_the_way_too() -> None:
 def test_an_answer_that_stands_still_or_is_lost_falls_short() -> None:
     session = new_session(behind(2), "exact")
     pushes = PushSearch(session, judge_outcome)
-    found = solve(behind(2), contact="exact", search=False)
+    found = solve(behind(2), contact="exact", search=False, effort="quick")
     assert pushes.is_needed(replace(found, cost=0.95 * found.idle_cost))
     half = 0.5 * found.idle_cost
     good = replace(found, cost=half, audit=replace(found.audit, exact_cost=half), certificate=Certificate("B"))
