@@ -27,7 +27,9 @@ MODERATE = (1e-300, 1e300)
 # Operations that have no operands.
 _LEAVES = (ca.OP_INPUT, ca.OP_CONST)
 # Pattern of the names of values and masks in a C statement.
-_NAMES = re.compile(r"\b([vm])(\d+)\b")
+_NAMES = re.compile(r"\b[vm]\d+\b")
+# What precedes the name that a statement defines, with a type of one letter.
+_BEFORE_NAME = len("const V ")
 # Mapping from an operation of CasADi to its C function.
 _CALLS = {
     **{ca.OP_EXP: "vexp", ca.OP_LOG: "vlog", ca.OP_LOG1P: "vlog1p", ca.OP_EXPM1: "vexpm1"},
@@ -166,7 +168,7 @@ class _TapeParts:
         for i, p in self._part_of.items():
             for arg in self.read_values(self.tape.operations[i]):
                 if arg in self._part_of:
-                    last[arg] = max(last.get(arg, -1), p)
+                    last[arg] = p  # Parts are visited in their order.
         return last
 
     def _output_parts(self) -> list[list[tuple[int, int, int]]]:
@@ -227,28 +229,30 @@ class _PartEmitter:
     def statement_lines(self) -> list[str]:
         """Return the C statements, with each constant, input or value from memory loaded before its first use."""
         lines: list[str] = []
-        loaded: set[str] = set()
-        for line in self._used_statements():
-            for kind, i in _NAMES.findall(line):
-                if int(i) not in self.own_set and kind + i not in loaded:
-                    loaded.add(kind + i)
-                    lines.append(self._leaf(kind, int(i)))
+        defined = {f"{kind}{i}" for i in self.own_values for kind in "vm"}
+        for line, names in self._used_statements():
+            for name in names:
+                if name not in defined:
+                    defined.add(name)
+                    lines.append(self._leaf(name[0], int(name[1:])))
             lines.append(line)
         if self.layout.abreast == 1:
             return lines
-        return [_NAMES.sub(rf"\g<0>_{self.register}", line) for line in lines]
+        pieces = re.split(f"({_NAMES.pattern})", "\n".join(lines))
+        pieces[1::2] = [f"{name}_{self.register}" for name in pieces[1::2]]
+        return "".join(pieces).splitlines()
 
-    def _used_statements(self) -> Iterable[str]:
-        """Yield the C statements in order, without those whose result is unused."""
+    def _used_statements(self) -> Iterable[tuple[str, list[str]]]:
+        """Yield in order the C statements whose result is used, each with the names in it."""
         output_lines = [line for i, lines in self.stores.items() if i not in self.own_set for line in lines]
-        reverse = output_lines[::-1]
-        read_names = {kind + i for line in reverse for kind, i in _NAMES.findall(line)}
+        reverse = [(line, _NAMES.findall(line)) for line in output_lines[::-1]]
+        used_names = {name for _, names in reverse for name in names}
         for i in reversed(self.own_values):
             for line in (*self.stores.get(i, [])[::-1], *self._statements(i)):
-                name = re.match(r"const \w (\w+) =", line)
-                if name is None or name[1] in read_names:
-                    read_names |= {kind + k for kind, k in _NAMES.findall(line)}
-                    reverse.append(line)
+                if not line.startswith("const ") or line[_BEFORE_NAME : line.index(" =")] in used_names:
+                    names = _NAMES.findall(line)
+                    used_names.update(names)
+                    reverse.append((line, names))
         return reversed(reverse)
 
     def _slot(self, i: int) -> str:

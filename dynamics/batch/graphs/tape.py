@@ -195,7 +195,7 @@ class _Builder:
         if operation.op in COMMUTATIVE:
             args = tuple(sorted(args))
         # float.hex distinguishes 0.0 from -0.0, which == does not.
-        key = (operation.op, args, operation.value.hex())
+        key = (operation.op, args, operation.value.hex() if operation.op == ca.OP_CONST else "")
         if key not in self.index_of:
             self.index_of[key] = len(self.operations)
             self.operations.append(operation)
