@@ -116,11 +116,11 @@ def test_moments_do_not_depend_on_threads(strict):
 @pytest.mark.cheap_cases("-O0")
 @pytest.mark.parametrize("level", ["-O0", "-O1", "-O3"])
 def test_optimisation_changes_no_bit(level, monkeypatch):
-    """Quick tests compile without optimisation (``tests/conftest.py``), the program with it."""
+    """Quick tests compile without optimisation (``tests/conftest.py``), unless warnings are errors."""
     native, f, rng, values = compiler.NATIVE_FLAGS, every_operation(), np.random.default_rng(1), []
     x, p = rng.standard_normal((N, 3)), np.array([0.7, -1.2])
     for flag in (level, "-O2"):
-        monkeypatch.setattr(compiler, "NATIVE_FLAGS", tuple((*flags, flag) for flags in native))
+        monkeypatch.setattr(compiler, "NATIVE_FLAGS", tuple((*flags, flag, "-Werror") for flags in native))
         compiler._probe.cache_clear()
         values.append(BatchFunction(f, backend="c")(x, p))
     compiler._probe.cache_clear()
