@@ -113,7 +113,7 @@ def compared(task: Task, loop: ClosedLoop, x0: np.ndarray) -> str:
 def measured(task: Task) -> tuple[list[str], int, int]:
     """Return a row of the table, and the numbers of certified and of disproved plans."""
     began = time.perf_counter()
-    controller = Controller(task.made(), trust=task.trust)
+    controller = Controller(task.made(), trust=task.trust, iterations=task.iterations)
     x0 = task.drawn(controller.start)
     found = driven(task, controller, x0)
     loop, kinds = found.loop, found.kinds

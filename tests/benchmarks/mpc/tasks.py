@@ -47,6 +47,8 @@ class Task:
     noise: dict[str, float] = field(default_factory=dict)
     trust: float = 1.0
     """Trust of the controller in a measurement."""
+    iterations: int = 1
+    """Quadratic programs per sample."""
     needed: float = 1.0
     """Share of the starts for which the outcome is required."""
     came: Outcome | None = None
@@ -171,8 +173,9 @@ TASKS = {
             follows,
             "follows",
             goals=staircase,
+            iterations=3,
             against="full",
-            ratio=1.02,
+            ratio=1.05,
             peer=110,
         ),
         Task(
