@@ -220,12 +220,13 @@ def _search(model: LinearModel, multipliers: np.ndarray | None, tolerance: float
         if model.dual_bound(y, RADII[0]) <= tolerance:
             return "B", True, descent
     for radius in RADII:
-        for branching in (False, True):
-            if branching and not model.near(radius).any():
-                break
-            descent = model.descend(radius, branching, tolerance)
+        descent = model.descend(radius, False, tolerance)
+        if descent.decrease <= tolerance:
+            return "B", True, descent
+        if model.near(radius).any():
+            descent = model.on_branch(descent, radius) or model.descend(radius, True, tolerance)
             if descent.decrease <= tolerance:
-                return "B", not branching, descent
+                return "B", False, descent
     if np.isnan(descent.decrease):
         return "undecided", False, Descent(np.nan, trouble=f"HiGHS reports {descent.trouble!r}")
     return "not", False, descent

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import ctypes
 import json
 import logging
+import os
 import signal
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager, redirect_stderr
+from contextlib import ExitStack, contextmanager, redirect_stderr, suppress
 from dataclasses import dataclass, replace
 from enum import Enum
 from io import StringIO
+from pathlib import Path
 from types import FrameType
 from typing import Any
 
@@ -277,3 +280,31 @@ def record_interrupts() -> Iterator[list[int]]:
     finally:
         silence.close()
         signal.signal(signal.SIGINT, previous_handler)
+
+
+_STDOUT_LOCK = threading.Lock()
+"""Lock of file descriptor 1 while it is redirected."""
+
+
+@contextmanager
+def without_stdout() -> Iterator[None]:
+    """Discard output on file descriptor 1, since HiGHS calls ``printf`` whatever its options are."""
+    with _STDOUT_LOCK, Path(os.devnull).open("w") as nowhere:
+        _flush()
+        try:
+            stdout_copy = os.dup(1)
+        except OSError:
+            stdout_copy = -1
+        try:
+            os.dup2(nowhere.fileno(), 1)
+            yield
+        finally:
+            _flush()
+            os.dup2(stdout_copy, 1) if stdout_copy >= 0 else os.close(1)
+            with suppress(OSError):
+                os.close(stdout_copy)
+
+
+def _flush() -> None:
+    with suppress(OSError, AttributeError):
+        ctypes.CDLL(None).fflush(None)

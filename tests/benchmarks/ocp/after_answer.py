@@ -51,7 +51,8 @@ def main() -> None:
         for name in (name for name in chosen if name not in SKIPPED.get(effort, ())):
             total, after, judging = measured(name, effort)
             shares.append(after / total)
-            rows.append([f"`{name}`", effort, total, after - judging, judging, f"{shares[-1]:.0%}"])
+            seconds = [f"{value:.2f}" for value in (total, after - judging, judging)]
+            rows.append([f"`{name}`", effort, *seconds, f"{shares[-1]:.0%}"])
             print(*rows[-1], flush=True)
         missed = median(shares) > floor
         rows.append(["median", effort, "", "", "", f"{'**' * missed}{median(shares):.0%}{'**' * missed}"])

@@ -19,6 +19,7 @@ from hypothesis import strategies as st
 from scipy.optimize import linprog
 
 from dynamics.systems.pairs import Kind
+from ocp.judge import lpec
 from ocp.judge.certificate import PAIR_CHANGES, _steep_factors, certify
 from ocp.judge.lpec import LinearModel, negative_curvature
 from tests.unit.ocp.mpcc.mpcc_cases import SmallMPCC, free_pair, scheel_scholtes
@@ -102,6 +103,37 @@ def test_weak_duality_bounds_the_relaxed_descent(seed: int, biactive: bool) -> N
     y[3:] = np.abs(y[3:])
     assert model.dual_bound(y, RADIUS) >= relaxed.decrease - 1e-7
     assert relaxed.decrease >= enumerated(model) - 1e-7, "relaxing pairs only adds directions"
+
+
+def test_a_relaxed_descent_on_a_branch_is_the_steepest_of_all_branches() -> None:
+    on_a_branch = 0
+    for seed in range(60):
+        model = random_model(seed, biactive=seed % 2 == 0)
+        relaxed = model.descend(RADIUS, False, 0.0)
+        descent = model.on_branch(relaxed, RADIUS)
+        if descent is None:
+            continue
+        on_a_branch += 1
+        assert descent.decrease == pytest.approx(enumerated(model), rel=1e-6, abs=1e-9)
+        ends = model.members[:, descent.near] / RADIUS + descent.step[model.pairs[:, descent.near]]
+        np.testing.assert_allclose(np.where(descent.active > 0.5, ends[1], ends[0]), 0.0, atol=1e-6)
+    assert 5 < on_a_branch < 55
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_large_programs_have_the_same_optimum_by_the_interior_point_method(
+    seed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    model = random_model(seed, biactive=True)
+    by_simplex = model.descend(RADIUS, False, 0.0)
+    called = []
+    by_interior_point = lpec._by_interior_point
+    monkeypatch.setattr(lpec, "_LARGE", 0)
+    monkeypatch.setattr(lpec, "_by_interior_point", lambda *a: called.append(1) or by_interior_point(*a))
+    descent = model.descend(RADIUS, False, 0.0)
+    assert called and descent.decrease == pytest.approx(by_simplex.decrease, rel=1e-6, abs=1e-9)
+    rows = model.rows @ descent.step
+    assert np.all(rows >= model.row_lower / RADIUS - 1e-6) and np.all(rows <= model.row_upper / RADIUS + 1e-6)
 
 
 def test_the_bound_is_attained_at_the_programs_own_multipliers() -> None:
