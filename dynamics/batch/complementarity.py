@@ -130,10 +130,11 @@ def linear_complementarity(F: np.ndarray, z: np.ndarray, is_pair: np.ndarray) ->
     library = _library() if z.size else None
     if library is None:
         return interpreted_complementarity(F, z, is_pair)
-    (S, n), options = z.shape, [_SOLVED, _COMPLEMENTARY, _TO_EDGE, _LEAST, _ITERATIONS]
+    (S, n), options = z.shape, np.array([_SOLVED, _COMPLEMENTARY, _TO_EDGE, _LEAST, _ITERATIONS], float)
     inputs = [np.ascontiguousarray(F, float), np.ascontiguousarray(z, float), np.ascontiguousarray(is_pair, np.uint8)]
     work, index, lam = np.empty(2 * n * n + 6 * n), np.empty(2 * n, np.int64), np.empty((S, n))
-    library.solve_problems(S, n, *map(data_address, [*inputs, np.array(options, float), work, index, lam]))
+    # Every array has a name, so that its memory lives until the call returns.
+    library.solve_problems(S, n, *map(data_address, [*inputs, options, work, index, lam]))
     return lam
 
 
