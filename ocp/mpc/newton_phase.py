@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -10,6 +11,7 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
+from dynamics.batch.arguments import BatchWarning
 from dynamics.batch.engines.compiler import CompilerError
 from ocp.judge.constraint_rows import MET_TOLERANCE, PENALTIES, PENALTY_FALL
 from ocp.mpc.compiled_sample import Outcome, PhaseSample
@@ -80,8 +82,12 @@ class NewtonPhase(Phase):
         self.prepared: Prepared | None = None
         self.is_prepared = False
         self.gain = np.zeros((model.nu, model.nx))
-        with suppress(CompilerError):
+        try:
             self.compiled = PhaseSample(model, rollouts, self.constants, product=self.product)
+        except CompilerError as error:
+            # Without any compiler the controller says so; here the compiler failed on the sample alone.
+            if rollouts.compiled is not None:
+                warnings.warn(f"{error}; samples run on the numpy backend", BatchWarning, stacklevel=2)
 
     @cached_property
     def qp(self) -> HorizonQP:

@@ -8,6 +8,9 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from dynamics.batch.arguments import BatchWarning
+from dynamics.batch.engines import c_sample
+from dynamics.batch.engines.compiler import CompilerError
 from ocp.mpc.controller import Controller
 from ocp.mpc.newton_phase import NewtonPhase
 from ocp.mpc.phase import Sample
@@ -120,3 +123,17 @@ def test_shifted_plans_and_predicted_states_are_the_same() -> None:
     assert agree(states[0], states[1], 1e-9)
     for field in ("x", "u", "lam", "gap"):
         assert agree(getattr(plans[0], field), getattr(plans[1], field), 1e-9)
+
+
+def test_a_sample_that_does_not_compile_is_reported_and_runs_in_numpy(monkeypatch: pytest.MonkeyPatch) -> None:
+    controller = Controller(get("push-disc"))
+    expected = controller.step(controller.start)
+
+    def fail(*_: object, **__: object) -> None:
+        raise CompilerError("the compiler failed")
+
+    monkeypatch.setattr(c_sample, "load_library", fail)
+    with pytest.warns(BatchWarning, match="the compiler failed; samples run on the numpy backend"):
+        controller.reset()
+    command = controller.step(controller.start)
+    assert controller._phase.compiled is None and agree(command.u, expected.u)
