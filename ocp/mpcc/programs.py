@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -153,7 +154,7 @@ class Lifted:
         lagrangian = self.lam_f * f + ca.dot(self.lam_g, self.g)
         self.hessian = ca.triu(ca.hessian(lagrangian, self.x)[0])
         self.sides = ca.Function("sides", [mpcc.x, mpcc.p], [mpcc.G, mpcc.H])
-        self.solvers: dict[str, dict[str, ca.Function]] = {}
+        self.solvers: dict[str, dict[str, Any]] = {}
         self._closed: dict[str, tuple[Functions, Layout]] = {}
 
     def close(self, reformulation: str) -> tuple[Functions, Layout]:

@@ -1,4 +1,4 @@
-"""Options of the solvers, with their types and ranges."""
+"""Options of the solvers, with their types and ranges, and the monitor behind an option that IPOPT lacks."""
 
 from __future__ import annotations
 
@@ -19,6 +19,17 @@ LOOSEST = {
     **dict.fromkeys(("feas_tol", "slack_tol", "primal_tolerance"), 1e-6),
 }
 """Maximum tolerances that a user may set: the audit's for constraints, the certificate's for optimality."""
+SHORT_STEP = 0.02
+"""Fraction of a Newton step below which a step of IPOPT is short."""
+MAX_SHORT_STEPS = 24
+"""Number of short steps in a row after which a run that may be abandoned ends.
+
+Of the runs of 20 named problems and 24 others, no run with more than 19 short steps in a row converged. A run that
+stays at a bound in this way also has dense factorisations: 128 iterations took 85 s where others take 8 s."""
+_CHECK_INTERVAL = 8
+"""Number of iterations between checks, since CasADi copies the whole history at each."""
+ABANDONS = "abandons_short_steps"
+"""Name of the option with which a run of IPOPT ends after :data:`MAX_SHORT_STEPS` short steps."""
 _UNO = {
     **dict.fromkeys(("primal_tolerance", "dual_tolerance", "time_limit"), "real"),
     **dict.fromkeys(("loose_primal_tolerance", "loose_dual_tolerance"), "real"),
@@ -125,3 +136,33 @@ def _probe_option(solver: str, name: str) -> Setting:
             reason = reason.partition(": ")[2] or reason
             raise InputError(f"{solver} rejected its options: {reason}") from error
     return _option(name, "string")
+
+
+class ShortSteps(ca.Callback):
+    """Monitor that ends a run of IPOPT after :data:`MAX_SHORT_STEPS` short steps in a row.
+
+    ``calls`` counts the iterates of a run, and is set to zero before it.
+    """
+
+    def __init__(self) -> None:
+        ca.Callback.__init__(self)
+        self.monitored: ca.Function | None = None
+        self.calls = 0
+        self.construct("short_steps", {})
+
+    def get_n_in(self) -> int:
+        """Return the number of arguments, the outputs of a solver."""
+        return ca.nlpsol_n_out()
+
+    def get_sparsity_in(self, i: int) -> ca.Sparsity:
+        """Return an empty pattern: no argument is read."""
+        return ca.Sparsity(0, 0)
+
+    def eval(self, arguments: Sequence[ca.DM]) -> list[int]:
+        """Return 1 to end the run, else 0."""
+        assert self.monitored is not None
+        self.calls += 1
+        if self.calls % _CHECK_INTERVAL:
+            return [0]
+        steps = self.monitored.stats()["iterations"]["alpha_pr"][-MAX_SHORT_STEPS:]
+        return [int(len(steps) == MAX_SHORT_STEPS and max(steps) < SHORT_STEP)]

@@ -63,7 +63,7 @@ class Program(ABC):
     hessian: ca.Function
     reformulation: str
     pairs: np.ndarray
-    solvers: dict[str, ca.Function]
+    solvers: dict[str, Any]
 
     @property
     @abstractmethod

@@ -22,7 +22,7 @@ import casadi as ca
 import numpy as np
 
 from ocp.errors import InputError, choose
-from ocp.programs.options import INTERFACE, check_options
+from ocp.programs.options import ABANDONS, INTERFACE, ShortSteps, check_options
 from ocp.programs.program import Program
 from ocp.programs.scaled import Point, Scaled
 
@@ -147,7 +147,9 @@ class Solver:
 
     def run(self, nlp: Program, start: Point, p: np.ndarray, bounds: dict[str, np.ndarray], **overrides: Any) -> Result:
         """Solve ``nlp`` from ``start``; IPOPT uses the start's multipliers if ``warm_start_init_point`` is set."""
-        function = self._solver_function(nlp, overrides)
+        function, monitor = self._compiled(nlp, overrides)
+        if monitor is not None:
+            monitor.calls = 0
         _check_bounds(nlp, bounds)
         scaled = Scaled(nlp)
         arguments: dict[str, Any] = {"p": p, **scaled.solver_arguments(start, bounds)}
@@ -163,6 +165,7 @@ class Solver:
         seconds = time.perf_counter() - start_time
         stats = function.stats()
         word = str(stats.get("return_status", "unknown"))
+        word = "Short_Steps" if word == "User_Requested_Stop" and not signals else word
         succeeded = bool(stats.get("success", False))
         status = _STATUS.get(word, Status.SOLVED if succeeded else Status.FAILED)
         values = {key: np.array(solved[key]).ravel() for key in ("x", "lam_x", "lam_g", "g")}
@@ -203,7 +206,7 @@ class Solver:
             raise InputError(f"{self.name} rejected its options {self.options}: {message}") from error
         return Result.at(nlp, start, p, Status.FAILED, message, seconds)
 
-    def _solver_function(self, nlp: Program, overrides: dict[str, Any]) -> ca.Function:
+    def _compiled(self, nlp: Program, overrides: dict[str, Any]) -> tuple[ca.Function, ShortSteps | None]:
         options = {**self.options, **overrides}
         limits = [values["max_iter"] for values in (self.options, overrides) if "max_iter" in values]
         if limits:
@@ -211,10 +214,15 @@ class Solver:
         # Programs that share instances may have different scales, which are constants in an instance.
         key = json.dumps([self.name, options, nlp.natural.digest], sort_keys=True, default=str)
         if key not in nlp.solvers:
-            nlp.solvers[key] = self._create(nlp, options)
+            # A solver refers to its monitor by address only, which must live as long.
+            monitor = ShortSteps() if options.pop(ABANDONS, False) else None
+            function = self._create(nlp, options, monitor)
+            if monitor is not None:
+                monitor.monitored = function
+            nlp.solvers[key] = function, monitor
         return nlp.solvers[key]
 
-    def _create(self, nlp: Program, options: dict[str, Any]) -> ca.Function:
+    def _create(self, nlp: Program, options: dict[str, Any], monitor: ca.Callback | None) -> ca.Function:
         x, p = ca.MX.sym("x", nlp.n), ca.MX.sym("p", nlp.n_parameters)
         functions = Scaled(nlp).functions()
         f, g = functions["f_g"].call([x, p], True, False)
@@ -230,6 +238,8 @@ class Solver:
         if self.name == "ipopt":
             derivatives = {name: functions[name] for name in ("grad_f", "jac_g", "hess_lag")}
             common |= {"no_nlp_grad": True, **derivatives}
+        if monitor is not None:
+            common["iteration_callback"] = monitor
         try:
             return ca.nlpsol("solver", self.name, {"x": x, "p": p, "f": f, "g": g}, common)
         except RuntimeError as error:

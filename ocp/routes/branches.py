@@ -14,6 +14,7 @@ import numpy as np
 
 from ocp.judge.certificate import RADII, tolerance_of
 from ocp.judge.lpec import Descent, LinearModel
+from ocp.programs.options import ABANDONS
 from ocp.programs.program import PENALTY
 from ocp.programs.solver import Point, Result
 from ocp.routes.homotopy import IPOPT_WARM_START, Homotopy, RouteResult, lower
@@ -86,7 +87,7 @@ class Branches:
         options: dict[str, Any] = {}
         if self.follower.solver.name == "ipopt":
             warm = IPOPT_WARM_START if start.lam_g is not None else {}
-            options = {**warm, "mu_init": mu_init, "max_iter": max_iterations}
+            options = {**warm, "mu_init": mu_init, "max_iter": max_iterations, ABANDONS: True}
             options |= {"obj_scaling_factor": self.cost_factor} if self.cost_factor > 1 else {}
         inside = Point(np.clip(start.x, bounds["lbx"], bounds["ubx"]), start.lam_x, start.lam_g)
         result = self.follower.solver.run(self.program, inside, self.p, bounds, **options)

@@ -6,13 +6,14 @@ import logging
 import math
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from ocp.errors import InputError
 from ocp.judge.route_report import StageRecord
+from ocp.programs.options import ABANDONS
 from ocp.programs.program import PENALTY, Program
 from ocp.programs.solver import Point, Result, Solver, Status
 
@@ -69,7 +70,8 @@ class HomotopyPath:
     The path ends early if ``complete(program, result)`` is true; values from ``solved_to(program, result)`` on are
     skipped. A ``strict`` path must reach its last value; a path that only prepares the next path need not. The path is
     given up, without reaching its end, once its costs, extrapolated to the value 0, are not below ``cost_limit`` by a
-    thousandth, or, before its last value, the follower has taken ``last_iteration`` iterations.
+    thousandth; or, before its last value, the follower has taken ``last_iteration`` iterations; or, with a finite
+    ``cost_limit``, IPOPT's steps stay short (:data:`~ocp.programs.options.MAX_SHORT_STEPS`).
     """
 
     values: Sequence[float]
@@ -165,6 +167,8 @@ class Homotopy:
         while pending:
             value = pending.pop(0)
             stage = path.stage_at(value)
+            if np.isfinite(path.cost_limit):
+                stage = replace(stage, options={**stage.options, ABANDONS: True})
             nlp = self.nlp_of(stage.reformulation)
             usable = translate(point, source or nlp, nlp)
             result = self.solve_stage(stage, nlp, usable, warm or last_good is not None)

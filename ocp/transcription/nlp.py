@@ -60,7 +60,7 @@ class NLP(Program):
     pairs: np.ndarray = field(default_factory=lambda: np.zeros((2, 0), dtype=int))
     trajectories: ca.Function | None = None
     contacts: ca.Function | None = None
-    solvers: dict[str, ca.Function] = field(default_factory=dict)
+    solvers: dict[str, Any] = field(default_factory=dict)
     windows: dict[str, Window] = field(default_factory=dict)
     stages: list[Stage] = field(default_factory=list)
 

@@ -7,7 +7,7 @@ the first-level cache for problems of ordinary size.
 
 from __future__ import annotations
 
-from dynamics.batch.engines import c_dense, c_moments, c_random, c_steps
+from dynamics.batch.engines import c_dense, c_random, c_steps
 from dynamics.batch.engines.c_prelude import vector_prelude
 from dynamics.batch.engines.compiler import Compiler
 from dynamics.batch.graphs.step_graphs import RolloutTapes
@@ -337,7 +337,7 @@ def rollout_source(
             _MEMORY,
             c_dense.layer_source(layers, adjoint is not None),
             _FORWARD,
-            *([] if adjoint is None else [_ADJOINT, c_random.normals_source(), c_moments.MOMENTS_SOURCE]),
+            *([] if adjoint is None else [_ADJOINT, c_random.normals_source(), c_random.MOMENTS_SOURCE]),
             _LOAD,
             _RUN,
         )
