@@ -190,7 +190,6 @@ def main(words: list[str]) -> None:
             rows=sorted(rows, key=lambda cells: order.index(cells[0])),
         )
         print(table(COLUMNS, [row]), flush=True)
-    print("push-box with a finger: no task")
     print(f"{total[0]} plans certified, {total[1]} of them disproved")
     if not words or "programs" in words:
         programs.main()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
@@ -95,11 +96,14 @@ def back(x: np.ndarray) -> np.ndarray:
     return (x[:, -1, 0] <= x[:, 0, 0] - 0.5) & (x[:, -1, 1] > x[:, 0, 1] - 0.2)
 
 
-def at(*goal: float, end: bool = True) -> Outcome:
-    """Return the outcome that the body is within :data:`NEAR` of a goal, at the end or at any sample."""
+def at(*goal: float, end: bool = True, first: int = 0) -> Outcome:
+    """Return the outcome that the body is within :data:`NEAR` of a goal, at the end or at any sample.
+
+    ``first`` is the index of the body's place in the state.
+    """
 
     def found(x: np.ndarray) -> np.ndarray:
-        near = np.linalg.norm(x[:, :, : len(goal)] - goal, axis=2) <= NEAR
+        near = np.linalg.norm(x[:, :, first : first + len(goal)] - goal, axis=2) <= NEAR
         return near[:, -1] if end else near.any(axis=1)
 
     return found
@@ -215,11 +219,27 @@ TASKS = {
             (0.03, 0.03, 0.1, 0.03, 0.03),
             at(0.5, 1.0),
             "ends within 1 cm",
-            {"w_du": 1.0},
+            {"w_end": 1000.0},
             trust=0.3,
             came=at(0.5, 1.0, end=False),
             noise=_PLACES,
             certify=10,
+            peer=300,
+        ),
+        Task(
+            "finger-box",
+            str(Path(__file__).with_name("finger_box.py")),
+            5e-3,
+            75,
+            20,
+            (0.05, 0.05, 0.005, 0.02, 0.1),
+            at(0.1, 0.03, first=2),
+            "ends within 1 cm",
+            {"goal_z": 0.03},
+            trust=0.3,
+            came=at(0.1, 0.03, end=False, first=2),
+            noise=dict.fromkeys(("box_x", "box_z"), 0.002),
+            certify=15,
             peer=300,
         ),
     )
