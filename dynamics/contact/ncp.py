@@ -15,7 +15,6 @@ starts increase, so that solutions in which light bodies are thrown far are trie
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import casadi as ca
 
@@ -45,10 +44,6 @@ _MAX_DAMPING = 1e12
 _ROOT_RESIDUAL = 1e-11
 # Relative residual below which the path solver polishes the root.
 _POLISH_ERROR = 1e-6
-# Number of pairs up to which damped steps are one graph without calls; its size grows with the cube of the number.
-_MAX_SYMBOLIC_PAIRS = 80
-
-Expression = Any  # ca.SX or ca.MX, the same for all arguments of a function and its result.
 
 
 def ncp_solver(system: ContactSystem, exact: bool = False) -> ca.Function:
@@ -127,23 +122,11 @@ def _damped_step(path: Path) -> ca.Function:
 
     ``point`` is (lam, damping); the damping is infinite at a root.
     """
-    n = path.n
-    if n > _MAX_SYMBOLIC_PAIRS:
-        return _damped_step_of_many(path)
-    point = ca.SX.sym("point", n + 1)
-    lam, damping = point[:n], point[n]
-    phi, jacobian = _residual(path, lam)
-    trial_lam = lam - ca.ldl_solve(jacobian.T @ phi, *ca.ldl(ca.densify(_damped(jacobian, damping)), False))
-    trial_phi, *_ = _phi(path, trial_lam, path.true_gap_at(trial_lam)[0])
-    return ca.Function("damped_step", [point, path.data], [_better(point, trial_lam, phi, trial_phi)], {"cse": True})
-
-
-def _damped_step_of_many(path: Path) -> ca.Function:
-    """Return the function :func:`_damped_step`, with a call of a linear solver instead of its operations."""
     n, lam = path.n, ca.SX.sym("lam", path.n)
     residual = ca.Function("residual", [lam, path.data], [*_residual(path, lam)], {"cse": True})
     point, data = ca.MX.sym("point", n + 1), ca.MX.sym("data", path.data.numel())
     phi, jacobian = residual(point[:n], data)
+    # A call of a linear solver: its operations as a graph would take seconds to build for 70 pairs, and run longer.
     trial_lam = point[:n] - ca.solve(_damped(jacobian, point[n]), jacobian.T @ phi, "ldl")
     new_point = _better(point, trial_lam, phi, residual(trial_lam, data)[0])
     return ca.Function("damped_step", [point, data], [new_point])
@@ -156,13 +139,13 @@ def _residual(path: Path, lam: ca.SX) -> tuple[ca.SX, ca.SX]:
     return phi, ca.diag(by_lam) + ca.diag(by_gap) @ slopes
 
 
-def _damped(jacobian: Expression, damping: Expression) -> Expression:
+def _damped(jacobian: ca.MX, damping: ca.MX) -> ca.MX:
     """Return the damped normal matrix (n, n) of Levenberg and Marquardt."""
     normal = jacobian.T @ jacobian
     return normal + damping * ca.diag(ca.fmax(ca.diag(normal), 1e-12))
 
 
-def _better(point: Expression, trial_lam: Expression, phi: Expression, trial_phi: Expression) -> Expression:
+def _better(point: ca.MX, trial_lam: ca.MX, phi: ca.MX, trial_phi: ca.MX) -> ca.MX:
     """Return the point after a trial: at ``trial_lam`` with less damping if phi is smaller there, else with more."""
     lam, damping = point[:-1], point[-1]
     better = ca.sumsqr(trial_phi) < ca.sumsqr(phi)

@@ -40,13 +40,32 @@ def test_a_finger_that_pushes_a_row_ends_where_it_does_with_a_dense_compliance(
     np.testing.assert_allclose(by_factors[0], by_matrix[0], atol=1e-7)
 
 
-def test_a_damped_step_is_the_same_by_operations_and_by_calls() -> None:
+def test_a_damped_step_is_that_of_levenberg_and_marquardt() -> None:
+    """NumPy solves the damped normal equations of ``phi = lam + gap - sqrt(lam² + gap² + 2 mu)``."""
     path = path_of(row_of_discs(2, N=2).system, True)
-    operations, calls = ncp._damped_step(path), ncp._damped_step_of_many(path)
-    rng = np.random.default_rng(0)
+    step, lam = ncp._damped_step(path), ca.SX.sym("lam", path.n)
+    gap_at = ca.Function("gap", [lam, path.data], [*path.true_gap_at(lam), path.data_parts["mu"]])
+    rng, lowered = np.random.default_rng(0), 0
     for _ in range(20):
-        point, data = rng.uniform(0.1, 1, path.n + 1), rng.uniform(0.1, 1, path.data.numel())
-        np.testing.assert_allclose(calls(point, data), operations(point, data), rtol=1e-6, atol=1e-9)
+        point = np.concatenate([10 ** rng.uniform(-3, 1, path.n), 10 ** rng.uniform(-4, 0, 1)])
+        data = rng.uniform(-1, 1, path.data.numel()) ** 2
+        phi, jacobian = fischer_burmeister(point[:-1], *gap_at(point[:-1], data))
+        normal = jacobian.T @ jacobian
+        damped = normal + point[-1] * np.diag(np.maximum(np.diag(normal), 1e-12))
+        trial = point[:-1] - np.linalg.solve(damped, jacobian.T @ phi)
+        trial_phi, _ = fischer_burmeister(trial, *gap_at(trial, data))
+        is_lower = trial_phi @ trial_phi < phi @ phi
+        expected = [*trial, point[-1] / 5] if is_lower else [*point[:-1], 4 * point[-1]]
+        lowered += is_lower
+        np.testing.assert_allclose(np.array(step(point, data)).ravel(), expected, rtol=1e-9, atol=1e-12)
+    assert 0 < lowered < 20
+
+
+def fischer_burmeister(lam: np.ndarray, gap: ca.DM, by_lam: ca.DM, mu: ca.DM) -> tuple[np.ndarray, np.ndarray]:
+    """Return phi (n,) and its derivative by lam (n, n), of gaps with the derivative ``by_lam`` (n, n)."""
+    s, slopes, targets = np.array(gap).ravel(), np.array(by_lam), np.array(mu).ravel()
+    size = np.sqrt(lam**2 + s**2 + 2 * targets)
+    return lam + s - size, np.diag(1 - lam / size) + (1 - s / size)[:, None] * slopes
 
 
 def test_entries_at_their_positions_are_the_dense_matrices() -> None:
