@@ -1,8 +1,8 @@
 """``python -m tests.times``: measure the tests, and print the tests whose markers do not fit their cost.
 
 The cost of a test is the processor time of the test, its fixtures and its child processes. ``make test`` allows
-:data:`CASE` for one case and :data:`TEST` for all cases of one test; more expensive ones need a marker of
-``tests/conftest.py``, which leaves them to ``make test-slow``.
+:data:`TEST` for all cases of one test; more expensive ones need a marker of ``tests/conftest.py``, which leaves
+the test or some of its cases to ``make test-slow``.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-CASE, TEST = 0.5, 1.0
-"""Maximum processor time [s] of one case, and of all cases of one test together."""
+TEST = 0.5
+"""Maximum processor time [s] of all cases of one test together."""
 ALWAYS = (
     "tests/cli/test_limits.py::test_what_cannot_be_is_refused[units]",
     "tests/cli/test_one_way.py::test_a_solve_with_its_pdf_loads_and_calls_little",
@@ -66,7 +66,7 @@ def misfits(lines: Iterable[str]) -> Iterator[str]:
         seconds, marked, name = line.rstrip("\n").split(" ", 2)
         costs[name.partition("[")[0], marked].append(float(seconds))
     for (test, marked), cases in costs.items():
-        dear = max(cases) > CASE or sum(cases) > TEST
+        dear = sum(cases) > TEST
         if dear != (marked == "marked") and not any(name.startswith(test) for name in ALWAYS):
             yield f"{test}: {sum(cases):.1f} s in {len(cases)} cases, {'not ' * dear}marked"
 

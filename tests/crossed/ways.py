@@ -21,12 +21,15 @@ from problems import names
 
 STRANGERS = sorted((Path(__file__).parent / "strangers").glob("*.py"))
 PROBLEMS = [*names(), *(str(file) for file in STRANGERS)]
-LONG_BUILDS = ("quadruped", "ant", "push-cube", "reorient", "half-cheetah", "hopper")
+LONG_BUILDS = (
+    *("quadruped", "ant", "push-cube", "reorient", "half-cheetah", "hopper"),
+    *("planar-hand", "planar-push", "cart-transport"),
+)
 """Names of the problems on which one case takes seconds to minutes, mostly to build graphs."""
 COSTLY = {
     *LONG_BUILDS,
     "idto-hopper",
-    *("soft-walls", "planar-hand", "finger-disc", "push-t", "spinner"),
+    *("soft-walls", "finger-disc", "push-t", "spinner"),
     *("two_bodies", "joint_limit", "clashing_names"),
 }
 """Names of the problems on which the median time of a case is above a quarter of a second."""

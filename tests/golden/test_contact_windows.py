@@ -125,7 +125,7 @@ def test_the_stated_value_is_the_best_of_all_windows_of_one_wall() -> None:
     assert min(costs) == pytest.approx(golden.cost, rel=1e-6)
 
 
-@pytest.mark.costly_cases("ball-bounce-bounce-40-40")
+@pytest.mark.cheap_cases("push-1d-push-20-20", "soft-walls-spring-20-18")
 @pytest.mark.parametrize(
     ("name", "peer", "steps", "feasible"),
     [

@@ -41,6 +41,7 @@ def qp_of(name: str) -> tuple[ca.Function, ca.Function]:
     return data, ca.conic("step", "qrqp", shapes, options)
 
 
+@pytest.mark.cheap_cases("planar-hand")
 @pytest.mark.parametrize("name", ["planar-push", "planar-hand"])
 @settings(max_examples=20, deadline=None)
 @given(

@@ -88,6 +88,7 @@ def forces(system: ContactSystem, x, u, x_next, lam) -> list[np.ndarray]:
     return [np.array(v).ravel() for v in function(x, u, x_next, lam)]
 
 
+@pytest.mark.one_case_in(2)
 @pytest.mark.parametrize("cone", CONES)
 @pytest.mark.parametrize("push", [-9.0, -4.0, 0.0, 4.0, 9.0])
 def test_a_block_sticks_below_the_bound_and_slides_above(cone, push):

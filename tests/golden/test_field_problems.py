@@ -174,7 +174,7 @@ def test_shooting_throws_as_well_without_any_homotopy() -> None:
     assert found.cost == pytest.approx(golden.cost, rel=golden.tolerance)
 
 
-@pytest.mark.costly_cases("method0-own0-1e-08", "method0-own0-1e-11")
+@pytest.mark.cheap_cases("method1-own1-1e-08")
 @pytest.mark.parametrize(
     "tol",
     [1e-8, 1e-11, *(pytest.param(tol, marks=pytest.mark.slow) for tol in (1e-9, 1e-10))],

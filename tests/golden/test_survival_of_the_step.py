@@ -95,7 +95,7 @@ def test_each_bound_of_the_finer_replay_is_a_reason_alone() -> None:
 
 
 def test_what_is_at_fault_at_the_step_itself_is_told_first() -> None:
-    found = solve(get("box-slide"), Exact())
+    found = solve(get("box-slide"), Exact(), effort="quick")
     of = replace(
         found.referee,
         findings=[make_finding("bodies-penetrate", amount=0.1)],

@@ -114,6 +114,7 @@ def test_a_step_size_that_is_none_is_refused(h: float) -> None:
         solve(ring(h=h, speed=1.0))
 
 
+@pytest.mark.one_case_in(2)
 @pytest.mark.parametrize("law", [Exact(), Barrier(mu=1e-3)])
 def test_a_start_inside_a_wall_never_survives(law: ContactLaw) -> None:
     """The law moves a body from 5 m inside the wall out in one step, which is unphysical."""

@@ -37,6 +37,7 @@ def two_blocks(friction: ca.SX, cone, table: ParameterTable) -> ContactSystem:
     )
 
 
+@pytest.mark.one_case_in(2)
 @pytest.mark.parametrize("cone", ["linearised", "second-order"])
 @pytest.mark.parametrize("by_parameter", [False, True])
 def test_friction_may_be_zero_at_one_of_several_contacts(cone, by_parameter: bool) -> None:

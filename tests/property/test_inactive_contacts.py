@@ -62,19 +62,7 @@ def apart(name: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.cheap_cases(
-    "wall-1d",
-    "push-1d",
-    "push-disc",
-    "ball-bounce",
-    "ball-throw",
-    "box-slide",
-    "cart-walls",
-    "cart-transport",
-    "soft-walls",
-    "push-box",
-    "hopper-1d",
-    "push-t",
-    "planar-push",
+    "wall-1d", "push-1d", "push-disc", "ball-bounce", "cart-walls", "box-slide", "ball-throw", "cart-transport"
 )
 @pytest.mark.parametrize("name", NAMES)
 def test_impulses_that_do_not_act_have_no_derivative(name):

@@ -79,7 +79,7 @@ def test_a_smooth_contact_has_its_normal_pair_alone() -> None:
     assert wedged(0.0, NOTHING).nlam == 3 and wedged(0.0, NOTHING).forces is None
 
 
-@pytest.mark.costly_cases("exact")
+@pytest.mark.cheap_cases("barrier")
 @pytest.mark.parametrize("law", LAWS[:3], ids=lambda law: law.name)
 def test_a_mirrored_scene_moves_in_mirror_image(law: ContactLaw) -> None:
     def made(side: float) -> ContactSystem:

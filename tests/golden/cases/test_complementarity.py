@@ -18,9 +18,7 @@ a, b, c, d = (ca.SX.sym(name) for name in "abcd")
 FREE = np.inf
 
 
-@pytest.mark.cheap_cases(
-    "1000.0-start1", "1000000.0-start0", "1000000000.0-start2", "1000000000.0-start1", "10000000.0-start2"
-)
+@pytest.mark.cheap_cases("1000000000.0-start1", "1000000000.0-start2")
 @pytest.mark.parametrize("start", [[0, 0, 0], [-1, 0.5, 1.5], [1, 1, 0]])
 @pytest.mark.parametrize("ohms", [1e3, 1e5, 1e6, 1e7, 1e9])
 def test_a_diode_of_a_large_resistor(ohms: float, start: list[float]) -> None:
@@ -64,6 +62,7 @@ def priced(price: float) -> MPCCSolution:
     return solve(problem, [0, 0, 1, 4])
 
 
+@pytest.mark.one_case_in(5)
 @pytest.mark.parametrize("price", [1.0, 1e4, 1e6, 1e8, 1e10])
 def test_a_steep_price_at_its_bound_loosens_no_certificate(price: float) -> None:
     """Of the branches a = 0, b = 3 costs 4, and a = 2, b = 0 costs 9; c = 0 and d = 1 in both."""
@@ -73,7 +72,7 @@ def test_a_steep_price_at_its_bound_loosens_no_certificate(price: float) -> None
     assert found.certificate.tolerance <= 10 * priced(1.0).certificate.tolerance
 
 
-@pytest.mark.cheap_cases("-1000000.0-start0", "10000000000.0-start1", "10000.0-start1")
+@pytest.mark.cheap_cases("10000000000.0-start1")
 @pytest.mark.parametrize("start", [[0, 0, 0], [0.5, 0.5, 9]])
 @pytest.mark.parametrize("offset", [1e4, -1e6, 1e8, 1e10])
 def test_a_constant_changes_neither_the_answer_nor_the_certificate(offset: float, start: list[float]) -> None:
@@ -92,7 +91,7 @@ def test_a_constant_changes_neither_the_answer_nor_the_certificate(offset: float
     assert found.f - offset == pytest.approx(plain.f, abs=1e-6 + 1e-15 * abs(offset))
 
 
-@pytest.mark.cheap_cases("0-1000000.0", "1-1.0", "0-10000.0", "2-1.0", "2-10000.0", "1-10000.0", "1-1e-06")
+@pytest.mark.cheap_cases("1-1.0", "2-1.0", "2-10000.0")
 @pytest.mark.parametrize("factor", [1e-6, 1e-3, 1.0, 1e4, 1e6])
 @pytest.mark.parametrize("rows", [0, 1, 2])
 def test_one_row_or_none_or_two_at_any_size_of_the_cost(factor: float, rows: int) -> None:
@@ -200,6 +199,7 @@ def test_a_parabola_and_a_circle(start: list[float]) -> None:
     assert found.f == pytest.approx(0, abs=1e-8)
 
 
+@pytest.mark.one_case_in(3)
 @pytest.mark.parametrize("pascal", [1.0, 1e5, 1e8])
 def test_a_network_in_pascals_against_all_branches(pascal: float) -> None:
     """Two check valves in a row have flows [m³/s] and pressures in units of ``1/pascal``.

@@ -211,6 +211,7 @@ LARGE = {
 }
 
 
+@pytest.mark.one_case_in(3)
 @pytest.mark.parametrize("case", LARGE)
 def test_files_that_are_too_large_are_refused_before_any_work(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, case: str

@@ -132,7 +132,7 @@ def test_claims_follow_the_data() -> None:
     assert all(verdicts(made()).values())
 
 
-@pytest.mark.one_case_in(4)
+@pytest.mark.one_case_in(16)
 @pytest.mark.parametrize(
     ("costs", "flipped"),
     [

@@ -65,6 +65,7 @@ def check_automatic(case: str, reformulation: str, seed: int, spread: float) -> 
     assert off(upper_to_full(nlp.hessian(x, p, 0.7, m)), hessian) < 1e-12
 
 
+@pytest.mark.one_case_in(4)
 @pytest.mark.parametrize("case", [case for case in CASES if case != "exact"])
 @few
 @points
@@ -123,6 +124,7 @@ def test_shooting_equals_differences(case: str, method: str, seed: int, spread: 
     assert off(hessian @ D, numerical(slope, x, D)) < 1e-6
 
 
+@pytest.mark.one_case_in(3)
 @pytest.mark.parametrize("method", ("direct", *SHOOTING))
 @pytest.mark.parametrize("case", CASES)
 def test_value_and_derivative_functions_agree_on_values(case: str, method: str) -> None:

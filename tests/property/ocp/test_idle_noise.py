@@ -94,7 +94,16 @@ OBJECTIVES = {
 }
 
 
-@pytest.mark.costly_cases("zobg-antithetic-open-loop")
+@pytest.mark.costly_cases(
+    "zobg-antithetic-open-loop",
+    "zobg-zero-noise-open-loop",
+    "zobg-zero-noise-feedback",
+    "zobg-mean-open-loop",
+    "zobg-antithetic-feedback",
+    "fobg-open-loop",
+    "fobg-feedback",
+    "es-open-loop",
+)
 @pytest.mark.parametrize("kind", OBJECTIVES)
 @pytest.mark.parametrize("name", [*SAMPLED])
 def test_no_estimators_variance_grows_with_idle_inputs(name: str, kind: str) -> None:

@@ -273,7 +273,7 @@ def test_a_mu_as_large_as_the_problem_is_told() -> None:
     assert "mu-is-large" not in codes(clear) and "relies-on-smoothing" in codes(known)
 
 
-@pytest.mark.costly_cases("planar-push")
+@pytest.mark.cheap_cases("push-1d", "push-disc", "ball-bounce")
 @pytest.mark.parametrize("problem", CONSISTENT)
 def test_units_are_found_from_the_numbers(problem: str) -> None:
     for units in OTHER:
