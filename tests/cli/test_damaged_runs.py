@@ -174,7 +174,7 @@ HARMS: dict[str, tuple[Callable[[Path], None], str]] = {
 }
 
 
-@pytest.mark.cheap_cases("parameters are a list", "FIFO", "part outside")
+@pytest.mark.cheap_cases("parameters are a list")
 @pytest.mark.parametrize("harm", HARMS)
 def test_one_bad_run_is_one_bad_line(ocp, made: dict[str, Path], tmp_path: Path, harm: str) -> None:
     bad, good = (

@@ -171,7 +171,24 @@ def test_a_pdf_is_written(capsys, tmp_path):
     assert pdf.read_bytes().startswith(b"%PDF")
 
 
-@pytest.mark.costly_cases("arguments33-years; take fewer")
+@pytest.mark.cheap_cases(
+    "arguments0-did you mean 'heaviside'",
+    "arguments8-ends above zero",
+    "arguments9-expected NAME=A:B:n",
+    "arguments12-one sample has no variance",
+    "arguments17-unknown backend 'jax'",
+    "arguments18-alpha.gamma",
+    "arguments19--s alpha.gamma must be a number > 0, got -1",
+    "arguments20--s alpha.gamma must be a number",
+    "arguments21-has no effect",
+    "arguments23---contact has no effect",
+    "arguments24--c has no effect",
+    "arguments25---at has no effect",
+    "arguments26-set the same value",
+    "arguments27-is not sampled",
+    "arguments30-from 1 to 100000",
+    "arguments31-drop --sigma",
+)
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [

@@ -103,7 +103,19 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return root
 
 
-@pytest.mark.costly_cases("problem")
+@pytest.mark.costly_cases(
+    "problem",
+    "objective",
+    "wide",
+    "another problem",
+    "a model as data",
+    "cut data",
+    "cut model",
+    "model's problem",
+    "cut model in a solve",
+    "no model in a solve",
+    "data as a model",
+)
 @pytest.mark.parametrize("case", CASES)
 def test_bad_input_is_told_in_a_sentence(ocp: Ocp, files: Path, case: str) -> None:
     words, message = CASES[case]

@@ -79,7 +79,19 @@ TOO_MUCH = {
 }
 
 
-@pytest.mark.costly_cases("nodes of a law", "points together", "points of a growing horizon", "batch")
+@pytest.mark.costly_cases(
+    "nodes of a law",
+    "points together",
+    "points of a growing horizon",
+    "batch",
+    "stages of a homotopy",
+    "steps of feedback",
+    "solves in parallel",
+    "noise",
+    "noise of no effect",
+    "noise of a sweep",
+    "units",
+)
 @pytest.mark.parametrize(("words", "sentence"), TOO_MUCH.values(), ids=TOO_MUCH)
 def test_what_cannot_be_is_refused(ocp, monkeypatch, words: list[str], sentence: str) -> None:
     monkeypatch.setattr(resources, "machine_memory", lambda: 25e9)

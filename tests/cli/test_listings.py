@@ -68,6 +68,7 @@ def test_list_json(ocp) -> None:
     assert all(item["summary"] for items in found.values() for item in items)
 
 
+@pytest.mark.one_case_in(4)
 @pytest.mark.parametrize("name", names())
 def test_show(ocp, name: str) -> None:
     found = strict(ocp("show", name, "--json").out)

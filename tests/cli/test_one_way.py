@@ -14,25 +14,22 @@ MODULES, FILES = 220, 141
 """Maximum numbers of loaded modules, and of files with called functions, in ``ocp solve --pdf``."""
 
 MEASURE = """
-import json, os, sys
+import cProfile, json, os, sys
 
 packages = ("dynamics", "ocp", "problems", "reports")
-roots, called = tuple(os.path.join(sys.argv[1], p, "") for p in packages), set()
-
-def profile(frame, event, argument):
-    code = frame.f_code
-    # Bodies of modules and classes have no fast locals; names such as <listcomp> do not count.
-    if event == "call" and code.co_flags & 1 and code.co_name[0] != "<":
-        if code.co_filename.startswith(roots):
-            called.add(code.co_filename)
-
-sys.setprofile(profile)
+roots = tuple(os.path.join(sys.argv[1], p, "") for p in packages)
+profile = cProfile.Profile(builtins=False)
+profile.enable()
 from reports.cli.app import main
 # As many samples as take the route of the usual effort, but no longer.
-code = main(["solve", "push-disc", "-p", "N=10", "--contact", "exact", "--effort", "3000", "--pdf", "x.pdf", "-q"])
-sys.setprofile(None)
+code = main(["solve", "push-disc", "-p", "N=5", "--contact", "exact", "--effort", "3000", "--pdf", "x.pdf", "-q"])
+profile.disable()
+codes = [entry.code for entry in profile.getstats()]
+# Bodies of modules and classes have no fast locals; names such as <listcomp> do not count.
+called = {c.co_filename for c in codes if not isinstance(c, str) and c.co_flags & 1 and c.co_name[0] != "<"}
 ours = [m for m in sys.modules if m.split(".")[0] in packages]
-print(json.dumps({"code": code, "files": sorted(called), "modules": sorted(ours)}))
+files = sorted(file for file in called if file.startswith(roots))
+print(json.dumps({"code": code, "files": files, "modules": sorted(ours)}))
 """
 
 

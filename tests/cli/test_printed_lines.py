@@ -19,7 +19,7 @@ def test_quiet_and_plain_output(ocp) -> None:
     assert quiet.err == ""
 
 
-@pytest.mark.cheap_cases("runs", "show cart-walls", "--help")
+@pytest.mark.cheap_cases("show cart-walls")
 @pytest.mark.parametrize(
     "arguments",
     [

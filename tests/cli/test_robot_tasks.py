@@ -33,7 +33,7 @@ def written(ocp: Any, task: str, robot: str) -> Path:
     return Path("go.py")
 
 
-@pytest.mark.cheap_cases("reach", "walk")
+@pytest.mark.cheap_cases("reach")
 @pytest.mark.parametrize("task", TASKS)
 def test_a_written_file_loads_under_its_name_and_is_drawn(ocp, task: str) -> None:
     robot = next(iter(ROBOTS[task]))

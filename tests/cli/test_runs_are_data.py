@@ -221,6 +221,7 @@ def test_a_flip_in_what_is_kept_of_the_problem_is_found(made: Path, tmp_path: Pa
             store.load(run)
 
 
+@pytest.mark.one_case_in(3)
 @pytest.mark.parametrize(
     "harm",
     [

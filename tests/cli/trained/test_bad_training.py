@@ -59,6 +59,7 @@ REFUSED = {
 }
 
 
+@pytest.mark.one_case_in(3)
 @pytest.mark.parametrize(
     "words",
     [
@@ -106,7 +107,7 @@ def test_only_a_policy_is_judged(ocp: Ocp, root: Path) -> None:
     assert done.code == 2 and "holds no policy; give one of ocp train" in done.err
 
 
-@pytest.mark.costly_cases("given0---episodes must be a whole number >= 1")
+@pytest.mark.cheap_cases("given2-has no setting 'mu'")
 @pytest.mark.parametrize(
     ("given", "told"),
     [

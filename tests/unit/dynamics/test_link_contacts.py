@@ -45,7 +45,7 @@ def thrown() -> np.ndarray:
     return np.array([0, 1.0, 0.1, 0.12, 1.38, 0.3, 0, 0, 0, -0.5, -3.0, 4.0])
 
 
-@pytest.mark.costly_cases("boxes-exact", "boxes-barrier")
+@pytest.mark.cheap_cases("discs-exact", "discs-barrier")
 @pytest.mark.parametrize("law", [Exact(), Barrier(mu=1e-5)], ids=["exact", "barrier"])
 @pytest.mark.parametrize("name", list(SHAPES))
 def test_impulses_between_links_are_equal_and_opposite(name: str, law) -> None:

@@ -26,7 +26,9 @@ AFFINE = {
 }
 
 
-@pytest.mark.costly_cases("quadruped", "ant")
+@pytest.mark.costly_cases(
+    "quadruped", "ant", "hopper", "half-cheetah", "finger-disc", "idto-hopper", "push-cube", "reorient"
+)
 @pytest.mark.parametrize("name", problems.names())
 def test_named_problems_find_their_step(name: str) -> None:
     kind = AffineStep if name in AFFINE else ImplicitStep

@@ -98,6 +98,7 @@ class EventDriven:
         raise AssertionError("too many events")
 
 
+@pytest.mark.one_case_in(9)
 @pytest.mark.parametrize("name", SCENES)
 def test_closed_forms_are_the_event_driven_motion(name: str) -> None:
     scene = SCENES[name]

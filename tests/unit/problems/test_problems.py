@@ -67,7 +67,7 @@ def test_every_parameter_can_be_set_and_reaches_the_problem(name: str, parameter
         assert ca.depends_on(expressions(problem), problem.parameters[parameter])
 
 
-@pytest.mark.costly_cases("hopper", "half-cheetah", "quadruped", "ant", "push-cube", "reorient")
+@pytest.mark.cheap_cases("wall-1d", "push-1d", "ball-bounce", "cart-walls", "box-slide", "ball-throw", "hopper-1d")
 @pytest.mark.parametrize("name", problems.names())
 def test_a_run_records_every_parameter_that_built_its_problem(name: str):
     """A run records parameters as symbols or as settings; without friction some problems have no symbol for it."""

@@ -89,7 +89,7 @@ def test_hardly_a_step_is_lost_under_random_full_inputs() -> None:
     assert not [size for size in lost if size < 100]
 
 
-@pytest.mark.cheap_cases("exact-casadi", "barrier-casadi")
+@pytest.mark.cheap_cases("exact-casadi")
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("law", ["exact", "barrier", "randomized"])
 def test_what_does_not_arrive_is_found_from_other_starts(law, backend, monkeypatch) -> None:

@@ -77,7 +77,7 @@ def test_cost_and_gradient_are_those_of_the_unrolled_graph(system, law, policy, 
         np.testing.assert_allclose(np.atleast_2d(got.gradient[i]).T, np.array(gradient), rtol=1e-9, atol=1e-11 * scale)
 
 
-@pytest.mark.cheap_cases("barrier-casadi", "adaptive-c")
+@pytest.mark.cheap_cases("adaptive-c")
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("law", ["barrier", "adaptive"])
 def test_gradient_is_that_of_central_differences(law, backend):

@@ -65,7 +65,7 @@ def assert_exact(model: EwdaModel, z: np.ndarray, weights: np.ndarray) -> None:
         assert error.max() <= 1e-11 * max(size, 1.0) * np.abs(weights[i]).max() / sigma**2
 
 
-@pytest.mark.cheap_cases("numpy-0.05-5.0", "numpy-2.0-0.03")
+@pytest.mark.cheap_cases("numpy-2.0-0.03")
 @pytest.mark.parametrize("far", FAR)
 @pytest.mark.parametrize("sigma", SIGMAS)
 def test_all_answers_are_exact(engine, sigma, far):
@@ -135,6 +135,7 @@ def test_engines_agree_where_nothing_can_be_left_out():
             assert (np.abs(own - other) <= 1e-11 * size).all()
 
 
+@pytest.mark.one_case_in(2)
 @pytest.mark.parametrize("n", [100, 3000])
 @pytest.mark.parametrize("sigma", [0.1, 1.0])
 def test_same_bits_for_any_threads_and_company(n, sigma):

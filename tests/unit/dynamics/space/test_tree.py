@@ -92,6 +92,7 @@ def _state(name: str, seed: int) -> tuple[np.ndarray, np.ndarray]:
 TREES = ("crane", "ant", "quadruped")
 
 
+@pytest.mark.one_case_in(3)
 @pytest.mark.parametrize("name", TREES)
 def test_the_rate_of_the_mass_matrix_is_the_symmetric_part_of_c(name: str) -> None:
     maps, h = _maps(name), 1e-6

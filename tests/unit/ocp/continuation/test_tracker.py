@@ -101,6 +101,7 @@ def test_a_move_that_is_not_corrected_is_halved_four_times(log: bool, monkeypatc
     assert tracker._distance(2.0, 8.0) == tracker._distance(8.0, 2.0) == pytest.approx(np.log(4) if log else 6.0)
 
 
+@pytest.mark.one_case_in(2)
 @pytest.mark.parametrize("log", [False, True])
 def test_a_move_of_several_corrections_ends_at_its_goal(log: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """Corrections succeed up to a ratio of 1.6, or a change of 0.25, of theta, which is to grow from 0.1 to 1.4."""

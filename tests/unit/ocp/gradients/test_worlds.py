@@ -79,6 +79,7 @@ def judged(world: World, truth: World | None, **settings):
     return row
 
 
+@pytest.mark.one_case_in(2)
 @pytest.mark.parametrize("verdict", VERDICTS)
 def test_each_verdict(verdict: str) -> None:
     world, truth = VERDICTS[verdict]

@@ -222,6 +222,7 @@ def test_task_gradient_equals_differences() -> None:
     assert task_gradient(Evaluation(problem, values), rolled) == pytest.approx(expected, rel=1e-6)
 
 
+@pytest.mark.one_case_in(4)
 @pytest.mark.parametrize("method", [MultipleShooting(), SingleShooting()])
 @pytest.mark.parametrize(("name", "cost"), [("push-1d", 120.0), ("push-disc", 12.75)])
 def test_the_dead_end_of_the_exact_law_is_no_success(name: str, cost: float, method) -> None:
@@ -233,6 +234,7 @@ def test_the_dead_end_of_the_exact_law_is_no_success(name: str, cost: float, met
     assert codes(found)[:3] == ["contacts-never-act", "status", "no-homotopy"]
 
 
+@pytest.mark.one_case_in(2)
 @pytest.mark.parametrize("method", [MultipleShooting(), SingleShooting()])
 def test_the_homotopy_leads_out_of_the_dead_end(method) -> None:
     found = solve(get("push-1d"), Exact(), method, settings={"homotopy": True})

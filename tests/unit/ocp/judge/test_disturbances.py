@@ -22,6 +22,7 @@ from ocp.judge.disturbances import (
 from ocp.problem.evaluation import Evaluation
 from ocp.problem.rollout import Rollout, roll_out
 from problems import get
+from tests.named import named
 
 HILL = str(Path(__file__).parents[3] / "golden" / "cases" / "hill.py")
 
@@ -33,7 +34,7 @@ def test_frictions_and_masses_are_found_by_what_depends_on_them() -> None:
 
 
 def test_step_sizes_and_quaternions_carry_no_noise() -> None:
-    cheetah, cube = get("half-cheetah"), get("push-cube")
+    cheetah, cube = named("half-cheetah"), named("push-cube")
     assert [cheetah.system.states[i].name for i in np.flatnonzero(measured_sizes(cheetah) == 0)] == ["h"]
     assert set(cube.system.rotating_entries) == set(np.flatnonzero(measured_sizes(cube) == 0)) != set()
 

@@ -43,6 +43,7 @@ def thrown(cone: str) -> Problem:
     )
 
 
+@pytest.mark.cheap_cases("second-order")
 @pytest.mark.parametrize("cone", ["linearised", "second-order"])
 def test_the_way_slid_is_the_least_that_the_motion_allows(cone):
     """It is |h J_t v+|, or twice the backward distance; plan and replay keep their complementarity."""

@@ -88,7 +88,7 @@ def test_the_law_has_sensitivities_too() -> None:
     assert float(found.sensitivity("contact.mu")["cost"]) == pytest.approx(slope, rel=1e-5)
 
 
-@pytest.mark.costly_cases("2.0")
+@pytest.mark.cheap_cases("0.5")
 @pytest.mark.parametrize("theta", [-2.0, 0.5, 2.0])
 def test_between_two_walls_it_is_the_closed_form(theta: float) -> None:
     """The solution is x+ = u = clip(theta / (1 + r), -1, 1), free or at rest against a wall."""

@@ -115,7 +115,7 @@ def test_a_cost_without_a_minimum_is_not_solved(kind):
     assert told in finding.sentence and "stationary" not in found.verdict
 
 
-@pytest.mark.cheap_cases("box", "disc", "flat")
+@pytest.mark.cheap_cases("box")
 @pytest.mark.parametrize("kind", BOUNDED)
 def test_a_cost_with_a_minimum_is_solved(kind):
     assert solve(BOUNDED[kind], effort="quick").success
@@ -166,7 +166,7 @@ def solved(cost, rows, low, high) -> mpcc.MPCCSolution:
     return mpcc.solve(mpcc.MPCC(X, cost, A, B, rows, lbx=lower, lbg=bound[0], ubg=bound[1]))
 
 
-@pytest.mark.cheap_cases("square", "exponential", "witch", "logarithm")
+@pytest.mark.cheap_cases("exponential", "square")
 @pytest.mark.parametrize("kind", RAYS)
 def test_a_complementarity_problem_without_a_minimum_is_not_solved(kind):
     found = solved(*RAYS[kind])
@@ -174,6 +174,7 @@ def test_a_complementarity_problem_without_a_minimum_is_not_solved(kind):
     assert "decreases without bound" in found.verdict or "no point attains" in found.verdict
 
 
+@pytest.mark.one_case_in(2)
 @pytest.mark.parametrize("kind", ENDS)
 def test_a_complementarity_problem_with_a_minimum_is_solved(kind):
     assert solved(*ENDS[kind]).success

@@ -134,7 +134,7 @@ def test_curves_tell_the_policy_before_each_iteration():
     assert found["evaluation_return"].values[best] == np.nanmax(found["evaluation_return"].values)
 
 
-@pytest.mark.costly_cases("along", "critic")
+@pytest.mark.cheap_cases("fopg", "ars")
 @pytest.mark.parametrize("name", list(SMALL))
 def test_every_step_that_an_engine_simulates_is_counted(name, monkeypatch):
     """Both batches, mirrored noise and steps of gradients are counted; evaluations are not."""

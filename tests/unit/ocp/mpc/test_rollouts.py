@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
+import pytest
 
 from ocp.mpc.controller import Controller
 from ocp.mpc.rollouts import STEP_SHARES
 from problems import get
 
 
-def test_candidates_without_change_and_with_feedback_roll_out_the_plan() -> None:
+def test_candidates_without_change_and_with_feedback_roll_out_the_plan(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The plan is a rollout of its own inputs from its own start, and feedback then adds nothing."""
-    controller = Controller(get("soft-walls"))
+    # Without a compiler: a compiled sample takes seconds to build.
+    monkeypatch.setenv("PATH", str(tmp_path))
+    controller = Controller(get("soft-walls", N=5))
     plan, sizes, rng = controller.current_plan, controller.problem.scales, np.random.default_rng(0)
     _, p, limits = controller._horizon
     gains = 0.1 * (sizes.u[:, None] / sizes.x) * rng.standard_normal((len(plan.u), len(sizes.u), len(sizes.x)))

@@ -311,6 +311,7 @@ def test_switches_and_jumps_by_finite_elements(name: str) -> None:
     assert loop.converged and found.f <= loop.f * (1 + 1e-6) + 1e-7
 
 
+@pytest.mark.one_case_in(3)
 @pytest.mark.parametrize("factor", [1e-6, 1.0, 1e6])
 @pytest.mark.parametrize("rows", [{}, {"lbg": -np.inf, "ubg": 10.0}], ids=["none", "one"])
 def test_programs_of_one_row_are_solved_at_every_size_of_the_cost(factor: float, rows: dict[str, float]) -> None:

@@ -245,6 +245,7 @@ def market(demand: float, sense: int) -> str:
     return f"C0\nn0\nC1\nn0\nC2\nn-3\n{objective}{bounds}{rows}"
 
 
+@pytest.mark.cheap_cases("minimise")
 @pytest.mark.parametrize("sense", [0, 1], ids=["minimise", "maximise"])
 def test_a_solution_file_has_values_and_duals_of_every_row(tmp_path: Path, sense: int) -> None:
     """v is 0 or the demand, whichever is nearer 4, and w is 1 since its row is negative; duals are differences."""

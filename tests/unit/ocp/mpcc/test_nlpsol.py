@@ -29,7 +29,7 @@ def optimum(p: float) -> tuple[float, float]:
     return (2.0, (p - 3) ** 2) if p <= 2 else (p, (p - 2) ** 2 + (p - 3) ** 2)
 
 
-@pytest.mark.costly_cases("False-MX", "True-SX")
+@pytest.mark.cheap_cases("True-MX")
 @SYMBOLS
 @pytest.mark.parametrize("warm", [False, True])
 def test_a_solver_is_called_again_with_other_parameters(sym, warm: bool) -> None:

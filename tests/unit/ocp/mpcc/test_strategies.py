@@ -76,6 +76,7 @@ def test_values_of_a_relaxation_that_a_solution_satisfies_are_skipped() -> None:
     assert outcome.result.point.x == pytest.approx([1, 0], abs=1e-6)
 
 
+@pytest.mark.one_case_in(2)
 @pytest.mark.parametrize(("gain", "replaced"), [(1e-11, False), (1e-3, True)])
 def test_a_second_solve_in_finer_units_must_lower_the_cost(
     monkeypatch: pytest.MonkeyPatch, gain: float, replaced: bool

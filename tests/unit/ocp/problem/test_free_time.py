@@ -58,6 +58,7 @@ def at_rest() -> Problem:
     return replace(plain, terminal=rows, h=free(0.01, 1.0))
 
 
+@pytest.mark.cheap_cases("multiple-shooting")
 @pytest.mark.parametrize("method", [Direct(), MultipleShooting()], ids=lambda one: one.name)
 def test_the_least_time_to_rest_is_that_of_bang_bang(method: Direct) -> None:
     """n steps of a = F/m and n steps of -a reach ``d = a h² n²``, so that T = 2 n h = 2 sqrt(d / a)."""
@@ -70,7 +71,7 @@ def test_the_least_time_to_rest_is_that_of_bang_bang(method: Direct) -> None:
     assert found.certificate.stationarity == "B"
 
 
-@pytest.mark.costly_cases("law0-0.9")
+@pytest.mark.cheap_cases("law1-9.0")
 @pytest.mark.parametrize(("law", "wall"), [(Exact(), GOAL), (Exact(), 9.0), (Barrier(1e-7), 9.0)])
 def test_the_least_time_without_brakes(law: ContactLaw, wall: float) -> None:
     """Full force throughout, with or without a wall at the goal, gives ``a h² N (N + 1) / 2 = d``."""

@@ -123,6 +123,7 @@ def session_of(problem: Problem) -> Session:
     return Session(problem, Exact(), Direct(), OpenLoop())
 
 
+@pytest.mark.one_case_in(2)
 @pytest.mark.parametrize("name", KINKED)
 def test_the_certificate_sees_both_sides(name):
     """At u = 0 the one-sided slopes of the cost decide, which are those of a function of one number."""

@@ -107,6 +107,7 @@ LIMITS = {"CATCHING_UP": (np.inf, 0.0), "UNPROMISING": (np.inf, 0.0), "SAME_COST
 """Limits of sampling beside a certified answer: values with which it never ends early, and ends after one stage."""
 
 
+@pytest.mark.cheap_cases("CATCHING_UP")
 @pytest.mark.parametrize("limit", ["none", *LIMITS])
 def test_sampling_beside_a_certified_answer_ends_where_it_is_fruitless(limit: str, monkeypatch) -> None:
     problem = get("push-1d", N=10)
@@ -125,6 +126,7 @@ def test_sampling_beside_a_certified_answer_ends_where_it_is_fruitless(limit: st
     assert sampled.certificate.certified
 
 
+@pytest.mark.cheap_cases("True-0-20000")
 @pytest.mark.parametrize(("idle", "restarts", "effort"), [(True, 2, "normal"), (False, 0, "normal"), (True, 0, 20_000)])
 def test_sampling_begins_again_with_other_draws_while_a_plan_does_little(
     idle: bool, restarts: int, effort: float | str, monkeypatch: pytest.MonkeyPatch
@@ -165,7 +167,7 @@ def test_an_effort_in_steps_is_a_positive_whole_number(effort: float) -> None:
 
 def test_an_effort_in_steps_is_the_number_of_steps_of_the_sampled_runs() -> None:
     at_values = Evaluation(problem := get("wall-1d"), problem.parameters.defaults)
-    for budget in (10**6, 10**7):
+    for budget in (10**6, 3 * 10**6):
         sampler = InputSampler(at_values, rollout_steps=budget)
         for _ in sampler.stages():
             pass
@@ -207,6 +209,7 @@ def test_samples_replace_a_certified_plan_whose_replay_failed(solution: Solution
     assert best_solution([lost, solution]) is solution
 
 
+@pytest.mark.cheap_cases("1")
 @pytest.mark.parametrize("N", [1, 2])
 def test_one_step_is_sampled_too(N: int) -> None:
     quick, normal = (solve(get("wall-1d", N=N), contact="exact", effort=effort) for effort in ("quick", "normal"))

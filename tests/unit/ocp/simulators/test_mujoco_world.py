@@ -68,6 +68,7 @@ def run(problem: Problem, x: Any, steps: int, *soft: float) -> np.ndarray:
     return np.array(found)
 
 
+@pytest.mark.one_case_in(3)
 @pytest.mark.parametrize("name", ["hopper", "half-cheetah", "idto-hopper", "spinner", "finger-disc"])
 def test_a_named_machine_is_the_same_in_mujoco(name: str) -> None:
     world(get(name))  # The constructor checks M, forces and distances.
@@ -79,6 +80,7 @@ def test_joints_stand_in_our_order_whatever_the_tree() -> None:
     assert list(there._q) == [0, 1, 3, 2]  # MuJoCo numbers joints depth-first.
 
 
+@pytest.mark.one_case_in(5)
 @pytest.mark.parametrize(
     ("change", "named"),
     [

@@ -29,8 +29,8 @@ def test_typed_parameters_are_those_by_name(solved: Solution) -> None:
 
 def test_typed_settings_are_those_by_name() -> None:
     settings = Settings(strategy="scholtes", options={"tol": 1e-7})
-    typed = solve(push_1d.Params(N=8), settings=settings)
-    words = solve("push-1d", N=8, settings={"strategy": "scholtes", "tol": 1e-7})
+    typed = solve(push_1d.Params(N=4), settings=settings, effort="quick")
+    words = solve("push-1d", N=4, settings={"strategy": "scholtes", "tol": 1e-7}, effort="quick")
     assert typed.cost == words.cost
     assert typed.iterations == words.iterations
 
@@ -42,6 +42,7 @@ GUESSES: dict[str, Callable[[Solution], Any]] = {
 }
 
 
+@pytest.mark.one_case_in(3)
 @pytest.mark.parametrize("kind", GUESSES)
 def test_a_solution_as_guess_is_where_a_solve_begins_and_ends(kind: str, solved: Solution) -> None:
     guess = GUESSES[kind](solved)
@@ -76,6 +77,7 @@ def test_a_start_and_a_guess_are_one_too_many(solved: Solution) -> None:
         solve("push-1d", N=8, warm_start=solved, guess=solved)
 
 
+@pytest.mark.one_case_in(4)
 @pytest.mark.parametrize("name", problems.names())
 def test_a_problem_prints_in_ten_lines_with_units(name: str) -> None:
     problem = named(name)

@@ -156,6 +156,7 @@ def test_bad_feedback_is_wrong_usage(arguments: dict[str, float]) -> None:
         Feedback(**arguments)
 
 
+@pytest.mark.one_case_in(3)
 @pytest.mark.parametrize("method", [Direct(), MultipleShooting(), SingleShooting()])
 def test_feedback_under_a_bound_keeps_to_it(method) -> None:
     problem = get("push-disc", N=5, scenarios=3)

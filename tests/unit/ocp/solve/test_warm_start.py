@@ -72,7 +72,7 @@ def test_an_exact_optimum_satisfies_the_relaxed_conditions() -> None:
     assert np.all(point.lam_x[nlp.pairs] <= 1e-9), "lam, gap >= 0"
 
 
-@pytest.mark.costly_cases("10", "13")
+@pytest.mark.cheap_cases("31", "40")
 @pytest.mark.parametrize("N", [10, 13, 20, 31, 40])
 def test_a_mesh_keeps_the_path_in_time(pushed: Solution, N: int) -> None:
     problem = get("push-disc", N=N, h=2.0 / N)
@@ -140,6 +140,7 @@ def test_between_methods_there_is_nothing_left_to_do(source, target) -> None:
     assert found.cost == pytest.approx(known.cost, rel=1e-8)
 
 
+@pytest.mark.one_case_in(3)
 @pytest.mark.parametrize("law", [Exact(), Barrier(mu=1e-5), Adaptive(sigma=0.02)])
 def test_between_laws(pushed: Solution, law) -> None:
     found = solve(get("push-disc"), law, warm_start=pushed)

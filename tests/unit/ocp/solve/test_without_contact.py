@@ -53,7 +53,7 @@ def quadratic_program() -> tuple[float, np.ndarray]:
     return float(b @ y), G.T @ y
 
 
-@pytest.mark.cheap_cases("direct-exact", "multiple-shooting-barrier", "single-shooting-adaptive")
+@pytest.mark.cheap_cases("single-shooting-adaptive")
 @pytest.mark.parametrize("law", LAWS, ids=lambda law: law.name)
 @pytest.mark.parametrize("method", METHODS, ids=lambda method: method.name)
 def test_a_free_mass_takes_the_optimum_of_its_quadratic_program(law, method) -> None:
@@ -110,6 +110,7 @@ def fixed_gap(gap: float) -> Problem:
     )
 
 
+@pytest.mark.cheap_cases("barrier")
 @pytest.mark.parametrize("law", LAWS[:2], ids=lambda law: law.name)
 def test_a_contact_that_never_closes_changes_nothing(law) -> None:
     """The minimum of ``|u|² + (G u - 1)²`` is ``1 / (1 + |G|²)``."""
@@ -139,7 +140,7 @@ def test_a_tip_straight_below_its_hinge_is_advanced() -> None:
     assert gap[0] == pytest.approx(0.05)
 
 
-@pytest.mark.costly_cases("qpcc", "policy")
+@pytest.mark.cheap_cases("full")
 @pytest.mark.parametrize("phase", ["qpcc", "qp", "policy", "full"])
 def test_the_closed_loop_of_a_machine_without_contacts_swings_like_its_plan(phase: str) -> None:
     """The rod's inertia depends on its state, so that no step is linear in the next state."""

@@ -26,6 +26,7 @@ def sealed_with(change):
     return lambda file: reseal(file.parent, change)
 
 
+@pytest.mark.one_case_in(3)
 @pytest.mark.parametrize(
     ("file", "harm", "reason"),
     [

@@ -93,6 +93,7 @@ def test_rewards_are_those_of_the_source():
         assert height == x_next[1]
 
 
+@pytest.mark.one_case_in(3)
 @pytest.mark.parametrize(
     ("index", "value", "over"),
     [

@@ -54,6 +54,7 @@ SHAPES = {
 }
 
 
+@pytest.mark.one_case_in(3)
 @pytest.mark.parametrize(("shape", "count"), SHAPES.values(), ids=SHAPES)
 def test_points_beside_each_other_are_one_contact(shape: Any, count: int) -> None:
     machine = rig("xzt", shape)

@@ -141,6 +141,7 @@ def test_the_axis_covers_the_interval_of_every_estimator() -> None:
     assert low <= (mean - 1.96 * error).min() and high >= (mean + 1.96 * error).max()
 
 
+@pytest.mark.cheap_cases("0.04")
 @pytest.mark.parametrize("scale", [0.04, 0.3, 2.0])
 def test_numbers_beside_zero_are_not_printed_over_each_other(scale: float) -> None:
     """Numbers do not overlap on an axis of positive and negative powers of ten, whatever the reference."""

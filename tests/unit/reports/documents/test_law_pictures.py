@@ -65,6 +65,7 @@ def test_a_replay_is_dashed_where_it_differs() -> None:
     np.testing.assert_array_equal(np.asarray(other.lines[1].get_ydata())[:-1], PUSH / 2)
 
 
+@pytest.mark.one_case_in(2)
 @pytest.mark.parametrize("values", [(0.0, 0.0), (1.0, 1.0), (1e-300, 1e300), (0.0, np.nan)])
 @pytest.mark.filterwarnings("error")
 def test_odd_numbers_are_drawn_without_a_warning(values: tuple[float, float]) -> None:

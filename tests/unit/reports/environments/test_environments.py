@@ -132,6 +132,7 @@ def test_returns_are_those_of_the_engines_episodes():
     np.testing.assert_allclose(returns, expected.value, rtol=0, atol=1e-9)
 
 
+@pytest.mark.one_case_in(2)
 @pytest.mark.parametrize("contact", ["exact", *SOFT])
 def test_any_law_by_name_and_its_settings(contact: str):
     given = {"contact": contact, "contact_settings": SOFT.get(contact)}
