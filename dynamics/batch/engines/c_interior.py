@@ -15,6 +15,7 @@ typedef long long i64;
 /* Entry of q that is entry i of (x, u), or of the next state that is input i. */
 #define AT(i) ((i) < NX ? (i) : (i) + BEFORE * NU)
 #define HELD(i) (NX + BEFORE * (i))
+typedef double lane __attribute__((vector_size(32), aligned(8), may_alias));
 typedef struct {
   double H[NQ][NQ], g[NQ], AB[NX][NV], b[NX], R[M + 1][NV], r[NC], scale[M + 1];
   i64 absent[NC];
@@ -84,8 +85,23 @@ static residuals evaluate(const program *o, stage *w) {
     worst.dual = larger(worst.dual, __builtin_fabs(w[o->N].slope[i] + w[o->N - 1].y[i]));
   return worst;
 }
+/* Adds the sum over l < n of a[l] B[l], in this order, to a row (NV,), of which blocks stay in registers. */
+static inline void add_rows(i64 n, const double *a, const double *B, double *row) {
+  i64 j = 0;
+  for (; j + 16 <= NV; j += 16) {
+    lane *to = (lane *)(row + j), s = to[0], t = to[1], v = to[2], w = to[3];
+    for (i64 l = 0; l < n; l++) {
+      const lane *from = (const lane *)(B + l * NV + j);
+      s += a[l] * from[0], t += a[l] * from[1], v += a[l] * from[2], w += a[l] * from[3];
+    }
+    to[0] = s, to[1] = t, to[2] = v, to[3] = w;
+  }
+  for (i64 l = 0; l < n; l++)
+    for (i64 i = j; i < NV; i++) row[i] += a[l] * B[l * NV + i];
+}
 /* The constraints' share of the Hessian in (x, u), with the slacks eliminated. */
 static void add_curvature(const program *o, stage *a, double S[NV][NV]) {
+  double factors[NV][M + 1];
   for (i64 i = 0; i < o->slacks; i++) {
     a->D[i] = o->curvature + a->zs[i] / a->s[i];
     for (i64 j = 0; j < NV; j++) a->h[i][j] = 0.0;
@@ -93,15 +109,13 @@ static void add_curvature(const program *o, stage *a, double S[NV][NV]) {
   for (i64 j = 0; j < NC; j++) {
     if (a->absent[j]) continue;
     double W = a->W[j] = a->z[j] / a->t[j];
-    i64 input = NX + (j - M) % NU;
-    if (j >= M) { S[input][input] += W; continue; }
+    if (j >= M) continue;
     a->D[o->slack_of[j]] += W;
-    for (i64 i = 0; i < NV; i++) {
-      double factor = W * a->R[j][i];
-      a->h[o->slack_of[j]][i] += factor;
-      for (i64 l = 0; l < NV; l++) S[i][l] += factor * a->R[j][l];
-    }
+    for (i64 i = 0; i < NV; i++) a->h[o->slack_of[j]][i] += factors[i][j] = W * a->R[j][i];
   }
+  for (i64 i = 0; i < NV; i++) add_rows(M, factors[i], a->R[0], S[i]);
+  for (i64 j = M; j < NC; j++)
+    if (!a->absent[j]) S[NX + (j - M) % NU][NX + (j - M) % NU] += a->W[j];
   for (i64 c = 0; c < o->slacks; c++)
     for (i64 i = 0; i < NV; i++)
       for (i64 l = 0; l < NV; l++) S[i][l] -= a->h[c][i] / a->D[c] * a->h[c][l];
@@ -109,15 +123,12 @@ static void add_curvature(const program *o, stage *a, double S[NV][NV]) {
 /* The cost-to-go's share of the Hessian in (x, u). */
 static void add_future(const stage *a, double S[NV][NV]) {
   const double (*P)[NXI] = (const double (*)[NXI])a[1].P;
-  double T[NXI][NV];
-  for (i64 i = 0; i < NXI; i++) {
-    for (i64 j = 0; j < NV; j++) T[i][j] = 0.0;
-    for (i64 l = 0; l < NX; l++)
-      for (i64 j = 0; j < NV; j++) T[i][j] += P[i][l] * a->AB[l][j];
+  double T[NXI][NV] = {{0.0}}, column[NX];
+  for (i64 i = 0; i < NXI; i++) add_rows(NX, P[i], a->AB[0], T[i]);
+  for (i64 i = 0; i < NV; i++) {
+    for (i64 l = 0; l < NX; l++) column[l] = a->AB[l][i];
+    add_rows(NX, column, T[0], S[i]);
   }
-  for (i64 l = 0; l < NX; l++)
-    for (i64 i = 0; i < NV; i++)
-      for (i64 j = 0; j < NV; j++) S[i][j] += a->AB[l][i] * T[l][j];
   for (i64 i = 0; BEFORE && i < NU; i++) {
     for (i64 j = 0; j < NV; j++) S[NX + i][j] += T[HELD(i)][j], S[j][NX + i] += T[HELD(i)][j];
     for (i64 j = 0; j < NU; j++) S[NX + i][NX + j] += P[HELD(i)][HELD(j)];
