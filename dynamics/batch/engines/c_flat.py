@@ -23,6 +23,8 @@ ABREAST = 4
 ABREAST_IN_LONG_GRAPHS = 2
 # Number of operations above which a graph counts as long.
 LONG_GRAPH = 2500
+# Number of characters of C text above which compilers take minutes at the second level of optimisation.
+LONG_TEXT = 1 << 21
 # Maximum number of operations of one C function. It is smaller than elsewhere, since each operation becomes
 # `ABREAST` statements.
 PART = 500
@@ -90,7 +92,8 @@ class CompiledEngine:
     """
 
     def __init__(self, threads: int, text: str) -> None:
-        self.threads, self._run = threads, compiler.load_library(text, ["run"]).run
+        level = 1 if len(text) > LONG_TEXT else 2
+        self.threads, self._run = threads, compiler.load_library(text, ["run"], level).run
         self._run.restype = ctypes.c_int64
         self._run.argtypes = [ctypes.c_void_p, *2 * [ctypes.c_int64], *3 * [ctypes.c_void_p]]
 
