@@ -11,11 +11,16 @@ from ocp.mpc.stages import Plan, StageModel
 
 @dataclass(frozen=True)
 class Coulomb:
-    """Indices of the complementarity pairs of one planar contact with Coulomb friction."""
+    """Indices of the complementarity pairs of one contact with Coulomb friction, of m forces along its directions."""
 
     normal: int
-    friction: tuple[int, int]
+    friction: tuple[int, ...]
     slip: int
+
+    @property
+    def is_spatial(self) -> bool:
+        """Whether the friction cone is a pyramid."""
+        return len(self.friction) > 2
 
 
 class ActiveSets:
@@ -26,11 +31,17 @@ class ActiveSets:
     is always closed. In a sticking contact both friction pairs are closed, so that ``v = gamma = 0`` and
     ``beta_i >= 0`` is the friction cone ``|f| <= mu lam``. In a sliding contact only the pair of the braking
     force is closed. In an open contact one friction pair is closed as well; there ``beta = 0`` at any slip speed.
+
+    The pyramid of a contact in space has m = 4 or 8 forces. One that slides has all pairs closed whose force brakes:
+    one at a corner of the pyramid, two along its edge. One that sticks has all closed, which is m equations for
+    ``v = gamma = 0``; the compliance of closed pairs shares the changes among the forces that cancel each other, so
+    that ``beta >= 0`` is a part of the cone, centred at the plan's force. These pairs are not exchanged alone.
     """
 
     def __init__(self, model: StageModel) -> None:
         self.model = model
-        pairs, self.contacts = model.problem.system.pairs, []
+        pairs = model.problem.system.pairs
+        self.contacts: list[Coulomb] = []
         for branch in range(model.step.branches):
             first = branch * len(pairs)
             for owner in {pair.contact for pair in pairs}:
@@ -38,11 +49,9 @@ class ActiveSets:
                     kind: [first + i for i, pair in enumerate(pairs) if (pair.contact, pair.kind) == (owner, kind)]
                     for kind in ("normal", "friction", "slip")
                 }
-                if [len(indices) for indices in indices_by_kind.values()] == [1, 2, 1]:
-                    f = indices_by_kind["friction"]
-                    self.contacts.append(
-                        Coulomb(indices_by_kind["normal"][0], (f[0], f[1]), indices_by_kind["slip"][0])
-                    )
+                normal, friction, slip = indices_by_kind.values()
+                if len(normal) == len(slip) == 1 and len(friction) > 1:
+                    self.contacts.append(Coulomb(normal[0], tuple(friction), slip[0]))
 
     def of(self, plan: Plan) -> np.ndarray:
         """Return a plan's active set: a pair is closed if its scaled force is larger than its scaled gap."""
@@ -50,23 +59,24 @@ class ActiveSets:
         dominance = plan.lam / lam_size - plan.gap / gap_size
         closed = dominance > 0
         for contact in self.contacts:
-            f = list(contact.friction)
-            brakes = np.arange(2) == dominance[:, f].argmax(axis=1)[:, None]
-            sticks = closed[:, contact.normal] & (dominance[:, contact.slip] <= 0)
-            closed[:, f] = brakes | sticks.reshape(-1, 1)
+            f, touches = list(contact.friction), closed[:, [contact.normal]]
+            brakes = np.arange(len(f)) == dominance[:, f].argmax(axis=1)[:, None]
+            sticks = touches & (dominance[:, [contact.slip]] <= 0)
+            closed[:, f] = brakes | sticks | (contact.is_spatial & touches & closed[:, f])
             closed[:, contact.slip] = True
         return closed
 
     def exchange(self, closed: np.ndarray, pairs: np.ndarray) -> np.ndarray:
         """Return the active set ``closed`` with the sides of the pairs in the mask ``pairs`` (N, n) exchanged.
 
-        If a contact opens, the pair of one of its two friction forces stays closed.
+        If a contact opens, the pair of one of its friction forces stays closed.
         """
         exchanged = closed ^ pairs
         for contact in self.contacts:
             f = list(contact.friction)
             exchanged[~exchanged[:, f].any(axis=1), f[0]] = True
-            exchanged[exchanged[:, f].all(axis=1) & ~exchanged[:, contact.normal], f[1]] = False
+            is_later = exchanged[:, f].cumsum(axis=1) > 1
+            exchanged[:, f] &= exchanged[:, [contact.normal]] | ~is_later
             exchanged[:, contact.slip] = True
         return exchanged
 
@@ -81,11 +91,13 @@ class ActiveSets:
     def exchangeable(self, closed: np.ndarray) -> np.ndarray:
         """Return a mask (N, n) of the pairs that may be exchanged alone.
 
-        These are all pairs except slip pairs, and except the only closed friction pair of a contact.
+        These are all pairs except slip pairs, the only closed friction pair of a contact, and those of a contact in
+        space that sticks.
         """
         exchangeable = ~self.frictionless(closed)
         for contact in self.contacts:
             f = list(contact.friction)
-            exchangeable[:, f] &= closed[:, f].all(axis=1, keepdims=True) | ~closed[:, f]
+            count = closed[:, f].sum(axis=1, keepdims=True)
+            exchangeable[:, f] &= ~closed[:, f] | ((count > 1) & ~(contact.is_spatial & (count == len(f))))
             exchangeable[:, contact.slip] = False
         return exchangeable

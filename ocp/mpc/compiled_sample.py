@@ -77,6 +77,7 @@ class PhaseSample:
         distances = [] if model.distances is None else [model.distances]
         sizes = SampleSizes(
             *(model.N, model.nx, model.nu, model.n, model.m, len(contacts)),
+            len(contacts[0].friction) if contacts else 0,
             *(sum(function.output_sizes[0] for function in distances), len(model.names), step_parameters),
             *(len(model.of_problem), len(STEP_SHARES), model.problem.uses_du, model.costs_impulses, product),
         )

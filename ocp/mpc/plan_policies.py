@@ -40,8 +40,10 @@ NO_WEIGHTS = Weights()
 def linearised_plan(model: StageModel, plan: Plan, evaluated: StageValues, smoothing: float = 0.0) -> Linearised:
     """Return the steps of a plan of any length, with contact eliminated as in :class:`PlanRegulator`."""
     closure = _smoothed_closure(model, plan, smoothing or LEAST_SMOOTHING)
-    if not smoothing:
-        closed = ActiveSets(model).of(plan)
+    sets = ActiveSets(model)
+    # In space all pairs are smoothed; whether gains at the active set hold a motion better was not compared there.
+    if not smoothing and not any(contact.is_spatial for contact in sets.contacts):
+        closed = sets.of(plan)
         with suppress(np.linalg.LinAlgError):
             return linearise(model, plan, evaluated, LinearClosure.from_active_set(plan, closed))
     return linearise(model, plan, evaluated, closure)

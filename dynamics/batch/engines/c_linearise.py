@@ -26,7 +26,8 @@ static i64 evaluate_plan(sample *s) {
   }
   return 0;
 }
-/* Closed pairs of a step: those with the larger scaled force. A contact has normal, two friction and a slip pair. */
+/* Closed pairs of a step: those with the larger scaled force. A contact has normal, FRICTION friction and a slip pair,
+   and `mpc.active_set` says which are closed. */
 static void close_pairs(const sample *s, i64 k, i64 *closed) {
   double dominance[PAIRS + 1];
   for (i64 i = 0; i < PAIRS; i++) {
@@ -34,21 +35,26 @@ static void close_pairs(const sample *s, i64 k, i64 *closed) {
     closed[i] = dominance[i] > 0.0;
   }
   for (i64 c = 0; c < CONTACTS; c++) {
-    const i64 *pair = s->contacts + 4 * c;
-    i64 sticks = closed[pair[0]] && dominance[pair[3]] <= 0.0, second = dominance[pair[2]] > dominance[pair[1]];
-    closed[pair[1]] = !second || sticks;
-    closed[pair[2]] = second || sticks;
-    closed[pair[3]] = 1;
+    const i64 *pair = s->contacts + (FRICTION + 2) * c;
+    i64 touches = closed[pair[0]], slip = pair[FRICTION + 1], brake = pair[1];
+    for (i64 i = 2; i <= FRICTION; i++) if (dominance[pair[i]] > dominance[brake]) brake = pair[i];
+    for (i64 i = 1; i <= FRICTION; i++)
+      closed[pair[i]] = pair[i] == brake || (touches && (dominance[slip] <= 0.0 || (FRICTION > 2 && closed[pair[i]])));
+    closed[slip] = 1;
   }
 }
-/* If a contact opens, the pair of one of its two friction forces stays closed. */
+/* If a contact opens, the pair of one of its friction forces stays closed. */
 static void exchange_sides(const sample *s, i64 *closed, const i64 *changed) {
   for (i64 i = 0; i < PAIRS; i++) closed[i] ^= changed[i];
   for (i64 c = 0; c < CONTACTS; c++) {
-    const i64 *pair = s->contacts + 4 * c;
-    if (!closed[pair[1]] && !closed[pair[2]]) closed[pair[1]] = 1;
-    if (closed[pair[1]] && closed[pair[2]] && !closed[pair[0]]) closed[pair[2]] = 0;
-    closed[pair[3]] = 1;
+    const i64 *pair = s->contacts + (FRICTION + 2) * c;
+    i64 count = 0;
+    for (i64 i = 1; i <= FRICTION; i++) {
+      count += closed[pair[i]];
+      if (count > 1 && !closed[pair[0]]) closed[pair[i]] = 0;
+    }
+    if (!count) closed[pair[1]] = 1;
+    closed[pair[FRICTION + 1]] = 1;
   }
 }
 static void choose_active_set(sample *s) {
@@ -64,8 +70,8 @@ static void choose_active_set(sample *s) {
     exchange_sides(s, s->closed + k * PAIRS, s->changed + k * PAIRS);
   for (i64 i = 0; i < size; i++) s->frictionless[i] = 0;
   for (i64 first = 0; first < size; first += PAIRS)
-    for (i64 c = 0; c < 4 * CONTACTS; c += 4)
-      for (i64 i = 1; i < 4; i++)
+    for (i64 c = 0; c < (FRICTION + 2) * CONTACTS; c += FRICTION + 2)
+      for (i64 i = 1; i < FRICTION + 2; i++)
         s->frictionless[first + s->contacts[c + i]] = !s->closed[first + s->contacts[c]];
 }
 /* Closure `a dgap + b dlam - m dmu = c` of pair i, which is entry r of the arrays. */

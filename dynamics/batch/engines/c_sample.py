@@ -63,10 +63,12 @@ static void find_touching(const sample *s, const answer *d, i64 k, i64 *touching
     touching[i] = value <= larger(ACTIVE_TOLERANCE, d->residual) && !s->frictionless[k * PAIRS + i];
   }
   for (i64 c = 0; c < CONTACTS; c++) {
-    const i64 *pair = s->contacts + 4 * c;
-    i64 sticks = closed[pair[1]] && closed[pair[2]];
-    for (i64 i = 1; i < 3; i++) touching[pair[i]] &= sticks || !closed[pair[i]];
-    touching[pair[3]] = 0;
+    const i64 *pair = s->contacts + (FRICTION + 2) * c;
+    i64 count = 0;
+    for (i64 i = 1; i <= FRICTION; i++) count += closed[pair[i]];
+    i64 fixed = count == 1 || (FRICTION > 2 && count == FRICTION);
+    for (i64 i = 1; i <= FRICTION; i++) touching[pair[i]] &= !fixed || !closed[pair[i]];
+    touching[pair[FRICTION + 1]] = 0;
   }
 }
 /* Minus the derivative of the program's optimum with respect to the side of a pair that is fixed at zero. */
@@ -164,9 +166,9 @@ i64 sample_bytes(void) { return sizeof(sample); }
 class SampleSizes(NamedTuple):
     """Sizes of a sample: steps, states, inputs, pairs, constraint rows, contacts, distances, parameters, candidates.
 
-    ``parameters``, ``step_parameters`` and ``physical`` are the numbers of parameters of a stage, of the rollouts and
-    of the distances. ``before`` is true if the cost has the input before, ``costs_impulses`` if it has multipliers,
-    ``product`` for the law ``lam gap = mu``.
+    ``friction`` is the number of friction forces of a contact. ``parameters``, ``step_parameters`` and ``physical``
+    are the numbers of parameters of a stage, of the rollouts and of the distances. ``before`` is true if the cost has
+    the input before, ``costs_impulses`` if it has multipliers, ``product`` for the law ``lam gap = mu``.
     """
 
     N: int
@@ -175,6 +177,7 @@ class SampleSizes(NamedTuple):
     pairs: int
     limits: int
     contacts: int
+    friction: int
     distances: int
     parameters: int
     step_parameters: int
@@ -278,7 +281,7 @@ def sample_source(
     macros = {
         **{"HORIZON": sizes.N, "PAIRS": sizes.pairs, "LIMITS": sizes.limits, "CONTACTS": sizes.contacts},
         **{"PARAMETERS": sizes.parameters, "MULTIPLIERS": multipliers, "PRODUCT": int(sizes.product)},
-        **{"DISTANCES": sizes.distances, "COSTS_IMPULSES": int(sizes.costs_impulses)},
+        **{"FRICTION": sizes.friction, "DISTANCES": sizes.distances, "COSTS_IMPULSES": int(sizes.costs_impulses)},
         **{"CANDIDATES": sizes.candidates, **constants},
     }
     entries = (
@@ -303,7 +306,7 @@ def sample_source(
 
 def sample_fields(sizes: SampleSizes, multipliers: int) -> dict[str, tuple[str, int]]:
     """Return the C type and the number of entries of each field of a sample, before those of its programs."""
-    N, nx, nu, pairs, limits, contacts, _, parameters, step_parameters, physical, S, *_ = sizes
+    N, nx, nu, pairs, limits, contacts, friction, _, parameters, step_parameters, physical, S, *_ = sizes
     rows, columns, ng = sizes.rows, 1 + nx + nu + pairs, nx + 2 * nu
     values, nf, z = nx + 2 * pairs + limits, ng + pairs * sizes.costs_impulses, nx + nu
     space = S + S * N * (nu * (nx + 3) + multipliers + 2 * nx + nu + parameters + 2)
@@ -331,7 +334,7 @@ def sample_fields(sizes: SampleSizes, multipliers: int) -> dict[str, tuple[str, 
         **{"violations": S * N * limits, "gaps": S * N * pairs, "space": space},
     }
     masks = dict.fromkeys(("closed", "closed_before", "exchanged", "changed", "frictionless"), N * pairs)
-    integers = {**dict.fromkeys(FLAGS, 1), **masks, "contacts": 4 * contacts}
+    integers = {**dict.fromkeys(FLAGS, 1), **masks, "contacts": (friction + 2) * contacts}
     return {
         "functions": ("void *", 4),
         **{name: ("i64", size) for name, size in integers.items()},
