@@ -61,12 +61,13 @@ def driven(task: Task, controller: Controller, x0: np.ndarray) -> Judged:
     plans: dict[tuple[int, int], tuple[Plan, dict[str, float]]] = {}
 
     def keep(seed: int, k: int, command: Command) -> None:
-        if k % task.certify == 0 and command.plan is not None:
+        if task.certify and k % task.certify == 0 and command.plan is not None:
             plans[seed, k] = command.plan, controller.values_of_sample
 
     loop = simulate(
         controller,
         task.steps,
+        task.plant,
         disturbance=task.disturbance,
         seeds=len(x0),
         x0=x0,
@@ -110,6 +111,16 @@ def compared(task: Task, loop: ClosedLoop, x0: np.ndarray) -> str:
     return bold(text, not np.median(ratios) <= task.ratio)
 
 
+def beside(peer: opti_loop.PeerLoop, p99: float) -> list[str]:
+    """Return the cells of the Opti loop."""
+    return [
+        f"{1e3 * peer.percentile(50):.1f}",
+        f"{1e3 * peer.percentile(99):.1f}",
+        f"{peer.seconds.size}" + (f", {peer.failed} failed" if peer.failed else ""),
+        f"{peer.percentile(99) / p99:.1f}",
+    ]
+
+
 def measured(task: Task) -> tuple[list[str], int, int]:
     """Return a row of the table, and the numbers of certified and of disproved plans."""
     began = time.perf_counter()
@@ -117,12 +128,12 @@ def measured(task: Task) -> tuple[list[str], int, int]:
     x0 = task.drawn(controller.start)
     found = driven(task, controller, x0)
     loop, kinds = found.loop, found.kinds
-    check = Check(controller)
+    check = Check(controller) if kinds else None
     certified = [at for at, kind in kinds.items() if kind in ("B", "KKT")]
-    steep = {at: check.disproof(*found.plans[at]) for at in certified}
+    steep = {at: check.disproof(*found.plans[at]) for at in certified if check}
     wrong = [at for at, value in steep.items() if value]
     p50, p99 = (loop.percentile(share, SKIP) for share in (50, 99))
-    peer = opti_loop.run(task, PEER_S, x0, task.peer)
+    peer = opti_loop.run(task, PEER_S, x0, task.peer) if task.peer else None
     count = int(np.isfinite(loop.data["seconds"].values[:, SKIP:]).sum())
     row = [
         task.name,
@@ -132,12 +143,9 @@ def measured(task: Task) -> tuple[list[str], int, int]:
         f"{1e3 * task.floor:g}",
         outcome(task, loop, x0),
         compared(task, loop, x0),
-        f"{len(certified)} of {len(kinds)}",
-        bold(str(len(wrong)), bool(wrong)),
-        f"{1e3 * peer.percentile(50):.1f}",
-        f"{1e3 * peer.percentile(99):.1f}",
-        f"{peer.seconds.size}" + (f", {peer.failed} failed" if peer.failed else ""),
-        f"{peer.percentile(99) / p99:.1f}",
+        f"{len(certified)} of {len(kinds)}" if kinds else "",
+        bold(str(len(wrong)), bool(wrong)) if kinds else "",
+        *([""] * 4 if peer is None else beside(peer, p99)),
         task.published,
     ]
     told(task, found, wrong, steep, time.perf_counter() - began)

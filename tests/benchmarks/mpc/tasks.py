@@ -20,6 +20,10 @@ NEAR = 0.01
 """Largest distance [m] of a pushed body from its goal at the end."""
 TURN = 2.0
 """Least angle [rad] by which the spinner must turn."""
+LOWEST, UPRIGHT = 0.2, 0.9
+"""Lowest height [m] of a standing trunk at any sample, and least cosine of its tilt at the end."""
+PUSH = 0.3
+"""Change of the trunk's velocity by a push [m/s]."""
 
 
 Outcome = Callable[[np.ndarray], np.ndarray]
@@ -55,6 +59,10 @@ class Task:
     came: Outcome | None = None
     """Reported in addition to the outcome: whether it was reached at some sample."""
     certify: int = 20
+    """Every plan of so many is judged; 0 for none."""
+    plant: str = "exact"
+    pushes: dict[int, np.ndarray] = field(default_factory=dict)
+    """Changes of the state before samples."""
     against: str = ""
     compared: int = 1
     ratio: float = np.inf
@@ -77,8 +85,8 @@ class Task:
 
     @property
     def disturbance(self) -> Disturbance:
-        """Noise of the measurement."""
-        return Disturbance(noise_state=self.noise)
+        """Noise of the measurement, and pushes."""
+        return Disturbance(noise_state=self.noise, pushes=self.pushes)
 
 
 def balanced(x: np.ndarray) -> np.ndarray:
@@ -94,6 +102,19 @@ def turned(x: np.ndarray) -> np.ndarray:
 def back(x: np.ndarray) -> np.ndarray:
     """Return whether the hopper is half a metre further back, its torso at most 0.2 m lower."""
     return (x[:, -1, 0] <= x[:, 0, 0] - 0.5) & (x[:, -1, 1] > x[:, 0, 1] - 0.2)
+
+
+def stands(x: np.ndarray) -> np.ndarray:
+    """Return whether the quadruped's trunk was never below :data:`LOWEST`, and ends upright."""
+    upright = 1 - 2 * np.sum(x[:, -1, 4:6] ** 2, axis=1) >= UPRIGHT
+    return (x[:, :, 2] >= LOWEST).all(axis=1) & upright
+
+
+def around(every: int, count: int) -> dict[int, np.ndarray]:
+    """Return pushes of the quadruped's trunk, one in so many samples, sideways, forward, to the other side, back."""
+    angles = np.pi / 2 * (1 - np.arange(count))
+    velocities = PUSH * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    return {every * (k + 1): np.concatenate([np.zeros(19), v, np.zeros(16)]) for k, v in enumerate(velocities)}
 
 
 def at(*goal: float, end: bool = True, first: int = 0) -> Outcome:
@@ -241,6 +262,20 @@ TASKS = {
             noise=dict.fromkeys(("box_x", "box_z"), 0.002),
             certify=15,
             peer=300,
+        ),
+        Task(
+            "quadruped",
+            "quadruped",
+            25e-3,
+            333,
+            4,
+            (0,) * 19 + (0.1, 0.1),
+            stands,
+            "stands 10 s",
+            {"distance": 0.0, "w_joints": 3.0},
+            plant="mujoco",
+            pushes=around(60, 5),
+            certify=0,
         ),
     )
 }

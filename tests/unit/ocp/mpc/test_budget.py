@@ -10,6 +10,7 @@ import pytest
 from ocp.errors import InputError
 from ocp.mpc import Controller, compiled_sample, simulate
 from ocp.mpc.horizon_qp import Tolerance
+from ocp.mpc.plants import Disturbance
 from problems import get
 from tests.benchmarks.mpc.tasks import TASKS
 
@@ -26,7 +27,7 @@ def test_the_budget_bounds_every_sample_of_every_task(name: str) -> None:
     """This includes the first sample, which otherwise solves up to 30 programs."""
     task = TASKS[name]
     controller = Controller(task.made(), trust=task.trust, budget=BUDGET)
-    loop = simulate(controller, 12, goals=task.goals, disturbance=task.disturbance)
+    loop = simulate(controller, 12, goals=task.goals, disturbance=Disturbance(noise_state=task.noise))
     iterations, programs = (loop.data[key].values for key in ("qp_iterations", "programs"))
     assert iterations.max() <= BUDGET
     assert iterations.min() >= 1 and programs.min() >= 1
