@@ -6,6 +6,10 @@ READY := $(VENV)/.ready
 # Tests start many processes: each reads the bytecode that the first one wrote.
 unexport PYTHONDONTWRITEBYTECODE
 
+# Linear algebra in one thread, as ocp sets it; benchmarks run their peers in all threads.
+check test tests test-cpus test-slow: export OMP_NUM_THREADS ?= 1
+check test tests test-cpus test-slow: export OPENBLAS_NUM_THREADS ?= 1
+
 .PHONY: setup demo check test tests test-cpus test-slow test-attack bench bench-solve bench-solvers bench-laws bench-survives bench-mpcc bench-random bench-world bench-found bench-mpc bench-robots arena lint gallery claims docs generated notebooks numbers verdicts refined promises
 
 setup: $(READY)

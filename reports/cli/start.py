@@ -21,6 +21,10 @@ def main() -> None:
     __import__("gc").set_threshold(_COLLECTED_AFTER)
     # Pydantic would read the entry points of all installed distributions; ours have no plugins of pydantic.
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
+    # Factorisations are too small for threads: with two, a solve of half-cheetah took 1.6 times the processor time, and
+    # no fewer seconds. Batches have threads of their own.
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     code = _run()
     # Python runs no signal handlers while it shuts down, so exit functions run here, and os._exit ends the process.
     __import__("atexit")._run_exitfuncs()
