@@ -113,20 +113,17 @@ def _representative_pairs(system: ContactSystem, P: ca.SX, Q: ca.SX) -> tuple[li
     values = [[np.array(matrix) for matrix in probe(point)] for point in points]
     columns, rows = (np.hstack(matrices) for matrices in zip(*values, strict=True))
     switches = [_has_switch(symbols, ca.vertcat(P[:, i], Q[i, :].T)) for i in range(len(rows))]
-    contacts = [pair.contact for pair in system.pairs]
+    switched, contacts = np.array(switches), np.array([pair.contact for pair in system.pairs])
     representatives: list[int] = []
     signs = [ca.DM(len(rows), len(rows)) for _ in range(2)]
     for i in range(len(rows)):
-        relative_signs = [
-            [_sign(vectors[i], vectors[j]) for vectors in (columns, rows)]
-            if contacts[i] == contacts[j] or not (switches[i] or switches[j])
-            else [0, 0]
-            for j in representatives
-        ]
-        k = next((k for k, signs_found in enumerate(relative_signs) if all(signs_found)), len(representatives))
-        if k == len(representatives):
-            representatives.append(i)
-        signs[0][i, k], signs[1][i, k] = relative_signs[k] if k < len(relative_signs) else (1, 1)
+        others = np.array(representatives, dtype=int)
+        by_column, by_row = (_relative_signs(vectors[i], vectors[others]) for vectors in (columns, rows))
+        comparable = (contacts[others] == contacts[i]) | ~(switched[others] | switched[i])
+        alike = np.flatnonzero(comparable & (by_column != 0) & (by_row != 0))
+        k = int(alike[0]) if alike.size else len(representatives)
+        representatives += [] if alike.size else [i]
+        signs[0][i, k], signs[1][i, k] = (int(by_column[k]), int(by_row[k])) if alike.size else (1, 1)
     return representatives, signs[0][:, : len(representatives)].T, signs[1][:, : len(representatives)]
 
 
@@ -136,11 +133,11 @@ def _has_switch(symbols: ca.SX, expression: ca.SX) -> bool:
     return any(graph.instruction_id(k) in _SWITCHES for k in range(graph.n_instructions()))
 
 
-def _sign(first: np.ndarray, second: np.ndarray) -> int:
-    """Return 1 if ``first`` equals ``second``, -1 if it equals ``-second``, else 0."""
-    tolerance = 1e-12 * np.nanmax(np.abs(first), initial=0)
-    differences = (np.nan_to_num(np.abs(first - k * second)) for k in (1, -1))
-    return next((k for k, difference in zip((1, -1), differences, strict=True) if np.all(difference <= tolerance)), 0)
+def _relative_signs(vector: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """Return for each row of ``others`` (m, size) 1 if ``vector`` equals it, -1 if it equals its negative, else 0."""
+    tolerance = 1e-12 * np.nanmax(np.abs(vector), initial=0)
+    equal, opposite = (np.all(np.nan_to_num(np.abs(vector - k * others)) <= tolerance, axis=1) for k in (1, -1))
+    return np.where(equal, 1, np.where(opposite, -1, 0))
 
 
 @dataclass(frozen=True, eq=False)
