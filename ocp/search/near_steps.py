@@ -54,6 +54,7 @@ class NearSteps:
         gaps = [system.gap, jac(system.gap, x_next), jac(system.gap, lam)]
         motion = [system.residual, jac(system.residual, x_next), jac(system.residual, lam)]
         self._along, self._once = DenseFunction(symbols, gaps), DenseFunction(symbols, motion)
+        self._motion_positions = self._once.positions
         self._gap, (_, self._slopes, self._slopes_by_lam) = DenseFunction(symbols, gaps[:1]), self._along.positions
         phi = problem.signed_distance
         assert phi is not None
@@ -77,15 +78,16 @@ class NearSteps:
     def _solved(self, x: np.ndarray, u: np.ndarray, n_near: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return the solution of steps with the ``n_near`` nearest contacts of each state."""
         S, zeros = len(x), np.zeros((len(x), self.n))
-        residual, by_state, by_lam = self._once(x, u, np.zeros_like(x), zeros, self.p)
-        inverse = np.linalg.inv(by_state)
-        a = -(inverse @ residual)[:, :, 0]
-        B = -inverse @ by_lam
+        residual, by_state, by_lam = self._once.entries(x, u, np.zeros_like(x), zeros, self.p)
+        of_residual, of_state, of_lam = self._motion_positions
+        inverse = np.linalg.inv(by_state[:, of_state])
+        a = -(inverse @ residual[:, of_residual])[:, :, 0]
         phi = np.asarray(self._distance(x, self.p))[:, : len(self.owners)]
         near_contacts = np.argsort(phi, axis=1, kind="stable")[:, :n_near]
         always = np.arange(phi.shape[1], len(self.owners))
         near_contacts = np.column_stack([near_contacts, np.tile(always, (S, 1))])
         rows, is_real = self.rows[near_contacts].reshape(S, -1), self.real[near_contacts].reshape(S, -1)
+        B = -inverse @ by_lam[np.arange(S)[:, None, None], of_lam[:, rows].swapaxes(0, 1)]
         x_next, unsolved, near_lam = x.copy(), np.arange(S), np.zeros(rows.shape)
         if not rows.shape[1]:
             x_next, unsolved = a, unsolved[:0]
@@ -129,7 +131,8 @@ class NearSteps:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return next states (S, nx) and multipliers (S, rows) of steps with linearised gaps.
 
-        Gaps are linearised at states ``at`` (S, nx) and multipliers ``near`` (S, rows)."""
+        Gaps are linearised at states ``at`` (S, nx) and multipliers ``near`` (S, rows). Without impulses the next
+        states are ``a`` (S, nx), and ``B`` (S, nx, rows) is their derivative by the impulses."""
         sample_index = np.arange(len(x))[:, None]
         full_lam = np.zeros((len(x), self.n))
         s, k = np.nonzero(is_real)
@@ -137,7 +140,7 @@ class NearSteps:
         gap, by_state, by_lam = self._along.entries(x, u, at, full_lam, self.p)
         units, sizes = self.of_gap[rows], self.of_lam[rows]
         slope = by_state[sample_index[:, :, None], self._slopes[rows]]
-        B_near = np.take_along_axis(B, rows[:, None, :], axis=2) * sizes[:, None, :]
+        B_near = B * sizes[:, None, :]
         z = gap[sample_index, rows] + np.einsum("sij,sj->si", slope, a - at)
         by_lam = by_lam[sample_index[:, :, None], self._slopes_by_lam[rows[:, :, None], rows[:, None, :]]]
         by_lam = np.where(is_real[:, None, :], by_lam * sizes[:, None, :], 0.0)
