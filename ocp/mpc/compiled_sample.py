@@ -74,10 +74,13 @@ class PhaseSample:
             raise CompilerError("the steps are not compiled")
         self.model, self._program = model, program
         contacts, step_parameters = ActiveSets(model).contacts, program.derive(model.step.p.values[None]).size
+        forces = {len(contact.friction) for contact in contacts}
+        if len(forces) > 1:
+            raise CompilerError(f"contacts have different numbers of friction forces, {sorted(forces)}")
         distances = [] if model.distances is None else [model.distances]
         sizes = SampleSizes(
             *(model.N, model.nx, model.nu, model.n, model.m, len(contacts)),
-            len(contacts[0].friction) if contacts else 0,
+            max(forces, default=0),
             *(sum(function.output_sizes[0] for function in distances), len(model.names), step_parameters),
             *(len(model.of_problem), len(STEP_SHARES), model.problem.uses_du, model.costs_impulses, product),
         )

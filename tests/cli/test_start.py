@@ -151,3 +151,15 @@ def test_a_folder_that_is_gone_is_told(tmp_path: Path, monkeypatch, capsys) -> N
     gone.rmdir()
     assert main(["solve", "mine.py"]) == 2
     assert capsys.readouterr().err == ("error: the working directory no longer exists; change to another one\n")
+
+
+def test_linear_algebra_has_one_thread_unless_the_user_sets_another_number() -> None:
+    program = (
+        "import os; from reports.cli import start;"
+        " start._run = lambda: print(os.environ['OMP_NUM_THREADS'], os.environ['OPENBLAS_NUM_THREADS']) or 0;"
+        " start.main()"
+    )
+    environment = {**os.environ, "OPENBLAS_NUM_THREADS": "3"}
+    environment.pop("OMP_NUM_THREADS", None)
+    printed = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True)
+    assert printed.stdout.split() == ["1", "3"], printed.stderr

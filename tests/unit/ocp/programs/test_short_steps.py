@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from typing import Any
 
 import casadi as ca
@@ -65,3 +66,13 @@ def test_a_run_with_few_short_steps_is_not_changed() -> None:
     np.testing.assert_array_equal(same_steps, steps)
     np.testing.assert_array_equal(ended.point.x, whole.point.x)
     assert ended.word == whole.word == "Infeasible_Problem_Detected"
+
+
+def test_ctrl_c_within_the_monitor_ends_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupt(*_: Any) -> list[int]:
+        signal.raise_signal(signal.SIGINT)
+        return [0]
+
+    monkeypatch.setattr(solver_options.ShortSteps, "eval", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        run(**{ABANDONS: True})
